@@ -1,0 +1,89 @@
+//! The one error type, and the exit code of each case.
+
+use std::path::PathBuf;
+
+/// Everything that can go wrong, in the user's words.
+///
+/// [`Error::exit_code`] gives the code with which the command ends.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A scene that cannot be read or makes no sense. The message is complete: file, line, key, what was expected.
+    #[error("{0}")]
+    Scene(String),
+    /// A command line that makes no sense.
+    #[error("{0}")]
+    Usage(String),
+    /// A mesh that cannot carry the elements: the message names the cell, node or edge.
+    #[error("{0}")]
+    Mesh(String),
+    /// The structure or its discretisation has no unique answer (a mechanism, a singular matrix).
+    #[error("{0}")]
+    Singular(String),
+    /// A step whose solution does not meet the tolerance.
+    #[error("step {step}, t = {time:.9} s: the contact solver reached a relative KKT residual of {residual:.1e}, asked for {tolerance:.1e}")]
+    NotConverged {
+        /// Step at which it happened.
+        step: u64,
+        /// Its time, in seconds.
+        time: f64,
+        /// Relative KKT residual reached, dimensionless.
+        residual: f64,
+        /// Relative KKT residual asked for, dimensionless.
+        tolerance: f64,
+    },
+    /// A NaN or an infinity, caught at the step where it appears.
+    #[error("step {step}, t = {time:.9} s: {what} is not a finite number")]
+    NotFinite {
+        /// Step at which it appeared.
+        step: u64,
+        /// Its time, in seconds.
+        time: f64,
+        /// What is not finite.
+        what: &'static str,
+    },
+    /// The energy grew past the guard.
+    #[error(
+        "step {step}, t = {time:.9} s: the energy is {ratio:.4} times its start, past the guard of {limit}; {advice}"
+    )]
+    EnergyGuard {
+        /// Step at which it happened.
+        step: u64,
+        /// Its time, in seconds.
+        time: f64,
+        /// Energy over its start, dimensionless.
+        ratio: f64,
+        /// The guard, dimensionless.
+        limit: f64,
+        /// What the user can do.
+        advice: &'static str,
+    },
+    /// A file or folder that cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl Error {
+    /// Exit code of the command: 2 scene or usage, 3 no convergence, 4 reading or writing, 5 energy guard.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) => 2,
+            Error::NotConverged { .. } | Error::NotFinite { .. } => 3,
+            Error::Io { .. } => 4,
+            Error::EnergyGuard { .. } => 5,
+        }
+    }
+
+    /// Attaches a path to an input or output error.
+    pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Error {
+        let path = path.into();
+        move |source| Error::Io { path, source }
+    }
+}
+
+/// The crate's result.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,5 @@
+//! Thin elastic plates that vibrate and hit rigid obstacles.
+
+pub mod error;
+
+pub use error::{Error, Result};

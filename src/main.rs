@@ -1,0 +1,3 @@
+//! The `rebond` command: arguments to calls; nothing else.
+
+fn main() {}
