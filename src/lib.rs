@@ -1,5 +1,10 @@
 //! Thin elastic plates that vibrate and hit rigid obstacles.
 
 pub mod error;
+pub mod linalg;
+pub mod obstacle;
+pub mod vi;
+pub mod scheme;
+pub mod energy;
 
 pub use error::{Error, Result};

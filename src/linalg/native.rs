@@ -1,0 +1,173 @@
+//! The engine of one process: plain arrays and a sparse Cholesky factor.
+
+use super::cells::Scratch;
+use super::{Average, Averages, Block, CellForm, Cholesky, Engine, Sum};
+use crate::error::Result;
+use faer::sparse::Triplet;
+use pulp::Arch;
+use std::cell::RefCell;
+
+/// A symmetric form of the native engine.
+#[derive(Debug, Clone)]
+pub enum Form {
+    /// Dense local matrices: K, M_r.
+    Cells(CellForm),
+    /// Rank one a cell: the singular mass B^T C^-1 B.
+    Averages(Averages),
+}
+
+/// The engine of one process.
+#[derive(Debug)]
+pub struct Native {
+    dofs: usize,
+    arch: Arch,
+    workspace: RefCell<Workspace>,
+}
+
+/// Vectors with one slot more than dofs, for what a support holds.
+#[derive(Debug)]
+struct Workspace {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    scratch: Scratch,
+}
+
+impl Native {
+    /// An engine for vectors of `dofs` free dofs.
+    pub fn new(dofs: usize) -> Native {
+        let padded = || vec![0.0; dofs + 1];
+        let workspace = Workspace { x: padded(), y: padded(), scratch: Scratch::default() };
+        Native { dofs, arch: Arch::new(), workspace: RefCell::new(workspace) }
+    }
+
+    /// A form from the cells' dense local matrices.
+    pub fn form(&self, blocks: Vec<Block>) -> Form {
+        Form::Cells(CellForm::new(self.dofs, blocks))
+    }
+
+    /// The singular mass from the cells' rows of B and entries of C.
+    pub fn averages(&self, rows: Vec<Average>) -> Form {
+        Form::Averages(Averages::new(self.dofs, rows))
+    }
+}
+
+impl Engine for Native {
+    type Form = Form;
+    type Factor = Cholesky;
+
+    fn dofs(&self) -> usize {
+        self.dofs
+    }
+
+    fn dot(&self, x: &[f64], y: &[f64]) -> f64 {
+        x.iter().zip(y).map(|(x, y)| x * y).sum()
+    }
+
+    fn maximum(&self, value: f64) -> f64 {
+        value
+    }
+
+    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> f64 {
+        let Workspace { x: padded, y: product, scratch } = &mut *self.workspace.borrow_mut();
+        padded[..self.dofs].copy_from_slice(x);
+        product.fill(0.0);
+        let value = self.arch.dispatch(
+            #[inline(always)]
+            || match form {
+                Form::Cells(cells) => cells.add_product(padded, product, scratch),
+                Form::Averages(averages) => averages.add_product(padded, product),
+            },
+        );
+        y.copy_from_slice(&product[..self.dofs]);
+        value
+    }
+
+    fn add_magnitude(&self, form: &Form, scale: f64, x: &[f64], y: &mut [f64]) {
+        let Workspace { x: padded, y: product, scratch } = &mut *self.workspace.borrow_mut();
+        padded[..self.dofs].copy_from_slice(x);
+        product[..self.dofs].copy_from_slice(y);
+        self.arch.dispatch(
+            #[inline(always)]
+            || match form {
+                Form::Cells(cells) => cells.add_magnitude(scale, padded, product, scratch),
+                Form::Averages(averages) => averages.add_magnitude(scale, padded, product),
+            },
+        );
+        y.copy_from_slice(&product[..self.dofs]);
+    }
+
+    fn velocities(&self, mass: &Form) -> usize {
+        match mass {
+            Form::Cells(_) => self.dofs,
+            Form::Averages(averages) => averages.cells(),
+        }
+    }
+
+    fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) {
+        match mass {
+            Form::Cells(_) => v.copy_from_slice(x),
+            Form::Averages(averages) => {
+                let padded = &mut self.workspace.borrow_mut().x;
+                padded[..self.dofs].copy_from_slice(x);
+                averages.velocity(padded, v);
+            }
+        }
+    }
+
+    fn momentum(&self, mass: &Form, v: &[f64], y: &mut [f64]) {
+        match mass {
+            Form::Cells(_) => {
+                self.multiply(mass, v, y);
+            }
+            Form::Averages(averages) => {
+                let product = &mut self.workspace.borrow_mut().y;
+                product.fill(0.0);
+                averages.add_momentum(v, product);
+                y.copy_from_slice(&product[..self.dofs]);
+            }
+        }
+    }
+
+    fn vis_viva(&self, mass: &Form, v: &[f64]) -> f64 {
+        match mass {
+            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs]),
+            Form::Averages(averages) => averages.vis_viva(v),
+        }
+    }
+
+    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
+        Cholesky::new(self.dofs, &lower_triplets(sum), candidates)
+    }
+}
+
+/// Entries of the lower triangle of a sum, cell by cell.
+fn lower_triplets(sum: &Sum<Native>) -> Vec<Triplet<usize, usize, f64>> {
+    let mut triplets = Vec::new();
+    let mut add = |dofs: &[Option<usize>], entry: &dyn Fn(usize, usize) -> f64| {
+        for (i, row) in dofs.iter().enumerate() {
+            for (j, column) in dofs.iter().enumerate() {
+                if let (Some(row), Some(column)) = (*row, *column)
+                    && row >= column
+                {
+                    triplets.push(Triplet::new(row, column, entry(i, j)));
+                }
+            }
+        }
+    };
+    for (scale, form) in sum {
+        match form {
+            Form::Cells(cells) => {
+                for block in cells.blocks() {
+                    let size = block.dofs.len();
+                    add(&block.dofs, &|i, j| scale * block.matrix[i * size + j]);
+                }
+            }
+            Form::Averages(averages) => {
+                for row in averages.rows() {
+                    add(&row.dofs, &|i, j| scale * row.row[i] * row.row[j] / row.mass);
+                }
+            }
+        }
+    }
+    triplets
+}

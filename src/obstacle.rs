@@ -1,0 +1,58 @@
+//! Rigid obstacles as bounds on deflection dofs: the discrete convex set K^h of the paper's section 3.
+
+/// Bounds on some dofs: `lower[i] <= x[dofs[i]] <= upper[i]`, infinite where there is none.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Bounds {
+    /// Dofs in reach of an obstacle, ascending: the rows of G.
+    pub dofs: Vec<usize>,
+    /// Lower bounds, in m.
+    pub lower: Vec<f64>,
+    /// Upper bounds, in m.
+    pub upper: Vec<f64>,
+}
+
+impl Bounds {
+    /// The same bounds on each dof.
+    pub fn uniform(dofs: Vec<usize>, lower: f64, upper: f64) -> Bounds {
+        let count = dofs.len();
+        Bounds { dofs, lower: vec![lower; count], upper: vec![upper; count] }
+    }
+
+    /// Number of bounded dofs.
+    pub fn len(&self) -> usize {
+        self.dofs.len()
+    }
+
+    /// Whether nothing is bounded.
+    pub fn is_empty(&self) -> bool {
+        self.dofs.is_empty()
+    }
+
+    /// Writes G x.
+    pub fn restrict(&self, x: &[f64], values: &mut [f64]) {
+        for (value, &dof) in values.iter_mut().zip(&self.dofs) {
+            *value = x[dof];
+        }
+    }
+
+    /// Adds G^T r.
+    pub fn add_transposed(&self, r: &[f64], y: &mut [f64]) {
+        for (r, &dof) in r.iter().zip(&self.dofs) {
+            y[dof] += r;
+        }
+    }
+
+    /// Largest violation of a bound by x, in m; 0 inside.
+    pub fn violation(&self, x: &[f64]) -> f64 {
+        self.dofs
+            .iter()
+            .zip(self.lower.iter().zip(&self.upper))
+            .map(|(&dof, (lower, upper))| (lower - x[dof]).max(x[dof] - upper))
+            .fold(0.0, f64::max)
+    }
+
+    /// Largest finite magnitude among the bounds, in m; 0 if there is none.
+    pub fn magnitude(&self) -> f64 {
+        self.lower.iter().chain(&self.upper).filter(|b| b.is_finite()).fold(0.0, |m, b| m.max(b.abs()))
+    }
+}

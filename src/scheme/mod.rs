@@ -1,0 +1,130 @@
+//! The time schemes. They know matrices and bounds, never a mesh: a bouncing ball runs through the same code as a plate.
+//!
+//! Symbols are the paper's (Pozzolini, Renard, Salaün, CSMA 2013):
+//!
+//! | code | paper | is |
+//! |---|---|---|
+//! | `system.stiffness` | K | stiffness |
+//! | `system.mass` | M = B^T C^-1 B, or M_r | singular, or consistent mass |
+//! | `system.bounds` | K^h, G, alpha | admissible deflections at the nodes |
+//! | `system.load` | F | load |
+//! | `e`, `beta`, `dt` | e, beta, Delta t | restitution, Newmark parameter, step |
+//! | `u`, `v` | U^n, V^n | displacement, velocity |
+//! | `d` | U^n - U^{n-1} | displacement increment of a step |
+//! | `x` | - | unknown of the step, an increment: small, and so are its roundings |
+//!
+//! The unknown of a step is an increment that solves A x = b + G^T r under bounds, with b made of K U^n applied cell by cell:
+//! at small steps the paper's literal right-hand sides lose the digits that this form keeps.
+
+mod equilibrium;
+mod midpoint;
+mod newmark;
+
+pub use equilibrium::equilibrium;
+pub use midpoint::Midpoint;
+pub use newmark::{Newmark, NewmarkParameters};
+
+use crate::energy::Energies;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::vi::Verdict;
+
+/// A semi-discrete impact problem: M U'' + K U = F + G^T r within bounds.
+#[derive(Debug)]
+pub struct System<E: Engine> {
+    /// The linear algebra.
+    pub engine: E,
+    /// K, in N/m (and the units of slopes).
+    pub stiffness: E::Form,
+    /// M or M_r, in kg.
+    pub mass: E::Form,
+    /// F, in N; `None` where nothing loads the structure.
+    pub load: Option<Vec<f64>>,
+    /// Bounds on the deflections.
+    pub bounds: Bounds,
+}
+
+impl<E: Engine> System<E> {
+    /// Turns K U into F - K U.
+    fn subtract_from_load(&self, ku: &mut [f64]) {
+        match &self.load {
+            Some(load) => ku.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b),
+            None => ku.iter_mut().for_each(|b| *b = -*b),
+        }
+    }
+
+    /// F . U, in J.
+    fn work(&self, u: &[f64]) -> f64 {
+        self.load.as_ref().map_or(0.0, |load| self.engine.dot(load, u))
+    }
+
+    /// Scale of the deflections at the bounded nodes, in m.
+    fn length(&self, u: &[f64]) -> f64 {
+        let largest = self.bounds.dofs.iter().fold(self.bounds.magnitude(), |m, &dof| m.max(u[dof].abs()));
+        self.engine.maximum(largest)
+    }
+
+    /// Energies of a displacement and a velocity.
+    fn energies(&self, u: &[f64], v: &[f64]) -> Energies {
+        let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, &mut vec![0.0; u.len()]);
+        let kinetic = 0.5 * self.engine.vis_viva(&self.mass, v);
+        Energies { kinetic, elastic, work: self.work(u) }
+    }
+}
+
+/// Where the motion starts; both vectors over the displacement's dofs.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// U_0, in m.
+    pub displacement: Vec<f64>,
+    /// Rate of U at the start, in m/s; its velocity is V_0 = C^-1 B of it.
+    pub velocity: Vec<f64>,
+}
+
+/// A dof just before the contact of the present step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Approach {
+    /// Instant, in s.
+    pub time: f64,
+    /// Its value, in m.
+    pub deflection: f64,
+    /// Its velocity, in m/s.
+    pub velocity: f64,
+}
+
+/// A time scheme at an instant of its grid.
+pub trait Scheme {
+    /// Moves one step ahead.
+    ///
+    /// # Errors
+    /// Where a matrix cannot be factored. What the solver reached is in [`Scheme::verdict`].
+    fn advance(&mut self) -> Result<()>;
+
+    /// Number of the present instant; 0 at the start.
+    fn step(&self) -> u64;
+
+    /// The present instant, in s.
+    fn time(&self) -> f64;
+
+    /// U^n, in m.
+    fn displacement(&self) -> &[f64];
+
+    /// The configuration of the present step that the obstacles bound (the paper's U^{n+1,e} or U^{n+1/2}), at each bound.
+    fn admissible(&self) -> &[f64];
+
+    /// Reactions of the obstacles, one a bound, in N; positive upwards.
+    fn reaction(&self) -> &[f64];
+
+    /// The energies natural to the scheme, in J.
+    fn energies(&self) -> Energies;
+
+    /// What the last solve reached.
+    fn verdict(&self) -> Verdict;
+
+    /// A bounded dof (an index into the bounds) just before the present step.
+    fn approach(&self, bound: usize) -> Approach;
+
+    /// Numeric factorisations so far.
+    fn factorisations(&self) -> u64;
+}

@@ -1,0 +1,207 @@
+//! Newmark-e-beta with restitution (the paper's section 4.1, after Paoli and Schatzman 2007).
+//!
+//! Find U^{n+1,e} = (U^{n+1} + e U^{n-1}) / (1 + e) in K^h such that, with beta-averages of U and F,
+//! \[ M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r . \]
+//! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
+//! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} . \]
+//! The start is second order: the ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact.
+
+use super::{Approach, Scheme, Start, System};
+use crate::energy::Energies;
+use crate::error::Result;
+use crate::linalg::{Engine, Sum};
+use crate::obstacle::Bounds;
+use crate::vi::{Condensed, Solver, Step, Verdict};
+
+/// Parameters of [`Newmark`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NewmarkParameters {
+    /// beta, at least 1/4 (unconditionally stable); 1/2 in the paper.
+    pub beta: f64,
+    /// e, from 0 (absorbing) to 1 (perfect).
+    pub restitution: f64,
+    /// Delta t, in s.
+    pub step: f64,
+}
+
+/// The scheme at an instant n: U^n, and the step ahead to U^{n+1} already solved.
+pub struct Newmark<'s, E: Engine> {
+    system: &'s System<E>,
+    sum: [(f64, &'s E::Form); 2],
+    solver: Step<E>,
+    parameters: NewmarkParameters,
+    n: u64,
+    /// U^n.
+    u: Vec<f64>,
+    /// U^n - U^{n-1}.
+    d: Vec<f64>,
+    /// U^{n+1} - U^n.
+    d_next: Vec<f64>,
+    x: Vec<f64>,
+    b: Vec<f64>,
+    bounds: Bounds,
+    admissible: Vec<f64>,
+    reaction: Vec<f64>,
+    elastic: f64,
+    verdict: Verdict,
+}
+
+impl<'s, E: Engine + 'static> Newmark<'s, E>
+where
+    E::Factor: 'static,
+{
+    /// Starts with the condensed solver.
+    ///
+    /// # Errors
+    /// [`crate::Error::Singular`] where M / dt^2 + beta K is not positive definite.
+    pub fn new(system: &'s System<E>, parameters: NewmarkParameters, start: Start) -> Result<Newmark<'s, E>> {
+        let sum = Self::sum(system, parameters);
+        let solver = Condensed::new(&system.engine, &sum, system.bounds.len())?;
+        Newmark::with_solver(system, parameters, start, Box::new(solver))
+    }
+}
+
+impl<'s, E: Engine> Newmark<'s, E> {
+    /// The matrix of a step, M / dt^2 + beta K.
+    pub fn sum(system: &'s System<E>, parameters: NewmarkParameters) -> [(f64, &'s E::Form); 2] {
+        let NewmarkParameters { beta, step: dt, .. } = parameters;
+        [(1.0 / (dt * dt), &system.mass), (beta, &system.stiffness)]
+    }
+
+    /// Starts with a given solver of [`Newmark::sum`].
+    ///
+    /// # Errors
+    /// What the solver says.
+    pub fn with_solver(
+        system: &'s System<E>,
+        parameters: NewmarkParameters,
+        start: Start,
+        solver: Box<dyn Solver<E>>,
+    ) -> Result<Newmark<'s, E>> {
+        let dofs = system.engine.dofs();
+        let count = system.bounds.len();
+        let mut scheme = Newmark {
+            system,
+            sum: Self::sum(system, parameters),
+            solver: Step::new(solver, dofs),
+            parameters,
+            n: 0,
+            u: start.displacement,
+            d: vec![0.0; dofs],
+            d_next: vec![0.0; dofs],
+            x: vec![0.0; dofs],
+            b: vec![0.0; dofs],
+            bounds: system.bounds.clone(),
+            admissible: vec![0.0; count],
+            reaction: vec![0.0; count],
+            elastic: 0.0,
+            verdict: Verdict::default(),
+        };
+        // With U^{-1} = U^1 - 2 dt v_0: U^1 - U^0 = dt v_0 + x / 2 and U^{0,e} = U^0 + x / 2 + dt v_0 (1 - e) / (1 + e).
+        let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
+        let drift = |dof: usize| dt * start.velocity[dof] * (1.0 - e) / (1.0 + e);
+        scheme.solve(0.5, drift)?;
+        for ((d, d_next), (x, v)) in
+            scheme.d.iter_mut().zip(&mut scheme.d_next).zip(scheme.x.iter().zip(&start.velocity))
+        {
+            *d = dt * v - 0.5 * x;
+            *d_next = dt * v + 0.5 * x;
+        }
+        Ok(scheme)
+    }
+
+    /// Solves for x, where the bounded configuration is U^n + share x + drift.
+    fn solve(&mut self, share: f64, drift: impl Fn(usize) -> f64) -> Result<()> {
+        let System { engine, stiffness, bounds, .. } = self.system;
+        self.elastic = 0.5 * engine.multiply(stiffness, &self.u, &mut self.b);
+        self.system.subtract_from_load(&mut self.b);
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            let known = drift(dof);
+            self.bounds.lower[i] = ((bounds.lower[i] - self.u[dof]) - known) / share;
+            self.bounds.upper[i] = ((bounds.upper[i] - self.u[dof]) - known) / share;
+        }
+        let length = self.system.length(&self.u);
+        let sum: &Sum<E> = &self.sum;
+        self.verdict =
+            self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
+        for (z, &dof) in self.admissible.iter_mut().zip(&bounds.dofs) {
+            *z = self.u[dof] + (share * self.x[dof] + drift(dof));
+        }
+        Ok(())
+    }
+
+    /// The discrete invariant of beta = 1/2 between n and n + 1, in J:
+    /// \( H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n) \).
+    /// Constant in free flight; for e = 0 it never rises.
+    pub fn invariant(&self) -> f64 {
+        let System { engine, stiffness, mass, .. } = self.system;
+        let rate: Vec<f64> = self.d_next.iter().map(|d| d / self.parameters.step).collect();
+        let next: Vec<f64> = self.u.iter().zip(&self.d_next).map(|(u, d)| u + d).collect();
+        let mut product = vec![0.0; next.len()];
+        let kinetic = engine.multiply(mass, &rate, &mut product);
+        let elastic = engine.multiply(stiffness, &next, &mut product) + 2.0 * self.elastic;
+        0.5 * kinetic + 0.25 * elastic - 0.5 * (self.system.work(&self.u) + self.system.work(&next))
+    }
+}
+
+impl<E: Engine> Scheme for Newmark<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.n += 1;
+        for (u, d) in self.u.iter_mut().zip(&self.d_next) {
+            *u += d;
+        }
+        std::mem::swap(&mut self.d, &mut self.d_next);
+        let e = self.parameters.restitution;
+        let d = std::mem::take(&mut self.d);
+        let solved = self.solve(1.0 / (1.0 + e), |dof| d[dof] * (1.0 - e) / (1.0 + e));
+        self.d = d;
+        for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
+            *d_next = d + x;
+        }
+        solved
+    }
+
+    fn step(&self) -> u64 {
+        self.n
+    }
+
+    fn time(&self) -> f64 {
+        self.n as f64 * self.parameters.step
+    }
+
+    fn displacement(&self) -> &[f64] {
+        &self.u
+    }
+
+    fn admissible(&self) -> &[f64] {
+        &self.admissible
+    }
+
+    fn reaction(&self) -> &[f64] {
+        &self.reaction
+    }
+
+    /// The paper's E_n: the velocity is the central difference (U^{n+1} - U^{n-1}) / (2 dt).
+    fn energies(&self) -> Energies {
+        let System { engine, mass, .. } = self.system;
+        let rate: Vec<f64> =
+            self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect();
+        let mut v = vec![0.0; engine.velocities(mass)];
+        engine.velocity(mass, &rate, &mut v);
+        let kinetic = 0.5 * engine.vis_viva(mass, &v);
+        Energies { kinetic, elastic: self.elastic, work: self.system.work(&self.u) }
+    }
+
+    fn verdict(&self) -> Verdict {
+        self.verdict
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        let dof = self.system.bounds.dofs[bound];
+        Approach { time: self.time(), deflection: self.u[dof], velocity: self.d[dof] / self.parameters.step }
+    }
+
+    fn factorisations(&self) -> u64 {
+        self.solver.factorisations()
+    }
+}

@@ -1,0 +1,160 @@
+//! Active sets: block principal pivoting, and the dense box-constrained problem.
+//!
+//! Each iteration exchanges every index that breaks a condition (the primal-dual active set method). Where the number of such
+//! indices stops falling, single exchanges of the last one follow until it falls again (Murty 1974; Júdice and Pires 1994):
+//! finite for every symmetric positive definite matrix, however degenerate.
+
+use crate::linalg::Factor;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side as Triangle};
+
+/// Where a bounded dof is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Side {
+    /// Between its bounds.
+    #[default]
+    Free,
+    /// On its lower bound.
+    Lower,
+    /// On its upper bound.
+    Upper,
+}
+
+/// Whole exchanges tried without progress before single ones.
+const PATIENCE: u32 = 8;
+
+/// Reactions are trusted to this many roundings of the magnitude of their row.
+const ROUNDINGS: f64 = 64.0;
+
+/// The exchange rule and its memory.
+#[derive(Debug)]
+pub(super) struct Exchange {
+    best: usize,
+    patience: u32,
+    /// Exchanges made so far.
+    pub iterations: u32,
+    limit: u32,
+}
+
+impl Exchange {
+    pub fn new(size: usize) -> Exchange {
+        let limit = u32::try_from(size).unwrap_or(u32::MAX).saturating_mul(64).saturating_add(256);
+        Exchange { best: usize::MAX, patience: PATIENCE, iterations: 0, limit }
+    }
+
+    /// Moves the indices that break a condition to the other set; false when none does, or when the limit is reached.
+    ///
+    /// `magnitude` is that of each reaction's row: a reaction pulls only if it does so by more than its rounding.
+    pub fn next(
+        &mut self,
+        sides: &mut [Side],
+        x: &[f64],
+        reaction: &[f64],
+        magnitude: &[f64],
+        lower: &[f64],
+        upper: &[f64],
+    ) -> bool {
+        let wanted = |i: usize| {
+            let rounding = ROUNDINGS * f64::EPSILON * magnitude[i];
+            match sides[i] {
+                Side::Free if x[i] < lower[i] => Side::Lower,
+                Side::Free if x[i] > upper[i] => Side::Upper,
+                Side::Lower if reaction[i] < -rounding && lower[i] < upper[i] => Side::Free,
+                Side::Upper if reaction[i] > rounding && lower[i] < upper[i] => Side::Free,
+                stays => stays,
+            }
+        };
+        let broken: Vec<(usize, Side)> =
+            (0..sides.len()).map(|i| (i, wanted(i))).filter(|(i, side)| *side != sides[*i]).collect();
+        let Some(&(last, last_side)) = broken.last() else { return false };
+        if self.iterations == self.limit {
+            return false;
+        }
+        self.iterations += 1;
+        if broken.len() < self.best {
+            self.best = broken.len();
+            self.patience = PATIENCE;
+        } else {
+            self.patience = self.patience.saturating_sub(1);
+        }
+        if self.patience > 0 {
+            for (i, side) in broken {
+                sides[i] = side;
+            }
+        } else {
+            sides[last] = last_side;
+        }
+        true
+    }
+}
+
+/// Solves H x = h + r with bounds on every entry, from the sets in `sides` on; returns the number of exchanges.
+pub fn dense(
+    schur: &Mat<f64>,
+    h: &[f64],
+    lower: &[f64],
+    upper: &[f64],
+    sides: &mut [Side],
+    x: &mut [f64],
+    reaction: &mut [f64],
+) -> u32 {
+    let size = h.len();
+    let mut exchange = Exchange::new(size);
+    let mut magnitude = vec![0.0; size];
+    loop {
+        solve_fixed(schur, h, lower, upper, sides, x);
+        for i in 0..size {
+            (reaction[i], magnitude[i]) = (-h[i], h[i].abs());
+        }
+        for (j, &value) in x.iter().enumerate() {
+            for (i, &entry) in schur.col(j).iter().enumerate() {
+                reaction[i] += entry * value;
+                magnitude[i] += (entry * value).abs();
+            }
+        }
+        if !exchange.next(sides, x, reaction, &magnitude, lower, upper) {
+            break;
+        }
+    }
+    for (r, side) in reaction.iter_mut().zip(sides.iter()) {
+        if *side == Side::Free {
+            *r = 0.0;
+        }
+    }
+    exchange.iterations
+}
+
+/// Puts the active entries on their bounds and solves for the others.
+fn solve_fixed(schur: &Mat<f64>, h: &[f64], lower: &[f64], upper: &[f64], sides: &[Side], x: &mut [f64]) {
+    let mut free = Vec::with_capacity(h.len());
+    for (i, side) in sides.iter().enumerate() {
+        match side {
+            Side::Free => free.push(i),
+            Side::Lower => x[i] = lower[i],
+            Side::Upper => x[i] = upper[i],
+        }
+    }
+    if free.is_empty() {
+        return;
+    }
+    let fixed = |j: &usize| sides[*j] != Side::Free;
+    let mut rhs = Mat::from_fn(free.len(), 1, |k, _| {
+        let column = schur.col(free[k]);
+        h[free[k]] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
+    });
+    let block = Mat::from_fn(free.len(), free.len(), |i, j| schur[(free[i], free[j])]);
+    match block.llt(Triangle::Lower) {
+        Ok(llt) => llt.solve_in_place(&mut rhs),
+        // Not positive definite to rounding: leave a NaN for the judge.
+        Err(_) => rhs.fill(f64::NAN),
+    }
+    for (k, &i) in free.iter().enumerate() {
+        x[i] = rhs[(k, 0)];
+    }
+}
+
+/// The candidates' values without any bound.
+pub(super) fn unconstrained(factor: &impl Factor, h: &[f64], x: &mut [f64]) {
+    x.copy_from_slice(h);
+    factor.solve_candidates(x);
+}

@@ -1,0 +1,122 @@
+//! The judge of every solver: one relative residual of the optimality conditions.
+//!
+//! Stationarity is measured as a componentwise backward error (Oettli and Prager 1964): by how much, relative to themselves,
+//! the entries of the cells' matrices and of b would have to change for x to satisfy its rows exactly,
+//! \[ \max_i \frac{|A x - b - G^T r|_i}{(|A||x| + |b| + |G^T r|)_i}. \]
+//! The measure does not depend on units or on the scaling of the dofs. Violated bounds are measured against the scale of
+//! the deflection, reactions against the magnitude of their row; complementarity is the smaller of relative gap and
+//! relative reaction. A is applied cell by cell, without the assembled matrix that the solvers work on.
+
+use crate::linalg::{Engine, Sum};
+use crate::obstacle::Bounds;
+
+/// Rows below this share of the largest are measured against it: they are made of its rounding.
+const NEGLIGIBLE: f64 = f64::EPSILON;
+
+/// The parts of the residual, each dimensionless.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    /// Componentwise backward error of A x = b + G^T r.
+    pub stationarity: f64,
+    /// Largest violation of a bound over the scale of the deflection.
+    pub penetration: f64,
+    /// Largest reaction of the wrong sign over the magnitude of its row.
+    pub adhesion: f64,
+    /// Largest of min(relative gap, relative reaction).
+    pub complementarity: f64,
+}
+
+impl Residual {
+    /// The largest part; NaN if any is.
+    pub fn worst(&self) -> f64 {
+        let parts = [self.stationarity, self.penetration, self.adhesion, self.complementarity];
+        parts.into_iter().fold(0.0, larger)
+    }
+}
+
+/// The larger of two numbers, and NaN if one is: a comparison must not hide it.
+fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
+/// A ratio that is 0 for nothing over nothing.
+fn ratio(a: f64, b: f64) -> f64 {
+    if a == 0.0 { 0.0 } else { a / b }
+}
+
+/// Work vectors of the judge.
+#[derive(Debug)]
+pub struct Judge {
+    product: Vec<f64>,
+    residual: Vec<f64>,
+    magnitude: Vec<f64>,
+}
+
+impl Judge {
+    /// A judge of vectors of `dofs` entries.
+    pub fn new(dofs: usize) -> Judge {
+        Judge { product: vec![0.0; dofs], residual: vec![0.0; dofs], magnitude: vec![0.0; dofs] }
+    }
+
+    /// The worst part of the residual of (x, reaction); see the [module page](self).
+    pub fn residual<E: Engine>(
+        &mut self,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        length: f64,
+        x: &[f64],
+        reaction: &[f64],
+    ) -> f64 {
+        engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction).worst())
+    }
+
+    /// The parts of the residual on this process.
+    pub fn parts<E: Engine>(
+        &mut self,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        length: f64,
+        x: &[f64],
+        reaction: &[f64],
+    ) -> Residual {
+        let Judge { product, residual, magnitude } = self;
+        for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
+            *r = -b;
+            *m = b.abs();
+        }
+        for (scale, form) in sum {
+            engine.multiply(form, x, product);
+            for (r, p) in residual.iter_mut().zip(product.iter()) {
+                *r += scale * p;
+            }
+            engine.add_magnitude(form, *scale, x, magnitude);
+        }
+        for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
+            residual[dof] -= r;
+            magnitude[dof] += r.abs();
+        }
+        let floor = NEGLIGIBLE * engine.maximum(magnitude.iter().copied().fold(0.0, larger));
+        let stationarity = residual
+            .iter()
+            .zip(magnitude.iter())
+            .map(|(r, m)| ratio(r.abs(), m.max(floor)))
+            .fold(0.0, larger);
+        let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
+        for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
+            let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
+            let force = magnitude[dof].max(floor);
+            // A positive reaction pushes up, off the lower bound.
+            let gap = if r >= 0.0 { below } else { above };
+            let pull = if gap.is_infinite() { r.abs() } else { 0.0 };
+            parts.penetration = larger(parts.penetration, ratio((-below.min(above)).max(0.0), length));
+            parts.adhesion = larger(parts.adhesion, ratio(pull, force));
+            parts.complementarity =
+                larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));
+        }
+        parts
+    }
+}

@@ -1,0 +1,83 @@
+//! The bound-constrained problem of a step, in one verb.
+//!
+//! Every step of every scheme is: find x and the reactions r such that
+//! \[ A x = b + G^T r, \qquad l \le G x \le u, \qquad r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between}, \]
+//! with A symmetric positive definite and the same for a whole run. [`Step::solve`] hands it to a [`Solver`] and has
+//! the answer judged by [`kkt`], whatever the solver says of itself.
+
+mod active_set;
+mod condensed;
+pub mod kkt;
+
+pub use active_set::{Side, dense};
+pub use condensed::Condensed;
+
+use crate::error::Result;
+use crate::linalg::{Engine, Sum};
+use crate::obstacle::Bounds;
+
+/// A solver of the bound-constrained problem, warm-started from its last answer.
+pub trait Solver<E: Engine> {
+    /// Solves for x and the reactions (one a bound). Returns the number of active-set or Newton iterations.
+    ///
+    /// # Errors
+    /// Where a matrix cannot be factored. An answer that did not converge is no error here: it is judged outside.
+    fn solve(
+        &mut self,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<u32>;
+
+    /// Numeric factorisations so far.
+    fn factorisations(&self) -> u64;
+}
+
+/// What a solved step has to say.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Verdict {
+    /// Iterations of the solver; 0 where nothing touched.
+    pub iterations: u32,
+    /// Relative KKT residual, dimensionless.
+    pub kkt: f64,
+}
+
+/// A solver and its judge.
+pub struct Step<E: Engine> {
+    solver: Box<dyn Solver<E>>,
+    judge: kkt::Judge,
+}
+
+impl<E: Engine> Step<E> {
+    /// Puts a solver under judgement, for vectors of `dofs` entries.
+    pub fn new(solver: Box<dyn Solver<E>>, dofs: usize) -> Step<E> {
+        Step { solver, judge: kkt::Judge::new(dofs) }
+    }
+
+    /// Solves and judges. `length` is the scale of the deflection, in m, that gaps are measured against.
+    ///
+    /// # Errors
+    /// Where a matrix cannot be factored.
+    pub fn solve(
+        &mut self,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        length: f64,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<Verdict> {
+        let iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
+        let kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction);
+        Ok(Verdict { iterations, kkt })
+    }
+
+    /// Numeric factorisations so far.
+    pub fn factorisations(&self) -> u64 {
+        self.solver.factorisations()
+    }
+}
