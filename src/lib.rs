@@ -1,6 +1,9 @@
 //! Thin elastic plates that vibrate and hit rigid obstacles.
 
 pub mod error;
+pub mod mesh;
+pub mod element;
+pub mod plate;
 pub mod linalg;
 pub mod obstacle;
 pub mod vi;

@@ -1,0 +1,37 @@
+//! The reduced Fraeijs de Veubeke-Sander quadrilateral.
+//!
+//! - **Cell**: a strictly convex quadrilateral, cut into four by its diagonals.
+//! - **Space**: C1 functions that are a cubic on each sub-triangle and whose normal derivative is linear along each
+//!   edge of the cell. Dimension 12; contains every quadratic.
+//! - **Dofs**: `(w, w_x, w_y)` at each vertex.
+//!
+//! Sources: G. Sander, *Bornes supérieures et inférieures dans l'analyse matricielle des plaques en flexion-torsion*,
+//! 1964; B. Fraeijs de Veubeke, *A conforming finite element for plate bending*, 1968; P. G. Ciarlet, *The Finite
+//! Element Method for Elliptic Problems*, 1978, section 6.1 (the reduced variant). The element of some libraries is
+//! mapped from a square instead: the same on parallelograms, but on other cells it loses the quadratics.
+
+use super::{Element, fan};
+use crate::error::Result;
+use crate::mesh::{Point, require_convex};
+
+/// The element on a quadrilateral of counter-clockwise vertices, in metres.
+///
+/// # Errors
+/// [`Error::Mesh`](crate::Error::Mesh) if the quadrilateral is degenerate, clockwise or not strictly convex, or not
+/// finite.
+pub fn element(vertices: [Point; 4]) -> Result<Element<12>> {
+    require_convex("the quadrilateral", &vertices)?;
+    let ring = vertices.map(|v| Point::from(v - vertices[0]));
+    // The diagonals cross at v0 + s (v2 - v0) = v1 + t (v3 - v1).
+    let diagonals = [ring[2] - ring[0], ring[3] - ring[1]];
+    let across = diagonals[0].perp(&diagonals[1]);
+    let s = ring[1].coords.perp(&diagonals[1]) / across;
+    let t = ring[1].coords.perp(&diagonals[0]) / across;
+    let centre = ring[0] + diagonals[0] * s;
+    Ok(fan(
+        vertices[0],
+        ring,
+        centre,
+        [[t, 0.0, 1.0 - t], [1.0 - s, 0.0, s], [1.0 - t, 0.0, t], [s, 0.0, 1.0 - s]],
+    ))
+}

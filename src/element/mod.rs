@@ -1,0 +1,212 @@
+//! Conforming plate elements, made of cubics in Bernstein-Bezier form and built in physical space.
+//!
+//! Both elements cut their cell into triangles around a centre, take a cubic on each, and are C1 inside the cell with a
+//! normal derivative that is *linear* along each outer edge. Deflection and slopes along an edge then depend on the
+//! dofs of its two nodes only: cells of either kind fit together to C1, which Kirchhoff-Love plates need. Because
+//! nothing is mapped from a reference cell, every quadratic belongs to both elements on every cell shape.
+//!
+//! The dofs of a cell are `(w, w_x, w_y)` at each vertex, in the order of the vertices. [`hct::element`] and
+//! [`fvs::element`] give an [`Element`], of 9 and 12 dofs.
+//!
+//! Source for the Bezier form and its C1 conditions: Lai and Schumaker, *Spline Functions on Triangulations*, 2007,
+//! chapters 2 and 6.
+
+pub mod fvs;
+pub mod hct;
+pub mod quadrature;
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+
+use crate::mesh::Point;
+
+/// The basis functions of an element and their derivatives at a point: column (or entry) `i` belongs to dof `i`.
+///
+/// Units are metres to the power of minus the order of the derivative, times metres for the slope dofs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Basis<const N: usize> {
+    /// Values.
+    pub value: SVector<f64, N>,
+    /// First derivatives: rows x, y.
+    pub gradient: SMatrix<f64, 2, N>,
+    /// Second derivatives: rows xx, xy, yy.
+    pub hessian: SMatrix<f64, 3, N>,
+}
+
+/// A sub-triangle of an element and the cubic on it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Piece<const N: usize> {
+    /// Vertices, counter-clockwise, in metres from the element's origin: two vertices of the cell, then its centre.
+    pub vertices: [Point; 3],
+    /// The Bezier ordinates, in the order 300, 210, 120, 030, 201, 111, 021, 102, 012, 003: the exponents of the
+    /// barycentric coordinates. Entry `i` of each belongs to basis function `i`.
+    pub ordinates: [SVector<f64, N>; 10],
+}
+
+/// A macro-element: the pieces of one cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Element<const N: usize> {
+    /// The cell's first vertex, in metres. All else is relative to it, so that a cell far from the coordinates' origin
+    /// loses no digit.
+    pub origin: Point,
+    /// The pieces; piece `i` stands on the edge from vertex `i` to the next.
+    pub pieces: Vec<Piece<N>>,
+}
+
+/// A later piece must contain a point better than an earlier one by this much, in barycentric coordinates.
+const TIE: f64 = 1e-12;
+
+impl<const N: usize> Piece<N> {
+    /// Area, in square metres.
+    pub fn area(&self) -> f64 {
+        let [a, b, c] = self.vertices;
+        (b - a).perp(&(c - a)) / 2.0
+    }
+
+    /// The values of the basis functions alone: cheaper than [`Piece::basis`].
+    pub fn values(&self, [u, v, w]: [f64; 3]) -> SVector<f64, N> {
+        let bernstein = [
+            u * u * u,
+            3.0 * u * u * v,
+            3.0 * u * v * v,
+            v * v * v,
+            3.0 * u * u * w,
+            6.0 * u * v * w,
+            3.0 * v * v * w,
+            3.0 * u * w * w,
+            3.0 * v * w * w,
+            w * w * w,
+        ];
+        self.ordinates.iter().zip(bernstein).map(|(ordinate, b)| ordinate * b).sum()
+    }
+
+    /// The basis functions and their derivatives at a point given by its barycentric coordinates in the piece.
+    ///
+    /// De Casteljau's algorithm: the ordinates left after one, two and three steps give the second derivatives, the
+    /// first ones and the value.
+    pub fn basis(&self, barycentric: [f64; 3]) -> Basis<N> {
+        let [u, v, w] = barycentric;
+        let step = |b: &[SVector<f64, N>], [i, j, k]: [usize; 3]| b[i] * u + b[j] * v + b[k] * w;
+        let q = [[0, 1, 4], [1, 2, 5], [2, 3, 6], [4, 5, 7], [5, 6, 8], [7, 8, 9]]
+            .map(|t| step(&self.ordinates, t));
+        let l = [[0, 1, 3], [1, 2, 4], [3, 4, 5]].map(|t| step(&q, t));
+
+        // Derivatives along the two sides from the first vertex, then by the chain rule along x and y.
+        let first = [(l[1] - l[0]) * 3.0, (l[2] - l[0]) * 3.0];
+        let second =
+            [q[0] - q[1] * 2.0 + q[2], q[0] - q[1] - q[3] + q[4], q[0] - q[3] * 2.0 + q[5]].map(|d| d * 6.0);
+        let g = self.barycentric_gradients();
+        let along = |d: [f64; 2]| first[0] * d[0] + first[1] * d[1];
+        let twice = |a: [f64; 2], b: [f64; 2]| {
+            second[0] * (a[0] * b[0]) + second[1] * (a[0] * b[1] + a[1] * b[0]) + second[2] * (a[1] * b[1])
+        };
+        let [x, y] = [[g.m11, g.m12], [g.m21, g.m22]];
+        Basis {
+            value: step(&l, [0, 1, 2]),
+            gradient: SMatrix::from_rows(&[along(x), along(y)].map(|row| row.transpose())),
+            hessian: SMatrix::from_rows(&[twice(x, x), twice(x, y), twice(y, y)].map(|row| row.transpose())),
+        }
+    }
+
+    /// The gradients of the second and third barycentric coordinates, as columns, in 1/m.
+    fn barycentric_gradients(&self) -> Matrix2<f64> {
+        let [a, b, c] = self.vertices;
+        let (b, c) = (b - a, c - a);
+        Matrix2::new(c.y, -b.y, -c.x, b.x) / b.perp(&c)
+    }
+
+    /// The barycentric coordinates of a point given in metres from the element's origin.
+    fn barycentric(&self, point: Point) -> [f64; 3] {
+        let vw = self.barycentric_gradients().tr_mul(&(point - self.vertices[0]));
+        [1.0 - vw.x - vw.y, vw.x, vw.y]
+    }
+}
+
+impl<const N: usize> Element<N> {
+    /// The piece that contains a point, and the point's barycentric coordinates in it.
+    ///
+    /// On a line between two pieces, to rounding, it is the first of them. Outside the cell it is the nearest piece in
+    /// the sense of the smallest barycentric coordinate, which is negative: the cubic goes on.
+    pub fn locate(&self, point: Point) -> (usize, [f64; 3]) {
+        let point = Point::from(point - self.origin);
+        let depth = |b: &[f64; 3]| b.iter().copied().fold(f64::INFINITY, f64::min);
+        let mut found = (0, self.pieces[0].barycentric(point));
+        for (number, piece) in self.pieces.iter().enumerate().skip(1) {
+            let barycentric = piece.barycentric(point);
+            if depth(&barycentric) > depth(&found.1) + TIE {
+                found = (number, barycentric);
+            }
+        }
+        found
+    }
+
+    /// The basis functions and their derivatives at a point of the cell.
+    ///
+    /// Second derivatives jump between pieces. There, and so at the centre (the barycentre of a triangle), they are
+    /// those of the first piece, as [`Element::locate`] picks it.
+    pub fn basis_at(&self, point: Point) -> Basis<N> {
+        let (piece, barycentric) = self.locate(point);
+        self.pieces[piece].basis(barycentric)
+    }
+
+    /// The point of the plate with the given barycentric coordinates in a piece.
+    pub fn point(&self, piece: usize, barycentric: [f64; 3]) -> Point {
+        let vertices = self.pieces[piece].vertices;
+        self.origin + (0..3).map(|i| vertices[i].coords * barycentric[i]).sum::<Vector2<f64>>()
+    }
+}
+
+/// The macro-element of the pieces `(v_i, v_{i+1}, centre)`, of V vertices and N = 3 V dofs.
+///
+/// `weights[i]` are the barycentric coordinates of the centre with respect to `v_{i-1}`, `v_i`, `v_{i+1}`. They are all
+/// that C1 asks for. Across the line from `v_i` to the centre, two cubics that share their ordinates are C1 when each of
+/// those on the line is that combination of its neighbours on the side of `v_{i-1}`, of `v_i` and of `v_{i+1}`; this
+/// holds next to `v_i`, where the slopes fix them all, and *gives* the ordinates next to the centre and at it.
+///
+/// `ring` and `centre` are in metres from `origin`.
+fn fan<const V: usize, const N: usize>(
+    origin: Point,
+    ring: [Point; V],
+    centre: Point,
+    weights: [[f64; 3]; V],
+) -> Element<N> {
+    let next = |i: usize| (i + 1) % V;
+    let previous = |i: usize| (i + V - 1) % V;
+    // The ordinate a third of the way from vertex i along a vector: the tangent plane at the vertex.
+    let tangent = |i: usize, vector: Vector2<f64>| {
+        let mut ordinate = SVector::<f64, N>::zeros();
+        ordinate[3 * i] = 1.0;
+        ordinate[3 * i + 1] = vector.x / 3.0;
+        ordinate[3 * i + 2] = vector.y / 3.0;
+        ordinate
+    };
+    let combine = |[a, b, c]: [f64; 3], [x, y, z]: [&SVector<f64, N>; 3]| x * a + y * b + z * c;
+
+    let corner: [_; V] = std::array::from_fn(|i| tangent(i, Vector2::zeros()));
+    let spoke: [_; V] = std::array::from_fn(|i| tangent(i, centre - ring[i]));
+    let forth: [_; V] = std::array::from_fn(|i| tangent(i, ring[next(i)] - ring[i]));
+    let back: [_; V] = std::array::from_fn(|i| tangent(next(i), ring[i] - ring[next(i)]));
+    // 111 makes the normal derivative along the edge linear: the mean of its values at the ends is its middle ordinate.
+    let middle: [_; V] = std::array::from_fn(|i| {
+        let j = next(i);
+        let edge = ring[j] - ring[i];
+        let s = (centre - ring[i]).dot(&edge) / edge.norm_squared();
+        let along = |a: &SVector<f64, N>, b: &SVector<f64, N>| a * (1.0 - s) + b * s;
+        let ends = [spoke[i] - along(&corner[i], &forth[i]), spoke[j] - along(&back[i], &corner[j])];
+        along(&forth[i], &back[i]) + (ends[0] + ends[1]) / 2.0
+    });
+    let inner: [_; V] =
+        std::array::from_fn(|i| combine(weights[i], [&middle[previous(i)], &spoke[i], &middle[i]]));
+    let top = combine(weights[0], [&inner[V - 1], &inner[0], &inner[1]]);
+
+    let piece = |i: usize| {
+        let j = next(i);
+        Piece {
+            vertices: [ring[i], ring[j], centre],
+            ordinates: [
+                corner[i], forth[i], back[i], corner[j], spoke[i], middle[i], spoke[j], inner[i], inner[j],
+                top,
+            ],
+        }
+    };
+    Element { origin, pieces: (0..V).map(piece).collect() }
+}

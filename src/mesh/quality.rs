@@ -1,0 +1,118 @@
+//! What a cell and a mesh must be for the elements to exist and to fit together.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+
+use nalgebra::Vector2;
+
+use super::{Mesh, Point};
+use crate::error::{Error, Result};
+
+/// A corner whose two sides span less than this times the square of the longest side is flat.
+///
+/// At that flatness the second derivatives of the element, differences of order flatness squared, are all rounding.
+const FLAT: f64 = 1e-8;
+
+impl Mesh {
+    /// Checks that the mesh can carry the elements.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] names the first flaw, with the numbers (from 0) and coordinates of what is at fault: no cell; a
+    /// node whose coordinates are not finite, or that no cell uses; a cell with a node that does not exist or appears
+    /// twice, or that is flat, clockwise or not strictly convex; cells that overlap along an edge (as they must when
+    /// more than two share it); a named edge that is not an edge of a cell.
+    pub fn check(&self) -> Result<()> {
+        if self.cells.is_empty() {
+            return Err(Error::Mesh("the mesh has no cell".into()));
+        }
+        let mut used = vec![false; self.nodes.len()];
+        let mut owners: HashMap<[usize; 2], usize> = HashMap::with_capacity(4 * self.cells.len());
+        for (number, cell) in self.cells.iter().enumerate() {
+            let nodes = cell.nodes();
+            if let Some(node) = nodes.iter().find(|&&node| node >= self.nodes.len()) {
+                let count = self.nodes.len();
+                let text =
+                    format!("cell {number}, of nodes {nodes:?}, has node {node}: the mesh has {count} nodes");
+                return Err(Error::Mesh(text));
+            }
+            let vertices = self.vertices(number);
+            if let Some(node) =
+                nodes.iter().enumerate().find_map(|(i, node)| nodes[..i].contains(node).then_some(node))
+            {
+                let text =
+                    format!("cell {number} has node {node} twice; its vertices are {}", list(&vertices));
+                return Err(Error::Mesh(text));
+            }
+            require_convex(format_args!("cell {number}"), &vertices)?;
+            nodes.iter().for_each(|&node| used[node] = true);
+            for [a, b] in cell.edges() {
+                if let Some(other) = owners.insert([a, b], number) {
+                    return Err(Error::Mesh(format!(
+                        "cells {other} and {number} overlap: both lie on the same side of their common edge, nodes {a} \
+                         and {b} at {}",
+                        list(&[self.nodes[a], self.nodes[b]])
+                    )));
+                }
+            }
+        }
+        if let Some(node) = used.iter().position(|used| !used) {
+            return Err(Error::Mesh(format!(
+                "no cell uses node {node} at {}",
+                list(&self.nodes[node..=node])
+            )));
+        }
+        for (name, edges) in &self.edges {
+            if let Some([a, b]) =
+                edges.iter().find(|&&[a, b]| !owners.contains_key(&[a, b]) && !owners.contains_key(&[b, a]))
+            {
+                return Err(Error::Mesh(format!(
+                    "nodes {a} and {b} of edge \"{name}\" are not an edge of a cell"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Checks that a polygon is finite, counter-clockwise and strictly convex; `name` is what the message calls it.
+pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<()> {
+    let flat = FLAT * longest_edge(vertices).powi(2);
+    let area = area(vertices);
+    let count = vertices.len();
+    let spans = (0..count).map(|i| {
+        let corner = vertices[i];
+        (vertices[(i + 1) % count] - corner).perp(&(vertices[(i + count - 1) % count] - corner))
+    });
+    let flaw = if vertices.iter().any(|v| !(v.x.is_finite() && v.y.is_finite())) {
+        "has a coordinate that is not a finite number"
+    } else if area.abs() <= flat || area.is_nan() {
+        "is degenerate: it has no area to speak of"
+    } else if area < 0.0 {
+        "is inverted: its nodes run clockwise"
+    } else if !spans.into_iter().all(|span| span > flat) {
+        "is not strictly convex"
+    } else {
+        return Ok(());
+    };
+    Err(Error::Mesh(format!("{name} {flaw}; its vertices are {}", list(vertices))))
+}
+
+/// The start of each side of a polygon, and the side as a vector.
+pub(super) fn sides(vertices: &[Point]) -> impl Iterator<Item = (Point, Vector2<f64>)> + '_ {
+    vertices.iter().zip(vertices.iter().cycle().skip(1)).map(|(a, b)| (*a, b - a))
+}
+
+/// The length of the longest side of a polygon, in metres.
+pub(super) fn longest_edge(vertices: &[Point]) -> f64 {
+    sides(vertices).map(|(_, side)| side.norm()).fold(0.0, f64::max)
+}
+
+/// The signed area of a polygon, in square metres, from differences of coordinates.
+pub(super) fn area(vertices: &[Point]) -> f64 {
+    vertices.windows(2).skip(1).map(|v| (v[0] - vertices[0]).perp(&(v[1] - vertices[0]))).sum::<f64>() / 2.0
+}
+
+/// The points as text: `(0, 0), (1, 0), (0, 1)`.
+fn list(points: &[Point]) -> String {
+    points.iter().map(|p| format!("({}, {})", p.x, p.y)).collect::<Vec<_>>().join(", ")
+}

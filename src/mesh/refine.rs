@@ -1,0 +1,56 @@
+//! Uniform refinement.
+
+use std::collections::HashMap;
+
+use super::{Cell, Mesh, Point};
+
+impl Mesh {
+    /// The mesh with every cell cut into four by the midpoints of its edges; the edges keep their names.
+    ///
+    /// The old nodes keep their numbers. Cell `k` becomes cells `4k` to `4k + 3`: first the one at each of its corners,
+    /// in order (for a triangle, then the middle one).
+    pub fn refine(&self) -> Mesh {
+        let mut nodes = self.nodes.clone();
+        let mut midpoints = HashMap::new();
+        let mut midpoint = |nodes: &mut Vec<Point>, a: usize, b: usize| {
+            *midpoints.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                nodes.push(nalgebra::center(&nodes[a], &nodes[b]));
+                nodes.len() - 1
+            })
+        };
+
+        let mut cells = Vec::with_capacity(4 * self.cells.len());
+        for cell in &self.cells {
+            match *cell {
+                Cell::Triangle([a, b, c]) => {
+                    let [ab, bc, ca] = [[a, b], [b, c], [c, a]].map(|[i, j]| midpoint(&mut nodes, i, j));
+                    cells.extend([[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]].map(Cell::Triangle));
+                }
+                Cell::Quadrilateral([a, b, c, d]) => {
+                    let [ab, bc, cd, da] =
+                        [[a, b], [b, c], [c, d], [d, a]].map(|[i, j]| midpoint(&mut nodes, i, j));
+                    nodes.push(nalgebra::center(
+                        &nalgebra::center(&nodes[a], &nodes[c]),
+                        &nalgebra::center(&nodes[b], &nodes[d]),
+                    ));
+                    let m = nodes.len() - 1;
+                    cells.extend(
+                        [[a, ab, m, da], [b, bc, m, ab], [c, cd, m, bc], [d, da, m, cd]]
+                            .map(Cell::Quadrilateral),
+                    );
+                }
+            }
+        }
+
+        let mut halves = |edges: &Vec<[usize; 2]>| {
+            let mut fine = Vec::with_capacity(2 * edges.len());
+            for &[a, b] in edges {
+                let m = midpoint(&mut nodes, a, b);
+                fine.extend([[a, m], [m, b]]);
+            }
+            fine
+        };
+        let edges = self.edges.iter().map(|(name, edges)| (name.clone(), halves(edges))).collect();
+        Mesh { nodes, cells, edges }
+    }
+}
