@@ -9,5 +9,6 @@ pub mod obstacle;
 pub mod vi;
 pub mod scheme;
 pub mod energy;
+pub mod scene;
 
 pub use error::{Error, Result};

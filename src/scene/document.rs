@@ -1,0 +1,244 @@
+//! A TOML text and its `--set` overrides as one tree, in which every value knows where it was written.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Display};
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::error::{Error, Result};
+
+/// The most parts an override's key may have: more than any key of a scene.
+const DEEPEST_KEY: usize = 8;
+
+/// The longest piece of a user's string that a message repeats.
+const LONGEST_QUOTE: usize = 40;
+
+/// A scene's text, read but not yet understood.
+pub(super) struct Document<'a> {
+    file: &'a str,
+    text: &'a str,
+    overrides: &'a [String],
+    root: Node,
+}
+
+/// Where something was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Place {
+    /// At this byte of the file.
+    Byte(usize),
+    /// In this one of the overrides.
+    Override(usize),
+}
+
+/// A value and its place.
+pub(super) struct Node {
+    pub place: Place,
+    pub value: Value,
+}
+
+/// A TOML value, as far as a scene needs to know it.
+pub(super) enum Value {
+    Text(String),
+    Integer(i64),
+    Float(f64),
+    Array(Vec<Node>),
+    /// Each key with its own place.
+    Table(BTreeMap<String, (Place, Node)>),
+    /// What no key of a scene takes, by its name.
+    Other(&'static str),
+}
+
+impl<'a> Document<'a> {
+    /// Reads the bytes of `file`, then applies the overrides in their order.
+    pub fn parse(bytes: &'a [u8], file: &'a str, overrides: &'a [String]) -> Result<Self> {
+        let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
+        let text = std::str::from_utf8(bytes).map_err(|error| {
+            let at = error.valid_up_to();
+            let wrong = format!("byte 0x{:02x} is not UTF-8; expected TOML text in UTF-8", bytes[at]);
+            error_at(&position(file, bytes, at), &wrong)
+        })?;
+        let table = DeTable::parse(text).map_err(|error| {
+            let at = error.span().map_or(text.len(), |span| span.start);
+            error_at(&position(file, bytes, at), &syntax(&error))
+        })?;
+        let root = Node { place: Place::Byte(0), value: Value::table(table.get_ref(), &Place::Byte) };
+        let mut document = Document { file, text, overrides, root };
+        for index in 0..overrides.len() {
+            document.apply(index)?;
+        }
+        Ok(document)
+    }
+
+    /// The value of a dotted key such as `obstacle.0.height`; the empty key is the whole scene.
+    pub fn get(&self, key: &str) -> Option<&Node> {
+        parts(key).try_fold(&self.root, |node, part| node.child(part))
+    }
+
+    /// The error for a key, in one line: its place (or, where it is missing, that of its table), the key, what is
+    /// wrong.
+    pub fn fault(&self, key: &str, wrong: impl Display) -> Error {
+        let mut node = &self.root;
+        for part in parts(key) {
+            let Some(child) = node.child(part) else { break };
+            node = child;
+        }
+        self.fault_at(node.place, key, wrong)
+    }
+
+    /// The error for a key at a known place.
+    pub fn fault_at(&self, place: Place, key: &str, wrong: impl Display) -> Error {
+        let place = match place {
+            Place::Byte(at) => position(self.file, self.text.as_bytes(), at),
+            Place::Override(index) => format!("--set {}", self.overrides[index]),
+        };
+        error_at(&place, &format!("{key}: {wrong}"))
+    }
+
+    /// Puts the value of one override, `key=value`, into the tree; tables and one more array entry as needed.
+    fn apply(&mut self, index: usize) -> Result<()> {
+        let place = Place::Override(index);
+        let (key, leaf) = parse_override(&self.overrides[index], place)
+            .map_err(|wrong| error_at(&format!("--set {}", self.overrides[index]), &wrong))?;
+        let mut node = &mut self.root;
+        let mut rest = parts(key).peekable();
+        while let Some(part) = rest.next() {
+            let blank = Node::blank(place, rest.peek().copied());
+            node = match node.child_or(part, blank) {
+                Ok(child) => child,
+                Err(wrong) => return Err(self.fault_at(place, key, wrong)),
+            };
+        }
+        *node = leaf;
+        Ok(())
+    }
+}
+
+impl Node {
+    /// An empty array if its child is called by a number, else an empty table.
+    fn blank(place: Place, child: Option<&str>) -> Self {
+        let is_array = child.is_some_and(|part| part.parse::<usize>().is_ok());
+        let value = if is_array { Value::Array(Vec::new()) } else { Value::Table(BTreeMap::new()) };
+        Node { place, value }
+    }
+
+    fn child(&self, part: &str) -> Option<&Node> {
+        match &self.value {
+            Value::Table(entries) => entries.get(part).map(|(_, node)| node),
+            Value::Array(items) => items.get(part.parse::<usize>().ok()?),
+            _ => None,
+        }
+    }
+
+    /// The child of that name, which becomes `blank` if there is none.
+    fn child_or(&mut self, part: &str, blank: Node) -> std::result::Result<&mut Node, String> {
+        match &mut self.value {
+            Value::Table(entries) => {
+                Ok(&mut entries.entry(part.to_owned()).or_insert((blank.place, blank)).1)
+            }
+            Value::Array(items) => {
+                let end = items.len();
+                let wrong =
+                    || format!("{part:?} is no entry; expected an index from 0 to {end}, {end} to add one");
+                let index = part.parse::<usize>().ok().filter(|&index| index <= end).ok_or_else(wrong)?;
+                if index == end {
+                    items.push(blank);
+                }
+                Ok(&mut items[index])
+            }
+            other => Err(format!("found {other} before {part:?}; expected a table or an array")),
+        }
+    }
+
+    fn new(value: &Spanned<DeValue>, place: &impl Fn(usize) -> Place) -> Self {
+        Node { place: place(value.span().start), value: Value::new(value.get_ref(), place) }
+    }
+}
+
+impl Value {
+    fn new(value: &DeValue, place: &impl Fn(usize) -> Place) -> Self {
+        match value {
+            DeValue::String(text) => Value::Text(text.to_string()),
+            DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix())
+                .map_or(Value::Other("an integer of more than 64 bits"), Value::Integer),
+            DeValue::Float(float) => Value::Float(float.as_str().parse().unwrap_or(f64::NAN)),
+            DeValue::Boolean(_) => Value::Other("a boolean"),
+            DeValue::Datetime(_) => Value::Other("a date or time"),
+            DeValue::Array(items) => Value::Array(items.iter().map(|item| Node::new(item, place)).collect()),
+            DeValue::Table(entries) => Value::table(entries, place),
+        }
+    }
+
+    fn table(entries: &DeTable, place: &impl Fn(usize) -> Place) -> Self {
+        let entry = |(key, value): (&Spanned<_>, &Spanned<_>)| {
+            let name: &std::borrow::Cow<str> = key.get_ref();
+            (name.to_string(), (place(key.span().start), Node::new(value, place)))
+        };
+        Value::Table(entries.iter().map(entry).collect())
+    }
+}
+
+impl Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Value::Text(text) => write!(f, "the string {}", quote(text)),
+            Value::Integer(integer) => write!(f, "the integer {integer}"),
+            Value::Float(float) => write!(f, "the number {float:?}"),
+            Value::Array(items) => write!(f, "an array of {}", items.len()),
+            Value::Table(_) => write!(f, "a table"),
+            Value::Other(name) => write!(f, "{name}"),
+        }
+    }
+}
+
+/// A string in quotes, cut where it is long.
+pub(super) fn quote(text: &str) -> String {
+    match text.char_indices().nth(LONGEST_QUOTE) {
+        Some((end, _)) => format!("{:?}...", &text[..end]),
+        None => format!("{text:?}"),
+    }
+}
+
+/// The parts of a dotted key; none for the empty one.
+fn parts(key: &str) -> impl Iterator<Item = &str> {
+    key.split('.').filter(|_| !key.is_empty())
+}
+
+/// The key and the value of `key=value`. A word that is no TOML value stands for itself.
+fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node), String> {
+    let form = "expected --set key=value, such as --set time.step=1e-6";
+    let (key, value) = text.split_once('=').ok_or_else(|| format!("there is no \"=\"; {form}"))?;
+    let (key, value) = (key.trim(), value.trim());
+    if key.split('.').any(str::is_empty) || parts(key).count() > DEEPEST_KEY {
+        return Err(format!("{} is no key; {form}", quote(key)));
+    }
+    let value = match DeValue::parse(value) {
+        Ok(parsed) => Value::new(parsed.get_ref(), &|_| place),
+        Err(_) if value.starts_with(char::is_alphabetic) => Value::Text(value.to_owned()),
+        Err(error) => return Err(format!("{key}: {}", syntax(&error))),
+    };
+    Ok((key, Node { place, value }))
+}
+
+/// What the TOML parser says, in this program's form.
+fn syntax(error: &toml::de::Error) -> String {
+    let message =
+        error.message().replacen(", expected nothing", "", 1).replacen(", expected ", "; expected ", 1);
+    format!("invalid TOML: {message}")
+}
+
+/// `FILE:LINE:COLUMN`, counted from 1, columns in characters.
+fn position(file: &str, text: &[u8], at: usize) -> String {
+    let before = &text[..at.min(text.len())];
+    let line_start = before.iter().rposition(|&byte| byte == b'\n').map_or(0, |newline| newline + 1);
+    let line = before.iter().filter(|&&byte| byte == b'\n').count() + 1;
+    let is_first_byte = |byte: &&u8| **byte & 0xc0 != 0x80;
+    let column = before[line_start..].iter().filter(is_first_byte).count() + 1;
+    format!("{file}:{line}:{column}")
+}
+
+/// The error, with whatever would break its line escaped.
+fn error_at(place: &str, wrong: &str) -> Error {
+    let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    Error::Scene(format!("{place}: {wrong}").chars().map(escape).collect())
+}

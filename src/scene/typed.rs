@@ -1,0 +1,174 @@
+//! Typed reading: numbers in their range, counts, words, text, and the errors of each.
+
+use std::fmt::Display;
+
+use super::document::{Document, Value, quote};
+use crate::error::{Error, Result};
+
+/// A physical quantity: what it is, with its unit, and where its values may lie.
+pub(super) struct Quantity {
+    pub what: &'static str,
+    pub range: Range,
+}
+
+/// The values that a number may take.
+pub(super) struct Range {
+    limits: &'static str,
+    fault: &'static str,
+    holds: fn(f64) -> bool,
+}
+
+impl Range {
+    pub const ANY: Range = Range { limits: "", fault: "", holds: |_| true };
+    pub const POSITIVE: Range =
+        Range { limits: " greater than 0", fault: "is not positive", holds: |value| value > 0.0 };
+
+    /// A range in words: `limits` follows what is expected, `fault` what was found.
+    pub const fn new(limits: &'static str, fault: &'static str, holds: fn(f64) -> bool) -> Self {
+        Range { limits, fault, holds }
+    }
+}
+
+impl Quantity {
+    pub const fn new(what: &'static str, range: Range) -> Self {
+        Quantity { what, range }
+    }
+
+    fn expected(&self) -> String {
+        format!("expected {}{}", self.what, self.range.limits)
+    }
+}
+
+/// An enum whose cases have names in a scene.
+pub(super) trait Choice: Copy + PartialEq + 'static {
+    /// Every case with its word.
+    const WORDS: &'static [(&'static str, Self)];
+
+    /// The word of this case.
+    fn word(self) -> &'static str {
+        Self::WORDS.iter().find(|(_, case)| *case == self).map_or("", |(word, _)| word)
+    }
+}
+
+impl Document<'_> {
+    /// An error unless the table, if it is there, has no other keys than these.
+    pub fn allow(&self, table: &str, keys: &[&str]) -> Result<()> {
+        let Some(node) = self.get(table) else { return Ok(()) };
+        let Value::Table(entries) = &node.value else {
+            return Err(self.found(table, &node.value, "expected a table"));
+        };
+        let unknown = entries.iter().filter(|(key, _)| !keys.contains(&key.as_str()));
+        let Some((key, (place, _))) = unknown.min_by_key(|(_, (place, _))| *place) else { return Ok(()) };
+        let full = if table.is_empty() { key.clone() } else { format!("{table}.{key}") };
+        let wrong = format!("unknown key; expected one of {}{}", keys.join(", "), suggestion(key, keys));
+        Err(self.fault_at(*place, &full, wrong))
+    }
+
+    /// How many entries an array has; none if it is absent.
+    pub fn entries(&self, array: &str, expected: &str) -> Result<usize> {
+        match self.get(array).map(|node| &node.value) {
+            None => Ok(0),
+            Some(Value::Array(items)) => Ok(items.len()),
+            Some(other) => Err(self.found(array, other, expected)),
+        }
+    }
+
+    /// An error unless the key is an array of two.
+    pub fn pair(&self, key: &str, expected: &str) -> Result<()> {
+        match self.entries(key, expected)? {
+            2 => Ok(()),
+            0 if self.get(key).is_none() => Err(self.missing(key, expected)),
+            length => Err(self.fault(key, format!("found an array of {length}; {expected}"))),
+        }
+    }
+
+    /// A number that must be there.
+    pub fn number(&self, key: &str, quantity: &Quantity) -> Result<f64> {
+        self.optional_number(key, quantity)?.ok_or_else(|| self.missing(key, quantity.expected()))
+    }
+
+    /// A finite number within its range, if it is there.
+    pub fn optional_number(&self, key: &str, quantity: &Quantity) -> Result<Option<f64>> {
+        let Some(node) = self.get(key) else { return Ok(None) };
+        let (number, written) = match &node.value {
+            Value::Integer(integer) => (*integer as f64, integer.to_string()),
+            Value::Float(float) => (*float, format!("{float:?}")),
+            other => return Err(self.found(key, other, quantity.expected())),
+        };
+        let fault = match number.is_finite() {
+            true if (quantity.range.holds)(number) => return Ok(Some(number)),
+            true => quantity.range.fault,
+            false => "is not a finite number",
+        };
+        Err(self.fault(key, format!("{written} {fault}; {}", quantity.expected())))
+    }
+
+    /// A count that must be there.
+    pub fn count(&self, key: &str, what: &str, least: u32) -> Result<u64> {
+        self.optional_count(key, what, least)?
+            .ok_or_else(|| self.missing(key, format!("expected {what} of at least {least}")))
+    }
+
+    /// A whole number of at least `least`, if it is there.
+    pub fn optional_count(&self, key: &str, what: &str, least: u32) -> Result<Option<u64>> {
+        let expected = format!("expected {what} of at least {least}");
+        match self.get(key).map(|node| &node.value) {
+            None => Ok(None),
+            Some(Value::Integer(count)) if *count >= i64::from(least) => Ok(Some(count.unsigned_abs())),
+            Some(Value::Integer(count)) => Err(self.fault(key, format!("{count} is too small; {expected}"))),
+            Some(other) => Err(self.found(key, other, expected)),
+        }
+    }
+
+    /// Text, if it is there.
+    pub fn optional_text(&self, key: &str, expected: impl Display) -> Result<Option<&str>> {
+        match self.get(key).map(|node| &node.value) {
+            None => Ok(None),
+            Some(Value::Text(text)) => Ok(Some(text)),
+            Some(other) => Err(self.found(key, other, expected)),
+        }
+    }
+
+    /// A word that must be there.
+    pub fn choice<T: Choice>(&self, key: &str) -> Result<T> {
+        self.optional_choice(key)?.ok_or_else(|| self.missing(key, expected_words::<T>()))
+    }
+
+    /// One of the words of an enum, if it is there.
+    pub fn optional_choice<T: Choice>(&self, key: &str) -> Result<Option<T>> {
+        let Some(text) = self.optional_text(key, expected_words::<T>())? else { return Ok(None) };
+        if let Some((_, case)) = T::WORDS.iter().find(|(word, _)| *word == text) {
+            return Ok(Some(*case));
+        }
+        let words: Vec<&str> = T::WORDS.iter().map(|(word, _)| *word).collect();
+        let expected = format!("{}{}", expected_words::<T>(), suggestion(text, &words));
+        Err(self.fault(key, format!("{} is not valid; {expected}", quote(text))))
+    }
+
+    /// An error if a key is there although another one leaves it no meaning.
+    pub fn forbid(&self, key: &str, wrong: impl Display) -> Result<()> {
+        self.get(key).map_or(Ok(()), |_| Err(self.fault(key, wrong)))
+    }
+
+    /// The error for a key that must be there.
+    pub fn missing(&self, key: &str, expected: impl Display) -> Error {
+        self.fault(key, format!("missing; {expected}"))
+    }
+
+    /// The error for a value of the wrong type.
+    pub fn found(&self, key: &str, value: &Value, expected: impl Display) -> Error {
+        self.fault(key, format!("found {value}; {expected}"))
+    }
+}
+
+fn expected_words<T: Choice>() -> String {
+    let words: Vec<String> = T::WORDS.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+    format!("expected {}", words.join(" or "))
+}
+
+/// The valid name that a wrong one was probably meant to be.
+fn suggestion(wrong: &str, valid: &[&str]) -> String {
+    let alike = |name: &&&str| strsim::jaro_winkler(wrong, name);
+    let nearest = valid.iter().max_by(|a, b| alike(a).total_cmp(&alike(b))).filter(|name| alike(name) > 0.75);
+    nearest.map_or(String::new(), |name| format!(" (did you mean {name}?)"))
+}
