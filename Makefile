@@ -1,0 +1,51 @@
+# The everyday commands. `make` lists them.
+
+export PATH := $(PATH):$(HOME)/.cargo/bin
+
+CARGO_RUN := cargo run --release --locked --quiet
+NATIVE := --no-default-features
+FIGURE := scenes/csma2013/fig4.toml
+
+say = @printf '==> %s\n' '$(1)'
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test bench table clean
+
+help: ## list these targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## install what the build needs and is missing
+	@scripts/setup.sh
+
+run: setup ## build, then simulate the paper's figure 4 to the second impact
+	$(call say,build)
+	@cargo build --release --locked --quiet
+	$(call say,simulate $(FIGURE) to t = 0.25 s)
+	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25
+
+test: setup ## check format, lints, tests and documentation, with and without PETSc
+	$(call say,format)
+	@cargo fmt --check
+	$(call say,lints)
+	@cargo clippy --release --all-targets --locked -- -D warnings
+	$(call say,tests)
+	@cargo test --release --locked
+	$(call say,lints without default features)
+	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
+	$(call say,tests without default features)
+	@cargo test --release $(NATIVE) --locked
+	$(call say,documentation)
+	@RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --locked
+	$(call say,all passed)
+
+bench: setup ## time assembly, factorisation, one step and a whole scene
+	$(call say,benchmarks)
+	@cargo bench --locked
+
+table: setup ## recompute the table of the paper
+	$(call say,table)
+	@$(CARGO_RUN) --example csma2013_table
+
+clean: ## remove what was built; runs stay
+	$(call say,clean)
+	@cargo clean --quiet
