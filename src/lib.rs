@@ -4,11 +4,14 @@ pub mod error;
 pub mod mesh;
 pub mod element;
 pub mod plate;
+pub mod space;
 pub mod linalg;
+pub mod assembly;
 pub mod obstacle;
 pub mod vi;
 pub mod scheme;
 pub mod energy;
 pub mod scene;
+pub mod simulation;
 
 pub use error::{Error, Result};

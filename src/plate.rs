@@ -13,7 +13,7 @@ use crate::element::{Element, quadrature};
 use crate::mesh::Point;
 
 /// A homogeneous isotropic Kirchhoff-Love plate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Plate {
     /// Thickness h, in m.
     pub thickness: f64,

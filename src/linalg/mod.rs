@@ -24,7 +24,7 @@ use faer::Mat;
 #[derive(Debug, Clone)]
 pub struct Block {
     /// Free dof of each local one; `None` where a support holds it at zero.
-    pub dofs: Vec<Option<usize>>,
+    pub dofs: std::rc::Rc<[Option<usize>]>,
     /// Local matrix, n x n, row by row, symmetric.
     pub matrix: std::rc::Rc<[f64]>,
     /// Of a cell with dofs (w, w_x, w_y) a node: position of each node relative to the first, in m. The form then
@@ -39,7 +39,7 @@ pub struct Block {
 #[derive(Debug, Clone)]
 pub struct Average {
     /// Free dof of each local one; `None` where a support holds it at zero.
-    pub dofs: Vec<Option<usize>>,
+    pub dofs: std::rc::Rc<[Option<usize>]>,
     /// Row of B: integral of rho h phi_i over the cell, in kg (times m for a slope).
     pub row: std::rc::Rc<[f64]>,
     /// Entry of C: mass of the cell, in kg.

@@ -22,7 +22,6 @@
 mod document;
 mod read;
 mod resolved;
-mod stand_in;
 mod typed;
 mod words;
 
@@ -30,8 +29,10 @@ use std::path::Path;
 
 use serde::Serialize;
 
-pub use self::stand_in::{Diagonal, ElementKind, Plate};
 use crate::error::{Error, Result};
+pub use crate::mesh::{Diagonal, ElementKind};
+pub use crate::plate::Plate;
+pub use crate::space::Support as SupportKind;
 use document::Document;
 
 /// The columns of `history.csv` before those of the probes; no probe may take their names.
@@ -123,18 +124,6 @@ pub enum Edge {
     Bottom,
     /// y = width.
     Top,
-}
-
-/// What a support holds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SupportKind {
-    /// No deflection and no slope.
-    Clamped,
-    /// No deflection, free to turn.
-    SimplySupported,
-    /// No slope, free to move.
-    Guided,
 }
 
 /// A rigid plane that the plate cannot cross.

@@ -1,0 +1,449 @@
+//! From a scene to a run: the model, the scheme, and the main loop with its observer.
+
+use crate::assembly::{self, Probe};
+use crate::energy::{Energies, Guard};
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Native};
+use crate::mesh::{Diagonal, Mesh, Point};
+use crate::obstacle::Bounds;
+use crate::plate::Plate;
+use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
+use crate::scheme::{self, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use crate::space::Space;
+use serde::Serialize;
+use std::time::Instant;
+
+/// A scene turned into matrices, ready to run.
+#[derive(Debug)]
+pub struct Model {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// Its free dofs.
+    pub space: Space,
+    /// The plate's thickness and material.
+    pub plate: Plate,
+    /// The semi-discrete problem.
+    pub system: System<Native>,
+    /// Where the motion starts.
+    pub start: Start,
+    /// The scene's probes.
+    pub probes: Vec<Probe>,
+    /// Seconds spent on mesh and matrices, and on the static start.
+    pub seconds: [f64; 2],
+}
+
+/// The mesh of a scene.
+///
+/// # Errors
+/// [`Error::Mesh`] for a mesh that cannot carry the elements.
+pub fn mesh(scene: &Scene) -> Result<Mesh> {
+    let grid = &scene.mesh;
+    let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
+    let mut mesh =
+        Mesh::rectangle(scene.plate.length, scene.plate.width, grid.cells, grid.element, diagonal)?;
+    for _ in 0..grid.refine {
+        mesh = mesh.refine();
+    }
+    mesh.check()?;
+    Ok(mesh)
+}
+
+/// The free dofs of a scene's mesh.
+///
+/// # Errors
+/// [`Error::Mesh`] where nothing is left free.
+pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
+    let name = |edge| match edge {
+        Edge::Left => "left",
+        Edge::Right => "right",
+        Edge::Bottom => "bottom",
+        Edge::Top => "top",
+    };
+    let space = Space::new(mesh, scene.supports.iter().map(|s| (name(s.edge), s.kind)))?;
+    if space.dofs() == 0 {
+        return Err(Error::Mesh("the supports hold every dof of the mesh: nothing can move".into()));
+    }
+    Ok(space)
+}
+
+/// The bounds that a scene's obstacles put on the free deflections of a mesh.
+pub fn bounds(scene: &Scene, space: &Space) -> Bounds {
+    let lower = scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY);
+    let upper = scene.obstacle(Side::Above).unwrap_or(f64::INFINITY);
+    if lower.is_infinite() && upper.is_infinite() {
+        return Bounds::default();
+    }
+    Bounds::uniform(space.deflections().map(|(dof, _)| dof).collect(), lower, upper)
+}
+
+/// The start under `[initial]`: equilibrium within the obstacles, and a uniform velocity.
+///
+/// # Errors
+/// [`Error::Singular`] where a static start is asked of a mechanism.
+fn start(scene: &Scene, mesh: &Mesh, space: &Space, system: &System<Native>, unit_load: &[f64]) -> Result<Start> {
+    let dofs = space.dofs();
+    let mut velocity = vec![0.0; dofs];
+    for (dof, _) in space.deflections() {
+        velocity[dof] = scene.initial.velocity;
+    }
+    let pressure = scene.initial.static_pressure;
+    if pressure == 0.0 {
+        return Ok(Start { displacement: vec![0.0; dofs], velocity });
+    }
+    if let Some(motion) = space.mechanism(mesh) {
+        return Err(Error::Singular(format!(
+            "initial.static_pressure: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
+        )));
+    }
+    let load: Vec<f64> = unit_load.iter().map(|f| pressure * f).collect();
+    let (displacement, _, verdict) =
+        scheme::equilibrium(&system.engine, &system.stiffness, &load, &system.bounds)?;
+    judge(0, 0.0, verdict.kkt, scene.solver.tolerance)?;
+    Ok(Start { displacement, velocity })
+}
+
+impl Model {
+    /// Builds what the scene calls for, and nothing else.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for an engine or contact solver that this build does not have; [`Error::Mesh`] and
+    /// [`Error::Singular`] for a plate that has no unique answer.
+    pub fn new(scene: &Scene) -> Result<Model> {
+        serves(scene)?;
+        let clock = Instant::now();
+        let mesh = mesh(scene)?;
+        let space = space(scene, &mesh)?;
+        let plate = scene.plate.plate;
+        let cells = assembly::cells(&mesh, &space, &plate)?;
+        let engine = Native::new(space.dofs());
+        let unit_load = assembly::uniform_load(&cells, space.dofs(), 1.0);
+        let load = scene.load.filter(|load| load.pressure != 0.0);
+        let system = System {
+            stiffness: engine.form(assembly::stiffness(&cells)),
+            mass: match scene.time.mass {
+                Mass::Singular => engine.averages(assembly::singular_mass(&cells)),
+                Mass::Consistent => engine.form(assembly::consistent_mass(&cells)),
+            },
+            load: load.map(|load| unit_load.iter().map(|f| load.pressure * f).collect()),
+            bounds: bounds(scene, &space),
+            engine,
+        };
+        let probes = scene
+            .output
+            .probes
+            .iter()
+            .map(|probe| Probe::new(&mesh, &space, Point::new(probe.at[0], probe.at[1])))
+            .collect::<Result<_>>()?;
+        let built = clock.elapsed().as_secs_f64();
+        let start = start(scene, &mesh, &space, &system, &unit_load)?;
+        let seconds = [built, clock.elapsed().as_secs_f64() - built];
+        Ok(Model { mesh, space, plate, system, start, probes, seconds })
+    }
+
+    /// The scene's scheme at its start; factors the matrix of a step.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where that matrix is not positive definite.
+    pub fn scheme(&self, scene: &Scene) -> Result<Box<dyn Scheme + '_>> {
+        let step = scene.time.step;
+        Ok(match scene.time.scheme {
+            scene::Scheme::Newmark { beta, restitution } => {
+                let parameters = NewmarkParameters { beta, restitution, step };
+                Box::new(Newmark::new(&self.system, parameters, self.start.clone())?)
+            }
+            scene::Scheme::Midpoint => Box::new(Midpoint::new(&self.system, step, self.start.clone())?),
+        })
+    }
+
+    /// The node of a bound (an index into the bounds) and its position.
+    fn bounded_node(&self, bound: usize) -> (usize, [f64; 2]) {
+        let dof = self.system.bounds.dofs[bound];
+        let node = self.space.deflections().find(|(d, _)| *d == dof).map_or(0, |(_, node)| node);
+        (node, [self.mesh.nodes[node].x, self.mesh.nodes[node].y])
+    }
+}
+
+/// Whether this build can serve the scene's engine and contact solver.
+fn serves(scene: &Scene) -> Result<()> {
+    if scene.solver.engine != EngineName::Native {
+        return Err(Error::Usage("solver.engine: this build has no \"petsc\"; it has \"native\"".into()));
+    }
+    if scene.solver.vi != ViName::Condensed {
+        let name = if scene.solver.vi == ViName::Snes { "snes" } else { "tao" };
+        return Err(Error::Usage(format!(
+            "solver.vi: the native engine has no \"{name}\"; it has \"condensed\""
+        )));
+    }
+    Ok(())
+}
+
+/// Turns a KKT residual above the tolerance into an error.
+fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
+    if !residual.is_finite() {
+        return Err(Error::NotFinite { step, time, what: "the displacement" });
+    }
+    if residual > tolerance {
+        return Err(Error::NotConverged { step, time, residual, tolerance });
+    }
+    Ok(())
+}
+
+/// A row of the history.
+#[derive(Debug, Clone, Copy)]
+pub struct Row<'r> {
+    /// Number of the step.
+    pub step: u64,
+    /// Time, in s.
+    pub time: f64,
+    /// Energies natural to the scheme, in J.
+    pub energies: Energies,
+    /// Nodes in contact at this instant.
+    pub contact_nodes: usize,
+    /// Sum of the obstacles' reactions at this instant, in N, upward.
+    pub contact_force: f64,
+    /// Iterations of the contact solver since the last row.
+    pub vi_iterations: u64,
+    /// Worst relative KKT residual since the last row.
+    pub kkt: f64,
+    /// Deflections at the probes, in m.
+    pub probes: &'r [f64],
+}
+
+/// What watches a run.
+pub trait Observer {
+    /// A row of the history, every `output.every` steps and at the end.
+    ///
+    /// # Errors
+    /// Whatever keeps it from going on; the run stops.
+    fn row(&mut self, row: &Row) -> Result<()>;
+
+    /// The end of a step; called often, must cost nothing.
+    fn step(&mut self, step: u64, contact_nodes: usize) {
+        let _ = (step, contact_nodes);
+    }
+}
+
+/// The first touch of an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Impact {
+    /// Time, in s: where the last free motion, extended, meets the obstacle.
+    pub time: f64,
+    /// The node that meets it first.
+    pub node: usize,
+    /// Its position, in m.
+    pub at: [f64; 2],
+    /// Its velocity, in m/s, upward.
+    pub velocity: f64,
+}
+
+/// Start, end and extremes of the energy over the rows, in J.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct EnergySpan {
+    /// At the start.
+    pub start: f64,
+    /// At the last row.
+    pub end: f64,
+    /// Least.
+    pub min: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// Seconds of wall time by phase.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Mesh and matrices.
+    pub assembly: f64,
+    /// Static start.
+    pub equilibrium: f64,
+    /// First factorisation.
+    pub factor: f64,
+    /// All steps, with what watches them.
+    pub stepping: f64,
+}
+
+/// What a run was.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Free dofs.
+    pub dofs: usize,
+    /// Dofs that an obstacle bounds.
+    pub bounded_dofs: usize,
+    /// Steps made.
+    pub steps: u64,
+    /// Those in which something touched.
+    pub contact_steps: u64,
+    /// Iterations of the contact solver.
+    pub vi_iterations: u64,
+    /// Numeric factorisations of the step's matrix.
+    pub factorisations: u64,
+    /// Most nodes in contact at once.
+    pub most_contact_nodes: usize,
+    /// Energy.
+    pub energy: EnergySpan,
+    /// First touch; `None` if nothing ever touched.
+    pub first_impact: Option<Impact>,
+    /// Intervals of contact, in s; those closer than a hundredth of the run are joined.
+    pub contacts: Vec<[f64; 2]>,
+    /// Worst relative KKT residual of all steps.
+    pub worst_kkt: f64,
+    /// Largest violation of a bound in all steps, in m.
+    pub worst_penetration: f64,
+    /// Where the time went.
+    pub seconds: Seconds,
+}
+
+impl Outcome {
+    fn new(scene: &Scene, model: &Model, scheme: &dyn Scheme, factor: f64) -> Outcome {
+        let _ = scene;
+        let start = scheme.energies().total();
+        let [assembly, equilibrium] = model.seconds;
+        Outcome {
+            dofs: model.system.engine.dofs(),
+            bounded_dofs: model.system.bounds.len(),
+            steps: 0,
+            contact_steps: 0,
+            vi_iterations: 0,
+            factorisations: 0,
+            most_contact_nodes: 0,
+            energy: EnergySpan { start, end: start, min: start, max: start },
+            first_impact: None,
+            contacts: Vec::new(),
+            worst_kkt: 0.0,
+            worst_penetration: 0.0,
+            seconds: Seconds { assembly, equilibrium, factor, stepping: 0.0 },
+        }
+    }
+
+    /// Takes note of a step; returns its nodes in contact and their total force.
+    fn note(&mut self, scene: &Scene, model: &Model, scheme: &dyn Scheme) -> (usize, f64) {
+        let verdict = scheme.verdict();
+        self.steps = scheme.step();
+        self.vi_iterations += u64::from(verdict.iterations);
+        if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
+            self.worst_kkt = verdict.kkt;
+        }
+        let (mut nodes, mut force) = (0, 0.0);
+        let bounds = &model.system.bounds;
+        for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
+            nodes += usize::from(r != 0.0);
+            force += r;
+            self.worst_penetration =
+                self.worst_penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
+        }
+        if nodes > 0 {
+            self.contact_steps += 1;
+            self.most_contact_nodes = self.most_contact_nodes.max(nodes);
+            self.first_impact = self.first_impact.or_else(|| first_impact(model, scheme));
+            let time = scheme.time();
+            match self.contacts.last_mut() {
+                Some([_, end]) if time - *end <= 0.01 * scene.time.end => *end = time,
+                _ => self.contacts.push([time, time]),
+            }
+        }
+        (nodes, force)
+    }
+}
+
+/// Of the bounds met in this step, the one that the free motion reaches first.
+fn first_impact(model: &Model, scheme: &dyn Scheme) -> Option<Impact> {
+    let bounds = &model.system.bounds;
+    let met = |(bound, &r): (usize, &f64)| {
+        let approach = scheme.approach(bound);
+        let target = if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
+        let gap = target - approach.deflection;
+        let delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
+        (bound, (approach.time + delay).max(0.0), approach.velocity)
+    };
+    scheme
+        .reaction()
+        .iter()
+        .enumerate()
+        .filter(|(_, r)| **r != 0.0)
+        .map(met)
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(bound, time, velocity)| {
+            let (node, at) = model.bounded_node(bound);
+            Impact { time, node, at, velocity }
+        })
+}
+
+/// What a user can do when energy appears from nowhere.
+fn advice(scene: &Scene) -> &'static str {
+    match (scene.time.scheme, scene.time.mass) {
+        (scene::Scheme::Midpoint, Mass::Consistent) => {
+            "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""
+        }
+        (scene::Scheme::Midpoint, Mass::Singular) => "a smaller time.step conserves better",
+        (scene::Scheme::Newmark { restitution, .. }, _) if restitution > 0.0 => {
+            "a smaller time.step or time.restitution conserves better"
+        }
+        _ => "check the loads and the initial state",
+    }
+}
+
+/// Steps between looks at the energy where rows are further apart.
+const GUARD_EVERY: u64 = 100;
+
+/// Runs a model. Whatever happens on the way, the outcome tells how far it came.
+pub fn run(scene: &Scene, model: &Model, observer: &mut dyn Observer) -> Result<(Outcome, Result<()>)> {
+    let clock = Instant::now();
+    let mut scheme = model.scheme(scene)?;
+    let mut outcome = Outcome::new(scene, model, scheme.as_ref(), clock.elapsed().as_secs_f64());
+    let clock = Instant::now();
+    let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
+    outcome.factorisations = scheme.factorisations();
+    outcome.seconds.stepping = clock.elapsed().as_secs_f64();
+    Ok((outcome, ended))
+}
+
+fn march(
+    scene: &Scene,
+    model: &Model,
+    scheme: &mut dyn Scheme,
+    outcome: &mut Outcome,
+    observer: &mut dyn Observer,
+) -> Result<()> {
+    let mut guard = Guard::new(scheme.energies(), scene.solver.energy_guard, advice(scene));
+    let mut probes = vec![0.0; model.probes.len()];
+    let (mut iterations, mut kkt) = (0, 0.0_f64);
+    loop {
+        let (step, time) = (scheme.step(), scheme.time());
+        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme);
+        let verdict = scheme.verdict();
+        iterations += u64::from(verdict.iterations);
+        kkt = kkt.max(verdict.kkt);
+        judge(step, time, verdict.kkt, scene.solver.tolerance)?;
+        let last = step == scene.time.steps();
+        if step % scene.output.every == 0 || last {
+            let energies = scheme.energies();
+            guard.check(step, time, energies)?;
+            let energy = energies.total();
+            outcome.energy.end = energy;
+            outcome.energy.min = outcome.energy.min.min(energy);
+            outcome.energy.max = outcome.energy.max.max(energy);
+            for (value, probe) in probes.iter_mut().zip(&model.probes) {
+                *value = probe.deflection(scheme.displacement());
+            }
+            let row = Row {
+                step,
+                time,
+                energies,
+                contact_nodes,
+                contact_force,
+                vi_iterations: iterations,
+                kkt,
+                probes: &probes,
+            };
+            observer.row(&row)?;
+            (iterations, kkt) = (0, 0.0);
+        } else if step % GUARD_EVERY == 0 {
+            guard.check(step, time, scheme.energies())?;
+        }
+        observer.step(step, contact_nodes);
+        if last {
+            return Ok(());
+        }
+        scheme.advance()?;
+    }
+}
