@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 const DEEPEST_KEY: usize = 8;
 
 /// The longest piece of a user's string that a message repeats.
-const LONGEST_QUOTE: usize = 40;
+const LONGEST_QUOTE: usize = 60;
 
 /// A scene's text, read but not yet understood.
 pub(super) struct Document<'a> {
@@ -88,18 +88,21 @@ impl<'a> Document<'a> {
 
     /// The error for a key at a known place.
     pub fn fault_at(&self, place: Place, key: &str, wrong: impl Display) -> Error {
-        let place = match place {
+        error_at(&self.describe(place), &format!("{key}: {wrong}"))
+    }
+
+    fn describe(&self, place: Place) -> String {
+        match place {
             Place::Byte(at) => position(self.file, self.text.as_bytes(), at),
-            Place::Override(index) => format!("--set {}", self.overrides[index]),
-        };
-        error_at(&place, &format!("{key}: {wrong}"))
+            Place::Override(index) => format!("--set {}", cut(&self.overrides[index])),
+        }
     }
 
     /// Puts the value of one override, `key=value`, into the tree; tables and one more array entry as needed.
     fn apply(&mut self, index: usize) -> Result<()> {
         let place = Place::Override(index);
         let (key, leaf) = parse_override(&self.overrides[index], place)
-            .map_err(|wrong| error_at(&format!("--set {}", self.overrides[index]), &wrong))?;
+            .map_err(|wrong| error_at(&self.describe(place), &wrong))?;
         let mut node = &mut self.root;
         let mut rest = parts(key).peekable();
         while let Some(part) = rest.next() {
@@ -183,20 +186,30 @@ impl Display for Value {
         match self {
             Value::Text(text) => write!(f, "the string {}", quote(text)),
             Value::Integer(integer) => write!(f, "the integer {integer}"),
-            Value::Float(float) => write!(f, "the number {float:?}"),
-            Value::Array(items) => write!(f, "an array of {}", items.len()),
+            Value::Float(float) => write!(f, "the number {}", spell(*float)),
+            Value::Array(items) => write!(f, "an array of length {}", items.len()),
             Value::Table(_) => write!(f, "a table"),
             Value::Other(name) => write!(f, "{name}"),
         }
     }
 }
 
+/// A string, cut where it is long.
+pub(super) fn cut(text: &str) -> String {
+    match text.char_indices().nth(LONGEST_QUOTE) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
 /// A string in quotes, cut where it is long.
 pub(super) fn quote(text: &str) -> String {
-    match text.char_indices().nth(LONGEST_QUOTE) {
-        Some((end, _)) => format!("{:?}...", &text[..end]),
-        None => format!("{text:?}"),
-    }
+    format!("{:?}", cut(text))
+}
+
+/// A number as TOML spells it.
+pub(super) fn spell(number: f64) -> String {
+    format!("{number:?}").to_lowercase()
 }
 
 /// The parts of a dotted key; none for the empty one.

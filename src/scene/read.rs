@@ -105,8 +105,11 @@ fn grid(doc: &Document) -> Result<Grid> {
     let diagonal = diagonal(doc, element)?;
     let refine = doc.optional_count("mesh.refine", "a number of uniform refinements", 0)?.unwrap_or(0);
     let refine = refinements(nx, ny, refine).ok_or_else(|| {
-        let key = if refine > 0 { "mesh.refine" } else { "mesh.cells" };
-        let wrong = format!("{nx} x {ny} rectangles refined {refine} times are too many");
+        let (key, refined) = match refine {
+            0 => ("mesh.cells", String::new()),
+            times => ("mesh.refine", format!(", refined {times} times,")),
+        };
+        let wrong = format!("{nx} x {ny} rectangles{refined} are too many");
         doc.fault(key, format!("{wrong}; expected at most {MOST_RECTANGLES} in all"))
     })?;
     Ok(Grid { element, cells: [nx as usize, ny as usize], diagonal, refine })

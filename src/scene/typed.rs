@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use super::document::{Document, Value, quote};
+use super::document::{Document, Value, cut, quote, spell};
 use crate::error::{Error, Result};
 
 /// A physical quantity: what it is, with its unit, and where its values may lie.
@@ -59,7 +59,7 @@ impl Document<'_> {
         };
         let unknown = entries.iter().filter(|(key, _)| !keys.contains(&key.as_str()));
         let Some((key, (place, _))) = unknown.min_by_key(|(_, (place, _))| *place) else { return Ok(()) };
-        let full = if table.is_empty() { key.clone() } else { format!("{table}.{key}") };
+        let full = if table.is_empty() { cut(key) } else { format!("{table}.{}", cut(key)) };
         let wrong = format!("unknown key; expected one of {}{}", keys.join(", "), suggestion(key, keys));
         Err(self.fault_at(*place, &full, wrong))
     }
@@ -78,7 +78,7 @@ impl Document<'_> {
         match self.entries(key, expected)? {
             2 => Ok(()),
             0 if self.get(key).is_none() => Err(self.missing(key, expected)),
-            length => Err(self.fault(key, format!("found an array of {length}; {expected}"))),
+            length => Err(self.fault(key, format!("found an array of length {length}; {expected}"))),
         }
     }
 
@@ -92,14 +92,14 @@ impl Document<'_> {
         let Some(node) = self.get(key) else { return Ok(None) };
         let (number, written) = match &node.value {
             Value::Integer(integer) => (*integer as f64, integer.to_string()),
-            Value::Float(float) => (*float, format!("{float:?}")),
+            Value::Float(float) => (*float, spell(*float)),
             other => return Err(self.found(key, other, quantity.expected())),
         };
-        let fault = match number.is_finite() {
-            true if (quantity.range.holds)(number) => return Ok(Some(number)),
-            true => quantity.range.fault,
-            false => "is not a finite number",
-        };
+        let is_finite = number.is_finite();
+        if is_finite && (quantity.range.holds)(number) {
+            return Ok(Some(number));
+        }
+        let fault = if is_finite { quantity.range.fault } else { "is not a finite number" };
         Err(self.fault(key, format!("{written} {fault}; {}", quantity.expected())))
     }
 
@@ -163,7 +163,7 @@ impl Document<'_> {
 
 fn expected_words<T: Choice>() -> String {
     let words: Vec<String> = T::WORDS.iter().map(|(word, _)| format!("\"{word}\"")).collect();
-    format!("expected {}", words.join(" or "))
+    format!("expected one of {}", words.join(", "))
 }
 
 /// The valid name that a wrong one was probably meant to be.
