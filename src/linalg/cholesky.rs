@@ -353,8 +353,9 @@ fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) ->
     for &dof in candidates {
         last[dof] = true;
     }
-    order.sort_by_key(|&dof| last[dof]);
-    let interior = dofs - candidates.len();
+    order.retain(|&dof| !last[dof]);
+    let interior = order.len();
+    order.extend_from_slice(candidates);
     let tree = elimination_tree(matrix, &order);
     let postorder = postorder(&tree[..interior]);
     Ok(postorder.into_iter().chain(interior..dofs).map(|place| order[place]).collect())
