@@ -20,7 +20,9 @@ pub enum Error {
     #[error("{0}")]
     Singular(String),
     /// A step whose solution does not meet the tolerance.
-    #[error("step {step}, t = {time:.9} s: the contact solver reached a relative KKT residual of {residual:.1e}, asked for {tolerance:.1e}")]
+    #[error(
+        "step {step}, t = {time:.9} s: the contact solver reached a relative KKT residual of {residual:.1e}, asked for {tolerance:.1e}"
+    )]
     NotConverged {
         /// Step at which it happened.
         step: u64,
