@@ -13,5 +13,6 @@ pub mod scheme;
 pub mod energy;
 pub mod scene;
 pub mod simulation;
+pub mod output;
 
 pub use error::{Error, Result};

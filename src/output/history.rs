@@ -1,0 +1,235 @@
+//! `history.csv`: the run in rows, written as it goes and read back for pictures and tests.
+
+use crate::error::{Error, Result};
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Name of the file in the run folder.
+pub const FILE: &str = "history.csv";
+
+/// The columns every history starts with; one column per probe follows, under the probe's name.
+pub const COLUMNS: [&str; 10] = [
+    "step",
+    "time",
+    "energy",
+    "kinetic",
+    "elastic",
+    "work",
+    "contact_nodes",
+    "contact_force",
+    "vi_iterations",
+    "kkt",
+];
+
+/// Rows wait at most about this long before they reach the file.
+const FLUSH_EVERY: Duration = Duration::from_secs(1);
+/// Rows reach the file earlier when they exceed this many bytes.
+const FLUSH_BYTES: usize = 1 << 16;
+
+/// One row: the state after a step, in SI units.
+#[derive(Debug, Clone, Copy)]
+pub struct Row<'a> {
+    /// Steps taken since the start.
+    pub step: u64,
+    /// Time, s.
+    pub time: f64,
+    /// The energy natural to the scheme, J.
+    pub energy: f64,
+    /// Kinetic energy, J.
+    pub kinetic: f64,
+    /// Elastic energy, J.
+    pub elastic: f64,
+    /// Work of the load since the start, J.
+    pub work: f64,
+    /// Nodes that touch an obstacle.
+    pub contact_nodes: usize,
+    /// Sum of the reactions of the obstacles, N.
+    pub contact_force: f64,
+    /// Iterations of the contact solver in this step.
+    pub vi_iterations: u32,
+    /// Relative KKT residual of this step, dimensionless.
+    pub kkt: f64,
+    /// Deflection at each probe, m, in the order given to [`History::create`].
+    pub probes: &'a [f64],
+}
+
+/// Writes `history.csv`.
+///
+/// Every number reads back as the very same `f64`. Rows reach the file whole, at the latest about a second after the
+/// row before, and when the history is finished or dropped: a run that stops keeps what it wrote.
+#[derive(Debug)]
+pub struct History {
+    path: PathBuf,
+    file: File,
+    probes: usize,
+    pending: String,
+    flushed: Instant,
+}
+
+impl History {
+    /// Starts `history.csv` afresh in `folder`, which is created if need be.
+    pub fn create(folder: &Path, probes: &[String]) -> Result<Self> {
+        for (i, name) in probes.iter().enumerate() {
+            if name.is_empty() || name.contains([',', '"']) || name.contains(char::is_control) {
+                return Err(Error::Scene(format!(
+                    "probe name {name:?}: it heads a column of {FILE}, so it must not be empty nor hold commas, \
+                     double quotes or control characters"
+                )));
+            }
+            if COLUMNS.contains(&name.as_str()) || probes[..i].contains(name) {
+                return Err(Error::Scene(format!(
+                    "probe name {name:?}: {FILE} already has a column of that name"
+                )));
+            }
+        }
+        fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        let path = folder.join(FILE);
+        let file = File::create(&path).map_err(Error::io(&path))?;
+        let names: Vec<&str> = COLUMNS.into_iter().chain(probes.iter().map(String::as_str)).collect();
+        let pending = names.join(",") + "\n";
+        let mut history = History { path, file, probes: probes.len(), pending, flushed: Instant::now() };
+        history.flush()?;
+        Ok(history)
+    }
+
+    /// Adds a row.
+    ///
+    /// # Panics
+    ///
+    /// When the row has more or fewer probes than the header.
+    pub fn push(&mut self, row: &Row) -> Result<()> {
+        assert_eq!(row.probes.len(), self.probes, "a row needs one value per probe");
+        let line = &mut self.pending;
+        integer(line, row.step);
+        for value in [row.time, row.energy, row.kinetic, row.elastic, row.work] {
+            line.push(',');
+            number(line, value);
+        }
+        line.push(',');
+        integer(line, row.contact_nodes as u64);
+        line.push(',');
+        number(line, row.contact_force);
+        line.push(',');
+        integer(line, row.vi_iterations.into());
+        for &value in std::iter::once(&row.kkt).chain(row.probes) {
+            line.push(',');
+            number(line, value);
+        }
+        line.push('\n');
+        if self.pending.len() >= FLUSH_BYTES || self.flushed.elapsed() >= FLUSH_EVERY {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Hands every row to the system.
+    pub fn flush(&mut self) -> Result<()> {
+        let written = self.file.write_all(self.pending.as_bytes());
+        self.pending.clear();
+        self.flushed = Instant::now();
+        written.map_err(Error::io(&self.path))
+    }
+
+    /// Ends the file; unlike a mere drop, says when the last rows could not be written.
+    pub fn finish(mut self) -> Result<()> {
+        self.flush()
+    }
+}
+
+impl Drop for History {
+    fn drop(&mut self) {
+        // Whoever needs to know calls `finish`.
+        let _ = self.flush();
+    }
+}
+
+fn integer(line: &mut String, value: u64) {
+    write!(line, "{value}").expect("a string takes everything");
+}
+
+/// The shortest decimal that reads back as the same bits, with an exponent where that is easier to read.
+fn number(line: &mut String, value: f64) {
+    let plain = value == 0.0 || (1e-3..1e7).contains(&value.abs());
+    if plain { write!(line, "{value}") } else { write!(line, "{value:e}") }
+        .expect("a string takes everything");
+}
+
+/// A history read back: named columns of equal length, [`COLUMNS`] first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    names: Vec<String>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Table {
+    /// How many rows.
+    pub fn rows(&self) -> usize {
+        self.columns[0].len()
+    }
+
+    /// The column of that name.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        let index = self.names.iter().position(|n| n == name)?;
+        Some(&self.columns[index])
+    }
+
+    /// Name and deflection (m) of each probe.
+    pub fn probes(&self) -> impl Iterator<Item = (&str, &[f64])> {
+        let columns = self.names.iter().zip(&self.columns).skip(COLUMNS.len());
+        columns.map(|(name, values)| (name.as_str(), values.as_slice()))
+    }
+}
+
+/// Reads the `history.csv` of a run folder. The error for a malformed file names the line.
+pub fn read(folder: &Path) -> Result<Table> {
+    let path = folder.join(FILE);
+    let file = File::open(&path).map_err(Error::io(&path))?;
+    parse(BufReader::new(file)).map_err(Error::io(path))
+}
+
+fn parse(mut file: impl BufRead) -> io::Result<Table> {
+    let mut line = String::new();
+    let mut count = 0;
+    let mut next = |line: &mut String| -> io::Result<Option<usize>> {
+        line.clear();
+        count += 1;
+        match file.read_line(line) {
+            Ok(0) => return Ok(None),
+            Ok(_) => {}
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                return Err(malformed(count, "not text"));
+            }
+            Err(error) => return Err(error),
+        }
+        if line.pop() != Some('\n') {
+            return Err(malformed(count, "cut short; delete this line to read the others"));
+        }
+        Ok(Some(count))
+    };
+
+    next(&mut line)?;
+    let names: Vec<String> = line.split(',').map(str::to_owned).collect();
+    if !names.iter().map(String::as_str).take(COLUMNS.len()).eq(COLUMNS) {
+        return Err(malformed(1, &format!("expected a header that starts with {}", COLUMNS.join(","))));
+    }
+
+    let mut columns = vec![Vec::new(); names.len()];
+    while let Some(number) = next(&mut line)? {
+        let found = line.split(',').count();
+        if found != names.len() {
+            return Err(malformed(number, &format!("expected {} values, found {found}", names.len())));
+        }
+        for ((text, column), name) in line.split(',').zip(&mut columns).zip(&names) {
+            let value = text.trim().parse();
+            column.push(value.map_err(|_| malformed(number, &format!("{name} is not a number: {text:?}")))?);
+        }
+    }
+    Ok(Table { names, columns })
+}
+
+fn malformed(line: usize, what: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, format!("line {line}: {what}"))
+}

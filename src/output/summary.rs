@@ -1,0 +1,15 @@
+//! `summary.json`: what was run, how it went and what it cost.
+
+use super::write_atomic;
+use crate::error::{Error, Result};
+use serde::Serialize;
+use std::path::Path;
+
+/// Writes a value as indented JSON, whole or not at all (see [`write_atomic`]).
+///
+/// JSON knows no NaN and no infinity: they become `null`.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let mut bytes = serde_json::to_vec_pretty(value).map_err(|error| Error::io(path)(error.into()))?;
+    bytes.push(b'\n');
+    write_atomic(path, &bytes)
+}

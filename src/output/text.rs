@@ -1,0 +1,119 @@
+//! Aligned text: the short report that ends a run.
+
+use std::fmt;
+
+/// Rows of label, value and unit, with the numbers aligned on their decimal points.
+///
+/// ```
+/// use rebond::output::text::Report;
+///
+/// let mut report = Report::new("a bouncing plate");
+/// report.text("effects", "contact").count("steps", 100_000, "").number("first impact", 0.0594, "s");
+/// assert_eq!(
+///     report.to_string(),
+///     "a bouncing plate\n  \
+///        effects       contact\n  \
+///        steps         100 000\n  \
+///        first impact        0.0594 s\n"
+/// );
+/// ```
+#[derive(Debug, Clone)]
+pub struct Report {
+    title: String,
+    rows: Vec<Row>,
+}
+
+#[derive(Debug, Clone)]
+struct Row {
+    label: String,
+    value: Value,
+}
+
+#[derive(Debug, Clone)]
+enum Value {
+    Text(String),
+    Number { whole: String, fraction: String, unit: &'static str },
+}
+
+impl Report {
+    /// A report without rows under that title.
+    pub fn new(title: impl Into<String>) -> Self {
+        Report { title: title.into(), rows: Vec::new() }
+    }
+
+    /// Adds words.
+    pub fn text(&mut self, label: impl Into<String>, text: impl Into<String>) -> &mut Self {
+        self.row(label.into(), Value::Text(text.into()))
+    }
+
+    /// Adds a number, shown with five significant digits.
+    pub fn number(&mut self, label: impl Into<String>, value: f64, unit: &'static str) -> &mut Self {
+        let digits = significant(value);
+        let split = digits.find(['.', 'e']).unwrap_or(digits.len());
+        let (whole, fraction) = digits.split_at(split);
+        self.row(label.into(), Value::Number { whole: whole.into(), fraction: fraction.into(), unit })
+    }
+
+    /// Adds a count, shown with all its digits.
+    pub fn count(&mut self, label: impl Into<String>, value: u64, unit: &'static str) -> &mut Self {
+        self.row(label.into(), Value::Number { whole: grouped(value), fraction: String::new(), unit })
+    }
+
+    fn row(&mut self, label: String, value: Value) -> &mut Self {
+        self.rows.push(Row { label, value });
+        self
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let length = |text: &str| text.chars().count();
+        let labels = self.rows.iter().map(|row| length(&row.label)).max().unwrap_or(0);
+        let (mut wholes, mut fractions) = (0, 0);
+        for row in &self.rows {
+            if let Value::Number { whole, fraction, unit } = &row.value {
+                wholes = wholes.max(length(whole));
+                // A number without a unit may reach under the units.
+                fractions = fractions.max(if unit.is_empty() { 0 } else { length(fraction) });
+            }
+        }
+        writeln!(f, "{}", self.title)?;
+        for Row { label, value } in &self.rows {
+            let line = match value {
+                Value::Text(text) => format!("  {label:labels$}  {text}"),
+                Value::Number { whole, fraction, unit } => {
+                    format!("  {label:labels$}  {whole:>wholes$}{fraction:fractions$} {unit}")
+                }
+            };
+            writeln!(f, "{}", line.trim_end())?;
+        }
+        Ok(())
+    }
+}
+
+/// Five significant digits without idle zeros; an exponent outside 0.001 to a million.
+pub fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let magnitude = value.abs().log10().floor();
+    if !(-3.0..6.0).contains(&magnitude) {
+        let digits = format!("{value:.4e}");
+        let (mantissa, exponent) = digits.split_once('e').unwrap_or((&digits, "0"));
+        return format!("{}e{exponent}", without_idle_zeros(mantissa));
+    }
+    let decimals = (4.0 - magnitude).max(0.0) as usize;
+    without_idle_zeros(&format!("{value:.decimals$}")).to_owned()
+}
+
+fn without_idle_zeros(decimal: &str) -> &str {
+    if decimal.contains('.') { decimal.trim_end_matches('0').trim_end_matches('.') } else { decimal }
+}
+
+/// An integer in groups of three digits: `1 234 567`.
+pub fn grouped(value: u64) -> String {
+    let digits = value.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap()).collect();
+    groups.join(" ")
+}
