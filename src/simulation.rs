@@ -1,7 +1,7 @@
 //! From a scene to a run: the model, the scheme, and the main loop with its observer.
 
 use crate::assembly::{self, Probe};
-use crate::energy::{Energies, Guard};
+use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native};
 use crate::mesh::{Diagonal, Mesh, Point};
@@ -195,8 +195,14 @@ pub struct Row<'r> {
     pub step: u64,
     /// Time, in s.
     pub time: f64,
-    /// Energies natural to the scheme, in J.
-    pub energies: Energies,
+    /// The energy natural to the scheme, in J.
+    pub energy: f64,
+    /// Kinetic energy, in J.
+    pub kinetic: f64,
+    /// Elastic energy, in J.
+    pub elastic: f64,
+    /// Work of the loads, in J.
+    pub work: f64,
     /// Nodes in contact at this instant.
     pub contact_nodes: usize,
     /// Sum of the obstacles' reactions at this instant, in N, upward.
@@ -294,8 +300,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    fn new(scene: &Scene, model: &Model, scheme: &dyn Scheme, factor: f64) -> Outcome {
-        let _ = scene;
+    fn new(model: &Model, scheme: &dyn Scheme, factor: f64) -> Outcome {
         let start = scheme.energies().total();
         let [assembly, equilibrium] = model.seconds;
         Outcome {
@@ -389,7 +394,7 @@ const GUARD_EVERY: u64 = 100;
 pub fn run(scene: &Scene, model: &Model, observer: &mut dyn Observer) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
-    let mut outcome = Outcome::new(scene, model, scheme.as_ref(), clock.elapsed().as_secs_f64());
+    let mut outcome = Outcome::new(model, scheme.as_ref(), clock.elapsed().as_secs_f64());
     let clock = Instant::now();
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
     outcome.factorisations = scheme.factorisations();
@@ -428,7 +433,10 @@ fn march(
             let row = Row {
                 step,
                 time,
-                energies,
+                energy,
+                kinetic: energies.kinetic,
+                elastic: energies.elastic,
+                work: energies.work,
                 contact_nodes,
                 contact_force,
                 vi_iterations: iterations,

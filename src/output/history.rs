@@ -1,6 +1,8 @@
 //! `history.csv`: the run in rows, written as it goes and read back for pictures and tests.
 
 use crate::error::{Error, Result};
+pub use crate::scene::HISTORY_COLUMNS as COLUMNS;
+pub use crate::simulation::Row;
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Write as _};
@@ -10,51 +12,10 @@ use std::time::{Duration, Instant};
 /// Name of the file in the run folder.
 pub const FILE: &str = "history.csv";
 
-/// The columns every history starts with; one column per probe follows, under the probe's name.
-pub const COLUMNS: [&str; 10] = [
-    "step",
-    "time",
-    "energy",
-    "kinetic",
-    "elastic",
-    "work",
-    "contact_nodes",
-    "contact_force",
-    "vi_iterations",
-    "kkt",
-];
-
 /// Rows wait at most about this long before they reach the file.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 /// Rows reach the file earlier when they exceed this many bytes.
 const FLUSH_BYTES: usize = 1 << 16;
-
-/// One row: the state after a step, in SI units.
-#[derive(Debug, Clone, Copy)]
-pub struct Row<'a> {
-    /// Steps taken since the start.
-    pub step: u64,
-    /// Time, s.
-    pub time: f64,
-    /// The energy natural to the scheme, J.
-    pub energy: f64,
-    /// Kinetic energy, J.
-    pub kinetic: f64,
-    /// Elastic energy, J.
-    pub elastic: f64,
-    /// Work of the load since the start, J.
-    pub work: f64,
-    /// Nodes that touch an obstacle.
-    pub contact_nodes: usize,
-    /// Sum of the reactions of the obstacles, N.
-    pub contact_force: f64,
-    /// Iterations of the contact solver in this step.
-    pub vi_iterations: u32,
-    /// Relative KKT residual of this step, dimensionless.
-    pub kkt: f64,
-    /// Deflection at each probe, m, in the order given to [`History::create`].
-    pub probes: &'a [f64],
-}
 
 /// Writes `history.csv`.
 ///
