@@ -92,6 +92,9 @@ fn left_diagonals_are_the_mirror_image_of_right_ones() {
     let mirrored =
         right.cells.iter().map(|cell| cell.nodes().iter().rev().map(|&node| mirror(node)).collect());
     assert_eq!(cycles(mirrored), cycles(left.cells.iter().map(|cell| cell.nodes().to_vec())));
+    // Either way the lower triangle comes first.
+    assert_eq!(right.cells[..2], [[0, 1, 5], [0, 5, 4]].map(Cell::Triangle));
+    assert_eq!(left.cells[..2], [[4, 0, 1], [4, 1, 5]].map(Cell::Triangle));
 }
 
 #[test]
@@ -203,7 +206,9 @@ fn assert_refused(result: rebond::Result<impl Sized>, words: &[&str]) {
 
 #[test]
 fn a_flawed_mesh_is_refused_and_the_culprit_named() {
-    mixed().check().unwrap();
+    let mut sound = mixed();
+    sound.edges.insert("backwards, inside".into(), vec![[4, 1], [1, 2]]);
+    sound.check().unwrap();
     let refused = |spoil: fn(&mut Mesh), words: &[&str]| {
         let mut mesh = mixed();
         spoil(&mut mesh);
