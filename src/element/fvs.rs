@@ -22,12 +22,12 @@ use crate::mesh::{Point, require_convex};
 pub fn element(vertices: [Point; 4]) -> Result<Element<12>> {
     require_convex("the quadrilateral", &vertices)?;
     let ring = vertices.map(|v| Point::from(v - vertices[0]));
-    // The diagonals cross at v0 + s (v2 - v0) = v1 + t (v3 - v1).
+    // The diagonals cross at v0 + s (v2 - v0) = v1 + t (v3 - v1). On a flat cell rounding moves the crossing along them;
+    // t read off the centre, not from its own quotient, keeps it on both.
     let diagonals = [ring[2] - ring[0], ring[3] - ring[1]];
-    let across = diagonals[0].perp(&diagonals[1]);
-    let s = ring[1].coords.perp(&diagonals[1]) / across;
-    let t = ring[1].coords.perp(&diagonals[0]) / across;
+    let s = ring[1].coords.perp(&diagonals[1]) / diagonals[0].perp(&diagonals[1]);
     let centre = ring[0] + diagonals[0] * s;
+    let t = (centre - ring[1]).dot(&diagonals[1]) / diagonals[1].norm_squared();
     Ok(fan(
         vertices[0],
         ring,

@@ -141,8 +141,9 @@ impl<const N: usize> Element<N> {
 
     /// The basis functions and their derivatives at a point of the cell.
     ///
-    /// Second derivatives jump between pieces. There, and so at the centre (the barycentre of a triangle), they are
-    /// those of the first piece, as [`Element::locate`] picks it.
+    /// On a line between two pieces second derivatives jump, and those given are of the first, as [`Element::locate`]
+    /// picks it. At the barycentre of a triangle they happen to agree (Farin, *Triangular Bernstein-Bezier patches*,
+    /// 1986), at the centre of a quadrilateral they do not.
     pub fn basis_at(&self, point: Point) -> Basis<N> {
         let (piece, barycentric) = self.locate(point);
         self.pieces[piece].basis(barycentric)

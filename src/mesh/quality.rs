@@ -28,49 +28,49 @@ impl Mesh {
         let mut used = vec![false; self.nodes.len()];
         let mut owners: HashMap<[usize; 2], usize> = HashMap::with_capacity(4 * self.cells.len());
         for (number, cell) in self.cells.iter().enumerate() {
-            let nodes = cell.nodes();
-            if let Some(node) = nodes.iter().find(|&&node| node >= self.nodes.len()) {
-                let count = self.nodes.len();
-                let text =
-                    format!("cell {number}, of nodes {nodes:?}, has node {node}: the mesh has {count} nodes");
-                return Err(Error::Mesh(text));
-            }
-            let vertices = self.vertices(number);
-            if let Some(node) =
-                nodes.iter().enumerate().find_map(|(i, node)| nodes[..i].contains(node).then_some(node))
-            {
-                let text =
-                    format!("cell {number} has node {node} twice; its vertices are {}", list(&vertices));
-                return Err(Error::Mesh(text));
-            }
-            require_convex(format_args!("cell {number}"), &vertices)?;
-            nodes.iter().for_each(|&node| used[node] = true);
+            self.check_cell(number)?;
+            cell.nodes().iter().for_each(|&node| used[node] = true);
             for [a, b] in cell.edges() {
                 if let Some(other) = owners.insert([a, b], number) {
+                    let at = list(&[self.nodes[a], self.nodes[b]]);
                     return Err(Error::Mesh(format!(
                         "cells {other} and {number} overlap: both lie on the same side of their common edge, nodes {a} \
-                         and {b} at {}",
-                        list(&[self.nodes[a], self.nodes[b]])
+                         and {b} at {at}"
                     )));
                 }
             }
         }
         if let Some(node) = used.iter().position(|used| !used) {
-            return Err(Error::Mesh(format!(
-                "no cell uses node {node} at {}",
-                list(&self.nodes[node..=node])
-            )));
+            let at = list(&[self.nodes[node]]);
+            return Err(Error::Mesh(format!("no cell uses node {node} at {at}")));
         }
         for (name, edges) in &self.edges {
-            if let Some([a, b]) =
-                edges.iter().find(|&&[a, b]| !owners.contains_key(&[a, b]) && !owners.contains_key(&[b, a]))
-            {
-                return Err(Error::Mesh(format!(
-                    "nodes {a} and {b} of edge \"{name}\" are not an edge of a cell"
-                )));
+            let stray =
+                |&&[a, b]: &&[usize; 2]| !owners.contains_key(&[a, b]) && !owners.contains_key(&[b, a]);
+            if let Some([a, b]) = edges.iter().find(stray) {
+                let text = format!("nodes {a} and {b} of edge \"{name}\" are not an edge of a cell");
+                return Err(Error::Mesh(text));
             }
         }
         Ok(())
+    }
+
+    /// Checks that the nodes of a cell exist and differ, and that its shape can carry an element.
+    fn check_cell(&self, number: usize) -> Result<()> {
+        let nodes = self.cells[number].nodes();
+        if let Some(node) = nodes.iter().find(|&&node| node >= self.nodes.len()) {
+            let count = self.nodes.len();
+            let text =
+                format!("cell {number}, of nodes {nodes:?}, has node {node}: the mesh has {count} nodes");
+            return Err(Error::Mesh(text));
+        }
+        let vertices = self.vertices(number);
+        if let Some(i) = (1..nodes.len()).find(|&i| nodes[..i].contains(&nodes[i])) {
+            let text =
+                format!("cell {number} has node {} twice; its vertices are {}", nodes[i], list(&vertices));
+            return Err(Error::Mesh(text));
+        }
+        require_convex(format_args!("cell {number}"), &vertices)
     }
 }
 
@@ -79,7 +79,7 @@ pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<(
     let flat = FLAT * longest_edge(vertices).powi(2);
     let area = area(vertices);
     let count = vertices.len();
-    let spans = (0..count).map(|i| {
+    let mut spans = (0..count).map(|i| {
         let corner = vertices[i];
         (vertices[(i + 1) % count] - corner).perp(&(vertices[(i + count - 1) % count] - corner))
     });
@@ -89,7 +89,7 @@ pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<(
         "is degenerate: it has no area to speak of"
     } else if area < 0.0 {
         "is inverted: its nodes run clockwise"
-    } else if !spans.into_iter().all(|span| span > flat) {
+    } else if !spans.all(|span| span > flat) {
         "is not strictly convex"
     } else {
         return Ok(());
