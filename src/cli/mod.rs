@@ -1,0 +1,106 @@
+//! The command line: arguments to calls; nothing else.
+
+mod check;
+mod run;
+
+use crate::error::{Error, Result};
+use crate::scene::Scene;
+use clap::{Args, Parser, Subcommand};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Thin elastic plates that vibrate and hit rigid obstacles.
+#[derive(Debug, Parser)]
+#[command(name = "rebond", version, about, arg_required_else_help = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Simulate a scene; writes history.csv, summary.json and plots into the run folder
+    Run(run::Run),
+    /// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
+    Check(check::Check),
+    /// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a scene
+    Inspect(check::Inspect),
+    /// Draw the history of a run folder
+    Plot(run::Plot),
+}
+
+/// Which scene, and what to change in it.
+#[derive(Debug, Args)]
+struct SceneArgs {
+    /// Scene file (TOML)
+    scene: PathBuf,
+    /// Change a key of the scene, such as time.step=1e-6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+    /// Linear algebra: native | petsc
+    #[arg(long, value_name = "ENGINE")]
+    engine: Option<String>,
+    /// Contact solver: condensed | snes | tao
+    #[arg(long, value_name = "SOLVER")]
+    vi: Option<String>,
+    /// Machine output on standard output
+    #[arg(long)]
+    json: bool,
+    /// Print errors only
+    #[arg(long, short)]
+    quiet: bool,
+    /// Options for PETSc, after --
+    #[arg(last = true, value_name = "PETSC OPTIONS")]
+    petsc: Vec<String>,
+}
+
+impl SceneArgs {
+    fn load(&self) -> Result<Scene> {
+        if let Some(option) = self.petsc.first() {
+            return Err(Error::Usage(format!("{option}: options after -- are for PETSc, which this build lacks")));
+        }
+        let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
+        let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
+        let overrides: Vec<String> = self.overrides.iter().cloned().chain(named).collect();
+        Scene::load(&self.scene, &overrides)
+    }
+
+    /// Prints a report, or its value as JSON, unless asked to be quiet.
+    fn print(&self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
+        match (self.json, self.quiet) {
+            (true, _) => print(&json(value)?),
+            (false, false) => print(&report.to_string()),
+            (false, true) => Ok(()),
+        }
+    }
+}
+
+fn json(value: &impl serde::Serialize) -> Result<String> {
+    serde_json::to_string_pretty(value)
+        .map(|text| text + "\n")
+        .map_err(|why| Error::Io { path: "standard output".into(), source: why.into() })
+}
+
+/// Writes to standard output. A reader that has seen enough, as in `rebond check ... | head`, is no error.
+fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(why) if why.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::Io { path: "standard output".into(), source: why })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Does what the arguments ask for.
+///
+/// # Errors
+/// Whatever went wrong; [`Error::exit_code`] is the command's.
+pub fn execute(cli: &Cli) -> Result<()> {
+    match &cli.command {
+        Command::Run(run) => run.execute(),
+        Command::Check(check) => check.execute(),
+        Command::Inspect(inspect) => inspect.execute(),
+        Command::Plot(plot) => plot.execute(),
+    }
+}

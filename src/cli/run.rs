@@ -1,0 +1,188 @@
+//! `rebond run` and `rebond plot`.
+
+use super::{SceneArgs, print};
+use crate::error::{Error, Result};
+use crate::output::history::{self, History};
+use crate::output::plot::{self, Obstacle};
+use crate::output::progress::{Progress, State};
+use crate::output::summary;
+use crate::output::text::{Report, significant};
+use crate::scene::{Scene, Side};
+use crate::simulation::{self, Model, Observer, Outcome, Row};
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Simulate a scene.
+#[derive(Debug, Args)]
+pub struct Run {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Run folder; default: runs/ and the scene file's name
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Draw the history of a run.
+#[derive(Debug, Args)]
+pub struct Plot {
+    /// Run folder
+    folder: PathBuf,
+}
+
+/// `summary.json`.
+#[derive(Debug, Serialize)]
+struct Summary<'s> {
+    program: &'static str,
+    version: &'static str,
+    /// "done", or what ended the run early.
+    status: String,
+    scene_hash: String,
+    effects: Vec<String>,
+    #[serde(flatten)]
+    outcome: &'s Outcome,
+    scene: &'s Scene,
+}
+
+/// Rows to the history, and now and then a look for the terminal.
+struct Recorder {
+    history: History,
+    progress: Progress,
+    step: f64,
+    start: Option<f64>,
+    energy_ratio: f64,
+}
+
+impl Observer for Recorder {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        let start = *self.start.get_or_insert(row.energy);
+        self.energy_ratio = row.energy / start;
+        self.history.push(row)
+    }
+
+    fn step(&mut self, step: u64, contact_nodes: usize) {
+        let (time, energy_ratio) = (step as f64 * self.step, self.energy_ratio);
+        self.progress.tick(step, || State { time, contact_nodes, energy_ratio });
+    }
+}
+
+impl Run {
+    pub(super) fn execute(&self) -> Result<()> {
+        let scene = self.scene.load()?;
+        let folder = self.folder();
+        let talks = !self.scene.json && !self.scene.quiet;
+        if talks {
+            print(&format!("{}\neffects: {}\n", scene.title, effects(&scene)))?;
+        }
+        let model = Model::new(&scene)?;
+        let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
+        let mut recorder = Recorder {
+            history: History::create(&folder, &probes)?,
+            progress: Progress::new(0, 0.0..scene.time.end, !talks),
+            step: scene.time.step,
+            start: None,
+            energy_ratio: 1.0,
+        };
+        let (outcome, ended) = simulation::run(&scene, &model, &mut recorder)?;
+        recorder.progress.finish();
+        recorder.history.finish()?;
+        let summary = Summary {
+            program: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            status: ended.as_ref().err().map_or("done".into(), ToString::to_string),
+            scene_hash: scene.hash(),
+            effects: scene.effects(),
+            outcome: &outcome,
+            scene: &scene,
+        };
+        summary::write_json(&folder.join("summary.json"), &summary)?;
+        draw(&folder, &scene.title, &obstacles(&scene))?;
+        self.scene.print(&report(&scene, &outcome, &folder), &summary)?;
+        ended
+    }
+
+    fn folder(&self) -> PathBuf {
+        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
+        self.out.clone().unwrap_or_else(|| Path::new("runs").join(stem()))
+    }
+}
+
+fn effects(scene: &Scene) -> String {
+    let effects = scene.effects();
+    if effects.is_empty() { "none".into() } else { effects.join(", ") }
+}
+
+fn obstacles(scene: &Scene) -> Vec<Obstacle> {
+    let below = scene.obstacle(Side::Below).map(Obstacle::Below);
+    let above = scene.obstacle(Side::Above).map(Obstacle::Above);
+    below.into_iter().chain(above).collect()
+}
+
+/// Draws `plots/history.svg` from `history.csv`.
+fn draw(folder: &Path, title: &str, obstacles: &[Obstacle]) -> Result<()> {
+    let table = history::read(folder)?;
+    plot::history(&folder.join("plots/history.svg"), &table, title, obstacles)
+}
+
+/// What a run prints when it ends.
+fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
+    let Outcome { energy, seconds, .. } = outcome;
+    let mut report = Report::new("");
+    report.count("dofs", outcome.dofs as u64, "").count("steps", outcome.steps, "").count(
+        "  in contact",
+        outcome.contact_steps,
+        "",
+    );
+    if outcome.steps > 0 {
+        report.number("time a step", 1e6 * seconds.stepping / outcome.steps as f64, "us");
+    }
+    if let Some(impact) = outcome.first_impact {
+        report
+            .number("first impact", impact.time, "s")
+            .text("  at", format!("({}, {}) m", significant(impact.at[0]), significant(impact.at[1])))
+            .number("  velocity", impact.velocity, "m/s")
+            .count("most nodes in contact", outcome.most_contact_nodes as u64, "");
+        for (number, [begin, end]) in outcome.contacts.iter().enumerate().take(MOST_CONTACTS) {
+            report.text(format!("contact {}", number + 1), format!("{begin:.6} s to {end:.6} s"));
+        }
+        if outcome.contacts.len() > MOST_CONTACTS {
+            report.text("...", format!("{} contacts in all", outcome.contacts.len()));
+        }
+    } else if !scene.obstacles.is_empty() {
+        report.text("first impact", "none");
+    }
+    report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
+    if energy.start != 0.0 {
+        report.number("  over start", energy.end / energy.start, "");
+    }
+    report.text("worst KKT residual", format!("{:.1e}", outcome.worst_kkt));
+    if !scene.obstacles.is_empty() {
+        report.text("worst penetration", format!("{:.1e} m", outcome.worst_penetration));
+    }
+    report.text("written to", format!("{}", folder.display()));
+    report
+}
+
+/// Contacts that a report lists.
+const MOST_CONTACTS: usize = 6;
+
+impl Plot {
+    pub(super) fn execute(&self) -> Result<()> {
+        let path = self.folder.join("summary.json");
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let summary: serde_json::Value = serde_json::from_str(&text)
+            .map_err(|why| Error::Io { path, source: std::io::Error::new(std::io::ErrorKind::InvalidData, why) })?;
+        let scene = &summary["scene"];
+        let title = scene["title"].as_str().unwrap_or_default();
+        let obstacles: Vec<Obstacle> = scene["obstacle"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(|obstacle| {
+                let height = obstacle["height"].as_f64()?;
+                Some(if obstacle["side"] == "below" { Obstacle::Below(height) } else { Obstacle::Above(height) })
+            })
+            .collect();
+        draw(&self.folder, title, &obstacles)
+    }
+}
