@@ -100,11 +100,7 @@ impl Case {
 
     /// How far from the expected value a correct program may be; `None` where chaos rules.
     fn tolerance(&self, step: f64) -> Option<f64> {
-        if self.restitution == Some(0.0) {
-            Some(1e-4)
-        } else {
-            (step <= 1e-5).then_some(2e-3)
-        }
+        if self.restitution == Some(0.0) { Some(1e-4) } else { (step <= 1e-5).then_some(2e-3) }
     }
 }
 
@@ -144,7 +140,10 @@ fn main() -> rebond::Result<()> {
                 check(off <= tolerance, format!("energy {ratio:.6} is {off:.1e} off {expected}"));
             }
             check(outcome.worst_kkt <= 1e-10, format!("KKT residual {:.1e}", outcome.worst_kkt));
-            check(outcome.worst_penetration <= 1e-12, format!("penetration {:.1e} m", outcome.worst_penetration));
+            check(
+                outcome.worst_penetration <= 1e-12,
+                format!("penetration {:.1e} m", outcome.worst_penetration),
+            );
             let (_, _, instant) = FIRST_IMPACT
                 .into_iter()
                 .find(|(element, mass, _)| (*element, *mass) == (case.element, case.mass))

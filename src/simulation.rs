@@ -80,7 +80,13 @@ pub fn bounds(scene: &Scene, space: &Space) -> Bounds {
 ///
 /// # Errors
 /// [`Error::Singular`] where a static start is asked of a mechanism.
-fn start(scene: &Scene, mesh: &Mesh, space: &Space, system: &System<Native>, unit_load: &[f64]) -> Result<Start> {
+fn start(
+    scene: &Scene,
+    mesh: &Mesh,
+    space: &Space,
+    system: &System<Native>,
+    unit_load: &[f64],
+) -> Result<Start> {
     let dofs = space.dofs();
     let mut velocity = vec![0.0; dofs];
     for (dof, _) in space.deflections() {
@@ -333,8 +339,7 @@ impl Outcome {
         for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
             nodes += usize::from(r != 0.0);
             force += r;
-            self.worst_penetration =
-                self.worst_penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
+            self.worst_penetration = self.worst_penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
         }
         if nodes > 0 {
             self.contact_steps += 1;

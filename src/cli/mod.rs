@@ -57,7 +57,9 @@ struct SceneArgs {
 impl SceneArgs {
     fn load(&self) -> Result<Scene> {
         if let Some(option) = self.petsc.first() {
-            return Err(Error::Usage(format!("{option}: options after -- are for PETSc, which this build lacks")));
+            return Err(Error::Usage(format!(
+                "{option}: options after -- are for PETSc, which this build lacks"
+            )));
         }
         let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
         let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));

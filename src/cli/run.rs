@@ -170,8 +170,10 @@ impl Plot {
     pub(super) fn execute(&self) -> Result<()> {
         let path = self.folder.join("summary.json");
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
-        let summary: serde_json::Value = serde_json::from_str(&text)
-            .map_err(|why| Error::Io { path, source: std::io::Error::new(std::io::ErrorKind::InvalidData, why) })?;
+        let summary: serde_json::Value = serde_json::from_str(&text).map_err(|why| Error::Io {
+            path,
+            source: std::io::Error::new(std::io::ErrorKind::InvalidData, why),
+        })?;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
         let obstacles: Vec<Obstacle> = scene["obstacle"]
@@ -180,7 +182,11 @@ impl Plot {
             .flatten()
             .filter_map(|obstacle| {
                 let height = obstacle["height"].as_f64()?;
-                Some(if obstacle["side"] == "below" { Obstacle::Below(height) } else { Obstacle::Above(height) })
+                Some(if obstacle["side"] == "below" {
+                    Obstacle::Below(height)
+                } else {
+                    Obstacle::Above(height)
+                })
             })
             .collect();
         draw(&self.folder, title, &obstacles)

@@ -5,6 +5,7 @@
 //! the vectors that always reads zero.
 
 use super::{Average, Block};
+use pulp::Simd;
 use std::collections::BTreeMap;
 
 const LANES: usize = 8;
@@ -105,11 +106,61 @@ fn scatter(local: &[Lanes], batch: &Batch, y: &mut [f64]) {
     }
 }
 
+/// result = matrix local, or |matrix| |local|, lane by lane, with whole registers: the inner loop of every step.
 #[inline(always)]
-fn add_product(sum: &mut Lanes, a: &Lanes, b: &Lanes) {
-    for lane in 0..LANES {
-        sum[lane] += a[lane] * b[lane];
+fn matrix_product<S: Simd, const MAGNITUDE: bool>(
+    simd: S,
+    matrix: &[Lanes],
+    local: &[Lanes],
+    result: &mut [Lanes],
+) {
+    let matrix = S::as_simd_f64s(matrix.as_flattened()).0;
+    let local = S::as_simd_f64s(local.as_flattened()).0;
+    let result = S::as_mut_simd_f64s(result.as_flattened_mut()).0;
+    // Registers that make up the lanes; three rows at once hide the latency of the sums.
+    let parts = LANES / S::F64_LANES;
+    let width = local.len();
+    let mut row = 0;
+    while row < result.len() / parts {
+        let rows = if row + 3 <= result.len() / parts { 3 } else { 1 };
+        for part in 0..parts {
+            let mut sums = [simd.splat_f64s(0.0); 3];
+            let (a, b, c) = (row * width, (row + rows - 1).min(row + 1) * width, (row + rows - 1) * width);
+            for column in (part..width).step_by(parts) {
+                for (sum, start) in sums.iter_mut().zip([a, b, c]) {
+                    let entry = matrix[start + column];
+                    let value = local[column];
+                    let (entry, value) =
+                        if MAGNITUDE { (simd.abs_f64s(entry), simd.abs_f64s(value)) } else { (entry, value) };
+                    *sum = simd.mul_add_f64s(entry, value, *sum);
+                }
+            }
+            for (k, sum) in sums.into_iter().enumerate().take(rows) {
+                result[(row + k) * parts + part] = sum;
+            }
+        }
+        row += rows;
     }
+}
+
+/// Row times local, and the sum of the magnitudes of its terms, lane by lane.
+#[inline(always)]
+fn row_product<S: Simd>(simd: S, row: &[Lanes], local: &[Lanes]) -> (Lanes, Lanes) {
+    let row = S::as_simd_f64s(row.as_flattened()).0;
+    let local = S::as_simd_f64s(local.as_flattened()).0;
+    let (mut sums, mut magnitudes) = ([0.0; LANES], [0.0; LANES]);
+    let parts = LANES / S::F64_LANES;
+    for part in 0..parts {
+        let (mut sum, mut magnitude) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
+        for i in (part..row.len()).step_by(parts) {
+            let term = simd.mul_f64s(row[i], local[i]);
+            sum = simd.add_f64s(sum, term);
+            magnitude = simd.add_f64s(magnitude, simd.abs_f64s(term));
+        }
+        S::as_mut_simd_f64s(&mut sums).0[part] = sum;
+        S::as_mut_simd_f64s(&mut magnitudes).0[part] = magnitude;
+    }
+    (sums, magnitudes)
 }
 
 /// Local matrices of eight cells.
@@ -167,7 +218,13 @@ impl CellForm {
 
     /// y += A x for padded vectors; returns x^T A x.
     #[inline(always)]
-    pub(super) fn add_product(&self, x: &[f64], y: &mut [f64], scratch: &mut Scratch) -> f64 {
+    pub(super) fn add_product<S: Simd>(
+        &self,
+        simd: S,
+        x: &[f64],
+        y: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> f64 {
         let (local, result) = scratch.split(self.width);
         let mut form = [0.0; LANES];
         for batch in &self.batches {
@@ -176,14 +233,11 @@ impl CellForm {
             let panel = &self.panels[batch.panel];
             gather(x, batch, local);
             remove_rigid_motion(local, &panel.arms);
-            for (row, sum) in panel.matrix.chunks_exact(size).zip(result.iter_mut()) {
-                *sum = [0.0; LANES];
-                for (a, value) in row.iter().zip(local.iter()) {
-                    add_product(sum, a, value);
-                }
-            }
+            matrix_product::<S, false>(simd, &panel.matrix, local, result);
             for (value, sum) in local.iter().zip(result.iter()) {
-                add_product(&mut form, value, sum);
+                for lane in 0..LANES {
+                    form[lane] += value[lane] * sum[lane];
+                }
             }
             return_rigid_forces(result, &panel.arms);
             scatter(result, batch, y);
@@ -191,23 +245,31 @@ impl CellForm {
         form.iter().sum()
     }
 
-    /// y += scale |A| |x| for padded vectors.
+    /// y += scale A x and m += scale |A| |x| for padded vectors.
     #[inline(always)]
-    pub(super) fn add_magnitude(&self, scale: f64, x: &[f64], y: &mut [f64], scratch: &mut Scratch) {
+    pub(super) fn add_with_magnitude<S: Simd>(
+        &self,
+        simd: S,
+        scale: f64,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+        scratch: &mut Scratch,
+    ) {
         let (local, result) = scratch.split(self.width);
         for batch in &self.batches {
             let size = batch.dofs.len();
             let (local, result) = (&mut local[..size], &mut result[..size]);
+            let panel = &self.panels[batch.panel];
             gather(x, batch, local);
-            for value in local.iter_mut() {
-                *value = value.map(|v| scale * v.abs());
+            for value in local.as_flattened_mut() {
+                *value *= scale;
             }
-            for (row, sum) in self.panels[batch.panel].matrix.chunks_exact(size).zip(result.iter_mut()) {
-                *sum = [0.0; LANES];
-                for (a, value) in row.iter().zip(local.iter()) {
-                    add_product(sum, &a.map(f64::abs), value);
-                }
-            }
+            matrix_product::<S, true>(simd, &panel.matrix, local, result);
+            scatter(result, batch, m);
+            remove_rigid_motion(local, &panel.arms);
+            matrix_product::<S, false>(simd, &panel.matrix, local, result);
+            return_rigid_forces(result, &panel.arms);
             scatter(result, batch, y);
         }
     }
@@ -256,6 +318,8 @@ pub struct Averages {
     panels: Vec<Vec<Lanes>>,
     masses: Vec<f64>,
     rows: Vec<Average>,
+    /// Largest number of dofs in a cell.
+    width: usize,
 }
 
 impl Averages {
@@ -274,7 +338,8 @@ impl Averages {
         );
         // One slot more for the unused lanes; infinite, so that they move at no velocity.
         let masses = rows.iter().map(|row| row.mass).chain([f64::INFINITY]).collect();
-        Averages { batches, panels, masses, rows }
+        let width = rows.iter().map(|row| row.dofs.len()).max().unwrap_or(0);
+        Averages { batches, panels, masses, rows, width }
     }
 
     /// The rows of B and entries of C, for assembly.
@@ -329,24 +394,41 @@ impl Averages {
         form
     }
 
-    /// y += scale |M| |x| for padded vectors.
+    /// y += scale M x and m += scale |M| |x| for padded vectors.
     #[inline(always)]
-    pub(super) fn add_magnitude(&self, scale: f64, x: &[f64], y: &mut [f64]) {
+    pub(super) fn add_with_magnitude<S: Simd>(
+        &self,
+        simd: S,
+        scale: f64,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+        scratch: &mut Scratch,
+    ) {
+        let (local, result) = scratch.split(self.width);
         for batch in &self.batches {
-            let mut v = [0.0; LANES];
-            for (b, dofs) in self.panels[batch.panel].iter().zip(&batch.dofs) {
-                for lane in 0..LANES {
-                    v[lane] += (b[lane] * x[dofs[lane] as usize]).abs();
-                }
-            }
+            let size = batch.dofs.len();
+            let (local, result) = (&mut local[..size], &mut result[..size]);
+            let row = &self.panels[batch.panel];
+            gather(x, batch, local);
+            let (mut v, mut magnitude) = row_product(simd, row, local);
             for lane in 0..LANES {
-                v[lane] *= scale / self.masses[batch.cells[lane] as usize];
+                let factor = scale / self.masses[batch.cells[lane] as usize];
+                v[lane] *= factor;
+                magnitude[lane] *= factor;
             }
-            for (b, dofs) in self.panels[batch.panel].iter().zip(&batch.dofs) {
+            for (value, b) in result.iter_mut().zip(row) {
                 for lane in 0..LANES {
-                    y[dofs[lane] as usize] += b[lane].abs() * v[lane];
+                    value[lane] = b[lane] * v[lane];
                 }
             }
+            scatter(result, batch, y);
+            for (value, b) in result.iter_mut().zip(row) {
+                for lane in 0..LANES {
+                    value[lane] = b[lane].abs() * magnitude[lane];
+                }
+            }
+            scatter(result, batch, m);
         }
     }
 

@@ -6,6 +6,7 @@
 //! faster than the general ones.
 
 use super::Factor;
+use super::simd::{dot4, subtract4};
 use crate::error::{Error, Result};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
@@ -17,7 +18,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::linalg::{SupernodalThreshold, amd};
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Par, Side};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// A sparse Cholesky factor \(P A P^T = L L^T\).
 #[derive(Debug)]
@@ -35,8 +36,10 @@ pub struct Cholesky {
     tail: Mat<f64>,
     schur: Mat<f64>,
     arch: Arch,
+    /// Reciprocals of the diagonal of L.
+    pivots: Vec<f64>,
     x: Vec<f64>,
-    below: Vec<f64>,
+    work: Vec<f64>,
 }
 
 /// Columns `start..end` of L: a dense triangle and the rows of `pattern` below it, column by column from `values` on.
@@ -47,6 +50,15 @@ struct Supernode {
     values: usize,
     pattern: usize,
     rows: usize,
+}
+
+impl Supernode {
+    /// Width and height of the panel, and the columns of it before `limit`.
+    #[inline(always)]
+    fn shape(&self, limit: usize) -> (usize, usize, usize) {
+        let width = self.end - self.start;
+        (width, width + self.rows, width.min(limit - self.start))
+    }
 }
 
 impl Cholesky {
@@ -79,7 +91,7 @@ impl Cholesky {
             });
             patterns.extend(rows.iter().map(|&row| row as u32));
         }
-        let below = supernodes.iter().map(|s| s.rows).max().unwrap_or(0);
+        let tallest = supernodes.iter().map(|s| s.end - s.start + s.rows).max().unwrap_or(0);
         let mut cholesky = Cholesky {
             values: vec![0.0; symbolic.len_val()],
             supernodes,
@@ -90,7 +102,8 @@ impl Cholesky {
             schur: Mat::zeros(0, 0),
             arch: Arch::new(),
             x: vec![0.0; dofs],
-            below: vec![0.0; below],
+            pivots: vec![0.0; dofs],
+            work: vec![0.0; tallest],
             matrix,
             symbolic,
         };
@@ -110,8 +123,7 @@ impl Cholesky {
             self.matrix.symbolic(),
             values.unwrap_or_else(|| self.matrix.val()),
         );
-        let scratch =
-            self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
+        let scratch = self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
         let mut memory = MemBuffer::try_new(scratch)
             .map_err(|_| Error::Singular(format!("not enough memory to factor a matrix of {dofs} dofs")))?;
         self.symbolic
@@ -125,6 +137,12 @@ impl Cholesky {
                 faer::Spec::default(),
             )
             .map_err(|_| Error::Singular(format!("the matrix of {dofs} dofs is not positive definite")))?;
+        for s in &self.supernodes {
+            let height = s.end - s.start + s.rows;
+            for (j, pivot) in self.pivots[s.start..s.end].iter_mut().enumerate() {
+                *pivot = 1.0 / self.values[s.values + j * (height + 1)];
+            }
+        }
         if values.is_none() {
             self.tail = self.trailing_block();
             self.schur = &self.tail * self.tail.transpose();
@@ -140,7 +158,8 @@ impl Cholesky {
             let width = s.end - s.start;
             let pattern = &self.patterns[s.pattern..][..s.rows];
             for column in s.start.max(self.interior)..s.end {
-                let entries = &self.values[s.values + (column - s.start) * (width + s.rows)..][..width + s.rows];
+                let entries =
+                    &self.values[s.values + (column - s.start) * (width + s.rows)..][..width + s.rows];
                 let rows = (s.start..s.end).chain(pattern.iter().map(|&row| row as usize));
                 for (row, &entry) in rows.zip(entries).filter(|(row, _)| *row >= column) {
                     tail[(row - self.interior, column - self.interior)] = entry;
@@ -163,27 +182,27 @@ impl Cholesky {
     }
 
     fn forward(&mut self, limit: usize) {
-        let Cholesky { supernodes, patterns, values, x, below, arch, .. } = self;
-        arch.dispatch(
-            #[inline(always)]
-            || {
-                for s in supernodes.iter().take_while(|s| s.start < limit) {
-                    eliminate(s, limit, values, patterns, x, below);
-                }
-            },
-        );
+        self.arch.dispatch(Sweep::<true> {
+            supernodes: &self.supernodes,
+            patterns: &self.patterns,
+            values: &self.values,
+            pivots: &self.pivots,
+            limit,
+            x: &mut self.x,
+            work: &mut self.work,
+        });
     }
 
     fn backward(&mut self, limit: usize) {
-        let Cholesky { supernodes, patterns, values, x, below, arch, .. } = self;
-        arch.dispatch(
-            #[inline(always)]
-            || {
-                for s in supernodes.iter().rev().skip_while(|s| s.start >= limit) {
-                    substitute(s, limit, values, patterns, x, below);
-                }
-            },
-        );
+        self.arch.dispatch(Sweep::<false> {
+            supernodes: &self.supernodes,
+            patterns: &self.patterns,
+            values: &self.values,
+            pivots: &self.pivots,
+            limit,
+            x: &mut self.x,
+            work: &mut self.work,
+        });
     }
 }
 
@@ -249,86 +268,124 @@ impl Factor for Cholesky {
     }
 }
 
-/// Forward elimination with the columns of one supernode before `limit`.
-#[inline(always)]
-fn eliminate(s: &Supernode, limit: usize, values: &[f64], patterns: &[u32], x: &mut [f64], below: &mut [f64]) {
-    let width = s.end - s.start;
-    let height = width + s.rows;
-    let columns = width.min(limit - s.start);
-    let values = &values[s.values..][..width * height];
-    let top = &mut x[s.start..s.end];
-    for (j, column) in values.chunks_exact(height).take(columns).enumerate() {
-        let value = top[j] / column[j];
-        top[j] = value;
-        for (x, a) in top[j + 1..].iter_mut().zip(&column[j + 1..width]) {
-            *x -= a * value;
-        }
-    }
-    let below = &mut below[..s.rows];
-    below.fill(0.0);
-    let mut j = 0;
-    while j + 4 <= columns {
-        let (a, x) = (four(values, j, height, width), &top[j..j + 4]);
-        for i in 0..below.len() {
-            below[i] += a[0][i] * x[0] + a[1][i] * x[1] + a[2][i] * x[2] + a[3][i] * x[3];
-        }
-        j += 4;
-    }
-    for j in j..columns {
-        for (sum, a) in below.iter_mut().zip(&values[j * height + width..][..s.rows]) {
-            *sum += a * top[j];
-        }
-    }
-    for (sum, &row) in below.iter().zip(&patterns[s.pattern..][..s.rows]) {
-        x[row as usize] -= sum;
-    }
+/// A triangular solve with the columns before `limit`: forward with L, or backward with its transpose.
+struct Sweep<'a, const FORWARD: bool> {
+    supernodes: &'a [Supernode],
+    patterns: &'a [u32],
+    values: &'a [f64],
+    pivots: &'a [f64],
+    limit: usize,
+    x: &'a mut [f64],
+    work: &'a mut [f64],
 }
 
-/// Back substitution for the columns of one supernode before `limit`.
-#[inline(always)]
-fn substitute(s: &Supernode, limit: usize, values: &[f64], patterns: &[u32], x: &mut [f64], below: &mut [f64]) {
-    let width = s.end - s.start;
-    let height = width + s.rows;
-    let columns = width.min(limit - s.start);
-    let values = &values[s.values..][..width * height];
-    let below = &mut below[..s.rows];
-    for (value, &row) in below.iter_mut().zip(&patterns[s.pattern..][..s.rows]) {
-        *value = x[row as usize];
-    }
-    let top = &mut x[s.start..s.end];
-    let mut j = 0;
-    while j + 4 <= columns {
-        let a = four(values, j, height, width);
-        let mut sums = [[0.0; 4]; 4];
-        let whole = below.len() / 4 * 4;
-        for i in (0..whole).step_by(4) {
-            for (sums, a) in sums.iter_mut().zip(&a) {
-                for lane in 0..4 {
-                    sums[lane] += a[i + lane] * below[i + lane];
+impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let (supernodes, limit) = (self.supernodes, self.limit);
+        if FORWARD {
+            for s in supernodes {
+                if s.start < limit {
+                    self.eliminate(simd, s);
+                }
+            }
+        } else {
+            for s in supernodes.iter().rev() {
+                if s.start < limit {
+                    self.substitute(simd, s);
                 }
             }
         }
-        for (k, (sums, a)) in sums.iter().zip(&a).enumerate() {
-            let rest: f64 = (whole..below.len()).map(|i| a[i] * below[i]).sum();
-            top[j + k] -= (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest;
-        }
-        j += 4;
-    }
-    for j in j..columns {
-        let a = &values[j * height + width..][..s.rows];
-        top[j] -= a.iter().zip(below.iter()).map(|(a, b)| a * b).sum::<f64>();
-    }
-    for (j, column) in values.chunks_exact(height).take(columns).enumerate().rev() {
-        let (head, tail) = top.split_at_mut(j + 1);
-        let known: f64 = column[j + 1..width].iter().zip(&*tail).map(|(a, x)| a * x).sum();
-        head[j] = (head[j] - known) / column[j];
     }
 }
 
-/// The parts below the triangle of four columns.
+impl<const FORWARD: bool> Sweep<'_, FORWARD> {
+    /// Forward elimination with the columns of one supernode: its part of x, and below it what x loses elsewhere, lie
+    /// together in `work`.
+    #[inline(always)]
+    fn eliminate<S: Simd>(&mut self, simd: S, s: &Supernode) {
+        let (width, height, columns) = s.shape(self.limit);
+        let values = &self.values[s.values..][..width * height];
+        let pivots = &self.pivots[s.start..][..columns];
+        let work = &mut self.work[..height];
+        work[..width].copy_from_slice(&self.x[s.start..s.end]);
+        work[width..].fill(0.0);
+        let mut j = 0;
+        while j + 4 <= columns {
+            let a = four(values, j, height);
+            let (head, rest) = work[j..].split_at_mut(4);
+            head[0] *= pivots[j];
+            head[1] = (head[1] - a[0][1] * head[0]) * pivots[j + 1];
+            head[2] = (head[2] - a[0][2] * head[0] - a[1][2] * head[1]) * pivots[j + 2];
+            head[3] = (head[3] - a[0][3] * head[0] - a[1][3] * head[1] - a[2][3] * head[2]) * pivots[j + 3];
+            subtract4(simd, below(a), head, rest);
+            j += 4;
+        }
+        for j in j..columns {
+            let (head, rest) = work[j..].split_at_mut(1);
+            head[0] *= pivots[j];
+            for (y, a) in rest.iter_mut().zip(&values[j * height + j + 1..]) {
+                *y -= a * head[0];
+            }
+        }
+        self.x[s.start..s.end].copy_from_slice(&work[..width]);
+        for (loss, &row) in work[width..].iter().zip(&self.patterns[s.pattern..]) {
+            self.x[row as usize] += loss;
+        }
+    }
+
+    /// Back substitution for the columns of one supernode.
+    #[inline(always)]
+    fn substitute<S: Simd>(&mut self, simd: S, s: &Supernode) {
+        let (width, height, columns) = s.shape(self.limit);
+        let values = &self.values[s.values..][..width * height];
+        let pivots = &self.pivots[s.start..][..columns];
+        let work = &mut self.work[..height];
+        work[..width].copy_from_slice(&self.x[s.start..s.end]);
+        for (value, &row) in work[width..].iter_mut().zip(&self.patterns[s.pattern..]) {
+            *value = self.x[row as usize];
+        }
+        let whole = columns / 4 * 4;
+        for j in (whole..columns).rev() {
+            let (head, rest) = work[j..].split_at_mut(1);
+            let mut known = 0.0;
+            for (y, a) in rest.iter().zip(&values[j * height + j + 1..]) {
+                known += a * y;
+            }
+            head[0] = (head[0] - known) * pivots[j];
+        }
+        for j in (0..whole).step_by(4).rev() {
+            let a = four(values, j, height);
+            let (head, rest) = work[j..].split_at_mut(4);
+            let known = dot4(simd, below(a), rest);
+            head[3] = (head[3] - known[3]) * pivots[j + 3];
+            head[2] = (head[2] - known[2] - a[2][3] * head[3]) * pivots[j + 2];
+            head[1] = (head[1] - known[1] - a[1][2] * head[2] - a[1][3] * head[3]) * pivots[j + 1];
+            head[0] =
+                (head[0] - known[0] - a[0][1] * head[1] - a[0][2] * head[2] - a[0][3] * head[3]) * pivots[j];
+        }
+        self.x[s.start..s.end].copy_from_slice(&work[..width]);
+    }
+}
+
+/// Columns j to j + 3, from row j on.
 #[inline(always)]
-fn four(values: &[f64], j: usize, height: usize, width: usize) -> [&[f64]; 4] {
-    std::array::from_fn(|k| &values[(j + k) * height + width..(j + k + 1) * height])
+fn four(values: &[f64], j: usize, height: usize) -> [&[f64]; 4] {
+    let (from, to) = (j * height + j, (j + 1) * height);
+    [
+        &values[from..to],
+        &values[from + height..to + height],
+        &values[from + 2 * height..to + 2 * height],
+        &values[from + 3 * height..to + 3 * height],
+    ]
+}
+
+/// The columns of [`four`] below their triangle.
+#[inline(always)]
+fn below(a: [&[f64]; 4]) -> [&[f64]; 4] {
+    [&a[0][4..], &a[1][4..], &a[2][4..], &a[3][4..]]
 }
 
 fn analysis_failed(dofs: usize, why: impl std::fmt::Debug) -> Error {

@@ -12,6 +12,7 @@
 mod cells;
 mod cholesky;
 mod native;
+mod simd;
 
 pub use cells::{Averages, CellForm};
 pub use cholesky::Cholesky;
@@ -72,8 +73,8 @@ pub trait Engine {
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> f64;
 
-    /// Adds the componentwise magnitude of a product, cell by cell: y += scale |A| |x|.
-    fn add_magnitude(&self, form: &Self::Form, scale: f64, x: &[f64], y: &mut [f64]);
+    /// Adds a product and its componentwise magnitude, cell by cell: y += scale A x, m += scale |A| |x| (scale > 0).
+    fn add_with_magnitude(&self, form: &Self::Form, scale: f64, x: &[f64], y: &mut [f64], m: &mut [f64]);
 
     /// Number of velocity dofs that go with a mass: its cells for the singular one, else [`Engine::dofs`].
     fn velocities(&self, mass: &Self::Form) -> usize;

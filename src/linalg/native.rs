@@ -4,7 +4,7 @@ use super::cells::Scratch;
 use super::{Average, Averages, Block, CellForm, Cholesky, Engine, Sum};
 use crate::error::Result;
 use faer::sparse::Triplet;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use std::cell::RefCell;
 
 /// A symmetric form of the native engine.
@@ -29,6 +29,7 @@ pub struct Native {
 struct Workspace {
     x: Vec<f64>,
     y: Vec<f64>,
+    m: Vec<f64>,
     scratch: Scratch,
 }
 
@@ -36,7 +37,7 @@ impl Native {
     /// An engine for vectors of `dofs` free dofs.
     pub fn new(dofs: usize) -> Native {
         let padded = || vec![0.0; dofs + 1];
-        let workspace = Workspace { x: padded(), y: padded(), scratch: Scratch::default() };
+        let workspace = Workspace { x: padded(), y: padded(), m: padded(), scratch: Scratch::default() };
         Native { dofs, arch: Arch::new(), workspace: RefCell::new(workspace) }
     }
 
@@ -48,6 +49,47 @@ impl Native {
     /// The singular mass from the cells' rows of B and entries of C.
     pub fn averages(&self, rows: Vec<Average>) -> Form {
         Form::Averages(Averages::new(self.dofs, rows))
+    }
+}
+
+struct Product<'a> {
+    form: &'a Form,
+    x: &'a [f64],
+    y: &'a mut [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for Product<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        match self.form {
+            Form::Cells(cells) => cells.add_product(simd, self.x, self.y, self.scratch),
+            Form::Averages(averages) => averages.add_product(self.x, self.y),
+        }
+    }
+}
+
+struct WithMagnitude<'a> {
+    form: &'a Form,
+    scale: f64,
+    x: &'a [f64],
+    y: &'a mut [f64],
+    m: &'a mut [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for WithMagnitude<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let WithMagnitude { form, scale, x, y, m, scratch } = self;
+        match form {
+            Form::Cells(cells) => cells.add_with_magnitude(simd, scale, x, y, m, scratch),
+            Form::Averages(averages) => averages.add_with_magnitude(simd, scale, x, y, m, scratch),
+        }
     }
 }
 
@@ -68,32 +110,22 @@ impl Engine for Native {
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> f64 {
-        let Workspace { x: padded, y: product, scratch } = &mut *self.workspace.borrow_mut();
+        let Workspace { x: padded, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
         padded[..self.dofs].copy_from_slice(x);
         product.fill(0.0);
-        let value = self.arch.dispatch(
-            #[inline(always)]
-            || match form {
-                Form::Cells(cells) => cells.add_product(padded, product, scratch),
-                Form::Averages(averages) => averages.add_product(padded, product),
-            },
-        );
+        let value = self.arch.dispatch(Product { form, x: padded, y: product, scratch });
         y.copy_from_slice(&product[..self.dofs]);
         value
     }
 
-    fn add_magnitude(&self, form: &Form, scale: f64, x: &[f64], y: &mut [f64]) {
-        let Workspace { x: padded, y: product, scratch } = &mut *self.workspace.borrow_mut();
+    fn add_with_magnitude(&self, form: &Form, scale: f64, x: &[f64], y: &mut [f64], m: &mut [f64]) {
+        let Workspace { x: padded, y: product, m: magnitude, scratch } = &mut *self.workspace.borrow_mut();
         padded[..self.dofs].copy_from_slice(x);
         product[..self.dofs].copy_from_slice(y);
-        self.arch.dispatch(
-            #[inline(always)]
-            || match form {
-                Form::Cells(cells) => cells.add_magnitude(scale, padded, product, scratch),
-                Form::Averages(averages) => averages.add_magnitude(scale, padded, product),
-            },
-        );
+        magnitude[..self.dofs].copy_from_slice(m);
+        self.arch.dispatch(WithMagnitude { form, scale, x: padded, y: product, m: magnitude, scratch });
         y.copy_from_slice(&product[..self.dofs]);
+        m.copy_from_slice(&magnitude[..self.dofs]);
     }
 
     fn velocities(&self, mass: &Form) -> usize {

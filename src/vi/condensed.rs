@@ -6,8 +6,8 @@
 //! [`DENSE_LIMIT`] candidates on, the active dofs are pinned in the sparse matrix instead, on the same symbolic analysis.
 //! Both are exact active-set methods.
 
-use super::active_set::{self, Exchange, Side};
 use super::Solver;
+use super::active_set::{self, Exchange, Side};
 use crate::error::Result;
 use crate::linalg::{Engine, Factor, Sum};
 use crate::obstacle::Bounds;
@@ -79,13 +79,7 @@ impl<E: Engine> Condensed<E> {
         Ok(())
     }
 
-    fn solve_dense(
-        &mut self,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
-    ) -> u32 {
+    fn solve_dense(&mut self, b: &[f64], bounds: &Bounds, x: &mut [f64], reaction: &mut [f64]) -> u32 {
         let Method::Dense { candidates } = &self.method else { return 0 };
         reaction.fill(0.0);
         if candidates.is_empty() {
@@ -164,14 +158,15 @@ impl<E: Engine> Condensed<E> {
                 }
             }
             self.factor.solve(x);
-            apply(engine, sum, x, &mut product, &mut residual);
-            magnitude.iter_mut().zip(b).for_each(|(m, b)| *m = b.abs());
+            for ((r, m), b) in residual.iter_mut().zip(&mut magnitude).zip(b) {
+                (*r, *m) = (-b, b.abs());
+            }
             for (scale, form) in sum {
-                engine.add_magnitude(form, *scale, x, &mut magnitude);
+                engine.add_with_magnitude(form, *scale, x, &mut residual, &mut magnitude);
             }
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
-                reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] - b[dof] };
+                reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] };
                 scales[i] = magnitude[dof];
             }
             if !exchange.next(&mut self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper) {

@@ -47,7 +47,6 @@ fn ratio(a: f64, b: f64) -> f64 {
 /// Work vectors of the judge.
 #[derive(Debug)]
 pub struct Judge {
-    product: Vec<f64>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
@@ -55,7 +54,7 @@ pub struct Judge {
 impl Judge {
     /// A judge of vectors of `dofs` entries.
     pub fn new(dofs: usize) -> Judge {
-        Judge { product: vec![0.0; dofs], residual: vec![0.0; dofs], magnitude: vec![0.0; dofs] }
+        Judge { residual: vec![0.0; dofs], magnitude: vec![0.0; dofs] }
     }
 
     /// The worst part of the residual of (x, reaction); see the [module page](self).
@@ -83,17 +82,13 @@ impl Judge {
         x: &[f64],
         reaction: &[f64],
     ) -> Residual {
-        let Judge { product, residual, magnitude } = self;
+        let Judge { residual, magnitude } = self;
         for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
             *r = -b;
             *m = b.abs();
         }
         for (scale, form) in sum {
-            engine.multiply(form, x, product);
-            for (r, p) in residual.iter_mut().zip(product.iter()) {
-                *r += scale * p;
-            }
-            engine.add_magnitude(form, *scale, x, magnitude);
+            engine.add_with_magnitude(form, *scale, x, residual, magnitude);
         }
         for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
             residual[dof] -= r;
