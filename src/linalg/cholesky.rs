@@ -335,7 +335,7 @@ fn analysis_failed(dofs: usize, why: impl std::fmt::Debug) -> Error {
     Error::Singular(format!("the matrix of {dofs} dofs cannot be analysed: {why:?}"))
 }
 
-/// Minimum degree, then the candidates last, then the rest in postorder of the elimination tree.
+/// Minimum degree, then the candidates last (ascending), then the rest in postorder of the elimination tree.
 fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Vec<usize>> {
     let dofs = matrix.nrows();
     let (mut order, mut place) = (vec![0; dofs], vec![0; dofs]);
@@ -353,7 +353,8 @@ fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) ->
     for &dof in candidates {
         last[dof] = true;
     }
-    order.sort_by_key(|&dof| last[dof]);
+    // Ascending among themselves: the order in which the caller numbers them.
+    order.sort_by_key(|&dof| if last[dof] { 1 + dof } else { 0 });
     let interior = dofs - candidates.len();
     let tree = elimination_tree(matrix, &order);
     let postorder = postorder(&tree[..interior]);
