@@ -104,7 +104,8 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
         // The reactions carry what the membrane pulls down with: they balance it as a whole.
         let mut product = vec![0.0; size];
         engine.multiply(&form, &u, &mut product);
-        let balance: f64 = product.iter().zip(&b).map(|(p, b)| p - b).sum::<f64>() - reaction.iter().sum::<f64>();
+        let balance: f64 =
+            product.iter().zip(&b).map(|(p, b)| p - b).sum::<f64>() - reaction.iter().sum::<f64>();
         assert!(balance.abs() <= 1e-11 * reaction.iter().sum::<f64>(), "{points}: {balance:e}");
         assert!(reaction.iter().all(|&r| r >= -1e-12));
     }
