@@ -392,7 +392,7 @@ fn analysis_failed(dofs: usize, why: impl std::fmt::Debug) -> Error {
     Error::Singular(format!("the matrix of {dofs} dofs cannot be analysed: {why:?}"))
 }
 
-/// Minimum degree, then the candidates last, then the rest in postorder of the elimination tree.
+/// Minimum degree, then the candidates last (ascending), then the rest in postorder of the elimination tree.
 fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Vec<usize>> {
     let dofs = matrix.nrows();
     let (mut order, mut place) = (vec![0; dofs], vec![0; dofs]);

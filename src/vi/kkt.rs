@@ -107,7 +107,8 @@ impl Judge {
             // A positive reaction pushes up, off the lower bound.
             let gap = if r >= 0.0 { below } else { above };
             let pull = if gap.is_infinite() { r.abs() } else { 0.0 };
-            parts.penetration = larger(parts.penetration, ratio((-below.min(above)).max(0.0), length));
+            let outside = larger(0.0, larger(-below, -above));
+            parts.penetration = larger(parts.penetration, ratio(outside, length));
             parts.adhesion = larger(parts.adhesion, ratio(pull, force));
             parts.complementarity =
                 larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));

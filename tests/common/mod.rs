@@ -1,0 +1,129 @@
+//! What several tests share: seeded random numbers, forms from dense matrices, and a dense Cholesky solver of its own.
+
+#![allow(dead_code)]
+
+use rebond::linalg::{Block, Form, Native};
+
+/// SplitMix64: small, seeded, the same on every machine.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Random {
+        Random(seed)
+    }
+
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in (-1, 1).
+    pub fn signed(&mut self) -> f64 {
+        2.0 * self.unit() - 1.0
+    }
+
+    /// Uniform in [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// A whole number in 0..n.
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.bits() % n as u64) as usize
+    }
+
+    /// A whole number in -n..=n, as a float.
+    pub fn integer(&mut self, n: usize) -> f64 {
+        self.below(2 * n + 1) as f64 - n as f64
+    }
+}
+
+/// A block of a form applied as it is; `None` in `dofs` holds a dof at zero.
+pub fn block(dofs: &[Option<usize>], matrix: &[f64], class: usize) -> Block {
+    assert_eq!(matrix.len(), dofs.len() * dofs.len());
+    Block { dofs: dofs.to_vec(), matrix: matrix.into(), arms: None, class }
+}
+
+/// A dense matrix, row by row, as a form of one block.
+pub fn dense_form(engine: &Native, size: usize, matrix: &[f64]) -> Form {
+    let dofs: Vec<Option<usize>> = (0..size).map(Some).collect();
+    engine.form(vec![block(&dofs, matrix, 0)])
+}
+
+/// Solves A x = b by a plain Cholesky factorisation; A row by row. `None` where A is not positive definite.
+pub fn solve_dense(matrix: &[f64], b: &[f64]) -> Option<Vec<f64>> {
+    let n = b.len();
+    let mut l = matrix.to_vec();
+    for j in 0..n {
+        for i in j..n {
+            let dot: f64 = (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum();
+            let rest = l[i * n + j] - dot;
+            if i == j && (rest <= 0.0 || rest.is_nan()) {
+                return None;
+            }
+            l[i * n + j] = if i == j { rest.sqrt() } else { rest / l[j * n + j] };
+        }
+    }
+    let mut x = b.to_vec();
+    for i in 0..n {
+        let dot: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
+        x[i] = (x[i] - dot) / l[i * n + i];
+    }
+    for i in (0..n).rev() {
+        let dot: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
+        x[i] = (x[i] - dot) / l[i * n + i];
+    }
+    Some(x)
+}
+
+/// A x for a dense A, row by row.
+pub fn multiply(matrix: &[f64], x: &[f64]) -> Vec<f64> {
+    matrix.chunks_exact(x.len()).map(|row| row.iter().zip(x).map(|(a, x)| a * x).sum()).collect()
+}
+
+/// Rows and columns `at` of a dense matrix of `size` rows.
+pub fn submatrix(matrix: &[f64], size: usize, rows: &[usize], columns: &[usize]) -> Vec<f64> {
+    rows.iter().flat_map(|&i| columns.iter().map(move |&j| matrix[i * size + j])).collect()
+}
+
+/// A random symmetric positive definite matrix, row by row, whose condition number is about `10^decades`:
+/// eigenvalues spread evenly over the decades, turned by random reflections.
+pub fn random_spd(random: &mut Random, size: usize, decades: f64) -> Vec<f64> {
+    let mut a = vec![0.0; size * size];
+    for i in 0..size {
+        let share = if size > 1 { i as f64 / (size - 1) as f64 } else { 0.5 };
+        a[i * size + i] = 10f64.powf(decades * (share - 0.5));
+    }
+    for _ in 0..3 {
+        let v: Vec<f64> = (0..size).map(|_| random.signed()).collect();
+        let norm: f64 = v.iter().map(|v| v * v).sum();
+        // A <- H A H with H = I - 2 v v^T / |v|^2.
+        let av = multiply(&a, &v);
+        let vav: f64 = v.iter().zip(&av).map(|(v, w)| v * w).sum();
+        for i in 0..size {
+            for j in 0..size {
+                a[i * size + j] +=
+                    -2.0 / norm * (v[i] * av[j] + av[i] * v[j]) + 4.0 * vav / (norm * norm) * v[i] * v[j];
+            }
+        }
+    }
+    for i in 0..size {
+        for j in 0..i {
+            a[i * size + j] = a[j * size + i];
+        }
+    }
+    a
+}
+
+/// Largest magnitude of an entry.
+pub fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m: f64, v| if v.is_nan() || v.abs() > m { v.abs() } else { m })
+}
+
+/// Largest difference between entries.
+pub fn difference(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    largest(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>())
+}
