@@ -74,7 +74,7 @@ impl History {
         line.push(',');
         number(line, row.contact_force);
         line.push(',');
-        integer(line, row.vi_iterations.into());
+        integer(line, row.vi_iterations);
         for &value in std::iter::once(&row.kkt).chain(row.probes) {
             line.push(',');
             number(line, value);
