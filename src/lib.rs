@@ -1,19 +1,75 @@
 //! Thin elastic plates that vibrate and hit rigid obstacles.
+//!
+//! A Kirchhoff-Love plate with deflection u moves by \( M \ddot U + K U = F + G^T r \) between rigid obstacles
+//! \( \alpha^- \le G U \le \alpha^+ \) that push back with the reactions r, and only where they touch. The crate
+//! discretises it with conforming C1 elements, steps through time with the schemes of Pozzolini, Renard and Salaün
+//! (CSMA 2013), and solves each step's bound-constrained problem exactly.
+//!
+//! A module imports only what stands above it:
+//!
+//! | module | is |
+//! |---|---|
+//! | [`error`] | the one error type and its exit codes |
+//! | [`mesh`] | nodes, cells, named edges |
+//! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
+//! | [`plate`] | thickness and material to element matrices |
+//! | [`space`] | three dofs a node, supports |
+//! | [`linalg`] | the `Engine` trait and its native implementation |
+//! | [`assembly`] | the only loop over cells |
+//! | [`obstacle`] | bounds on the deflections |
+//! | [`vi`] | the bound-constrained problem of a step, and its judge |
+//! | [`energy`] | the ledger and the guard |
+//! | [`scheme`] | Newmark with restitution, midpoint, static equilibrium |
+//! | [`scene`] | TOML to a validated scene |
+//! | [`simulation`] | model, main loop, observer |
+//! | [`output`] | csv, json, svg, progress |
+//! | [`study`] | frequencies, the inf-sup constant |
+//! | [`cli`] | the command |
+//!
+//! ```
+//! use rebond::{scene::Scene, simulation::Model};
+//!
+//! let scene = Scene::from_str(
+//!     r#"
+//!     plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+//!     mesh = { element = "fvs", cells = [4, 2] }
+//!     support = [{ edge = "left", kind = "clamped" }]
+//!     obstacle = [{ side = "below", height = -0.1 }]
+//!     initial = { static_pressure = 14600 }
+//!     time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.1 }
+//!     "#,
+//!     "fall.toml",
+//!     &[],
+//! )?;
+//! let model = Model::new(&scene)?;
+//! let mut scheme = model.scheme(&scene)?;
+//! let start = scheme.energies().total();
+//! for _ in 0..scene.time.steps() {
+//!     scheme.advance()?;
+//!     assert!(scheme.verdict().kkt < 1e-10);
+//! }
+//! assert!(scheme.energies().total() < 1.001 * start);
+//! # Ok::<(), rebond::Error>(())
+//! ```
 
-pub mod assembly;
-pub mod cli;
-pub mod element;
-pub mod energy;
 pub mod error;
-pub mod linalg;
 pub mod mesh;
-pub mod obstacle;
-pub mod output;
+pub mod element;
 pub mod plate;
-pub mod scene;
-pub mod scheme;
-pub mod simulation;
 pub mod space;
+pub mod linalg;
+pub mod assembly;
+pub mod obstacle;
 pub mod vi;
+pub mod energy;
+pub mod scheme;
+pub mod scene;
+pub mod simulation;
+pub mod output;
+pub mod cli;
 
 pub use error::{Error, Result};
+
+#[doc = include_str!("../README.md")]
+#[cfg(doctest)]
+struct Readme;

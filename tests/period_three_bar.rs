@@ -41,7 +41,9 @@ fn bar(cells: usize) -> System<Native> {
     let stiffness = engine.form((0..cells).map(|cell| block(&dofs(cell), &k, 0)).collect());
     let row: std::rc::Rc<[f64]> = [h / 6.0, 4.0 * h / 6.0, h / 6.0].into();
     let mass = engine.averages(
-        (0..cells).map(|cell| Average { dofs: dofs(cell), row: row.clone(), mass: h, class: 0 }).collect(),
+        (0..cells)
+            .map(|cell| Average { dofs: dofs(cell).into(), row: row.clone(), mass: h, class: 0 })
+            .collect(),
     );
     System { engine, stiffness, mass, load: None, bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY) }
 }

@@ -1,0 +1,186 @@
+//! The command as a user meets it: exit codes, messages, files.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCENE: &str = r#"
+title = "a short fall"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [4, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.1 }]
+initial = { static_pressure = 14600 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
+output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#;
+
+/// A folder of its own for a test, empty.
+fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("cli-{test}"));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("fall.toml"), SCENE).unwrap();
+    folder
+}
+
+fn rebond(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rebond")).current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Asserts an exit code and one line of message with some words.
+fn assert_fails(output: &Output, code: i32, words: &[&str]) {
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    for word in words {
+        assert!(message.contains(word), "no {word:?} in: {message}");
+    }
+}
+
+#[test]
+fn a_run_writes_history_summary_and_picture() {
+    let folder = folder("run");
+    let output = rebond(&folder, &["run", "fall.toml"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).is_empty(), "no progress line without a terminal");
+    let report = text(&output.stdout);
+    for words in ["a short fall", "contact below", "first impact", "runs/fall"] {
+        assert!(report.contains(words), "no {words:?} in:\n{report}");
+    }
+    let history = std::fs::read_to_string(folder.join("runs/fall/history.csv")).unwrap();
+    assert_eq!(history.lines().count(), 1 + 81);
+    assert!(history.lines().next().unwrap().ends_with(",kkt,corner"));
+    let summary: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("runs/fall/summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["status"], "done");
+    assert_eq!(summary["steps"], 800);
+    assert!(summary["first_impact"]["time"].as_f64().unwrap() > 0.05);
+    assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10);
+    let picture = std::fs::read_to_string(folder.join("runs/fall/plots/history.svg")).unwrap();
+    assert!(picture.contains("<svg") && picture.contains("a short fall"));
+}
+
+#[test]
+fn the_same_run_twice_writes_the_same_bytes() {
+    let folder = folder("twice");
+    for out in ["one", "two"] {
+        assert!(rebond(&folder, &["run", "fall.toml", "--quiet", "--out", out]).status.success());
+    }
+    let history = |out: &str| std::fs::read(folder.join(out).join("history.csv")).unwrap();
+    assert_eq!(history("one"), history("two"));
+}
+
+#[test]
+fn quiet_prints_nothing_and_json_prints_json() {
+    let folder = folder("quiet");
+    let output = rebond(&folder, &["run", "fall.toml", "--quiet"]);
+    assert!(output.status.success() && output.stdout.is_empty() && output.stderr.is_empty());
+    let output = rebond(&folder, &["run", "fall.toml", "--json", "--set", "time.end=0.01"]);
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["scene"]["time"]["end"], 0.01);
+    assert_eq!(summary["first_impact"], serde_json::Value::Null);
+}
+
+#[test]
+fn plot_draws_again_what_a_run_left() {
+    let folder = folder("plot");
+    assert!(rebond(&folder, &["run", "fall.toml", "--quiet"]).status.success());
+    let picture = folder.join("runs/fall/plots/history.svg");
+    let first = std::fs::read(&picture).unwrap();
+    std::fs::remove_file(&picture).unwrap();
+    assert!(rebond(&folder, &["plot", "runs/fall"]).status.success());
+    assert_eq!(std::fs::read(&picture).unwrap(), first);
+    assert_fails(&rebond(&folder, &["plot", "nowhere"]), 4, &["nowhere"]);
+}
+
+#[test]
+fn a_bad_scene_exits_2_and_writes_nothing() {
+    let folder = folder("bad");
+    let set = |key: &str| rebond(&folder, &["run", "fall.toml", "--set", key]);
+    assert_fails(&set("plate.thickness=-1"), 2, &["plate.thickness", "greater than 0"]);
+    assert_fails(&set("plate.thicknes=1"), 2, &["thicknes", "thickness"]);
+    assert_fails(&set("support=[]"), 2, &["static_pressure", "nothing holds it"]);
+    assert_fails(&set("solver.engine=petsc"), 2, &["petsc", "native"]);
+    assert_fails(&set("solver.vi=tao"), 2, &["tao", "condensed"]);
+    assert_fails(
+        &rebond(&folder, &["run", "fall.toml", "--", "-ksp_type", "cg"]),
+        2,
+        &["-ksp_type", "PETSc"],
+    );
+    assert!(!folder.join("runs").exists());
+}
+
+#[test]
+fn a_wrong_command_line_exits_2() {
+    let folder = folder("usage");
+    assert_eq!(rebond(&folder, &["fly"]).status.code(), Some(2));
+    assert_eq!(rebond(&folder, &["run"]).status.code(), Some(2));
+    assert!(rebond(&folder, &["--help"]).status.success());
+    assert!(rebond(&folder, &["--version"]).status.success());
+}
+
+#[test]
+fn an_impossible_tolerance_exits_3_and_keeps_what_was_written() {
+    let folder = folder("tolerance");
+    let output = rebond(&folder, &["run", "fall.toml", "--quiet", "--set", "solver.tolerance=1e-18"]);
+    assert_fails(&output, 3, &["KKT", "1.0e-18"]);
+    let output = rebond(
+        &folder,
+        &[
+            "run",
+            "fall.toml",
+            "--quiet",
+            "--set",
+            "solver.tolerance=1e-18",
+            "--set",
+            "initial.static_pressure=0",
+            "--set",
+            "initial.velocity=-3",
+        ],
+    );
+    assert_fails(&output, 3, &["KKT"]);
+    assert!(folder.join("runs/fall/summary.json").exists());
+}
+
+#[test]
+fn what_cannot_be_read_or_written_exits_4() {
+    let folder = folder("files");
+    assert_fails(&rebond(&folder, &["run", "no.toml"]), 4, &["no.toml"]);
+    let output = rebond(&folder, &["run", "fall.toml", "--quiet", "--out", "fall.toml/run"]);
+    assert_fails(&output, 4, &["fall.toml"]);
+}
+
+#[test]
+fn the_guard_exits_5_and_keeps_what_was_written() {
+    let folder = folder("guard");
+    let output = rebond(
+        &folder,
+        &[
+            "run",
+            "fall.toml",
+            "--quiet",
+            "--set",
+            "solver.energy_guard=1.0001",
+            "--set",
+            "time.restitution=1",
+            "--set",
+            "time.step=1e-3",
+        ],
+    );
+    assert_fails(&output, 5, &["energy", "1.0001"]);
+    let summary = std::fs::read_to_string(folder.join("runs/fall/summary.json")).unwrap();
+    assert!(summary.contains("past the guard"), "{summary}");
+    assert!(std::fs::read_to_string(folder.join("runs/fall/history.csv")).unwrap().lines().count() > 2);
+}
+
+#[test]
+fn a_closed_pipe_is_no_panic() {
+    let folder = folder("pipe");
+    let shell = format!("{} check fall.toml | true", env!("CARGO_BIN_EXE_rebond"));
+    let output = Command::new("sh").current_dir(&folder).args(["-c", &shell]).output().unwrap();
+    assert!(!text(&output.stderr).contains("panicked"), "{}", text(&output.stderr));
+}
