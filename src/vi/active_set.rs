@@ -20,6 +20,17 @@ pub enum Side {
     Upper,
 }
 
+impl Side {
+    /// This side if there is a bound on it, else free: a bound may have gone since the last step.
+    pub(super) fn within(self, lower: f64, upper: f64) -> Side {
+        match self {
+            Side::Lower if lower.is_finite() => Side::Lower,
+            Side::Upper if upper.is_finite() => Side::Upper,
+            _ => Side::Free,
+        }
+    }
+}
+
 /// Whole exchanges tried without progress before single ones.
 const PATIENCE: u32 = 8;
 

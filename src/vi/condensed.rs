@@ -3,8 +3,8 @@
 //! A step is a forward elimination down to the candidates, their dense box-constrained problem, and a back substitution:
 //! the cost of one solve. Nodes that come into reach become candidates, in growing lots, and the matrix is factored again with
 //! them last. Where contact is wide (a plate thrown flat) the dense problem would cost more than a sparse factor: from
-//! [`DENSE_LIMIT`] candidates on, the active dofs are pinned in the sparse matrix instead, on the same symbolic analysis.
-//! Both are exact active-set methods.
+//! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are pinned in the sparse matrix
+//! instead, on the same symbolic analysis. Both are exact active-set methods.
 
 use super::Solver;
 use super::active_set::{self, Exchange, Side};
@@ -89,7 +89,8 @@ impl<E: Engine> Condensed<E> {
         }
         let pick = |values: &[f64]| -> Vec<f64> { candidates.iter().map(|&i| values[i]).collect() };
         let (lower, upper) = (pick(&bounds.lower), pick(&bounds.upper));
-        let mut sides: Vec<Side> = candidates.iter().map(|&i| self.sides[i]).collect();
+        let within = |&i: &usize| self.sides[i].within(bounds.lower[i], bounds.upper[i]);
+        let mut sides: Vec<Side> = candidates.iter().map(within).collect();
         let mut h = vec![0.0; candidates.len()];
         let mut values = vec![0.0; candidates.len()];
         self.factor.condense(b, &mut h);
@@ -125,6 +126,9 @@ impl<E: Engine> Condensed<E> {
         reaction: &mut [f64],
     ) -> Result<u32> {
         let Method::Pinned { pinned } = &mut self.method else { return Ok(0) };
+        for (i, side) in self.sides.iter_mut().enumerate() {
+            *side = side.within(bounds.lower[i], bounds.upper[i]);
+        }
         let mut exchange = Exchange::new(bounds.len());
         let mut product = vec![0.0; b.len()];
         let mut residual = vec![0.0; b.len()];
@@ -208,7 +212,12 @@ impl<E: Engine> Solver<E> for Condensed<E> {
             }
             self.grow(engine, sum, bounds, x)?;
         }
-        Ok(iterations + self.solve_pinned(engine, sum, b, bounds, x, reaction)?)
+        iterations += self.solve_pinned(engine, sum, b, bounds, x, reaction)?;
+        if self.sides.iter().all(|&side| side == Side::Free) {
+            // Nothing touches and nothing is pinned: the factor is that of the matrix itself again.
+            self.method = Method::Dense { candidates: Vec::new() };
+        }
+        Ok(iterations)
     }
 
     fn factorisations(&self) -> u64 {
