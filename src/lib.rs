@@ -14,5 +14,6 @@ pub mod energy;
 pub mod scene;
 pub mod simulation;
 pub mod output;
+pub mod study;
 
 pub use error::{Error, Result};
