@@ -71,7 +71,8 @@ fn nested_meshes_lower_the_first_frequency() {
 #[test]
 fn published_frequencies_of_the_square() {
     let squares = [2.0, 5.0, 5.0, 8.0, 10.0, 10.0].map(|n| n * PI * PI);
-    let cases: [(&str, &[(&str, Support)], [f64; 6], f64); 3] = [
+    type Case<'c> = (&'c str, &'c [(&'c str, Support)], [f64; 6], f64);
+    let cases: [Case; 3] = [
         // pi^2 (m^2 + n^2).
         ("SSSS", &all_round(Support::SimplySupported), squares, 2e-3),
         // Leissa 1973 and later.
