@@ -2,4 +2,7 @@
 
 pub mod infsup;
 mod lanczos;
+mod matrices;
 pub mod modes;
+
+pub use matrices::write_matrices;
