@@ -157,9 +157,10 @@ impl<'e> Pencil<'e> {
     }
 }
 
-/// Steps of Lanczos' method for the highest frequency, and the accuracy it asks for.
-const STEPS: usize = 400;
-const HIGHEST: f64 = 1e-9;
+/// Steps of Lanczos' method for the highest frequency and the accuracy it asks for (a bound, often met by its square): while
+/// sigma is found, and then.
+const ROUGHLY: (usize, f64) = (20, 0.1);
+const HIGHEST: (usize, f64) = (400, 1e-6);
 
 /// The highest natural frequency, in Hz: the fastest motion that a step of time has to follow.
 ///
@@ -174,6 +175,7 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let mut product = vec![0.0; dofs];
     let elastic = engine.multiply(stiffness, &x, &mut product);
     let mut sigma = elastic / engine.multiply(mass, &x, &mut product);
+    let (mut steps, mut tolerance) = ROUGHLY;
     loop {
         let mut factor = engine.factor(&[(1.0, stiffness), (sigma, mass)], &[])?;
         let mut u = vec![0.0; dofs];
@@ -189,13 +191,16 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
                 w.iter_mut().zip(averages.masses().iter().zip(v)).for_each(|(w, (c, v))| *w = c * v)
             }
         };
-        let part = lanczos::largest(engine.velocities(mass), STEPS, HIGHEST, operator, metric);
+        let part = lanczos::largest(engine.velocities(mass), steps, tolerance, operator, metric);
         let value = sigma * part / (1.0 - part);
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::Singular("the highest natural frequency is not a positive number".into()));
         }
-        if value <= 10.0 * sigma && sigma <= 10.0 * value {
+        if (steps, tolerance) == HIGHEST {
             return Ok(value.sqrt() / TAU);
+        }
+        if value <= 10.0 * sigma && sigma <= 10.0 * value {
+            (steps, tolerance) = HIGHEST;
         }
         sigma = value;
     }
