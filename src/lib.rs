@@ -66,6 +66,7 @@ pub mod scheme;
 pub mod scene;
 pub mod simulation;
 pub mod output;
+pub mod study;
 pub mod cli;
 
 pub use error::{Error, Result};

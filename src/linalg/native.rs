@@ -16,6 +16,36 @@ pub enum Form {
     Averages(Averages),
 }
 
+impl Form {
+    /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
+    pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
+        let mut cell = |dofs: &[Option<usize>], entry: &dyn Fn(usize, usize) -> f64| {
+            for (i, row) in dofs.iter().enumerate() {
+                for (j, column) in dofs.iter().enumerate() {
+                    if let (Some(row), Some(column)) = (*row, *column)
+                        && row >= column
+                    {
+                        visit(row, column, entry(i, j));
+                    }
+                }
+            }
+        };
+        match self {
+            Form::Cells(cells) => {
+                for block in cells.blocks() {
+                    let size = block.dofs.len();
+                    cell(&block.dofs, &|i, j| block.matrix[i * size + j]);
+                }
+            }
+            Form::Averages(averages) => {
+                for row in averages.rows() {
+                    cell(&row.dofs, &|i, j| row.row[i] * row.row[j] / row.mass);
+                }
+            }
+        }
+    }
+}
+
 /// The engine of one process.
 #[derive(Debug)]
 pub struct Native {
@@ -175,31 +205,8 @@ impl Engine for Native {
 /// Entries of the lower triangle of a sum, cell by cell.
 fn lower_triplets(sum: &Sum<Native>) -> Vec<Triplet<usize, usize, f64>> {
     let mut triplets = Vec::new();
-    let mut add = |dofs: &[Option<usize>], entry: &dyn Fn(usize, usize) -> f64| {
-        for (i, row) in dofs.iter().enumerate() {
-            for (j, column) in dofs.iter().enumerate() {
-                if let (Some(row), Some(column)) = (*row, *column)
-                    && row >= column
-                {
-                    triplets.push(Triplet::new(row, column, entry(i, j)));
-                }
-            }
-        }
-    };
     for (scale, form) in sum {
-        match form {
-            Form::Cells(cells) => {
-                for block in cells.blocks() {
-                    let size = block.dofs.len();
-                    add(&block.dofs, &|i, j| scale * block.matrix[i * size + j]);
-                }
-            }
-            Form::Averages(averages) => {
-                for row in averages.rows() {
-                    add(&row.dofs, &|i, j| scale * row.row[i] * row.row[j] / row.mass);
-                }
-            }
-        }
+        form.for_each_lower(|row, column, entry| triplets.push(Triplet::new(row, column, scale * entry)));
     }
     triplets
 }

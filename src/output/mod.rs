@@ -3,9 +3,10 @@
 //! Nothing here knows a plate, a mesh or a scheme.
 //!
 //! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`summary`] (`summary.json`),
-//! [`plot`] (`plots/history.svg`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
+//! [`plot`] (`plots/history.svg`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
 
 pub mod history;
+pub mod matrix_market;
 pub mod plot;
 pub mod progress;
 pub mod summary;

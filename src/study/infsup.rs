@@ -1,0 +1,202 @@
+//! The inf-sup constant between reactions and the deflections that the velocity does not see.
+//!
+//! With the singular mass the motion and the reactions are unique if, for some beta > 0 (the paper's section 3),
+//! \[ \inf_Q \sup_{W \in \ker B} \frac{Q \cdot G W}{|Q| \, |W|} \ge \beta . \]
+//! Two choices of norms:
+//!
+//! - *raw*: Euclidean norms of the dofs as they are, m and rad alike. The smallest singular value of G on ker B, as the
+//!   paper has it; it shrinks as h^2 on quadrilaterals, faster on
+//!   triangles, and depends on the units.
+//! - *energy*: \(|W|_K = \sqrt{W^T K W}\) and the dual norm \(|Q|_* = \sup_{W \in V^h} Q \cdot G W / |W|_K\). Between 0 and 1
+//!   and without units: by how much the constraint B W = 0 makes G dearer to move.
+//!
+//! Both are one computation. With the bounded dofs g apart from the rest s, let E(g) be the least \(|W|^2\) with G W = g, and H g
+//! the momentum B W of that minimiser. Cancelling H g by s alone costs \(H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H\) on top, so that
+//! \[ \beta^{-2} = 1 + \lambda_{\max}\bigl(H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H, \; E\bigr), \]
+//! raw with K = 1 (E = 1, H = B_g). Nothing cancels, however small beta. Where H g is out of reach of B_s, beta is 0.
+
+use super::lanczos;
+use crate::error::Result;
+use crate::linalg::{Average, Cholesky, Factor, Form};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::sparse::Triplet;
+use faer::{Mat, Par, Side};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Up to this many dofs the matrices are dense and the rank of B_s is revealed by a pivoted QR factorisation.
+/// Above, only the raw constant is computed, and only where B_s B_s^T is safely regular.
+pub const DENSE_LIMIT: usize = 1500;
+
+/// A pivot of B_s below this part of the first is zero.
+const RANK: f64 = 1e-12;
+
+/// What B_s cannot reach of H, relative to H, before it counts as out of reach.
+const REACH: f64 = 1e-9;
+
+/// An eigenvalue of B_s B_s^T, with rows of B of unit length, below this leaves the rank open. The relative error of the
+/// constant is some 1e-16 over that eigenvalue.
+const REGULAR: f64 = 1e-13;
+
+/// Steps of Lanczos' method for large meshes, and the accuracy it asks for.
+const STEPS: usize = 400;
+const TOLERANCE: f64 = 1e-9;
+
+/// Inf-sup constants; `None` where not computed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct InfSup {
+    /// In Euclidean norms of the dofs.
+    pub raw: Option<f64>,
+    /// In energy norms, dimensionless; `None` too where K is singular.
+    pub energy: Option<f64>,
+}
+
+/// The constants of some bounded dofs (the rows of G), of a stiffness and the rows of B. `mechanism` says that K is singular.
+///
+/// # Errors
+/// Where a matrix cannot be factored for want of memory.
+pub fn constants(
+    dofs: usize,
+    stiffness: &Form,
+    mechanism: bool,
+    rows: &[Average],
+    bounded: &[usize],
+) -> Result<InfSup> {
+    let split = Split::new(dofs, rows, bounded);
+    if bounded.is_empty() {
+        return Ok(InfSup { raw: None, energy: None });
+    }
+    if dofs > DENSE_LIMIT {
+        return Ok(InfSup { raw: split.raw_sparse()?, energy: None });
+    }
+    let raw = split.dense(None);
+    if mechanism {
+        return Ok(InfSup { raw, energy: None });
+    }
+    let mut matrix = Mat::zeros(dofs, dofs);
+    stiffness.for_each_lower(|i, j, entry| {
+        let (i, j) = (split.place[i], split.place[j]);
+        matrix[(i, j)] += entry;
+        if i != j {
+            matrix[(j, i)] += entry;
+        }
+    });
+    Ok(InfSup { raw, energy: split.dense(Some(&matrix)) })
+}
+
+/// B with its rows scaled to unit length and its columns in two groups: the rest s, then the bounded g.
+struct Split {
+    /// Place of each dof: those of s first.
+    place: Vec<usize>,
+    rest: usize,
+    bounded: usize,
+    /// Entries (place, value) of each row.
+    rows: Vec<Vec<(usize, f64)>>,
+}
+
+impl Split {
+    fn new(dofs: usize, rows: &[Average], bounded: &[usize]) -> Split {
+        let rest = dofs - bounded.len();
+        let mut place = vec![usize::MAX; dofs];
+        for (i, &dof) in bounded.iter().enumerate() {
+            place[dof] = rest + i;
+        }
+        place.iter_mut().filter(|place| **place == usize::MAX).enumerate().for_each(|(i, place)| *place = i);
+        let unit = |row: &Average| -> Vec<(usize, f64)> {
+            let free =
+                || row.dofs.iter().zip(row.row.iter()).filter_map(|(dof, value)| Some(((*dof)?, *value)));
+            let length = free().map(|(_, value)| value * value).sum::<f64>().sqrt();
+            free().filter(|_| length > 0.0).map(|(dof, value)| (place[dof], value / length)).collect()
+        };
+        let rows = rows.iter().map(unit).filter(|row| !row.is_empty()).collect();
+        Split { place, rest, bounded: bounded.len(), rows }
+    }
+
+    /// The constant in the norm of K (in places), or in the Euclidean one. `None` where K cannot be factored.
+    fn dense(&self, stiffness: Option<&Mat<f64>>) -> Option<f64> {
+        let (rest, bounded, cells) = (self.rest, self.bounded, self.rows.len());
+        // B^T, s above g.
+        let mut b = Mat::zeros(rest + bounded, cells);
+        for (cell, row) in self.rows.iter().enumerate() {
+            for &(place, value) in row {
+                b[(place, cell)] += value;
+            }
+        }
+        if let Some(stiffness) = stiffness {
+            // K = L L^T, s first: L^-1 B^T holds B_s L_ss^-T above and, below, H L_E^-T with E = L_E L_E^T.
+            let factor = stiffness.llt(Side::Lower).ok()?;
+            solve_lower_triangular_in_place(factor.L(), b.as_mut(), Par::Seq);
+        }
+        let (reaching, target) = b.as_ref().split_at_row(rest);
+        if cells == 0 {
+            return Some(1.0);
+        }
+        if rest == 0 {
+            return Some(0.0);
+        }
+        // B_s^T P = Q R, hence (B_s B_s^T)^-1 = P (R^T R)^-1 P^T.
+        let qr = reaching.col_piv_qr();
+        let r = qr.thin_R();
+        let places = qr.P().arrays().0;
+        let pivots = r.nrows().min(cells);
+        let rank = (0..pivots).take_while(|&i| r[(i, i)].abs() > RANK * r[(0, 0)].abs()).count();
+        // The excess X = R^-T P^T H, with one column a bounded dof.
+        let mut excess = Mat::from_fn(rank, bounded, |i, g| target[(g, places[i])]);
+        let leading = r.submatrix(0, 0, rank, rank);
+        solve_lower_triangular_in_place(leading.transpose(), excess.as_mut(), Par::Seq);
+        if rank < cells {
+            let reached = r.submatrix(0, rank, rank, cells - rank).transpose() * &excess;
+            let missed = Mat::from_fn(cells - rank, bounded, |i, g| target[(g, places[rank + i])]) - reached;
+            if missed.norm_max() > REACH * target.norm_max() {
+                return Some(0.0);
+            }
+        }
+        let largest = excess.singular_values().ok()?.first().copied().unwrap_or(0.0);
+        Some(1.0 / 1.0_f64.hypot(largest))
+    }
+
+    /// The raw constant from the sparse B_s B_s^T; `None` where that is not safely regular.
+    fn raw_sparse(&self) -> Result<Option<f64>> {
+        let cells = self.rows.len();
+        let mut columns: BTreeMap<usize, Vec<(usize, f64)>> = BTreeMap::new();
+        for (cell, row) in self.rows.iter().enumerate() {
+            for &(place, value) in row.iter().filter(|(place, _)| *place < self.rest) {
+                columns.entry(place).or_default().push((cell, value));
+            }
+        }
+        let mut triplets = Vec::new();
+        for column in columns.values() {
+            for &(i, a) in column {
+                for &(j, b) in column.iter().filter(|(j, _)| *j <= i) {
+                    triplets.push(Triplet::new(i, j, a * b));
+                }
+            }
+        }
+        let Ok(mut factor) = Cholesky::new(cells, &triplets, &[]) else { return Ok(None) };
+        let euclid = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
+        let inverse = |x: &[f64], y: &mut [f64]| {
+            y.copy_from_slice(x);
+            factor.solve(y);
+        };
+        if lanczos::largest(cells, STEPS, 0.1, inverse, euclid) > 1.0 / REGULAR {
+            return Ok(None);
+        }
+        let mut p = vec![0.0; cells];
+        let bounded = |row: &Vec<(usize, f64)>| -> Vec<(usize, f64)> {
+            row.iter().filter(|(place, _)| *place >= self.rest).map(|&(g, b)| (g - self.rest, b)).collect()
+        };
+        let rows: Vec<_> = self.rows.iter().map(bounded).collect();
+        let excess = |g: &[f64], result: &mut [f64]| {
+            for (p, row) in p.iter_mut().zip(&rows) {
+                *p = row.iter().map(|&(i, b)| b * g[i]).sum();
+            }
+            factor.solve(&mut p);
+            result.fill(0.0);
+            for (p, row) in p.iter().zip(&rows) {
+                row.iter().for_each(|&(i, b)| result[i] += b * p);
+            }
+        };
+        let largest = lanczos::largest(self.bounded, STEPS, TOLERANCE, excess, euclid);
+        Ok(Some(1.0 / (1.0 + largest).sqrt()))
+    }
+}

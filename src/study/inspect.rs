@@ -1,0 +1,427 @@
+//! What can be said of a scene before it runs: [`inspect`] asks its matrices, [`check`] what a run will cost.
+
+use super::infsup::{self, InfSup};
+use super::modes;
+use crate::assembly::{self, CellArrays};
+use crate::error::Result;
+use crate::linalg::{Engine, Form};
+use crate::mesh::Cell;
+use crate::output::text::{Report, significant};
+use crate::scene::{EngineName, Mass, Scene, Scheme, ViName};
+use crate::scheme;
+use crate::simulation::{self, Model};
+use serde::Serialize;
+use std::fmt;
+use std::time::{Duration, Instant};
+
+/// Frequencies that an inspection and a check list.
+const INSPECTED: usize = 6;
+const CHECKED: usize = 3;
+
+/// Steps per period of the fastest motion that matters; see [`advised_step`].
+const STEPS_PER_PERIOD: f64 = 20.0;
+const PART_OF_FIRST_PERIOD: f64 = 1e-6;
+
+/// An inf-sup constant (raw, where G has norm 1) below this is a failure: reactions are lost to rounding.
+const INF_SUP_FAILS: f64 = 1e-10;
+
+/// How long a check watches real steps.
+const WATCH: Duration = Duration::from_millis(200);
+
+/// Natural frequencies with one of the masses, in Hz.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Frequencies {
+    /// The lowest, ascending; rigid motions at 0.
+    pub lowest: Vec<f64>,
+    /// The highest.
+    pub highest: Option<f64>,
+}
+
+/// Deflections at a probe, in m.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Deflection {
+    /// Name of the probe.
+    pub probe: String,
+    /// Its position, in m.
+    pub at: [f64; 2],
+    /// At the start, under `initial.static_pressure`; `None` for a mechanism under pressure.
+    pub start: Option<f64>,
+    /// At rest under `[load]`; `None` without load and for a mechanism.
+    pub loaded: Option<f64>,
+}
+
+/// What the matrices of a scene say.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// Title of the scene.
+    pub title: String,
+    /// Nodes of the mesh.
+    pub nodes: usize,
+    /// Its cells: the velocities of the singular mass.
+    pub cells: usize,
+    /// Free dofs.
+    pub dofs: usize,
+    /// Those that an obstacle bounds.
+    pub bounded_dofs: usize,
+    /// Mass of all cells, the trace of C, in kg.
+    pub mass: f64,
+    /// Density times volume of the plate, in kg.
+    pub plate_mass: f64,
+    /// The rigid motions that the supports leave, in words.
+    pub mechanism: Option<&'static str>,
+    /// Energy E_0 at the start, in J; `None` for a mechanism under pressure.
+    pub initial_energy: Option<f64>,
+    /// Static deflections at the probes.
+    pub deflections: Vec<Deflection>,
+    /// Frequencies with the consistent mass M_r.
+    pub consistent: Frequencies,
+    /// Frequencies with the singular mass M.
+    pub singular: Frequencies,
+    /// Inf-sup constants of the bounded deflections; of all free ones where there is no obstacle.
+    pub inf_sup: InfSup,
+    /// The [advised step](advised_step), in s.
+    pub advised_step: Option<f64>,
+    /// What will go wrong, and why.
+    pub warnings: Vec<String>,
+}
+
+/// What a run of a scene will be.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Check {
+    /// Title of the scene.
+    pub title: String,
+    /// The scene with every default filled in, as TOML.
+    pub scene: String,
+    /// What acts on the plate.
+    pub effects: Vec<String>,
+    /// Nodes of the mesh.
+    pub nodes: usize,
+    /// Its cells.
+    pub cells: usize,
+    /// Free dofs.
+    pub dofs: usize,
+    /// Those that an obstacle bounds.
+    pub bounded_dofs: usize,
+    /// Entries of the factor of a step's matrix, before candidates for contact add their few per cent.
+    pub factor_entries: usize,
+    /// Memory of a run on the native engine, estimated, in bytes.
+    pub memory: usize,
+    /// Frequencies with the scene's mass.
+    pub frequencies: Frequencies,
+    /// Steps of the run.
+    pub steps: u64,
+    /// The scene's step, in s.
+    pub step: f64,
+    /// The [advised step](advised_step), in s.
+    pub advised_step: Option<f64>,
+    /// Seconds of a step, measured on the native engine over the first ones: contact costs more.
+    pub seconds_per_step: f64,
+    /// Expected seconds of the run, set-up included, files not.
+    pub expected_seconds: f64,
+    /// What will go wrong, and why.
+    pub warnings: Vec<String>,
+}
+
+/// The step that resolves the motion, rounded down to 1, 2 or 5 times a power of ten.
+///
+/// At an impact the velocity of a contact node changes within the fastest period of the semi-discrete problem, and the energy
+/// error is a matter of steps in that period. With 20 of them and the singular mass, Newmark with e = 0 loses about half a per
+/// cent in the four impacts of CSMA 2013 and the midpoint scheme a tenth, on quadrilaterals and triangles alike, though
+/// their fastest frequencies differ by seven.
+///
+/// That frequency grows as h^-3, but the energy at stake does not: with a step of 1e-5 s, Newmark with e = 0 loses 0.3, 3.3, 6.5 and
+/// 7.6 per cent at the first impact on 10 x 4, 20 x 8, 40 x 16 and 80 x 32 quadrilaterals (measured). Hence a floor, a
+/// millionth of the first period. Where it holds, on fine meshes, some per cent may be lost at an impact: what is lost then
+/// falls slowly with the step (80 x 32: 10, 7.6, 4.2 per cent with 4e-5, 1e-5, 2e-6 s), and how much to pay for it is the user's choice.
+///
+/// Without obstacles nothing excites the fastest motion: the last of the `lowest` frequencies counts instead. With the consistent
+/// mass the energy lost at impacts does not vanish with the step; the rule then only resolves the motion.
+pub fn advised_step(frequencies: &Frequencies, obstacles: bool) -> Option<f64> {
+    let Frequencies { lowest, highest } = frequencies;
+    let step = if obstacles {
+        let first = lowest.iter().find(|f| **f > 0.0)?;
+        (1.0 / (STEPS_PER_PERIOD * (*highest)?)).max(PART_OF_FIRST_PERIOD / first)
+    } else {
+        1.0 / (STEPS_PER_PERIOD * lowest.last().filter(|f| **f > 0.0)?)
+    };
+    Some(round_down(step))
+}
+
+/// The largest of 1, 2, 5 times a power of ten not above a positive number.
+fn round_down(value: f64) -> f64 {
+    let exponent = value.log10().floor() as i32;
+    // Parsed, so that 5e-6 is the literal's nearest number.
+    let candidate = |digit: u32, exponent: i32| format!("{digit}e{exponent}").parse().unwrap_or(f64::NAN);
+    let steps = [(5, exponent), (2, exponent), (1, exponent)].map(|(digit, e)| candidate(digit, e));
+    steps.into_iter().find(|step| *step <= value).unwrap_or_else(|| candidate(5, exponent - 1))
+}
+
+/// Asks the matrices of a scene.
+///
+/// # Errors
+/// What [`Model::new`] says of a mesh, or of a static start that does not converge.
+pub fn inspect(scene: &Scene) -> Result<Inspection> {
+    let mesh = simulation::mesh(scene)?;
+    let mechanism = simulation::space(scene, &mesh)?.mechanism(&mesh);
+    let mut native = on_native_engine(scene);
+    let no_start = mechanism.is_some() && scene.initial.static_pressure != 0.0;
+    if no_start {
+        native.initial.static_pressure = 0.0;
+    }
+    let model = Model::new(&native)?;
+    let Model { system, space, plate, .. } = &model;
+    let (engine, stiffness) = (&system.engine, &system.stiffness);
+    let cells = assembly::cells(&model.mesh, space, plate)?;
+
+    let loaded = match (&system.load, mechanism) {
+        (Some(load), None) => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
+        _ => None,
+    };
+    let deflection = |(probe, at): (&assembly::Probe, &crate::scene::Probe)| Deflection {
+        probe: at.name.clone(),
+        at: at.at,
+        start: (!no_start).then(|| probe.deflection(&model.start.displacement)),
+        loaded: loaded.as_ref().map(|u| probe.deflection(u)),
+    };
+    let deflections = model.probes.iter().zip(&scene.output.probes).map(deflection).collect();
+
+    let rows = assembly::singular_mass(&cells);
+    let bounded = if system.bounds.is_empty() {
+        space.deflections().map(|(dof, _)| dof).collect()
+    } else {
+        system.bounds.dofs.clone()
+    };
+    let inf_sup = infsup::constants(space.dofs(), stiffness, mechanism.is_some(), &rows, &bounded)?;
+    let weights = cells.iter().map(|cell| cell.local.weight);
+    let mass = weights.sum();
+    let singular = engine.averages(rows);
+    let consistent = engine.form(assembly::consistent_mass(&cells));
+    let singular = frequencies(&model, &singular, INSPECTED, mechanism.is_some());
+    let consistent = frequencies(&model, &consistent, INSPECTED, mechanism.is_some());
+    let own = if scene.time.mass == Mass::Singular { &singular } else { &consistent };
+    let advised_step = advised_step(own, !scene.obstacles.is_empty());
+    let mut warnings = warnings(scene, mechanism, advised_step);
+    warnings.extend(inf_sup_warning(scene, &inf_sup));
+    Ok(Inspection {
+        title: scene.title.clone(),
+        nodes: model.mesh.nodes.len(),
+        cells: cells.len(),
+        dofs: space.dofs(),
+        bounded_dofs: system.bounds.len(),
+        mass,
+        plate_mass: plate.surface_density() * scene.plate.length * scene.plate.width,
+        mechanism,
+        initial_energy: (!no_start).then(|| initial_energy(&model)),
+        deflections,
+        consistent,
+        singular,
+        inf_sup,
+        advised_step,
+        warnings,
+    })
+}
+
+/// Says what a run of a scene will be and cost, from a fifth of a second of it.
+///
+/// # Errors
+/// What would stop the run before its first step.
+pub fn check(scene: &Scene) -> Result<Check> {
+    let native = on_native_engine(scene);
+    let model = Model::new(&native)?;
+    let Model { mesh, space, system, .. } = &model;
+    let mechanism = space.mechanism(mesh);
+    let frequencies = frequencies(&model, &system.mass, CHECKED, mechanism.is_some());
+    let inertia = 1.0 / (scene.time.step * scene.time.step);
+    let factor_entries =
+        system.engine.factor(&[(inertia, &system.mass), (1.0, &system.stiffness)], &[])?.entries();
+    let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
+    let advised_step = advised_step(&frequencies, !scene.obstacles.is_empty());
+    Ok(Check {
+        title: scene.title.clone(),
+        scene: scene.resolved(),
+        effects: scene.effects(),
+        nodes: mesh.nodes.len(),
+        cells: mesh.cells.len(),
+        dofs: space.dofs(),
+        bounded_dofs: system.bounds.len(),
+        factor_entries,
+        memory: memory(&model, factor_entries),
+        frequencies,
+        steps: scene.time.steps(),
+        step: scene.time.step,
+        advised_step,
+        seconds_per_step,
+        expected_seconds: set_up + seconds_per_step * scene.time.steps() as f64,
+        warnings: warnings(scene, mechanism, advised_step),
+    })
+}
+
+/// The same scene on the engine that these questions are asked of.
+fn on_native_engine(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    scene.solver.engine = EngineName::Native;
+    scene.solver.vi = ViName::Condensed;
+    scene
+}
+
+/// Empty where a mass does not see some rigid motion: then no finite frequency is defined.
+fn frequencies(model: &Model, mass: &Form, count: usize, mechanism: bool) -> Frequencies {
+    let (engine, stiffness) = (&model.system.engine, &model.system.stiffness);
+    Frequencies {
+        lowest: modes::lowest(engine, stiffness, mass, count, mechanism).unwrap_or_default(),
+        highest: modes::highest(engine, stiffness, mass).ok(),
+    }
+}
+
+fn initial_energy(model: &Model) -> f64 {
+    let system = &model.system;
+    let engine = &system.engine;
+    let u = &model.start.displacement;
+    let mut v = vec![0.0; engine.velocities(&system.mass)];
+    engine.velocity(&system.mass, &model.start.velocity, &mut v);
+    let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()]);
+    let work = system.load.as_ref().map_or(0.0, |load| engine.dot(load, u));
+    0.5 * (elastic + engine.vis_viva(&system.mass, &v)) - work
+}
+
+/// Seconds of the set-up, and of a step.
+fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
+    let clock = Instant::now();
+    let mut scheme = model.scheme(scene)?;
+    let set_up = model.seconds.iter().sum::<f64>() + clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    while scheme.step() < scene.time.steps() && (scheme.step() == 0 || clock.elapsed() < WATCH) {
+        scheme.advance()?;
+    }
+    Ok((set_up, clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64))
+}
+
+/// Bytes at the peak of a run: the factor, the entries it is made of, the cells' arrays and the vectors of a scheme.
+fn memory(model: &Model, factor_entries: usize) -> usize {
+    const NUMBER: usize = size_of::<f64>();
+    // An entry before assembly: row, column, value, and as much again as it takes to sort it. K and M each have a lower triangle
+    // a cell.
+    const ENTRY: usize = 5 * NUMBER;
+    const VECTORS: usize = 24;
+    let nodes = |cell: &Cell| 3 * cell.nodes().len();
+    let cells: usize = model.mesh.cells.iter().map(|cell| nodes(cell) * (nodes(cell) + 1) * ENTRY).sum();
+    let records: usize =
+        model.mesh.cells.iter().map(|cell| size_of::<CellArrays>() * 4 + 24 * nodes(cell)).sum();
+    NUMBER * (factor_entries + VECTORS * model.space.dofs()) + cells + records
+}
+
+fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if let Some(motion) = mechanism {
+        warnings
+            .push(format!("the supports leave the plate a mechanism: {motion}; it has no static deflection"));
+    }
+    let consistent = scene.time.mass == Mass::Consistent;
+    let impacts = !scene.obstacles.is_empty();
+    if consistent && impacts {
+        warnings.push(
+            match scene.time.scheme {
+                Scheme::Midpoint => {
+                    "the midpoint scheme is unstable in contact with the consistent mass at every step: \
+                 set time.mass = \"singular\""
+                }
+                Scheme::Newmark { .. } => {
+                    "with the consistent mass the energy lost at impacts does not vanish with the step: \
+                 set time.mass = \"singular\""
+                }
+            }
+            .to_owned(),
+        );
+    }
+    if let Some(advised) = advised.filter(|advised| scene.time.step > *advised) {
+        let what = if impacts { "motion at impacts" } else { "motion" };
+        let (step, advised) = (significant(scene.time.step), significant(advised));
+        warnings
+            .push(format!("time.step = {step} s is too long to follow the {what}: {advised} s is advised"));
+    }
+    warnings
+}
+
+/// What a failed inf-sup condition means, where it matters: obstacles and the singular mass.
+fn inf_sup_warning(scene: &Scene, inf_sup: &InfSup) -> Option<String> {
+    let matters = !scene.obstacles.is_empty() && scene.time.mass == Mass::Singular;
+    let fails = |raw: f64| raw < INF_SUP_FAILS;
+    (matters && inf_sup.raw.is_some_and(fails)).then(|| {
+        "the inf-sup condition fails: the cells' velocities see some deflection that only an obstacle could stop, \
+         so that motion and reactions are not unique; refine the mesh or set time.mass = \"consistent\""
+            .to_owned()
+    })
+}
+
+/// `5.9655  37.71  38.444`.
+fn list(values: &[f64]) -> String {
+    values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
+}
+
+/// Rows that both reports share.
+fn sizes(report: &mut Report, [nodes, cells, dofs, bounded]: [usize; 4]) {
+    report
+        .count("nodes", nodes as u64, "")
+        .count("cells", cells as u64, "")
+        .count("dofs", dofs as u64, "")
+        .count("bounded dofs", bounded as u64, "");
+}
+
+fn optional(report: &mut Report, label: &str, value: Option<f64>, unit: &'static str) {
+    if let Some(value) = value {
+        report.number(label, value, unit);
+    }
+}
+
+fn closing(report: &mut Report, warnings: &[String]) {
+    for warning in warnings {
+        report.text("warning", warning);
+    }
+}
+
+impl fmt::Display for Inspection {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let mut report = Report::new(&self.title);
+        sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
+        report.number("mass", self.mass, "kg");
+        optional(&mut report, "initial energy", self.initial_energy, "J");
+        for Deflection { probe, start, loaded, .. } in &self.deflections {
+            optional(&mut report, &format!("{probe}, start"), *start, "m");
+            optional(&mut report, &format!("{probe}, under load"), *loaded, "m");
+        }
+        for (name, Frequencies { lowest, highest }) in
+            [("consistent", &self.consistent), ("singular", &self.singular)]
+        {
+            report.text(format!("frequencies, {name} mass"), format!("{} Hz", list(lowest)));
+            optional(&mut report, &format!("highest, {name} mass"), *highest, "Hz");
+        }
+        optional(&mut report, "inf-sup, raw dofs", self.inf_sup.raw, "");
+        optional(&mut report, "inf-sup, energy norms", self.inf_sup.energy, "");
+        if self.inf_sup.raw.is_none() {
+            report.text("inf-sup", "not computed: too near to singular for a mesh of this size");
+        }
+        optional(&mut report, "advised step", self.advised_step, "s");
+        closing(&mut report, &self.warnings);
+        report.fmt(f)
+    }
+}
+
+impl fmt::Display for Check {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "{}", self.scene)?;
+        let mut report = Report::new(&self.title);
+        let effects = if self.effects.is_empty() { "none".to_owned() } else { self.effects.join(", ") };
+        report.text("effects", effects);
+        sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
+        report.count("factor entries", self.factor_entries as u64, "");
+        report.number("memory", self.memory as f64 / 1e6, "MB");
+        report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
+        optional(&mut report, "highest frequency", self.frequencies.highest, "Hz");
+        report.number("step", self.step, "s");
+        optional(&mut report, "advised step", self.advised_step, "s");
+        report.count("steps", self.steps, "");
+        report.number("expected time", self.expected_seconds, "s");
+        closing(&mut report, &self.warnings);
+        report.fmt(f)
+    }
+}

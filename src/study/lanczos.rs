@@ -1,0 +1,88 @@
+//! The largest eigenvalue of an operator that is only known by what it does.
+
+use faer::{Mat, Side};
+
+/// Steps between looks at the eigenvalues of the tridiagonal matrix.
+const LOOK_EVERY: usize = 10;
+
+/// The largest eigenvalue of an operator that is self-adjoint in the scalar product of a positive definite metric.
+///
+/// Lanczos with full reorthogonalisation (twice), from a fixed start. Stops when the residual bound of the eigenvalue is
+/// below `tolerance` of it, or after `steps`; what it returns is a Rayleigh quotient, never above the truth but for rounding.
+pub fn largest(
+    size: usize,
+    steps: usize,
+    tolerance: f64,
+    mut operator: impl FnMut(&[f64], &mut [f64]),
+    mut metric: impl FnMut(&[f64], &mut [f64]),
+) -> f64 {
+    let steps = steps.min(size);
+    let (mut basis, mut duals) = (Vec::<Vec<f64>>::new(), Vec::<Vec<f64>>::new());
+    let (mut diagonal, mut off_diagonal) = (Vec::new(), Vec::new());
+    let mut next = scatter(size, 1);
+    let mut dual = vec![0.0; size];
+    let mut value = 0.0;
+    while basis.len() < steps {
+        metric(&next, &mut dual);
+        let norm = dot(&next, &dual).max(0.0).sqrt();
+        let scale = diagonal.iter().fold(0.0_f64, |m, a: &f64| m.max(a.abs()));
+        let exhausted = norm <= f64::EPSILON * scale;
+        if !basis.is_empty() {
+            if exhausted || basis.len().is_multiple_of(LOOK_EVERY) {
+                let (largest, last) = top(&diagonal, &off_diagonal);
+                value = largest;
+                if norm * last.abs() <= tolerance * value.abs() {
+                    return value;
+                }
+            }
+            off_diagonal.push(norm);
+        }
+        if exhausted {
+            return value;
+        }
+        basis.push(next.iter().map(|x| x / norm).collect());
+        duals.push(dual.iter().map(|x| x / norm).collect());
+        operator(&basis[basis.len() - 1], &mut next);
+        diagonal.push(dot(&next, &duals[duals.len() - 1]));
+        for _ in 0..2 {
+            for (v, dual) in basis.iter().zip(&duals) {
+                let share = dot(&next, dual);
+                next.iter_mut().zip(v).for_each(|(x, v)| *x -= share * v);
+            }
+        }
+    }
+    if diagonal.is_empty() { 0.0 } else { top(&diagonal, &off_diagonal[..diagonal.len() - 1]).0 }
+}
+
+/// Largest eigenvalue of a symmetric tridiagonal matrix and the last entry of its eigenvector.
+fn top(diagonal: &[f64], off_diagonal: &[f64]) -> (f64, f64) {
+    let size = diagonal.len();
+    let matrix = Mat::from_fn(size, size, |i, j| match i.abs_diff(j) {
+        0 => diagonal[i],
+        1 => off_diagonal[i.min(j)],
+        _ => 0.0,
+    });
+    match matrix.self_adjoint_eigen(Side::Lower) {
+        Ok(eigen) => (eigen.S()[size - 1], eigen.U()[(size - 1, size - 1)]),
+        Err(_) => (f64::NAN, f64::NAN),
+    }
+}
+
+/// Scalar product.
+pub fn dot(x: &[f64], y: &[f64]) -> f64 {
+    x.iter().zip(y).map(|(x, y)| x * y).sum()
+}
+
+/// Numbers in (-1, 1) without pattern, the same at every call (splitmix64).
+pub fn scatter(size: usize, seed: u64) -> Vec<f64> {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let mut next = || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    };
+    (0..size).map(|_| next()).collect()
+}

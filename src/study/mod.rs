@@ -1,0 +1,10 @@
+//! Questions about a scene that need no run: its natural frequencies, its inf-sup constant, what a run will cost.
+
+pub mod infsup;
+mod inspect;
+mod lanczos;
+mod matrices;
+pub mod modes;
+
+pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, inspect};
+pub use matrices::write_matrices;
