@@ -87,9 +87,7 @@ impl Judge {
             *r = -b;
             *m = b.abs();
         }
-        for (scale, form) in sum {
-            engine.add_with_magnitude(form, *scale, x, residual, magnitude);
-        }
+        engine.add_with_magnitude(sum, x, residual, magnitude);
         for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
