@@ -13,7 +13,7 @@ pub(super) const LANES: usize = 8;
 pub(super) type Lanes = [f64; LANES];
 
 /// Cells that make a row worth its unused lanes.
-const LEAST_ROW: usize = LANES / 2;
+const LEAST_ROW: usize = 2;
 
 /// Where the engine keeps each dof in its own vectors.
 ///
@@ -218,6 +218,19 @@ pub(super) trait Cells {
     fn class(&self, cell: usize) -> usize;
 }
 
+/// Sorts the cells of a class by how far their dofs are displaced from those of the one with the fewest held.
+fn sort_along_lines(layout: &Layout, cells: &impl Cells, class: &mut [usize]) {
+    let held = |&cell: &usize| cells.dofs(cell).iter().filter(|dof| dof.is_none()).count();
+    let Some(model) = class.iter().copied().min_by_key(held).map(|cell| places(layout, cells.dofs(cell)))
+    else {
+        return;
+    };
+    class.sort_by_cached_key(|&cell| {
+        let pairs = places(layout, cells.dofs(cell)).into_iter().zip(&model);
+        pairs.into_iter().find_map(|(place, model)| Some(i64::from(place?) - i64::from((*model)?)))
+    });
+}
+
 /// Makes batches of all cells. `panel` collects the local values of some cells, lane by lane, and returns its number.
 ///
 /// Cells of one class that lie in a row go together and share one panel; others of one class share the panel too; what is left
@@ -254,8 +267,7 @@ pub(super) fn batches(
     for ((size, _), mut class) in classes {
         let mut shared = None;
         let mut shared = |cell: usize| *shared.get_or_insert_with(|| panel(&[cell; LANES]));
-        let first = |&cell: &usize| cells.dofs(cell).iter().flatten().map(|&dof| layout.places[dof]).min();
-        class.sort_by_cached_key(first);
+        sort_along_lines(layout, cells, &mut class);
         let mut loose = Vec::new();
         let mut rest = class.as_slice();
         while let Some((&cell, mut others)) = rest.split_first() {

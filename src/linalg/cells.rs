@@ -93,49 +93,65 @@ fn matrix_product<S: Simd, const MAGNITUDE: bool>(
     result: &mut [Lanes],
 ) {
     let width = local.len();
-    let local = &local[first..];
-    let mut row = first;
+    let (local, result) = (&local[first..], &mut result[first..]);
     // Several rows at once hide the latency of the sums.
-    while row + 3 <= width {
-        let (a, rest) = matrix[row * width..(row + 3) * width].split_at(width);
-        let (b, c) = rest.split_at(width);
-        let rows = [&a[first..], &b[first..], &c[first..]];
-        rows_product::<S, 3, MAGNITUDE>(simd, rows, local, &mut result[row..row + 3]);
-        row += 3;
+    let (triples, singles) = result.as_chunks_mut::<3>();
+    let mut rows = &matrix[first * width..];
+    for result in triples {
+        let (a, rest) = rows.split_at(width);
+        let (b, rest) = rest.split_at(width);
+        let (c, rest) = rest.split_at(width);
+        rows_product::<S, 3, MAGNITUDE>(simd, [&a[first..], &b[first..], &c[first..]], local, result);
+        rows = rest;
     }
-    while row < width {
-        let rows = [&matrix[row * width + first..(row + 1) * width]];
-        rows_product::<S, 1, MAGNITUDE>(simd, rows, local, &mut result[row..row + 1]);
-        row += 1;
+    for result in singles {
+        let (a, rest) = rows.split_at(width);
+        rows_product::<S, 1, MAGNITUDE>(simd, [&a[first..]], local, std::array::from_mut(result));
+        rows = rest;
     }
 }
 
-/// Rows times local, with whole registers.
+/// Rows times local: a loop for each of the lengths that plate elements have, which the compiler unrolls, and one for any.
 #[inline(always)]
 fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     simd: S,
     rows: [&[Lanes]; ROWS],
     local: &[Lanes],
-    result: &mut [Lanes],
+    result: &mut [Lanes; ROWS],
 ) {
-    let mut registers: [&[S::f64s]; ROWS] = [&[]; ROWS];
-    for (registers, row) in registers.iter_mut().zip(rows) {
-        *registers = S::as_simd_f64s(row[..local.len()].as_flattened()).0;
+    match local.len() {
+        6 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..6], result),
+        9 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..9], result),
+        12 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..12], result),
+        _ => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, local, result),
     }
-    let local = S::as_simd_f64s(local.as_flattened()).0;
-    let result = S::as_mut_simd_f64s(result.as_flattened_mut()).0;
+}
+
+#[inline(always)]
+fn row_sums<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
+    simd: S,
+    rows: [&[Lanes]; ROWS],
+    local: &[Lanes],
+    result: &mut [Lanes; ROWS],
+) {
+    let mut entries: [&[S::f64s]; ROWS] = [&[]; ROWS];
+    for (entries, row) in entries.iter_mut().zip(rows) {
+        *entries = S::as_simd_f64s(row[..local.len()].as_flattened()).0;
+    }
+    let values = S::as_simd_f64s(local.as_flattened()).0;
     // Registers that make up the lanes.
     let parts = LANES / S::F64_LANES;
     for part in 0..parts {
         let mut sums = [simd.splat_f64s(0.0); ROWS];
-        for column in (part..local.len()).step_by(parts) {
-            for (sum, row) in sums.iter_mut().zip(registers) {
-                let entry = if MAGNITUDE { simd.abs_f64s(row[column]) } else { row[column] };
-                *sum = simd.mul_add_f64s(entry, local[column], *sum);
+        for column in 0..local.len() {
+            let at = column * parts + part;
+            for (sum, entries) in sums.iter_mut().zip(entries) {
+                let entry = if MAGNITUDE { simd.abs_f64s(entries[at]) } else { entries[at] };
+                *sum = simd.mul_add_f64s(entry, values[at], *sum);
             }
         }
-        for (k, sum) in sums.into_iter().enumerate() {
-            result[k * parts + part] = sum;
+        for (result, sum) in result.iter_mut().zip(sums) {
+            S::as_mut_simd_f64s(result).0[part] = sum;
         }
     }
 }
