@@ -121,7 +121,7 @@ impl Model {
         let space = space(scene, &mesh)?;
         let plate = scene.plate.plate;
         let cells = assembly::cells(&mesh, &space, &plate)?;
-        let engine = Native::new(space.dofs());
+        let engine = Native::with_layout(space.layout(&mesh));
         let unit_load = assembly::uniform_load(&cells, space.dofs(), 1.0);
         let load = scene.load.filter(|load| load.pressure != 0.0);
         let system = System {

@@ -1,6 +1,7 @@
 //! The space of deflections: three dofs (w, w_x, w_y) a node, those that supports hold left out.
 
 use crate::error::{Error, Result};
+use crate::linalg::Layout;
 use crate::mesh::{Mesh, Point};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
@@ -105,6 +106,24 @@ impl Space {
     /// Free deflection dofs and their nodes, ascending.
     pub fn deflections(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         (0..self.free.len() / PER_NODE).filter_map(|node| Some((self.deflection(node)?, node)))
+    }
+
+    /// An order of the dofs for products cell by cell: kind by kind, along the lines of nodes in x.
+    pub fn layout(&self, mesh: &Mesh) -> Layout {
+        let nodes = mesh.nodes.len();
+        let mut order: Vec<usize> = (0..nodes).collect();
+        order.sort_by(|&a, &b| {
+            let (a, b) = (mesh.nodes[a], mesh.nodes[b]);
+            a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
+        });
+        let mut rank = vec![0; nodes];
+        for (place, &node) in order.iter().enumerate() {
+            rank[node] = place;
+        }
+        let place = |(dof, free): (usize, &Option<usize>)| {
+            free.is_some().then(|| dof % PER_NODE * nodes + rank[dof / PER_NODE])
+        };
+        Layout::new(self.free.iter().enumerate().filter_map(place))
     }
 
     /// The rigid motions that the supports leave, in words; `None` where they leave none.

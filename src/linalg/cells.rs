@@ -1,84 +1,42 @@
 //! Symmetric forms kept cell by cell, applied to eight cells at once.
 //!
 //! The local matrices of a batch are stored lane by lane in a *panel*; congruent cells share one panel, so that a regular
-//! mesh reads its stiffness from the cache. A dof that a support holds, and an unused lane, point to one slot past the end of
-//! the vectors that always reads zero.
+//! mesh reads its stiffness from the cache. All vectors over the dofs are laid out, see [`super::batch`].
 
+use super::batch::{Batch, Cells, LANES, Lanes, Layout, batches};
 use super::{Average, Block};
 use pulp::Simd;
-use std::collections::BTreeMap;
 
-const LANES: usize = 8;
-type Lanes = [f64; LANES];
+impl Cells for Vec<Block> {
+    fn count(&self) -> usize {
+        self.len()
+    }
 
-/// Eight cells with equally many local dofs.
-#[derive(Debug, Clone)]
-struct Batch {
-    /// Global dof of each local one, lane by lane.
-    dofs: Vec<[u32; LANES]>,
-    /// Cell number of each lane; past the end where the lane is unused.
-    cells: [u32; LANES],
-    panel: usize,
+    fn dofs(&self, cell: usize) -> &[Option<usize>] {
+        &self[cell].dofs
+    }
+
+    fn class(&self, cell: usize) -> usize {
+        self[cell].class
+    }
 }
 
-/// Splits cells into batches: whole ones share the panel of their class, the rest are packed together.
-/// Returns for each batch its cells and whether they all are of one class.
-fn batches(sizes_and_classes: &[(usize, usize)]) -> Vec<(Vec<usize>, bool)> {
-    let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-    for (cell, &key) in sizes_and_classes.iter().enumerate() {
-        classes.entry(key).or_default().push(cell);
+impl Cells for Vec<Average> {
+    fn count(&self) -> usize {
+        self.len()
     }
-    let mut batches = Vec::new();
-    let mut loose: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for ((size, _), cells) in classes {
-        let whole = cells.chunks_exact(LANES);
-        loose.entry(size).or_default().extend_from_slice(whole.remainder());
-        batches.extend(whole.map(|chunk| (chunk.to_vec(), true)));
+
+    fn dofs(&self, cell: usize) -> &[Option<usize>] {
+        &self[cell].dofs
     }
-    for (_, mut cells) in loose {
-        cells.sort_unstable();
-        batches.extend(cells.chunks(LANES).map(|chunk| (chunk.to_vec(), false)));
+
+    fn class(&self, cell: usize) -> usize {
+        self[cell].class
     }
-    batches.sort_unstable_by_key(|(cells, _)| cells[0]);
-    batches
 }
 
-/// Groups items into batches whose panels are made by `panel` and shared by the cells of a class.
-fn pack<T>(
-    items: &[T],
-    slots: usize,
-    dofs: impl Fn(&T) -> &[Option<usize>],
-    class: impl Fn(&T) -> usize,
-    mut panel: impl FnMut(&[usize]) -> usize,
-) -> Vec<Batch> {
-    let keys: Vec<_> = items.iter().map(|item| (dofs(item).len(), class(item))).collect();
-    let mut shared = BTreeMap::new();
-    batches(&keys)
-        .into_iter()
-        .map(|(cells, uniform)| {
-            let panel = if uniform {
-                *shared.entry(keys[cells[0]]).or_insert_with(|| panel(&[cells[0]; LANES]))
-            } else {
-                panel(&cells)
-            };
-            let mut batch = Batch {
-                dofs: vec![[slots as u32; LANES]; keys[cells[0]].0],
-                cells: [items.len() as u32; LANES],
-                panel,
-            };
-            for (lane, &cell) in cells.iter().enumerate() {
-                batch.cells[lane] = cell as u32;
-                for (local, dof) in dofs(&items[cell]).iter().enumerate() {
-                    batch.dofs[local][lane] = dof.unwrap_or(slots) as u32;
-                }
-            }
-            batch
-        })
-        .collect()
-}
-
-/// Values of eight cells: `count` numbers each, lane by lane; unused lanes are zero.
-fn interleave<'a>(cells: &[usize], count: usize, values: impl Fn(usize) -> &'a [f64]) -> Vec<Lanes> {
+/// `count` values of eight cells, lane by lane.
+fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -> &'a [f64]) -> Vec<Lanes> {
     let mut panel = vec![[0.0; LANES]; count];
     for (lane, &cell) in cells.iter().enumerate() {
         for (slot, value) in panel.iter_mut().zip(values(cell)) {
@@ -86,81 +44,6 @@ fn interleave<'a>(cells: &[usize], count: usize, values: impl Fn(usize) -> &'a [
         }
     }
     panel
-}
-
-#[inline(always)]
-fn gather(x: &[f64], batch: &Batch, local: &mut [Lanes]) {
-    for (value, dofs) in local.iter_mut().zip(&batch.dofs) {
-        for lane in 0..LANES {
-            value[lane] = x[dofs[lane] as usize];
-        }
-    }
-}
-
-#[inline(always)]
-fn scatter(local: &[Lanes], batch: &Batch, y: &mut [f64]) {
-    for (value, dofs) in local.iter().zip(&batch.dofs) {
-        for lane in 0..LANES {
-            y[dofs[lane] as usize] += value[lane];
-        }
-    }
-}
-
-/// result = matrix local, or |matrix| |local|, lane by lane, with whole registers: the inner loop of every step.
-#[inline(always)]
-fn matrix_product<S: Simd, const MAGNITUDE: bool>(
-    simd: S,
-    matrix: &[Lanes],
-    local: &[Lanes],
-    result: &mut [Lanes],
-) {
-    let matrix = S::as_simd_f64s(matrix.as_flattened()).0;
-    let local = S::as_simd_f64s(local.as_flattened()).0;
-    let result = S::as_mut_simd_f64s(result.as_flattened_mut()).0;
-    // Registers that make up the lanes; three rows at once hide the latency of the sums.
-    let parts = LANES / S::F64_LANES;
-    let width = local.len();
-    let mut row = 0;
-    while row < result.len() / parts {
-        let rows = if row + 3 <= result.len() / parts { 3 } else { 1 };
-        for part in 0..parts {
-            let mut sums = [simd.splat_f64s(0.0); 3];
-            let (a, b, c) = (row * width, (row + rows - 1).min(row + 1) * width, (row + rows - 1) * width);
-            for column in (part..width).step_by(parts) {
-                for (sum, start) in sums.iter_mut().zip([a, b, c]) {
-                    let entry = matrix[start + column];
-                    let value = local[column];
-                    let (entry, value) =
-                        if MAGNITUDE { (simd.abs_f64s(entry), simd.abs_f64s(value)) } else { (entry, value) };
-                    *sum = simd.mul_add_f64s(entry, value, *sum);
-                }
-            }
-            for (k, sum) in sums.into_iter().enumerate().take(rows) {
-                result[(row + k) * parts + part] = sum;
-            }
-        }
-        row += rows;
-    }
-}
-
-/// Row times local, and the sum of the magnitudes of its terms, lane by lane.
-#[inline(always)]
-fn row_product<S: Simd>(simd: S, row: &[Lanes], local: &[Lanes]) -> (Lanes, Lanes) {
-    let row = S::as_simd_f64s(row.as_flattened()).0;
-    let local = S::as_simd_f64s(local.as_flattened()).0;
-    let (mut sums, mut magnitudes) = ([0.0; LANES], [0.0; LANES]);
-    let parts = LANES / S::F64_LANES;
-    for part in 0..parts {
-        let (mut sum, mut magnitude) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
-        for i in (part..row.len()).step_by(parts) {
-            let term = simd.mul_f64s(row[i], local[i]);
-            sum = simd.add_f64s(sum, term);
-            magnitude = simd.add_f64s(magnitude, simd.abs_f64s(term));
-        }
-        S::as_mut_simd_f64s(&mut sums).0[part] = sum;
-        S::as_mut_simd_f64s(&mut magnitudes).0[part] = magnitude;
-    }
-    (sums, magnitudes)
 }
 
 /// Local matrices of eight cells.
@@ -171,112 +54,110 @@ struct Panel {
     arms: Vec<[Lanes; 2]>,
 }
 
-/// A symmetric form given by dense local matrices, such as K or M_r.
-#[derive(Debug, Clone)]
-pub struct CellForm {
-    batches: Vec<Batch>,
-    panels: Vec<Panel>,
-    blocks: Vec<Block>,
-    /// Largest number of dofs in a cell.
-    width: usize,
+impl Panel {
+    /// result = A local, lane by lane.
+    #[inline(always)]
+    fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
+        let mut form = [0.0; LANES];
+        // Of the deformation only the dofs after the first node's are left.
+        let first = if self.arms.is_empty() { 0 } else { 3 };
+        remove_rigid_motion(local, &self.arms);
+        matrix_product::<S, false>(simd, &self.matrix, first, local, result);
+        for (value, sum) in local[first..].iter().zip(&result[first..]) {
+            for lane in 0..LANES {
+                form[lane] += value[lane] * sum[lane];
+            }
+        }
+        return_rigid_forces(result, &self.arms);
+        form
+    }
+
+    /// result = |A| |local|, lane by lane.
+    #[inline(always)]
+    fn apply_magnitude<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) {
+        for value in local.as_flattened_mut() {
+            *value = value.abs();
+        }
+        matrix_product::<S, true>(simd, &self.matrix, 0, local, result);
+    }
 }
 
-impl CellForm {
-    /// Collects the cells' local matrices over `dofs` free dofs.
-    pub fn new(dofs: usize, blocks: Vec<Block>) -> CellForm {
-        let mut panels = Vec::new();
-        let width = blocks.iter().map(|block| block.dofs.len()).max().unwrap_or(0);
-        let batches = pack(
-            &blocks,
-            dofs,
-            |block| &block.dofs,
-            |block| block.class,
-            |cells| {
-                let size = blocks[cells[0]].dofs.len();
-                let nodes = blocks[cells[0]].arms.as_ref().map_or(0, |arms| arms.len() - 1);
-                let axis = |k: usize, axis: usize| {
-                    let mut lanes = [0.0; LANES];
-                    for (lane, &cell) in lanes.iter_mut().zip(cells) {
-                        *lane = blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis]);
-                    }
-                    lanes
-                };
-                panels.push(Panel {
-                    matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
-                    arms: (1..=nodes).map(|k| [axis(k, 0), axis(k, 1)]).collect(),
-                });
-                panels.len() - 1
-            },
-        );
-        CellForm { batches, panels, blocks, width }
+/// result = matrix local, or |matrix| local, lane by lane, with the rows and columns from `first` on: the inner loop of
+/// every step.
+#[inline(always)]
+fn matrix_product<S: Simd, const MAGNITUDE: bool>(
+    simd: S,
+    matrix: &[Lanes],
+    first: usize,
+    local: &[Lanes],
+    result: &mut [Lanes],
+) {
+    let width = local.len();
+    let (local, result) = (&local[first..], &mut result[first..]);
+    // Several rows at once hide the latency of the sums.
+    let (triples, singles) = result.as_chunks_mut::<3>();
+    let mut rows = &matrix[first * width..];
+    for result in triples {
+        let (a, rest) = rows.split_at(width);
+        let (b, rest) = rest.split_at(width);
+        let (c, rest) = rest.split_at(width);
+        rows_product::<S, 3, MAGNITUDE>(simd, [&a[first..], &b[first..], &c[first..]], local, result);
+        rows = rest;
     }
-
-    /// The cells' contributions, for assembly.
-    pub fn blocks(&self) -> &[Block] {
-        &self.blocks
+    for result in singles {
+        let (a, rest) = rows.split_at(width);
+        rows_product::<S, 1, MAGNITUDE>(simd, [&a[first..]], local, std::array::from_mut(result));
+        rows = rest;
     }
+}
 
-    /// y += A x for padded vectors; returns x^T A x.
-    #[inline(always)]
-    pub(super) fn add_product<S: Simd>(
-        &self,
-        simd: S,
-        x: &[f64],
-        y: &mut [f64],
-        scratch: &mut Scratch,
-    ) -> f64 {
-        let (local, result) = scratch.split(self.width);
-        let mut form = [0.0; LANES];
-        for batch in &self.batches {
-            let size = batch.dofs.len();
-            let (local, result) = (&mut local[..size], &mut result[..size]);
-            let panel = &self.panels[batch.panel];
-            gather(x, batch, local);
-            remove_rigid_motion(local, &panel.arms);
-            matrix_product::<S, false>(simd, &panel.matrix, local, result);
-            for (value, sum) in local.iter().zip(result.iter()) {
-                for lane in 0..LANES {
-                    form[lane] += value[lane] * sum[lane];
-                }
+/// Rows times local: a loop for each of the lengths that plate elements have, which the compiler unrolls, and one for any.
+#[inline(always)]
+fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
+    simd: S,
+    rows: [&[Lanes]; ROWS],
+    local: &[Lanes],
+    result: &mut [Lanes; ROWS],
+) {
+    match local.len() {
+        6 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..6], result),
+        9 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..9], result),
+        12 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..12], result),
+        _ => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, local, result),
+    }
+}
+
+#[inline(always)]
+fn row_sums<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
+    simd: S,
+    rows: [&[Lanes]; ROWS],
+    local: &[Lanes],
+    result: &mut [Lanes; ROWS],
+) {
+    let mut entries: [&[S::f64s]; ROWS] = [&[]; ROWS];
+    for (entries, row) in entries.iter_mut().zip(rows) {
+        *entries = S::as_simd_f64s(row[..local.len()].as_flattened()).0;
+    }
+    let values = S::as_simd_f64s(local.as_flattened()).0;
+    // Registers that make up the lanes.
+    let parts = LANES / S::F64_LANES;
+    for part in 0..parts {
+        let mut sums = [simd.splat_f64s(0.0); ROWS];
+        for column in 0..local.len() {
+            let at = column * parts + part;
+            for (sum, entries) in sums.iter_mut().zip(entries) {
+                let entry = if MAGNITUDE { simd.abs_f64s(entries[at]) } else { entries[at] };
+                *sum = simd.mul_add_f64s(entry, values[at], *sum);
             }
-            return_rigid_forces(result, &panel.arms);
-            scatter(result, batch, y);
         }
-        form.iter().sum()
-    }
-
-    /// y += scale A x and m += scale |A| |x| for padded vectors.
-    #[inline(always)]
-    pub(super) fn add_with_magnitude<S: Simd>(
-        &self,
-        simd: S,
-        scale: f64,
-        x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
-        scratch: &mut Scratch,
-    ) {
-        let (local, result) = scratch.split(self.width);
-        for batch in &self.batches {
-            let size = batch.dofs.len();
-            let (local, result) = (&mut local[..size], &mut result[..size]);
-            let panel = &self.panels[batch.panel];
-            gather(x, batch, local);
-            for value in local.as_flattened_mut() {
-                *value *= scale;
-            }
-            matrix_product::<S, true>(simd, &panel.matrix, local, result);
-            scatter(result, batch, m);
-            remove_rigid_motion(local, &panel.arms);
-            matrix_product::<S, false>(simd, &panel.matrix, local, result);
-            return_rigid_forces(result, &panel.arms);
-            scatter(result, batch, y);
+        for (result, sum) in result.iter_mut().zip(sums) {
+            S::as_mut_simd_f64s(result).0[part] = sum;
         }
     }
 }
 
 /// Replaces the dofs of a cell by those of its deformation, R w: the rigid motion of its first node is subtracted,
-/// by differences of nearby values.
+/// by differences of nearby values. The first node's own are then zero, and are not written.
 #[inline(always)]
 fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
     if arms.is_empty() {
@@ -291,7 +172,6 @@ fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
             node[2][lane] -= first[2][lane];
         }
     }
-    first.fill([0.0; LANES]);
 }
 
 /// Completes the forces on the deformation to those on the dofs, R^T f: the first node balances the others.
@@ -301,12 +181,141 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
         return;
     }
     let (first, others) = result.split_at_mut(3);
-    first.fill([0.0; LANES]);
+    let mut sums = [[0.0; LANES]; 3];
     for (node, arm) in others.chunks_exact(3).zip(arms) {
         for lane in 0..LANES {
-            first[0][lane] -= node[0][lane];
-            first[1][lane] -= node[1][lane] + node[0][lane] * arm[0][lane];
-            first[2][lane] -= node[2][lane] + node[0][lane] * arm[1][lane];
+            sums[0][lane] -= node[0][lane];
+            sums[1][lane] -= node[1][lane] + node[0][lane] * arm[0][lane];
+            sums[2][lane] -= node[2][lane] + node[0][lane] * arm[1][lane];
+        }
+    }
+    first.copy_from_slice(&sums);
+}
+
+/// A symmetric form given by dense local matrices, such as K or M_r.
+#[derive(Debug, Clone)]
+pub struct CellForm {
+    batches: Vec<Batch>,
+    panels: Vec<Panel>,
+    blocks: Vec<Block>,
+    /// Largest number of dofs in a cell.
+    width: usize,
+}
+
+impl CellForm {
+    /// Collects the cells' local matrices.
+    pub fn new(layout: &Layout, blocks: Vec<Block>) -> CellForm {
+        let mut panels = Vec::new();
+        let width = blocks.iter().map(|block| block.dofs.len()).max().unwrap_or(0);
+        let batches = batches(layout, &blocks, |cells| {
+            let size = blocks[cells[0]].dofs.len();
+            let nodes = blocks[cells[0]].arms.as_ref().map_or(0, |arms| arms.len() - 1);
+            let axis = |k: usize, axis: usize| {
+                cells.map(|cell| blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis]))
+            };
+            panels.push(Panel {
+                matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
+                arms: (1..=nodes).map(|k| [axis(k, 0), axis(k, 1)]).collect(),
+            });
+            panels.len() - 1
+        });
+        CellForm { batches, panels, blocks, width }
+    }
+
+    /// Largest number of dofs in a cell.
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// The cells' contributions, for assembly.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// y += A x; returns x^T A x.
+    #[inline(always)]
+    pub(super) fn add_product<S: Simd>(
+        &self,
+        simd: S,
+        x: &[f64],
+        y: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> f64 {
+        let mut form = [0.0; LANES];
+        for batch in &self.batches {
+            let (local, result) = scratch.split(batch.size());
+            batch.gather(1.0, x, local);
+            let forms = self.panels[batch.panel].apply(simd, local, result);
+            for lane in 0..LANES {
+                form[lane] += forms[lane];
+            }
+            batch.scatter(result, y);
+        }
+        form.iter().sum()
+    }
+
+    /// y += scale A x and m += scale |A| |x|.
+    #[inline(always)]
+    pub(super) fn add_with_magnitude<S: Simd>(
+        &self,
+        simd: S,
+        scale: f64,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+        scratch: &mut Scratch,
+    ) {
+        for batch in &self.batches {
+            let (local, result) = scratch.split(batch.size());
+            let panel = &self.panels[batch.panel];
+            batch.gather(scale, x, local);
+            panel.apply(simd, local, result);
+            batch.scatter(result, y);
+            batch.gather(scale, x, local);
+            panel.apply_magnitude(simd, local, result);
+            batch.scatter(result, m);
+        }
+    }
+}
+
+/// Rows of B of eight cells, and their entries of C.
+#[derive(Debug, Clone)]
+struct Rows {
+    row: Vec<Lanes>,
+    masses: Lanes,
+}
+
+impl Rows {
+    /// B local, and the sum of the magnitudes of its terms, lane by lane.
+    #[inline(always)]
+    fn momenta(&self, local: &[Lanes]) -> (Lanes, Lanes) {
+        let (mut momenta, mut magnitudes) = ([0.0; LANES], [0.0; LANES]);
+        for (b, value) in self.row.iter().zip(local) {
+            for lane in 0..LANES {
+                let term = b[lane] * value[lane];
+                momenta[lane] += term;
+                magnitudes[lane] += term.abs();
+            }
+        }
+        (momenta, magnitudes)
+    }
+
+    /// Momenta over masses.
+    #[inline(always)]
+    fn velocities(&self, mut momenta: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            momenta[lane] /= self.masses[lane];
+        }
+        momenta
+    }
+
+    /// result = B^T v, or |B^T| v, lane by lane.
+    #[inline(always)]
+    fn spread<const MAGNITUDE: bool>(&self, v: &Lanes, result: &mut [Lanes]) {
+        for (value, b) in result.iter_mut().zip(&self.row) {
+            for lane in 0..LANES {
+                value[lane] = v[lane] * if MAGNITUDE { b[lane].abs() } else { b[lane] };
+            }
         }
     }
 }
@@ -315,7 +324,7 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
 #[derive(Debug, Clone)]
 pub struct Averages {
     batches: Vec<Batch>,
-    panels: Vec<Vec<Lanes>>,
+    panels: Vec<Rows>,
     masses: Vec<f64>,
     rows: Vec<Average>,
     /// Largest number of dofs in a cell.
@@ -323,23 +332,25 @@ pub struct Averages {
 }
 
 impl Averages {
-    /// Collects the rows of B and the diagonal of C over `dofs` free dofs.
-    pub fn new(dofs: usize, rows: Vec<Average>) -> Averages {
+    /// Collects the rows of B and the diagonal of C.
+    pub fn new(layout: &Layout, rows: Vec<Average>) -> Averages {
         let mut panels = Vec::new();
-        let batches = pack(
-            &rows,
-            dofs,
-            |row| &row.dofs,
-            |row| row.class,
-            |cells| {
-                panels.push(interleave(cells, rows[cells[0]].dofs.len(), |cell| &rows[cell].row));
-                panels.len() - 1
-            },
-        );
-        // One slot more for the unused lanes; infinite, so that they move at no velocity.
-        let masses = rows.iter().map(|row| row.mass).chain([f64::INFINITY]).collect();
+        let batches = batches(layout, &rows, |cells| {
+            let size = rows[cells[0]].dofs.len();
+            panels.push(Rows {
+                row: interleave(cells, size, |cell| &rows[cell].row),
+                masses: cells.map(|cell| rows[cell].mass),
+            });
+            panels.len() - 1
+        });
+        let masses = rows.iter().map(|row| row.mass).collect();
         let width = rows.iter().map(|row| row.dofs.len()).max().unwrap_or(0);
         Averages { batches, panels, masses, rows, width }
+    }
+
+    /// Largest number of dofs in a cell.
+    pub(super) fn width(&self) -> usize {
+        self.width
     }
 
     /// The rows of B and entries of C, for assembly.
@@ -354,109 +365,83 @@ impl Averages {
 
     /// Masses of the cells: the diagonal of C, in kg.
     pub fn masses(&self) -> &[f64] {
-        &self.masses[..self.rows.len()]
+        &self.masses
     }
 
-    /// Momentum of each cell in each lane, B x.
+    /// y += M x; returns x^T M x.
     #[inline(always)]
-    fn lanes(&self, batch: &Batch, x: &[f64]) -> Lanes {
-        let mut sum = [0.0; LANES];
-        for (b, dofs) in self.panels[batch.panel].iter().zip(&batch.dofs) {
-            for lane in 0..LANES {
-                sum[lane] += b[lane] * x[dofs[lane] as usize];
-            }
-        }
-        sum
-    }
-
-    #[inline(always)]
-    fn spread(&self, batch: &Batch, v: &Lanes, y: &mut [f64]) {
-        for (b, dofs) in self.panels[batch.panel].iter().zip(&batch.dofs) {
-            for lane in 0..LANES {
-                y[dofs[lane] as usize] += b[lane] * v[lane];
-            }
-        }
-    }
-
-    /// y += M x for padded vectors; returns x^T M x.
-    #[inline(always)]
-    pub(super) fn add_product(&self, x: &[f64], y: &mut [f64]) -> f64 {
-        let mut form = 0.0;
+    pub(super) fn add_product(&self, x: &[f64], y: &mut [f64], scratch: &mut Scratch) -> f64 {
+        let mut form = [0.0; LANES];
         for batch in &self.batches {
-            let mut v = self.lanes(batch, x);
+            let (local, result) = scratch.split(batch.size());
+            let rows = &self.panels[batch.panel];
+            batch.gather(1.0, x, local);
+            let (momenta, _) = rows.momenta(local);
+            let v = rows.velocities(momenta);
             for lane in 0..LANES {
-                let momentum = v[lane];
-                v[lane] /= self.masses[batch.cells[lane] as usize];
-                form += momentum * v[lane];
+                form[lane] += momenta[lane] * v[lane];
             }
-            self.spread(batch, &v, y);
+            rows.spread::<false>(&v, result);
+            batch.scatter(result, y);
         }
-        form
+        form.iter().sum()
     }
 
-    /// y += scale M x and m += scale |M| |x| for padded vectors.
+    /// y += scale M x and m += scale |M| |x|.
     #[inline(always)]
-    pub(super) fn add_with_magnitude<S: Simd>(
+    pub(super) fn add_with_magnitude(
         &self,
-        simd: S,
         scale: f64,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
         scratch: &mut Scratch,
     ) {
-        let (local, result) = scratch.split(self.width);
         for batch in &self.batches {
-            let size = batch.dofs.len();
-            let (local, result) = (&mut local[..size], &mut result[..size]);
-            let row = &self.panels[batch.panel];
-            gather(x, batch, local);
-            let (mut v, mut magnitude) = row_product(simd, row, local);
-            for lane in 0..LANES {
-                let factor = scale / self.masses[batch.cells[lane] as usize];
-                v[lane] *= factor;
-                magnitude[lane] *= factor;
-            }
-            for (value, b) in result.iter_mut().zip(row) {
-                for lane in 0..LANES {
-                    value[lane] = b[lane] * v[lane];
-                }
-            }
-            scatter(result, batch, y);
-            for (value, b) in result.iter_mut().zip(row) {
-                for lane in 0..LANES {
-                    value[lane] = b[lane].abs() * magnitude[lane];
-                }
-            }
-            scatter(result, batch, m);
+            let (local, result) = scratch.split(batch.size());
+            let rows = &self.panels[batch.panel];
+            batch.gather(scale, x, local);
+            let (momenta, magnitudes) = rows.momenta(local);
+            rows.spread::<false>(&rows.velocities(momenta), result);
+            batch.scatter(result, y);
+            rows.spread::<true>(&rows.velocities(magnitudes), result);
+            batch.scatter(result, m);
         }
     }
 
-    /// V = C^-1 B x for a padded x.
+    /// V = C^-1 B x.
     #[inline(always)]
-    pub(super) fn velocity(&self, x: &[f64], v: &mut [f64]) {
+    pub(super) fn velocity(&self, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches {
-            let momenta = self.lanes(batch, x);
-            for (momentum, &cell) in momenta.iter().zip(&batch.cells) {
+            let (local, _) = scratch.split(batch.size());
+            let rows = &self.panels[batch.panel];
+            batch.gather(1.0, x, local);
+            let velocities = rows.velocities(rows.momenta(local).0);
+            for (velocity, &cell) in velocities.iter().zip(&batch.cells) {
                 if let Some(v) = v.get_mut(cell as usize) {
-                    *v = momentum / self.masses[cell as usize];
+                    *v = *velocity;
                 }
             }
         }
     }
 
-    /// y += B^T V for a padded y.
+    /// y += B^T V.
     #[inline(always)]
-    pub(super) fn add_momentum(&self, v: &[f64], y: &mut [f64]) {
+    pub(super) fn add_momentum(&self, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches {
-            let lanes = batch.cells.map(|cell| v.get(cell as usize).copied().unwrap_or(0.0));
-            self.spread(batch, &lanes, y);
+            let (_, result) = scratch.split(batch.size());
+            let mut lanes = [0.0; LANES];
+            for (value, &cell) in lanes.iter_mut().zip(&batch.cells) {
+                *value = v.get(cell as usize).copied().unwrap_or(0.0);
+            }
+            self.panels[batch.panel].spread::<false>(&lanes, result);
+            batch.scatter(result, y);
         }
     }
 
     /// V^T C V.
     pub(super) fn vis_viva(&self, v: &[f64]) -> f64 {
-        self.masses().iter().zip(v).map(|(c, v)| c * v * v).sum()
+        self.masses.iter().zip(v).map(|(c, v)| c * v * v).sum()
     }
 }
 
@@ -467,9 +452,13 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    fn split(&mut self, width: usize) -> (&mut [Lanes], &mut [Lanes]) {
-        self.lanes.resize((2 * width).max(self.lanes.len()), [0.0; LANES]);
-        let (first, second) = self.lanes.split_at_mut(width);
-        (first, &mut second[..width])
+    /// Makes room for cells of up to `size` dofs.
+    pub fn reserve(&mut self, size: usize) {
+        self.lanes.resize((2 * size).max(self.lanes.len()), [0.0; LANES]);
+    }
+
+    #[inline(always)]
+    fn split(&mut self, size: usize) -> (&mut [Lanes], &mut [Lanes]) {
+        self.lanes[..2 * size].split_at_mut(size)
     }
 }

@@ -9,11 +9,13 @@
 //! \(H x_c = h\), where \(H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}\) is their Schur complement, and `expand` completes \(x\) once
 //! \(x_c\) is known. A contact step then costs one solve and a small dense problem.
 
+mod batch;
 mod cells;
 mod cholesky;
 mod native;
 mod simd;
 
+pub use batch::Layout;
 pub use cells::{Averages, CellForm};
 pub use cholesky::Cholesky;
 pub use native::{Form, Native};
@@ -73,8 +75,11 @@ pub trait Engine {
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> f64;
 
-    /// Adds a product and its componentwise magnitude, cell by cell: y += scale A x, m += scale |A| |x| (scale > 0).
-    fn add_with_magnitude(&self, form: &Self::Form, scale: f64, x: &[f64], y: &mut [f64], m: &mut [f64]);
+    /// Adds the product with a sum and its componentwise magnitude, cell by cell: y += A x, m += |A| |x|, where |A| is the
+    /// sum of the magnitudes of the cells' matrices (of positive weights).
+    fn add_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64])
+    where
+        Self: Sized;
 
     /// Number of velocity dofs that go with a mass: its cells for the singular one, else [`Engine::dofs`].
     fn velocities(&self, mass: &Self::Form) -> usize;

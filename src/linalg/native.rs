@@ -1,5 +1,6 @@
 //! The engine of one process: plain arrays and a sparse Cholesky factor.
 
+use super::batch::Layout;
 use super::cells::Scratch;
 use super::{Average, Averages, Block, CellForm, Cholesky, Engine, Sum};
 use crate::error::Result;
@@ -49,12 +50,12 @@ impl Form {
 /// The engine of one process.
 #[derive(Debug)]
 pub struct Native {
-    dofs: usize,
+    layout: Layout,
     arch: Arch,
     workspace: RefCell<Workspace>,
 }
 
-/// Vectors with one slot more than dofs, for what a support holds.
+/// Laid out vectors, and room for the cells' local ones.
 #[derive(Debug)]
 struct Workspace {
     x: Vec<f64>,
@@ -66,22 +67,32 @@ struct Workspace {
 impl Native {
     /// An engine for vectors of `dofs` free dofs.
     pub fn new(dofs: usize) -> Native {
-        let padded = || vec![0.0; dofs + 1];
-        let workspace = Workspace { x: padded(), y: padded(), m: padded(), scratch: Scratch::default() };
-        Native { dofs, arch: Arch::new(), workspace: RefCell::new(workspace) }
+        Native::with_layout(Layout::new(0..dofs))
+    }
+
+    /// An engine that keeps its own vectors in a layout made for the cells: faster.
+    pub fn with_layout(layout: Layout) -> Native {
+        let (x, y, m) = (layout.zeros(), layout.zeros(), layout.zeros());
+        let workspace = Workspace { x, y, m, scratch: Scratch::default() };
+        Native { layout, arch: Arch::new(), workspace: RefCell::new(workspace) }
     }
 
     /// A form from the cells' dense local matrices.
     pub fn form(&self, blocks: Vec<Block>) -> Form {
-        Form::Cells(CellForm::new(self.dofs, blocks))
+        let form = CellForm::new(&self.layout, blocks);
+        self.workspace.borrow_mut().scratch.reserve(form.width());
+        Form::Cells(form)
     }
 
     /// The singular mass from the cells' rows of B and entries of C.
     pub fn averages(&self, rows: Vec<Average>) -> Form {
-        Form::Averages(Averages::new(self.dofs, rows))
+        let averages = Averages::new(&self.layout, rows);
+        self.workspace.borrow_mut().scratch.reserve(averages.width());
+        Form::Averages(averages)
     }
 }
 
+/// What the widest registers of the processor are for: y += A x and more, on laid out vectors.
 struct Product<'a> {
     form: &'a Form,
     x: &'a [f64],
@@ -96,14 +107,13 @@ impl WithSimd for Product<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
         match self.form {
             Form::Cells(cells) => cells.add_product(simd, self.x, self.y, self.scratch),
-            Form::Averages(averages) => averages.add_product(self.x, self.y),
+            Form::Averages(averages) => averages.add_product(self.x, self.y, self.scratch),
         }
     }
 }
 
 struct WithMagnitude<'a> {
-    form: &'a Form,
-    scale: f64,
+    sum: &'a Sum<'a, Native>,
     x: &'a [f64],
     y: &'a mut [f64],
     m: &'a mut [f64],
@@ -115,11 +125,45 @@ impl WithSimd for WithMagnitude<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let WithMagnitude { form, scale, x, y, m, scratch } = self;
-        match form {
-            Form::Cells(cells) => cells.add_with_magnitude(simd, scale, x, y, m, scratch),
-            Form::Averages(averages) => averages.add_with_magnitude(simd, scale, x, y, m, scratch),
+        let WithMagnitude { sum, x, y, m, scratch } = self;
+        for &(scale, form) in sum {
+            match form {
+                Form::Cells(cells) => cells.add_with_magnitude(simd, scale, x, y, m, scratch),
+                Form::Averages(averages) => averages.add_with_magnitude(scale, x, y, m, scratch),
+            }
         }
+    }
+}
+
+struct Velocity<'a> {
+    averages: &'a Averages,
+    x: &'a [f64],
+    v: &'a mut [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for Velocity<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.averages.velocity(self.x, self.v, self.scratch);
+    }
+}
+
+struct Momentum<'a> {
+    averages: &'a Averages,
+    v: &'a [f64],
+    y: &'a mut [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for Momentum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.averages.add_momentum(self.v, self.y, self.scratch);
     }
 }
 
@@ -128,7 +172,7 @@ impl Engine for Native {
     type Factor = Cholesky;
 
     fn dofs(&self) -> usize {
-        self.dofs
+        self.layout.dofs()
     }
 
     fn dot(&self, x: &[f64], y: &[f64]) -> f64 {
@@ -140,27 +184,27 @@ impl Engine for Native {
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> f64 {
-        let Workspace { x: padded, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
-        padded[..self.dofs].copy_from_slice(x);
+        let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
+        self.layout.lay_out(x, laid);
         product.fill(0.0);
-        let value = self.arch.dispatch(Product { form, x: padded, y: product, scratch });
-        y.copy_from_slice(&product[..self.dofs]);
+        let value = self.arch.dispatch(Product { form, x: laid, y: product, scratch });
+        self.layout.collect(product, y);
         value
     }
 
-    fn add_with_magnitude(&self, form: &Form, scale: f64, x: &[f64], y: &mut [f64], m: &mut [f64]) {
-        let Workspace { x: padded, y: product, m: magnitude, scratch } = &mut *self.workspace.borrow_mut();
-        padded[..self.dofs].copy_from_slice(x);
-        product[..self.dofs].copy_from_slice(y);
-        magnitude[..self.dofs].copy_from_slice(m);
-        self.arch.dispatch(WithMagnitude { form, scale, x: padded, y: product, m: magnitude, scratch });
-        y.copy_from_slice(&product[..self.dofs]);
-        m.copy_from_slice(&magnitude[..self.dofs]);
+    fn add_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64]) {
+        let Workspace { x: laid, y: product, m: magnitude, scratch } = &mut *self.workspace.borrow_mut();
+        self.layout.lay_out(x, laid);
+        product.fill(0.0);
+        magnitude.fill(0.0);
+        self.arch.dispatch(WithMagnitude { sum, x: laid, y: product, m: magnitude, scratch });
+        self.layout.add(product, y);
+        self.layout.add(magnitude, m);
     }
 
     fn velocities(&self, mass: &Form) -> usize {
         match mass {
-            Form::Cells(_) => self.dofs,
+            Form::Cells(_) => self.dofs(),
             Form::Averages(averages) => averages.cells(),
         }
     }
@@ -169,9 +213,9 @@ impl Engine for Native {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::Averages(averages) => {
-                let padded = &mut self.workspace.borrow_mut().x;
-                padded[..self.dofs].copy_from_slice(x);
-                averages.velocity(padded, v);
+                let Workspace { x: laid, scratch, .. } = &mut *self.workspace.borrow_mut();
+                self.layout.lay_out(x, laid);
+                self.arch.dispatch(Velocity { averages, x: laid, v, scratch });
             }
         }
     }
@@ -182,23 +226,23 @@ impl Engine for Native {
                 self.multiply(mass, v, y);
             }
             Form::Averages(averages) => {
-                let product = &mut self.workspace.borrow_mut().y;
+                let Workspace { y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
                 product.fill(0.0);
-                averages.add_momentum(v, product);
-                y.copy_from_slice(&product[..self.dofs]);
+                self.arch.dispatch(Momentum { averages, v, y: product, scratch });
+                self.layout.collect(product, y);
             }
         }
     }
 
     fn vis_viva(&self, mass: &Form, v: &[f64]) -> f64 {
         match mass {
-            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs]),
+            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs()]),
             Form::Averages(averages) => averages.vis_viva(v),
         }
     }
 
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
-        Cholesky::new(self.dofs, &lower_triplets(sum), candidates)
+        Cholesky::new(self.dofs(), &lower_triplets(sum), candidates)
     }
 }
 

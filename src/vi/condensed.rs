@@ -165,9 +165,7 @@ impl<E: Engine> Condensed<E> {
             for ((r, m), b) in residual.iter_mut().zip(&mut magnitude).zip(b) {
                 (*r, *m) = (-b, b.abs());
             }
-            for (scale, form) in sum {
-                engine.add_with_magnitude(form, *scale, x, &mut residual, &mut magnitude);
-            }
+            engine.add_with_magnitude(sum, x, &mut residual, &mut magnitude);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
                 reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] };

@@ -39,6 +39,11 @@ fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
+/// The largest of some numbers that are not negative, and NaN if one is: they are ordered as their bits are, NaN last.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    f64::from_bits(values.map(|value| value.abs().to_bits()).max().unwrap_or(0))
+}
+
 /// A ratio that is 0 for nothing over nothing.
 fn ratio(a: f64, b: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a / b }
@@ -87,22 +92,21 @@ impl Judge {
             *r = -b;
             *m = b.abs();
         }
-        for (scale, form) in sum {
-            engine.add_with_magnitude(form, *scale, x, residual, magnitude);
-        }
+        engine.add_with_magnitude(sum, x, residual, magnitude);
         for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let floor = NEGLIGIBLE * engine.maximum(magnitude.iter().copied().fold(0.0, larger));
-        let stationarity = residual
-            .iter()
-            .zip(magnitude.iter())
-            .map(|(r, m)| ratio(r.abs(), m.max(floor)))
-            .fold(0.0, larger);
+        let floor = NEGLIGIBLE * engine.maximum(largest(magnitude.iter().copied()));
+        // Without any magnitude there is no residual either.
+        let floor = if floor == 0.0 { f64::MIN_POSITIVE } else { floor };
+        let stationarity = largest(residual.iter().zip(magnitude.iter()).map(|(r, m)| r / m.max(floor)));
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
+            if r == 0.0 && below >= 0.0 && above >= 0.0 {
+                continue; // Free, within its bounds.
+            }
             let force = magnitude[dof].max(floor);
             // A positive reaction pushes up, off the lower bound.
             let gap = if r >= 0.0 { below } else { above };
