@@ -2,6 +2,7 @@
 
 use super::SceneArgs;
 use crate::error::Result;
+use crate::study;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -17,7 +18,7 @@ pub struct Check {
 pub struct Inspect {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form
+    /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form, all dofs before supports
     #[arg(long, value_name = "DIR")]
     matrices: Option<PathBuf>,
 }
@@ -25,14 +26,18 @@ pub struct Inspect {
 impl Check {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
-        self.scene.print(&scene.resolved(), &scene)
+        let check = study::check(&scene)?;
+        self.scene.print(&check, &check)
     }
 }
 
 impl Inspect {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
-        let _ = &self.matrices;
-        self.scene.print(&scene.resolved(), &scene)
+        let inspection = study::inspect(&scene)?;
+        if let Some(folder) = &self.matrices {
+            study::write_matrices(&scene, folder)?;
+        }
+        self.scene.print(&inspection, &inspection)
     }
 }
