@@ -74,7 +74,7 @@ fn e_judge(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
     let sum = Newmark::sum(&model.system, PARAMETERS);
     let x = &model.start.displacement;
-    let mut judge = Judge::new(x.len());
+    let mut judge = Judge::new(&model.system.engine, &sum);
     let reaction = vec![0.0; model.system.bounds.len()];
     bencher.bench_local(|| {
         judge.residual(&model.system.engine, &sum, x, &model.system.bounds, 1.0, x, &reaction)

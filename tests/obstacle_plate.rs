@@ -172,7 +172,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     }
     let sum = [(1.0, &form)];
     let solver = Condensed::new(&engine, &sum, bounds.len()).unwrap();
-    let mut step: Step<Native> = Step::new(Box::new(solver), size);
+    let mut step: Step<Native> = Step::new(Box::new(solver), &engine, &sum);
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; bounds.len()]);
     let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction).unwrap();
     assert!(verdict.kkt <= 1e-12, "{cells} cells: {:e}", verdict.kkt);

@@ -93,6 +93,11 @@ pub trait Engine {
     /// Twice the kinetic energy: V^T C V, or V^T M_r V.
     fn vis_viva(&self, mass: &Self::Form, v: &[f64]) -> f64;
 
+    /// Diagonal of a sum of forms.
+    fn diagonal(&self, sum: &Sum<Self>) -> Vec<f64>
+    where
+        Self: Sized;
+
     /// Factors a sum of forms with the candidates (dofs, ascending) left to the end.
     ///
     /// # Errors

@@ -241,6 +241,18 @@ impl Engine for Native {
         }
     }
 
+    fn diagonal(&self, sum: &Sum<Self>) -> Vec<f64> {
+        let mut diagonal = vec![0.0; self.dofs()];
+        for (scale, form) in sum {
+            form.for_each_lower(|row, column, entry| {
+                if row == column {
+                    diagonal[row] += scale * entry;
+                }
+            });
+        }
+        diagonal
+    }
+
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
         Cholesky::new(self.dofs(), &lower_triplets(sum), candidates)
     }

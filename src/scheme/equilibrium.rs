@@ -26,7 +26,7 @@ where
 {
     let sum = [(1.0, stiffness)];
     let dofs = engine.dofs();
-    let mut step: Step<E> = Step::new(Box::new(Condensed::new(engine, &sum, bounds.len())?), dofs);
+    let mut step: Step<E> = Step::new(Box::new(Condensed::new(engine, &sum, bounds.len())?), engine, &sum);
     let mut u = vec![0.0; dofs];
     let mut x = vec![0.0; dofs];
     let mut b = vec![0.0; dofs];

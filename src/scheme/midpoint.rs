@@ -74,7 +74,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         Midpoint {
             system,
             sum: Self::sum(system, dt),
-            solver: Step::new(solver, dofs),
+            solver: Step::new(solver, engine, &Self::sum(system, dt)),
             dt,
             n: 0,
             u: start.displacement,

@@ -16,9 +16,9 @@
 //! The unknown of a step is an increment that solves A x = b + G^T r under bounds, with b made of K U^n applied cell by cell:
 //! at small steps the paper's literal right-hand sides lose the digits that this form keeps.
 
-mod equilibrium;
-mod midpoint;
-mod newmark;
+pub mod equilibrium;
+pub mod midpoint;
+pub mod newmark;
 
 pub use equilibrium::equilibrium;
 pub use midpoint::Midpoint;

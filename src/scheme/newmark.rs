@@ -83,7 +83,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut scheme = Newmark {
             system,
             sum: Self::sum(system, parameters),
-            solver: Step::new(solver, dofs),
+            solver: Step::new(solver, &system.engine, &Self::sum(system, parameters)),
             parameters,
             n: 0,
             u: start.displacement,

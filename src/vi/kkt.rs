@@ -3,15 +3,17 @@
 //! Stationarity is measured as a componentwise backward error (Oettli and Prager 1964): by how much, relative to themselves,
 //! the entries of the cells' matrices and of b would have to change for x to satisfy its rows exactly,
 //! \[ \max_i \frac{|A x - b - G^T r|_i}{(|A||x| + |b| + |G^T r|)_i}. \]
-//! The measure does not depend on units or on the scaling of the dofs. Violated bounds are measured against the scale of
+//! A row all of whose terms are negligible is measured against a share of the largest that A, which is positive definite, allows
+//! it. The measure does not depend on units or on the scaling of the dofs. Violated bounds are measured against the scale of
 //! the deflection, reactions against the magnitude of their row; complementarity is the smaller of relative gap and
 //! relative reaction. A is applied cell by cell, without the assembled matrix that the solvers work on.
 
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 
-/// Rows below this share of the largest are measured against it: they are made of its rounding.
-const NEGLIGIBLE: f64 = f64::EPSILON;
+/// Rows whose magnitude is below this share of the largest possible, sqrt(A_ii) max_j sqrt(A_jj) |x_j|, are measured against
+/// that share: where all terms of a row vanish in the answer, rounding elsewhere is all it has.
+const NEGLIGIBLE: f64 = 1e-4;
 
 /// The parts of the residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,14 +54,17 @@ fn ratio(a: f64, b: f64) -> f64 {
 /// Work vectors of the judge.
 #[derive(Debug)]
 pub struct Judge {
+    /// sqrt(A_ii).
+    scale: Vec<f64>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
 
 impl Judge {
-    /// A judge of vectors of `dofs` entries.
-    pub fn new(dofs: usize) -> Judge {
-        Judge { residual: vec![0.0; dofs], magnitude: vec![0.0; dofs] }
+    /// A judge of problems with the matrix of this sum.
+    pub fn new<E: Engine>(engine: &E, sum: &Sum<E>) -> Judge {
+        let scale: Vec<f64> = engine.diagonal(sum).into_iter().map(f64::sqrt).collect();
+        Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale }
     }
 
     /// The worst part of the residual of (x, reaction); see the [module page](self).
@@ -87,7 +92,7 @@ impl Judge {
         x: &[f64],
         reaction: &[f64],
     ) -> Residual {
-        let Judge { residual, magnitude } = self;
+        let Judge { scale, residual, magnitude } = self;
         for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
             *r = -b;
             *m = b.abs();
@@ -97,17 +102,20 @@ impl Judge {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let floor = NEGLIGIBLE * engine.maximum(largest(magnitude.iter().copied()));
+        let size = engine.maximum(largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs())));
         // Without any magnitude there is no residual either.
-        let floor = if floor == 0.0 { f64::MIN_POSITIVE } else { floor };
-        let stationarity = largest(residual.iter().zip(magnitude.iter()).map(|(r, m)| r / m.max(floor)));
+        let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
+        for (m, scale) in magnitude.iter_mut().zip(scale.iter()) {
+            *m = m.max(floor * scale).max(f64::MIN_POSITIVE);
+        }
+        let stationarity = largest(residual.iter().zip(magnitude.iter()).map(|(r, m)| r / m));
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
             if r == 0.0 && below >= 0.0 && above >= 0.0 {
                 continue; // Free, within its bounds.
             }
-            let force = magnitude[dof].max(floor);
+            let force = magnitude[dof];
             // A positive reaction pushes up, off the lower bound.
             let gap = if r >= 0.0 { below } else { above };
             let pull = if gap.is_infinite() { r.abs() } else { 0.0 };

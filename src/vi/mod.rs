@@ -6,7 +6,7 @@
 //! the answer judged by [`kkt`], whatever the solver says of itself.
 
 mod active_set;
-mod condensed;
+pub mod condensed;
 pub mod kkt;
 
 pub use active_set::{Side, dense};
@@ -52,9 +52,9 @@ pub struct Step<E: Engine> {
 }
 
 impl<E: Engine> Step<E> {
-    /// Puts a solver under judgement, for vectors of `dofs` entries.
-    pub fn new(solver: Box<dyn Solver<E>>, dofs: usize) -> Step<E> {
-        Step { solver, judge: kkt::Judge::new(dofs) }
+    /// Puts a solver of problems with the matrix of this sum under judgement.
+    pub fn new(solver: Box<dyn Solver<E>>, engine: &E, sum: &Sum<E>) -> Step<E> {
+        Step { solver, judge: kkt::Judge::new(engine, sum) }
     }
 
     /// Solves and judges. `length` is the scale of the deflection, in m, that gaps are measured against.
