@@ -5,6 +5,7 @@
 //! cells in a row then read each of their local dofs in one go, at eight places that follow one another.
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// Cells in a batch.
 pub(super) const LANES: usize = 8;
@@ -59,6 +60,11 @@ impl Layout {
         self.taken.get(place as usize).is_none_or(|taken| !taken)
     }
 
+    /// The places of a cell's dofs; none for those that are held.
+    fn places_of(&self, dofs: &[Option<usize>]) -> impl Iterator<Item = Option<u32>> {
+        dofs.iter().map(|dof| dof.map(|dof| self.places[dof]))
+    }
+
     /// Lays a vector out; the places without dofs stay as they are.
     #[inline(always)]
     pub(super) fn lay_out(&self, x: &[f64], laid: &mut [f64]) {
@@ -74,29 +80,21 @@ impl Layout {
             *value = laid[place as usize];
         }
     }
-
-    /// x += a laid out vector.
-    #[inline(always)]
-    pub(super) fn add(&self, laid: &[f64], x: &mut [f64]) {
-        for (value, &place) in x.iter_mut().zip(&self.places) {
-            *value += laid[place as usize];
-        }
-    }
 }
 
 /// Eight cells with equally many local dofs.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Batch {
     /// Cell number of each lane; past the end where the lane is unused.
     pub cells: [u32; LANES],
-    /// Which of a form's panels has the cells' local values.
+    /// Which of a form's panels has the cells' local values: the number of an entry of [`Batches::panels`].
     pub panel: usize,
     /// 1 for a lane in use, else 0.
     used: Lanes,
     places: Places,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 enum Places {
     /// Place of each local dof in the first lane; those of the others follow it.
     Row(Vec<u32>),
@@ -114,26 +112,22 @@ impl Batch {
         }
     }
 
-    /// local = scale times the values of a laid out vector, and zero in unused lanes.
+    /// local = the values of a laid out vector, and zero in unused lanes.
     #[inline(always)]
-    pub fn gather(&self, scale: f64, x: &[f64], local: &mut [Lanes]) {
-        let mut scales = self.used;
-        for factor in &mut scales {
-            *factor *= scale;
-        }
+    pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
             Places::Row(starts) => {
                 for (value, &start) in local.iter_mut().zip(starts) {
                     let row = &x[start as usize..][..LANES];
                     for lane in 0..LANES {
-                        value[lane] = row[lane] * scales[lane];
+                        value[lane] = row[lane] * self.used[lane];
                     }
                 }
             }
             Places::Scattered(places) => {
                 for (value, places) in local.iter_mut().zip(places) {
                     for lane in 0..LANES {
-                        value[lane] = x[places[lane] as usize] * scales[lane];
+                        value[lane] = x[places[lane] as usize];
                     }
                 }
             }
@@ -174,12 +168,12 @@ struct Row<'a> {
 
 impl<'a> Row<'a> {
     fn new(layout: &'a Layout, cell: usize, dofs: &[Option<usize>]) -> Row<'a> {
-        Row { layout, starts: places(layout, dofs), lanes: vec![(0, cell)] }
+        Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, cell)] }
     }
 
     /// Takes a cell if it fits into one of the lanes left.
     fn take(&mut self, cell: usize, dofs: &[Option<usize>]) -> bool {
-        let places = places(self.layout, dofs);
+        let places: Vec<_> = self.layout.places_of(dofs).collect();
         let pairs = || self.starts.iter().copied().zip(places.iter().copied());
         let lane = pairs().find_map(|(start, place)| place?.checked_sub(start?));
         let next = self.lanes.last().map_or(0, |(lane, _)| lane + 1);
@@ -203,112 +197,119 @@ impl<'a> Row<'a> {
     }
 }
 
-/// The places of a cell's dofs; none for those that are held.
-fn places(layout: &Layout, dofs: &[Option<usize>]) -> Vec<Option<u32>> {
-    dofs.iter().map(|dof| dof.map(|dof| layout.places[dof])).collect()
+/// A cell of a form: its free dofs, and its class; cells of one class have the same local values.
+pub(super) type Cell = (Rc<[Option<usize>]>, usize);
+
+/// All cells of a form in batches. Forms over the same cells share them.
+#[derive(Debug)]
+pub(super) struct Batches {
+    cells: Vec<Cell>,
+    /// The batches.
+    pub list: Vec<Batch>,
+    /// The cells whose local values make up each panel, lane by lane.
+    pub panels: Vec<[usize; LANES]>,
+    /// Largest number of local dofs.
+    pub width: usize,
 }
 
-/// Cells of a form: their free dofs, and their class; those of one class have the same local values.
-pub(super) trait Cells {
-    /// Number of cells.
-    fn count(&self) -> usize;
-    /// Free dofs of a cell.
-    fn dofs(&self, cell: usize) -> &[Option<usize>];
-    /// Class of a cell.
-    fn class(&self, cell: usize) -> usize;
-}
-
-/// Sorts the cells of a class by how far their dofs are displaced from those of the one with the fewest held.
-fn sort_along_lines(layout: &Layout, cells: &impl Cells, class: &mut [usize]) {
-    let held = |&cell: &usize| cells.dofs(cell).iter().filter(|dof| dof.is_none()).count();
-    let Some(model) = class.iter().copied().min_by_key(held).map(|cell| places(layout, cells.dofs(cell)))
-    else {
-        return;
-    };
-    class.sort_by_cached_key(|&cell| {
-        let pairs = places(layout, cells.dofs(cell)).into_iter().zip(&model);
-        pairs.into_iter().find_map(|(place, model)| Some(i64::from(place?) - i64::from((*model)?)))
-    });
-}
-
-/// Makes batches of all cells. `panel` collects the local values of some cells, lane by lane, and returns its number.
-///
-/// Cells of one class that lie in a row go together and share one panel; others of one class share the panel too; what is left
-/// of all classes is packed together with a panel for each batch.
-pub(super) fn batches(
-    layout: &Layout,
-    cells: &impl Cells,
-    mut panel: impl FnMut(&[usize; LANES]) -> usize,
-) -> Vec<Batch> {
-    let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-    for cell in 0..cells.count() {
-        classes.entry((cells.dofs(cell).len(), cells.class(cell))).or_default().push(cell);
-    }
-    let unused = cells.count();
-    let scattered = |chunk: &[usize], panel: usize| {
-        let mut batch = Batch {
-            cells: [unused as u32; LANES],
-            panel,
-            used: [0.0; LANES],
-            places: Places::Scattered(Vec::new()),
-        };
-        let mut places = vec![[layout.nowhere(); LANES]; cells.dofs(chunk[0]).len()];
-        for (lane, &cell) in chunk.iter().enumerate() {
-            (batch.cells[lane], batch.used[lane]) = (cell as u32, 1.0);
-            for (place, dof) in places.iter_mut().zip(cells.dofs(cell)) {
-                place[lane] = dof.map_or(layout.nowhere(), |dof| layout.places[dof]);
-            }
+impl Batches {
+    /// Cells of one class that lie in a row go together and share one panel; others of one class share the panel too; what
+    /// is left of all classes is packed together with a panel for each batch.
+    pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
+        let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
+        let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for (number, (dofs, class)) in cells.iter().enumerate() {
+            classes.entry((dofs.len(), *class)).or_default().push(number);
         }
-        batch.places = Places::Scattered(places);
-        batch
-    };
-    let mut batches = Vec::new();
-    let mut left: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for ((size, _), mut class) in classes {
-        let mut shared = None;
-        let mut shared = |cell: usize| *shared.get_or_insert_with(|| panel(&[cell; LANES]));
-        sort_along_lines(layout, cells, &mut class);
-        let mut loose = Vec::new();
-        let mut rest = class.as_slice();
-        while let Some((&cell, mut others)) = rest.split_first() {
-            let mut row = Row::new(layout, cell, cells.dofs(cell));
-            while let Some((&other, further)) = others.split_first()
-                && row.take(other, cells.dofs(other))
-            {
-                others = further;
-            }
-            if row.lanes.len() < LEAST_ROW {
-                loose.push(cell);
-                rest = &rest[1..];
+        let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
+        let mut left: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for ((size, _), mut class) in classes {
+            batches.sort_along_lines(layout, &mut class);
+            let (rows, loose) = batches.rows(layout, &class);
+            let whole = loose.chunks_exact(LANES);
+            left.entry(size).or_default().extend(whole.remainder());
+            if rows.is_empty() && whole.len() == 0 {
                 continue;
             }
-            let starts = row.starts.iter().map(|start| start.unwrap_or(layout.nowhere())).collect();
-            let mut batch = Batch {
-                cells: [unused as u32; LANES],
-                panel: shared(cell),
-                used: [0.0; LANES],
-                places: Places::Row(starts),
-            };
-            for (lane, cell) in row.lanes {
-                (batch.cells[lane], batch.used[lane]) = (cell as u32, 1.0);
+            let panel = batches.panel(&class[..1]);
+            for Row { starts, lanes, .. } in rows {
+                let starts = starts.iter().map(|start| start.unwrap_or(layout.nowhere())).collect();
+                batches.push(panel, &lanes, Places::Row(starts));
             }
-            batches.push(batch);
-            rest = others;
+            for chunk in whole {
+                batches.scatter(layout, panel, chunk);
+            }
         }
-        let whole = loose.chunks_exact(LANES);
-        left.entry(size).or_default().extend(whole.remainder());
-        for chunk in whole {
-            batches.push(scattered(chunk, shared(chunk[0])));
+        for loose in left.values() {
+            for chunk in loose.chunks(LANES) {
+                let panel = batches.panel(chunk);
+                batches.scatter(layout, panel, chunk);
+            }
         }
+        batches.list.sort_by_key(|batch| batch.cells.iter().min().copied());
+        batches
     }
-    for loose in left.values() {
-        for chunk in loose.chunks(LANES) {
-            // The values in unused lanes do not matter.
-            let mut lanes = [chunk[0]; LANES];
-            lanes[..chunk.len()].copy_from_slice(chunk);
-            batches.push(scattered(chunk, panel(&lanes)));
-        }
+
+    /// Whether the batches are of just these cells.
+    pub fn are_of(&self, cells: &[Cell]) -> bool {
+        self.cells == cells
     }
-    batches.sort_by_key(|batch| batch.cells.iter().min().copied());
-    batches
+
+    /// Sorts the cells of a class by how far their dofs are displaced from those of the one with the fewest held.
+    fn sort_along_lines(&self, layout: &Layout, class: &mut [usize]) {
+        let held = |&cell: &usize| self.cells[cell].0.iter().filter(|dof| dof.is_none()).count();
+        let Some(model) = class.iter().copied().min_by_key(held) else { return };
+        let model: Vec<_> = layout.places_of(&self.cells[model].0).collect();
+        class.sort_by_cached_key(|&cell| {
+            let mut pairs = layout.places_of(&self.cells[cell].0).zip(&model);
+            pairs.find_map(|(place, model)| Some(i64::from(place?) - i64::from((*model)?)))
+        });
+    }
+
+    /// The rows among the cells of a class, and the cells that lie in none.
+    fn rows<'l>(&self, layout: &'l Layout, class: &[usize]) -> (Vec<Row<'l>>, Vec<usize>) {
+        let (mut rows, mut loose) = (Vec::new(), Vec::new());
+        let mut rest = class;
+        while let Some((&first, others)) = rest.split_first() {
+            let mut row = Row::new(layout, first, &self.cells[first].0);
+            let more = others.iter().take_while(|&&cell| row.take(cell, &self.cells[cell].0)).count();
+            if 1 + more >= LEAST_ROW {
+                rows.push(row);
+                rest = &others[more..];
+            } else {
+                loose.push(first);
+                rest = others;
+            }
+        }
+        (rows, loose)
+    }
+
+    /// A panel with the values of some cells; those of the lanes left, the first's, do not matter.
+    fn panel(&mut self, cells: &[usize]) -> usize {
+        let mut lanes = [cells[0]; LANES];
+        lanes[..cells.len()].copy_from_slice(cells);
+        self.panels.push(lanes);
+        self.panels.len() - 1
+    }
+
+    /// Adds a batch of cells wherever their dofs are.
+    fn scatter(&mut self, layout: &Layout, panel: usize, cells: &[usize]) {
+        let mut places = vec![[layout.nowhere(); LANES]; self.cells[cells[0]].0.len()];
+        for (lane, &cell) in cells.iter().enumerate() {
+            for (slot, place) in places.iter_mut().zip(layout.places_of(&self.cells[cell].0)) {
+                slot[lane] = place.unwrap_or(layout.nowhere());
+            }
+        }
+        let lanes: Vec<_> = cells.iter().copied().enumerate().collect();
+        self.push(panel, &lanes, Places::Scattered(places));
+    }
+
+    /// Adds a batch with the given cells in some lanes.
+    fn push(&mut self, panel: usize, lanes: &[(usize, usize)], places: Places) {
+        let mut batch = Batch { cells: [self.cells.len() as u32; LANES], panel, used: [0.0; LANES], places };
+        for &(lane, cell) in lanes {
+            (batch.cells[lane], batch.used[lane]) = (cell as u32, 1.0);
+        }
+        self.list.push(batch);
+    }
 }

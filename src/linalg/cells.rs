@@ -3,37 +3,10 @@
 //! The local matrices of a batch are stored lane by lane in a *panel*; congruent cells share one panel, so that a regular
 //! mesh reads its stiffness from the cache. All vectors over the dofs are laid out, see [`super::batch`].
 
-use super::batch::{Batch, Cells, LANES, Lanes, Layout, batches};
+use super::batch::{Batches, LANES, Lanes};
 use super::{Average, Block};
 use pulp::Simd;
-
-impl Cells for Vec<Block> {
-    fn count(&self) -> usize {
-        self.len()
-    }
-
-    fn dofs(&self, cell: usize) -> &[Option<usize>] {
-        &self[cell].dofs
-    }
-
-    fn class(&self, cell: usize) -> usize {
-        self[cell].class
-    }
-}
-
-impl Cells for Vec<Average> {
-    fn count(&self) -> usize {
-        self.len()
-    }
-
-    fn dofs(&self, cell: usize) -> &[Option<usize>] {
-        &self[cell].dofs
-    }
-
-    fn class(&self, cell: usize) -> usize {
-        self[cell].class
-    }
-}
+use std::rc::Rc;
 
 /// `count` values of eight cells, lane by lane.
 fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -> &'a [f64]) -> Vec<Lanes> {
@@ -55,14 +28,26 @@ struct Panel {
 }
 
 impl Panel {
-    /// result = A local, lane by lane.
+    fn new(cells: &[usize; LANES], blocks: &[Block]) -> Panel {
+        let size = blocks[cells[0]].dofs.len();
+        let nodes = blocks[cells[0]].arms.as_ref().map_or(0, |arms| arms.len() - 1);
+        let axis = |k: usize, axis: usize| {
+            cells.map(|cell| blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis]))
+        };
+        Panel {
+            matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
+            arms: (1..=nodes).map(|k| [axis(k, 0), axis(k, 1)]).collect(),
+        }
+    }
+
+    /// result = A local; `local` becomes the cells' deformation. Returns local^T A local.
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
-        let mut form = [0.0; LANES];
         // Of the deformation only the dofs after the first node's are left.
         let first = if self.arms.is_empty() { 0 } else { 3 };
         remove_rigid_motion(local, &self.arms);
         matrix_product::<S, false>(simd, &self.matrix, first, local, result);
+        let mut form = [0.0; LANES];
         for (value, sum) in local[first..].iter().zip(&result[first..]) {
             for lane in 0..LANES {
                 form[lane] += value[lane] * sum[lane];
@@ -72,13 +57,34 @@ impl Panel {
         form
     }
 
-    /// result = |A| |local|, lane by lane.
+    /// y += scale A local, m += scale |A| |local|.
     #[inline(always)]
-    fn apply_magnitude<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) {
-        for value in local.as_flattened_mut() {
-            *value = value.abs();
+    fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
+        let Room { work, result, y, m } = room;
+        for (work, value) in work.iter_mut().zip(local) {
+            for lane in 0..LANES {
+                work[lane] = scale * value[lane].abs();
+            }
         }
-        matrix_product::<S, true>(simd, &self.matrix, 0, local, result);
+        matrix_product::<S, true>(simd, &self.matrix, 0, work, result);
+        add(m, result);
+        for (work, value) in work.iter_mut().zip(local) {
+            for lane in 0..LANES {
+                work[lane] = scale * value[lane];
+            }
+        }
+        self.apply(simd, work, result);
+        add(y, result);
+    }
+}
+
+/// sums += terms.
+#[inline(always)]
+fn add(sums: &mut [Lanes], terms: &[Lanes]) {
+    for (sum, term) in sums.iter_mut().zip(terms) {
+        for lane in 0..LANES {
+            sum[lane] += term[lane];
+        }
     }
 }
 
@@ -195,36 +201,16 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
 /// A symmetric form given by dense local matrices, such as K or M_r.
 #[derive(Debug, Clone)]
 pub struct CellForm {
-    batches: Vec<Batch>,
+    batches: Rc<Batches>,
     panels: Vec<Panel>,
     blocks: Vec<Block>,
-    /// Largest number of dofs in a cell.
-    width: usize,
 }
 
 impl CellForm {
-    /// Collects the cells' local matrices.
-    pub fn new(layout: &Layout, blocks: Vec<Block>) -> CellForm {
-        let mut panels = Vec::new();
-        let width = blocks.iter().map(|block| block.dofs.len()).max().unwrap_or(0);
-        let batches = batches(layout, &blocks, |cells| {
-            let size = blocks[cells[0]].dofs.len();
-            let nodes = blocks[cells[0]].arms.as_ref().map_or(0, |arms| arms.len() - 1);
-            let axis = |k: usize, axis: usize| {
-                cells.map(|cell| blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis]))
-            };
-            panels.push(Panel {
-                matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
-                arms: (1..=nodes).map(|k| [axis(k, 0), axis(k, 1)]).collect(),
-            });
-            panels.len() - 1
-        });
-        CellForm { batches, panels, blocks, width }
-    }
-
-    /// Largest number of dofs in a cell.
-    pub(super) fn width(&self) -> usize {
-        self.width
+    /// Collects the cells' local matrices, given the batches of the cells.
+    pub(super) fn new(batches: Rc<Batches>, blocks: Vec<Block>) -> CellForm {
+        let panels = batches.panels.iter().map(|cells| Panel::new(cells, &blocks)).collect();
+        CellForm { batches, panels, blocks }
     }
 
     /// The cells' contributions, for assembly.
@@ -242,9 +228,9 @@ impl CellForm {
         scratch: &mut Scratch,
     ) -> f64 {
         let mut form = [0.0; LANES];
-        for batch in &self.batches {
-            let (local, result) = scratch.split(batch.size());
-            batch.gather(1.0, x, local);
+        for batch in &self.batches.list {
+            let (local, Room { result, .. }) = scratch.split(batch.size());
+            batch.gather(x, local);
             let forms = self.panels[batch.panel].apply(simd, local, result);
             for lane in 0..LANES {
                 form[lane] += forms[lane];
@@ -253,68 +239,75 @@ impl CellForm {
         }
         form.iter().sum()
     }
-
-    /// y += scale A x and m += scale |A| |x|.
-    #[inline(always)]
-    pub(super) fn add_with_magnitude<S: Simd>(
-        &self,
-        simd: S,
-        scale: f64,
-        x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
-        scratch: &mut Scratch,
-    ) {
-        for batch in &self.batches {
-            let (local, result) = scratch.split(batch.size());
-            let panel = &self.panels[batch.panel];
-            batch.gather(scale, x, local);
-            panel.apply(simd, local, result);
-            batch.scatter(result, y);
-            batch.gather(scale, x, local);
-            panel.apply_magnitude(simd, local, result);
-            batch.scatter(result, m);
-        }
-    }
 }
 
-/// Rows of B of eight cells, and their entries of C.
+/// Rows of B of eight cells, and the inverses of their entries of C.
 #[derive(Debug, Clone)]
 struct Rows {
     row: Vec<Lanes>,
-    masses: Lanes,
+    inverses: Lanes,
 }
 
 impl Rows {
-    /// B local, and the sum of the magnitudes of its terms, lane by lane.
-    #[inline(always)]
-    fn momenta(&self, local: &[Lanes]) -> (Lanes, Lanes) {
-        let (mut momenta, mut magnitudes) = ([0.0; LANES], [0.0; LANES]);
-        for (b, value) in self.row.iter().zip(local) {
-            for lane in 0..LANES {
-                let term = b[lane] * value[lane];
-                momenta[lane] += term;
-                magnitudes[lane] += term.abs();
-            }
+    fn new(cells: &[usize; LANES], rows: &[Average]) -> Rows {
+        Rows {
+            row: interleave(cells, rows[cells[0]].dofs.len(), |cell| &rows[cell].row),
+            inverses: cells.map(|cell| 1.0 / rows[cell].mass),
         }
-        (momenta, magnitudes)
     }
 
-    /// Momenta over masses.
+    /// Momentum of each cell, B local.
     #[inline(always)]
-    fn velocities(&self, mut momenta: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            momenta[lane] /= self.masses[lane];
+    fn momenta(&self, local: &[Lanes]) -> Lanes {
+        let mut momenta = [0.0; LANES];
+        for (b, value) in self.row.iter().zip(local) {
+            for lane in 0..LANES {
+                momenta[lane] += b[lane] * value[lane];
+            }
         }
         momenta
     }
 
-    /// result = B^T v, or |B^T| v, lane by lane.
+    /// Velocity of each cell, C^-1 B local.
     #[inline(always)]
-    fn spread<const MAGNITUDE: bool>(&self, v: &Lanes, result: &mut [Lanes]) {
+    fn velocities(&self, local: &[Lanes]) -> Lanes {
+        let mut velocities = self.momenta(local);
+        for lane in 0..LANES {
+            velocities[lane] *= self.inverses[lane];
+        }
+        velocities
+    }
+
+    /// result = B^T v.
+    #[inline(always)]
+    fn spread(&self, v: &Lanes, result: &mut [Lanes]) {
         for (value, b) in result.iter_mut().zip(&self.row) {
             for lane in 0..LANES {
-                value[lane] = v[lane] * if MAGNITUDE { b[lane].abs() } else { b[lane] };
+                value[lane] = b[lane] * v[lane];
+            }
+        }
+    }
+
+    /// y += scale M local, m += scale |M| |local|.
+    #[inline(always)]
+    fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
+        let (mut v, mut magnitude) = ([0.0; LANES], [0.0; LANES]);
+        for (b, value) in self.row.iter().zip(local) {
+            for lane in 0..LANES {
+                let term = b[lane] * value[lane];
+                v[lane] += term;
+                magnitude[lane] += term.abs();
+            }
+        }
+        for lane in 0..LANES {
+            let factor = scale * self.inverses[lane];
+            v[lane] *= factor;
+            magnitude[lane] *= factor;
+        }
+        for ((y, m), b) in y.iter_mut().zip(m).zip(&self.row) {
+            for lane in 0..LANES {
+                y[lane] += b[lane] * v[lane];
+                m[lane] += b[lane].abs() * magnitude[lane];
             }
         }
     }
@@ -323,34 +316,18 @@ impl Rows {
 /// The singular mass M = B^T C^-1 B: one average velocity a cell.
 #[derive(Debug, Clone)]
 pub struct Averages {
-    batches: Vec<Batch>,
+    batches: Rc<Batches>,
     panels: Vec<Rows>,
     masses: Vec<f64>,
     rows: Vec<Average>,
-    /// Largest number of dofs in a cell.
-    width: usize,
 }
 
 impl Averages {
-    /// Collects the rows of B and the diagonal of C.
-    pub fn new(layout: &Layout, rows: Vec<Average>) -> Averages {
-        let mut panels = Vec::new();
-        let batches = batches(layout, &rows, |cells| {
-            let size = rows[cells[0]].dofs.len();
-            panels.push(Rows {
-                row: interleave(cells, size, |cell| &rows[cell].row),
-                masses: cells.map(|cell| rows[cell].mass),
-            });
-            panels.len() - 1
-        });
+    /// Collects the rows of B and the diagonal of C, given the batches of the cells.
+    pub(super) fn new(batches: Rc<Batches>, rows: Vec<Average>) -> Averages {
+        let panels = batches.panels.iter().map(|cells| Rows::new(cells, &rows)).collect();
         let masses = rows.iter().map(|row| row.mass).collect();
-        let width = rows.iter().map(|row| row.dofs.len()).max().unwrap_or(0);
-        Averages { batches, panels, masses, rows, width }
-    }
-
-    /// Largest number of dofs in a cell.
-    pub(super) fn width(&self) -> usize {
-        self.width
+        Averages { batches, panels, masses, rows }
     }
 
     /// The rows of B and entries of C, for assembly.
@@ -372,51 +349,27 @@ impl Averages {
     #[inline(always)]
     pub(super) fn add_product(&self, x: &[f64], y: &mut [f64], scratch: &mut Scratch) -> f64 {
         let mut form = [0.0; LANES];
-        for batch in &self.batches {
-            let (local, result) = scratch.split(batch.size());
+        for batch in &self.batches.list {
+            let (local, Room { result, .. }) = scratch.split(batch.size());
             let rows = &self.panels[batch.panel];
-            batch.gather(1.0, x, local);
-            let (momenta, _) = rows.momenta(local);
-            let v = rows.velocities(momenta);
+            batch.gather(x, local);
+            let (momenta, v) = (rows.momenta(local), rows.velocities(local));
             for lane in 0..LANES {
                 form[lane] += momenta[lane] * v[lane];
             }
-            rows.spread::<false>(&v, result);
+            rows.spread(&v, result);
             batch.scatter(result, y);
         }
         form.iter().sum()
     }
 
-    /// y += scale M x and m += scale |M| |x|.
-    #[inline(always)]
-    pub(super) fn add_with_magnitude(
-        &self,
-        scale: f64,
-        x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
-        scratch: &mut Scratch,
-    ) {
-        for batch in &self.batches {
-            let (local, result) = scratch.split(batch.size());
-            let rows = &self.panels[batch.panel];
-            batch.gather(scale, x, local);
-            let (momenta, magnitudes) = rows.momenta(local);
-            rows.spread::<false>(&rows.velocities(momenta), result);
-            batch.scatter(result, y);
-            rows.spread::<true>(&rows.velocities(magnitudes), result);
-            batch.scatter(result, m);
-        }
-    }
-
     /// V = C^-1 B x.
     #[inline(always)]
     pub(super) fn velocity(&self, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
-        for batch in &self.batches {
+        for batch in &self.batches.list {
             let (local, _) = scratch.split(batch.size());
-            let rows = &self.panels[batch.panel];
-            batch.gather(1.0, x, local);
-            let velocities = rows.velocities(rows.momenta(local).0);
+            batch.gather(x, local);
+            let velocities = self.panels[batch.panel].velocities(local);
             for (velocity, &cell) in velocities.iter().zip(&batch.cells) {
                 if let Some(v) = v.get_mut(cell as usize) {
                     *v = *velocity;
@@ -428,13 +381,13 @@ impl Averages {
     /// y += B^T V.
     #[inline(always)]
     pub(super) fn add_momentum(&self, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
-        for batch in &self.batches {
-            let (_, result) = scratch.split(batch.size());
+        for batch in &self.batches.list {
+            let (_, Room { result, .. }) = scratch.split(batch.size());
             let mut lanes = [0.0; LANES];
             for (value, &cell) in lanes.iter_mut().zip(&batch.cells) {
                 *value = v.get(cell as usize).copied().unwrap_or(0.0);
             }
-            self.panels[batch.panel].spread::<false>(&lanes, result);
+            self.panels[batch.panel].spread(&lanes, result);
             batch.scatter(result, y);
         }
     }
@@ -445,20 +398,95 @@ impl Averages {
     }
 }
 
+/// A symmetric form of the native engine.
+#[derive(Debug, Clone)]
+pub enum Form {
+    /// Dense local matrices: K, M_r.
+    Cells(CellForm),
+    /// Rank one a cell: the singular mass B^T C^-1 B.
+    Averages(Averages),
+}
+
+impl Form {
+    fn batches(&self) -> &Rc<Batches> {
+        match self {
+            Form::Cells(cells) => &cells.batches,
+            Form::Averages(averages) => &averages.batches,
+        }
+    }
+}
+
+/// y += A x and m += |A| |x| for a sum of forms; those over the same cells go through them together.
+#[inline(always)]
+pub(super) fn add_with_magnitude<S: Simd>(
+    simd: S,
+    sum: &[(f64, &Form)],
+    x: &[f64],
+    y: &mut [f64],
+    m: &mut [f64],
+    scratch: &mut Scratch,
+) {
+    let mut rest = sum;
+    while let [(_, first), ..] = rest {
+        let mut count = 1;
+        while count < rest.len() && Rc::ptr_eq(rest[count].1.batches(), first.batches()) {
+            count += 1;
+        }
+        for batch in &first.batches().list {
+            let (local, mut room) = scratch.split(batch.size());
+            batch.gather(x, local);
+            room.y.fill([0.0; LANES]);
+            room.m.fill([0.0; LANES]);
+            for &(scale, form) in &rest[..count] {
+                match form {
+                    Form::Cells(cells) => {
+                        cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
+                    }
+                    Form::Averages(averages) => {
+                        averages.panels[batch.panel].add_with_magnitude(scale, local, room.y, room.m);
+                    }
+                }
+            }
+            batch.scatter(room.y, y);
+            batch.scatter(room.m, m);
+        }
+        rest = &rest[count..];
+    }
+}
+
 /// Room for the local vectors of one batch.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     lanes: Vec<Lanes>,
 }
 
+/// What is worked with beside the cells' own dofs.
+struct Room<'a> {
+    work: &'a mut [Lanes],
+    result: &'a mut [Lanes],
+    y: &'a mut [Lanes],
+    m: &'a mut [Lanes],
+}
+
+impl Room<'_> {
+    #[inline(always)]
+    fn reborrow(&mut self) -> Room<'_> {
+        Room { work: self.work, result: self.result, y: self.y, m: self.m }
+    }
+}
+
 impl Scratch {
     /// Makes room for cells of up to `size` dofs.
     pub fn reserve(&mut self, size: usize) {
-        self.lanes.resize((2 * size).max(self.lanes.len()), [0.0; LANES]);
+        self.lanes.resize((5 * size).max(self.lanes.len()), [0.0; LANES]);
     }
 
     #[inline(always)]
-    fn split(&mut self, size: usize) -> (&mut [Lanes], &mut [Lanes]) {
-        self.lanes[..2 * size].split_at_mut(size)
+    fn split(&mut self, size: usize) -> (&mut [Lanes], Room<'_>) {
+        let (local, rest) = self.lanes[..5 * size].split_at_mut(size);
+        let (work, rest) = rest.split_at_mut(size);
+        let (result, rest) = rest.split_at_mut(size);
+        let (y, m) = rest.split_at_mut(size);
+        (local, Room { work, result, y, m })
     }
 }

@@ -16,9 +16,9 @@ mod native;
 mod simd;
 
 pub use batch::Layout;
-pub use cells::{Averages, CellForm};
+pub use cells::{Averages, CellForm, Form};
 pub use cholesky::Cholesky;
-pub use native::{Form, Native};
+pub use native::Native;
 
 use crate::error::Result;
 use faer::Mat;
@@ -75,9 +75,9 @@ pub trait Engine {
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> f64;
 
-    /// Adds the product with a sum and its componentwise magnitude, cell by cell: y += A x, m += |A| |x|, where |A| is the
-    /// sum of the magnitudes of the cells' matrices (of positive weights).
-    fn add_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64])
+    /// Applies a sum of forms and its componentwise magnitude, cell by cell: y = A x, m = |A| |x|, where |A| is the sum of
+    /// the magnitudes of the cells' matrices (of positive weights).
+    fn multiply_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64])
     where
         Self: Sized;
 

@@ -1,21 +1,13 @@
 //! The engine of one process: plain arrays and a sparse Cholesky factor.
 
-use super::batch::Layout;
-use super::cells::Scratch;
-use super::{Average, Averages, Block, CellForm, Cholesky, Engine, Sum};
+use super::batch::{Batches, Cell, Layout};
+use super::cells::{self, Averages, CellForm, Form, Scratch};
+use super::{Average, Block, Cholesky, Engine, Sum};
 use crate::error::Result;
 use faer::sparse::Triplet;
 use pulp::{Arch, Simd, WithSimd};
 use std::cell::RefCell;
-
-/// A symmetric form of the native engine.
-#[derive(Debug, Clone)]
-pub enum Form {
-    /// Dense local matrices: K, M_r.
-    Cells(CellForm),
-    /// Rank one a cell: the singular mass B^T C^-1 B.
-    Averages(Averages),
-}
+use std::rc::Rc;
 
 impl Form {
     /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
@@ -52,6 +44,8 @@ impl Form {
 pub struct Native {
     layout: Layout,
     arch: Arch,
+    /// Batches of the cells of the last form made: the next is likely to be over the same.
+    batches: RefCell<Option<Rc<Batches>>>,
     workspace: RefCell<Workspace>,
 }
 
@@ -74,21 +68,32 @@ impl Native {
     pub fn with_layout(layout: Layout) -> Native {
         let (x, y, m) = (layout.zeros(), layout.zeros(), layout.zeros());
         let workspace = Workspace { x, y, m, scratch: Scratch::default() };
-        Native { layout, arch: Arch::new(), workspace: RefCell::new(workspace) }
+        Native { layout, arch: Arch::new(), batches: RefCell::default(), workspace: RefCell::new(workspace) }
     }
 
     /// A form from the cells' dense local matrices.
     pub fn form(&self, blocks: Vec<Block>) -> Form {
-        let form = CellForm::new(&self.layout, blocks);
-        self.workspace.borrow_mut().scratch.reserve(form.width());
-        Form::Cells(form)
+        let cells = blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
+        Form::Cells(CellForm::new(self.batches(cells), blocks))
     }
 
     /// The singular mass from the cells' rows of B and entries of C.
     pub fn averages(&self, rows: Vec<Average>) -> Form {
-        let averages = Averages::new(&self.layout, rows);
-        self.workspace.borrow_mut().scratch.reserve(averages.width());
-        Form::Averages(averages)
+        let cells = rows.iter().map(|row| (row.dofs.clone(), row.class)).collect();
+        Form::Averages(Averages::new(self.batches(cells), rows))
+    }
+
+    /// The batches of some cells.
+    fn batches(&self, cells: Vec<Cell>) -> Rc<Batches> {
+        let mut last = self.batches.borrow_mut();
+        match &*last {
+            Some(batches) if batches.are_of(&cells) => batches.clone(),
+            _ => {
+                let batches = Rc::new(Batches::new(&self.layout, cells));
+                self.workspace.borrow_mut().scratch.reserve(batches.width);
+                last.insert(batches).clone()
+            }
+        }
     }
 }
 
@@ -125,13 +130,7 @@ impl WithSimd for WithMagnitude<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let WithMagnitude { sum, x, y, m, scratch } = self;
-        for &(scale, form) in sum {
-            match form {
-                Form::Cells(cells) => cells.add_with_magnitude(simd, scale, x, y, m, scratch),
-                Form::Averages(averages) => averages.add_with_magnitude(scale, x, y, m, scratch),
-            }
-        }
+        cells::add_with_magnitude(simd, self.sum, self.x, self.y, self.m, self.scratch);
     }
 }
 
@@ -192,14 +191,14 @@ impl Engine for Native {
         value
     }
 
-    fn add_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64]) {
+    fn multiply_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64]) {
         let Workspace { x: laid, y: product, m: magnitude, scratch } = &mut *self.workspace.borrow_mut();
         self.layout.lay_out(x, laid);
         product.fill(0.0);
         magnitude.fill(0.0);
         self.arch.dispatch(WithMagnitude { sum, x: laid, y: product, m: magnitude, scratch });
-        self.layout.add(product, y);
-        self.layout.add(magnitude, m);
+        self.layout.collect(product, y);
+        self.layout.collect(magnitude, m);
     }
 
     fn velocities(&self, mass: &Form) -> usize {

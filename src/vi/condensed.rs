@@ -162,14 +162,11 @@ impl<E: Engine> Condensed<E> {
                 }
             }
             self.factor.solve(x);
-            for ((r, m), b) in residual.iter_mut().zip(&mut magnitude).zip(b) {
-                (*r, *m) = (-b, b.abs());
-            }
-            engine.add_with_magnitude(sum, x, &mut residual, &mut magnitude);
+            engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
-                reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] };
-                scales[i] = magnitude[dof];
+                reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] - b[dof] };
+                scales[i] = magnitude[dof] + b[dof].abs();
             }
             if !exchange.next(&mut self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper) {
                 let touching = self.sides.iter().any(|&side| side != Side::Free);

@@ -93,11 +93,11 @@ impl Judge {
         reaction: &[f64],
     ) -> Residual {
         let Judge { scale, residual, magnitude } = self;
+        engine.multiply_with_magnitude(sum, x, residual, magnitude);
         for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
-            *r = -b;
-            *m = b.abs();
+            *r -= b;
+            *m += b.abs();
         }
-        engine.add_with_magnitude(sum, x, residual, magnitude);
         for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
