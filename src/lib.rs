@@ -43,12 +43,12 @@
 //! )?;
 //! let model = Model::new(&scene)?;
 //! let mut scheme = model.scheme(&scene)?;
-//! let start = scheme.energies().total();
+//! let start = scheme.energies()?.total();
 //! for _ in 0..scene.time.steps() {
 //!     scheme.advance()?;
 //!     assert!(scheme.verdict().kkt < 1e-10);
 //! }
-//! assert!(scheme.energies().total() < 1.001 * start);
+//! assert!(scheme.energies()?.total() < 1.001 * start);
 //! # Ok::<(), rebond::Error>(())
 //! ```
 

@@ -306,10 +306,10 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    fn new(model: &Model, scheme: &dyn Scheme, factor: f64) -> Outcome {
-        let start = scheme.energies().total();
+    fn new(model: &Model, scheme: &dyn Scheme, factor: f64) -> Result<Outcome> {
+        let start = scheme.energies()?.total();
         let [assembly, equilibrium] = model.seconds;
-        Outcome {
+        Ok(Outcome {
             dofs: model.system.engine.dofs(),
             bounded_dofs: model.system.bounds.len(),
             steps: 0,
@@ -323,7 +323,7 @@ impl Outcome {
             worst_kkt: 0.0,
             worst_penetration: 0.0,
             seconds: Seconds { assembly, equilibrium, factor, stepping: 0.0 },
-        }
+        })
     }
 
     /// Takes note of a step; returns its nodes in contact and their total force.
@@ -399,7 +399,7 @@ const GUARD_EVERY: u64 = 100;
 pub fn run(scene: &Scene, model: &Model, observer: &mut dyn Observer) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
-    let mut outcome = Outcome::new(model, scheme.as_ref(), clock.elapsed().as_secs_f64());
+    let mut outcome = Outcome::new(model, scheme.as_ref(), clock.elapsed().as_secs_f64())?;
     let clock = Instant::now();
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
     outcome.factorisations = scheme.factorisations();
@@ -414,7 +414,7 @@ fn march(
     outcome: &mut Outcome,
     observer: &mut dyn Observer,
 ) -> Result<()> {
-    let mut guard = Guard::new(scheme.energies(), scene.solver.energy_guard, advice(scene));
+    let mut guard = Guard::new(scheme.energies()?, scene.solver.energy_guard, advice(scene));
     let mut probes = vec![0.0; model.probes.len()];
     let (mut iterations, mut kkt) = (0, 0.0_f64);
     loop {
@@ -426,7 +426,7 @@ fn march(
         judge(step, time, verdict.kkt, scene.solver.tolerance)?;
         let last = step == scene.time.steps();
         if step % scene.output.every == 0 || last {
-            let energies = scheme.energies();
+            let energies = scheme.energies()?;
             guard.check(step, time, energies)?;
             let energy = energies.total();
             outcome.energy.end = energy;
@@ -451,7 +451,7 @@ fn march(
             observer.row(&row)?;
             (iterations, kkt) = (0, 0.0);
         } else if step % GUARD_EVERY == 0 {
-            guard.check(step, time, scheme.energies())?;
+            guard.check(step, time, scheme.energies()?)?;
         }
         observer.step(step, contact_nodes);
         if last {

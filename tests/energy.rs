@@ -41,7 +41,7 @@ fn newmark_conserves_its_invariant_in_free_flight() {
             if step > 0 {
                 scheme.advance().unwrap();
             }
-            scheme.invariant()
+            scheme.invariant().unwrap()
         });
         let drift = drift(invariant);
         assert!(drift <= 1e-9, "{element} {mass}: {drift:e}");
@@ -58,7 +58,7 @@ fn midpoint_conserves_energy_in_free_flight() {
             if step > 0 {
                 scheme.advance().unwrap();
             }
-            scheme.energies().total()
+            scheme.energies().unwrap().total()
         });
         let drift = drift(energy);
         assert!(drift <= 1e-9, "{element} {mass}: {drift:e}");
@@ -70,11 +70,11 @@ fn newmark_without_restitution_never_gains_energy() {
     for (element, mass) in KINDS {
         let model = Model::new(&plate(element, mass, "newmark", 1e-5, 0.5, true)).unwrap();
         let mut scheme = Newmark::new(&model.system, NEWMARK, model.start.clone()).unwrap();
-        let start = scheme.invariant();
+        let start = scheme.invariant().unwrap();
         let (mut last, mut contacts) = (start, 0);
         for step in 1..=50_000 {
             scheme.advance().unwrap();
-            let now = scheme.invariant();
+            let now = scheme.invariant().unwrap();
             assert!(now <= last + 1e-10 * start, "{element} {mass}: step {step}, {last} J to {now} J");
             last = now;
             contacts += u32::from(scheme.reaction().iter().any(|r| *r != 0.0));

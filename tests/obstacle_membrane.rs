@@ -84,7 +84,7 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
             *lower = obstacle(radius(1 + k % interior, 1 + k / interior));
         }
         let mut step: Step<Native> =
-            Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum);
+            Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
         let (mut u, mut reaction) = (vec![0.0; size], vec![0.0; size]);
         let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut u, &mut reaction).unwrap();
         assert!(verdict.kkt <= 1e-12, "{points}: {:e}", verdict.kkt);
@@ -104,7 +104,7 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
 
         // The reactions carry what the membrane pulls down with: they balance it as a whole.
         let mut product = vec![0.0; size];
-        engine.multiply(&form, &u, &mut product);
+        engine.multiply(&form, &u, &mut product).unwrap();
         let balance: f64 =
             product.iter().zip(&b).map(|(p, b)| p - b).sum::<f64>() - reaction.iter().sum::<f64>();
         assert!(balance.abs() <= 1e-11 * reaction.iter().sum::<f64>(), "{points}: {balance:e}");

@@ -152,7 +152,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     let mut u: Vec<f64> =
         interpolant.iter().zip(&free).map(|(u, dof)| if dof.is_none() { *u } else { 0.0 }).collect();
     let mut forces = vec![0.0; all];
-    whole.multiply(&whole_form, &u, &mut forces);
+    whole.multiply(&whole_form, &u, &mut forces).unwrap();
     let mut b = vec![0.0; size];
     for (dof, force) in free.iter().zip(&forces) {
         if let Some(dof) = dof {
@@ -172,7 +172,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     }
     let sum = [(1.0, &form)];
     let solver = Condensed::new(&engine, &sum, bounds.len()).unwrap();
-    let mut step: Step<Native> = Step::new(Box::new(solver), &engine, &sum);
+    let mut step: Step<Native> = Step::new(Box::new(solver), &engine, &sum).unwrap();
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; bounds.len()]);
     let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction).unwrap();
     assert!(verdict.kkt <= 1e-12, "{cells} cells: {:e}", verdict.kkt);
@@ -183,7 +183,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     }
 
     let distance: Vec<f64> = u.iter().zip(&interpolant).map(|(u, i)| u - i).collect();
-    let distance = whole.multiply(&whole_form, &distance, &mut forces).sqrt();
+    let distance = whole.multiply(&whole_form, &distance, &mut forces).unwrap().sqrt();
     let squares = mesh.cells.iter().map(|cell| match cell {
         Cell::Triangle(nodes) => {
             error(&hct::element(nodes.map(|node| mesh.nodes[node])).unwrap(), nodes, &u, exact)

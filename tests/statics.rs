@@ -10,7 +10,7 @@ use rebond::space::Support;
 const PRESSURE: f64 = 14600.0;
 
 fn elastic_energy(plate: &Matrices, u: &[f64]) -> f64 {
-    0.5 * plate.engine.multiply(&plate.stiffness, u, &mut vec![0.0; u.len()])
+    0.5 * plate.engine.multiply(&plate.stiffness, u, &mut vec![0.0; u.len()]).unwrap()
 }
 
 /// The paper's plate under its initial pressure at 10 x 4: w(L, 0), w(L, l) where it differs, E_0. GetFEM's matrices, refined.
@@ -80,7 +80,7 @@ fn cell_by_cell_energies_keep_the_digits_that_assembled_ones_lose() {
         let plate = Matrices::paper(cells, Hct, Right);
         let u = plate.statics(PRESSURE);
         let load = rebond::assembly::uniform_load(&plate.cells, u.len(), PRESSURE);
-        let work = 0.5 * plate.engine.dot(&load, &u);
+        let work = 0.5 * plate.engine.dot(&load, &u).unwrap();
         let [kept, lost] =
             [elastic_energy(&plate, &u), assembled_energy(&plate, &u)].map(|e| (e / work - 1.0).abs());
         assert!(kept < 1e-13, "{cells:?}: cell by cell {kept:e}");

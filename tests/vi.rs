@@ -44,9 +44,9 @@ impl Problem {
         let form = dense_form(&engine, self.size(), &self.matrix);
         let length = self.length(x);
         let sum = [(1.0, &form)];
-        let mut judge = Judge::new(&engine, &sum);
-        let parts = judge.parts(&engine, &sum, &self.b, &self.bounds, length, x, reaction);
-        let worst = judge.residual(&engine, &sum, &self.b, &self.bounds, length, x, reaction);
+        let mut judge = Judge::new(&engine, &sum).unwrap();
+        let parts = judge.parts(&engine, &sum, &self.b, &self.bounds, length, x, reaction).unwrap();
+        let worst = judge.residual(&engine, &sum, &self.b, &self.bounds, length, x, reaction).unwrap();
         assert_eq!(worst.to_bits(), parts.worst().to_bits());
         parts
     }
@@ -487,7 +487,7 @@ fn candidates_grow_as_contact_spreads_and_then_stay() {
     let dofs: Vec<usize> = (0..side * side).filter(|dof| dof % 2 == 0).collect();
     let bounds = Bounds::uniform(dofs, -1.0, 1.5);
     let mut step: Step<Native> =
-        Step::new(Box::new(Condensed::new(&engine, &sum, bounds.len()).unwrap()), &engine, &sum);
+        Step::new(Box::new(Condensed::new(&engine, &sum, bounds.len()).unwrap()), &engine, &sum).unwrap();
     let mut random = Random::new(7);
     let mut factorisations = vec![];
     let (mut x, mut reaction) = (vec![0.0; side * side], vec![0.0; bounds.len()]);
@@ -532,7 +532,7 @@ fn wide_contact_pins_dofs_and_agrees_with_the_dense_problem() {
         (bounds.lower[i], bounds.upper[i]) = (0.25, 0.25);
     }
     let mut step: Step<Native> =
-        Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum);
+        Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; size]);
     let mut sides = vec![Side::Free; size];
     for load in [0.2, 0.21, 0.05, 0.02, 0.2] {

@@ -207,28 +207,31 @@ impl Cholesky {
 }
 
 impl Factor for Cholesky {
-    fn solve(&mut self, x: &mut [f64]) {
+    fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         let dofs = x.len();
         self.permute(x);
         self.forward(dofs);
         self.backward(dofs);
         self.unpermute(x);
+        Ok(())
     }
 
     fn schur(&self) -> &Mat<f64> {
         &self.schur
     }
 
-    fn condense(&mut self, b: &[f64], h: &mut [f64]) {
+    fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         self.permute(b);
         self.forward(self.interior);
         h.copy_from_slice(&self.x[self.interior..]);
+        Ok(())
     }
 
-    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) {
+    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()> {
         self.x[self.interior..].copy_from_slice(candidates);
         self.backward(self.interior);
         self.unpermute(x);
+        Ok(())
     }
 
     fn solve_candidates(&self, h: &mut [f64]) {

@@ -57,7 +57,7 @@ pub type Sum<'a, E> = [(f64, &'a <E as Engine>::Form)];
 /// The linear algebra behind contact solvers and schemes; see the [module page](self).
 ///
 /// Every vector of displacement dofs has [`Engine::dofs`] entries.
-pub trait Engine {
+pub trait Engine: Sized {
     /// A symmetric positive semi-definite form, kept cell by cell.
     type Form;
     /// A factored sum of forms.
@@ -67,59 +67,59 @@ pub trait Engine {
     fn dofs(&self) -> usize;
 
     /// Scalar product over all processes.
-    fn dot(&self, x: &[f64], y: &[f64]) -> f64;
+    fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
 
     /// Largest value over all processes.
-    fn maximum(&self, value: f64) -> f64;
+    fn maximum(&self, value: f64) -> Result<f64>;
+
+    /// The processes' own values one after the other, the same for all, and where this process's begin.
+    fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
 
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
-    fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> f64;
+    fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
     /// Applies a sum of forms and its componentwise magnitude, cell by cell: y = A x, m = |A| |x|, where |A| is the sum of
     /// the magnitudes of the cells' matrices (of positive weights).
     fn multiply_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64])
-    where
-        Self: Sized;
+    -> Result<()>;
 
     /// Number of velocity dofs that go with a mass: its cells for the singular one, else [`Engine::dofs`].
     fn velocities(&self, mass: &Self::Form) -> usize;
 
     /// Velocity of a displacement rate: V = C^-1 B x for the singular mass, V = x for a consistent one.
-    fn velocity(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]);
+    fn velocity(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]) -> Result<()>;
 
     /// Momentum of a velocity: y = B^T V for the singular mass, y = M_r V for a consistent one.
-    fn momentum(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]);
+    fn momentum(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]) -> Result<()>;
 
     /// Twice the kinetic energy: V^T C V, or V^T M_r V.
-    fn vis_viva(&self, mass: &Self::Form, v: &[f64]) -> f64;
+    fn vis_viva(&self, mass: &Self::Form, v: &[f64]) -> Result<f64>;
 
     /// Diagonal of a sum of forms.
-    fn diagonal(&self, sum: &Sum<Self>) -> Vec<f64>
-    where
-        Self: Sized;
+    fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>>;
 
-    /// Factors a sum of forms with the candidates (dofs, ascending) left to the end.
+    /// Factors a sum of forms with the candidates (dofs of this process, ascending) left to the end.
     ///
     /// # Errors
     /// [`crate::Error::Singular`] where the sum is not positive definite.
-    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Self::Factor>
-    where
-        Self: Sized;
+    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Self::Factor>;
 }
 
 /// A factored symmetric positive definite matrix A; see the [module page](self).
+///
+/// Vectors over the candidates are the same on every process: those of the first, ascending, then of the second, ...
 pub trait Factor {
     /// Solves A x = b in place.
-    fn solve(&mut self, x: &mut [f64]);
+    fn solve(&mut self, x: &mut [f64]) -> Result<()>;
 
     /// Schur complement H of A on the candidates.
     fn schur(&self) -> &Mat<f64>;
 
     /// Eliminates all but the candidates: the right-hand side h of H x_c = h. The state stays in the factor for `expand`.
-    fn condense(&mut self, b: &[f64], h: &mut [f64]);
+    fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()>;
 
     /// Completes the solution of the last `condense` from the candidates' values.
-    fn expand(&mut self, candidates: &[f64], x: &mut [f64]);
+    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()>;
 
     /// Solves H x_c = h in place.
     fn solve_candidates(&self, h: &mut [f64]);

@@ -174,24 +174,34 @@ impl Engine for Native {
         self.layout.dofs()
     }
 
-    fn dot(&self, x: &[f64], y: &[f64]) -> f64 {
-        x.iter().zip(y).map(|(x, y)| x * y).sum()
+    fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
+        Ok(x.iter().zip(y).map(|(x, y)| x * y).sum())
     }
 
-    fn maximum(&self, value: f64) -> f64 {
-        value
+    fn maximum(&self, value: f64) -> Result<f64> {
+        Ok(value)
     }
 
-    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> f64 {
+    fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+        Ok((own.to_vec(), 0))
+    }
+
+    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
         let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
         self.layout.lay_out(x, laid);
         product.fill(0.0);
         let value = self.arch.dispatch(Product { form, x: laid, y: product, scratch });
         self.layout.collect(product, y);
-        value
+        Ok(value)
     }
 
-    fn multiply_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64]) {
+    fn multiply_with_magnitude(
+        &self,
+        sum: &Sum<Self>,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+    ) -> Result<()> {
         let Workspace { x: laid, y: product, m: magnitude, scratch } = &mut *self.workspace.borrow_mut();
         self.layout.lay_out(x, laid);
         product.fill(0.0);
@@ -199,6 +209,7 @@ impl Engine for Native {
         self.arch.dispatch(WithMagnitude { sum, x: laid, y: product, m: magnitude, scratch });
         self.layout.collect(product, y);
         self.layout.collect(magnitude, m);
+        Ok(())
     }
 
     fn velocities(&self, mass: &Form) -> usize {
@@ -208,7 +219,7 @@ impl Engine for Native {
         }
     }
 
-    fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) {
+    fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::Averages(averages) => {
@@ -217,12 +228,13 @@ impl Engine for Native {
                 self.arch.dispatch(Velocity { averages, x: laid, v, scratch });
             }
         }
+        Ok(())
     }
 
-    fn momentum(&self, mass: &Form, v: &[f64], y: &mut [f64]) {
+    fn momentum(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => {
-                self.multiply(mass, v, y);
+                self.multiply(mass, v, y)?;
             }
             Form::Averages(averages) => {
                 let Workspace { y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
@@ -231,16 +243,17 @@ impl Engine for Native {
                 self.layout.collect(product, y);
             }
         }
+        Ok(())
     }
 
-    fn vis_viva(&self, mass: &Form, v: &[f64]) -> f64 {
+    fn vis_viva(&self, mass: &Form, v: &[f64]) -> Result<f64> {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs()]),
-            Form::Averages(averages) => averages.vis_viva(v),
+            Form::Averages(averages) => Ok(averages.vis_viva(v)),
         }
     }
 
-    fn diagonal(&self, sum: &Sum<Self>) -> Vec<f64> {
+    fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.dofs()];
         for (scale, form) in sum {
             form.for_each_lower(|row, column, entry| {
@@ -249,7 +262,7 @@ impl Engine for Native {
                 }
             });
         }
-        diagonal
+        Ok(diagonal)
     }
 
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {

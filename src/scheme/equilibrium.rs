@@ -26,7 +26,7 @@ where
 {
     let sum = [(1.0, stiffness)];
     let dofs = engine.dofs();
-    let mut step: Step<E> = Step::new(Box::new(Condensed::new(engine, &sum, bounds.len())?), engine, &sum);
+    let mut step: Step<E> = Step::new(Box::new(Condensed::new(engine, &sum, bounds.len())?), engine, &sum)?;
     let mut u = vec![0.0; dofs];
     let mut x = vec![0.0; dofs];
     let mut b = vec![0.0; dofs];
@@ -34,13 +34,13 @@ where
     let mut verdict = Verdict::default();
     let mut left = bounds.clone();
     for _ in 0..=CORRECTIONS {
-        engine.multiply(stiffness, &u, &mut b);
+        engine.multiply(stiffness, &u, &mut b)?;
         b.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b);
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             left.lower[i] = bounds.lower[i] - u[dof];
             left.upper[i] = bounds.upper[i] - u[dof];
         }
-        let length = u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs()));
+        let length = engine.maximum(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
         let step = step.solve(engine, &sum, &b, &left, length, &mut x, &mut reaction)?;
         verdict = Verdict { iterations: verdict.iterations + step.iterations, kkt: step.kkt };
         u.iter_mut().zip(&x).for_each(|(u, x)| *u += x);

@@ -44,7 +44,7 @@ where
     /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Midpoint<'s, E>> {
         let solver = Condensed::new(&system.engine, &Self::sum(system, dt), system.bounds.len())?;
-        Ok(Midpoint::with_solver(system, dt, start, Box::new(solver)))
+        Midpoint::with_solver(system, dt, start, Box::new(solver))
     }
 }
 
@@ -55,26 +55,29 @@ impl<'s, E: Engine> Midpoint<'s, E> {
     }
 
     /// Starts with a given solver of [`Midpoint::sum`].
+    ///
+    /// # Errors
+    /// What the engine says.
     pub fn with_solver(
         system: &'s System<E>,
         dt: f64,
         start: Start,
         solver: Box<dyn Solver<E>>,
-    ) -> Midpoint<'s, E> {
+    ) -> Result<Midpoint<'s, E>> {
         let System { engine, mass, bounds, .. } = system;
         let dofs = engine.dofs();
         let mut v = vec![0.0; engine.velocities(mass)];
-        engine.velocity(mass, &start.velocity, &mut v);
+        engine.velocity(mass, &start.velocity, &mut v)?;
         // The plate comes to U^0 at its first velocity.
         let before = |steps: f64| {
             let at = |&dof: &usize| start.displacement[dof] - steps * dt * start.velocity[dof];
             bounds.dofs.iter().map(at).collect::<Vec<f64>>()
         };
         let (admissible, earlier, earliest) = (before(0.5), before(1.5), before(2.5));
-        Midpoint {
+        Ok(Midpoint {
             system,
             sum: Self::sum(system, dt),
-            solver: Step::new(solver, engine, &Self::sum(system, dt)),
+            solver: Step::new(solver, engine, &Self::sum(system, dt))?,
             dt,
             n: 0,
             u: start.displacement,
@@ -89,7 +92,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             earliest,
             reaction: vec![0.0; bounds.len()],
             verdict: Verdict::default(),
-        }
+        })
     }
 }
 
@@ -97,9 +100,9 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     fn advance(&mut self) -> Result<()> {
         let System { engine, stiffness, mass, bounds, .. } = self.system;
         let dt = self.dt;
-        engine.multiply(stiffness, &self.u, &mut self.b);
+        engine.multiply(stiffness, &self.u, &mut self.b)?;
         self.system.subtract_from_load(&mut self.b);
-        engine.momentum(mass, &self.v, &mut self.momentum);
+        engine.momentum(mass, &self.v, &mut self.momentum)?;
         for (b, momentum) in self.b.iter_mut().zip(&self.momentum) {
             *b += 2.0 / dt * momentum;
         }
@@ -107,7 +110,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
             self.bounds.lower[i] = bounds.lower[i] - self.u[dof];
             self.bounds.upper[i] = bounds.upper[i] - self.u[dof];
         }
-        let length = self.system.length(&self.u);
+        let length = self.system.length(&self.u)?;
         let sum: &Sum<E> = &self.sum;
         self.verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
@@ -116,7 +119,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         for (z, &dof) in self.admissible.iter_mut().zip(&bounds.dofs) {
             *z = self.u[dof] + self.x[dof];
         }
-        engine.velocity(mass, &self.x, &mut self.rate);
+        engine.velocity(mass, &self.x, &mut self.rate)?;
         for (v, rate) in self.v.iter_mut().zip(&self.rate) {
             *v = 4.0 / dt * rate - *v;
         }
@@ -147,7 +150,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         &self.reaction
     }
 
-    fn energies(&self) -> Energies {
+    fn energies(&self) -> Result<Energies> {
         self.system.energies(&self.u, &self.v)
     }
 

@@ -55,21 +55,21 @@ impl<E: Engine> System<E> {
     }
 
     /// F . U, in J.
-    fn work(&self, u: &[f64]) -> f64 {
-        self.load.as_ref().map_or(0.0, |load| self.engine.dot(load, u))
+    fn work(&self, u: &[f64]) -> Result<f64> {
+        self.load.as_ref().map_or(Ok(0.0), |load| self.engine.dot(load, u))
     }
 
     /// Scale of the deflections at the bounded nodes, in m.
-    fn length(&self, u: &[f64]) -> f64 {
+    fn length(&self, u: &[f64]) -> Result<f64> {
         let largest = self.bounds.dofs.iter().fold(self.bounds.magnitude(), |m, &dof| m.max(u[dof].abs()));
         self.engine.maximum(largest)
     }
 
     /// Energies of a displacement and a velocity.
-    fn energies(&self, u: &[f64], v: &[f64]) -> Energies {
-        let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, &mut vec![0.0; u.len()]);
-        let kinetic = 0.5 * self.engine.vis_viva(&self.mass, v);
-        Energies { kinetic, elastic, work: self.work(u) }
+    fn energies(&self, u: &[f64], v: &[f64]) -> Result<Energies> {
+        let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, &mut vec![0.0; u.len()])?;
+        let kinetic = 0.5 * self.engine.vis_viva(&self.mass, v)?;
+        Ok(Energies { kinetic, elastic, work: self.work(u)? })
     }
 }
 
@@ -117,7 +117,10 @@ pub trait Scheme {
     fn reaction(&self) -> &[f64];
 
     /// The energies natural to the scheme, in J.
-    fn energies(&self) -> Energies;
+    ///
+    /// # Errors
+    /// What the engine says.
+    fn energies(&self) -> Result<Energies>;
 
     /// What the last solve reached.
     fn verdict(&self) -> Verdict;

@@ -83,7 +83,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut scheme = Newmark {
             system,
             sum: Self::sum(system, parameters),
-            solver: Step::new(solver, &system.engine, &Self::sum(system, parameters)),
+            solver: Step::new(solver, &system.engine, &Self::sum(system, parameters))?,
             parameters,
             n: 0,
             u: start.displacement,
@@ -113,14 +113,14 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// Solves for x, where the bounded configuration is U^n + share x + drift.
     fn solve(&mut self, share: f64, drift: impl Fn(usize) -> f64) -> Result<()> {
         let System { engine, stiffness, bounds, .. } = self.system;
-        self.elastic = 0.5 * engine.multiply(stiffness, &self.u, &mut self.b);
+        self.elastic = 0.5 * engine.multiply(stiffness, &self.u, &mut self.b)?;
         self.system.subtract_from_load(&mut self.b);
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let known = drift(dof);
             self.bounds.lower[i] = ((bounds.lower[i] - self.u[dof]) - known) / share;
             self.bounds.upper[i] = ((bounds.upper[i] - self.u[dof]) - known) / share;
         }
-        let length = self.system.length(&self.u);
+        let length = self.system.length(&self.u)?;
         let sum: &Sum<E> = &self.sum;
         self.verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
@@ -133,14 +133,18 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// The discrete invariant of beta = 1/2 between n and n + 1, in J:
     /// \( H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n) \).
     /// Constant in free flight; for e = 0 it never rises.
-    pub fn invariant(&self) -> f64 {
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn invariant(&self) -> Result<f64> {
         let System { engine, stiffness, mass, .. } = self.system;
         let rate: Vec<f64> = self.d_next.iter().map(|d| d / self.parameters.step).collect();
         let next: Vec<f64> = self.u.iter().zip(&self.d_next).map(|(u, d)| u + d).collect();
         let mut product = vec![0.0; next.len()];
-        let kinetic = engine.multiply(mass, &rate, &mut product);
-        let elastic = engine.multiply(stiffness, &next, &mut product) + 2.0 * self.elastic;
-        0.5 * kinetic + 0.25 * elastic - 0.5 * (self.system.work(&self.u) + self.system.work(&next))
+        let kinetic = engine.multiply(mass, &rate, &mut product)?;
+        let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * self.elastic;
+        let work = self.system.work(&self.u)? + self.system.work(&next)?;
+        Ok(0.5 * kinetic + 0.25 * elastic - 0.5 * work)
     }
 }
 
@@ -182,14 +186,14 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     }
 
     /// The paper's E_n: the velocity is the central difference (U^{n+1} - U^{n-1}) / (2 dt).
-    fn energies(&self) -> Energies {
+    fn energies(&self) -> Result<Energies> {
         let System { engine, mass, .. } = self.system;
         let rate: Vec<f64> =
             self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect();
         let mut v = vec![0.0; engine.velocities(mass)];
-        engine.velocity(mass, &rate, &mut v);
-        let kinetic = 0.5 * engine.vis_viva(mass, &v);
-        Energies { kinetic, elastic: self.elastic, work: self.system.work(&self.u) }
+        engine.velocity(mass, &rate, &mut v)?;
+        let kinetic = 0.5 * engine.vis_viva(mass, &v)?;
+        Ok(Energies { kinetic, elastic: self.elastic, work: self.system.work(&self.u)? })
     }
 
     fn verdict(&self) -> Verdict {

@@ -173,12 +173,15 @@ impl Split {
             }
         }
         let Ok(mut factor) = Cholesky::new(cells, &triplets, &[]) else { return Ok(None) };
-        let euclid = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
+        let euclid = |x: &[f64], y: &mut [f64]| {
+            y.copy_from_slice(x);
+            Ok(())
+        };
         let inverse = |x: &[f64], y: &mut [f64]| {
             y.copy_from_slice(x);
-            factor.solve(y);
+            factor.solve(y)
         };
-        if lanczos::largest(cells, STEPS, 0.1, inverse, euclid) > 1.0 / REGULAR {
+        if lanczos::largest(cells, STEPS, 0.1, inverse, euclid)? > 1.0 / REGULAR {
             return Ok(None);
         }
         let mut p = vec![0.0; cells];
@@ -190,13 +193,14 @@ impl Split {
             for (p, row) in p.iter_mut().zip(&rows) {
                 *p = row.iter().map(|&(i, b)| b * g[i]).sum();
             }
-            factor.solve(&mut p);
+            factor.solve(&mut p)?;
             result.fill(0.0);
             for (p, row) in p.iter().zip(&rows) {
                 row.iter().for_each(|&(i, b)| result[i] += b * p);
             }
+            Ok(())
         };
-        let largest = lanczos::largest(self.bounded, STEPS, TOLERANCE, excess, euclid);
+        let largest = lanczos::largest(self.bounded, STEPS, TOLERANCE, excess, euclid)?;
         Ok(Some(1.0 / (1.0 + largest).sqrt()))
     }
 }

@@ -211,7 +211,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         mass,
         plate_mass: plate.surface_density() * scene.plate.length * scene.plate.width,
         mechanism,
-        initial_energy: (!no_start).then(|| initial_energy(&model)),
+        initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
         consistent,
         singular,
@@ -273,15 +273,15 @@ fn frequencies(model: &Model, mass: &Form, count: usize, mechanism: bool) -> Fre
     }
 }
 
-fn initial_energy(model: &Model) -> f64 {
+fn initial_energy(model: &Model) -> Result<f64> {
     let system = &model.system;
     let engine = &system.engine;
     let u = &model.start.displacement;
     let mut v = vec![0.0; engine.velocities(&system.mass)];
-    engine.velocity(&system.mass, &model.start.velocity, &mut v);
-    let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()]);
-    let work = system.load.as_ref().map_or(0.0, |load| engine.dot(load, u));
-    0.5 * (elastic + engine.vis_viva(&system.mass, &v)) - work
+    engine.velocity(&system.mass, &model.start.velocity, &mut v)?;
+    let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()])?;
+    let work = system.load.as_ref().map_or(Ok(0.0), |load| engine.dot(load, u))?;
+    Ok(0.5 * (elastic + engine.vis_viva(&system.mass, &v)?) - work)
 }
 
 /// Seconds of the set-up, and of a step.

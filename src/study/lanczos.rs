@@ -1,5 +1,6 @@
 //! The largest eigenvalue of an operator that is only known by what it does.
 
+use crate::error::Result;
 use faer::{Mat, Side};
 
 /// Steps between looks at the eigenvalues of the tridiagonal matrix.
@@ -9,13 +10,16 @@ const LOOK_EVERY: usize = 10;
 ///
 /// Lanczos with full reorthogonalisation (twice), from a fixed start. Stops when the residual bound of the eigenvalue is
 /// below `tolerance` of it, or after `steps`; what it returns is a Rayleigh quotient, never above the truth but for rounding.
+///
+/// # Errors
+/// Those of the operator and of the metric.
 pub fn largest(
     size: usize,
     steps: usize,
     tolerance: f64,
-    mut operator: impl FnMut(&[f64], &mut [f64]),
-    mut metric: impl FnMut(&[f64], &mut [f64]),
-) -> f64 {
+    mut operator: impl FnMut(&[f64], &mut [f64]) -> Result<()>,
+    mut metric: impl FnMut(&[f64], &mut [f64]) -> Result<()>,
+) -> Result<f64> {
     let steps = steps.min(size);
     let (mut basis, mut duals) = (Vec::<Vec<f64>>::new(), Vec::<Vec<f64>>::new());
     let (mut diagonal, mut off_diagonal) = (Vec::new(), Vec::new());
@@ -23,7 +27,7 @@ pub fn largest(
     let mut dual = vec![0.0; size];
     let mut value = 0.0;
     while basis.len() < steps {
-        metric(&next, &mut dual);
+        metric(&next, &mut dual)?;
         let norm = dot(&next, &dual).max(0.0).sqrt();
         let scale = diagonal.iter().fold(0.0_f64, |m, a: &f64| m.max(a.abs()));
         let exhausted = norm <= f64::EPSILON * scale;
@@ -32,17 +36,17 @@ pub fn largest(
                 let (largest, last) = top(&diagonal, &off_diagonal);
                 value = largest;
                 if norm * last.abs() <= tolerance * value.abs() {
-                    return value;
+                    return Ok(value);
                 }
             }
             off_diagonal.push(norm);
         }
         if exhausted {
-            return value;
+            return Ok(value);
         }
         basis.push(next.iter().map(|x| x / norm).collect());
         duals.push(dual.iter().map(|x| x / norm).collect());
-        operator(&basis[basis.len() - 1], &mut next);
+        operator(&basis[basis.len() - 1], &mut next)?;
         diagonal.push(dot(&next, &duals[duals.len() - 1]));
         for _ in 0..2 {
             for (v, dual) in basis.iter().zip(&duals) {
@@ -51,7 +55,7 @@ pub fn largest(
             }
         }
     }
-    if diagonal.is_empty() { 0.0 } else { top(&diagonal, &off_diagonal[..diagonal.len() - 1]).0 }
+    Ok(if diagonal.is_empty() { 0.0 } else { top(&diagonal, &off_diagonal[..diagonal.len() - 1]).0 })
 }
 
 /// Largest eigenvalue of a symmetric tridiagonal matrix and the last entry of its eigenvector.

@@ -49,7 +49,7 @@ pub fn lowest(
         let largest = values.last().copied().unwrap_or(0.0);
         pencil.prepare(if mechanism { SHIFT * largest } else { 0.0 })?;
         for x in &mut block {
-            pencil.invert(x);
+            pencil.invert(x)?;
         }
         let before = std::mem::replace(&mut values, pencil.rayleigh_ritz(&mut block)?);
         let largest = values.last().copied().unwrap_or(0.0);
@@ -94,28 +94,29 @@ impl<'e> Pencil<'e> {
     }
 
     /// x becomes (K + shift M)^-1 M x, corrected once.
-    fn invert(&mut self, x: &mut [f64]) {
-        let Some((factor, shift)) = &mut self.factor else { return };
-        self.engine.multiply(self.mass, x, &mut self.right);
+    fn invert(&mut self, x: &mut [f64]) -> Result<()> {
+        let Some((factor, shift)) = &mut self.factor else { return Ok(()) };
+        self.engine.multiply(self.mass, x, &mut self.right)?;
         x.copy_from_slice(&self.right);
-        factor.solve(x);
-        self.engine.multiply(self.stiffness, x, &mut self.product);
+        factor.solve(x)?;
+        self.engine.multiply(self.stiffness, x, &mut self.product)?;
         self.right.iter_mut().zip(&self.product).for_each(|(r, k)| *r -= k);
         if *shift > 0.0 {
-            self.engine.multiply(self.mass, x, &mut self.product);
+            self.engine.multiply(self.mass, x, &mut self.product)?;
             self.right.iter_mut().zip(&self.product).for_each(|(r, m)| *r -= *shift * m);
         }
-        factor.solve(&mut self.right);
+        factor.solve(&mut self.right)?;
         x.iter_mut().zip(&self.right).for_each(|(x, r)| *x += r);
+        Ok(())
     }
 
     /// Replaces the block by the M-orthonormal Ritz vectors of its span; returns their values (rad/s)^2, ascending.
     fn rayleigh_ritz(&mut self, block: &mut Vec<Vec<f64>>) -> Result<Vec<f64>> {
-        self.orthonormalise(block);
+        self.orthonormalise(block)?;
         let size = block.len();
         let mut reduced = Mat::zeros(size, size);
         for j in 0..size {
-            reduced[(j, j)] = self.engine.multiply(self.stiffness, &block[j], &mut self.product);
+            reduced[(j, j)] = self.engine.multiply(self.stiffness, &block[j], &mut self.product)?;
             for i in j + 1..size {
                 reduced[(i, j)] = dot(&block[i], &self.product);
             }
@@ -136,17 +137,17 @@ impl<'e> Pencil<'e> {
     }
 
     /// Gram-Schmidt, twice, in the scalar product of M; directions that add nothing are dropped.
-    fn orthonormalise(&mut self, block: &mut Vec<Vec<f64>>) {
+    fn orthonormalise(&mut self, block: &mut Vec<Vec<f64>>) -> Result<()> {
         let (mut basis, mut duals) = (Vec::<Vec<f64>>::new(), Vec::<Vec<f64>>::new());
         for mut x in std::mem::take(block) {
-            let whole = self.engine.multiply(self.mass, &x, &mut self.product).sqrt();
+            let whole = self.engine.multiply(self.mass, &x, &mut self.product)?.sqrt();
             for _ in 0..2 {
                 for (v, dual) in basis.iter().zip(&duals) {
                     let share = dot(&x, dual);
                     x.iter_mut().zip(v).for_each(|(x, v)| *x -= share * v);
                 }
             }
-            let norm = self.engine.multiply(self.mass, &x, &mut self.product).sqrt();
+            let norm = self.engine.multiply(self.mass, &x, &mut self.product)?.sqrt();
             if norm > DEPENDENT * whole {
                 x.iter_mut().for_each(|x| *x /= norm);
                 duals.push(self.product.iter().map(|m| m / norm).collect());
@@ -154,6 +155,7 @@ impl<'e> Pencil<'e> {
             }
         }
         *block = basis;
+        Ok(())
     }
 }
 
@@ -173,25 +175,27 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let dofs = engine.dofs();
     let x = scatter(dofs, 1);
     let mut product = vec![0.0; dofs];
-    let elastic = engine.multiply(stiffness, &x, &mut product);
-    let mut sigma = elastic / engine.multiply(mass, &x, &mut product);
+    let elastic = engine.multiply(stiffness, &x, &mut product)?;
+    let mut sigma = elastic / engine.multiply(mass, &x, &mut product)?;
     let (mut steps, mut tolerance) = ROUGHLY;
     loop {
         let mut factor = engine.factor(&[(1.0, stiffness), (sigma, mass)], &[])?;
         let mut u = vec![0.0; dofs];
         let operator = |v: &[f64], w: &mut [f64]| {
-            engine.momentum(mass, v, &mut u);
-            factor.solve(&mut u);
-            engine.velocity(mass, &u, w);
+            engine.momentum(mass, v, &mut u)?;
+            factor.solve(&mut u)?;
+            engine.velocity(mass, &u, w)?;
             w.iter_mut().zip(v).for_each(|(w, v)| *w = v - sigma * *w);
+            Ok(())
         };
         let metric = |v: &[f64], w: &mut [f64]| match mass {
             Form::Cells(_) => engine.momentum(mass, v, w),
             Form::Averages(averages) => {
-                w.iter_mut().zip(averages.masses().iter().zip(v)).for_each(|(w, (c, v))| *w = c * v)
+                w.iter_mut().zip(averages.masses().iter().zip(v)).for_each(|(w, (c, v))| *w = c * v);
+                Ok(())
             }
         };
-        let part = lanczos::largest(engine.velocities(mass), steps, tolerance, operator, metric);
+        let part = lanczos::largest(engine.velocities(mass), steps, tolerance, operator, metric)?;
         let value = sigma * part / (1.0 - part);
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::Singular("the highest natural frequency is not a positive number".into()));

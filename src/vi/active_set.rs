@@ -21,6 +21,11 @@ pub enum Side {
 }
 
 impl Side {
+    /// The side of a number made by `side as u8`.
+    pub(super) fn from_code(code: f64) -> Side {
+        [Side::Free, Side::Lower, Side::Upper][code as usize % 3]
+    }
+
     /// This side if there is a bound on it, else free: a bound may have gone since the last step.
     pub(super) fn within(self, lower: f64, upper: f64) -> Side {
         match self {
@@ -36,6 +41,15 @@ const PATIENCE: u32 = 8;
 
 /// Reactions are trusted to this many roundings of the magnitude of their row.
 const ROUNDINGS: f64 = 64.0;
+
+/// Which of the indices that break a condition move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Move {
+    /// All of them.
+    All,
+    /// The last one.
+    Last,
+}
 
 /// The exchange rule and its memory.
 #[derive(Debug)]
@@ -53,49 +67,50 @@ impl Exchange {
         Exchange { best: usize::MAX, patience: PATIENCE, iterations: 0, limit }
     }
 
-    /// Moves the indices that break a condition to the other set; false when none does, or when the limit is reached.
-    ///
-    /// `magnitude` is that of each reaction's row: a reaction pulls only if it does so by more than its rounding.
-    pub fn next(
-        &mut self,
-        sides: &mut [Side],
-        x: &[f64],
-        reaction: &[f64],
-        magnitude: &[f64],
-        lower: &[f64],
-        upper: &[f64],
-    ) -> bool {
-        let wanted = |i: usize| {
-            let rounding = ROUNDINGS * f64::EPSILON * magnitude[i];
-            match sides[i] {
-                Side::Free if x[i] < lower[i] => Side::Lower,
-                Side::Free if x[i] > upper[i] => Side::Upper,
-                Side::Lower if reaction[i] < -rounding && lower[i] < upper[i] => Side::Free,
-                Side::Upper if reaction[i] > rounding && lower[i] < upper[i] => Side::Free,
-                stays => stays,
-            }
-        };
-        let broken: Vec<(usize, Side)> =
-            (0..sides.len()).map(|i| (i, wanted(i))).filter(|(i, side)| *side != sides[*i]).collect();
-        let Some(&(last, last_side)) = broken.last() else { return false };
-        if self.iterations == self.limit {
-            return false;
+    /// What to do about as many indices as break a condition; `None` when there is none, or at the limit.
+    pub fn next(&mut self, broken: usize) -> Option<Move> {
+        if broken == 0 || self.iterations == self.limit {
+            return None;
         }
         self.iterations += 1;
-        if broken.len() < self.best {
-            self.best = broken.len();
+        if broken < self.best {
+            self.best = broken;
             self.patience = PATIENCE;
         } else {
             self.patience = self.patience.saturating_sub(1);
         }
-        if self.patience > 0 {
-            for (i, side) in broken {
-                sides[i] = side;
-            }
-        } else {
-            sides[last] = last_side;
+        Some(if self.patience > 0 { Move::All } else { Move::Last })
+    }
+}
+
+/// The indices that break a condition, ascending, and the sides they want.
+///
+/// `magnitude` is that of each reaction's row: a reaction pulls only if it does so by more than its rounding.
+pub(super) fn broken(
+    sides: &[Side],
+    x: &[f64],
+    reaction: &[f64],
+    magnitude: &[f64],
+    lower: &[f64],
+    upper: &[f64],
+) -> Vec<(usize, Side)> {
+    let wanted = |i: usize| {
+        let rounding = ROUNDINGS * f64::EPSILON * magnitude[i];
+        match sides[i] {
+            Side::Free if x[i] < lower[i] => Side::Lower,
+            Side::Free if x[i] > upper[i] => Side::Upper,
+            Side::Lower if reaction[i] < -rounding && lower[i] < upper[i] => Side::Free,
+            Side::Upper if reaction[i] > rounding && lower[i] < upper[i] => Side::Free,
+            stays => stays,
         }
-        true
+    };
+    (0..sides.len()).map(|i| (i, wanted(i))).filter(|(i, side)| *side != sides[*i]).collect()
+}
+
+/// Moves indices to the sides they want.
+pub(super) fn exchange(sides: &mut [Side], moves: &[(usize, Side)]) {
+    for &(i, side) in moves {
+        sides[i] = side;
     }
 }
 
@@ -110,7 +125,7 @@ pub fn dense(
     reaction: &mut [f64],
 ) -> u32 {
     let size = h.len();
-    let mut exchange = Exchange::new(size);
+    let mut rule = Exchange::new(size);
     let mut magnitude = vec![0.0; size];
     loop {
         solve_fixed(schur, h, lower, upper, sides, x);
@@ -123,8 +138,11 @@ pub fn dense(
                 magnitude[i] += (entry * value).abs();
             }
         }
-        if !exchange.next(sides, x, reaction, &magnitude, lower, upper) {
-            break;
+        let broken = broken(sides, x, reaction, &magnitude, lower, upper);
+        match rule.next(broken.len()) {
+            None => break,
+            Some(Move::All) => exchange(sides, &broken),
+            Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),
         }
     }
     for (r, side) in reaction.iter_mut().zip(sides.iter()) {
@@ -132,7 +150,7 @@ pub fn dense(
             *r = 0.0;
         }
     }
-    exchange.iterations
+    rule.iterations
 }
 
 /// Puts the active entries on their bounds and solves for the others.

@@ -7,7 +7,7 @@
 //! instead, on the same symbolic analysis. Both are exact active-set methods.
 
 use super::Solver;
-use super::active_set::{self, Exchange, Side};
+use super::active_set::{self, Exchange, Move, Side};
 use crate::error::Result;
 use crate::linalg::{Engine, Factor, Sum};
 use crate::obstacle::Bounds;
@@ -52,25 +52,28 @@ impl<E: Engine> Condensed<E> {
 
     /// Makes the bounds that x breaks candidates, with those nearest to their bounds, and factors again.
     fn grow(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
-        let Method::Dense { candidates } = &mut self.method else { return Ok(()) };
+        let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
             let x = x[bounds.dofs[i]];
             (x - bounds.lower[i]).min(bounds.upper[i] - x)
         };
-        let mut chosen = vec![false; bounds.len()];
+        let mut others = vec![true; bounds.len()];
         for &i in candidates.iter() {
-            chosen[i] = true;
+            others[i] = false;
         }
-        let mut others: Vec<usize> = (0..bounds.len()).filter(|&i| !chosen[i]).collect();
-        others.sort_by(|&i, &j| gap(i).total_cmp(&gap(j)));
-        let broken = others.iter().take_while(|&&i| gap(i) < 0.0).count();
-        let lot = broken.max(candidates.len()).max(FIRST_LOT).min(others.len());
-        if candidates.len() + broken > DENSE_LIMIT {
+        let others: Vec<usize> = (0..bounds.len()).filter(|&i| others[i]).collect();
+        // All processes agree on how large a gap is near.
+        let (mut gaps, _) = engine.concatenate(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>())?;
+        gaps.sort_by(f64::total_cmp);
+        let broken = gaps.iter().take_while(|&&gap| gap < 0.0).count();
+        let known = engine.concatenate(&vec![0.0; candidates.len()])?.0.len();
+        if known + broken > DENSE_LIMIT {
             self.factor = engine.factor(sum, &[])?;
             self.method = Method::Pinned { pinned: vec![Side::Free; bounds.len()] };
         } else {
-            let lot = lot.min(DENSE_LIMIT - candidates.len());
-            candidates.extend(&others[..lot]);
+            let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
+            let near = gaps[lot - 1];
+            candidates.extend(others.into_iter().filter(|&i| gap(i) <= near));
             candidates.sort_unstable();
             let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
             self.factor = engine.factor(sum, &dofs)?;
@@ -79,41 +82,55 @@ impl<E: Engine> Condensed<E> {
         Ok(())
     }
 
-    fn solve_dense(&mut self, b: &[f64], bounds: &Bounds, x: &mut [f64], reaction: &mut [f64]) -> u32 {
-        let Method::Dense { candidates } = &self.method else { return 0 };
+    fn solve_dense(
+        &mut self,
+        engine: &E,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<u32> {
+        let Method::Dense { candidates } = &self.method else { return Ok(0) };
         reaction.fill(0.0);
-        if candidates.is_empty() {
+        let size = self.factor.schur().nrows();
+        if size == 0 {
             x.copy_from_slice(b);
-            self.factor.solve(x);
-            return 0;
+            self.factor.solve(x)?;
+            return Ok(0);
         }
-        let pick = |values: &[f64]| -> Vec<f64> { candidates.iter().map(|&i| values[i]).collect() };
-        let (lower, upper) = (pick(&bounds.lower), pick(&bounds.upper));
-        let within = |&i: &usize| self.sides[i].within(bounds.lower[i], bounds.upper[i]);
-        let mut sides: Vec<Side> = candidates.iter().map(within).collect();
-        let mut h = vec![0.0; candidates.len()];
-        let mut values = vec![0.0; candidates.len()];
-        self.factor.condense(b, &mut h);
+        // The dense problem is the same on every process, from the bounds and sides of all.
+        let own: Vec<f64> = candidates
+            .iter()
+            .flat_map(|&i| {
+                let side = self.sides[i].within(bounds.lower[i], bounds.upper[i]);
+                [bounds.lower[i], bounds.upper[i], f64::from(side as u8)]
+            })
+            .collect();
+        let (all, first) = engine.concatenate(&own)?;
+        let first = first / 3;
+        let lower: Vec<f64> = all.iter().step_by(3).copied().collect();
+        let upper: Vec<f64> = all.iter().skip(1).step_by(3).copied().collect();
+        let mut sides: Vec<Side> = all.iter().skip(2).step_by(3).map(|&code| Side::from_code(code)).collect();
+        let mut h = vec![0.0; size];
+        let mut values = vec![0.0; size];
+        let mut forces = vec![0.0; size];
+        self.factor.condense(b, &mut h)?;
         active_set::unconstrained(&self.factor, &h, &mut values);
         let inside = values.iter().zip(lower.iter().zip(&upper)).all(|(x, (l, u))| (l..=u).contains(&x));
-        let mut iterations = 0;
-        if inside {
+        let iterations = if inside {
             // The unconstrained minimiser is admissible, hence the answer.
             sides.fill(Side::Free);
+            0
         } else {
-            let mut forces = vec![0.0; candidates.len()];
             let schur = self.factor.schur();
-            iterations =
-                1 + active_set::dense(schur, &h, &lower, &upper, &mut sides, &mut values, &mut forces);
-            for (&i, force) in candidates.iter().zip(forces) {
-                reaction[i] = force;
-            }
+            1 + active_set::dense(schur, &h, &lower, &upper, &mut sides, &mut values, &mut forces)
+        };
+        for (k, &i) in candidates.iter().enumerate() {
+            reaction[i] = forces[first + k];
+            self.sides[i] = sides[first + k];
         }
-        for (&i, side) in candidates.iter().zip(sides) {
-            self.sides[i] = side;
-        }
-        self.factor.expand(&values, x);
-        iterations
+        self.factor.expand(&values, x)?;
+        Ok(iterations)
     }
 
     fn solve_pinned(
@@ -129,16 +146,16 @@ impl<E: Engine> Condensed<E> {
         for (i, side) in self.sides.iter_mut().enumerate() {
             *side = side.within(bounds.lower[i], bounds.upper[i]);
         }
-        let mut exchange = Exchange::new(bounds.len());
+        let mut exchange = Exchange::new(engine.concatenate(&vec![0.0; bounds.len()])?.0.len());
         let mut product = vec![0.0; b.len()];
         let mut residual = vec![0.0; b.len()];
         let mut magnitude = vec![0.0; b.len()];
         let mut at_bounds = vec![0.0; bounds.len()];
         let mut scales = vec![0.0; bounds.len()];
         loop {
-            if *pinned != self.sides {
-                let free = |i: &usize| self.sides[*i] != Side::Free;
-                let dofs: Vec<usize> = (0..bounds.len()).filter(free).map(|i| bounds.dofs[i]).collect();
+            if engine.maximum(f64::from(u8::from(*pinned != self.sides)))? > 0.0 {
+                let held = |i: &usize| self.sides[*i] != Side::Free;
+                let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
                 self.factor.pin(&dofs)?;
                 self.factorisations += 1;
                 pinned.copy_from_slice(&self.sides);
@@ -152,7 +169,7 @@ impl<E: Engine> Condensed<E> {
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 x[dof] = fixed(i).unwrap_or(0.0);
             }
-            apply(engine, sum, x, &mut product, &mut residual);
+            apply(engine, sum, x, &mut product, &mut residual)?;
             for ((x, r), b) in x.iter_mut().zip(&residual).zip(b) {
                 *x = b - r;
             }
@@ -161,30 +178,41 @@ impl<E: Engine> Condensed<E> {
                     x[dof] = value;
                 }
             }
-            self.factor.solve(x);
-            engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude);
+            self.factor.solve(x)?;
+            engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
                 reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] - b[dof] };
                 scales[i] = magnitude[dof] + b[dof].abs();
             }
-            if !exchange.next(&mut self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper) {
-                let touching = self.sides.iter().any(|&side| side != Side::Free);
-                return Ok(exchange.iterations + u32::from(touching));
+            let broken =
+                active_set::broken(&self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper);
+            // How many break on each process, and which one comes last.
+            let (counts, own) = engine.concatenate(&[broken.len() as f64])?;
+            let last = counts.iter().rposition(|&count| count > 0.0);
+            match exchange.next(counts.iter().sum::<f64>() as usize) {
+                None => break,
+                Some(Move::All) => active_set::exchange(&mut self.sides, &broken),
+                Some(Move::Last) if last == Some(own) => {
+                    active_set::exchange(&mut self.sides, &broken[broken.len() - 1..]);
+                }
+                Some(Move::Last) => {}
             }
         }
+        Ok(exchange.iterations + engine.maximum(touching(&self.sides))? as u32)
     }
 }
 
 /// y = A x for a sum of forms.
-fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) {
+fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) -> Result<()> {
     y.fill(0.0);
     for (scale, form) in sum {
-        engine.multiply(form, x, product);
+        engine.multiply(form, x, product)?;
         for (y, p) in y.iter_mut().zip(product.iter()) {
             *y += scale * p;
         }
     }
+    Ok(())
 }
 
 impl<E: Engine> Solver<E> for Condensed<E> {
@@ -198,17 +226,17 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         reaction: &mut [f64],
     ) -> Result<u32> {
         let mut iterations = 0;
-        while let Method::Dense { candidates } = &self.method {
-            let all = candidates.len() == bounds.len();
-            iterations += self.solve_dense(b, bounds, x, reaction);
+        while matches!(self.method, Method::Dense { .. }) {
+            iterations += self.solve_dense(engine, b, bounds, x, reaction)?;
             // The candidates' own violations are beneath rounding; only the others' can be real. A NaN is the judge's.
-            if all || !outside(bounds, candidates_of(&self.method), x) {
+            let Method::Dense { candidates } = &self.method else { break };
+            if engine.maximum(outside(bounds, candidates, x))? <= 0.0 {
                 return Ok(iterations);
             }
             self.grow(engine, sum, bounds, x)?;
         }
         iterations += self.solve_pinned(engine, sum, b, bounds, x, reaction)?;
-        if self.sides.iter().all(|&side| side == Side::Free) {
+        if engine.maximum(touching(&self.sides))? == 0.0 {
             // Nothing touches and nothing is pinned: the factor is that of the matrix itself again.
             self.method = Method::Dense { candidates: Vec::new() };
         }
@@ -220,18 +248,21 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     }
 }
 
-fn candidates_of(method: &Method) -> &[usize] {
-    match method {
-        Method::Dense { candidates } => candidates,
-        Method::Pinned { .. } => &[],
-    }
+/// 1 if something touches, else 0.
+fn touching(sides: &[Side]) -> f64 {
+    f64::from(u8::from(sides.iter().any(|&side| side != Side::Free)))
 }
 
-/// Whether x breaks a bound that is not among the candidates (ascending).
-fn outside(bounds: &Bounds, candidates: &[usize], x: &[f64]) -> bool {
-    let mut candidates = candidates.iter().peekable();
-    bounds.dofs.iter().enumerate().any(|(i, &dof)| {
-        candidates.next_if(|&&candidate| candidate == i).is_none()
-            && (x[dof] < bounds.lower[i] || x[dof] > bounds.upper[i])
-    })
+/// 1 if x breaks a bound that is not among the candidates (ascending), else 0.
+fn outside(bounds: &Bounds, candidates: &[usize], x: &[f64]) -> f64 {
+    let mut candidates = candidates.iter().copied();
+    let mut candidate = candidates.next();
+    for (i, &dof) in bounds.dofs.iter().enumerate() {
+        if candidate == Some(i) {
+            candidate = candidates.next();
+        } else if x[dof] < bounds.lower[i] || x[dof] > bounds.upper[i] {
+            return 1.0;
+        }
+    }
+    0.0
 }

@@ -8,6 +8,7 @@
 //! the deflection, reactions against the magnitude of their row; complementarity is the smaller of relative gap and
 //! relative reaction. A is applied cell by cell, without the assembled matrix that the solvers work on.
 
+use crate::error::Result;
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 
@@ -62,12 +63,18 @@ pub struct Judge {
 
 impl Judge {
     /// A judge of problems with the matrix of this sum.
-    pub fn new<E: Engine>(engine: &E, sum: &Sum<E>) -> Judge {
-        let scale: Vec<f64> = engine.diagonal(sum).into_iter().map(f64::sqrt).collect();
-        Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale }
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn new<E: Engine>(engine: &E, sum: &Sum<E>) -> Result<Judge> {
+        let scale: Vec<f64> = engine.diagonal(sum)?.into_iter().map(f64::sqrt).collect();
+        Ok(Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 
-    /// The worst part of the residual of (x, reaction); see the [module page](self).
+    /// The worst part of the residual of (x, reaction) on all processes; see the [module page](self).
+    ///
+    /// # Errors
+    /// What the engine says.
     pub fn residual<E: Engine>(
         &mut self,
         engine: &E,
@@ -77,11 +84,14 @@ impl Judge {
         length: f64,
         x: &[f64],
         reaction: &[f64],
-    ) -> f64 {
-        engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction).worst())
+    ) -> Result<f64> {
+        engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
     }
 
     /// The parts of the residual on this process.
+    ///
+    /// # Errors
+    /// What the engine says.
     pub fn parts<E: Engine>(
         &mut self,
         engine: &E,
@@ -91,9 +101,9 @@ impl Judge {
         length: f64,
         x: &[f64],
         reaction: &[f64],
-    ) -> Residual {
+    ) -> Result<Residual> {
         let Judge { scale, residual, magnitude } = self;
-        engine.multiply_with_magnitude(sum, x, residual, magnitude);
+        engine.multiply_with_magnitude(sum, x, residual, magnitude)?;
         for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
             *r -= b;
             *m += b.abs();
@@ -102,7 +112,7 @@ impl Judge {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let size = engine.maximum(largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs())));
+        let size = engine.maximum(largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs())))?;
         // Without any magnitude there is no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         for (m, scale) in magnitude.iter_mut().zip(scale.iter()) {
@@ -125,6 +135,6 @@ impl Judge {
             parts.complementarity =
                 larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));
         }
-        parts
+        Ok(parts)
     }
 }

@@ -53,8 +53,11 @@ pub struct Step<E: Engine> {
 
 impl<E: Engine> Step<E> {
     /// Puts a solver of problems with the matrix of this sum under judgement.
-    pub fn new(solver: Box<dyn Solver<E>>, engine: &E, sum: &Sum<E>) -> Step<E> {
-        Step { solver, judge: kkt::Judge::new(engine, sum) }
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn new(solver: Box<dyn Solver<E>>, engine: &E, sum: &Sum<E>) -> Result<Step<E>> {
+        Ok(Step { solver, judge: kkt::Judge::new(engine, sum)? })
     }
 
     /// Solves and judges. `length` is the scale of the deflection, in m, that gaps are measured against.
@@ -72,7 +75,7 @@ impl<E: Engine> Step<E> {
         reaction: &mut [f64],
     ) -> Result<Verdict> {
         let iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
-        let kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction);
+        let kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
         Ok(Verdict { iterations, kkt })
     }
 
