@@ -3,7 +3,7 @@
 //! The local matrices of a batch are stored lane by lane in a *panel*; congruent cells share one panel, so that a regular
 //! mesh reads its stiffness from the cache. All vectors over the dofs are laid out, see [`super::batch`].
 
-use super::batch::{Batches, LANES, Lanes};
+use super::batch::{Batch, Batches, LANES, Lanes};
 use super::{Average, Block};
 use pulp::Simd;
 use std::rc::Rc;
@@ -117,24 +117,9 @@ fn matrix_product<S: Simd, const MAGNITUDE: bool>(
     }
 }
 
-/// Rows times local: a loop for each of the lengths that plate elements have, which the compiler unrolls, and one for any.
+/// Rows times local, in whole registers.
 #[inline(always)]
 fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
-    simd: S,
-    rows: [&[Lanes]; ROWS],
-    local: &[Lanes],
-    result: &mut [Lanes; ROWS],
-) {
-    match local.len() {
-        6 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..6], result),
-        9 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..9], result),
-        12 => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, &local[..12], result),
-        _ => row_sums::<S, ROWS, MAGNITUDE>(simd, rows, local, result),
-    }
-}
-
-#[inline(always)]
-fn row_sums<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     simd: S,
     rows: [&[Lanes]; ROWS],
     local: &[Lanes],
@@ -229,15 +214,32 @@ impl CellForm {
     ) -> f64 {
         let mut form = [0.0; LANES];
         for batch in &self.batches.list {
-            let (local, Room { result, .. }) = scratch.split(batch.size());
-            batch.gather(x, local);
-            let forms = self.panels[batch.panel].apply(simd, local, result);
+            let forms = match batch.size() {
+                9 => self.add_batch(simd, batch, x, y, scratch.split(9)),
+                12 => self.add_batch(simd, batch, x, y, scratch.split(12)),
+                size => self.add_batch(simd, batch, x, y, scratch.split(size)),
+            };
             for lane in 0..LANES {
                 form[lane] += forms[lane];
             }
-            batch.scatter(result, y);
         }
         form.iter().sum()
+    }
+
+    /// The part of one batch. With the numbers of dofs that plate elements have, the compiler unrolls its loops.
+    #[inline(always)]
+    fn add_batch<S: Simd>(
+        &self,
+        simd: S,
+        batch: &Batch,
+        x: &[f64],
+        y: &mut [f64],
+        (local, room): (&mut [Lanes], Room),
+    ) -> Lanes {
+        batch.gather(x, local);
+        let form = self.panels[batch.panel].apply(simd, local, room.result);
+        batch.scatter(room.result, y);
+        form
     }
 }
 
@@ -433,25 +435,43 @@ pub(super) fn add_with_magnitude<S: Simd>(
             count += 1;
         }
         for batch in &first.batches().list {
-            let (local, mut room) = scratch.split(batch.size());
-            batch.gather(x, local);
-            room.y.fill([0.0; LANES]);
-            room.m.fill([0.0; LANES]);
-            for &(scale, form) in &rest[..count] {
-                match form {
-                    Form::Cells(cells) => {
-                        cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
-                    }
-                    Form::Averages(averages) => {
-                        averages.panels[batch.panel].add_with_magnitude(scale, local, room.y, room.m);
-                    }
-                }
+            let forms = &rest[..count];
+            match batch.size() {
+                9 => add_batch_with_magnitude(simd, batch, forms, x, y, m, scratch.split(9)),
+                12 => add_batch_with_magnitude(simd, batch, forms, x, y, m, scratch.split(12)),
+                size => add_batch_with_magnitude(simd, batch, forms, x, y, m, scratch.split(size)),
             }
-            batch.scatter(room.y, y);
-            batch.scatter(room.m, m);
         }
         rest = &rest[count..];
     }
+}
+
+/// The part of one batch. With the numbers of dofs that plate elements have, the compiler unrolls its loops.
+#[inline(always)]
+fn add_batch_with_magnitude<S: Simd>(
+    simd: S,
+    batch: &Batch,
+    forms: &[(f64, &Form)],
+    x: &[f64],
+    y: &mut [f64],
+    m: &mut [f64],
+    (local, mut room): (&mut [Lanes], Room),
+) {
+    batch.gather(x, local);
+    room.y.fill([0.0; LANES]);
+    room.m.fill([0.0; LANES]);
+    for &(scale, form) in forms {
+        match form {
+            Form::Cells(cells) => {
+                cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
+            }
+            Form::Averages(averages) => {
+                averages.panels[batch.panel].add_with_magnitude(scale, local, room.y, room.m);
+            }
+        }
+    }
+    batch.scatter(room.y, y);
+    batch.scatter(room.m, m);
 }
 
 /// Room for the local vectors of one batch.
