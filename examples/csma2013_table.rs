@@ -115,7 +115,7 @@ impl Case {
 fn run(case: &Case, step: f64, nudge: f64) -> rebond::Result<(Outcome, f64)> {
     let scene = case.scene(step, nudge)?;
     let model = Model::new(&scene)?;
-    let (outcome, ended) = simulation::run(&scene, &model, &mut Unwatched)?;
+    let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut Unwatched)?;
     ended?;
     let ratio = outcome.energy.end / outcome.energy.start;
     Ok((outcome, ratio))

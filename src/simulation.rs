@@ -3,31 +3,26 @@
 use crate::assembly::{self, Probe};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Native};
+use crate::linalg::{Engine, Native, Sum};
 use crate::mesh::{Diagonal, Mesh, Point};
 use crate::obstacle::Bounds;
-use crate::plate::Plate;
 use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
 use crate::scheme::{self, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
 use crate::space::Space;
+use crate::vi::{Condensed, Solver};
 use serde::Serialize;
 use std::time::Instant;
 
 /// A scene turned into matrices, ready to run.
-#[derive(Debug)]
-pub struct Model {
-    /// The mesh.
-    pub mesh: Mesh,
-    /// Its free dofs.
-    pub space: Space,
-    /// The plate's thickness and material.
-    pub plate: Plate,
+pub struct Model<E: Engine = Native> {
     /// The semi-discrete problem.
-    pub system: System<Native>,
+    pub system: System<E>,
     /// Where the motion starts.
     pub start: Start,
-    /// The scene's probes.
+    /// The scene's probes: what this process's dofs add to each.
     pub probes: Vec<Probe>,
+    /// The node of each bound, in the mesh's numbering, and its position, in m.
+    pub sites: Vec<(usize, [f64; 2])>,
     /// Seconds spent on mesh and matrices, and on the static start.
     pub seconds: [f64; 2],
 }
@@ -80,23 +75,26 @@ pub fn bounds(scene: &Scene, space: &Space) -> Bounds {
 ///
 /// # Errors
 /// [`Error::Singular`] where a static start is asked of a mechanism.
-fn start(
+fn start<E: Engine + 'static>(
     scene: &Scene,
-    mesh: &Mesh,
-    space: &Space,
-    system: &System<Native>,
+    mechanism: Option<&str>,
+    deflections: impl Iterator<Item = usize>,
+    system: &System<E>,
     unit_load: &[f64],
-) -> Result<Start> {
-    let dofs = space.dofs();
+) -> Result<Start>
+where
+    E::Factor: 'static,
+{
+    let dofs = system.engine.dofs();
     let mut velocity = vec![0.0; dofs];
-    for (dof, _) in space.deflections() {
+    for dof in deflections {
         velocity[dof] = scene.initial.velocity;
     }
     let pressure = scene.initial.static_pressure;
     if pressure == 0.0 {
         return Ok(Start { displacement: vec![0.0; dofs], velocity });
     }
-    if let Some(motion) = space.mechanism(mesh) {
+    if let Some(motion) = mechanism {
         return Err(Error::Singular(format!(
             "initial.static_pressure: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
         )));
@@ -119,8 +117,7 @@ impl Model {
         let clock = Instant::now();
         let mesh = mesh(scene)?;
         let space = space(scene, &mesh)?;
-        let plate = scene.plate.plate;
-        let cells = assembly::cells(&mesh, &space, &plate)?;
+        let cells = assembly::cells(&mesh, &space, &scene.plate.plate)?;
         let engine = Native::with_layout(space.layout(&mesh));
         let unit_load = assembly::uniform_load(&cells, space.dofs(), 1.0);
         let load = scene.load.filter(|load| load.pressure != 0.0);
@@ -141,32 +138,72 @@ impl Model {
             .map(|probe| Probe::new(&mesh, &space, Point::new(probe.at[0], probe.at[1])))
             .collect::<Result<_>>()?;
         let built = clock.elapsed().as_secs_f64();
-        let start = start(scene, &mesh, &space, &system, &unit_load)?;
+        let deflections = space.deflections().map(|(dof, _)| dof);
+        let start = start(scene, space.mechanism(&mesh), deflections, &system, &unit_load)?;
         let seconds = [built, clock.elapsed().as_secs_f64() - built];
-        Ok(Model { mesh, space, plate, system, start, probes, seconds })
+        let site = |(_, node): (usize, usize)| (node, [mesh.nodes[node].x, mesh.nodes[node].y]);
+        let sites = space.deflections().map(site).take(system.bounds.len()).collect();
+        Ok(Model { system, start, probes, sites, seconds })
     }
+}
 
-    /// The scene's scheme at its start; factors the matrix of a step.
+impl<E: Engine + 'static> Model<E>
+where
+    E::Factor: 'static,
+{
+    /// The scene's scheme at its start, with the condensed contact solver; factors the matrix of a step.
     ///
     /// # Errors
     /// [`Error::Singular`] where that matrix is not positive definite.
     pub fn scheme(&self, scene: &Scene) -> Result<Box<dyn Scheme + '_>> {
-        let step = scene.time.step;
+        self.scheme_with(scene, &condensed)
+    }
+}
+
+impl<E: Engine> Model<E> {
+    /// The scene's scheme at its start, with a contact solver of its own.
+    ///
+    /// # Errors
+    /// What the solver says of its matrix.
+    pub fn scheme_with(&self, scene: &Scene, solver: &SolverFactory<E>) -> Result<Box<dyn Scheme + '_>> {
+        let System { engine, bounds, .. } = &self.system;
+        let (step, start) = (scene.time.step, self.start.clone());
         Ok(match scene.time.scheme {
             scene::Scheme::Newmark { beta, restitution } => {
                 let parameters = NewmarkParameters { beta, restitution, step };
-                Box::new(Newmark::new(&self.system, parameters, self.start.clone())?)
+                let solver = solver(engine, &Newmark::sum(&self.system, parameters), bounds.len())?;
+                Box::new(Newmark::with_solver(&self.system, parameters, start, solver)?)
             }
-            scene::Scheme::Midpoint => Box::new(Midpoint::new(&self.system, step, self.start.clone())?),
+            scene::Scheme::Midpoint => {
+                let solver = solver(engine, &Midpoint::sum(&self.system, step), bounds.len())?;
+                Box::new(Midpoint::with_solver(&self.system, step, start, solver)?)
+            }
         })
     }
 
-    /// The node of a bound (an index into the bounds) and its position.
-    fn bounded_node(&self, bound: usize) -> (usize, [f64; 2]) {
-        let dof = self.system.bounds.dofs[bound];
-        let node = self.space.deflections().find(|(d, _)| *d == dof).map_or(0, |(_, node)| node);
-        (node, [self.mesh.nodes[node].x, self.mesh.nodes[node].y])
+    /// Deflections at the probes, in m.
+    fn probe(&self, u: &[f64], values: &mut [f64]) -> Result<()> {
+        let own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
+        let (all, _) = self.system.engine.concatenate(&own)?;
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = all.iter().skip(i).step_by(own.len()).sum();
+        }
+        Ok(())
     }
+}
+
+/// Makes the contact solver of a matrix and a number of bounds.
+pub type SolverFactory<E> = dyn Fn(&E, &Sum<E>, usize) -> Result<Box<dyn Solver<E>>>;
+
+/// The condensed solver, on any engine.
+///
+/// # Errors
+/// [`Error::Singular`] where the matrix is not positive definite.
+pub fn condensed<E: Engine + 'static>(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Box<dyn Solver<E>>>
+where
+    E::Factor: 'static,
+{
+    Ok(Box::new(Condensed::new(engine, sum, bounded)?))
 }
 
 /// Whether this build can serve the scene's engine and contact solver.
@@ -306,12 +343,15 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    fn new(model: &Model, scheme: &dyn Scheme, factor: f64) -> Result<Outcome> {
+    fn new<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, factor: f64) -> Result<Outcome> {
         let start = scheme.energies()?.total();
         let [assembly, equilibrium] = model.seconds;
+        let System { engine, bounds, .. } = &model.system;
+        let (counts, _) = engine.concatenate(&[engine.dofs() as f64, bounds.len() as f64])?;
+        let total = |which: usize| counts.iter().skip(which).step_by(2).sum::<f64>() as usize;
         Ok(Outcome {
-            dofs: model.system.engine.dofs(),
-            bounded_dofs: model.system.bounds.len(),
+            dofs: total(0),
+            bounded_dofs: total(1),
             steps: 0,
             contact_steps: 0,
             vi_iterations: 0,
@@ -327,55 +367,64 @@ impl Outcome {
     }
 
     /// Takes note of a step; returns its nodes in contact and their total force.
-    fn note(&mut self, scene: &Scene, model: &Model, scheme: &dyn Scheme) -> (usize, f64) {
+    fn note<E: Engine>(
+        &mut self,
+        scene: &Scene,
+        model: &Model<E>,
+        scheme: &dyn Scheme,
+    ) -> Result<(usize, f64)> {
         let verdict = scheme.verdict();
         self.steps = scheme.step();
         self.vi_iterations += u64::from(verdict.iterations);
         if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
             self.worst_kkt = verdict.kkt;
         }
-        let (mut nodes, mut force) = (0, 0.0);
-        let bounds = &model.system.bounds;
-        for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
-            nodes += usize::from(r != 0.0);
-            force += r;
-            self.worst_penetration = self.worst_penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
+        if scene.obstacles.is_empty() {
+            return Ok((0, 0.0));
         }
+        let System { engine, bounds, .. } = &model.system;
+        let (mut nodes, mut force, mut penetration) = (0.0, 0.0, 0.0_f64);
+        for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
+            nodes += f64::from(u8::from(r != 0.0));
+            force += r;
+            penetration = penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
+        }
+        let (all, _) = engine.concatenate(&[nodes, force, penetration])?;
+        let part = |which: usize| all.iter().skip(which).step_by(3).copied();
+        let (nodes, force) = (part(0).sum::<f64>() as usize, part(1).sum());
+        self.worst_penetration = part(2).fold(self.worst_penetration, f64::max);
         if nodes > 0 {
             self.contact_steps += 1;
             self.most_contact_nodes = self.most_contact_nodes.max(nodes);
-            self.first_impact = self.first_impact.or_else(|| first_impact(model, scheme));
+            if self.first_impact.is_none() {
+                self.first_impact = first_impact(model, scheme)?;
+            }
             let time = scheme.time();
             match self.contacts.last_mut() {
                 Some([_, end]) if time - *end <= 0.01 * scene.time.end => *end = time,
                 _ => self.contacts.push([time, time]),
             }
         }
-        (nodes, force)
+        Ok((nodes, force))
     }
 }
 
 /// Of the bounds met in this step, the one that the free motion reaches first.
-fn first_impact(model: &Model, scheme: &dyn Scheme) -> Option<Impact> {
-    let bounds = &model.system.bounds;
+fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Option<Impact>> {
+    let System { engine, bounds, .. } = &model.system;
     let met = |(bound, &r): (usize, &f64)| {
         let approach = scheme.approach(bound);
         let target = if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
         let gap = target - approach.deflection;
         let delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
-        (bound, (approach.time + delay).max(0.0), approach.velocity)
+        let (node, [x, y]) = model.sites[bound];
+        [(approach.time + delay).max(0.0), approach.velocity, node as f64, x, y]
     };
-    scheme
-        .reaction()
-        .iter()
-        .enumerate()
-        .filter(|(_, r)| **r != 0.0)
-        .map(met)
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(bound, time, velocity)| {
-            let (node, at) = model.bounded_node(bound);
-            Impact { time, node, at, velocity }
-        })
+    let touched = scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
+    let own = touched.map(met).min_by(|a, b| a[0].total_cmp(&b[0]));
+    let (all, _) = engine.concatenate(own.as_ref().map_or(&[], |own| own))?;
+    let first = all.chunks_exact(5).min_by(|a, b| a[0].total_cmp(&b[0]));
+    Ok(first.map(|of| Impact { time: of[0], node: of[2] as usize, at: [of[3], of[4]], velocity: of[1] }))
 }
 
 /// What a user can do when energy appears from nowhere.
@@ -395,10 +444,18 @@ fn advice(scene: &Scene) -> &'static str {
 /// Steps between looks at the energy where rows are further apart.
 const GUARD_EVERY: u64 = 100;
 
-/// Runs a model. Whatever happens on the way, the outcome tells how far it came.
-pub fn run(scene: &Scene, model: &Model, observer: &mut dyn Observer) -> Result<(Outcome, Result<()>)> {
+/// Runs a model with a contact solver. Whatever happens on the way, the outcome tells how far it came.
+///
+/// # Errors
+/// Where the run cannot start.
+pub fn run<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    solver: &SolverFactory<E>,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
-    let mut scheme = model.scheme(scene)?;
+    let mut scheme = model.scheme_with(scene, solver)?;
     let mut outcome = Outcome::new(model, scheme.as_ref(), clock.elapsed().as_secs_f64())?;
     let clock = Instant::now();
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
@@ -407,9 +464,9 @@ pub fn run(scene: &Scene, model: &Model, observer: &mut dyn Observer) -> Result<
     Ok((outcome, ended))
 }
 
-fn march(
+fn march<E: Engine>(
     scene: &Scene,
-    model: &Model,
+    model: &Model<E>,
     scheme: &mut dyn Scheme,
     outcome: &mut Outcome,
     observer: &mut dyn Observer,
@@ -419,7 +476,7 @@ fn march(
     let (mut iterations, mut kkt) = (0, 0.0_f64);
     loop {
         let (step, time) = (scheme.step(), scheme.time());
-        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme);
+        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme)?;
         let verdict = scheme.verdict();
         iterations += u64::from(verdict.iterations);
         kkt = kkt.max(verdict.kkt);
@@ -432,9 +489,7 @@ fn march(
             outcome.energy.end = energy;
             outcome.energy.min = outcome.energy.min.min(energy);
             outcome.energy.max = outcome.energy.max.max(energy);
-            for (value, probe) in probes.iter_mut().zip(&model.probes) {
-                *value = probe.deflection(scheme.displacement());
-            }
+            model.probe(scheme.displacement(), &mut probes)?;
             let row = Row {
                 step,
                 time,

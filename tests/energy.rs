@@ -98,7 +98,7 @@ fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
     scene.solver.energy_guard = 2.0;
     let model = Model::new(&scene).unwrap();
     let mut rows = Rows(Vec::new());
-    let (outcome, ended) = simulation::run(&scene, &model, &mut rows).unwrap();
+    let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut rows).unwrap();
     let error = ended.unwrap_err();
     assert_eq!(error.exit_code(), 5);
     assert!(error.to_string().contains("singular"), "{error}");
@@ -113,7 +113,7 @@ fn a_load_does_work_and_the_total_stays() {
     scene.load = Some(rebond::scene::Load { pressure: 5000.0 });
     let model = Model::new(&scene).unwrap();
     let mut rows = Rows(Vec::new());
-    simulation::run(&scene, &model, &mut rows).unwrap().1.unwrap();
+    simulation::run(&scene, &model, &simulation::condensed, &mut rows).unwrap().1.unwrap();
     let most_work = rows.0.iter().map(|row| row.work).fold(0.0, f64::max);
     assert!(most_work > 1.0, "{most_work} J");
     for row in &rows.0 {

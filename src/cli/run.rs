@@ -83,7 +83,7 @@ impl Run {
             start: None,
             energy_ratio: 1.0,
         };
-        let (outcome, ended) = simulation::run(&scene, &model, &mut recorder)?;
+        let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut recorder)?;
         recorder.progress.finish();
         recorder.history.finish()?;
         let summary = Summary {

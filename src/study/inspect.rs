@@ -5,7 +5,7 @@ use super::modes;
 use crate::assembly::{self, CellArrays};
 use crate::error::Result;
 use crate::linalg::{Engine, Form};
-use crate::mesh::Cell;
+use crate::mesh::{Cell, Mesh};
 use crate::output::text::{Report, significant};
 use crate::scene::{EngineName, Mass, Scene, Scheme, ViName};
 use crate::scheme;
@@ -162,16 +162,18 @@ fn round_down(value: f64) -> f64 {
 /// What [`Model::new`] says of a mesh, or of a static start that does not converge.
 pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mesh = simulation::mesh(scene)?;
-    let mechanism = simulation::space(scene, &mesh)?.mechanism(&mesh);
+    let space = simulation::space(scene, &mesh)?;
+    let mechanism = space.mechanism(&mesh);
     let mut native = on_native_engine(scene);
     let no_start = mechanism.is_some() && scene.initial.static_pressure != 0.0;
     if no_start {
         native.initial.static_pressure = 0.0;
     }
     let model = Model::new(&native)?;
-    let Model { system, space, plate, .. } = &model;
+    let Model { system, .. } = &model;
     let (engine, stiffness) = (&system.engine, &system.stiffness);
-    let cells = assembly::cells(&model.mesh, space, plate)?;
+    let plate = &scene.plate.plate;
+    let cells = assembly::cells(&mesh, &space, plate)?;
 
     let loaded = match (&system.load, mechanism) {
         (Some(load), None) => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
@@ -204,7 +206,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     warnings.extend(inf_sup_warning(scene, &inf_sup));
     Ok(Inspection {
         title: scene.title.clone(),
-        nodes: model.mesh.nodes.len(),
+        nodes: mesh.nodes.len(),
         cells: cells.len(),
         dofs: space.dofs(),
         bounded_dofs: system.bounds.len(),
@@ -228,8 +230,9 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
 pub fn check(scene: &Scene) -> Result<Check> {
     let native = on_native_engine(scene);
     let model = Model::new(&native)?;
-    let Model { mesh, space, system, .. } = &model;
-    let mechanism = space.mechanism(mesh);
+    let Model { system, .. } = &model;
+    let mesh = simulation::mesh(scene)?;
+    let mechanism = simulation::space(scene, &mesh)?.mechanism(&mesh);
     let frequencies = frequencies(&model, &system.mass, CHECKED, mechanism.is_some());
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
@@ -242,10 +245,10 @@ pub fn check(scene: &Scene) -> Result<Check> {
         effects: scene.effects(),
         nodes: mesh.nodes.len(),
         cells: mesh.cells.len(),
-        dofs: space.dofs(),
+        dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
-        memory: memory(&model, factor_entries),
+        memory: memory(&mesh, system.engine.dofs(), factor_entries),
         frequencies,
         steps: scene.time.steps(),
         step: scene.time.step,
@@ -297,17 +300,16 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
 }
 
 /// Bytes at the peak of a run: the factor, the entries it is made of, the cells' arrays and the vectors of a scheme.
-fn memory(model: &Model, factor_entries: usize) -> usize {
+fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
     const NUMBER: usize = size_of::<f64>();
     // An entry before assembly: row, column, value, and as much again as it takes to sort it. K and M each have a lower triangle
     // a cell.
     const ENTRY: usize = 5 * NUMBER;
     const VECTORS: usize = 24;
     let nodes = |cell: &Cell| 3 * cell.nodes().len();
-    let cells: usize = model.mesh.cells.iter().map(|cell| nodes(cell) * (nodes(cell) + 1) * ENTRY).sum();
-    let records: usize =
-        model.mesh.cells.iter().map(|cell| size_of::<CellArrays>() * 4 + 24 * nodes(cell)).sum();
-    NUMBER * (factor_entries + VECTORS * model.space.dofs()) + cells + records
+    let cells: usize = mesh.cells.iter().map(|cell| nodes(cell) * (nodes(cell) + 1) * ENTRY).sum();
+    let records: usize = mesh.cells.iter().map(|cell| size_of::<CellArrays>() * 4 + 24 * nodes(cell)).sum();
+    NUMBER * (factor_entries + VECTORS * dofs) + cells + records
 }
 
 fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>) -> Vec<String> {
