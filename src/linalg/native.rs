@@ -4,7 +4,7 @@ use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, Averages, CellForm, Form, Scratch};
 use super::{Average, Block, Cholesky, Engine, Sum};
 use crate::error::Result;
-use faer::sparse::Triplet;
+use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use pulp::{Arch, Simd, WithSimd};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -211,21 +211,45 @@ impl Engine for Native {
     }
 
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
-        Cholesky::new(self.dofs(), &lower_triplets(sum), candidates)
+        Cholesky::new(lower_triangle(self.dofs(), sum), candidates)
     }
 }
 
-/// Entries of the lower triangle of a sum, cell by cell.
-fn lower_triplets(sum: &Sum<Native>) -> Vec<Triplet<usize, usize, f64>> {
-    let mut triplets = Vec::new();
-    let mut add = |dofs: &[Option<usize>], entry: &dyn Fn(usize, usize) -> f64| {
-        for (i, row) in dofs.iter().enumerate() {
-            for (j, column) in dofs.iter().enumerate() {
-                if let (Some(row), Some(column)) = (*row, *column)
-                    && row >= column
-                {
-                    triplets.push(Triplet::new(row, column, entry(i, j)));
-                }
+/// The lower triangle of a sum, column by column.
+fn lower_triangle(dofs: usize, sum: &Sum<Native>) -> SparseColMat<usize, f64> {
+    // First all entries of the cells, put into their columns; then those of one row are added up.
+    let mut starts = vec![0; dofs + 1];
+    for_each_entry(sum, |_, column, _| starts[column + 1] += 1);
+    for column in 0..dofs {
+        starts[column + 1] += starts[column];
+    }
+    let mut next = starts.clone();
+    let mut entries = vec![(0, 0.0); starts[dofs]];
+    for_each_entry(sum, |row, column, value| {
+        entries[next[column]] = (row, value);
+        next[column] += 1;
+    });
+    let (mut columns, mut rows, mut values) = (vec![0], Vec::new(), Vec::<f64>::new());
+    for range in starts.windows(2) {
+        let column = &mut entries[range[0]..range[1]];
+        // Stable, so that a sum has the same roundings in every run.
+        column.sort_by_key(|(row, _)| *row);
+        for same in column.chunk_by(|a, b| a.0 == b.0) {
+            rows.push(same[0].0);
+            values.push(same.iter().map(|(_, value)| value).sum());
+        }
+        columns.push(rows.len());
+    }
+    SparseColMat::new(SymbolicSparseColMat::new_checked(dofs, dofs, columns, None, rows), values)
+}
+
+/// Visits the entries (row, column, value) of the cells' matrices in the lower triangle, cell by cell.
+fn for_each_entry(sum: &Sum<Native>, mut visit: impl FnMut(usize, usize, f64)) {
+    let mut add = |dofs: &[Option<usize>], i: usize, row: &mut dyn FnMut(usize) -> f64| {
+        let Some(at) = dofs[i] else { return };
+        for (j, column) in dofs.iter().enumerate() {
+            if let Some(column) = column.filter(|&column| at >= column) {
+                visit(at, column, row(j));
             }
         }
     };
@@ -233,16 +257,18 @@ fn lower_triplets(sum: &Sum<Native>) -> Vec<Triplet<usize, usize, f64>> {
         match form {
             Form::Cells(cells) => {
                 for block in cells.blocks() {
-                    let size = block.dofs.len();
-                    add(&block.dofs, &|i, j| scale * block.matrix[i * size + j]);
+                    for (i, row) in block.matrix.chunks_exact(block.dofs.len()).enumerate() {
+                        add(&block.dofs, i, &mut |j| scale * row[j]);
+                    }
                 }
             }
             Form::Averages(averages) => {
-                for row in averages.rows() {
-                    add(&row.dofs, &|i, j| scale * row.row[i] * row.row[j] / row.mass);
+                for Average { dofs, row, mass, .. } in averages.rows() {
+                    for i in 0..dofs.len() {
+                        add(dofs, i, &mut |j| scale * row[i] * row[j] / mass);
+                    }
                 }
             }
         }
     }
-    triplets
 }
