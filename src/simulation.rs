@@ -332,7 +332,7 @@ pub struct Outcome {
     pub energy: EnergySpan,
     /// First touch; `None` if nothing ever touched.
     pub first_impact: Option<Impact>,
-    /// Intervals of contact, in s; those closer than a hundredth of the run are joined.
+    /// Intervals of contact, in s; those closer than a hundredth of the run, or in successive steps, are joined.
     pub contacts: Vec<[f64; 2]>,
     /// Worst relative KKT residual of all steps.
     pub worst_kkt: f64,
@@ -400,8 +400,9 @@ impl Outcome {
                 self.first_impact = first_impact(model, scheme)?;
             }
             let time = scheme.time();
+            let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
             match self.contacts.last_mut() {
-                Some([_, end]) if time - *end <= 0.01 * scene.time.end => *end = time,
+                Some([_, end]) if time - *end <= together => *end = time,
                 _ => self.contacts.push([time, time]),
             }
         }

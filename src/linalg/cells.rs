@@ -274,8 +274,8 @@ impl Rows {
     #[inline(always)]
     fn velocities(&self, local: &[Lanes]) -> Lanes {
         let mut velocities = self.momenta(local);
-        for lane in 0..LANES {
-            velocities[lane] *= self.inverses[lane];
+        for (velocity, inverse) in velocities.iter_mut().zip(&self.inverses) {
+            *velocity *= inverse;
         }
         velocities
     }

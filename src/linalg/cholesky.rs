@@ -11,12 +11,12 @@ use crate::error::{Error, Result};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
+use faer::sparse::SparseColMat;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
     factorize_symbolic_cholesky,
 };
 use faer::sparse::linalg::{SupernodalThreshold, amd};
-use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Par, Side};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -62,17 +62,12 @@ impl Supernode {
 }
 
 impl Cholesky {
-    /// Factors the symmetric matrix whose lower triangle is the sum of `triplets`.
+    /// Factors the symmetric matrix with the given lower triangle.
     ///
     /// # Errors
     /// [`Error::Singular`] where it is not positive definite.
-    pub fn new(
-        dofs: usize,
-        triplets: &[Triplet<usize, usize, f64>],
-        candidates: &[usize],
-    ) -> Result<Cholesky> {
-        let matrix = SparseColMat::try_new_from_triplets(dofs, dofs, triplets)
-            .map_err(|why| Error::Singular(format!("the matrix of {dofs} dofs cannot be stored: {why:?}")))?;
+    pub fn new(matrix: SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Cholesky> {
+        let dofs = matrix.nrows();
         let order = elimination_order(&matrix, candidates)?;
         let symbolic = analyse(&matrix, &order)?;
         let SymbolicCholeskyRaw::Supernodal(raw) = symbolic.raw() else {
@@ -428,17 +423,22 @@ fn elimination_tree(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Vec<u
     for (new, &old) in order.iter().enumerate() {
         place[old] = new;
     }
-    let mut earlier = vec![Vec::new(); dofs];
-    for column in 0..dofs {
-        for row in matrix.row_idx_of_col(column).filter(|&row| row != column) {
-            let (a, b) = (place[row], place[column]);
-            earlier[a.max(b)].push(a.min(b));
-        }
+    // The entries before each place, place by place.
+    let mut starts = vec![0; dofs + 1];
+    for_each_pair(matrix, &place, |_, later| starts[later + 1] += 1);
+    for place in 0..dofs {
+        starts[place + 1] += starts[place];
     }
+    let mut next = starts.clone();
+    let mut earlier = vec![0; starts[dofs]];
+    for_each_pair(matrix, &place, |before, later| {
+        earlier[next[later]] = before;
+        next[later] += 1;
+    });
     let mut parent = vec![usize::MAX; dofs];
     let mut ancestor = vec![usize::MAX; dofs];
-    for (j, earlier) in earlier.iter().enumerate() {
-        for &i in earlier {
+    for j in 0..dofs {
+        for &i in &earlier[starts[j]..starts[j + 1]] {
             let mut i = i;
             while ancestor[i] != j {
                 let next = std::mem::replace(&mut ancestor[i], j);
@@ -451,6 +451,16 @@ fn elimination_tree(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Vec<u
         }
     }
     parent
+}
+
+/// Visits the places (earlier, later) of the entries off the diagonal.
+fn for_each_pair(matrix: &SparseColMat<usize, f64>, place: &[usize], mut visit: impl FnMut(usize, usize)) {
+    for column in 0..matrix.ncols() {
+        for row in matrix.row_idx_of_col(column).filter(|&row| row != column) {
+            let (a, b) = (place[row], place[column]);
+            visit(a.min(b), a.max(b));
+        }
+    }
 }
 
 /// Children before parents, subtree by subtree; a parent past the end makes a root.

@@ -4,7 +4,7 @@ use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, Averages, CellForm, Form, Scratch};
 use super::{Average, Block, Cholesky, Engine, Sum};
 use crate::error::Result;
-use faer::sparse::Triplet;
+use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use pulp::{Arch, Simd, WithSimd};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -12,27 +12,27 @@ use std::rc::Rc;
 impl Form {
     /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
     pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
-        let mut cell = |dofs: &[Option<usize>], entry: &dyn Fn(usize, usize) -> f64| {
-            for (i, row) in dofs.iter().enumerate() {
-                for (j, column) in dofs.iter().enumerate() {
-                    if let (Some(row), Some(column)) = (*row, *column)
-                        && row >= column
-                    {
-                        visit(row, column, entry(i, j));
-                    }
+        let mut add = |dofs: &[Option<usize>], i: usize, entry: &dyn Fn(usize) -> f64| {
+            let Some(at) = dofs[i] else { return };
+            for (j, column) in dofs.iter().enumerate() {
+                if let Some(column) = column.filter(|&column| at >= column) {
+                    visit(at, column, entry(j));
                 }
             }
         };
         match self {
             Form::Cells(cells) => {
                 for block in cells.blocks() {
-                    let size = block.dofs.len();
-                    cell(&block.dofs, &|i, j| block.matrix[i * size + j]);
+                    for (i, row) in block.matrix.chunks_exact(block.dofs.len()).enumerate() {
+                        add(&block.dofs, i, &|j| row[j]);
+                    }
                 }
             }
             Form::Averages(averages) => {
-                for row in averages.rows() {
-                    cell(&row.dofs, &|i, j| row.row[i] * row.row[j] / row.mass);
+                for Average { dofs, row, mass, .. } in averages.rows() {
+                    for i in 0..dofs.len() {
+                        add(dofs, i, &|j| row[i] * row[j] / mass);
+                    }
                 }
             }
         }
@@ -266,15 +266,38 @@ impl Engine for Native {
     }
 
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
-        Cholesky::new(self.dofs(), &lower_triplets(sum), candidates)
+        Cholesky::new(lower_triangle(self.dofs(), sum), candidates)
     }
 }
 
-/// Entries of the lower triangle of a sum, cell by cell.
-fn lower_triplets(sum: &Sum<Native>) -> Vec<Triplet<usize, usize, f64>> {
-    let mut triplets = Vec::new();
-    for (scale, form) in sum {
-        form.for_each_lower(|row, column, entry| triplets.push(Triplet::new(row, column, scale * entry)));
+/// The lower triangle of a sum, column by column.
+fn lower_triangle(dofs: usize, sum: &Sum<Native>) -> SparseColMat<usize, f64> {
+    // First all entries of the cells, put into their columns; then those of one row are added up.
+    let mut starts = vec![0; dofs + 1];
+    for (_, form) in sum {
+        form.for_each_lower(|_, column, _| starts[column + 1] += 1);
     }
-    triplets
+    for column in 0..dofs {
+        starts[column + 1] += starts[column];
+    }
+    let mut next = starts.clone();
+    let mut entries = vec![(0, 0.0); starts[dofs]];
+    for (scale, form) in sum {
+        form.for_each_lower(|row, column, value| {
+            entries[next[column]] = (row, scale * value);
+            next[column] += 1;
+        });
+    }
+    let (mut columns, mut rows, mut values) = (vec![0], Vec::new(), Vec::<f64>::new());
+    for range in starts.windows(2) {
+        let column = &mut entries[range[0]..range[1]];
+        // Stable, so that a sum has the same roundings in every run.
+        column.sort_by_key(|(row, _)| *row);
+        for same in column.chunk_by(|a, b| a.0 == b.0) {
+            rows.push(same[0].0);
+            values.push(same.iter().map(|(_, value)| value).sum());
+        }
+        columns.push(rows.len());
+    }
+    SparseColMat::new(SymbolicSparseColMat::new_checked(dofs, dofs, columns, None, rows), values)
 }

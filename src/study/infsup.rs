@@ -19,7 +19,7 @@ use super::lanczos;
 use crate::error::Result;
 use crate::linalg::{Average, Cholesky, Factor, Form};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::sparse::Triplet;
+use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Par, Side};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -172,7 +172,10 @@ impl Split {
                 }
             }
         }
-        let Ok(mut factor) = Cholesky::new(cells, &triplets, &[]) else { return Ok(None) };
+        let Ok(matrix) = SparseColMat::try_new_from_triplets(cells, cells, &triplets) else {
+            return Ok(None);
+        };
+        let Ok(mut factor) = Cholesky::new(matrix, &[]) else { return Ok(None) };
         let euclid = |x: &[f64], y: &mut [f64]| {
             y.copy_from_slice(x);
             Ok(())

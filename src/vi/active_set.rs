@@ -1,12 +1,13 @@
 //! Active sets: block principal pivoting, and the dense box-constrained problem.
 //!
-//! Each iteration exchanges every index that breaks a condition (the primal-dual active set method). Where the number of such
-//! indices stops falling, single exchanges of the last one follow until it falls again (Murty 1974; Júdice and Pires 1994):
-//! finite for every symmetric positive definite matrix, however degenerate.
+//! Each iteration exchanges every index that breaks a condition (the primal-dual active set method). Should it come back to sets
+//! that it has tried, single exchanges of the last such index follow until fewer break than ever (Murty 1974; Júdice and
+//! Pires 1994): finite for every symmetric positive definite matrix, however degenerate.
 
 use crate::linalg::Factor;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side as Triangle};
+use std::collections::HashSet;
 
 /// Where a bounded dof is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -36,9 +37,6 @@ impl Side {
     }
 }
 
-/// Whole exchanges tried without progress before single ones.
-const PATIENCE: u32 = 8;
-
 /// Reactions are trusted to this many roundings of the magnitude of their row.
 const ROUNDINGS: f64 = 64.0;
 
@@ -54,8 +52,12 @@ pub(super) enum Move {
 /// The exchange rule and its memory.
 #[derive(Debug)]
 pub(super) struct Exchange {
-    best: usize,
-    patience: u32,
+    /// Fingerprints of the sets tried.
+    tried: HashSet<u64>,
+    /// Fewest indices that broke a condition.
+    fewest: usize,
+    /// Single exchanges go on until fewer than this break.
+    single_above: Option<usize>,
     /// Exchanges made so far.
     pub iterations: u32,
     limit: u32,
@@ -64,23 +66,31 @@ pub(super) struct Exchange {
 impl Exchange {
     pub fn new(size: usize) -> Exchange {
         let limit = u32::try_from(size).unwrap_or(u32::MAX).saturating_mul(64).saturating_add(256);
-        Exchange { best: usize::MAX, patience: PATIENCE, iterations: 0, limit }
+        Exchange { tried: HashSet::new(), fewest: usize::MAX, single_above: None, iterations: 0, limit }
     }
 
-    /// What to do about as many indices as break a condition; `None` when there is none, or at the limit.
-    pub fn next(&mut self, broken: usize) -> Option<Move> {
+    /// What to do about as many indices as break a condition with the sets of this fingerprint; `None` when there is none, or
+    /// at the limit.
+    pub fn next(&mut self, broken: usize, fingerprint: u64) -> Option<Move> {
         if broken == 0 || self.iterations == self.limit {
             return None;
         }
         self.iterations += 1;
-        if broken < self.best {
-            self.best = broken;
-            self.patience = PATIENCE;
-        } else {
-            self.patience = self.patience.saturating_sub(1);
+        self.fewest = self.fewest.min(broken);
+        if self.single_above.is_some_and(|bound| broken < bound) {
+            self.single_above = None;
         }
-        Some(if self.patience > 0 { Move::All } else { Move::Last })
+        if self.single_above.is_none() && !self.tried.insert(fingerprint) {
+            self.single_above = Some(self.fewest);
+        }
+        Some(if self.single_above.is_some() { Move::Last } else { Move::All })
     }
+}
+
+/// A number that sets share only if they are the same, or by a chance of 1 in 2^52 (it fits into a float).
+pub(super) fn fingerprint(sides: &[Side]) -> u64 {
+    let mix = |hash: u64, side: &Side| (hash ^ *side as u64).wrapping_mul(0x0100_0000_01b3);
+    sides.iter().fold(0xcbf2_9ce4_8422_2325, mix) >> 12
 }
 
 /// The indices that break a condition, ascending, and the sides they want.
@@ -139,7 +149,7 @@ pub fn dense(
             }
         }
         let broken = broken(sides, x, reaction, &magnitude, lower, upper);
-        match rule.next(broken.len()) {
+        match rule.next(broken.len(), fingerprint(sides)) {
             None => break,
             Some(Move::All) => exchange(sides, &broken),
             Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),

@@ -187,13 +187,17 @@ impl<E: Engine> Condensed<E> {
             }
             let broken =
                 active_set::broken(&self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper);
-            // How many break on each process, and which one comes last.
-            let (counts, own) = engine.concatenate(&[broken.len() as f64])?;
+            // How many break on each process, which one comes last, and what sets all have together.
+            let print = active_set::fingerprint(&self.sides) as f64;
+            let (all, own) = engine.concatenate(&[broken.len() as f64, print])?;
+            let counts: Vec<f64> = all.iter().step_by(2).copied().collect();
             let last = counts.iter().rposition(|&count| count > 0.0);
-            match exchange.next(counts.iter().sum::<f64>() as usize) {
+            let prints = all.iter().skip(1).step_by(2);
+            let print = prints.fold(0_u64, |print, &own| print.rotate_left(7) ^ own as u64);
+            match exchange.next(counts.iter().sum::<f64>() as usize, print) {
                 None => break,
                 Some(Move::All) => active_set::exchange(&mut self.sides, &broken),
-                Some(Move::Last) if last == Some(own) => {
+                Some(Move::Last) if last == Some(own / 2) => {
                     active_set::exchange(&mut self.sides, &broken[broken.len() - 1..]);
                 }
                 Some(Move::Last) => {}
