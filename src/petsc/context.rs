@@ -214,6 +214,14 @@ impl Context {
         self.world.abort(code.into())
     }
 
+    /// Number of threads of OpenBLAS; none where BLAS is another library.
+    pub fn blas_threads(&self) -> Option<usize> {
+        let address = loaded_function(c"openblas_get_num_threads")?;
+        // SAFETY: the function has had this signature in every version.
+        let threads = unsafe { std::mem::transmute::<*mut c_void, extern "C" fn() -> c_int>(address)() };
+        Some(threads as usize)
+    }
+
     /// Version of the PETSc library: major, minor, patch.
     pub fn version(&self) -> [i32; 3] {
         let mut version = [0; 3];
@@ -221,6 +229,15 @@ impl Context {
         // It cannot fail: it copies three constants.
         let _ = call!(PetscGetVersionNumber(major, minor, patch, std::ptr::null_mut()));
         version
+    }
+}
+
+impl std::fmt::Debug for Context {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Context")
+            .field("rank", &self.rank())
+            .field("size", &self.size())
+            .finish_non_exhaustive()
     }
 }
 
@@ -247,28 +264,31 @@ fn abort_on_panic() {
 ///
 /// The libraries read their environment as they are loaded, before `main`, so that it must be said to them by call.
 fn one_blas_thread() {
+    let free = |names: &[&str]| names.iter().all(|name| std::env::var_os(name).is_none());
+    let mut setters = Vec::new();
+    if free(&["OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS"]) {
+        setters.push(c"openblas_set_num_threads");
+    }
+    if free(&["OMP_NUM_THREADS"]) {
+        setters.push(c"omp_set_num_threads");
+    }
+    for name in setters {
+        if let Some(address) = loaded_function(name) {
+            // SAFETY: both functions have had this signature in every version.
+            unsafe { std::mem::transmute::<*mut c_void, extern "C" fn(c_int)>(address)(1) };
+        }
+    }
+}
+
+/// Address of a function in the libraries that are loaded, if it is there. Known for Linux only.
+fn loaded_function(name: &std::ffi::CStr) -> Option<*mut c_void> {
     unsafe extern "C" {
         fn dlsym(library: *mut c_void, name: *const c_char) -> *mut c_void;
     }
-    let set = |name: &str| std::env::var_os(name).is_some();
-    let mut functions = Vec::new();
-    if !set("OPENBLAS_NUM_THREADS") && !set("GOTO_NUM_THREADS") && !set("OMP_NUM_THREADS") {
-        functions.push(c"openblas_set_num_threads");
-    }
-    if !set("OMP_NUM_THREADS") {
-        functions.push(c"omp_set_num_threads");
-    }
     if cfg!(not(target_os = "linux")) {
-        return;
+        return None;
     }
-    for name in functions {
-        // SAFETY: null is RTLD_DEFAULT on Linux; both functions have had this signature in every version.
-        unsafe {
-            let address = dlsym(std::ptr::null_mut(), name.as_ptr());
-            if !address.is_null() {
-                let set_threads: extern "C" fn(c_int) = std::mem::transmute(address);
-                set_threads(1);
-            }
-        }
-    }
+    // SAFETY: null is RTLD_DEFAULT on Linux.
+    let address = unsafe { dlsym(std::ptr::null_mut(), name.as_ptr()) };
+    (!address.is_null()).then_some(address)
 }

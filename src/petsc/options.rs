@@ -84,6 +84,26 @@ impl Context {
             .any(|word| word.strip_prefix('-').is_some_and(|word| word.eq_ignore_ascii_case(name))))
     }
 
+    /// The value of the option `name` (without its dash); asking counts as using.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn option(&self, name: &str) -> Result<Option<String>> {
+        let name = c_string(&format!("-{name}"))?;
+        let (none, mut value, mut found) = (std::ptr::null(), [0; 256], sys::PetscBool::PETSC_FALSE);
+        let (array, length) = (value.as_mut_ptr(), value.len());
+        call!(PetscOptionsGetString(
+            std::ptr::null_mut(),
+            none,
+            name.as_ptr(),
+            array,
+            length as _,
+            &mut found
+        ))?;
+        // SAFETY: PETSc ends the string with a zero within the array.
+        Ok((found == sys::PetscBool::PETSC_TRUE).then(|| unsafe { text(value.as_ptr()) }))
+    }
+
     /// Sets an option (its name without the dash) unless the user did. An option of ours need not be used.
     ///
     /// # Errors
@@ -129,6 +149,11 @@ impl Context {
             n => format!(" (and {} more)", n - 1),
         };
         Err(Error::Usage(format!("nothing used the PETSc option `-{name}`{others}{hint}")))
+    }
+
+    /// Remembers the prefix of a solver's options.
+    pub(super) fn note_prefix(&self, prefix: &str) {
+        self.prefixes.borrow_mut().insert(prefix.into());
     }
 
     /// Every option name that suggestions come from: PETSc's own, with the prefixes of the solvers created so far.
