@@ -43,6 +43,9 @@ pub enum Error {
         /// What is not finite.
         what: &'static str,
     },
+    /// PETSc or MPI refused a call: the function, what it said, its code.
+    #[error("PETSc: {0}")]
+    Petsc(String),
     /// The energy grew past the guard.
     #[error(
         "step {step}, t = {time:.9} s: the energy is {ratio:.4} times its start, past the guard of {limit}; {advice}"
@@ -70,11 +73,11 @@ pub enum Error {
 }
 
 impl Error {
-    /// Exit code of the command: 2 scene or usage, 3 no convergence, 4 reading or writing, 5 energy guard.
+    /// Exit code of the command: 2 scene or usage, 3 no convergence or a refusal of PETSc, 4 reading or writing, 5 energy guard.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) => 2,
-            Error::NotConverged { .. } | Error::NotFinite { .. } => 3,
+            Error::NotConverged { .. } | Error::NotFinite { .. } | Error::Petsc(_) => 3,
             Error::Io { .. } => 4,
             Error::EnergyGuard { .. } => 5,
         }

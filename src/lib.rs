@@ -15,6 +15,7 @@
 //! | [`plate`] | thickness and material to element matrices |
 //! | [`space`] | three dofs a node, supports |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
+//! | `petsc` | safe handles on PETSc's objects (feature `petsc`) |
 //! | [`assembly`] | the only loop over cells |
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and its judge |
@@ -58,6 +59,8 @@ pub mod element;
 pub mod plate;
 pub mod space;
 pub mod linalg;
+#[cfg(feature = "petsc")]
+pub mod petsc;
 pub mod assembly;
 pub mod obstacle;
 pub mod vi;

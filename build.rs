@@ -1,0 +1,217 @@
+//! Finds PETSc and MPI and writes the Rust declarations of the PETSc functions that the crate calls.
+//!
+//! PETSc is the one of `PETSC_DIR` (and `PETSC_ARCH`) where these are set, else the one that pkg-config finds. Without
+//! the feature `petsc` this does nothing. A missing piece ends the build with one sentence that says what to install.
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    #[cfg(feature = "petsc")]
+    if let Err(sentence) = petsc::bind() {
+        println!("cargo:warning={sentence}");
+        eprintln!("{sentence}");
+        std::process::exit(1);
+    }
+}
+
+#[cfg(feature = "petsc")]
+mod petsc {
+    use std::path::{Path, PathBuf};
+    use std::process::Command;
+
+    const WAY_OUT: &str = "or build without the distributed engine: --no-default-features";
+    const HEADERS: &str = "\
+        #include <petscsys.h>\n#include <petscsnes.h>\n#include <petsctao.h>\n\
+        #include <petscdmplex.h>\n#include <petscsf.h>\n#include <petscpartitioner.h>\n";
+
+    /// Everything that the crate calls, and no more.
+    const FUNCTIONS: &[&str] = &[
+        "Petsc(Initialize|Initialized|Finalize|Finalized|Error|PushErrorHandler|PopErrorHandler)",
+        "PetscGetVersionNumber",
+        "PetscObject(Reference|SetName|GetComm|SetOptionsPrefix)",
+        "PetscOptions.*",
+        "PetscViewer.*",
+        "PETSC_VIEWER_.*",
+        "PetscSection.*",
+        "PetscSF.*",
+        "PetscPartitioner.*",
+        "(Vec|Mat|IS|KSP|PC|SNES|Tao)[A-Z].*",
+        "DM(Plex|Label)?[A-Z].*",
+    ];
+    const TYPES: &[&str] = &[
+        "PetscErrorCode|PetscErrorType|PetscInt|PetscScalar|PetscReal|PetscBool|PetscMPIInt",
+        "Vec|Mat|IS|KSP|PC|SNES|Tao|DM|DMLabel|Petsc(Section|SF|Partitioner|Options|Viewer|Object)",
+        "(Vec|Mat|KSP|PC|SNES|Tao|DM|Insert|Norm).*(Type|Mode|Option|Reason|Info|Structure|Reuse)",
+    ];
+    const CONSTANTS: &[&str] = &[
+        "PetscTrFree",
+        "PETSC_(ERR_.*|VERSION_.*|DETERMINE|DECIDE|DEFAULT|COMM_WORLD)",
+        "MATSOLVER.*|MAT(AIJ|DENSE|SHELL)|KSP[A-Z]+|PC[A-Z]+|SNES[A-Z]+|TAO[A-Z]+|PETSCPARTITIONER.*",
+    ];
+
+    /// Where PETSc is.
+    struct Petsc {
+        includes: Vec<PathBuf>,
+    }
+
+    pub fn bind() -> Result<(), String> {
+        for name in ["PETSC_DIR", "PETSC_ARCH", "MPICC", "LIBCLANG_PATH", "PKG_CONFIG_PATH"] {
+            println!("cargo:rerun-if-env-changed={name}");
+        }
+        let petsc = find()?;
+        suits(&petsc)?;
+        let mpi = mpi_includes()?;
+
+        let arguments: Vec<_> =
+            petsc.includes.iter().chain(&mpi).map(|folder| format!("-I{}", folder.display())).collect();
+        let mut builder = bindgen::Builder::default()
+            .header_contents("rebond_petsc.h", HEADERS)
+            .clang_args(arguments)
+            .default_enum_style(bindgen::EnumVariation::NewType { is_bitfield: false, is_global: false })
+            // MPI's types are the `mpi` crate's own, so that a communicator needs no cast.
+            .blocklist_type("(MPI_|ompi_|MPIR_).*")
+            .raw_line("pub use mpi::ffi::*;")
+            .layout_tests(false)
+            .generate_comments(false);
+        for pattern in FUNCTIONS {
+            builder = builder.allowlist_function(pattern);
+        }
+        for pattern in TYPES {
+            builder = builder.allowlist_type(pattern);
+        }
+        for pattern in CONSTANTS {
+            builder = builder.allowlist_var(pattern);
+        }
+
+        let bindings = quietly(move || builder.generate())
+            .map_err(|_| {
+                format!("libclang cannot be loaded: install the Debian package libclang-dev (or set LIBCLANG_PATH), {WAY_OUT}")
+            })?
+            .map_err(|error| {
+                let error = error.to_string().replace('\n', " ");
+                format!("PETSc's headers cannot be read: install the Debian packages petsc-dev and libclang-dev, {WAY_OUT} ({error})")
+            })?;
+        let out = PathBuf::from(std::env::var_os("OUT_DIR").ok_or("cargo sets no OUT_DIR")?).join("petsc.rs");
+        bindings.write_to_file(&out).map_err(|error| format!("{}: {error}", out.display()))
+    }
+
+    /// Runs what may panic without a trace on the screen.
+    fn quietly<T>(body: impl FnOnce() -> T) -> std::thread::Result<T> {
+        let hook = std::panic::take_hook();
+        std::panic::set_hook(Box::new(|_| {}));
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body));
+        std::panic::set_hook(hook);
+        result
+    }
+
+    /// Finds PETSc and tells cargo how to link it.
+    fn find() -> Result<Petsc, String> {
+        if let Some(folder) = std::env::var_os("PETSC_DIR").filter(|folder| !folder.is_empty()) {
+            return in_folder(Path::new(&folder));
+        }
+        if Command::new(std::env::var_os("PKG_CONFIG").unwrap_or("pkg-config".into()))
+            .arg("--version")
+            .output()
+            .is_err()
+        {
+            return Err(format!("pkg-config is missing: install the Debian package pkg-config, {WAY_OUT}"));
+        }
+        for name in ["PETSc", "petsc"] {
+            if let Ok(library) = pkg_config::Config::new().cargo_metadata(true).probe(name) {
+                return Ok(Petsc { includes: library.include_paths });
+            }
+        }
+        Err(format!("PETSc is missing: install the Debian package petsc-dev (or set PETSC_DIR), {WAY_OUT}"))
+    }
+
+    /// The PETSc of `PETSC_DIR` and `PETSC_ARCH`.
+    fn in_folder(folder: &Path) -> Result<Petsc, String> {
+        let arch = std::env::var_os("PETSC_ARCH").filter(|arch| !arch.is_empty());
+        let root = arch.map_or(folder.to_path_buf(), |arch| folder.join(arch));
+        let absent = || {
+            format!(
+                "PETSC_DIR={} holds no PETSc{}: correct or unset it (the Debian package is petsc-dev), {WAY_OUT}",
+                folder.display(),
+                if root == folder { "; PETSC_ARCH may be missing" } else { " of this PETSC_ARCH" }
+            )
+        };
+        let includes: Vec<_> =
+            [folder.join("include"), root.join("include")].into_iter().filter(|path| path.is_dir()).collect();
+        let libraries = root.join("lib");
+        if !includes.iter().any(|path| path.join("petscconf.h").is_file()) {
+            return Err(absent());
+        }
+        // Debian's builds carry their kind in the name: libpetsc_real.so.
+        let name = ["petsc", "petsc_real"]
+            .into_iter()
+            .find(|name| {
+                ["so", "dylib", "a"].iter().any(|end| libraries.join(format!("lib{name}.{end}")).is_file())
+            })
+            .ok_or_else(absent)?;
+        println!("cargo:rustc-link-search=native={}", libraries.display());
+        println!("cargo:rustc-link-lib={name}");
+        println!("cargo:rustc-link-arg=-Wl,-rpath,{}", libraries.display());
+        Ok(Petsc { includes })
+    }
+
+    /// The values of `#define NAME VALUE` lines in PETSc's own headers.
+    fn definitions(petsc: &Petsc, header: &str) -> Result<Vec<(String, String)>, String> {
+        let path = petsc
+            .includes
+            .iter()
+            .map(|folder| folder.join(header))
+            .find(|path| path.is_file())
+            .ok_or_else(|| {
+                format!("PETSc's header {header} is missing: install the Debian package petsc-dev, {WAY_OUT}")
+            })?;
+        println!("cargo:rerun-if-changed={}", path.display());
+        let text = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let pairs = text.lines().filter_map(|line| {
+            let (name, value) = line.trim().strip_prefix("#define ")?.split_once(char::is_whitespace)?;
+            Some((name.to_string(), value.trim().to_string()))
+        });
+        Ok(pairs.collect())
+    }
+
+    /// Refuses a PETSc that is too old, complex, single precision, or built with 64-bit indices.
+    fn suits(petsc: &Petsc) -> Result<(), String> {
+        let version = definitions(petsc, "petscversion.h")?;
+        let number = |name: &str| -> u32 {
+            version.iter().find(|(key, _)| key == name).and_then(|(_, value)| value.parse().ok()).unwrap_or(0)
+        };
+        let (major, minor) = (number("PETSC_VERSION_MAJOR"), number("PETSC_VERSION_MINOR"));
+        if (major, minor) < (3, 18) {
+            return Err(format!(
+                "PETSc {major}.{minor} is too old, 3.18 or later is needed: install the Debian package petsc-dev of bookworm or later, {WAY_OUT}"
+            ));
+        }
+        let configuration = definitions(petsc, "petscconf.h")?;
+        let has = |name: &str| configuration.iter().any(|(key, value)| key == name && value != "0");
+        let fault = if has("PETSC_USE_COMPLEX") {
+            "computes with complex numbers"
+        } else if !has("PETSC_USE_REAL_DOUBLE") {
+            "is not in double precision"
+        } else if has("PETSC_USE_64BIT_INDICES") {
+            "has 64-bit indices"
+        } else {
+            return Ok(());
+        };
+        Err(format!(
+            "this PETSc {fault}, a real one in double precision with 32-bit indices is needed: install the Debian package petsc-dev (libpetsc-real-dev) or set PETSC_DIR, {WAY_OUT}"
+        ))
+    }
+
+    /// Include folders of the MPI that the compiler wrapper (`MPICC`, else `mpicc`) stands for.
+    fn mpi_includes() -> Result<Vec<PathBuf>, String> {
+        let wrapper = std::env::var_os("MPICC").unwrap_or("mpicc".into());
+        let output =
+            Command::new(&wrapper).arg("-show").output().ok().filter(|output| output.status.success());
+        let line = output.ok_or_else(|| {
+            format!(
+                "MPI's compiler wrapper {} does not run: install the Debian package libopenmpi-dev (or set MPICC), {WAY_OUT}",
+                Path::new(&wrapper).display()
+            )
+        })?;
+        let line = String::from_utf8_lossy(&line.stdout).into_owned();
+        Ok(line.split_whitespace().filter_map(|word| word.strip_prefix("-I")).map(PathBuf::from).collect())
+    }
+}

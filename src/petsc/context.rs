@@ -1,0 +1,294 @@
+//! MPI and PETSc from start to finish.
+
+use super::error::{c_string, call, check, keep};
+use super::{options, sys};
+use crate::error::{Error, Result};
+use mpi::Threading;
+use mpi::collective::SystemOperation;
+use mpi::datatype::{Equivalence, PartitionMut};
+use mpi::environment::Universe;
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::{AsRaw, Communicator, CommunicatorCollectives};
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::ffi::{CString, c_char, c_int, c_void};
+use std::io::Write;
+use std::marker::PhantomData;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// MPI can be started once in the life of a process.
+static STARTED: AtomicBool = AtomicBool::new(false);
+
+/// Which ranks own an object together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Comm {
+    /// All of them: its calls are collective.
+    World,
+    /// This one alone.
+    Own,
+}
+
+/// Running MPI and PETSc; stops both when the last owner drops it.
+///
+/// Every handle owns a share, so none outlives PETSc; none leaves its thread.
+pub struct Context {
+    /// `None` only while it drops: MPI ends after PETSc.
+    universe: Option<Universe>,
+    world: SimpleCommunicator,
+    /// Names of the options that the program set: the user need not use them.
+    pub(super) ours: RefCell<BTreeSet<String>>,
+    /// Prefixes of the options of the solvers created so far.
+    pub(super) prefixes: RefCell<BTreeSet<String>>,
+    /// PETSc keeps pointers into these until it ends.
+    _arguments: (Vec<CString>, Vec<*mut c_char>),
+    _thread: PhantomData<*const ()>,
+}
+
+impl Context {
+    /// Starts MPI, then PETSc with its options.
+    ///
+    /// `arguments` are what followed `--` on the command line: `-name value` or `-name`. The environment's
+    /// `PETSC_OPTIONS` is read too and yields to them; `.petscrc` files are not, so that a run does not depend on the folder it
+    /// starts in (`-skip_petscrc 0` brings them back). Unless the environment sets `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`,
+    /// BLAS gets one thread a rank. With several ranks a panic of one ends all.
+    ///
+    /// Collective.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] where an argument is no option, [`Error::Petsc`] where MPI was started before (it starts once in a
+    /// process) or PETSc refuses.
+    pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
+        options::validate(arguments)?;
+        let mut owned = vec![c_string("rebond")?, c_string("-skip_petscrc")?];
+        for argument in arguments {
+            owned.push(c_string(argument)?);
+        }
+        if STARTED.swap(true, Ordering::SeqCst) {
+            return Err(Error::Petsc(
+                "MPI starts once in the life of a process, and it has been started".into(),
+            ));
+        }
+        one_blas_thread();
+        let (universe, _) = mpi::initialize_with_threading(Threading::Funneled)
+            .ok_or_else(|| Error::Petsc("MPI was started by something else in this process".into()))?;
+        let world = universe.world();
+        if world.size() > 1 {
+            abort_on_panic();
+        }
+
+        let mut pointers: Vec<*mut c_char> = owned.iter().map(|text| text.as_ptr().cast_mut()).collect();
+        let mut count = pointers.len() as c_int;
+        pointers.push(std::ptr::null_mut());
+        let mut start = pointers.as_mut_ptr();
+        // The handler may be set before PETSc starts.
+        // SAFETY: `keep` lives as long as the program and takes no context.
+        check(
+            unsafe { sys::PetscPushErrorHandler(Some(keep), std::ptr::null_mut()) },
+            "PetscPushErrorHandler",
+        )?;
+        // SAFETY: MPI runs; the strings and the array live in the context until PETSc has ended.
+        let code =
+            unsafe { sys::PetscInitialize(&mut count, &mut start, std::ptr::null(), std::ptr::null()) };
+        check(code, "PetscInitialize")?;
+        Ok(Rc::new(Self {
+            universe: Some(universe),
+            world,
+            ours: RefCell::default(),
+            prefixes: RefCell::default(),
+            _arguments: (owned, pointers),
+            _thread: PhantomData,
+        }))
+    }
+
+    /// Number of this rank, from 0.
+    pub fn rank(&self) -> usize {
+        self.world.rank() as usize
+    }
+
+    /// Number of ranks.
+    pub fn size(&self) -> usize {
+        self.world.size() as usize
+    }
+
+    /// The communicator of all ranks, for `mpi`'s own verbs.
+    pub fn world(&self) -> &SimpleCommunicator {
+        &self.world
+    }
+
+    /// Number of ranks that own an object of this communicator together.
+    pub fn ranks(&self, comm: Comm) -> usize {
+        match comm {
+            Comm::World => self.size(),
+            Comm::Own => 1,
+        }
+    }
+
+    pub(super) fn raw(&self, comm: Comm) -> sys::MPI_Comm {
+        match comm {
+            Comm::World => self.world.as_raw(),
+            // SAFETY: a constant of the MPI library.
+            Comm::Own => unsafe { mpi::ffi::RSMPI_COMM_SELF },
+        }
+    }
+
+    /// Sum over all ranks. Collective.
+    pub fn sum(&self, value: f64) -> f64 {
+        let mut sum = 0.0;
+        self.world.all_reduce_into(&value, &mut sum, SystemOperation::sum());
+        sum
+    }
+
+    /// Largest value of all ranks. Collective.
+    pub fn maximum(&self, value: f64) -> f64 {
+        let mut largest = value;
+        self.world.all_reduce_into(&value, &mut largest, SystemOperation::max());
+        largest
+    }
+
+    /// Sums of counts over all ranks. Collective.
+    pub fn sum_count(&self, value: usize) -> usize {
+        let mut sum = 0u64;
+        self.world.all_reduce_into(&(value as u64), &mut sum, SystemOperation::sum());
+        sum as usize
+    }
+
+    /// Entrywise sum over all ranks of arrays of the same length, in place. Collective.
+    pub fn sum_all(&self, values: &mut [f64]) {
+        let mine = values.to_vec();
+        self.world.all_reduce_into(&mine[..], values, SystemOperation::sum());
+    }
+
+    /// The arrays of all ranks one after the other, on every rank; their lengths may differ. Collective.
+    pub fn gather<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<T> {
+        let mut counts = vec![0 as c_int; self.size()];
+        self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
+        let starts: Vec<c_int> = counts
+            .iter()
+            .scan(0, |sum, &count| {
+                let start = *sum;
+                *sum += count;
+                Some(start)
+            })
+            .collect();
+        let mut all = vec![T::default(); counts.iter().sum::<c_int>() as usize];
+        self.world.all_gather_varcount_into(mine, &mut PartitionMut::new(&mut all[..], counts, starts));
+        all
+    }
+
+    /// Whether it holds on every rank: how ranks agree to go on or give up together. Collective.
+    pub fn all(&self, holds: bool) -> bool {
+        self.maximum(if holds { 0.0 } else { 1.0 }) == 0.0
+    }
+
+    /// Waits for all ranks. Collective.
+    pub fn barrier(&self) {
+        self.world.barrier();
+    }
+
+    /// Reports an error and ends the program on every rank, with the error's exit code. Not collective: one rank suffices.
+    ///
+    /// Of several ranks with the same error, the lowest speaks.
+    pub fn fail(&self, error: &Error) -> ! {
+        // Rank 0 speaks at once and ends the others while they wait their turn.
+        std::thread::sleep(std::time::Duration::from_millis(if self.rank() == 0 {
+            0
+        } else {
+            300 + 20 * self.rank().min(100) as u64
+        }));
+        let place = if self.size() > 1 {
+            format!(" (rank {} of {})", self.rank(), self.size())
+        } else {
+            String::new()
+        };
+        let _ = writeln!(std::io::stderr(), "error: {error}{place}");
+        self.abort(error.exit_code())
+    }
+
+    /// Ends the program on every rank, now. Not collective.
+    pub fn abort(&self, code: u8) -> ! {
+        let _ = std::io::stdout().flush();
+        if self.size() == 1 {
+            std::process::exit(code.into());
+        }
+        self.world.abort(code.into())
+    }
+
+    /// Number of threads of OpenBLAS; none where BLAS is another library.
+    pub fn blas_threads(&self) -> Option<usize> {
+        let address = loaded_function(c"openblas_get_num_threads")?;
+        // SAFETY: the function has had this signature in every version.
+        let threads = unsafe { std::mem::transmute::<*mut c_void, extern "C" fn() -> c_int>(address)() };
+        Some(threads as usize)
+    }
+
+    /// Version of the PETSc library: major, minor, patch.
+    pub fn version(&self) -> [i32; 3] {
+        let mut version = [0; 3];
+        let [major, minor, patch] = &mut version;
+        // It cannot fail: it copies three constants.
+        let _ = call!(PetscGetVersionNumber(major, minor, patch, std::ptr::null_mut()));
+        version
+    }
+}
+
+impl std::fmt::Debug for Context {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Context")
+            .field("rank", &self.rank())
+            .field("size", &self.size())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Drop for Context {
+    fn drop(&mut self) {
+        // SAFETY: no handle is left, since each owns a share of the context; MPI still runs.
+        unsafe { sys::PetscFinalize() };
+        drop(self.universe.take());
+    }
+}
+
+/// Ends all ranks when one panics, even inside a callback: the others would wait for it for ever.
+fn abort_on_panic() {
+    let before = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        before(panic);
+        let _ = std::io::stderr().flush();
+        // SAFETY: MPI is thread-safe enough to be aborted from anywhere.
+        unsafe { mpi::ffi::MPI_Abort(mpi::ffi::RSMPI_COMM_WORLD, 101) };
+    }));
+}
+
+/// Gives BLAS and OpenMP one thread, unless the environment says how many.
+///
+/// The libraries read their environment as they are loaded, before `main`, so that it must be said to them by call.
+fn one_blas_thread() {
+    let free = |names: &[&str]| names.iter().all(|name| std::env::var_os(name).is_none());
+    let mut setters = Vec::new();
+    if free(&["OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS"]) {
+        setters.push(c"openblas_set_num_threads");
+    }
+    if free(&["OMP_NUM_THREADS"]) {
+        setters.push(c"omp_set_num_threads");
+    }
+    for name in setters {
+        if let Some(address) = loaded_function(name) {
+            // SAFETY: both functions have had this signature in every version.
+            unsafe { std::mem::transmute::<*mut c_void, extern "C" fn(c_int)>(address)(1) };
+        }
+    }
+}
+
+/// Address of a function in the libraries that are loaded, if it is there. Known for Linux only.
+fn loaded_function(name: &std::ffi::CStr) -> Option<*mut c_void> {
+    unsafe extern "C" {
+        fn dlsym(library: *mut c_void, name: *const c_char) -> *mut c_void;
+    }
+    if cfg!(not(target_os = "linux")) {
+        return None;
+    }
+    // SAFETY: null is RTLD_DEFAULT on Linux.
+    let address = unsafe { dlsym(std::ptr::null_mut(), name.as_ptr()) };
+    (!address.is_null()).then_some(address)
+}

@@ -1,0 +1,100 @@
+//! PETSc's error codes and messages as the crate's errors.
+
+use super::{Index, sys};
+use crate::error::{Error, Result};
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+
+thread_local! {
+    /// What the first function that failed said of it: PETSc unwinds through many.
+    static RECORD: RefCell<Option<Record>> = const { RefCell::new(None) };
+}
+
+/// The origin of an error.
+struct Record {
+    function: String,
+    place: String,
+    message: String,
+}
+
+/// Turns the code of a call into a result.
+///
+/// `call` names the function for the codes of which PETSc's handler was told nothing.
+pub(super) fn check(code: sys::PetscErrorCode, call: &str) -> Result<()> {
+    if code == 0 {
+        return Ok(());
+    }
+    let text = match RECORD.take() {
+        Some(Record { function, place, message }) => {
+            format!("{function}(): {message} (code {code}, {place})")
+        }
+        None => format!("{call}(): failed (code {code})"),
+    };
+    Err(Error::Petsc(text))
+}
+
+/// Calls a PETSc function and turns its code into a result that names it.
+macro_rules! call {
+    ($function:ident($($argument:expr),* $(,)?)) => {
+        // SAFETY: the handles passed are alive, since each owns its object and the context; slices carry their lengths.
+        $crate::petsc::error::check(unsafe { $crate::petsc::sys::$function($($argument),*) }, stringify!($function))
+    };
+}
+pub(super) use call;
+
+/// PETSc's error handler from [`super::Context::start`] on: keeps the first record, prints nothing.
+pub(super) unsafe extern "C" fn keep(
+    _: sys::MPI_Comm,
+    line: c_int,
+    function: *const c_char,
+    file: *const c_char,
+    code: sys::PetscErrorCode,
+    kind: sys::PetscErrorType,
+    message: *const c_char,
+    _: *mut c_void,
+) -> sys::PetscErrorCode {
+    if kind == sys::PetscErrorType::PETSC_ERROR_INITIAL {
+        // SAFETY: PETSc passes null or strings that end in zero.
+        let (function, file, message) = unsafe { (text(function), text(file), text(message)) };
+        let file = file.rsplit('/').next().unwrap_or_default();
+        // PETSc breaks its messages into lines.
+        let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
+        let record = Record { function, place: format!("{file}:{line}"), message };
+        RECORD.with(|slot| {
+            if let Ok(mut slot) = slot.try_borrow_mut() {
+                *slot = Some(record);
+            }
+        });
+    }
+    code
+}
+
+/// Raises an error of ours inside PETSc, from a callback: the code for it to return.
+pub(super) fn raise(message: &str) -> sys::PetscErrorCode {
+    RECORD.set(Some(Record { function: "callback".into(), place: "rebond".into(), message: message.into() }));
+    sys::PETSC_ERR_USER as sys::PetscErrorCode
+}
+
+/// A C string's text; empty for null.
+///
+/// # Safety
+/// The pointer is null or to bytes that end in zero.
+pub(super) unsafe fn text(pointer: *const c_char) -> String {
+    if pointer.is_null() {
+        return String::new();
+    }
+    // SAFETY: the caller's promise.
+    unsafe { CStr::from_ptr(pointer) }.to_string_lossy().into_owned()
+}
+
+/// A C string of a text without zero bytes.
+pub(super) fn c_string(text: &str) -> Result<CString> {
+    CString::new(text).map_err(|_| Error::Usage(format!("{text:?} holds a zero byte")))
+}
+
+/// A length as PETSc's integer.
+pub(super) fn int(length: usize) -> Result<Index> {
+    Index::try_from(length).map_err(|_| {
+        Error::Petsc(format!("a length of {length} is more than this PETSc's 32-bit integers hold"))
+    })
+}

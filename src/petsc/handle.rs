@@ -1,0 +1,52 @@
+//! What every handle has: its object, its share of the context, and the end of both.
+
+/// Defines a handle that owns one reference to a PETSc object, with further fields that start at their defaults.
+macro_rules! handle {
+    ($(#[$doc:meta])* $name:ident, $raw:ident, $destroy:ident $(, $field:ident: $type:ty)*) => {
+        $(#[$doc])*
+        pub struct $name {
+            pub(super) raw: $crate::petsc::sys::$raw,
+            pub(super) context: std::rc::Rc<$crate::petsc::Context>,
+            $(pub(super) $field: $type,)*
+        }
+
+        #[allow(dead_code)]
+        impl $name {
+            /// Takes over a reference that PETSc handed out.
+            pub(super) fn owning(
+                raw: $crate::petsc::sys::$raw,
+                context: &std::rc::Rc<$crate::petsc::Context>,
+            ) -> Self {
+                Self { raw, context: context.clone(), $($field: Default::default(),)* }
+            }
+
+            /// Adds a reference to an object that PETSc only lent.
+            pub(super) fn sharing(
+                raw: $crate::petsc::sys::$raw,
+                context: &std::rc::Rc<$crate::petsc::Context>,
+            ) -> $crate::Result<Self> {
+                $crate::petsc::error::call!(PetscObjectReference(raw.cast()))?;
+                Ok(Self::owning(raw, context))
+            }
+
+            /// The context that the handle keeps alive.
+            pub fn context(&self) -> &std::rc::Rc<$crate::petsc::Context> {
+                &self.context
+            }
+        }
+
+        impl std::fmt::Debug for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.debug_struct(stringify!($name)).field("raw", &self.raw).finish_non_exhaustive()
+            }
+        }
+
+        impl Drop for $name {
+            fn drop(&mut self) {
+                // A code has nowhere to go from here; the object is gone in any case.
+                let _ = $crate::petsc::error::call!($destroy(&mut self.raw));
+            }
+        }
+    };
+}
+pub(super) use handle;

@@ -1,0 +1,40 @@
+//! Sets of indices, each rank with its own.
+
+use super::error::{call, int};
+use super::handle::handle;
+use super::vec::slice;
+use super::{Comm, Context, Index, sys};
+use crate::error::Result;
+use std::rc::Rc;
+
+handle! {
+    /// Indices in order, each rank with its own. Creating and dropping it is collective.
+    IndexSet, IS, ISDestroy
+}
+
+impl IndexSet {
+    /// The set of all ranks' indices. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn new(context: &Rc<Context>, comm: Comm, indices: &[Index]) -> Result<Self> {
+        let mut raw = std::ptr::null_mut();
+        let mode = sys::PetscCopyMode::PETSC_COPY_VALUES;
+        call!(ISCreateGeneral(context.raw(comm), int(indices.len())?, indices.as_ptr(), mode, &mut raw))?;
+        Ok(Self::owning(raw, context))
+    }
+
+    /// This rank's indices.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn to_vec(&self) -> Result<Vec<Index>> {
+        let (mut length, mut array) = (0, std::ptr::null());
+        call!(ISGetLocalSize(self.raw, &mut length))?;
+        call!(ISGetIndices(self.raw, &mut array))?;
+        // SAFETY: PETSc's array has the local size.
+        let indices = unsafe { slice(array, length as usize) }.to_vec();
+        call!(ISRestoreIndices(self.raw, &mut array))?;
+        Ok(indices)
+    }
+}

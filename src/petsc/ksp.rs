@@ -1,0 +1,201 @@
+//! Linear solvers: a factorisation unless the options say otherwise.
+
+use super::error::{c_string, call, text};
+use super::handle::handle;
+use super::{Comm, Context, Matrix, Reason, Vector, sys};
+use crate::error::{Error, Result};
+use std::rc::Rc;
+
+handle! {
+    /// A linear solver. Creating and dropping it is collective.
+    Ksp, KSP, KSPDestroy, prefix: String
+}
+
+impl Ksp {
+    /// A solver that listens to the options `-<prefix>ksp_...` and `-<prefix>pc_...`. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
+        let mut raw = std::ptr::null_mut();
+        call!(KSPCreate(context.raw(comm), &mut raw))?;
+        let mut solver = Self::owning(raw, context);
+        call!(KSPSetOptionsPrefix(raw, c_string(prefix)?.as_ptr()))?;
+        solver.prefix = prefix.into();
+        context.note_prefix(prefix);
+        Ok(solver)
+    }
+
+    /// Makes a Cholesky factorisation by MUMPS the default: the user's options go before. Collective.
+    ///
+    /// Where the user asks for another preconditioner, conjugate gradients become the default instead of its single application.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn default_to_cholesky(&mut self) -> Result<()> {
+        direct_defaults(&self.context, &self.prefix, true)
+    }
+
+    /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] where an option has an impossible value.
+    pub fn set_from_options(&mut self) -> Result<()> {
+        call!(KSPSetFromOptions(self.raw))
+    }
+
+    /// Sets the matrix; again, where its values change and [`Ksp::keep_preconditioner`] is off, to have it factored anew. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn set_operator(&mut self, matrix: &Matrix) -> Result<()> {
+        self.set_operators(matrix, matrix)
+    }
+
+    /// Sets the matrix and the one that the preconditioner is made from. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn set_operators(&mut self, matrix: &Matrix, preconditioner: &Matrix) -> Result<()> {
+        call!(KSPSetOperators(self.raw, matrix.raw, preconditioner.raw))
+    }
+
+    /// Whether solves go on with the preconditioner (the factor) they have, whatever becomes of the matrix. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn keep_preconditioner(&mut self, keep: bool) -> Result<()> {
+        let keep = sys::PetscBool(keep.into());
+        call!(KSPSetReusePreconditioner(self.raw, keep))
+    }
+
+    /// Sets the tolerances of an iteration: relative and absolute, and the largest number of iterations. Options go before if
+    /// [`Ksp::set_from_options`] comes later. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] where one is negative or not a number.
+    pub fn set_tolerances(&mut self, relative: f64, absolute: f64, iterations: usize) -> Result<()> {
+        super::refuse_nan(&[relative, absolute])?;
+        let keep = f64::from(sys::PETSC_DEFAULT);
+        call!(KSPSetTolerances(self.raw, relative, absolute, keep, super::error::int(iterations)?))
+    }
+
+    /// Builds the preconditioner: factors the matrix. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where the matrix is not what the factorisation needs, [`Error::Petsc`] else.
+    pub fn set_up(&mut self) -> Result<()> {
+        call!(KSPSetUp(self.raw))?;
+        self.refuse_failed_factor()
+    }
+
+    /// Solves A x = b from x = 0. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where the factorisation failed; [`Error::Petsc`] where the iteration did not converge.
+    pub fn solve(&mut self, b: &Vector, x: &mut Vector) -> Result<()> {
+        call!(KSPSolve(self.raw, b.raw, x.raw))?;
+        self.judge()
+    }
+
+    /// Solves A X = B for the columns of dense matrices, all at once. Collective.
+    ///
+    /// # Errors
+    /// As [`Ksp::solve`].
+    pub fn solve_columns(&mut self, b: &Matrix, x: &mut Matrix) -> Result<()> {
+        call!(KSPMatSolve(self.raw, b.raw, x.raw))?;
+        self.judge()
+    }
+
+    fn judge(&self) -> Result<()> {
+        self.refuse_failed_factor()?;
+        let reason = self.reason()?;
+        if reason.converged() {
+            return Ok(());
+        }
+        let its = self.iterations()?;
+        Err(Error::Petsc(format!(
+            "the linear solver `{}` gave up after {its} iterations: {}",
+            self.prefix, reason.text
+        )))
+    }
+
+    fn refuse_failed_factor(&self) -> Result<()> {
+        let mut preconditioner = std::ptr::null_mut();
+        let mut failed = sys::PCFailedReason(0);
+        call!(KSPGetPC(self.raw, &mut preconditioner))?;
+        call!(PCGetFailedReason(preconditioner, &mut failed))?;
+        let what = match failed {
+            sys::PCFailedReason::PC_NOERROR => return Ok(()),
+            sys::PCFailedReason::PC_FACTOR_NUMERIC_ZEROPIVOT => "a pivot is zero or has the wrong sign",
+            sys::PCFailedReason::PC_FACTOR_STRUCT_ZEROPIVOT => "its pattern is singular",
+            sys::PCFailedReason::PC_FACTOR_OUTMEMORY => {
+                return Err(Error::Petsc("PCSetUp(): the factor does not fit into memory".into()));
+            }
+            _ => "the solver gives no reason",
+        };
+        Err(Error::Singular(format!("the matrix cannot be factored: {what}")))
+    }
+
+    /// Why the last solve ended.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn reason(&self) -> Result<Reason> {
+        let (mut code, mut name) = (sys::KSPConvergedReason(0), std::ptr::null());
+        call!(KSPGetConvergedReason(self.raw, &mut code))?;
+        call!(KSPGetConvergedReasonString(self.raw, &mut name))?;
+        // SAFETY: PETSc lends a constant string.
+        Ok(Reason { code: code.0, text: unsafe { text(name) } })
+    }
+
+    /// Number of iterations of the last solve.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn iterations(&self) -> Result<usize> {
+        let mut iterations = 0;
+        call!(KSPGetIterationNumber(self.raw, &mut iterations))?;
+        Ok(iterations as usize)
+    }
+
+    /// Numbers of negative, zero and positive pivots of the factor.
+    ///
+    /// With MUMPS and several ranks they are right only under `-mat_mumps_icntl_13 1`. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] where the preconditioner is no Cholesky factorisation.
+    pub fn inertia(&self) -> Result<[usize; 3]> {
+        let (mut preconditioner, mut factor) = (std::ptr::null_mut(), std::ptr::null_mut());
+        call!(KSPGetPC(self.raw, &mut preconditioner))?;
+        call!(PCFactorGetMatrix(preconditioner, &mut factor))?;
+        let [mut negative, mut zero, mut positive] = [0; 3];
+        call!(MatGetInertia(factor, &mut negative, &mut zero, &mut positive))?;
+        Ok([negative as usize, zero as usize, positive as usize])
+    }
+
+    /// Prints the solver. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn view(&self) -> Result<()> {
+        call!(KSPView(self.raw, std::ptr::null_mut()))
+    }
+}
+
+/// Options of a linear solver with this prefix: a Cholesky factorisation by MUMPS, unless the user's say otherwise.
+///
+/// `alone`: the factor solves by itself, and conjugate gradients go with any other preconditioner.
+pub(super) fn direct_defaults(context: &Context, prefix: &str, alone: bool) -> Result<()> {
+    let name = |end: &str| format!("{prefix}{end}");
+    let preconditioner = context.option(&name("pc_type"))?;
+    let direct = preconditioner.as_deref().is_none_or(|kind| kind == "cholesky" || kind == "lu");
+    if alone {
+        context.default_option(&name("ksp_type"), if direct { "preonly" } else { "cg" })?;
+    }
+    context.default_option(&name("pc_type"), "cholesky")?;
+    if direct {
+        context.default_option(&name("pc_factor_mat_solver_type"), "mumps")?;
+    }
+    Ok(())
+}

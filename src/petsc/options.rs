@@ -1,0 +1,182 @@
+//! PETSc's options database: the user's words reach it, typos do not go unnoticed.
+
+use super::error::{c_string, call, check, text};
+use super::{Context, sys};
+use crate::error::{Error, Result};
+
+/// Options that PETSc looks up only while it ends, or not at all in some builds: not using them is no fault.
+const LATE: &[&str] = &[
+    "citations",
+    "get_total_flops",
+    "help",
+    "history",
+    "log_all",
+    "log_exclude",
+    "log_sync",
+    "log_trace",
+    "log_view",
+    "log_view_memory",
+    "malloc",
+    "malloc_debug",
+    "malloc_dump",
+    "malloc_hbw",
+    "malloc_test",
+    "malloc_view",
+    "memory_view",
+    "mpidump",
+    "no_signal_handler",
+    "objects_dump",
+    "on_error_abort",
+    "on_error_attach_debugger",
+    "options_left",
+    "options_monitor",
+    "options_view",
+    "saws_options",
+    "skip_petscrc",
+    "start_in_debugger",
+    "version",
+];
+
+/// What PETSc's solvers look up, without prefixes, a name a line: an option left over is compared with these.
+const KNOWN: &str = include_str!("known_options.txt");
+
+/// Checks that arguments are options with at most one value each.
+///
+/// # Errors
+/// [`Error::Usage`] naming the first word that is neither an option nor the value of one: PETSc would pass over it.
+pub fn validate(arguments: &[String]) -> Result<()> {
+    let mut value_may_follow = false;
+    for word in arguments {
+        if is_name(word) {
+            value_may_follow = true;
+        } else if value_may_follow {
+            value_may_follow = false;
+        } else {
+            return Err(Error::Usage(format!(
+                "`{word}` after `--` is neither a PETSc option (-name) nor the value of one"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Whether PETSc takes a word for the name of an option: a letter after one dash or two. `-1e-3` is a value.
+fn is_name(word: &str) -> bool {
+    let name = word.strip_prefix("--").or_else(|| word.strip_prefix('-')).unwrap_or_default();
+    let special = ["inf", "infinity", "nan"].iter().any(|value| name.eq_ignore_ascii_case(value));
+    name.starts_with(|c: char| c.is_ascii_alphabetic()) && !special
+}
+
+impl Context {
+    /// Whether the option `name` (without its dash) is in the database, from the user or from us.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn has_option(&self, name: &str) -> Result<bool> {
+        // Asking PETSc for the option would count as using it.
+        let mut all = std::ptr::null_mut();
+        call!(PetscOptionsGetAll(std::ptr::null_mut(), &mut all))?;
+        // SAFETY: PETSc made the string.
+        let words = unsafe { text(all) };
+        free(all)?;
+        Ok(words
+            .split_whitespace()
+            .any(|word| word.strip_prefix('-').is_some_and(|word| word.eq_ignore_ascii_case(name))))
+    }
+
+    /// The value of the option `name` (without its dash); asking counts as using.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn option(&self, name: &str) -> Result<Option<String>> {
+        let name = c_string(&format!("-{name}"))?;
+        let (none, mut value, mut found) = (std::ptr::null(), [0; 256], sys::PetscBool::PETSC_FALSE);
+        let (array, length) = (value.as_mut_ptr(), value.len());
+        call!(PetscOptionsGetString(
+            std::ptr::null_mut(),
+            none,
+            name.as_ptr(),
+            array,
+            length as _,
+            &mut found
+        ))?;
+        // SAFETY: PETSc ends the string with a zero within the array.
+        Ok((found == sys::PetscBool::PETSC_TRUE).then(|| unsafe { text(value.as_ptr()) }))
+    }
+
+    /// Sets an option (its name without the dash) unless the user did. An option of ours need not be used.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn default_option(&self, name: &str, value: &str) -> Result<()> {
+        if self.has_option(name)? {
+            return Ok(());
+        }
+        self.ours.borrow_mut().insert(name.to_string());
+        let (name, value) = (c_string(&format!("-{name}"))?, c_string(value)?);
+        call!(PetscOptionsSetValue(std::ptr::null_mut(), name.as_ptr(), value.as_ptr()))
+    }
+
+    /// The user's options that nothing has looked up yet, without dashes. Options that PETSc needs only as it ends are not among them.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn unused_options(&self) -> Result<Vec<String>> {
+        let (mut count, mut names, mut values) = (0, std::ptr::null_mut(), std::ptr::null_mut());
+        call!(PetscOptionsLeftGet(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;
+        // SAFETY: PETSc made `count` names.
+        let left: Vec<_> = (0..count as usize).map(|i| unsafe { text(*names.add(i)) }).collect();
+        call!(PetscOptionsLeftRestore(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;
+        let ours = self.ours.borrow();
+        let is = |list: &str, name: &str| list.eq_ignore_ascii_case(name);
+        Ok(left
+            .into_iter()
+            .filter(|name| !LATE.iter().any(|late| is(late, name)) && !ours.iter().any(|our| is(our, name)))
+            .collect())
+    }
+
+    /// Refuses options that nothing has looked up: call it once every solver is set up.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] naming the option and the nearest one that PETSc knows.
+    pub fn refuse_unused_options(&self) -> Result<()> {
+        let left = self.unused_options()?;
+        let Some(name) = left.first() else { return Ok(()) };
+        let hint = nearest(name, &self.known_options())
+            .map_or(String::new(), |near| format!("; did you mean `-{near}`?"));
+        let others = match left.len() {
+            1 => String::new(),
+            n => format!(" (and {} more)", n - 1),
+        };
+        Err(Error::Usage(format!("nothing used the PETSc option `-{name}`{others}{hint}")))
+    }
+
+    /// Remembers the prefix of a solver's options.
+    pub(super) fn note_prefix(&self, prefix: &str) {
+        self.prefixes.borrow_mut().insert(prefix.into());
+    }
+
+    /// Every option name that suggestions come from: PETSc's own, with the prefixes of the solvers created so far.
+    pub fn known_options(&self) -> Vec<String> {
+        let mut known: Vec<_> = KNOWN.lines().chain(LATE.iter().copied()).map(String::from).collect();
+        for prefix in self.prefixes.borrow().iter() {
+            known.extend(KNOWN.lines().map(|name| format!("{prefix}{name}")));
+        }
+        known
+    }
+}
+
+/// Frees what PETSc allocated for a caller.
+fn free(pointer: *mut std::ffi::c_char) -> Result<()> {
+    // SAFETY: PetscFree is a macro on this function pointer, which PetscInitialize sets.
+    let free = unsafe { sys::PetscTrFree };
+    let Some(free) = free else { return Ok(()) };
+    // SAFETY: the pointer came from PetscMalloc and is not used again.
+    check(unsafe { free(pointer.cast(), 0, c"free".as_ptr(), c"options.rs".as_ptr()) }, "PetscFree")
+}
+
+/// The known name with the smallest edit distance, if it is near enough to be a typo.
+pub fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
+    let (distance, near) = known.iter().map(|near| (strsim::damerau_levenshtein(name, near), near)).min()?;
+    (distance <= 1 + name.len() / 4).then_some(near.as_str())
+}

@@ -1,0 +1,272 @@
+//! Minimisation between bounds.
+
+use super::callback::{Callback, Failure, guard, settle};
+use super::error::{c_string, call, int, text};
+use super::ksp::direct_defaults;
+use super::snes::release;
+use super::{Comm, Context, Ksp, Matrix, Reason, Vector, sys};
+use crate::error::Result;
+use std::ffi::c_void;
+use std::rc::Rc;
+
+type Objective<'a> = dyn FnMut(&Vector, &mut Vector) -> Result<f64> + 'a;
+type Hessian<'a> = dyn FnMut(&Vector, &mut Matrix) -> Result<()> + 'a;
+
+/// A solver that minimises a function between bounds.
+///
+/// The closures may borrow for `'a`. An error or a panic in one of them ends the solve with that error; with several
+/// ranks every rank must return the error, and a panic ends the program. Creating and dropping it is collective.
+pub struct Tao<'a> {
+    raw: sys::Tao,
+    context: Rc<Context>,
+    prefix: String,
+    failure: Failure,
+    objective: *mut Callback<Objective<'a>>,
+    hessian: *mut Callback<Hessian<'a>>,
+}
+
+impl<'a> Tao<'a> {
+    /// A solver that listens to the options `-<prefix>tao_...`, `-<prefix>ksp_...`, `-<prefix>pc_...`. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
+        let mut raw = std::ptr::null_mut();
+        call!(TaoCreate(context.raw(comm), &mut raw))?;
+        let solver = Self {
+            raw,
+            context: context.clone(),
+            prefix: prefix.into(),
+            failure: Failure::default(),
+            objective: std::ptr::null_mut(),
+            hessian: std::ptr::null_mut(),
+        };
+        call!(TaoSetOptionsPrefix(raw, c_string(prefix)?.as_ptr()))?;
+        context.note_prefix(prefix);
+        Ok(solver)
+    }
+
+    /// Sets the method, `tron` for instance; `-tao_type` goes before if [`Tao::set_from_options`] comes later. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`] where there is no such method.
+    pub fn set_type(&mut self, name: &str) -> Result<()> {
+        call!(TaoSetType(self.raw, c_string(name)?.as_ptr()))
+    }
+
+    /// Makes a Cholesky factorisation by MUMPS the default preconditioner: the user's options go before. Collective.
+    ///
+    /// The Krylov method stays the minimiser's own (TRON and GPCG need one that knows a trust region).
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn default_to_cholesky(&mut self) -> Result<()> {
+        direct_defaults(&self.context, &self.prefix, false)
+    }
+
+    /// Sets the function: the closure returns its value at x and writes its gradient into the second argument, a vector like `like`.
+    /// Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn set_objective(
+        &mut self,
+        like: &Vector,
+        objective: impl FnMut(&Vector, &mut Vector) -> Result<f64> + 'a,
+    ) -> Result<()> {
+        let gradient = like.duplicate()?;
+        let callback =
+            Box::into_raw(Callback::new(&self.context, &self.failure, Box::new(objective) as Box<Objective>));
+        let old = std::mem::replace(&mut self.objective, callback);
+        let state = callback.cast::<c_void>();
+        let set = call!(TaoSetObjectiveAndGradient(self.raw, gradient.raw, Some(call_objective), state));
+        release(old);
+        set
+    }
+
+    /// Sets the second derivative: `matrix` holds its value for the first step, the closure updates it for another x. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn set_hessian(
+        &mut self,
+        matrix: &Matrix,
+        hessian: impl FnMut(&Vector, &mut Matrix) -> Result<()> + 'a,
+    ) -> Result<()> {
+        let callback =
+            Box::into_raw(Callback::new(&self.context, &self.failure, Box::new(hessian) as Box<Hessian>));
+        let old = std::mem::replace(&mut self.hessian, callback);
+        let (raw, state) = (matrix.raw, callback.cast::<c_void>());
+        let set = call!(TaoSetHessian(self.raw, raw, raw, Some(call_hessian), state));
+        release(old);
+        set
+    }
+
+    /// Sets the bounds; none is minus or plus [`super::INFINITY`]. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn set_bounds(&mut self, lower: &Vector, upper: &Vector) -> Result<()> {
+        call!(TaoSetVariableBounds(self.raw, lower.raw, upper.raw))
+    }
+
+    /// Sets tolerances on the projected gradient's norm (absolute, relative to the function's value, relative to its start) and the largest
+    /// number of iterations. Options go before if [`Tao::set_from_options`] comes later. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`] where one is not a number.
+    pub fn set_tolerances(
+        &mut self,
+        absolute: f64,
+        to_value: f64,
+        to_start: f64,
+        iterations: usize,
+    ) -> Result<()> {
+        super::refuse_nan(&[absolute, to_value, to_start])?;
+        call!(TaoSetTolerances(self.raw, absolute, to_value, to_start))?;
+        call!(TaoSetMaximumIterations(self.raw, int(iterations)?))
+    }
+
+    /// Reads the options. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`] where an option has an impossible value.
+    pub fn set_from_options(&mut self) -> Result<()> {
+        call!(TaoSetFromOptions(self.raw))
+    }
+
+    /// Solves from the start in `x`, and leaves the last iterate there. Whether it converged is [`Tao::reason`]'s answer. Collective.
+    ///
+    /// # Errors
+    /// A callback's own error; [`crate::Error::Petsc`].
+    pub fn solve(&mut self, x: &mut Vector) -> Result<()> {
+        call!(TaoSetSolution(self.raw, x.raw))?;
+        let result = call!(TaoSolve(self.raw));
+        settle(&self.failure, result)
+    }
+
+    /// Why the last solve ended.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn reason(&self) -> Result<Reason> {
+        let mut code = sys::TaoConvergedReason(0);
+        call!(TaoGetConvergedReason(self.raw, &mut code))?;
+        let text = match code {
+            sys::TaoConvergedReason::TAO_CONVERGED_GATOL => "CONVERGED_GATOL",
+            sys::TaoConvergedReason::TAO_CONVERGED_GRTOL => "CONVERGED_GRTOL",
+            sys::TaoConvergedReason::TAO_CONVERGED_GTTOL => "CONVERGED_GTTOL",
+            sys::TaoConvergedReason::TAO_CONVERGED_STEPTOL => "CONVERGED_STEPTOL",
+            sys::TaoConvergedReason::TAO_CONVERGED_MINF => "CONVERGED_MINF",
+            sys::TaoConvergedReason::TAO_CONVERGED_USER => "CONVERGED_USER",
+            sys::TaoConvergedReason::TAO_DIVERGED_MAXITS => "DIVERGED_MAXITS",
+            sys::TaoConvergedReason::TAO_DIVERGED_NAN => "DIVERGED_NAN",
+            sys::TaoConvergedReason::TAO_DIVERGED_MAXFCN => "DIVERGED_MAXFCN",
+            sys::TaoConvergedReason::TAO_DIVERGED_LS_FAILURE => "DIVERGED_LS_FAILURE",
+            sys::TaoConvergedReason::TAO_DIVERGED_TR_REDUCTION => "DIVERGED_TR_REDUCTION",
+            sys::TaoConvergedReason::TAO_DIVERGED_USER => "DIVERGED_USER",
+            _ => "CONTINUE_ITERATING",
+        };
+        Ok(Reason { code: code.0, text: text.into() })
+    }
+
+    /// Number of iterations of the last solve.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn iterations(&self) -> Result<usize> {
+        let mut iterations = 0;
+        call!(TaoGetIterationNumber(self.raw, &mut iterations))?;
+        Ok(iterations as usize)
+    }
+
+    /// Number of linear iterations of the last solve.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn linear_iterations(&self) -> Result<usize> {
+        let mut iterations = 0;
+        call!(TaoGetLinearSolveIterations(self.raw, &mut iterations))?;
+        Ok(iterations as usize)
+    }
+
+    /// The linear solver inside; none for methods without one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn linear_solver(&self) -> Result<Option<Ksp>> {
+        let mut raw = std::ptr::null_mut();
+        call!(TaoGetKSP(self.raw, &mut raw))?;
+        if raw.is_null() {
+            return Ok(None);
+        }
+        let mut solver = Ksp::sharing(raw, &self.context)?;
+        solver.prefix.clone_from(&self.prefix);
+        Ok(Some(solver))
+    }
+
+    /// Name of the method.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn kind(&self) -> Result<String> {
+        let mut name = std::ptr::null();
+        call!(TaoGetType(self.raw, &mut name))?;
+        // SAFETY: PETSc lends the name, or null before one is set.
+        Ok(unsafe { text(name) })
+    }
+
+    /// Prints the solver. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn view(&self) -> Result<()> {
+        call!(TaoView(self.raw, std::ptr::null_mut()))
+    }
+}
+
+impl std::fmt::Debug for Tao<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Tao").field("prefix", &self.prefix).finish_non_exhaustive()
+    }
+}
+
+impl Drop for Tao<'_> {
+    fn drop(&mut self) {
+        let _ = call!(TaoDestroy(&mut self.raw));
+        release(self.objective);
+        release(self.hessian);
+    }
+}
+
+unsafe extern "C" fn call_objective(
+    _: sys::Tao,
+    x: sys::Vec,
+    value: *mut sys::PetscReal,
+    gradient: sys::Vec,
+    state: *mut c_void,
+) -> sys::PetscErrorCode {
+    // SAFETY: `state` is the callback that `set_objective` registered; it lives while the solver does, and only this function
+    // borrows it, never twice: an objective cannot reach its own solver.
+    let callback = unsafe { &mut *state.cast::<Callback<Objective>>() };
+    let Callback { context, failure, run } = callback;
+    guard(failure, || {
+        let result = run(&Vector::sharing(x, context)?, &mut Vector::sharing(gradient, context)?)?;
+        // SAFETY: PETSc points to its variable.
+        unsafe { *value = result };
+        Ok(())
+    })
+}
+
+unsafe extern "C" fn call_hessian(
+    _: sys::Tao,
+    x: sys::Vec,
+    _: sys::Mat,
+    matrix: sys::Mat,
+    state: *mut c_void,
+) -> sys::PetscErrorCode {
+    // SAFETY: as in `call_objective`.
+    let callback = unsafe { &mut *state.cast::<Callback<Hessian>>() };
+    let Callback { context, failure, run } = callback;
+    guard(failure, || run(&Vector::sharing(x, context)?, &mut Matrix::sharing(matrix, context)?))
+}
