@@ -182,6 +182,19 @@ impl Probe {
         Ok(Probe { weights })
     }
 
+    /// The probe that multiplies each dof by a weight.
+    pub fn from_weights(weights: &[f64]) -> Probe {
+        let nonzero = weights.iter().copied().enumerate().filter(|(_, weight)| *weight != 0.0);
+        Probe { weights: nonzero.collect() }
+    }
+
+    /// Adds the weight of each dof.
+    pub fn add_weights(&self, weights: &mut [f64]) {
+        for &(dof, weight) in &self.weights {
+            weights[dof] += weight;
+        }
+    }
+
     /// The deflection, in m.
     pub fn deflection(&self, u: &[f64]) -> f64 {
         self.weights.iter().map(|&(dof, weight)| weight * u[dof]).sum()

@@ -1,5 +1,8 @@
 //! From a scene to a run: the model, the scheme, and the main loop with its observer.
 
+#[cfg(feature = "petsc")]
+mod distributed;
+
 use crate::assembly::{self, Probe};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
@@ -43,20 +46,28 @@ pub fn mesh(scene: &Scene) -> Result<Mesh> {
     Ok(mesh)
 }
 
+/// The name of an edge in a mesh of a rectangle.
+fn edge_name(edge: Edge) -> &'static str {
+    match edge {
+        Edge::Left => "left",
+        Edge::Right => "right",
+        Edge::Bottom => "bottom",
+        Edge::Top => "top",
+    }
+}
+
+fn nothing_free() -> Error {
+    Error::Mesh("the supports hold every dof of the mesh: nothing can move".into())
+}
+
 /// The free dofs of a scene's mesh.
 ///
 /// # Errors
 /// [`Error::Mesh`] where nothing is left free.
 pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
-    let name = |edge| match edge {
-        Edge::Left => "left",
-        Edge::Right => "right",
-        Edge::Bottom => "bottom",
-        Edge::Top => "top",
-    };
-    let space = Space::new(mesh, scene.supports.iter().map(|s| (name(s.edge), s.kind)))?;
+    let space = Space::new(mesh, scene.supports.iter().map(|s| (edge_name(s.edge), s.kind)))?;
     if space.dofs() == 0 {
-        return Err(Error::Mesh("the supports hold every dof of the mesh: nothing can move".into()));
+        return Err(nothing_free());
     }
     Ok(space)
 }

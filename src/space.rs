@@ -49,9 +49,34 @@ impl Space {
     /// The dofs that supports on named edges leave free.
     ///
     /// # Errors
+    /// As [`Space::held`].
+    pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
+        let mut count = 0;
+        let number = |held: bool| {
+            (!held).then(|| {
+                count += 1;
+                count - 1
+            })
+        };
+        let free = Space::held(mesh, supports)?.into_iter().map(number).collect();
+        Ok(Space { free, count })
+    }
+
+    /// The dofs that are not held, numbered as if none were: 3 node, 3 node + 1, 3 node + 2.
+    pub fn in_place(held: &[bool]) -> Space {
+        let free = held.iter().enumerate().map(|(dof, held)| (!held).then_some(dof)).collect();
+        Space { free, count: held.len() }
+    }
+
+    /// Which dofs supports on named edges hold, node by node.
+    ///
+    /// # Errors
     /// [`Error::Mesh`] for an edge that the mesh does not have, or one not parallel to an axis with a support that
     /// distinguishes its directions.
-    pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
+    pub fn held<'n>(
+        mesh: &Mesh,
+        supports: impl IntoIterator<Item = (&'n str, Support)>,
+    ) -> Result<Vec<bool>> {
         let mut held = vec![false; PER_NODE * mesh.nodes.len()];
         for (name, support) in supports {
             mesh.edge_nodes(name)?;
@@ -77,15 +102,7 @@ impl Space {
                 }
             }
         }
-        let mut count = 0;
-        let number = |held: bool| {
-            (!held).then(|| {
-                count += 1;
-                count - 1
-            })
-        };
-        let free = held.into_iter().map(number).collect();
-        Ok(Space { free, count })
+        Ok(held)
     }
 
     /// Number of free dofs.

@@ -10,7 +10,7 @@ mod refine;
 use std::collections::BTreeMap;
 
 pub(crate) use quality::require_convex;
-pub use rectangle::{Diagonal, ElementKind};
+pub use rectangle::{Diagonal, ElementKind, Grid};
 
 use crate::error::{Error, Result};
 

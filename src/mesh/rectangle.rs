@@ -29,12 +29,84 @@ pub enum ElementKind {
 /// The most nodes a mesh may have: the numbers of their three dofs fit a signed 32-bit integer.
 const MOST_NODES: usize = i32::MAX as usize / 3;
 
-impl Mesh {
-    /// The rectangle `(0, length) x (0, width)`, in metres, cut into `cells[0]` by `cells[1]` equal rectangles.
+/// A rectangle `(0, sides[0]) x (0, sides[1])`, in metres, cut into equal rectangles: its nodes and cells one by one, for whoever
+/// builds only a part of it.
+///
+/// Each rectangle is one quadrilateral, or two triangles as `diagonal` says. Nodes and rectangles are numbered with
+/// x fastest; the two triangles of a rectangle follow each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    sides: [f64; 2],
+    cells: [usize; 2],
+    kind: ElementKind,
+    diagonal: Diagonal,
+}
+
+impl Grid {
+    /// A grid of `cells[0]` by `cells[1]` rectangles.
     ///
-    /// Each rectangle is one quadrilateral, or two triangles as `diagonal` says. Nodes and rectangles are numbered with
-    /// x fastest; the two triangles of a rectangle follow each other. The edges are named `left` (x = 0), `right`,
-    /// `bottom` (y = 0) and `top`, and run counter-clockwise around the plate.
+    /// # Errors
+    /// [`Error::Mesh`] if a side is not positive and finite, a count is zero, or the nodes cannot be numbered.
+    pub fn new(sides: [f64; 2], cells: [usize; 2], kind: ElementKind, diagonal: Diagonal) -> Result<Grid> {
+        for (name, side) in ["length", "width"].into_iter().zip(sides) {
+            if !(side > 0.0 && side.is_finite()) {
+                return Err(Error::Mesh(format!("the {name} of the plate is {side} m: it must be positive")));
+            }
+        }
+        let [nx, ny] = cells;
+        if nx == 0 || ny == 0 {
+            return Err(Error::Mesh(format!("{nx} by {ny} cells: there must be at least one each way")));
+        }
+        let count = nx.checked_add(1).zip(ny.checked_add(1)).and_then(|(mx, my)| mx.checked_mul(my));
+        if count.is_none_or(|count| count > MOST_NODES) {
+            return Err(too_many(cells));
+        }
+        Ok(Grid { sides, cells, kind, diagonal })
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        (self.cells[0] + 1) * (self.cells[1] + 1)
+    }
+
+    /// Position of a node.
+    pub fn node(&self, number: usize) -> Point {
+        let ([length, width], [nx, ny]) = (self.sides, self.cells);
+        Point::new(division(length, number % (nx + 1), nx), division(width, number / (nx + 1), ny))
+    }
+
+    /// Number of rectangles.
+    pub fn rectangles(&self) -> usize {
+        self.cells[0] * self.cells[1]
+    }
+
+    /// The cells of a rectangle, in order.
+    pub fn cells(&self, rectangle: usize) -> impl Iterator<Item = Cell> {
+        let nx = self.cells[0];
+        let (i, j) = (rectangle % nx, rectangle / nx);
+        let node = |i: usize, j: usize| i + (nx + 1) * j;
+        let [v00, v10, v11, v01] = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
+        let right =
+            self.diagonal == Diagonal::Right || self.diagonal == Diagonal::Alternating && (i + j) % 2 == 0;
+        let (first, second) = match self.kind {
+            ElementKind::Fvs => (Cell::Quadrilateral([v00, v10, v11, v01]), None),
+            ElementKind::Hct if right => {
+                (Cell::Triangle([v00, v10, v11]), Some(Cell::Triangle([v00, v11, v01])))
+            }
+            ElementKind::Hct => (Cell::Triangle([v01, v00, v10]), Some(Cell::Triangle([v01, v10, v11]))),
+        };
+        std::iter::once(first).chain(second)
+    }
+}
+
+fn too_many([nx, ny]: [usize; 2]) -> Error {
+    Error::Mesh(format!("{nx} by {ny} cells are more than this program can hold"))
+}
+
+impl Mesh {
+    /// The rectangle `(0, length) x (0, width)`, in metres, cut into `cells[0]` by `cells[1]` equal rectangles; see [`Grid`].
+    ///
+    /// The edges are named `left` (x = 0), `right`, `bottom` (y = 0) and `top`, and run counter-clockwise around the plate.
     ///
     /// # Errors
     /// [`Error::Mesh`] if a side is not positive and finite, a count is zero, or the mesh cannot be held in memory.
@@ -45,45 +117,17 @@ impl Mesh {
         kind: ElementKind,
         diagonal: Diagonal,
     ) -> Result<Mesh> {
-        for (name, side) in [("length", length), ("width", width)] {
-            if !(side > 0.0 && side.is_finite()) {
-                return Err(Error::Mesh(format!("the {name} of the plate is {side} m: it must be positive")));
-            }
-        }
-        let [nx, ny] = cells;
-        if nx == 0 || ny == 0 {
-            return Err(Error::Mesh(format!("{nx} by {ny} cells: there must be at least one each way")));
-        }
-        let too_many = || Error::Mesh(format!("{nx} by {ny} cells are more than this program can hold"));
-        let count = nx.checked_add(1).zip(ny.checked_add(1)).and_then(|(mx, my)| mx.checked_mul(my));
-        let count = count.filter(|&count| count <= MOST_NODES).ok_or_else(too_many)?;
-
+        let grid = Grid::new([length, width], cells, kind, diagonal)?;
         let mut mesh = Mesh::default();
-        mesh.nodes.try_reserve_exact(count).map_err(|_| too_many())?;
-        mesh.cells
-            .try_reserve_exact(if kind == ElementKind::Hct { 2 } else { 1 } * nx * ny)
-            .map_err(|_| too_many())?;
-
-        for j in 0..=ny {
-            mesh.nodes.extend((0..=nx).map(|i| Point::new(division(length, i, nx), division(width, j, ny))));
+        let reserved = mesh.nodes.try_reserve_exact(grid.nodes());
+        let count = if kind == ElementKind::Hct { 2 } else { 1 } * grid.rectangles();
+        if reserved.and(mesh.cells.try_reserve_exact(count)).is_err() {
+            return Err(too_many(cells));
         }
+        mesh.nodes.extend((0..grid.nodes()).map(|number| grid.node(number)));
+        mesh.cells.extend((0..grid.rectangles()).flat_map(|rectangle| grid.cells(rectangle)));
+        let [nx, ny] = cells;
         let node = |i: usize, j: usize| i + (nx + 1) * j;
-        for j in 0..ny {
-            for i in 0..nx {
-                let [v00, v10, v11, v01] = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
-                let right =
-                    diagonal == Diagonal::Right || diagonal == Diagonal::Alternating && (i + j) % 2 == 0;
-                match kind {
-                    ElementKind::Fvs => mesh.cells.push(Cell::Quadrilateral([v00, v10, v11, v01])),
-                    ElementKind::Hct if right => {
-                        mesh.cells.extend([Cell::Triangle([v00, v10, v11]), Cell::Triangle([v00, v11, v01])])
-                    }
-                    ElementKind::Hct => {
-                        mesh.cells.extend([Cell::Triangle([v01, v00, v10]), Cell::Triangle([v01, v10, v11])])
-                    }
-                }
-            }
-        }
         mesh.edges.insert("bottom".into(), (0..nx).map(|i| [node(i, 0), node(i + 1, 0)]).collect());
         mesh.edges.insert("right".into(), (0..ny).map(|j| [node(nx, j), node(nx, j + 1)]).collect());
         mesh.edges.insert("top".into(), (0..nx).rev().map(|i| [node(i + 1, ny), node(i, ny)]).collect());

@@ -32,12 +32,16 @@ mod snes;
 mod tao;
 mod section;
 mod dm;
+pub mod plate;
+pub mod engine;
 
 pub use context::{Comm, Context};
 pub use dm::Plex;
+pub use engine::Distributed;
 pub use index_set::IndexSet;
 pub use ksp::Ksp;
 pub use mat::Matrix;
+pub use plate::Part;
 pub use section::{Dofs, Section};
 pub use snes::Snes;
 pub use tao::Tao;

@@ -1,0 +1,421 @@
+//! The engine over all ranks: each multiplies with its own cells, PETSc adds up, factors and solves.
+//!
+//! Vectors are the free dofs of the nodes that a rank owns, in PETSc's order. A product is the native engine's over the dofs
+//! of the rank's cells (no h^-4 loss here either), with an exchange of shared dofs before and after.
+
+use super::plate::Part;
+use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
+use crate::error::Result;
+use crate::linalg::{Average, Block, Engine, Factor, Form, Native, Sum};
+use faer::Mat;
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Columns of the inverse computed at once.
+const BLOCK: usize = 64;
+
+/// The engine over all ranks; see the [module page](self).
+pub struct Distributed {
+    context: Rc<Context>,
+    plex: Rc<Plex>,
+    /// Products over this rank's cells, on local vectors.
+    cells: Native,
+    /// Position of each local dof in global vectors; negative where it is held.
+    global: Vec<Index>,
+    /// Position of this rank's first dof, and their number.
+    first: usize,
+    own: usize,
+    work: RefCell<Work>,
+}
+
+struct Work {
+    global: Vector,
+    local: Vector,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    m: Vec<f64>,
+}
+
+impl Distributed {
+    /// The engine of a plate. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn new(part: &Part) -> Result<Distributed> {
+        let plex = part.plex.clone();
+        let context = plex.context().clone();
+        let global = plex.global_dofs()?;
+        let (vector, local) = (plex.global_vector()?, plex.local_vector()?);
+        let (first, own) = (vector.range().start as usize, vector.local_size());
+        let zeros = || vec![0.0; global.len()];
+        let work = Work { global: vector, local, x: zeros(), y: zeros(), m: zeros() };
+        let cells = Native::with_layout(part.space.layout(&part.mesh));
+        Ok(Distributed { context, plex, cells, global, first, own, work: RefCell::new(work) })
+    }
+
+    /// MPI and PETSc.
+    pub fn context(&self) -> &Rc<Context> {
+        &self.context
+    }
+
+    /// A form from the dense local matrices of this rank's cells, over local dofs.
+    pub fn form(&self, blocks: Vec<Block>) -> Form {
+        self.cells.form(blocks)
+    }
+
+    /// The singular mass from the rows of this rank's cells, over local dofs.
+    pub fn averages(&self, rows: Vec<Average>) -> Form {
+        self.cells.averages(rows)
+    }
+
+    /// A vector of zeros over all ranks.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn vector(&self) -> Result<Vector> {
+        self.plex.global_vector()
+    }
+
+    /// This rank's number of a local dof, if it owns it and it is free.
+    pub fn own_dof(&self, local: usize) -> Option<usize> {
+        let dof = usize::try_from(self.global[local]).ok()?.checked_sub(self.first)?;
+        (dof < self.own).then_some(dof)
+    }
+
+    /// Adds up what ranks have over their local dofs. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
+        let Work { global: all, local: shared, .. } = &mut *self.work.borrow_mut();
+        self.to_owners(local, own, all, shared)
+    }
+
+    /// The matrix of a sum, assembled. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn matrix(&self, sum: &Sum<Self>) -> Result<Matrix> {
+        let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        for (scale, form) in sum {
+            form.for_each_lower(|row, column, value| {
+                let mut add = |row: usize, column: usize| {
+                    rows.push(self.global[row]);
+                    columns.push(self.global[column]);
+                    values.push(scale * value);
+                };
+                add(row, column);
+                if row != column {
+                    add(column, row);
+                }
+            });
+        }
+        let mut matrix =
+            Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)?;
+        matrix.set_positive_definite()?;
+        Ok(matrix)
+    }
+
+    /// Fetches a vector's values at this rank's local dofs.
+    fn to_local(&self, own: &[f64], values: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
+        all.set_local(own)?;
+        self.plex.to_local(all, local)?;
+        local.copy_to(values)
+    }
+
+    fn to_owners(&self, values: &[f64], own: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
+        local.set_local(values)?;
+        all.fill(0.0)?;
+        self.plex.add_to_global(local, all)?;
+        all.copy_to(own)
+    }
+}
+
+impl Engine for Distributed {
+    type Form = Form;
+    type Factor = DistributedFactor;
+
+    fn dofs(&self) -> usize {
+        self.own
+    }
+
+    fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
+        Ok(self.context.sum(x.iter().zip(y).map(|(x, y)| x * y).sum()))
+    }
+
+    fn maximum(&self, value: f64) -> Result<f64> {
+        // MPI's maximum may lose a NaN.
+        Ok(self.context.maximum(if value.is_nan() { f64::INFINITY } else { value }))
+    }
+
+    fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+        concatenate(&self.context, own)
+    }
+
+    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+        let Work { global, local, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, local)?;
+        let value = self.cells.multiply(form, xl, yl)?;
+        self.to_owners(yl, y, global, local)?;
+        Ok(self.context.sum(value))
+    }
+
+    fn multiply_with_magnitude(
+        &self,
+        sum: &Sum<Self>,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+    ) -> Result<()> {
+        let Work { global, local, x: xl, y: yl, m: ml } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, local)?;
+        self.cells.multiply_with_magnitude(sum, xl, yl, ml)?;
+        self.to_owners(yl, y, global, local)?;
+        self.to_owners(ml, m, global, local)
+    }
+
+    fn velocities(&self, mass: &Form) -> usize {
+        match mass {
+            Form::Cells(_) => self.own,
+            Form::Averages(averages) => averages.cells(),
+        }
+    }
+
+    fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
+        match mass {
+            Form::Cells(_) => v.copy_from_slice(x),
+            Form::Averages(_) => {
+                let Work { global, local, x: xl, .. } = &mut *self.work.borrow_mut();
+                self.to_local(x, xl, global, local)?;
+                self.cells.velocity(mass, xl, v)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn momentum(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
+        match mass {
+            Form::Cells(_) => {
+                self.multiply(mass, v, y)?;
+            }
+            Form::Averages(_) => {
+                let Work { global, local, y: yl, .. } = &mut *self.work.borrow_mut();
+                self.cells.momentum(mass, v, yl)?;
+                self.to_owners(yl, y, global, local)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn vis_viva(&self, mass: &Form, v: &[f64]) -> Result<f64> {
+        match mass {
+            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.own]),
+            Form::Averages(_) => Ok(self.context.sum(self.cells.vis_viva(mass, v)?)),
+        }
+    }
+
+    fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>> {
+        let mut diagonal = vec![0.0; self.own];
+        self.add_up(&self.cells.diagonal(sum)?, &mut diagonal)?;
+        Ok(diagonal)
+    }
+
+    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<DistributedFactor> {
+        DistributedFactor::new(self, self.matrix(sum)?, candidates)
+    }
+}
+
+/// All ranks' values one after the other, and where this rank's begin.
+fn concatenate(context: &Context, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+    if context.size() == 1 {
+        return Ok((own.to_vec(), 0));
+    }
+    let counts = context.gather(&[own.len() as u64]);
+    let before = counts[..context.rank()].iter().sum::<u64>() as usize;
+    Ok((context.gather(own), before))
+}
+
+/// A matrix factored by PETSc: MUMPS' Cholesky, unless the options `-ksp_...` and `-pc_...` say otherwise.
+///
+/// The Schur complement of the candidates is the inverse of their block S of A^-1, which comes from solves with many
+/// right-hand sides at once.
+pub struct DistributedFactor {
+    context: Rc<Context>,
+    matrix: Matrix,
+    solver: Ksp,
+    /// The solver of the matrix with dofs held, if any are.
+    pinned: Option<Ksp>,
+    right: Vector,
+    solution: Vector,
+    /// Position of this rank's first dof.
+    first: usize,
+    /// This rank's candidates, and where they begin among all.
+    candidates: Vec<usize>,
+    before: usize,
+    schur: Mat<f64>,
+    /// The last right-hand side condensed: its solution, and at the candidates; and what it was condensed to.
+    free: Vec<f64>,
+    free_candidates: Vec<f64>,
+    condensed: Vec<f64>,
+}
+
+impl DistributedFactor {
+    fn new(engine: &Distributed, matrix: Matrix, candidates: &[usize]) -> Result<DistributedFactor> {
+        let mut factor = DistributedFactor {
+            context: engine.context.clone(),
+            solver: solver(&engine.context, &matrix)?,
+            pinned: None,
+            right: engine.vector()?,
+            solution: engine.vector()?,
+            first: engine.first,
+            candidates: candidates.to_vec(),
+            before: 0,
+            schur: Mat::zeros(0, 0),
+            free: vec![0.0; engine.own],
+            free_candidates: Vec::new(),
+            condensed: Vec::new(),
+            matrix,
+        };
+        let (counts, before) = concatenate(&engine.context, &vec![0.0; candidates.len()])?;
+        factor.before = before;
+        if !counts.is_empty() {
+            factor.schur = factor.complement(counts.len())?;
+        }
+        Ok(factor)
+    }
+
+    /// The inverse of the candidates' block of A^-1.
+    fn complement(&mut self, count: usize) -> Result<Mat<f64>> {
+        let own = self.free.len();
+        let mut block = Mat::zeros(count, count);
+        for start in (0..count).step_by(BLOCK) {
+            let width = BLOCK.min(count - start);
+            let mut right = Matrix::dense(&self.context, Comm::World, own, width)?;
+            let mut columns = Matrix::dense(&self.context, Comm::World, own, width)?;
+            right.with_columns_mut(|values| {
+                for (k, &dof) in self.candidates.iter().enumerate() {
+                    let column = self.before + k;
+                    if (start..start + width).contains(&column) {
+                        values[(column - start) * own + dof] = 1.0;
+                    }
+                }
+            })?;
+            self.solver.solve_columns(&right, &mut columns)?;
+            let mut rows = vec![0.0; count * width];
+            columns.with_columns(|values| {
+                for (k, &dof) in self.candidates.iter().enumerate() {
+                    for column in 0..width {
+                        rows[column * count + self.before + k] = values[column * own + dof];
+                    }
+                }
+            })?;
+            self.context.sum_all(&mut rows);
+            for column in 0..width {
+                for row in 0..count {
+                    block[(row, start + column)] = rows[column * count + row];
+                }
+            }
+        }
+        let symmetric = Mat::from_fn(count, count, |i, j| 0.5 * (block[(i, j)] + block[(j, i)]));
+        let llt = symmetric.llt(faer::Side::Lower).map_err(|_| {
+            crate::Error::Singular(format!(
+                "the flexibility of {count} contact candidates is not positive definite"
+            ))
+        })?;
+        Ok(llt.inverse())
+    }
+
+    fn solve_with(&mut self, pinned: bool, x: &mut [f64]) -> Result<()> {
+        self.right.set_local(x)?;
+        let solver = if pinned { self.pinned.as_mut().unwrap_or(&mut self.solver) } else { &mut self.solver };
+        solver.solve(&self.right, &mut self.solution)?;
+        self.solution.copy_to(x)
+    }
+
+    fn times_schur(&self, x: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; x.len()];
+        for (j, x) in x.iter().enumerate() {
+            for (sum, a) in product.iter_mut().zip(self.schur.col(j).iter()) {
+                *sum += a * x;
+            }
+        }
+        product
+    }
+}
+
+/// A solver of a matrix, its factor made.
+fn solver(context: &Rc<Context>, matrix: &Matrix) -> Result<Ksp> {
+    let mut solver = Ksp::new(context, Comm::World, "")?;
+    solver.default_to_cholesky()?;
+    solver.set_operator(matrix)?;
+    solver.set_from_options()?;
+    solver.set_up()?;
+    Ok(solver)
+}
+
+impl Factor for DistributedFactor {
+    fn solve(&mut self, x: &mut [f64]) -> Result<()> {
+        self.solve_with(true, x)
+    }
+
+    fn schur(&self) -> &Mat<f64> {
+        &self.schur
+    }
+
+    fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+        let mut free = std::mem::take(&mut self.free);
+        free.copy_from_slice(b);
+        self.solve_with(false, &mut free)?;
+        self.free = free;
+        let own: Vec<f64> = self.candidates.iter().map(|&dof| self.free[dof]).collect();
+        self.free_candidates = concatenate(&self.context, &own)?.0;
+        self.condensed = self.times_schur(&self.free_candidates);
+        h.copy_from_slice(&self.condensed);
+        Ok(())
+    }
+
+    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()> {
+        if candidates != self.free_candidates {
+            // x = free solution + A^-1 G^T r, with the reactions r that move the candidates to their values.
+            let forces = self.times_schur(candidates);
+            x.fill(0.0);
+            for (k, &dof) in self.candidates.iter().enumerate() {
+                x[dof] = forces[self.before + k] - self.condensed[self.before + k];
+            }
+            self.solve_with(false, x)?;
+            x.iter_mut().zip(&self.free).for_each(|(x, free)| *x += free);
+            for (k, &dof) in self.candidates.iter().enumerate() {
+                x[dof] = candidates[self.before + k];
+            }
+        } else {
+            x.copy_from_slice(&self.free);
+        }
+        Ok(())
+    }
+
+    fn solve_candidates(&self, h: &mut [f64]) {
+        if *h == self.condensed {
+            h.copy_from_slice(&self.free_candidates);
+            return;
+        }
+        let mut right = Mat::from_fn(h.len(), 1, |i, _| h[i]);
+        if let Ok(llt) = self.schur.llt(faer::Side::Lower) {
+            llt.solve_in_place(&mut right);
+        }
+        h.iter_mut().enumerate().for_each(|(i, h)| *h = right[(i, 0)]);
+    }
+
+    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
+        self.pinned = None;
+        if self.context.sum_count(dofs.len()) > 0 {
+            let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
+            let mut held = self.matrix.duplicate()?;
+            held.copy_from(&self.matrix)?;
+            held.zero_rows_columns(&rows, 1.0)?;
+            held.set_positive_definite()?;
+            self.pinned = Some(solver(&self.context, &held)?);
+        }
+        Ok(())
+    }
+}

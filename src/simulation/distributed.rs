@@ -1,0 +1,101 @@
+//! The model of a scene over all ranks.
+
+use super::{Model, edge_name, start};
+use crate::assembly::{self, Probe};
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::mesh::{Diagonal, Grid, Mesh, Point};
+use crate::obstacle::Bounds;
+use crate::petsc::{Context, Distributed, Part};
+use crate::scene::{Mass, Scene, Side};
+use crate::scheme::System;
+use crate::space::{PER_NODE, Space};
+use std::rc::Rc;
+use std::time::Instant;
+
+impl Model<Distributed> {
+    /// Builds what the scene calls for on PETSc, each rank its own part. Collective.
+    ///
+    /// # Errors
+    /// As [`Model::new`], and [`Error::Petsc`].
+    pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
+        let clock = Instant::now();
+        let grid = scene.mesh;
+        let sides = [scene.plate.length, scene.plate.width];
+        let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
+        let supports: Vec<_> = scene.supports.iter().map(|s| (edge_name(s.edge), s.kind)).collect();
+        let rectangles = Grid::new(sides, grid.cells, grid.element, diagonal)?;
+        let part = Part::new(context, &rectangles, grid.refine, &supports)?;
+        let engine = Distributed::new(&part)?;
+        if context.sum_count(engine.dofs()) == 0 {
+            return Err(super::nothing_free());
+        }
+        let cells = assembly::cells(&part.mesh, &part.space, &scene.plate.plate)?;
+        let mut unit_load = vec![0.0; engine.dofs()];
+        engine.add_up(&assembly::uniform_load(&cells, part.space.dofs(), 1.0), &mut unit_load)?;
+        let own_nodes: Vec<(usize, usize)> = (0..part.mesh.nodes.len())
+            .filter(|&node| part.owns[node])
+            .filter_map(|node| Some((engine.own_dof(PER_NODE * node)?, node)))
+            .collect();
+        let deflections: Vec<usize> = own_nodes
+            .iter()
+            .filter(|(_, node)| part.space.deflection(*node).is_some())
+            .map(|(dof, _)| *dof)
+            .collect();
+        let load = scene.load.filter(|load| load.pressure != 0.0);
+        let system = System {
+            stiffness: engine.form(assembly::stiffness(&cells)),
+            mass: match scene.time.mass {
+                Mass::Singular => engine.averages(assembly::singular_mass(&cells)),
+                Mass::Consistent => engine.form(assembly::consistent_mass(&cells)),
+            },
+            load: load.map(|load| unit_load.iter().map(|f| load.pressure * f).collect()),
+            bounds: bounds(scene, &deflections),
+            engine,
+        };
+        let probes = scene
+            .output
+            .probes
+            .iter()
+            .map(|probe| own_probe(context, &part, &system.engine, Point::from(probe.at)))
+            .collect::<Result<_>>()?;
+        let built = clock.elapsed().as_secs_f64();
+        // The supports of the unrefined plate leave the same rigid motions.
+        let coarse = Mesh::rectangle(sides[0], sides[1], [1, 1], grid.element, diagonal)?;
+        let mechanism = Space::new(&coarse, supports)?.mechanism(&coarse);
+        let start = start(scene, mechanism, deflections.iter().copied(), &system, &unit_load)?;
+        let seconds = [built, clock.elapsed().as_secs_f64() - built];
+        let (counts, before) = system.engine.concatenate(&vec![0.0; own_nodes.len()])?;
+        drop(counts);
+        let site = |(number, (_, node)): (usize, &(usize, usize))| {
+            (before + number, [part.mesh.nodes[*node].x, part.mesh.nodes[*node].y])
+        };
+        let sites = own_nodes.iter().enumerate().map(site).take(system.bounds.len()).collect();
+        Ok(Model { system, start, probes, sites, seconds })
+    }
+}
+
+fn bounds(scene: &Scene, deflections: &[usize]) -> Bounds {
+    let lower = scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY);
+    let upper = scene.obstacle(Side::Above).unwrap_or(f64::INFINITY);
+    if scene.obstacles.is_empty() {
+        return Bounds::default();
+    }
+    Bounds::uniform(deflections.to_vec(), lower, upper)
+}
+
+/// What this rank's dofs add to the deflection at a point: the first rank with a cell there says how.
+fn own_probe(context: &Rc<Context>, part: &Part, engine: &Distributed, point: Point) -> Result<Probe> {
+    let here = part.mesh.locate(point).is_some();
+    let ranks = context.gather(&[u8::from(here)]);
+    let first = ranks.iter().position(|&here| here == 1);
+    let first = first
+        .ok_or_else(|| Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y)))?;
+    let mut local = vec![0.0; part.space.dofs()];
+    if first == context.rank() {
+        Probe::new(&part.mesh, &part.space, point)?.add_weights(&mut local);
+    }
+    let mut own = vec![0.0; engine.dofs()];
+    engine.add_up(&local, &mut own)?;
+    Ok(Probe::from_weights(&own))
+}
