@@ -389,6 +389,17 @@ mod cases {
         solver.set_operator(&a)?;
         let refusal = solver.set_up();
         assert!(matches!(refusal, Err(Error::Singular(_))), "{refusal:?}");
+
+        // Its eigenvalues are 1 - 2 cos(k pi / 31), k = 1 to 30: ten are negative.
+        let a = Matrix::from_triplets(&context, Comm::World, local, &rows, &columns, &values)?;
+        context.default_option("count_mat_mumps_icntl_13", "1")?;
+        context.default_option("count_mat_mumps_icntl_24", "1")?;
+        let mut solver = Ksp::new(&context, Comm::World, "count_")?;
+        solver.default_to_cholesky()?;
+        solver.set_from_options()?;
+        solver.set_operator(&a)?;
+        solver.set_up()?;
+        assert_eq!(solver.inertia()?, [10, 0, 20]);
         Ok(())
     }
 
