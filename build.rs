@@ -4,13 +4,15 @@
 //! the feature `petsc` this does nothing. A missing piece ends the build with one sentence that says what to install.
 
 fn main() {
-    println!("cargo:rerun-if-changed=build.rs");
     #[cfg(feature = "petsc")]
-    if let Err(sentence) = petsc::bind() {
-        println!("cargo:warning={sentence}");
-        eprintln!("{sentence}");
-        std::process::exit(1);
+    match petsc::bind() {
+        Ok(lines) => lines.iter().for_each(|line| println!("cargo:{line}")),
+        Err(sentence) => {
+            println!("cargo:warning={sentence}");
+            std::process::exit(1);
+        }
     }
+    println!("cargo:rerun-if-changed=build.rs");
 }
 
 #[cfg(feature = "petsc")]
@@ -48,15 +50,27 @@ mod petsc {
         "MATSOLVER.*|MAT(AIJ|DENSE|SHELL)|KSP[A-Z]+|PC[A-Z]+|SNES[A-Z]+|TAO[A-Z]+|PETSCPARTITIONER.*",
     ];
 
+    const ENVIRONMENT: &[&str] = &[
+        "PETSC_DIR",
+        "PETSC_ARCH",
+        "MPICC",
+        "LIBCLANG_PATH",
+        "PKG_CONFIG",
+        "PKG_CONFIG_PATH",
+        "PKG_CONFIG_LIBDIR",
+    ];
+
     /// Where PETSc is.
     struct Petsc {
         includes: Vec<PathBuf>,
+        libraries: Vec<PathBuf>,
+        names: Vec<String>,
+        /// Whether programs must be told where the library is.
+        rpath: bool,
     }
 
-    pub fn bind() -> Result<(), String> {
-        for name in ["PETSC_DIR", "PETSC_ARCH", "MPICC", "LIBCLANG_PATH", "PKG_CONFIG_PATH"] {
-            println!("cargo:rerun-if-env-changed={name}");
-        }
+    /// Writes the bindings; returns what cargo must know. Said at the end, so that a failure shows nothing else.
+    pub fn bind() -> Result<Vec<String>, String> {
         let petsc = find()?;
         suits(&petsc)?;
         let mpi = mpi_includes()?;
@@ -91,7 +105,21 @@ mod petsc {
                 format!("PETSc's headers cannot be read: install the Debian packages petsc-dev and libclang-dev, {WAY_OUT} ({error})")
             })?;
         let out = PathBuf::from(std::env::var_os("OUT_DIR").ok_or("cargo sets no OUT_DIR")?).join("petsc.rs");
-        bindings.write_to_file(&out).map_err(|error| format!("{}: {error}", out.display()))
+        bindings.write_to_file(&out).map_err(|error| format!("{}: {error}", out.display()))?;
+
+        let mut lines: Vec<_> =
+            ENVIRONMENT.iter().map(|name| format!("rerun-if-env-changed={name}")).collect();
+        for folder in petsc.includes.iter().filter(|folder| folder.join("petscconf.h").is_file()) {
+            lines.push(format!("rerun-if-changed={}", folder.join("petscconf.h").display()));
+        }
+        for folder in &petsc.libraries {
+            lines.push(format!("rustc-link-search=native={}", folder.display()));
+            if petsc.rpath {
+                lines.push(format!("rustc-link-arg=-Wl,-rpath,{}", folder.display()));
+            }
+        }
+        lines.extend(petsc.names.iter().map(|name| format!("rustc-link-lib={name}")));
+        Ok(lines)
     }
 
     /// Runs what may panic without a trace on the screen.
@@ -103,7 +131,7 @@ mod petsc {
         result
     }
 
-    /// Finds PETSc and tells cargo how to link it.
+    /// Finds PETSc.
     fn find() -> Result<Petsc, String> {
         if let Some(folder) = std::env::var_os("PETSC_DIR").filter(|folder| !folder.is_empty()) {
             return in_folder(Path::new(&folder));
@@ -116,8 +144,14 @@ mod petsc {
             return Err(format!("pkg-config is missing: install the Debian package pkg-config, {WAY_OUT}"));
         }
         for name in ["PETSc", "petsc"] {
-            if let Ok(library) = pkg_config::Config::new().cargo_metadata(true).probe(name) {
-                return Ok(Petsc { includes: library.include_paths });
+            let found = pkg_config::Config::new().cargo_metadata(false).env_metadata(false).probe(name);
+            if let Ok(pkg_config::Library { include_paths, link_paths, libs, .. }) = found {
+                return Ok(Petsc {
+                    includes: include_paths,
+                    libraries: link_paths,
+                    names: libs,
+                    rpath: false,
+                });
             }
         }
         Err(format!("PETSc is missing: install the Debian package petsc-dev (or set PETSC_DIR), {WAY_OUT}"))
@@ -147,10 +181,7 @@ mod petsc {
                 ["so", "dylib", "a"].iter().any(|end| libraries.join(format!("lib{name}.{end}")).is_file())
             })
             .ok_or_else(absent)?;
-        println!("cargo:rustc-link-search=native={}", libraries.display());
-        println!("cargo:rustc-link-lib={name}");
-        println!("cargo:rustc-link-arg=-Wl,-rpath,{}", libraries.display());
-        Ok(Petsc { includes })
+        Ok(Petsc { includes, libraries: vec![libraries], names: vec![name.into()], rpath: true })
     }
 
     /// The values of `#define NAME VALUE` lines in PETSc's own headers.
@@ -163,7 +194,6 @@ mod petsc {
             .ok_or_else(|| {
                 format!("PETSc's header {header} is missing: install the Debian package petsc-dev, {WAY_OUT}")
             })?;
-        println!("cargo:rerun-if-changed={}", path.display());
         let text = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
         let pairs = text.lines().filter_map(|line| {
             let (name, value) = line.trim().strip_prefix("#define ")?.split_once(char::is_whitespace)?;

@@ -3,11 +3,14 @@
 # Silent when nothing is missing. Usage: scripts/setup.sh
 set -eu
 
-# What the native build needs besides Rust and gcc.
+# What the build needs besides Rust and gcc.
 packages=(
-    make            # runs the targets of the Makefile
-    pkg-config      # finds system libraries
-    ca-certificates # lets cargo download the crates over https
+    make                 # runs the targets of the Makefile
+    pkg-config           # finds PETSc
+    ca-certificates      # lets cargo download the crates over https
+    petsc-dev            # the distributed engine; brings Open MPI and MUMPS
+    libclang-dev         # reads the headers of PETSc and MPI
+    libopenblas0-pthread # a factorisation takes 4 times as long with the reference BLAS
 )
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)

@@ -50,7 +50,8 @@ impl Context {
     ///
     /// `arguments` are what followed `--` on the command line: `-name value` or `-name`. The environment's
     /// `PETSC_OPTIONS` is read too and yields to them; `.petscrc` files are not, so that a run does not depend on the folder it
-    /// starts in (`-skip_petscrc 0` brings them back). Unless the environment sets `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`,
+    /// starts in (`-skip_petscrc 0` brings them back). PETSc's signal handlers, which fill the screen, stay off
+    /// (`-no_signal_handler 0`). Unless the environment sets `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`,
     /// BLAS gets one thread a rank. With several ranks a panic of one ends all.
     ///
     /// Collective.
@@ -60,7 +61,8 @@ impl Context {
     /// process) or PETSc refuses.
     pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
         options::validate(arguments)?;
-        let mut owned = vec![c_string("rebond")?, c_string("-skip_petscrc")?];
+        let mut owned =
+            vec![c_string("rebond")?, c_string("-skip_petscrc")?, c_string("-no_signal_handler")?];
         for argument in arguments {
             owned.push(c_string(argument)?);
         }
@@ -201,7 +203,7 @@ impl Context {
         } else {
             String::new()
         };
-        let _ = writeln!(std::io::stderr(), "error: {error}{place}");
+        let _ = writeln!(std::io::stderr(), "rebond: {error}{place}");
         self.abort(error.exit_code())
     }
 

@@ -161,7 +161,7 @@ impl Ksp {
 
     /// Numbers of negative, zero and positive pivots of the factor.
     ///
-    /// With MUMPS and several ranks they are right only under `-mat_mumps_icntl_13 1`. Collective.
+    /// MUMPS counts them under `-mat_mumps_icntl_24 1`, with several ranks under `-mat_mumps_icntl_13 1` too. Collective.
     ///
     /// # Errors
     /// [`Error::Petsc`] where the preconditioner is no Cholesky factorisation.
