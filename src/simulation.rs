@@ -124,7 +124,7 @@ impl Model {
     /// [`Error::Usage`] for an engine or contact solver that this build does not have; [`Error::Mesh`] and
     /// [`Error::Singular`] for a plate that has no unique answer.
     pub fn new(scene: &Scene) -> Result<Model> {
-        serves(scene)?;
+        serves(scene, EngineName::Native, &[ViName::Condensed])?;
         let clock = Instant::now();
         let mesh = mesh(scene)?;
         let space = space(scene, &mesh)?;
@@ -217,15 +217,21 @@ where
     Ok(Box::new(Condensed::new(engine, sum, bounded)?))
 }
 
-/// Whether this build can serve the scene's engine and contact solver.
-fn serves(scene: &Scene) -> Result<()> {
-    if scene.solver.engine != EngineName::Native {
-        return Err(Error::Usage("solver.engine: this build has no \"petsc\"; it has \"native\"".into()));
-    }
-    if scene.solver.vi != ViName::Condensed {
-        let name = if scene.solver.vi == ViName::Snes { "snes" } else { "tao" };
+/// Whether an engine and its contact solvers are what the scene asks for.
+fn serves(scene: &Scene, engine: EngineName, solvers: &[ViName]) -> Result<()> {
+    if scene.solver.engine != engine {
         return Err(Error::Usage(format!(
-            "solver.vi: the native engine has no \"{name}\"; it has \"condensed\""
+            "solver.engine: this build has no \"{}\"; it has \"{}\"",
+            scene.solver.engine, engine
+        )));
+    }
+    if !solvers.contains(&scene.solver.vi) {
+        let known: Vec<String> = solvers.iter().map(|vi| format!("\"{vi}\"")).collect();
+        return Err(Error::Usage(format!(
+            "solver.vi: the {} engine has no \"{}\"; it has {}",
+            engine,
+            scene.solver.vi,
+            known.join(", ")
         )));
     }
     Ok(())

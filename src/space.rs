@@ -62,12 +62,6 @@ impl Space {
         Ok(Space { free, count })
     }
 
-    /// The dofs that are not held, numbered as if none were: 3 node, 3 node + 1, 3 node + 2.
-    pub fn in_place(held: &[bool]) -> Space {
-        let free = held.iter().enumerate().map(|(dof, held)| (!held).then_some(dof)).collect();
-        Space { free, count: held.len() }
-    }
-
     /// Which dofs supports on named edges hold, node by node.
     ///
     /// # Errors

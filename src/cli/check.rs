@@ -26,6 +26,7 @@ pub struct Inspect {
 impl Check {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
+        self.scene.refuse_petsc_options()?;
         let check = study::check(&scene)?;
         self.scene.print(&check, &check)
     }
@@ -34,6 +35,7 @@ impl Check {
 impl Inspect {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
+        self.scene.refuse_petsc_options()?;
         let inspection = study::inspect(&scene)?;
         if let Some(folder) = &self.matrices {
             study::write_matrices(&scene, folder)?;

@@ -56,15 +56,19 @@ struct SceneArgs {
 
 impl SceneArgs {
     fn load(&self) -> Result<Scene> {
-        if let Some(option) = self.petsc.first() {
-            return Err(Error::Usage(format!(
-                "{option}: options after -- are for PETSc, which this build lacks"
-            )));
-        }
         let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
         let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
         let overrides: Vec<String> = self.overrides.iter().cloned().chain(named).collect();
         Scene::load(&self.scene, &overrides)
+    }
+
+    /// Options that nobody will read are an error.
+    fn refuse_petsc_options(&self) -> Result<()> {
+        self.petsc.first().map_or(Ok(()), |option| {
+            Err(Error::Usage(format!(
+                "{option}: options after -- are for PETSc; choose it with --engine petsc"
+            )))
+        })
     }
 
     /// Prints a report, or its value as JSON, unless asked to be quiet.

@@ -2,13 +2,16 @@
 
 use super::{SceneArgs, print};
 use crate::error::{Error, Result};
+use crate::linalg::Engine;
 use crate::output::history::{self, History};
 use crate::output::plot::{self, Obstacle};
 use crate::output::progress::{Progress, State};
 use crate::output::summary;
 use crate::output::text::{Report, significant};
-use crate::scene::{Scene, Side};
-use crate::simulation::{self, Model, Observer, Outcome, Row};
+#[cfg(feature = "petsc")]
+use crate::petsc::Context;
+use crate::scene::{EngineName, Scene, Side};
+use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -44,10 +47,9 @@ struct Summary<'s> {
     scene: &'s Scene,
 }
 
-/// Rows to the history, and now and then a look for the terminal.
+/// What records a run: rows to the history, and now and then a look for the terminal. Of several ranks, one records.
 struct Recorder {
-    history: History,
-    progress: Progress,
+    files: Option<(History, Progress)>,
     step: f64,
     start: Option<f64>,
     energy_ratio: f64,
@@ -57,35 +59,85 @@ impl Observer for Recorder {
     fn row(&mut self, row: &Row) -> Result<()> {
         let start = *self.start.get_or_insert(row.energy);
         self.energy_ratio = row.energy / start;
-        self.history.push(row)
+        self.files.as_mut().map_or(Ok(()), |(history, _)| history.push(row))
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let (time, energy_ratio) = (step as f64 * self.step, self.energy_ratio);
-        self.progress.tick(step, || State { time, contact_nodes, energy_ratio });
+        if let Some((_, progress)) = &mut self.files {
+            progress.tick(step, || State { time, contact_nodes, energy_ratio });
+        }
     }
 }
 
 impl Run {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
-        let folder = self.folder();
-        let talks = !self.scene.json && !self.scene.quiet;
-        if talks {
-            print(&format!("{}\neffects: {}\n", scene.title, effects(&scene)))?;
+        match scene.solver.engine {
+            #[cfg(feature = "petsc")]
+            EngineName::Petsc => self.on_petsc(&scene),
+            _ => {
+                self.scene.refuse_petsc_options()?;
+                self.announce(&scene, "")?;
+                let model = Model::new(&scene)?;
+                self.simulate(&scene, &model, &simulation::condensed, true)
+            }
         }
-        let model = Model::new(&scene)?;
+    }
+
+    /// Runs on all ranks; an error on any of them ends all.
+    #[cfg(feature = "petsc")]
+    fn on_petsc(&self, scene: &Scene) -> Result<()> {
+        let context = Context::start(&self.scene.petsc)?;
+        let speaks = context.rank() == 0;
+        let run = || {
+            if speaks {
+                self.announce(scene, &format!("engine: petsc, {}\n", ranks(context.size())))?;
+            }
+            let model = Model::distributed(scene, &context)?;
+            let solver = model.solver(scene)?;
+            self.simulate(scene, &model, &solver, speaks)?;
+            context.refuse_unused_options()
+        };
+        match run() {
+            Err(error) if context.size() > 1 => context.fail(&error),
+            ended => ended,
+        }
+    }
+
+    /// Says what will be simulated.
+    fn announce(&self, scene: &Scene, engine: &str) -> Result<()> {
+        if self.scene.json || self.scene.quiet {
+            return Ok(());
+        }
+        print(&format!("{}\n{engine}effects: {}\n", scene.title, effects(scene)))
+    }
+
+    /// Simulates a model and, on the process that speaks, writes and reports.
+    fn simulate<E: Engine>(
+        &self,
+        scene: &Scene,
+        model: &Model<E>,
+        solver: &SolverFactory<E>,
+        speaks: bool,
+    ) -> Result<()> {
+        let folder = self.folder();
+        let quiet = self.scene.json || self.scene.quiet;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
+        let files = || {
+            let progress = Progress::new(0, 0.0..scene.time.end, quiet);
+            Ok((History::create(&folder, &probes)?, progress))
+        };
         let mut recorder = Recorder {
-            history: History::create(&folder, &probes)?,
-            progress: Progress::new(0, 0.0..scene.time.end, !talks),
+            files: if speaks { Some(files()?) } else { None },
             step: scene.time.step,
             start: None,
             energy_ratio: 1.0,
         };
-        let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut recorder)?;
-        recorder.progress.finish();
-        recorder.history.finish()?;
+        let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
+        let Some((history, progress)) = recorder.files else { return ended };
+        progress.finish();
+        history.finish()?;
         let summary = Summary {
             program: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
@@ -93,11 +145,11 @@ impl Run {
             scene_hash: scene.hash(),
             effects: scene.effects(),
             outcome: &outcome,
-            scene: &scene,
+            scene,
         };
         summary::write_json(&folder.join("summary.json"), &summary)?;
-        draw(&folder, &scene.title, &obstacles(&scene))?;
-        self.scene.print(&report(&scene, &outcome, &folder), &summary)?;
+        draw(&folder, &scene.title, &obstacles(scene))?;
+        self.scene.print(&report(scene, &outcome, &folder), &summary)?;
         ended
     }
 
@@ -105,6 +157,11 @@ impl Run {
         let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
         self.out.clone().unwrap_or_else(|| Path::new("runs").join(stem()))
     }
+}
+
+#[cfg(feature = "petsc")]
+fn ranks(count: usize) -> String {
+    if count == 1 { "1 rank".into() } else { format!("{count} ranks") }
 }
 
 fn effects(scene: &Scene) -> String {

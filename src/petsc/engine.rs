@@ -31,7 +31,10 @@ pub struct Distributed {
 
 struct Work {
     global: Vector,
-    local: Vector,
+    /// What products read: zero at dofs that supports hold.
+    read: Vector,
+    /// What products give.
+    given: Vector,
     x: Vec<f64>,
     y: Vec<f64>,
     m: Vec<f64>,
@@ -46,10 +49,11 @@ impl Distributed {
         let plex = part.plex.clone();
         let context = plex.context().clone();
         let global = plex.global_dofs()?;
-        let (vector, local) = (plex.global_vector()?, plex.local_vector()?);
+        let vector = plex.global_vector()?;
         let (first, own) = (vector.range().start as usize, vector.local_size());
         let zeros = || vec![0.0; global.len()];
-        let work = Work { global: vector, local, x: zeros(), y: zeros(), m: zeros() };
+        let (read, given) = (plex.local_vector()?, plex.local_vector()?);
+        let work = Work { global: vector, read, given, x: zeros(), y: zeros(), m: zeros() };
         let cells = Native::with_layout(part.space.layout(&part.mesh));
         Ok(Distributed { context, plex, cells, global, first, own, work: RefCell::new(work) })
     }
@@ -88,8 +92,8 @@ impl Distributed {
     /// # Errors
     /// [`crate::Error::Petsc`].
     pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
-        let Work { global: all, local: shared, .. } = &mut *self.work.borrow_mut();
-        self.to_owners(local, own, all, shared)
+        let Work { global, given, .. } = &mut *self.work.borrow_mut();
+        self.to_owners(local, own, global, given)
     }
 
     /// The matrix of a sum, assembled. Collective.
@@ -154,10 +158,10 @@ impl Engine for Distributed {
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
-        let Work { global, local, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
-        self.to_local(x, xl, global, local)?;
+        let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, read)?;
         let value = self.cells.multiply(form, xl, yl)?;
-        self.to_owners(yl, y, global, local)?;
+        self.to_owners(yl, y, global, given)?;
         Ok(self.context.sum(value))
     }
 
@@ -168,11 +172,11 @@ impl Engine for Distributed {
         y: &mut [f64],
         m: &mut [f64],
     ) -> Result<()> {
-        let Work { global, local, x: xl, y: yl, m: ml } = &mut *self.work.borrow_mut();
-        self.to_local(x, xl, global, local)?;
+        let Work { global, read, given, x: xl, y: yl, m: ml } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, read)?;
         self.cells.multiply_with_magnitude(sum, xl, yl, ml)?;
-        self.to_owners(yl, y, global, local)?;
-        self.to_owners(ml, m, global, local)
+        self.to_owners(yl, y, global, given)?;
+        self.to_owners(ml, m, global, given)
     }
 
     fn velocities(&self, mass: &Form) -> usize {
@@ -186,8 +190,8 @@ impl Engine for Distributed {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::Averages(_) => {
-                let Work { global, local, x: xl, .. } = &mut *self.work.borrow_mut();
-                self.to_local(x, xl, global, local)?;
+                let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
+                self.to_local(x, xl, global, read)?;
                 self.cells.velocity(mass, xl, v)?;
             }
         }
@@ -200,9 +204,9 @@ impl Engine for Distributed {
                 self.multiply(mass, v, y)?;
             }
             Form::Averages(_) => {
-                let Work { global, local, y: yl, .. } = &mut *self.work.borrow_mut();
+                let Work { global, given, y: yl, .. } = &mut *self.work.borrow_mut();
                 self.cells.momentum(mass, v, yl)?;
-                self.to_owners(yl, y, global, local)?;
+                self.to_owners(yl, y, global, given)?;
             }
         }
         Ok(())

@@ -16,7 +16,7 @@ pub struct Part {
     pub plex: Rc<Plex>,
     /// This rank's cells and their nodes, as a mesh of its own.
     pub mesh: Mesh,
-    /// The dofs of its nodes, in place: dof k of node n is entry 3 n + k of local vectors.
+    /// All dofs of its nodes: dof k of node n is entry 3 n + k of local vectors. What supports hold is zero there.
     pub space: Space,
     /// Whether this rank owns each node.
     pub owns: Vec<bool>,
@@ -44,7 +44,7 @@ impl Part {
         }
         let mesh = own_mesh(&plex)?;
         let held = agree(&plex, Space::held(&mesh, supports.iter().copied())?)?;
-        let space = Space::in_place(&held);
+        let space = Space::unsupported(&mesh);
         let vertices = plex.vertices();
         let section = Section::new(context, Comm::World, plex.chart(), |point| {
             if !vertices.contains(&point) {

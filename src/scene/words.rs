@@ -2,6 +2,7 @@
 
 use super::typed::Choice;
 use super::{Diagonal, Edge, ElementKind, EngineName, Mass, Side, SupportKind, ViName};
+use std::fmt;
 
 /// The name of a time scheme, before its parameters are known.
 #[derive(Clone, Copy, PartialEq)]
@@ -50,4 +51,16 @@ impl Choice for EngineName {
 impl Choice for ViName {
     const WORDS: &'static [(&'static str, Self)] =
         &[("condensed", Self::Condensed), ("snes", Self::Snes), ("tao", Self::Tao)];
+}
+
+impl fmt::Display for EngineName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+impl fmt::Display for ViName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.word())
+    }
 }

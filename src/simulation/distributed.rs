@@ -1,19 +1,28 @@
 //! The model of a scene over all ranks.
 
-use super::{Model, edge_name, start};
+use super::{Model, SolverFactory, edge_name, start};
 use crate::assembly::{self, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::mesh::{Diagonal, Grid, Mesh, Point};
 use crate::obstacle::Bounds;
 use crate::petsc::{Context, Distributed, Part};
-use crate::scene::{Mass, Scene, Side};
+use crate::scene::{EngineName, Mass, Scene, Side, ViName};
 use crate::scheme::System;
 use crate::space::{PER_NODE, Space};
 use std::rc::Rc;
 use std::time::Instant;
 
 impl Model<Distributed> {
+    /// The contact solver that the scene names.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for one that this engine does not have.
+    pub fn solver(&self, scene: &Scene) -> Result<Box<SolverFactory<Distributed>>> {
+        super::serves(scene, EngineName::Petsc, &[ViName::Condensed])?;
+        Ok(Box::new(super::condensed))
+    }
+
     /// Builds what the scene calls for on PETSc, each rank its own part. Collective.
     ///
     /// # Errors
@@ -37,11 +46,7 @@ impl Model<Distributed> {
             .filter(|&node| part.owns[node])
             .filter_map(|node| Some((engine.own_dof(PER_NODE * node)?, node)))
             .collect();
-        let deflections: Vec<usize> = own_nodes
-            .iter()
-            .filter(|(_, node)| part.space.deflection(*node).is_some())
-            .map(|(dof, _)| *dof)
-            .collect();
+        let deflections: Vec<usize> = own_nodes.iter().map(|(dof, _)| *dof).collect();
         let load = scene.load.filter(|load| load.pressure != 0.0);
         let system = System {
             stiffness: engine.form(assembly::stiffness(&cells)),
