@@ -76,7 +76,9 @@ impl Run {
         match scene.solver.engine {
             #[cfg(feature = "petsc")]
             EngineName::Petsc => self.on_petsc(&scene),
-            _ => {
+            #[cfg(not(feature = "petsc"))]
+            EngineName::Petsc => Model::new(&scene).map(drop), // says that this build has no such engine
+            EngineName::Native => {
                 self.scene.refuse_petsc_options()?;
                 self.announce(&scene, "")?;
                 let model = Model::new(&scene)?;
