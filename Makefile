@@ -30,7 +30,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,tests)
 	@cargo test --release --locked
-	$(call say,the paper's energies at steps down to 1e-5 s)
+	$(call say,energies of the paper at steps down to 1e-5 s)
 	@$(CARGO_RUN) --example csma2013_table -- 1e-5
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
