@@ -343,6 +343,8 @@ pub struct Outcome {
     pub vi_iterations: u64,
     /// Numeric factorisations of the step's matrix.
     pub factorisations: u64,
+    /// Steps that were solved again in a safer way, because the solver's answer did not meet the tolerance.
+    pub retries: u64,
     /// Most nodes in contact at once.
     pub most_contact_nodes: usize,
     /// Energy.
@@ -373,6 +375,7 @@ impl Outcome {
             contact_steps: 0,
             vi_iterations: 0,
             factorisations: 0,
+            retries: 0,
             most_contact_nodes: 0,
             energy: EnergySpan { start, end: start, min: start, max: start },
             first_impact: None,
@@ -393,6 +396,7 @@ impl Outcome {
         let verdict = scheme.verdict();
         self.steps = scheme.step();
         self.vi_iterations += u64::from(verdict.iterations);
+        self.retries += u64::from(verdict.retries > 0);
         if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
             self.worst_kkt = verdict.kkt;
         }

@@ -10,7 +10,9 @@ use crate::output::summary;
 use crate::output::text::{Report, significant};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-use crate::scene::{EngineName, Scene, Side};
+#[cfg(feature = "petsc")]
+use crate::scene::EngineName;
+use crate::scene::{Scene, Side};
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use clap::Args;
 use serde::Serialize;
@@ -213,6 +215,9 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
     if energy.start != 0.0 {
         report.number("  over start", energy.end / energy.start, "");
+    }
+    if outcome.retries > 0 {
+        report.count("steps solved again", outcome.retries, "");
     }
     report.text("worst KKT residual", format!("{:.1e}", outcome.worst_kkt));
     if !scene.obstacles.is_empty() {

@@ -289,6 +289,11 @@ impl DistributedFactor {
         Ok(factor)
     }
 
+    /// The matrix that is factored, as assembled.
+    pub fn matrix(&self) -> &Matrix {
+        &self.matrix
+    }
+
     /// The inverse of the candidates' block of A^-1.
     fn complement(&mut self, count: usize) -> Result<Mat<f64>> {
         let own = self.free.len();

@@ -31,9 +31,17 @@ impl Ksp {
     /// Where the user asks for another preconditioner, conjugate gradients become the default instead of its single application.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// [`Error::Petsc`]; [`Error::Usage`] where the user asks for a factorisation that does harm.
     pub fn default_to_cholesky(&mut self) -> Result<()> {
-        direct_defaults(&self.context, &self.prefix, true)
+        let direct = is_direct(&self.context, &self.prefix)?;
+        let mut preconditioner = std::ptr::null_mut();
+        call!(KSPGetPC(self.raw, &mut preconditioner))?;
+        call!(KSPSetType(self.raw, if direct { c"preonly" } else { c"cg" }.as_ptr()))?;
+        call!(PCSetType(preconditioner, c"cholesky".as_ptr()))?;
+        if direct {
+            return call!(PCFactorSetMatSolverType(preconditioner, c"mumps".as_ptr()));
+        }
+        self.set_tolerances(ITERATIVE, 0.0, MOST_ITERATIONS)
     }
 
     /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.
@@ -183,13 +191,33 @@ impl Ksp {
     }
 }
 
+/// Relative tolerance of the linear solvers that iterate: the judge of a step wants digits.
+const ITERATIVE: f64 = 1e-13;
+
+/// Iterations of the linear solvers that iterate.
+const MOST_ITERATIONS: usize = 20_000;
+
+/// Whether the user's options leave a linear solver a factorisation.
+///
+/// # Errors
+/// [`Error::Usage`] for a factorisation that does harm.
+fn is_direct(context: &Context, prefix: &str) -> Result<bool> {
+    let package = format!("{prefix}pc_factor_mat_solver_type");
+    if context.option(&package)?.is_some_and(|name| name.eq_ignore_ascii_case("superlu_dist")) {
+        return Err(Error::Usage(format!(
+            "-{package} superlu_dist: it corrupts the memory as the program ends; take mumps"
+        )));
+    }
+    let preconditioner = context.option(&format!("{prefix}pc_type"))?;
+    Ok(preconditioner.as_deref().is_none_or(|kind| kind == "cholesky" || kind == "lu"))
+}
+
 /// Options of a linear solver with this prefix: a Cholesky factorisation by MUMPS, unless the user's say otherwise.
 ///
 /// `alone`: the factor solves by itself, and conjugate gradients go with any other preconditioner.
 pub(super) fn direct_defaults(context: &Context, prefix: &str, alone: bool) -> Result<()> {
     let name = |end: &str| format!("{prefix}{end}");
-    let preconditioner = context.option(&name("pc_type"))?;
-    let direct = preconditioner.as_deref().is_none_or(|kind| kind == "cholesky" || kind == "lu");
+    let direct = is_direct(context, prefix)?;
     if alone {
         context.default_option(&name("ksp_type"), if direct { "preonly" } else { "cg" })?;
     }

@@ -164,6 +164,14 @@ impl Matrix {
         call!(MatScale(self.raw, factor))
     }
 
+    /// A = D A D for the diagonal matrix D of these entries. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] where the layouts differ.
+    pub fn scale_symmetrically(&mut self, diagonal: &Vector) -> Result<()> {
+        call!(MatDiagonalScale(self.raw, diagonal.raw, diagonal.raw))
+    }
+
     /// A += factor B, where B has the places of A and no others. Collective.
     ///
     /// # Errors

@@ -61,6 +61,8 @@ impl<'a> Tao<'a> {
     /// # Errors
     /// [`crate::Error::Petsc`].
     pub fn default_to_cholesky(&mut self) -> Result<()> {
+        // The Newton methods between bounds (BNLS and its kin) have a linear solver with a prefix of its own, and no radius.
+        direct_defaults(&self.context, &format!("{}tao_bnk_", self.prefix), true)?;
         direct_defaults(&self.context, &self.prefix, false)
     }
 

@@ -42,7 +42,11 @@ where
         }
         let length = engine.maximum(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
         let step = step.solve(engine, &sum, &b, &left, length, &mut x, &mut reaction)?;
-        verdict = Verdict { iterations: verdict.iterations + step.iterations, kkt: step.kkt };
+        verdict = Verdict {
+            iterations: verdict.iterations + step.iterations,
+            kkt: step.kkt,
+            retries: verdict.retries + step.retries,
+        };
         u.iter_mut().zip(&x).for_each(|(u, x)| *u += x);
     }
     Ok((u, reaction, verdict))

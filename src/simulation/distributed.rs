@@ -10,6 +10,7 @@ use crate::petsc::{Context, Distributed, Part};
 use crate::scene::{EngineName, Mass, Scene, Side, ViName};
 use crate::scheme::System;
 use crate::space::{PER_NODE, Space};
+use crate::vi;
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -19,8 +20,17 @@ impl Model<Distributed> {
     /// # Errors
     /// [`Error::Usage`] for one that this engine does not have.
     pub fn solver(&self, scene: &Scene) -> Result<Box<SolverFactory<Distributed>>> {
-        super::serves(scene, EngineName::Petsc, &[ViName::Condensed])?;
-        Ok(Box::new(super::condensed))
+        super::serves(scene, EngineName::Petsc, &[ViName::Condensed, ViName::Snes, ViName::Tao])?;
+        let tolerance = scene.solver.tolerance;
+        Ok(match scene.solver.vi {
+            ViName::Condensed => Box::new(super::condensed),
+            ViName::Snes => {
+                Box::new(move |engine, sum, bounded| vi::snes::solver(engine, sum, bounded, tolerance))
+            }
+            ViName::Tao => {
+                Box::new(move |engine, sum, bounded| vi::tao::solver(engine, sum, bounded, tolerance))
+            }
+        })
     }
 
     /// Builds what the scene calls for on PETSc, each rank its own part. Collective.

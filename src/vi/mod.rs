@@ -8,6 +8,12 @@
 mod active_set;
 pub mod condensed;
 pub mod kkt;
+#[cfg(feature = "petsc")]
+mod scaled;
+#[cfg(feature = "petsc")]
+pub mod snes;
+#[cfg(feature = "petsc")]
+pub mod tao;
 
 pub use active_set::{Side, dense};
 pub use condensed::Condensed;
@@ -34,6 +40,29 @@ pub trait Solver<E: Engine> {
 
     /// Numeric factorisations so far.
     fn factorisations(&self) -> u64;
+
+    /// Residual above which an answer is worth another attempt with [`Solver::retry`].
+    fn tolerance(&self) -> f64 {
+        f64::INFINITY
+    }
+
+    /// Solves the same problem again in the next safer way, from attempt 0 on; `None` if there is none left.
+    ///
+    /// # Errors
+    /// As [`Solver::solve`].
+    fn retry(
+        &mut self,
+        attempt: u32,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<Option<u32>> {
+        let _ = (attempt, engine, sum, b, bounds, x, reaction);
+        Ok(None)
+    }
 }
 
 /// What a solved step has to say.
@@ -43,6 +72,8 @@ pub struct Verdict {
     pub iterations: u32,
     /// Relative KKT residual, dimensionless.
     pub kkt: f64,
+    /// Attempts after the first one, in safer ways.
+    pub retries: u32,
 }
 
 /// A solver and its judge.
@@ -60,7 +91,7 @@ impl<E: Engine> Step<E> {
         Ok(Step { solver, judge: kkt::Judge::new(engine, sum)? })
     }
 
-    /// Solves and judges. `length` is the scale of the deflection, in m, that gaps are measured against.
+    /// Solves and judges; where the solver knows safer ways, they follow until its tolerance is met. `length` is the scale of the deflection, in m, that gaps are measured against.
     ///
     /// # Errors
     /// Where a matrix cannot be factored.
@@ -76,7 +107,15 @@ impl<E: Engine> Step<E> {
     ) -> Result<Verdict> {
         let iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
         let kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
-        Ok(Verdict { iterations, kkt })
+        let mut verdict = Verdict { iterations, kkt, retries: 0 };
+        while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
+            let retried = self.solver.retry(verdict.retries, engine, sum, b, bounds, x, reaction)?;
+            let Some(iterations) = retried else { break };
+            verdict.retries += 1;
+            verdict.iterations += iterations;
+            verdict.kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
+        }
+        Ok(verdict)
     }
 
     /// Numeric factorisations so far.

@@ -1,0 +1,346 @@
+//! What SNES and TAO have in common: the scaled problem, the free step, the last solve on the active set, the retries.
+//!
+//! PETSc's tolerances are absolute in the unknowns or in the residual, and a plate's unknowns are metres and slopes. Here
+//! the methods see y = x / (s d) with d = 1/sqrt(A_ii) and s of the size of D b: \( (D A D) y = D b / s \), whose diagonal
+//! and right-hand side have size 1. One default then serves every mesh, step and unit.
+//!
+//! A step is first solved with the factor of A that is kept for the run: if that answer lies within the bounds, it is the
+//! solution. Otherwise the method finds out which dofs are at their bounds, and its answer is corrected by one solve with those held
+//! unless its residual is at the rounding floor already.
+
+use super::kkt::{Judge, Residual};
+use super::{Condensed, Side, Solver};
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Factor, Sum};
+use crate::obstacle::Bounds;
+use crate::petsc::engine::DistributedFactor;
+use crate::petsc::{Context, Distributed, INFINITY, Matrix, Reason, Vector};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Has a method solve every step, those without contact too.
+const ALWAYS: &str = "rebond_always_iterate";
+
+/// Tolerance of the methods on their residual, relative to the right-hand side.
+pub(super) const RESIDUAL: &str = "1e-10";
+const RESIDUAL_VALUE: f64 = 1e-10;
+
+/// The share of the rounding of A y that the tolerance stays above.
+const ROUNDINGS: f64 = 16.0;
+
+/// Stationarity from which on an answer needs no correction.
+const EXACT: f64 = 1e-12;
+
+/// Violations of a bound beneath this share of the largest unknown are rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// The problem as a method sees it.
+pub(super) struct Scaled {
+    /// D A D.
+    pub matrix: Rc<Matrix>,
+    /// D b / s.
+    pub right: RefCell<Vector>,
+    pub lower: RefCell<Vector>,
+    pub upper: RefCell<Vector>,
+}
+
+/// One of PETSc's ways to solve the scaled problem.
+pub(super) trait Method {
+    /// Solves from the start in y. What y is after a reason that did not converge is worth nothing.
+    fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)>;
+}
+
+/// A method and what it starts from and ends with.
+pub(super) struct Bounded {
+    name: &'static str,
+    problem: Rc<Scaled>,
+    usual: Box<dyn Method>,
+    safe: Box<dyn Method>,
+    condensed: Option<Condensed<Distributed>>,
+    factor: DistributedFactor,
+    judge: Judge,
+    /// 1/sqrt(A_ii).
+    scale: Vec<f64>,
+    norm: f64,
+    y: Vector,
+    sides: Vec<Side>,
+    always: bool,
+    factorisations: u64,
+    tolerance: f64,
+    /// Why the last attempt is no answer.
+    complaint: String,
+    said: bool,
+}
+
+impl Bounded {
+    /// `make` makes the method that the options describe, with an empty prefix, and the one that retries, with `safe_`.
+    pub fn new(
+        name: &'static str,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        bounded: usize,
+        tolerance: f64,
+        make: impl Fn(&Rc<Context>, &Rc<Scaled>, bool) -> Result<Box<dyn Method>>,
+    ) -> Result<Bounded> {
+        let context = engine.context();
+        let factor = engine.factor(sum, &[])?;
+        let scale: Vec<f64> = engine.diagonal(sum)?.iter().map(|a| 1.0 / a.sqrt()).collect();
+        let mut matrix = factor.matrix().duplicate()?;
+        let mut vector = engine.vector()?;
+        vector.set_local(&scale)?;
+        matrix.scale_symmetrically(&vector)?;
+        matrix.set_positive_definite()?;
+        let norm = matrix.norm_infinity()?;
+        let copy = || Ok::<_, Error>(RefCell::new(vector.duplicate()?));
+        let problem =
+            Rc::new(Scaled { matrix: Rc::new(matrix), right: copy()?, lower: copy()?, upper: copy()? });
+        Ok(Bounded {
+            name,
+            usual: make(context, &problem, false)?,
+            safe: make(context, &problem, true)?,
+            problem,
+            condensed: None,
+            factor,
+            judge: Judge::new(engine, sum)?,
+            scale,
+            norm,
+            y: vector,
+            sides: vec![Side::Free; bounded],
+            always: context.option(ALWAYS)?.is_some(),
+            factorisations: 1,
+            tolerance,
+            complaint: String::new(),
+            said: false,
+        })
+    }
+
+    /// Has a method solve, from the free solution and the last sides or from nothing, and completes its answer.
+    fn iterate(
+        &mut self,
+        safely: bool,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<u32> {
+        // s, such that the tolerance lies above the rounding of A y.
+        let largest = |values: &mut dyn Iterator<Item = f64>| {
+            engine.maximum(
+                values.fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v.abs()) }),
+            )
+        };
+        let right = largest(&mut b.iter().zip(&self.scale).map(|(b, d)| b * d))?;
+        let size = largest(&mut x.iter().zip(&self.scale).map(|(x, d)| x / d))?;
+        let floor = ROUNDINGS * f64::EPSILON * self.norm * size / RESIDUAL_VALUE;
+        let s = if right.max(floor) > 0.0 { right.max(floor) } else { 1.0 };
+
+        let unit: Vec<f64> = self.scale.iter().map(|d| s * d).collect();
+        let (mut lower, mut upper) = (vec![-INFINITY; x.len()], vec![INFINITY; x.len()]);
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            lower[dof] = (bounds.lower[i] / unit[dof]).max(-INFINITY);
+            upper[dof] = (bounds.upper[i] / unit[dof]).min(INFINITY);
+        }
+        let mut y: Vec<f64> =
+            x.iter().zip(&unit).map(|(x, unit)| if safely { 0.0 } else { x / unit }).collect();
+        for (y, (lower, upper)) in y.iter_mut().zip(lower.iter().zip(&upper)) {
+            *y = y.clamp(*lower, *upper);
+        }
+        if !safely {
+            for (i, &dof) in bounds.dofs.iter().enumerate() {
+                match self.sides[i].within(bounds.lower[i], bounds.upper[i]) {
+                    Side::Free => {}
+                    Side::Lower => y[dof] = lower[dof],
+                    Side::Upper => y[dof] = upper[dof],
+                }
+            }
+        }
+        let scaled: Vec<f64> = b.iter().zip(&self.scale).map(|(b, d)| b * d / s).collect();
+        self.problem.right.borrow_mut().set_local(&scaled)?;
+        self.problem.lower.borrow_mut().set_local(&lower)?;
+        self.problem.upper.borrow_mut().set_local(&upper)?;
+        self.y.set_local(&y)?;
+
+        let method = if safely { &mut self.safe } else { &mut self.usual };
+        let (reason, iterations) = method.solve(&self.problem, &mut self.y)?;
+        self.factorisations += iterations as u64;
+        if !reason.converged() {
+            self.complaint = format!("{} after {iterations} iterations", reason.text);
+            x.fill(f64::NAN);
+            reaction.fill(0.0);
+            self.sides.fill(Side::Free);
+            return Ok(iterations as u32);
+        }
+        self.complaint = format!("{} after {iterations} iterations, with too large a residual", reason.text);
+        self.y.copy_to(&mut y)?;
+        for ((x, y), unit) in x.iter_mut().zip(&y).zip(&unit) {
+            *x = y * unit;
+        }
+        self.complete(engine, sum, b, bounds, x, reaction)?;
+        // An iteration or more: contact was met.
+        Ok((iterations as u32).max(1))
+    }
+
+    /// Sides and reactions of an answer, corrected on its active set where it has digits to gain.
+    fn complete(
+        &mut self,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<()> {
+        let size = engine.maximum(x.iter().fold(0.0, |m, x| x.abs().max(m)))?;
+        let mut residual = vec![0.0; x.len()];
+        let mut magnitude = vec![0.0; x.len()];
+        engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            let force = residual[dof] - b[dof];
+            let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
+            self.sides[i] = if near(bounds.lower[i]) && force > 0.0 {
+                Side::Lower
+            } else if near(bounds.upper[i]) && force < 0.0 {
+                Side::Upper
+            } else {
+                Side::Free
+            };
+        }
+        self.hold(bounds, size, x);
+        self.react(engine, sum, b, bounds, x, reaction, &mut residual, &mut magnitude)?;
+        let mut judge = |x: &[f64], reaction: &[f64]| {
+            let Residual { stationarity, .. } = self.judge.parts(engine, sum, b, bounds, 1.0, x, reaction)?;
+            engine.maximum(stationarity)
+        };
+        if judge(x, reaction)? <= EXACT {
+            return Ok(());
+        }
+        // A dx = b + G^T r - A x where nothing is held.
+        let mut correction: Vec<f64> = b.iter().zip(&residual).map(|(b, r)| b - r).collect();
+        let mut held = Vec::new();
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            if self.sides[i] != Side::Free {
+                correction[dof] = 0.0;
+                held.push(dof);
+            }
+        }
+        self.factor.pin(&held)?;
+        self.factorisations += 1;
+        self.factor.solve(&mut correction)?;
+        self.factor.pin(&[])?;
+        x.iter_mut().zip(&correction).for_each(|(x, dx)| *x += dx);
+        self.hold(bounds, size, x);
+        self.react(engine, sum, b, bounds, x, reaction, &mut residual, &mut magnitude)
+    }
+
+    /// Puts x onto the bounds where it is held, or outside by rounding.
+    fn hold(&self, bounds: &Bounds, size: f64, x: &mut [f64]) {
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            let (lower, upper) = (bounds.lower[i], bounds.upper[i]);
+            x[dof] = match self.sides[i] {
+                Side::Lower => lower,
+                Side::Upper => upper,
+                Side::Free if (lower - x[dof]).max(x[dof] - upper) <= ROUNDING * size => {
+                    x[dof].max(lower).min(upper)
+                }
+                Side::Free => x[dof],
+            };
+        }
+    }
+
+    /// The reactions A x - b where x is held, and A x.
+    fn react(
+        &self,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &[f64],
+        reaction: &mut [f64],
+        product: &mut [f64],
+        magnitude: &mut [f64],
+    ) -> Result<()> {
+        engine.multiply_with_magnitude(sum, x, product, magnitude)?;
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { product[dof] - b[dof] };
+        }
+        Ok(())
+    }
+
+    /// The minimiser without bounds, and whether it lies within them.
+    fn free(&mut self, engine: &Distributed, b: &[f64], bounds: &Bounds, x: &mut [f64]) -> Result<bool> {
+        x.copy_from_slice(b);
+        self.factor.solve(x)?;
+        Ok(engine.maximum(bounds.violation(x))? <= 0.0)
+    }
+}
+
+impl Solver<Distributed> for Bounded {
+    fn solve(
+        &mut self,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<u32> {
+        if self.free(engine, b, bounds, x)? && !self.always {
+            reaction.fill(0.0);
+            self.sides.fill(Side::Free);
+            return Ok(0);
+        }
+        self.iterate(false, engine, sum, b, bounds, x, reaction)
+    }
+
+    fn factorisations(&self) -> u64 {
+        self.factorisations + self.condensed.as_ref().map_or(0, Solver::factorisations)
+    }
+
+    fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    fn retry(
+        &mut self,
+        attempt: u32,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<Option<u32>> {
+        if !self.said && engine.context().rank() == 0 {
+            eprintln!(
+                "rebond: {} ended a step with {}; such steps are solved again, from a cold start and then by the \
+                 condensed solver, and counted as retries",
+                self.name, self.complaint
+            );
+        }
+        self.said = true;
+        match attempt {
+            0 => {
+                self.free(engine, b, bounds, x)?;
+                self.iterate(true, engine, sum, b, bounds, x, reaction).map(Some)
+            }
+            1 => {
+                let condensed = match &mut self.condensed {
+                    Some(condensed) => condensed,
+                    none => none.insert(Condensed::new(engine, sum, bounds.len())?),
+                };
+                let iterations = condensed.solve(engine, sum, b, bounds, x, reaction)?;
+                for (side, r) in self.sides.iter_mut().zip(reaction.iter()) {
+                    *side = match r {
+                        r if *r > 0.0 => Side::Lower,
+                        r if *r < 0.0 => Side::Upper,
+                        _ => Side::Free,
+                    };
+                }
+                Ok(Some(iterations))
+            }
+            _ => Ok(None),
+        }
+    }
+}
