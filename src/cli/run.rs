@@ -1,6 +1,6 @@
 //! `rebond run` and `rebond plot`.
 
-use super::{SceneArgs, print};
+use super::{SceneArgs, launch, print};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::output::history::{self, History};
@@ -10,7 +10,9 @@ use crate::output::summary;
 use crate::output::text::{Report, significant};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-use crate::scene::{EngineName, Scene, Side};
+#[cfg(feature = "petsc")]
+use crate::scene::EngineName;
+use crate::scene::{Scene, Side};
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use clap::Args;
 use serde::Serialize;
@@ -77,6 +79,7 @@ impl Run {
             #[cfg(feature = "petsc")]
             EngineName::Petsc => self.on_petsc(&scene),
             _ => {
+                launch::one_process("the native engine runs")?;
                 self.scene.refuse_petsc_options()?;
                 self.announce(&scene, "")?;
                 let model = Model::new(&scene)?;

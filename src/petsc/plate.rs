@@ -95,8 +95,8 @@ fn sides(plex: &Plex, grid: &Grid) -> Result<[Vec<Index>; 4]> {
 fn own_mesh(plex: &Plex) -> Result<Mesh> {
     let start = plex.vertices().start;
     let number = |vertex: Index| (vertex - start) as usize;
-    let mut mesh = Mesh::default();
-    mesh.nodes = plex.coordinates()?.into_iter().map(Point::from).collect();
+    let nodes = plex.coordinates()?.into_iter().map(Point::from).collect();
+    let mut mesh = Mesh { nodes, ..Mesh::default() };
     for cell in plex.cells() {
         let corners: Vec<usize> = plex.corners(cell)?.into_iter().map(number).collect();
         mesh.cells.push(match corners[..] {
