@@ -24,7 +24,7 @@
 //! | [`scene`] | TOML to a validated scene |
 //! | [`simulation`] | model, main loop, observer |
 //! | [`output`] | csv, json, svg, progress |
-//! | [`study`] | frequencies, the inf-sup constant |
+//! | [`study`] | frequencies, the inf-sup constant, engines and solvers compared |
 //! | [`cli`] | the command |
 //!
 //! ```

@@ -1,13 +1,21 @@
 //! The `rebond` command.
 
 use clap::Parser;
-use rebond::cli::{Cli, execute};
+use rebond::cli::{Cli, execute, launch};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match execute(&Cli::parse()) {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(why) => {
+            launch::wait_turn();
+            why.exit()
+        }
+    };
+    match execute(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
+            launch::wait_turn();
             eprintln!("rebond: {error}");
             ExitCode::from(error.exit_code())
         }

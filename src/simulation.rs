@@ -24,10 +24,21 @@ pub struct Model<E: Engine = Native> {
     pub start: Start,
     /// The scene's probes: what this process's dofs add to each.
     pub probes: Vec<Probe>,
-    /// The node of each bound, in the mesh's numbering, and its position, in m.
-    pub sites: Vec<(usize, [f64; 2])>,
+    /// The deflections of this process, where they are; those that are bounded come in the order of the bounds.
+    pub sites: Vec<Site>,
     /// Seconds spent on mesh and matrices, and on the static start.
     pub seconds: [f64; 2],
+}
+
+/// A free deflection.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Site {
+    /// Its dof.
+    pub dof: usize,
+    /// Its node, in the mesh's numbering.
+    pub node: usize,
+    /// Its position, in m.
+    pub at: [f64; 2],
 }
 
 /// The mesh of a scene.
@@ -152,8 +163,11 @@ impl Model {
         let deflections = space.deflections().map(|(dof, _)| dof);
         let start = start(scene, space.mechanism(&mesh), deflections, &system, &unit_load)?;
         let seconds = [built, clock.elapsed().as_secs_f64() - built];
-        let site = |(_, node): (usize, usize)| (node, [mesh.nodes[node].x, mesh.nodes[node].y]);
-        let sites = space.deflections().map(site).take(system.bounds.len()).collect();
+        let site = |(dof, node): (usize, usize)| {
+            let at = mesh.nodes[node];
+            Site { dof, node, at: [at.x, at.y] }
+        };
+        let sites = space.deflections().map(site).collect();
         Ok(Model { system, start, probes, sites, seconds })
     }
 }
@@ -238,7 +252,7 @@ fn serves(scene: &Scene, engine: EngineName, solvers: &[ViName]) -> Result<()> {
 }
 
 /// Turns a KKT residual above the tolerance into an error.
-fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
+pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
     if !residual.is_finite() {
         return Err(Error::NotFinite { step, time, what: "the displacement" });
     }
@@ -420,14 +434,18 @@ impl Outcome {
             if self.first_impact.is_none() {
                 self.first_impact = first_impact(model, scheme)?;
             }
-            let time = scheme.time();
-            let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
-            match self.contacts.last_mut() {
-                Some([_, end]) if time - *end <= together => *end = time,
-                _ => self.contacts.push([time, time]),
-            }
+            note_contact(&mut self.contacts, scene, scheme.time());
         }
         Ok((nodes, force))
+    }
+}
+
+/// Adds an instant of contact to the intervals: see [`Outcome::contacts`].
+pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
+    let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
+    match contacts.last_mut() {
+        Some([_, end]) if time - *end <= together => *end = time,
+        _ => contacts.push([time, time]),
     }
 }
 
@@ -439,7 +457,7 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Opti
         let target = if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
         let gap = target - approach.deflection;
         let delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
-        let (node, [x, y]) = model.sites[bound];
+        let Site { node, at: [x, y], .. } = model.sites[bound];
         [(approach.time + delay).max(0.0), approach.velocity, node as f64, x, y]
     };
     let touched = scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);

@@ -104,8 +104,9 @@ fn a_bad_scene_exits_2_and_writes_nothing() {
     assert_fails(&set("plate.thickness=-1"), 2, &["plate.thickness", "greater than 0"]);
     assert_fails(&set("plate.thicknes=1"), 2, &["thicknes", "thickness"]);
     assert_fails(&set("support=[]"), 2, &["static_pressure", "nothing holds it"]);
-    #[cfg(not(feature = "petsc"))]
-    assert_fails(&set("solver.engine=petsc"), 2, &["petsc", "native"]);
+    if cfg!(not(feature = "petsc")) {
+        assert_fails(&set("solver.engine=petsc"), 2, &["petsc", "native"]);
+    }
     assert_fails(&set("solver.vi=tao"), 2, &["tao", "condensed"]);
     assert_fails(
         &rebond(&folder, &["run", "fall.toml", "--", "-ksp_type", "cg"]),
@@ -113,6 +114,34 @@ fn a_bad_scene_exits_2_and_writes_nothing() {
         &["-ksp_type", "PETSc"],
     );
     assert!(!folder.join("runs").exists());
+}
+
+#[test]
+fn compare_puts_solvers_side_by_side() {
+    let folder = folder("compare");
+    let compare = |arguments: &[&str]| rebond(&folder, &[&["compare", "fall.toml"], arguments].concat());
+    let table = text(&compare(&[]).stdout);
+    for words in ["a short fall: 36 dofs, 1 rank", "up to", "impact 1", "native", "impacts at 0.0"] {
+        assert!(table.contains(words), "no {words:?} in:\n{table}");
+    }
+    // What cannot run is a row of its own.
+    let output = compare(&["--json", "--with", "native,native:snes"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let [native, other] = value["entries"].as_array().unwrap().as_slice() else { unreachable!() };
+    assert_eq!((&native["steps"], &native["difference"]), (&800.into(), &0.0.into()));
+    assert_eq!(
+        native["difference_up_to_impact"].as_array().unwrap().len(),
+        value["impacts"].as_array().unwrap().len()
+    );
+    assert!(native["seconds"]["contact_step"].as_f64().unwrap() > 0.0);
+    assert!(other["failure"].as_str().unwrap().contains("snes"), "{other}");
+    // So is what stops on the way.
+    let stopped = compare(&["--set", "solver.tolerance=1e-18", "--with", "native"]);
+    assert_eq!(stopped.status.code(), Some(3), "the reference itself cannot start");
+    assert!(compare(&["--quiet"]).stdout.is_empty());
+    assert_fails(&compare(&["--with", "abacus"]), 2, &["abacus", "petsc:snes"]);
+    assert_fails(&compare(&["--vi", "snes"]), 2, &["--with"]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `rebond check` and `rebond inspect`.
 
-use super::SceneArgs;
+use super::{SceneArgs, launch};
 use crate::error::Result;
 use crate::study;
 use clap::Args;
@@ -25,6 +25,7 @@ pub struct Inspect {
 
 impl Check {
     pub(super) fn execute(&self) -> Result<()> {
+        launch::one_process("check runs")?;
         let scene = self.scene.load()?;
         self.scene.refuse_petsc_options()?;
         let check = study::check(&scene)?;
@@ -34,6 +35,7 @@ impl Check {
 
 impl Inspect {
     pub(super) fn execute(&self) -> Result<()> {
+        launch::one_process("inspect runs")?;
         let scene = self.scene.load()?;
         self.scene.refuse_petsc_options()?;
         let inspection = study::inspect(&scene)?;

@@ -1,10 +1,12 @@
 //! The command line: arguments to calls; nothing else.
 
 mod check;
+mod compare;
+pub mod launch;
 mod run;
 
 use crate::error::{Error, Result};
-use crate::scene::Scene;
+use crate::scene::{EngineName, Scene};
 use clap::{Args, Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
@@ -25,6 +27,8 @@ enum Command {
     Check(check::Check),
     /// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a scene
     Inspect(check::Inspect),
+    /// Run a scene on several engines and contact solvers: how far they differ, what each costs
+    Compare(compare::Compare),
     /// Draw the history of a run folder
     Plot(run::Plot),
 }
@@ -55,11 +59,14 @@ struct SceneArgs {
 }
 
 impl SceneArgs {
+    /// The scene. One that names no engine gets the one that serves as many processes as were started.
     fn load(&self) -> Result<Scene> {
         let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
         let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
         let overrides: Vec<String> = self.overrides.iter().cloned().chain(named).collect();
-        Scene::load(&self.scene, &overrides)
+        let parallel = cfg!(feature = "petsc") && launch::size() > 1;
+        let engine = if parallel { EngineName::Petsc } else { EngineName::Native };
+        Scene::load_for(&self.scene, &overrides, engine)
     }
 
     /// Options that nobody will read are an error.
@@ -107,6 +114,7 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Run(run) => run.execute(),
         Command::Check(check) => check.execute(),
         Command::Inspect(inspect) => inspect.execute(),
+        Command::Compare(compare) => compare.execute(),
         Command::Plot(plot) => plot.execute(),
     }
 }

@@ -1,6 +1,6 @@
 //! `rebond run` and `rebond plot`.
 
-use super::{SceneArgs, print};
+use super::{SceneArgs, launch, print};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::output::history::{self, History};
@@ -81,6 +81,7 @@ impl Run {
             #[cfg(not(feature = "petsc"))]
             EngineName::Petsc => Model::new(&scene).map(drop), // says that this build has no such engine
             EngineName::Native => {
+                launch::one_process("the native engine runs")?;
                 self.scene.refuse_petsc_options()?;
                 self.announce(&scene, "")?;
                 let model = Model::new(&scene)?;

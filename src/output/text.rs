@@ -91,6 +91,79 @@ impl fmt::Display for Report {
     }
 }
 
+/// Rows of cells under heads of one or more lines: the first column to the left, the others to the right.
+///
+/// ```
+/// use rebond::output::text::Table;
+///
+/// let mut table = Table::new(&["solver", "seconds\na step", "steps"]);
+/// table.row(["one".into(), "0.25".into(), "1 000".into()]).note("slow");
+/// assert_eq!(
+///     table.to_string(),
+///     "          seconds\n  solver   a step  steps\n  one        0.25  1 000\n    slow\n"
+/// );
+/// ```
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// Cells, or one note across the table.
+    lines: Vec<std::result::Result<Vec<String>, String>>,
+}
+
+impl Table {
+    /// A table without rows.
+    pub fn new(heads: &[&str]) -> Self {
+        let heads: Vec<Vec<&str>> = heads.iter().map(|head| head.lines().collect()).collect();
+        let height = heads.iter().map(Vec::len).max().unwrap_or(0);
+        // Heads end on one line.
+        let cell = |head: &Vec<&str>, line: usize| {
+            (line + head.len()).checked_sub(height).map_or(String::new(), |line| head[line].into())
+        };
+        let line = |line| Ok(heads.iter().map(|head| cell(head, line)).collect());
+        Table { lines: (0..height).map(line).collect() }
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) -> &mut Self {
+        self.lines.push(Ok(cells.into_iter().collect()));
+        self
+    }
+
+    /// Adds words under the last row.
+    pub fn note(&mut self, words: impl Into<String>) -> &mut Self {
+        self.lines.push(Err(words.into()));
+        self
+    }
+}
+
+impl fmt::Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let mut widths: Vec<usize> = Vec::new();
+        for cells in self.lines.iter().flatten() {
+            widths.resize(widths.len().max(cells.len()), 0);
+            for (width, cell) in widths.iter_mut().zip(cells) {
+                *width = (*width).max(cell.chars().count());
+            }
+        }
+        for line in &self.lines {
+            let text = match line {
+                Err(words) => format!("    {words}"),
+                Ok(cells) => {
+                    let mut text = String::new();
+                    for (column, (cell, &width)) in cells.iter().zip(&widths).enumerate() {
+                        text += &match column {
+                            0 => format!("  {cell:width$}"),
+                            _ => format!("  {cell:>width$}"),
+                        };
+                    }
+                    text
+                }
+            };
+            writeln!(f, "{}", text.trim_end())?;
+        }
+        Ok(())
+    }
+}
+
 /// Five significant digits without idle zeros; an exponent outside 0.001 to a million.
 pub fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {

@@ -16,6 +16,7 @@ use std::io::Write;
 use std::marker::PhantomData;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// MPI can be started once in the life of a process.
 static STARTED: AtomicBool = AtomicBool::new(false);
@@ -188,12 +189,30 @@ impl Context {
         self.world.barrier();
     }
 
+    /// Whether all ranks come here within some time. Where one does not, it waits inside a call that the others have left:
+    /// nothing but [`Context::fail`] can follow. Collective.
+    pub fn all_arrive(&self, within: Duration) -> bool {
+        let start = Instant::now();
+        let mut request = self.world.immediate_barrier();
+        loop {
+            match request.test() {
+                Ok(_) => return true,
+                Err(waiting) if start.elapsed() < within => request = waiting,
+                Err(waiting) => {
+                    std::mem::forget(waiting);
+                    return false;
+                }
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     /// Reports an error and ends the program on every rank, with the error's exit code. Not collective: one rank suffices.
     ///
     /// Of several ranks with the same error, the lowest speaks.
     pub fn fail(&self, error: &Error) -> ! {
         // Rank 0 speaks at once and ends the others while they wait their turn.
-        std::thread::sleep(std::time::Duration::from_millis(if self.rank() == 0 {
+        std::thread::sleep(Duration::from_millis(if self.rank() == 0 {
             0
         } else {
             300 + 20 * self.rank().min(100) as u64

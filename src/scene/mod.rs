@@ -256,9 +256,15 @@ pub struct Probe {
 impl Scene {
     /// Reads a scene file and applies overrides such as `time.step=1e-6`.
     pub fn load(path: impl AsRef<Path>, overrides: &[String]) -> Result<Scene> {
+        Scene::load_for(path, overrides, EngineName::Native)
+    }
+
+    /// As [`Scene::load`], with the engine of a scene that names none.
+    pub fn load_for(path: impl AsRef<Path>, overrides: &[String], engine: EngineName) -> Result<Scene> {
         let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
-        Scene::from_bytes(&bytes, &path.to_string_lossy(), overrides)
+        let name = path.to_string_lossy();
+        read::scene(&Document::parse(&bytes, &name, overrides)?, &name, engine)
     }
 
     /// Reads a scene from text; messages call it `file_name`.
@@ -268,7 +274,7 @@ impl Scene {
 
     /// Reads a scene from a file's bytes. Whatever they are, the answer is a scene or [`Error::Scene`].
     pub fn from_bytes(bytes: &[u8], file_name: &str, overrides: &[String]) -> Result<Scene> {
-        read::scene(&Document::parse(bytes, file_name, overrides)?, file_name)
+        read::scene(&Document::parse(bytes, file_name, overrides)?, file_name, EngineName::Native)
     }
 
     /// The scene as TOML with every default filled in. It reads back to an equal scene.

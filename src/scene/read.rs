@@ -48,8 +48,8 @@ const ENERGY_GUARD: Quantity =
     Quantity::new("a ratio of energies", Range::new(" greater than 1", "is too small", |ratio| ratio > 1.0));
 const COORDINATE: Quantity = Quantity::new("a coordinate in m", Range::ANY);
 
-/// The whole scene.
-pub(super) fn scene(doc: &Document, file_name: &str) -> Result<Scene> {
+/// The whole scene, with the engine that it gets if it names none.
+pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
     let tables = ["plate", "mesh", "support", "obstacle", "load", "initial", "time", "solver", "output"];
     doc.allow("", &[&["title"], &tables[..]].concat())?;
     let title = title(doc, file_name)?;
@@ -63,7 +63,7 @@ pub(super) fn scene(doc: &Document, file_name: &str) -> Result<Scene> {
         load: load(doc)?,
         initial: initial(doc)?,
         time: time(doc)?,
-        solver: solver(doc)?,
+        solver: solver(doc, engine)?,
         output: output(doc, &plate)?,
     };
     check_start(doc, &scene)?;
@@ -232,10 +232,10 @@ fn scheme(doc: &Document) -> Result<Scheme> {
     }
 }
 
-fn solver(doc: &Document) -> Result<Solver> {
+fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {
     doc.allow("solver", &["engine", "vi", "tolerance", "energy_guard"])?;
     Ok(Solver {
-        engine: doc.optional_choice("solver.engine")?.unwrap_or(EngineName::Native),
+        engine: doc.optional_choice("solver.engine")?.unwrap_or(engine),
         vi: doc.optional_choice("solver.vi")?.unwrap_or(ViName::Condensed),
         tolerance: doc.optional_number("solver.tolerance", &TOLERANCE)?.unwrap_or(1e-10),
         energy_guard: doc.optional_number("solver.energy_guard", &ENERGY_GUARD)?.unwrap_or(100.0),

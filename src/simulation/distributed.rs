@@ -1,6 +1,6 @@
 //! The model of a scene over all ranks.
 
-use super::{Model, SolverFactory, edge_name, start};
+use super::{Model, Site, SolverFactory, edge_name, start};
 use crate::assembly::{self, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -82,10 +82,11 @@ impl Model<Distributed> {
         let seconds = [built, clock.elapsed().as_secs_f64() - built];
         let (counts, before) = system.engine.concatenate(&vec![0.0; own_nodes.len()])?;
         drop(counts);
-        let site = |(number, (_, node)): (usize, &(usize, usize))| {
-            (before + number, [part.mesh.nodes[*node].x, part.mesh.nodes[*node].y])
+        let site = |(number, &(dof, node)): (usize, &(usize, usize))| {
+            let at = part.mesh.nodes[node];
+            Site { dof, node: before + number, at: [at.x, at.y] }
         };
-        let sites = own_nodes.iter().enumerate().map(site).take(system.bounds.len()).collect();
+        let sites = own_nodes.iter().enumerate().map(site).collect();
         Ok(Model { system, start, probes, sites, seconds })
     }
 }

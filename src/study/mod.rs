@@ -1,5 +1,6 @@
-//! Questions about a scene that need no run: its natural frequencies, its inf-sup constant, what a run will cost.
+//! Questions about a scene: its natural frequencies, its inf-sup constant, what a run will cost, whether solvers agree.
 
+pub mod compare;
 pub mod infsup;
 mod inspect;
 mod lanczos;

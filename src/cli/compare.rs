@@ -1,0 +1,100 @@
+//! `rebond compare`.
+
+use super::{SceneArgs, launch};
+use crate::error::{Error, Result};
+#[cfg(feature = "petsc")]
+use crate::petsc::Context;
+#[cfg(feature = "petsc")]
+use crate::scene::EngineName;
+use crate::scene::Scene;
+use crate::simulation::{self, Model};
+use crate::study::compare::{Comparison, Contender};
+use clap::Args;
+
+/// Compare engines and contact solvers.
+#[derive(Debug, Args)]
+pub struct Compare {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao; default: all of this build
+    #[arg(long = "with", value_name = "NAMES", value_delimiter = ',')]
+    with: Vec<String>,
+}
+
+/// What is compared unless the user says.
+const ALL: &[&str] =
+    if cfg!(feature = "petsc") { &["native", "petsc", "petsc:snes", "petsc:tao"] } else { &["native"] };
+
+impl Compare {
+    pub(super) fn execute(&self) -> Result<()> {
+        if self.scene.engine.is_some() || self.scene.vi.is_some() {
+            return Err(Error::Usage("compare takes engines and contact solvers by --with".into()));
+        }
+        let names: Vec<&str> = match self.with[..] {
+            [] => ALL.to_vec(),
+            _ => self.with.iter().map(String::as_str).collect(),
+        };
+        let contenders = names.into_iter().map(Contender::parse).collect::<Result<Vec<_>>>()?;
+        let scene = self.scene.load()?;
+        #[cfg(feature = "petsc")]
+        if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {
+            return self.on_petsc(&scene, &contenders);
+        }
+        launch::one_process("the native engine runs")?;
+        self.scene.refuse_petsc_options()?;
+        let mut comparison = Comparison::new(&scene, 1);
+        for contender in contenders {
+            natively(&mut comparison, &scene, contender, Ok)?;
+        }
+        self.scene.print(&comparison, &comparison)
+    }
+
+    /// Compares on all ranks; an error on one of them that is not the others' ends all.
+    #[cfg(feature = "petsc")]
+    fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {
+        let context = Context::start(&self.scene.petsc)?;
+        let recover = |error: Error| {
+            if context.all_arrive(PATIENCE) { Ok(error) } else { context.fail(&error) }
+        };
+        let run = || {
+            let mut comparison = Comparison::new(scene, context.size());
+            for &contender in contenders {
+                match contender.engine {
+                    EngineName::Native => natively(&mut comparison, scene, contender, recover)?,
+                    EngineName::Petsc => comparison.run(
+                        scene,
+                        contender,
+                        |scene| Model::distributed(scene, &context),
+                        Model::solver,
+                        recover,
+                    )?,
+                }
+            }
+            if context.rank() == 0 {
+                self.scene.print(&comparison, &comparison)?;
+            }
+            context.refuse_unused_options()
+        };
+        match run() {
+            Err(error) if context.size() > 1 => context.fail(&error),
+            ended => ended,
+        }
+    }
+}
+
+/// How long ranks that fail wait for the others to fail too.
+#[cfg(feature = "petsc")]
+const PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
+
+/// Lets the native engine run, on every rank for itself.
+fn natively(
+    comparison: &mut Comparison,
+    scene: &Scene,
+    contender: Contender,
+    recover: impl Fn(Error) -> Result<Error>,
+) -> Result<()> {
+    let solver = |_: &Model, _: &Scene| -> Result<Box<simulation::SolverFactory<_>>> {
+        Ok(Box::new(simulation::condensed))
+    };
+    comparison.run(scene, contender, Model::new, solver, recover)
+}

@@ -1,0 +1,337 @@
+//! The same scene on several engines and contact solvers, each in step with a reference.
+//!
+//! The reference is the native engine with the condensed solver. A contender and a reference of its own advance in turn; after
+//! each step their deflections are compared at every node. On several ranks each rank compares the nodes it owns with a
+//! reference that it carries itself. Only the contender's calls are timed, after all ranks have met.
+
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::output::text::{Table, grouped};
+use crate::scene::{EngineName, Scene, ViName};
+use crate::scheme::Scheme;
+use crate::simulation::{self, Model, Site, SolverFactory};
+use serde::Serialize;
+use std::collections::HashMap;
+use std::fmt;
+use std::time::Instant;
+
+/// Impacts that a report shows; the machine's output has all.
+const MOST_IMPACTS: usize = 3;
+
+/// An engine and a contact solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contender {
+    /// The engine.
+    pub engine: EngineName,
+    /// The contact solver.
+    pub vi: ViName,
+}
+
+impl Contender {
+    /// From `native`, `petsc`, `petsc:snes`, ...: the engine and, unless condensed, its contact solver.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for other words. Whether a build has the contender shows when it starts.
+    pub fn parse(name: &str) -> Result<Contender> {
+        let (engine, vi) = name.split_once(':').unwrap_or((name, "condensed"));
+        let engine = match engine {
+            "native" => EngineName::Native,
+            "petsc" => EngineName::Petsc,
+            _ => return Err(unknown(name)),
+        };
+        let vi = match vi {
+            "condensed" => ViName::Condensed,
+            "snes" => ViName::Snes,
+            "tao" => ViName::Tao,
+            _ => return Err(unknown(name)),
+        };
+        Ok(Contender { engine, vi })
+    }
+
+    /// The scene on this engine with this solver.
+    pub fn scene(self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        (scene.solver.engine, scene.solver.vi) = (self.engine, self.vi);
+        scene
+    }
+}
+
+fn unknown(name: &str) -> Error {
+    Error::Usage(format!("{name:?} cannot be compared; expected native, petsc, petsc:snes or petsc:tao"))
+}
+
+impl fmt::Display for Contender {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.vi {
+            ViName::Condensed => write!(f, "{}", self.engine),
+            vi => write!(f, "{}:{vi}", self.engine),
+        }
+    }
+}
+
+/// Seconds of a contender; of the slowest rank.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Mesh, matrices, static start, first factorisation and first solve.
+    pub set_up: f64,
+    /// A step in which nothing touches; `None` if there was none.
+    pub free_step: Option<f64>,
+    /// A step in contact; `None` if there was none.
+    pub contact_step: Option<f64>,
+}
+
+/// How a contender did.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Entry {
+    /// Its name.
+    pub name: String,
+    /// Why it did not reach the end.
+    pub failure: Option<String>,
+    /// Steps made.
+    pub steps: u64,
+    /// Those in which something touched.
+    pub contact_steps: u64,
+    /// Largest difference of a deflection from the reference, in m, at any step.
+    pub difference: f64,
+    /// The same at the steps up to each impact of the reference.
+    pub difference_up_to_impact: Vec<f64>,
+    /// Worst relative KKT residual.
+    pub worst_kkt: f64,
+    /// Iterations of the contact solver.
+    pub vi_iterations: u64,
+    /// Numeric factorisations.
+    pub factorisations: u64,
+    /// Where the time went.
+    pub seconds: Seconds,
+}
+
+/// Contenders side by side.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// The scene's.
+    pub title: String,
+    /// Number of processes.
+    pub ranks: usize,
+    /// Free dofs.
+    pub dofs: usize,
+    /// When the reference's contacts begin, in s.
+    pub impacts: Vec<f64>,
+    /// One entry a contender.
+    pub entries: Vec<Entry>,
+}
+
+impl Comparison {
+    /// A comparison of nobody yet.
+    pub fn new(scene: &Scene, ranks: usize) -> Comparison {
+        Comparison { title: scene.title.clone(), ranks, dofs: 0, impacts: Vec::new(), entries: Vec::new() }
+    }
+
+    /// Lets a contender run beside the reference. `set_up` makes its model, `solver` its contact solver; `recover` is told
+    /// of the contender's error, and whether the comparison goes on. Collective.
+    ///
+    /// # Errors
+    /// What fails in the reference, and what `recover` gives back.
+    pub fn run<E: Engine>(
+        &mut self,
+        scene: &Scene,
+        contender: Contender,
+        set_up: impl FnOnce(&Scene) -> Result<Model<E>>,
+        solver: impl FnOnce(&Model<E>, &Scene) -> Result<Box<SolverFactory<E>>>,
+        recover: impl Fn(Error) -> Result<Error>,
+    ) -> Result<()> {
+        let own = contender.scene(scene);
+        let mut entry = Entry { name: contender.to_string(), ..Entry::default() };
+        let reference = Reference::new(scene)?;
+        self.dofs = reference.model.system.engine.dofs();
+        let clock = Instant::now();
+        let started = set_up(&own).and_then(|model| Ok((solver(&model, &own)?, model)));
+        let failure = match started {
+            Err(why) => Some(recover(why)?),
+            Ok((solver, model)) => {
+                entry.seconds.set_up = clock.elapsed().as_secs_f64();
+                self.follow(&own, &reference, &model, &*solver, &mut entry, recover)?
+            }
+        };
+        entry.failure = failure.map(|why| why.to_string());
+        self.entries.push(entry);
+        Ok(())
+    }
+
+    /// Steps both to the end, or to where the contender fails: its error comes back.
+    fn follow<E: Engine>(
+        &mut self,
+        scene: &Scene,
+        reference: &Reference,
+        model: &Model<E>,
+        solver: &SolverFactory<E>,
+        entry: &mut Entry,
+        recover: impl Fn(Error) -> Result<Error>,
+    ) -> Result<Option<Error>> {
+        let engine = &model.system.engine;
+        let pairs = reference.pairs(scene, &model.sites)?;
+        let mut truth = reference.model.scheme(&reference.scene)?;
+        let clock = Instant::now();
+        let mut scheme = match model.scheme_with(scene, solver) {
+            Ok(scheme) => scheme,
+            Err(why) => return recover(why).map(Some),
+        };
+        entry.seconds.set_up += clock.elapsed().as_secs_f64();
+        // Seconds and steps, without contact and in it.
+        let mut spent = [(0.0, 0_u64); 2];
+        let mut contacts = Vec::new();
+        let failure = loop {
+            let (u, exact) = (scheme.displacement(), truth.displacement());
+            let differs = |&(dof, other): &(usize, usize)| {
+                let difference = (u[dof] - exact[other]).abs();
+                if difference.is_nan() { f64::INFINITY } else { difference }
+            };
+            entry.difference = pairs.iter().map(differs).fold(entry.difference, f64::max);
+            if touches(truth.as_ref()) {
+                simulation::note_contact(&mut contacts, scene, truth.time());
+                if contacts.len() > entry.difference_up_to_impact.len() {
+                    entry.difference_up_to_impact.push(entry.difference);
+                }
+            }
+            let verdict = scheme.verdict();
+            entry.worst_kkt = entry.worst_kkt.max(verdict.kkt);
+            entry.vi_iterations += u64::from(verdict.iterations);
+            let judged = simulation::judge(scheme.step(), scheme.time(), verdict.kkt, scene.solver.tolerance);
+            if let Err(why) = judged {
+                break Some(recover(why)?);
+            }
+            entry.steps = scheme.step();
+            if entry.steps == scene.time.steps() {
+                break None;
+            }
+            truth.advance()?;
+            // All ranks set out together.
+            engine.maximum(0.0)?;
+            let clock = Instant::now();
+            if let Err(why) = scheme.advance() {
+                break Some(recover(why)?);
+            }
+            let seconds = clock.elapsed().as_secs_f64();
+            let in_contact = engine.maximum(f64::from(u8::from(touches(scheme.as_ref()))))? > 0.0;
+            let (total, steps) = &mut spent[usize::from(in_contact)];
+            *total += seconds;
+            *steps += 1;
+        };
+        entry.factorisations = scheme.factorisations();
+        entry.contact_steps = spent[1].1;
+        let worst = |value: &mut f64| -> Result<()> {
+            *value = engine.maximum(*value)?;
+            Ok(())
+        };
+        worst(&mut entry.difference)?;
+        worst(&mut entry.worst_kkt)?;
+        worst(&mut entry.seconds.set_up)?;
+        for (total, _) in &mut spent {
+            worst(total)?;
+        }
+        // Rank 0 has counted the impacts; another machine's reference may round otherwise.
+        let (counts, _) = engine.concatenate(&[entry.difference_up_to_impact.len() as f64])?;
+        entry.difference_up_to_impact.resize(counts[0] as usize, entry.difference);
+        for difference in &mut entry.difference_up_to_impact {
+            worst(difference)?;
+        }
+        let mean = |(total, steps): (f64, u64)| (steps > 0).then(|| total / steps as f64);
+        (entry.seconds.free_step, entry.seconds.contact_step) = (mean(spent[0]), mean(spent[1]));
+        let impacts: Vec<f64> = contacts.iter().map(|[begin, _]| *begin).collect();
+        if impacts.len() > self.impacts.len() {
+            self.impacts = impacts;
+        }
+        Ok(failure)
+    }
+}
+
+/// Whether this process feels an obstacle.
+fn touches(scheme: &dyn Scheme) -> bool {
+    scheme.reaction().iter().any(|&r| r != 0.0)
+}
+
+/// What all are compared with.
+struct Reference {
+    scene: Scene,
+    model: Model,
+    /// The deflection dof at each place, on a fine grid.
+    places: HashMap<[i64; 2], usize>,
+}
+
+impl Reference {
+    fn new(scene: &Scene) -> Result<Reference> {
+        let scene = Contender { engine: EngineName::Native, vi: ViName::Condensed }.scene(scene);
+        let model = Model::new(&scene)?;
+        let places = model.sites.iter().map(|site| (place(&scene, site.at), site.dof)).collect();
+        Ok(Reference { scene, model, places })
+    }
+
+    /// The dofs of the contender's deflections, each with the reference's at the same node.
+    fn pairs(&self, scene: &Scene, sites: &[Site]) -> Result<Vec<(usize, usize)>> {
+        let pair = |site: &Site| {
+            let [x, y] = place(scene, site.at);
+            // A rounding apart may be a grid line apart.
+            let near = (0..9).find_map(|k| self.places.get(&[x + k % 3 - 1, y + k / 3 - 1]));
+            let [x, y] = site.at;
+            let missing = || Error::Mesh(format!("the reference has no free node at ({x}, {y})"));
+            Ok((site.dof, *near.ok_or_else(missing)?))
+        };
+        sites.iter().map(pair).collect()
+    }
+}
+
+/// A position on a grid far finer than any mesh.
+fn place(scene: &Scene, at: [f64; 2]) -> [i64; 2] {
+    let quantum = 1e-8 * scene.plate.length.min(scene.plate.width);
+    at.map(|x| (x / quantum).round() as i64)
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let ranks = if self.ranks == 1 { "1 rank".into() } else { format!("{} ranks", self.ranks) };
+        writeln!(f, "{}: {} dofs, {ranks}", self.title, grouped(self.dofs as u64))?;
+        let shown = self.impacts.len().min(MOST_IMPACTS);
+        let upto: Vec<String> = (1..=shown).map(|number| format!("up to\nimpact {number}")).collect();
+        let mut heads = vec!["solver", "largest\ndifference, m"];
+        heads.extend(upto.iter().map(String::as_str));
+        heads.extend(["worst KKT\nresidual", "VI\niterations", "factori-\nsations"]);
+        heads.extend(["contact\nsteps", "us a\nfree step", "us a\ncontact step", "set-up,\nms"]);
+        let mut table = Table::new(&heads);
+        for entry in &self.entries {
+            if entry.steps > 0 || entry.failure.is_none() {
+                table.row(entry.cells(shown));
+            } else {
+                table.row([entry.name.clone()]);
+            }
+            match &entry.failure {
+                Some(why) if entry.steps > 0 => {
+                    table.note(format!("stopped after {} steps: {why}", grouped(entry.steps)))
+                }
+                Some(why) => table.note(why),
+                None => &mut table,
+            };
+        }
+        write!(f, "{table}")?;
+        if let Some(shown) = self.impacts.get(..shown).filter(|shown| !shown.is_empty()) {
+            let times: Vec<String> = shown.iter().map(|time| format!("{time:.6} s")).collect();
+            writeln!(f, "  impacts at {}; {} in all", times.join(", "), self.impacts.len())?;
+        }
+        Ok(())
+    }
+}
+
+impl Entry {
+    fn cells(&self, impacts: usize) -> Vec<String> {
+        let small = |value: f64| if value == 0.0 { "0".into() } else { format!("{value:.1e}") };
+        let time = |seconds: Option<f64>| seconds.map_or("-".into(), |s| format!("{:.1}", 1e6 * s));
+        let upto =
+            (0..impacts).map(|k| self.difference_up_to_impact.get(k).map_or("-".into(), |d| small(*d)));
+        let mut cells = vec![self.name.clone()];
+        cells.push(small(self.difference));
+        cells.extend(upto);
+        cells.push(small(self.worst_kkt));
+        cells.extend([self.vi_iterations, self.factorisations, self.contact_steps].map(grouped));
+        cells.extend([time(self.seconds.free_step), time(self.seconds.contact_step)]);
+        cells.push(format!("{:.1}", 1e3 * self.seconds.set_up));
+        cells
+    }
+}
