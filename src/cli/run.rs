@@ -10,9 +10,7 @@ use crate::output::summary;
 use crate::output::text::{Report, significant};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-#[cfg(feature = "petsc")]
-use crate::scene::EngineName;
-use crate::scene::{Scene, Side};
+use crate::scene::{EngineName, Scene, Side};
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use clap::Args;
 use serde::Serialize;
