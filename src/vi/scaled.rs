@@ -26,7 +26,7 @@ pub(super) const RESIDUAL: &str = "1e-10";
 const RESIDUAL_VALUE: f64 = 1e-10;
 
 /// The share of the rounding of A y that the tolerance stays above.
-const ROUNDINGS: f64 = 16.0;
+const ROUNDINGS: f64 = 8.0;
 
 /// Stationarity from which on an answer needs no correction.
 const EXACT: f64 = 1e-12;
@@ -126,13 +126,10 @@ impl Bounded {
         reaction: &mut [f64],
     ) -> Result<u32> {
         // s, such that the tolerance lies above the rounding of A y.
-        let largest = |values: &mut dyn Iterator<Item = f64>| {
-            engine.maximum(
-                values.fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v.abs()) }),
-            )
-        };
-        let right = largest(&mut b.iter().zip(&self.scale).map(|(b, d)| b * d))?;
-        let size = largest(&mut x.iter().zip(&self.scale).map(|(x, d)| x / d))?;
+        let right: Vec<f64> = b.iter().zip(&self.scale).map(|(b, d)| b * d).collect();
+        let size: Vec<f64> = x.iter().zip(&self.scale).map(|(x, d)| x / d).collect();
+        let right = engine.dot(&right, &right)?.sqrt();
+        let size = engine.dot(&size, &size)?.sqrt();
         let floor = ROUNDINGS * f64::EPSILON * self.norm * size / RESIDUAL_VALUE;
         let s = if right.max(floor) > 0.0 { right.max(floor) } else { 1.0 };
 

@@ -17,7 +17,7 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("snes_atol", RESIDUAL),
     ("snes_rtol", "0"),
     ("snes_stol", "0"),
-    ("snes_max_it", "200"),
+    ("snes_max_it", "100"),
     ("snes_vi_zero_tolerance", "1e-12"),
 ];
 

@@ -17,7 +17,7 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("tao_gatol", RESIDUAL),
     ("tao_grtol", "0"),
     ("tao_gttol", "0"),
-    ("tao_max_it", "200"),
+    ("tao_max_it", "100"),
 ];
 
 /// The methods between bounds that answer rightly where they say so.
