@@ -1,5 +1,7 @@
 //! `rebond compare`.
 
+#[cfg(feature = "petsc")]
+use super::run::ended;
 use super::{SceneArgs, launch};
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
@@ -54,7 +56,7 @@ impl Compare {
     fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {
         let context = Context::start(&self.scene.petsc)?;
         let recover = |error: Error| {
-            if context.all_arrive(PATIENCE) { Ok(error) } else { context.fail(&error) }
+            if context.all_arrive(super::PATIENCE) { Ok(error) } else { context.fail(&error) }
         };
         let run = || {
             let mut comparison = Comparison::new(scene, context.size());
@@ -75,16 +77,9 @@ impl Compare {
             }
             context.refuse_unused_options()
         };
-        match run() {
-            Err(error) if context.size() > 1 => context.fail(&error),
-            ended => ended,
-        }
+        ended(&context, run())
     }
 }
-
-/// How long ranks that fail wait for the others to fail too.
-#[cfg(feature = "petsc")]
-const PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
 
 /// Lets the native engine run, on every rank for itself.
 fn natively(

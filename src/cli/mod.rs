@@ -11,6 +11,10 @@ use clap::{Args, Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
 
+/// How long a rank that fails waits for the others to fail too, before it ends them.
+#[cfg(feature = "petsc")]
+const PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
+
 /// Thin elastic plates that vibrate and hit rigid obstacles.
 #[derive(Debug, Parser)]
 #[command(name = "rebond", version, about, arg_required_else_help = true)]

@@ -48,15 +48,20 @@ struct Summary<'s> {
 }
 
 /// What records a run: rows to the history, and now and then a look for the terminal. Of several ranks, one records.
-struct Recorder {
+struct Recorder<'r> {
     files: Option<(History, Progress)>,
     step: f64,
     start: Option<f64>,
     energy_ratio: f64,
+    check_options: &'r dyn Fn() -> Result<()>,
 }
 
-impl Observer for Recorder {
+impl Observer for Recorder<'_> {
     fn row(&mut self, row: &Row) -> Result<()> {
+        if row.step > 0 {
+            // By now every solver has looked up its options.
+            (self.check_options)()?;
+        }
         let start = *self.start.get_or_insert(row.energy);
         self.energy_ratio = row.energy / start;
         self.files.as_mut().map_or(Ok(()), |(history, _)| history.push(row))
@@ -83,7 +88,7 @@ impl Run {
                 self.scene.refuse_petsc_options()?;
                 self.announce(&scene, "")?;
                 let model = Model::new(&scene)?;
-                self.simulate(&scene, &model, &simulation::condensed, true)
+                self.simulate(&scene, &model, &simulation::condensed, true, &|| Ok(()))
             }
         }
     }
@@ -99,13 +104,9 @@ impl Run {
             }
             let model = Model::distributed(scene, &context)?;
             let solver = model.solver(scene)?;
-            self.simulate(scene, &model, &solver, speaks)?;
-            context.refuse_unused_options()
+            self.simulate(scene, &model, &solver, speaks, &|| context.refuse_unused_options())
         };
-        match run() {
-            Err(error) if context.size() > 1 => context.fail(&error),
-            ended => ended,
-        }
+        ended(&context, run())
     }
 
     /// Says what will be simulated.
@@ -123,6 +124,7 @@ impl Run {
         model: &Model<E>,
         solver: &SolverFactory<E>,
         speaks: bool,
+        check_options: &dyn Fn() -> Result<()>,
     ) -> Result<()> {
         let folder = self.folder();
         let quiet = self.scene.json || self.scene.quiet;
@@ -136,6 +138,7 @@ impl Run {
             step: scene.time.step,
             start: None,
             energy_ratio: 1.0,
+            check_options,
         };
         let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
         let Some((history, progress)) = recorder.files else { return ended };
@@ -159,6 +162,18 @@ impl Run {
     fn folder(&self) -> PathBuf {
         let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
         self.out.clone().unwrap_or_else(|| Path::new("runs").join(stem()))
+    }
+}
+
+/// Ends all ranks on an error of any, once those that have it too have written what they have.
+#[cfg(feature = "petsc")]
+pub(super) fn ended(context: &Context, ended: Result<()>) -> Result<()> {
+    match ended {
+        Err(error) if context.size() > 1 => {
+            context.all_arrive(super::PATIENCE);
+            context.fail(&error)
+        }
+        ended => ended,
     }
 }
 

@@ -215,7 +215,7 @@ impl Context {
         std::thread::sleep(Duration::from_millis(if self.rank() == 0 {
             0
         } else {
-            300 + 20 * self.rank().min(100) as u64
+            2000 + 20 * self.rank().min(100) as u64
         }));
         let place = if self.size() > 1 {
             format!(" (rank {} of {})", self.rank(), self.size())
