@@ -17,11 +17,13 @@ help: ## list these targets
 setup: ## install what the build needs and is missing
 	@scripts/setup.sh
 
-run: setup ## build, then simulate the paper's figure 4 to the second impact
+run: setup ## build, simulate the paper's figure 4 to the second impact, compare with PETSc
 	$(call say,build)
 	@cargo build --release --locked --quiet
 	$(call say,simulate $(FIGURE) to t = 0.25 s)
 	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25
+	$(call say,compare engines and contact solvers to t = 0.06 s)
+	@$(CARGO_RUN) -- compare $(FIGURE) --set time.end=0.06 --set time.step=1e-5
 
 test: setup ## check format, lints, tests and documentation, with and without PETSc
 	$(call say,format)

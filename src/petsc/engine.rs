@@ -386,7 +386,8 @@ impl Factor for DistributedFactor {
 
     fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()> {
         if candidates != self.free_candidates {
-            // x = free solution + A^-1 G^T r, with the reactions r that move the candidates to their values.
+            // x = free solution + A^-1 G^T r, with the reactions r that move the candidates to their values. Written over x,
+            // these values would spoil the equilibrium of fine meshes for the sake of a last digit.
             let forces = self.times_schur(candidates);
             x.fill(0.0);
             for (k, &dof) in self.candidates.iter().enumerate() {
@@ -394,9 +395,6 @@ impl Factor for DistributedFactor {
             }
             self.solve_with(false, x)?;
             x.iter_mut().zip(&self.free).for_each(|(x, free)| *x += free);
-            for (k, &dof) in self.candidates.iter().enumerate() {
-                x[dof] = candidates[self.before + k];
-            }
         } else {
             x.copy_from_slice(&self.free);
         }

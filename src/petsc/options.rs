@@ -142,8 +142,12 @@ impl Context {
     pub fn refuse_unused_options(&self) -> Result<()> {
         let left = self.unused_options()?;
         let Some(name) = left.first() else { return Ok(()) };
-        let hint = nearest(name, &self.known_options())
-            .map_or(String::new(), |near| format!("; did you mean `-{near}`?"));
+        let known = self.known_options();
+        let hint = match nearest(name, &known) {
+            Some(near) if near == name => "; it is for a solver that was not chosen".into(),
+            Some(near) => format!("; did you mean `-{near}`?"),
+            None => String::new(),
+        };
         let others = match left.len() {
             1 => String::new(),
             n => format!(" (and {} more)", n - 1),

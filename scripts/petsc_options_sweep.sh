@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# One scene under several of PETSc's options: how far each is from the native engine, and what it costs.
+# An option that the contenders of its line do not use is refused: rebond names it.
+# Usage: scripts/petsc_options_sweep.sh [SCENE.toml [arguments of rebond compare]]
+set -eu
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+export PATH="$PATH:$HOME/.cargo/bin"
+cargo build --release --locked --quiet --manifest-path "$root/Cargo.toml"
+
+if [ $# -eq 0 ]; then
+    set -- "$root/scenes/csma2013/fig4.toml" --set time.step=1e-4 --set time.end=0.1
+fi
+
+# Contenders, then the options that they try.
+sweep='
+petsc
+petsc           -pc_type cholesky -pc_factor_mat_solver_type petsc
+petsc           -pc_type lu
+petsc           -ksp_type cg -ksp_rtol 1e-14
+petsc:snes
+petsc:snes      -snes_type vinewtonssls
+petsc:tao
+petsc:tao       -tao_type bnls
+petsc:tao       -tao_type gpcg
+'
+
+failed=0
+while read -r contenders options; do
+    [ -n "$contenders" ] || continue
+    printf '==> %s %s\n' "$contenders" "$options"
+    # shellcheck disable=SC2086  # options are words
+    "$root/target/release/rebond" compare "$@" --with "$contenders" ${options:+-- $options} || failed=1
+done <<<"$sweep"
+exit $failed
