@@ -3,13 +3,15 @@
 use super::{SceneArgs, print};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+#[cfg(feature = "petsc")]
+use crate::linalg::Sum;
 use crate::output::history::{self, History};
 use crate::output::plot::{self, Obstacle};
 use crate::output::progress::{Progress, State};
 use crate::output::summary;
 use crate::output::text::{Report, significant};
 #[cfg(feature = "petsc")]
-use crate::petsc::Context;
+use crate::petsc::{Context, Distributed};
 #[cfg(feature = "petsc")]
 use crate::scene::EngineName;
 use crate::scene::{Scene, Side};
@@ -98,7 +100,13 @@ impl Run {
             }
             let model = Model::distributed(scene, &context)?;
             let solver = model.solver(scene)?;
-            self.simulate(scene, &model, &solver, speaks)?;
+            let options = context.clone();
+            let checked = move |engine: &Distributed, sum: &Sum<Distributed>, bounded: usize| {
+                let solver = solver(engine, sum, bounded)?;
+                options.refuse_unknown_options()?;
+                Ok(solver)
+            };
+            self.simulate(scene, &model, &checked, speaks)?;
             context.refuse_unused_options()
         };
         match run() {

@@ -135,14 +135,44 @@ impl Context {
             .collect())
     }
 
+    /// Counts the options of a solver that PETSc looks up only as it solves, which it may never need to, as used: those it knows whose
+    /// names begin so.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn accept_options(&self, beginning: &str) -> Result<()> {
+        let known = self.known_options();
+        for name in self.unused_options()?.iter().filter(|name| name.starts_with(beginning)) {
+            if known.iter().any(|known| known.eq_ignore_ascii_case(name)) {
+                self.option(name)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses options that nothing has looked up and that nothing will, since PETSc knows no such name: no run needs to end first.
+    ///
+    /// # Errors
+    /// As [`Context::refuse_unused_options`].
+    pub fn refuse_unknown_options(&self) -> Result<()> {
+        let known = self.known_options();
+        let mut left = self.unused_options()?;
+        left.retain(|name| !known.iter().any(|known| known.eq_ignore_ascii_case(name)));
+        self.refuse(&left)
+    }
+
     /// Refuses options that nothing has looked up: call it once every solver is set up.
     ///
     /// # Errors
     /// [`Error::Usage`] naming the option and the nearest one that PETSc knows.
     pub fn refuse_unused_options(&self) -> Result<()> {
-        let left = self.unused_options()?;
+        self.refuse(&self.unused_options()?)
+    }
+
+    fn refuse(&self, left: &[String]) -> Result<()> {
         let Some(name) = left.first() else { return Ok(()) };
         let hint = nearest(name, &self.known_options())
+            .filter(|near| near != name)
             .map_or(String::new(), |near| format!("; did you mean `-{near}`?"));
         let others = match left.len() {
             1 => String::new(),
