@@ -135,6 +135,21 @@ impl Context {
             .collect())
     }
 
+    /// Counts the options of a solver that PETSc looks up only as it solves, which it may never need to, as used: those it knows whose
+    /// names begin so.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn accept_options(&self, beginning: &str) -> Result<()> {
+        let known = self.known_options();
+        for name in self.unused_options()?.iter().filter(|name| name.starts_with(beginning)) {
+            if known.iter().any(|known| known.eq_ignore_ascii_case(name)) {
+                self.option(name)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Refuses options that nothing has looked up: call it once every solver is set up.
     ///
     /// # Errors

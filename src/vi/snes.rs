@@ -60,6 +60,7 @@ impl Newton {
         })?;
         solver.force_iteration(true)?;
         solver.set_from_options()?;
+        context.accept_options(&format!("{prefix}snes_"))?;
         Ok(Newton(solver))
     }
 }

@@ -78,6 +78,7 @@ impl Minimiser {
         })?;
         solver.set_hessian(&problem.matrix, |_, _| Ok(()))?;
         solver.set_from_options()?;
+        context.accept_options(&format!("{prefix}tao_"))?;
         Ok(Minimiser(solver))
     }
 }
