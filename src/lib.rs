@@ -16,6 +16,7 @@
 //! | [`space`] | three dofs a node, supports |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
 //! | `petsc` | safe handles on PETSc's objects (feature `petsc`) |
+//! | `petsc` | the engine over all ranks; safe handles on PETSc (feature `petsc`) |
 //! | [`assembly`] | the only loop over cells |
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and its judge |
