@@ -100,7 +100,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         // With U^{-1} = U^1 - 2 dt v_0: U^1 - U^0 = dt v_0 + x / 2 and U^{0,e} = U^0 + x / 2 + dt v_0 (1 - e) / (1 + e).
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
         let drift = |dof: usize| dt * start.velocity[dof] * (1.0 - e) / (1.0 + e);
-        scheme.solve(0.5, drift)?;
+        scheme.solve(2.0, drift)?;
         for ((d, d_next), (x, v)) in
             scheme.d.iter_mut().zip(&mut scheme.d_next).zip(scheme.x.iter().zip(&start.velocity))
         {
@@ -110,20 +110,21 @@ impl<'s, E: Engine> Newmark<'s, E> {
         Ok(scheme)
     }
 
-    /// Solves for x, where the bounded configuration is U^n + share x + drift.
-    fn solve(&mut self, share: f64, drift: impl Fn(usize) -> f64) -> Result<()> {
+    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift.
+    fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64) -> Result<()> {
         let System { engine, stiffness, bounds, .. } = self.system;
         self.elastic = 0.5 * engine.multiply(stiffness, &self.u, &mut self.b)?;
         self.system.subtract_from_load(&mut self.b);
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let known = drift(dof);
-            self.bounds.lower[i] = ((bounds.lower[i] - self.u[dof]) - known) / share;
-            self.bounds.upper[i] = ((bounds.upper[i] - self.u[dof]) - known) / share;
+            self.bounds.lower[i] = ((bounds.lower[i] - self.u[dof]) - known) * stretch;
+            self.bounds.upper[i] = ((bounds.upper[i] - self.u[dof]) - known) * stretch;
         }
         let length = self.system.length(&self.u)?;
         let sum: &Sum<E> = &self.sum;
         self.verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
+        let share = 1.0 / stretch;
         for (z, &dof) in self.admissible.iter_mut().zip(&bounds.dofs) {
             *z = self.u[dof] + (share * self.x[dof] + drift(dof));
         }
@@ -157,7 +158,8 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         std::mem::swap(&mut self.d, &mut self.d_next);
         let e = self.parameters.restitution;
         let d = std::mem::take(&mut self.d);
-        let solved = self.solve(1.0 / (1.0 + e), |dof| d[dof] * (1.0 - e) / (1.0 + e));
+        let drift = (1.0 - e) / (1.0 + e);
+        let solved = self.solve(1.0 + e, |dof| d[dof] * drift);
         self.d = d;
         for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
             *d_next = d + x;
