@@ -10,7 +10,7 @@
 //! | module | is |
 //! |---|---|
 //! | [`error`] | the one error type and its exit codes |
-//! | [`mesh`] | nodes, cells, named edges |
+//! | [`mesh`] | nodes, cells, their names; rectangles and Gmsh's files |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
 //! | [`plate`] | thickness and material to element matrices |
 //! | [`space`] | three dofs a node, supports |

@@ -166,6 +166,7 @@ fn mixed() -> Mesh {
         nodes: [[0.0, 0.0], [1.0, -0.125], [1.25, 1.0], [0.0, 0.75], [2.0, 0.5]].map(Point::from).to_vec(),
         cells: vec![Cell::Quadrilateral([0, 1, 2, 3]), Cell::Triangle([1, 4, 2])],
         edges: [("free".to_string(), vec![[1, 4], [4, 2]])].into(),
+        ..Mesh::default()
     }
 }
 
@@ -227,6 +228,24 @@ fn a_flawed_mesh_is_refused_and_the_culprit_named() {
     refused(|mesh| mesh.nodes.push(Point::new(7.0, 8.0)), &["node 5", "(7, 8)"]);
     refused(|mesh| mesh.cells.push(Cell::Triangle([1, 4, 3])), &["cells 1 and 2 overlap", "nodes 1 and 4"]);
     refused(|mesh| mesh.edges.get_mut("free").unwrap().push([0, 4]), &["nodes 0 and 4", "\"free\""]);
+    refused(|mesh| mesh.groups = [("tip".to_string(), vec![1, 2])].into(), &["\"tip\"", "cell 2", "2 cells"]);
+    refused(|mesh| mesh.points = [("tip".to_string(), vec![5])].into(), &["\"tip\"", "node 5", "5 nodes"]);
+    refused(
+        |mesh| {
+            mesh.nodes.push(mesh.nodes[1]);
+            mesh.cells[1] = Cell::Triangle([5, 4, 2]);
+            mesh.edges.clear();
+        },
+        &["nodes 1 and 5 are both at (1, -0.125)"],
+    );
+    refused(
+        |mesh| {
+            mesh.nodes.push(Point::new(1.125, 0.4375));
+            mesh.cells[1] = Cell::Triangle([5, 4, 2]);
+            mesh.edges.clear();
+        },
+        &["node 5 at (1.125, 0.4375) hangs", "(1, -0.125), (1.25, 1) of cell 0"],
+    );
 }
 
 #[test]

@@ -1,8 +1,9 @@
-//! Nodes, cells and named edges: what the elements stand on.
+//! Nodes, cells and the names of their parts: what the elements stand on.
 //!
-//! A mesh is plain data. [`Mesh::rectangle`] builds a sound one; a mesh from elsewhere is sound once [`Mesh::check`]
+//! A mesh is plain data. [`Mesh::rectangle`] and [`Mesh::load_gmsh`] give sound ones; a mesh from elsewhere is sound once [`Mesh::check`]
 //! says so, and the other methods rely on it: they panic on an index that is out of range.
 
+mod gmsh;
 mod quality;
 mod rectangle;
 mod refine;
@@ -18,7 +19,7 @@ use crate::error::{Error, Result};
 pub type Point = nalgebra::Point2<f64>;
 
 /// A cell: the numbers of its nodes, counter-clockwise.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cell {
     /// Carries the reduced Hsieh-Clough-Tocher element.
     Triangle([usize; 3]),
@@ -51,6 +52,10 @@ pub struct Mesh {
     pub cells: Vec<Cell>,
     /// Edges by name: what a support can hold. Each is a pair of nodes and an edge of a cell.
     pub edges: BTreeMap<String, Vec<[usize; 2]>>,
+    /// Cells by name, their numbers: a part of the plate.
+    pub groups: BTreeMap<String, Vec<usize>>,
+    /// Nodes by name, their numbers.
+    pub points: BTreeMap<String, Vec<usize>>,
 }
 
 /// How far outside a cell a point may lie and still count as inside, relative to the cell's longest edge.

@@ -5,13 +5,16 @@ use std::fmt::Display;
 
 use nalgebra::Vector2;
 
-use super::{Mesh, Point};
+use super::{Cell, Mesh, Point};
 use crate::error::{Error, Result};
 
 /// A corner whose two sides span less than this times the square of the longest side is flat.
 ///
 /// At that flatness the second derivatives of the element, differences of order flatness squared, are all rounding.
 const FLAT: f64 = 1e-8;
+
+/// A node this near to an edge, relative to the edge's length, lies on it; less than what [`FLAT`] keeps a cell's own apart.
+const JOINT: f64 = 1e-9;
 
 impl Mesh {
     /// Checks that the mesh can carry the elements.
@@ -20,7 +23,9 @@ impl Mesh {
     /// [`Error::Mesh`] names the first flaw, with the numbers (from 0) and coordinates of what is at fault: no cell; a
     /// node whose coordinates are not finite, or that no cell uses; a cell with a node that does not exist or appears
     /// twice, or that is flat, clockwise or not strictly convex; cells that overlap along an edge (as they must when
-    /// more than two share it); a named edge that is not an edge of a cell.
+    /// more than two share it), or that touch along one without sharing its nodes: two nodes at one place (a slit of no
+    /// width is none), a node inside the edge of another cell; a named edge that is not an edge of a cell; a named cell
+    /// or node that does not exist.
     pub fn check(&self) -> Result<()> {
         if self.cells.is_empty() {
             return Err(Error::Mesh("the mesh has no cell".into()));
@@ -44,12 +49,65 @@ impl Mesh {
             let at = list(&[self.nodes[node]]);
             return Err(Error::Mesh(format!("no cell uses node {node} at {at}")));
         }
+        self.check_joints(&owners)?;
         for (name, edges) in &self.edges {
             let stray =
                 |&&[a, b]: &&[usize; 2]| !owners.contains_key(&[a, b]) && !owners.contains_key(&[b, a]);
             if let Some([a, b]) = edges.iter().find(stray) {
                 let text = format!("nodes {a} and {b} of edge \"{name}\" are not an edge of a cell");
                 return Err(Error::Mesh(text));
+            }
+        }
+        for (what, names, count) in
+            [("cell", &self.groups, self.cells.len()), ("node", &self.points, self.nodes.len())]
+        {
+            for (name, numbers) in names {
+                if let Some(number) = numbers.iter().find(|&&number| number >= count) {
+                    let text = format!("\"{name}\" names {what} {number}, but the mesh has {count} {what}s");
+                    return Err(Error::Mesh(text));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that no node of the boundary lies on an edge of the boundary other than its own.
+    ///
+    /// Of an edge, only the nodes in its extent along x or y, the longer of the two, are looked at.
+    fn check_joints(&self, owners: &HashMap<[usize; 2], usize>) -> Result<()> {
+        let boundary: Vec<[usize; 2]> = (self.cells.iter().flat_map(Cell::edges))
+            .filter(|&[a, b]| !owners.contains_key(&[b, a]))
+            .collect();
+        let sorted = [0, 1].map(|axis| {
+            let mut nodes: Vec<usize> = boundary.iter().map(|[node, _]| *node).collect();
+            nodes.sort_by(|&a, &b| self.nodes[a][axis].total_cmp(&self.nodes[b][axis]).then(a.cmp(&b)));
+            nodes.dedup();
+            nodes
+        });
+        for [a, b] in boundary {
+            let [start, end] = [a, b].map(|node| self.nodes[node]);
+            let side = end - start;
+            let slack = JOINT * side.norm();
+            let axis = usize::from(side.y.abs() > side.x.abs());
+            let nodes = &sorted[axis];
+            let low = nodes.partition_point(|&n| self.nodes[n][axis] < start[axis].min(end[axis]) - slack);
+            let high = start[axis].max(end[axis]) + slack;
+            let near = nodes[low..].iter().copied().take_while(|&node| self.nodes[node][axis] <= high);
+            for node in near.filter(|&node| node != a && node != b) {
+                let point = self.nodes[node];
+                let at = list(&[point]);
+                if let Some(twin) = [a, b].into_iter().find(|&n| (self.nodes[n] - point).norm() <= slack) {
+                    let [first, second] = [node.min(twin), node.max(twin)];
+                    return Err(Error::Mesh(format!(
+                        "nodes {first} and {second} are both at {at}: merge them"
+                    )));
+                }
+                if side.perp(&(point - start)).abs() <= slack * side.norm() {
+                    let (cell, ends) = (owners[&[a, b]], list(&[start, end]));
+                    return Err(Error::Mesh(format!(
+                        "node {node} at {at} hangs: it lies inside the edge {ends} of cell {cell}, of which it is no node"
+                    )));
+                }
             }
         }
         Ok(())

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::{Cell, Mesh, Point};
 
 impl Mesh {
-    /// The mesh with every cell cut into four by the midpoints of its edges; the edges keep their names.
+    /// The mesh with every cell cut into four by the midpoints of its edges; what has a name keeps it.
     ///
     /// The old nodes keep their numbers. Cell `k` becomes cells `4k` to `4k + 3`: first the one at each of its corners,
     /// in order (for a triangle, then the middle one).
@@ -51,6 +51,8 @@ impl Mesh {
             fine
         };
         let edges = self.edges.iter().map(|(name, edges)| (name.clone(), halves(edges))).collect();
-        Mesh { nodes, cells, edges }
+        let quarters = |cells: &Vec<usize>| cells.iter().flat_map(|cell| 4 * cell..4 * cell + 4).collect();
+        let groups = self.groups.iter().map(|(name, cells)| (name.clone(), quarters(cells))).collect();
+        Mesh { nodes, cells, edges, groups, points: self.points.clone() }
     }
 }

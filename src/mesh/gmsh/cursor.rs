@@ -1,0 +1,202 @@
+//! The bytes of a file from front to back, as words of text or numbers of fixed width; what is wrong, and where.
+
+use std::fmt::Display;
+use std::str::FromStr;
+
+use crate::error::{Error, Result};
+
+/// How numbers are written.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// Words between white space.
+    Text,
+    /// Fixed width, the lowest byte first.
+    LittleEndian,
+    /// Fixed width, the highest byte first.
+    BigEndian,
+}
+
+/// A place in a file. Every read moves it on; `expected` is what the error says should stand there.
+pub struct Cursor<'a> {
+    file: &'a str,
+    bytes: &'a [u8],
+    at: usize,
+    pub encoding: Encoding,
+}
+
+/// Binary numbers of one type: those of the other byte order are the same bytes reversed.
+macro_rules! fixed_width {
+    ($cursor:expr, $number:ty, $expected:expr) => {
+        $cursor.bytes($expected).map(|bytes| match $cursor.encoding {
+            Encoding::BigEndian => <$number>::from_be_bytes(bytes),
+            _ => <$number>::from_le_bytes(bytes),
+        })
+    };
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(file: &'a str, bytes: &'a [u8]) -> Cursor<'a> {
+        Cursor { file, bytes, at: 0, encoding: Encoding::Text }
+    }
+
+    /// Where the next word or number starts.
+    pub fn place(&mut self) -> usize {
+        if self.encoding == Encoding::Text {
+            self.skip_blanks();
+        }
+        self.at
+    }
+
+    /// An error at a place: its line in a text file, its offset in a binary one.
+    pub fn fault(&self, place: usize, wrong: impl Display) -> Error {
+        let file = self.file;
+        Error::Mesh(if self.encoding == Encoding::Text {
+            let line = 1 + self.bytes[..place].iter().filter(|&&byte| byte == b'\n').count();
+            format!("{file}:{line}: {wrong}")
+        } else {
+            format!("{file}: byte {place}: {wrong}")
+        })
+    }
+
+    /// An error of the file as a whole.
+    pub fn fault_of_file(&self, wrong: impl Display) -> Error {
+        Error::Mesh(format!("{}: {wrong}", self.file))
+    }
+
+    /// A word of text, whatever the encoding of numbers; `None` at the end of the file.
+    fn next_word(&mut self) -> Option<&'a [u8]> {
+        self.skip_blanks();
+        let rest = &self.bytes[self.at..];
+        let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        self.at += length;
+        (length > 0).then_some(&rest[..length])
+    }
+
+    /// A word of text as a value.
+    pub fn word<T: FromStr>(&mut self, expected: &str) -> Result<T> {
+        let word = self.next_word().ok_or_else(|| self.end(expected))?;
+        let value = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        value.ok_or_else(|| self.unexpected(self.at - word.len(), expected, word))
+    }
+
+    /// An `int`.
+    pub fn int(&mut self, expected: &str) -> Result<i64> {
+        match self.encoding {
+            Encoding::Text => self.word(expected),
+            _ => fixed_width!(self, i32, expected).map(i64::from),
+        }
+    }
+
+    /// A `size_t`.
+    pub fn size(&mut self, expected: &str) -> Result<u64> {
+        match self.encoding {
+            Encoding::Text => self.word(expected),
+            _ => fixed_width!(self, u64, expected),
+        }
+    }
+
+    /// A `double`, finite.
+    pub fn real(&mut self, expected: &str) -> Result<f64> {
+        let place = self.place();
+        let value: f64 = match self.encoding {
+            Encoding::Text => self.word(expected),
+            _ => fixed_width!(self, f64, expected),
+        }?;
+        if value.is_finite() {
+            Ok(value)
+        } else {
+            Err(self.fault(place, format_args!("expected {expected}, found {value}")))
+        }
+    }
+
+    /// Checks that `count` things of so many numbers each, counted just now, can fit in the rest of the file.
+    pub fn claim(&self, count: u64, things: &str, numbers: usize) -> Result<usize> {
+        let left = self.bytes.len() - self.at;
+        // A digit and a space, or an int.
+        let each = numbers * if self.encoding == Encoding::Text { 2 } else { 4 };
+        let fits = usize::try_from(count).ok().filter(|count| *count <= left.div_ceil(each));
+        fits.ok_or_else(|| {
+            self.fault(
+                self.at,
+                format_args!("{count} {things} are announced, but only {left} bytes are left"),
+            )
+        })
+    }
+
+    /// Text in double quotes that ends on its line.
+    pub fn quoted(&mut self, expected: &str) -> Result<&'a str> {
+        self.skip_blanks();
+        let rest = &self.bytes[self.at..];
+        let line = rest.split(|&byte| byte == b'\n').next().unwrap_or_default().trim_ascii_end();
+        let text = line.strip_prefix(b"\"").and_then(|text| text.strip_suffix(b"\""));
+        match text.map(std::str::from_utf8) {
+            Some(Ok(text)) => {
+                self.at += line.len();
+                Ok(text)
+            }
+            _ => Err(self.unexpected(self.at, expected, line)),
+        }
+    }
+
+    /// The name of the next section, with its place; `None` at the end of the file.
+    pub fn section(&mut self) -> Result<Option<(&'a str, usize)>> {
+        let Some(word) = self.next_word() else { return Ok(None) };
+        let place = self.at - word.len();
+        let name = word.strip_prefix(b"$").and_then(|name| std::str::from_utf8(name).ok());
+        match name {
+            Some(name) => Ok(Some((name, place))),
+            None => Err(self.unexpected(place, "a section ($Nodes, $Elements, ...)", word)),
+        }
+    }
+
+    /// Past the end of the line: binary numbers start right after it.
+    pub fn end_line(&mut self) -> Result<()> {
+        let line = &self.bytes[self.at..];
+        let length = line.iter().take_while(|byte| matches!(byte, b' ' | b'\r')).count();
+        if line.get(length) != Some(&b'\n') {
+            return Err(self.fault(self.at, "expected the end of the line"));
+        }
+        self.at += length + 1;
+        Ok(())
+    }
+
+    /// The `$End` of a section, right here.
+    pub fn end_section(&mut self, name: &str) -> Result<()> {
+        let expected = format!("$End{name}");
+        let word = self.next_word().ok_or_else(|| self.end(&expected))?;
+        if word == expected.as_bytes() {
+            Ok(())
+        } else {
+            Err(self.unexpected(self.at - word.len(), &expected, word))
+        }
+    }
+
+    /// Past the `$End` of a section whose content does not matter.
+    pub fn skip_section(&mut self, name: &str) -> Result<()> {
+        let end = format!("$End{name}");
+        let found = self.bytes[self.at..].windows(end.len()).position(|window| window == end.as_bytes());
+        self.at += found.ok_or_else(|| self.end(&end))? + end.len();
+        Ok(())
+    }
+
+    fn skip_blanks(&mut self) {
+        self.at += self.bytes[self.at..].iter().take_while(|byte| byte.is_ascii_whitespace()).count();
+    }
+
+    fn bytes<const N: usize>(&mut self, expected: &str) -> Result<[u8; N]> {
+        let bytes = self.bytes[self.at..].first_chunk().ok_or_else(|| self.end(expected))?;
+        self.at += N;
+        Ok(*bytes)
+    }
+
+    fn end(&self, expected: &str) -> Error {
+        self.fault(self.bytes.len(), format_args!("the file ends where {expected} should stand"))
+    }
+
+    fn unexpected(&self, place: usize, expected: &str, found: &[u8]) -> Error {
+        const MOST: usize = 40;
+        let shown = String::from_utf8_lossy(&found[..found.len().min(MOST)]);
+        let dots = if found.len() > MOST { "..." } else { "" };
+        self.fault(place, format_args!("expected {expected}, found {shown:?}{dots}"))
+    }
+}

@@ -1,0 +1,22 @@
+// The unit square: quadrangles on the left, triangles on the right, a point inside. Clockwise on the right.
+h = 0.2;
+Point(1) = {0, 0, 0, h}; Point(2) = {0.55, 0, 0, h}; Point(3) = {1, 0, 0, h};
+Point(4) = {1, 1, 0, h}; Point(5) = {0.45, 1, 0, h}; Point(6) = {0, 1, 0, h};
+Point(7) = {0.75, 0.5, 0, h};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6}; Line(6) = {6, 1};
+Line(7) = {2, 5};
+Curve Loop(1) = {1, 7, 5, 6}; Plane Surface(1) = {1};
+Curve Loop(2) = {7, -4, -3, -2}; Plane Surface(2) = {2};
+Point{7} In Surface{2};
+Recombine Surface{1};
+Mesh.RecombinationAlgorithm = 2;
+Physical Point("peak") = {7};
+Physical Curve("bottom") = {1, 2};
+Physical Curve("right") = {3};
+Physical Curve("top") = {4, 5};
+Physical Curve("left") = {6};
+Physical Curve("joint") = {7};
+Physical Curve(77) = {1, 7};
+Physical Surface("steel") = {1};
+Physical Surface("rubber") = {2};
+Physical Surface("whole") = {1, 2};
