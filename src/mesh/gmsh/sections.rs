@@ -1,0 +1,451 @@
+//! The sections of a file: nodes, elements and the names of their groups, as they stand.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::rc::Rc;
+
+use super::cursor::{Cursor, Encoding};
+use crate::error::Result;
+
+/// Numbers of physical groups of one dimension.
+pub type Groups = Rc<[u64]>;
+
+pub struct Node {
+    pub number: u64,
+    pub place: usize,
+    pub position: [f64; 3],
+}
+
+/// Elements of one shape in the same groups.
+pub struct Block {
+    pub shape: Shape,
+    pub groups: Groups,
+    /// Indices of the nodes, element by element.
+    pub nodes: Vec<usize>,
+}
+
+/// The elements that a plate has a use for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    Point,
+    Line,
+    Triangle,
+    Quadrangle,
+}
+
+impl Shape {
+    fn new(kind: i64) -> std::result::Result<Shape, String> {
+        const SOLID: &str = "a plate is flat: mesh its surfaces only";
+        const CURVED: &str = "cells have straight edges: set Mesh.ElementOrder = 1";
+        let (name, advice) = match kind {
+            15 => return Ok(Shape::Point),
+            1 => return Ok(Shape::Line),
+            2 => return Ok(Shape::Triangle),
+            3 => return Ok(Shape::Quadrangle),
+            4 => ("4-node tetrahedron", SOLID),
+            5 => ("8-node hexahedron", SOLID),
+            6 => ("6-node prism", SOLID),
+            7 => ("5-node pyramid", SOLID),
+            8 => ("3-node line", CURVED),
+            9 => ("6-node triangle", CURVED),
+            10 => ("9-node quadrangle", CURVED),
+            16 => ("8-node quadrangle", CURVED),
+            _ => {
+                return Err(format!(
+                    "expected a point (15), line (1), triangle (2) or quadrangle (3), found elements of type {kind}"
+                ));
+            }
+        };
+        Err(format!("found a {name} (type {kind}); {advice}"))
+    }
+
+    pub fn nodes(self) -> usize {
+        match self {
+            Shape::Point => 1,
+            Shape::Line => 2,
+            Shape::Triangle => 3,
+            Shape::Quadrangle => 4,
+        }
+    }
+
+    pub fn dimension(self) -> usize {
+        match self {
+            Shape::Point => 0,
+            Shape::Line => 1,
+            Shape::Triangle | Shape::Quadrangle => 2,
+        }
+    }
+}
+
+/// What the sections say.
+pub struct Sections<'a> {
+    pub cursor: Cursor<'a>,
+    /// Names, with their places, by dimension and number.
+    pub names: BTreeMap<(usize, u64), (&'a str, usize)>,
+    /// Groups of the entities, by dimension and number.
+    entities: HashMap<(usize, i64), Groups>,
+    pub nodes: Vec<Node>,
+    /// Indices of the nodes by their numbers.
+    indices: HashMap<u64, usize>,
+    pub blocks: Vec<Block>,
+}
+
+impl<'a> Sections<'a> {
+    pub fn read(cursor: Cursor<'a>) -> Result<Sections<'a>> {
+        let mut sections = Sections {
+            cursor,
+            names: BTreeMap::new(),
+            entities: HashMap::new(),
+            nodes: Vec::new(),
+            indices: HashMap::new(),
+            blocks: Vec::new(),
+        };
+        let legacy = sections.format()?;
+        let mut seen = HashSet::new();
+        while let Some((name, place)) = sections.cursor.section()? {
+            let parsed = match (name, legacy) {
+                ("PhysicalNames", _) => Sections::physical_names,
+                ("Nodes", true) => Sections::legacy_nodes,
+                ("ParametricNodes", true) => Sections::legacy_parametric_nodes,
+                ("Elements", true) => Sections::legacy_elements,
+                ("Entities", false) => Sections::entities,
+                ("PartitionedEntities", false) => Sections::partitioned_entities,
+                ("Nodes", false) => Sections::nodes,
+                ("Elements", false) => Sections::elements,
+                _ => {
+                    sections.cursor.skip_section(name)?;
+                    continue;
+                }
+            };
+            if !seen.insert(name) {
+                return Err(sections.cursor.fault(place, format_args!("there is a ${name} above already")));
+            }
+            if sections.cursor.encoding != Encoding::Text {
+                sections.cursor.end_line()?;
+            }
+            parsed(&mut sections)?;
+            sections.cursor.end_section(name)?;
+        }
+        Ok(sections)
+    }
+
+    /// Reads `$MeshFormat`, comments before it passed over; whether the version is 2.2.
+    fn format(&mut self) -> Result<bool> {
+        let cursor = &mut self.cursor;
+        loop {
+            match cursor.section()? {
+                Some(("MeshFormat", _)) => break,
+                Some(("Comments", _)) => cursor.skip_section("Comments")?,
+                Some((name, place)) => {
+                    let text = format!("expected $MeshFormat, as Gmsh's files start, found ${name}");
+                    return Err(cursor.fault(place, text));
+                }
+                None => return Err(cursor.fault_of_file("the file is empty")),
+            }
+        }
+        let place = cursor.place();
+        let version: f64 = cursor.word("the version of the format")?;
+        let legacy = version == 2.2;
+        if !legacy && version != 4.1 {
+            let text = format!(
+                "version {version} of the format is not supported: save with Mesh.MshFileVersion = 4.1, or 2.2"
+            );
+            return Err(cursor.fault(place, text));
+        }
+        let place = cursor.place();
+        let binary = match cursor.word("0 for a text file or 1 for a binary one")? {
+            0 => false,
+            1 => true,
+            other => {
+                let text = format!("expected 0 for a text file or 1 for a binary one, found {other}");
+                return Err(cursor.fault(place, text));
+            }
+        };
+        let place = cursor.place();
+        let size: u64 = cursor.word("the size of a number in bytes")?;
+        if binary {
+            if size != 8 {
+                return Err(
+                    cursor.fault(place, format_args!("expected numbers of 8 bytes, found {size} bytes"))
+                );
+            }
+            cursor.end_line()?;
+            cursor.encoding = Encoding::LittleEndian;
+            let place = cursor.place();
+            let one = cursor.int("a 1 that tells the order of bytes")?;
+            if one == i64::from(1_i32.swap_bytes()) {
+                cursor.encoding = Encoding::BigEndian;
+            } else if one != 1 {
+                let text = format!("expected a 1 that tells the order of bytes, found {one}");
+                return Err(cursor.fault(place, text));
+            }
+        }
+        cursor.end_section("MeshFormat")?;
+        Ok(legacy)
+    }
+
+    /// `$PhysicalNames`: text in every file.
+    fn physical_names(&mut self) -> Result<()> {
+        for _ in 0..self.cursor.word("the number of physical names")? {
+            let dimension: usize = self.cursor.word("the dimension of a physical group")?;
+            let number: i64 = self.cursor.word("the number of a physical group")?;
+            let place = self.cursor.place();
+            let name = self.cursor.quoted("the name of a physical group in double quotes")?;
+            if self.names.insert((dimension, number.unsigned_abs()), (name, place)).is_some() {
+                let text = format!("{} {number} has a name above already", physical(dimension));
+                return Err(self.cursor.fault(place, text));
+            }
+        }
+        Ok(())
+    }
+
+    /// `$Entities`: what lies on a curve belongs to the groups of the curve.
+    fn entities(&mut self) -> Result<()> {
+        self.entities_of(false)
+    }
+
+    /// `$PartitionedEntities`: the pieces of the entities, each with the groups of the whole.
+    fn partitioned_entities(&mut self) -> Result<()> {
+        self.cursor.size("the number of partitions")?;
+        let ghosts = self.cursor.size("the number of ghost entities")?;
+        for _ in 0..2 * self.cursor.claim(ghosts, "ghost entities", 2)? {
+            self.cursor.int("a ghost entity")?;
+        }
+        self.entities_of(true)
+    }
+
+    fn entities_of(&mut self, partitioned: bool) -> Result<()> {
+        let mut counts = [0; 4];
+        for count in &mut counts {
+            *count = self.cursor.size("the number of entities of a dimension")?;
+        }
+        for (dimension, count) in counts.into_iter().enumerate() {
+            for _ in 0..self.cursor.claim(count, "entities", 5)? {
+                let number = self.cursor.int("the number of an entity")?;
+                if partitioned {
+                    self.cursor.int("the dimension of the parent of an entity")?;
+                    self.cursor.int("the number of the parent of an entity")?;
+                    self.ints("partitions")?;
+                }
+                for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                    self.cursor.real("the place of an entity")?;
+                }
+                let mut groups: Vec<_> =
+                    self.ints("physical groups")?.into_iter().map(i64::unsigned_abs).collect();
+                groups.sort_unstable();
+                groups.dedup();
+                if dimension > 0 {
+                    self.ints("entities of the boundary")?;
+                }
+                self.entities.insert((dimension, number), groups.into());
+            }
+        }
+        Ok(())
+    }
+
+    /// A count and as many ints.
+    fn ints(&mut self, things: &str) -> Result<Vec<i64>> {
+        let count = self.cursor.size(&format!("the number of {things}"))?;
+        let count = self.cursor.claim(count, things, 1)?;
+        (0..count).map(|_| self.cursor.int(things)).collect()
+    }
+
+    /// `$Nodes` of 4.1: blocks of numbers, then of positions.
+    fn nodes(&mut self) -> Result<()> {
+        let [blocks, total] = self.block_counts("nodes", 4)?;
+        for _ in 0..blocks {
+            let dimension = self.cursor.int("the dimension of an entity")?;
+            self.cursor.int("the number of an entity")?;
+            let parameters =
+                if self.cursor.int("0, or 1 for parametric nodes")? == 0 { 0 } else { dimension.clamp(0, 3) };
+            let count = self.cursor.size("the number of nodes")?;
+            let count = self.cursor.claim(count, "nodes", 4)?;
+            let mut numbers = Vec::with_capacity(count);
+            for _ in 0..count {
+                numbers.push((self.cursor.place(), self.cursor.size("the number of a node")?));
+            }
+            for (place, number) in numbers {
+                let position = self.position()?;
+                for _ in 0..parameters {
+                    self.cursor.real("a parameter of a node")?;
+                }
+                self.add_node(Node { number, place, position })?;
+            }
+        }
+        self.require_total("nodes", total, self.nodes.len())
+    }
+
+    /// `$Nodes` of 2.2.
+    fn legacy_nodes(&mut self) -> Result<()> {
+        for _ in 0..self.legacy_count("nodes", 4)? {
+            let (place, number) = (self.cursor.place(), self.legacy_number()?);
+            let position = self.position()?;
+            self.add_node(Node { number, place, position })?;
+        }
+        Ok(())
+    }
+
+    /// `$ParametricNodes` of 2.2: each node with the entity it lies on and its parameters there.
+    fn legacy_parametric_nodes(&mut self) -> Result<()> {
+        for _ in 0..self.legacy_count("nodes", 6)? {
+            let (place, number) = (self.cursor.place(), self.legacy_number()?);
+            let position = self.position()?;
+            let dimension = self.cursor.int("the dimension of an entity")?;
+            self.cursor.int("the number of an entity")?;
+            // None for volumes.
+            for _ in 0..if (1..=2).contains(&dimension) { dimension } else { 0 } {
+                self.cursor.real("a parameter of a node")?;
+            }
+            self.add_node(Node { number, place, position })?;
+        }
+        Ok(())
+    }
+
+    /// `$Elements` of 4.1: blocks of one shape on one entity.
+    fn elements(&mut self) -> Result<()> {
+        let [blocks, total] = self.block_counts("elements", 2)?;
+        let mut read = 0;
+        for _ in 0..blocks {
+            let place = self.cursor.place();
+            let dimension = self.cursor.int("the dimension of an entity")?;
+            let entity = self.cursor.int("the number of an entity")?;
+            let shape = self.shape()?;
+            if usize::try_from(dimension) != Ok(shape.dimension()) {
+                let text = format!("elements of dimension {} on an entity of {dimension}", shape.dimension());
+                return Err(self.cursor.fault(place, text));
+            }
+            let count = self.cursor.size("the number of elements")?;
+            let count = self.cursor.claim(count, "elements", 1 + shape.nodes())?;
+            let groups = self.entities.get(&(shape.dimension(), entity)).cloned().unwrap_or_default();
+            let mut nodes = Vec::with_capacity(count * shape.nodes());
+            for _ in 0..count {
+                self.cursor.size("the number of an element")?;
+                for _ in 0..shape.nodes() {
+                    let place = self.cursor.place();
+                    let number = self.cursor.size("the number of a node")?;
+                    nodes.push(self.index(place, number)?);
+                }
+            }
+            self.blocks.push(Block { shape, groups, nodes });
+            read += count;
+        }
+        self.require_total("elements", total, read)
+    }
+
+    /// `$Elements` of 2.2: one by one in text, in runs of one shape in binary.
+    fn legacy_elements(&mut self) -> Result<()> {
+        let text = self.cursor.encoding == Encoding::Text;
+        let mut left = self.legacy_count("elements", 3)?;
+        while left > 0 {
+            if text {
+                self.cursor.int("the number of an element")?;
+            }
+            let shape = self.shape()?;
+            let place = self.cursor.place();
+            let run = if text { 1 } else { self.cursor.int("the number of elements that follow")? };
+            let run = usize::try_from(run).ok().filter(|run| (1..=left).contains(run));
+            let run = run.ok_or_else(|| {
+                self.cursor.fault(place, format_args!("expected a run of 1 to {left} elements"))
+            })?;
+            let tags = self.cursor.int("the number of tags")?;
+            for _ in 0..run {
+                if !text {
+                    self.cursor.int("the number of an element")?;
+                }
+                // The first tag is the physical group, 0 for none.
+                let mut group = 0;
+                for tag in 0..tags {
+                    let value = self.cursor.int("a tag of an element")?;
+                    if tag == 0 {
+                        group = value.unsigned_abs();
+                    }
+                }
+                let groups: &[u64] = if group == 0 { &[] } else { &[group] };
+                if self.blocks.last().is_none_or(|last| last.shape != shape || *last.groups != *groups) {
+                    self.blocks.push(Block { shape, groups: groups.into(), nodes: Vec::new() });
+                }
+                for _ in 0..shape.nodes() {
+                    let place = self.cursor.place();
+                    let number = self.legacy_number()?;
+                    let index = self.index(place, number)?;
+                    self.blocks.last_mut().expect("just pushed").nodes.push(index);
+                }
+            }
+            left -= run;
+        }
+        Ok(())
+    }
+
+    /// The head of `$Nodes` and `$Elements` of 4.1: the numbers of blocks and, over all of them, of things.
+    fn block_counts(&mut self, things: &str, numbers: usize) -> Result<[usize; 2]> {
+        let blocks = self.cursor.size("the number of blocks")?;
+        let blocks = self.cursor.claim(blocks, "blocks", 4)?;
+        let total = self.cursor.size(&format!("the number of {things}"))?;
+        let total = self.cursor.claim(total, things, numbers)?;
+        self.cursor.size("the smallest number")?;
+        self.cursor.size("the largest number")?;
+        Ok([blocks, total])
+    }
+
+    fn require_total(&mut self, things: &str, announced: usize, found: usize) -> Result<()> {
+        if announced == found {
+            return Ok(());
+        }
+        let place = self.cursor.place();
+        let text = format!("{announced} {things} are announced, but the blocks have {found}");
+        Err(self.cursor.fault(place, text))
+    }
+
+    /// The head of `$Nodes` and `$Elements` of 2.2: text in every file.
+    fn legacy_count(&mut self, things: &str, numbers: usize) -> Result<usize> {
+        let count = self.cursor.word(&format!("the number of {things}"))?;
+        if self.cursor.encoding != Encoding::Text {
+            self.cursor.end_line()?;
+        }
+        self.cursor.claim(count, things, numbers)
+    }
+
+    /// The number of a node in 2.2.
+    fn legacy_number(&mut self) -> Result<u64> {
+        let place = self.cursor.place();
+        let number = self.cursor.int("the number of a node")?;
+        u64::try_from(number).map_err(|_| {
+            self.cursor.fault(place, format_args!("expected the number of a node, found {number}"))
+        })
+    }
+
+    fn position(&mut self) -> Result<[f64; 3]> {
+        let mut position = [0.0; 3];
+        for coordinate in &mut position {
+            *coordinate = self.cursor.real("a coordinate of a node")?;
+        }
+        Ok(position)
+    }
+
+    fn add_node(&mut self, node: Node) -> Result<()> {
+        if self.indices.insert(node.number, self.nodes.len()).is_some() {
+            let text = format!("there is a node {} above already", node.number);
+            return Err(self.cursor.fault(node.place, text));
+        }
+        self.nodes.push(node);
+        Ok(())
+    }
+
+    fn shape(&mut self) -> Result<Shape> {
+        let place = self.cursor.place();
+        let kind = self.cursor.int("the type of an element")?;
+        Shape::new(kind).map_err(|wrong| self.cursor.fault(place, wrong))
+    }
+
+    fn index(&self, place: usize, number: u64) -> Result<usize> {
+        let index = self.indices.get(&number).copied();
+        index.ok_or_else(|| {
+            self.cursor
+                .fault(place, format_args!("node {number} of this element is not among the nodes above"))
+        })
+    }
+}
+
+/// A physical group's kind in words.
+pub fn physical(dimension: usize) -> &'static str {
+    ["physical point", "physical curve", "physical surface"].get(dimension).unwrap_or(&"physical volume")
+}
