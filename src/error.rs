@@ -1,4 +1,4 @@
-//! The one error type, and the exit code of each case.
+//! The one error type, the exit code of each case, and the hint of a message.
 
 use std::path::PathBuf;
 
@@ -92,3 +92,10 @@ impl Error {
 
 /// The crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// The valid name that a wrong one was probably meant to be.
+pub(crate) fn suggestion(wrong: &str, valid: &[&str]) -> String {
+    let alike = |name: &&&str| strsim::jaro_winkler(wrong, name);
+    let nearest = valid.iter().max_by(|a, b| alike(a).total_cmp(&alike(b))).filter(|name| alike(name) > 0.75);
+    nearest.map_or(String::new(), |name| format!(" (did you mean {name}?)"))
+}

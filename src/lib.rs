@@ -11,6 +11,7 @@
 //! |---|---|
 //! | [`error`] | the one error type and its exit codes |
 //! | [`mesh`] | nodes, cells, their names; rectangles and Gmsh's files |
+//! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
 //! | [`plate`] | thickness and material to element matrices |
 //! | [`space`] | three dofs a node, supports |
@@ -56,6 +57,7 @@
 
 pub mod error;
 pub mod mesh;
+pub mod field;
 pub mod element;
 pub mod plate;
 pub mod space;

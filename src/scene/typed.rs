@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use super::document::{Document, Value, cut, quote, spell};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, suggestion};
 
 /// A physical quantity: what it is, with its unit, and where its values may lie.
 pub(super) struct Quantity {
@@ -164,11 +164,4 @@ impl Document<'_> {
 fn expected_words<T: Choice>() -> String {
     let words: Vec<String> = T::WORDS.iter().map(|(word, _)| format!("\"{word}\"")).collect();
     format!("expected one of {}", words.join(", "))
-}
-
-/// The valid name that a wrong one was probably meant to be.
-fn suggestion(wrong: &str, valid: &[&str]) -> String {
-    let alike = |name: &&&str| strsim::jaro_winkler(wrong, name);
-    let nearest = valid.iter().max_by(|a, b| alike(a).total_cmp(&alike(b))).filter(|name| alike(name) > 0.75);
-    nearest.map_or(String::new(), |name| format!(" (did you mean {name}?)"))
 }

@@ -1,0 +1,167 @@
+//! A number that carries its first two derivatives in time: Taylor arithmetic, cut after the second order.
+
+use super::code::{Binary, Number, Unary};
+use std::f64::consts::LN_10;
+
+/// A value and its derivatives in t.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jet {
+    /// The value.
+    pub value: f64,
+    /// Its first derivative, a second.
+    pub first: f64,
+    /// Its second derivative, a second squared.
+    pub second: f64,
+}
+
+/// A product in which what does not move wins over an infinite slope: `sqrt(x)` at x = 0 does not depend on time.
+fn product(slope: f64, motion: f64) -> f64 {
+    if motion == 0.0 { 0.0 } else { slope * motion }
+}
+
+impl Jet {
+    /// The time t itself.
+    pub(super) fn time(t: f64) -> Jet {
+        Jet { value: t, first: 1.0, second: 0.0 }
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.value.is_finite() && self.first.is_finite() && self.second.is_finite()
+    }
+
+    fn is_still(&self) -> bool {
+        self.first == 0.0 && self.second == 0.0
+    }
+
+    /// f(u), from f, f' and f'' at u.
+    fn chain(self, f: f64, slope: f64, curvature: f64) -> Jet {
+        Jet {
+            value: f,
+            first: product(slope, self.first),
+            second: product(curvature, self.first * self.first) + product(slope, self.second),
+        }
+    }
+
+    fn times(self, other: Jet) -> Jet {
+        let (u, v) = (self, other);
+        Jet {
+            value: u.value * v.value,
+            first: product(v.value, u.first) + product(u.value, v.first),
+            second: product(v.value, u.second) + 2.0 * u.first * v.first + product(u.value, v.second),
+        }
+    }
+
+    fn plus(self, other: Jet, sign: f64) -> Jet {
+        Jet {
+            value: self.value + sign * other.value,
+            first: self.first + sign * other.first,
+            second: self.second + sign * other.second,
+        }
+    }
+
+    /// u^v. Where v does not move, u may be negative or zero, as far as the power has a derivative there.
+    fn power(self, exponent: Jet, f: f64) -> Jet {
+        let (u, n) = (self.value, exponent.value);
+        if exponent.is_still() {
+            let slope = product(u.powf(n - 1.0), n);
+            let curvature = product(u.powf(n - 2.0), n * (n - 1.0));
+            return self.chain(f, slope, curvature);
+        }
+        let log = exponent.times(self.unary(Unary::Ln));
+        log.chain(f, f, f)
+    }
+}
+
+impl Number for Jet {
+    fn constant(value: f64) -> Self {
+        Jet { value, first: 0.0, second: 0.0 }
+    }
+
+    fn unary(self, op: Unary) -> Self {
+        let u = self.value;
+        let f = u.unary(op);
+        let (slope, curvature) = match op {
+            Unary::Negate => (-1.0, 0.0),
+            Unary::Sin => (u.cos(), -f),
+            Unary::Cos => (-u.sin(), -f),
+            Unary::Tan => (1.0 + f * f, 2.0 * f * (1.0 + f * f)),
+            Unary::Asin => arcsine(u, 1.0),
+            Unary::Acos => arcsine(u, -1.0),
+            Unary::Atan => {
+                let slope = 1.0 / (1.0 + u * u);
+                (slope, -2.0 * u * slope * slope)
+            }
+            Unary::Sinh => (u.cosh(), f),
+            Unary::Cosh => (u.sinh(), f),
+            Unary::Tanh => (1.0 - f * f, -2.0 * f * (1.0 - f * f)),
+            Unary::Exp => (f, f),
+            Unary::Ln => (1.0 / u, -1.0 / (u * u)),
+            Unary::Log10 => (1.0 / (u * LN_10), -1.0 / (u * u * LN_10)),
+            Unary::Sqrt => (0.5 / f, -0.25 / (u * f)),
+            Unary::Abs => (if u < 0.0 { -1.0 } else { 1.0 }, 0.0),
+            Unary::Not | Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Step => (0.0, 0.0),
+        };
+        self.chain(f, slope, curvature)
+    }
+
+    fn binary(self, op: Binary, right: Self) -> Self {
+        let (u, v) = (self, right);
+        let f = u.value.binary(op, v.value);
+        match op {
+            Binary::Add => u.plus(v, 1.0),
+            Binary::Subtract => u.plus(v, -1.0),
+            Binary::Multiply => u.times(v),
+            Binary::Divide => {
+                let first = (u.first - product(f, v.first)) / v.value;
+                let second = (u.second - 2.0 * first * v.first - product(f, v.second)) / v.value;
+                Jet { value: f, first, second }
+            }
+            Binary::Power => u.power(v, f),
+            Binary::Min if u.value.is_nan() || u.value < v.value => u,
+            Binary::Max if u.value.is_nan() || u.value > v.value => u,
+            Binary::Min | Binary::Max => v,
+            Binary::Hypot | Binary::Atan2 if u.is_still() && v.is_still() => Jet::constant(f),
+            Binary::Hypot => {
+                let first = (u.value * u.first + v.value * v.first) / f;
+                let speeds = u.first * u.first + v.first * v.first - first * first;
+                let second = (speeds + u.value * u.second + v.value * v.second) / f;
+                Jet { value: f, first, second }
+            }
+            Binary::Atan2 => {
+                let square = u.value * u.value + v.value * v.value;
+                let square_rate = 2.0 * (u.value * u.first + v.value * v.first);
+                let first = (v.value * u.first - u.value * v.first) / square;
+                let second = (v.value * u.second - u.value * v.second - first * square_rate) / square;
+                Jet { value: f, first, second }
+            }
+            Binary::Mod => {
+                let turns = ((u.value - f) / v.value).round();
+                Jet { value: f, ..u.plus(v, -turns) }
+            }
+            Binary::Less
+            | Binary::LessEqual
+            | Binary::Greater
+            | Binary::GreaterEqual
+            | Binary::Equal
+            | Binary::NotEqual
+            | Binary::And
+            | Binary::Or => Jet::constant(f),
+        }
+    }
+
+    fn select(self, yes: Self, no: Self) -> Self {
+        if self.value.is_nan() {
+            self
+        } else if self.value == 0.0 {
+            no
+        } else {
+            yes
+        }
+    }
+}
+
+/// First and second derivatives of the arcsine, times a sign.
+fn arcsine(u: f64, sign: f64) -> (f64, f64) {
+    let slope = 1.0 / (1.0 - u * u).sqrt();
+    (sign * slope, sign * u * slope * slope * slope)
+}

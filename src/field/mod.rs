@@ -1,0 +1,318 @@
+//! What a scene gives as a *field*: a number, or a formula of x, y (m) and t (s); and tables of time.
+//!
+//! | | |
+//! |---|---|
+//! | operators, the weakest first | `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, signs, `^` |
+//! | functions | `sin cos tan asin acos atan atan2 sinh cosh tanh exp ln log10 sqrt abs sign floor ceil round step heaviside hypot pow mod min max clamp if` |
+//! | constants | `pi`, `e` |
+//!
+//! A power is taken before its sign and from the right: `-x^2` is `-(x^2)`, `2^3^2` is `2^9`. A product needs its `*`:
+//! `2x` is an error, and `1e-3*x` a number times x. Angles are in radians. `step(u)`, also called `heaviside`, is 1 from
+//! u = 0 on; `mod(u, v)` has the sign of v; `round` takes halves away from 0; `clamp(u, low, high)`;
+//! `if(condition, yes, no)`, of which only the branch taken must be finite. Conditions are no numbers: `100*(x > 1)` is an
+//! error, for `100*step(x - 1)`. A formula has at most 65536 bytes and 100 levels of nesting.
+//!
+//! The parser is our own because none of the crates reads all of this: exmex 0.21 takes -x^2 for (-x)^2, 2^3^2 for
+//! (2^3)^2 and refuses 1e-3; evalexpr 13.1 takes 2^3^2 for (2^3)^2 and overflows its stack on nested parentheses;
+//! fasteval 0.2 takes -x^2 for (-x)^2; meval 0.2 has no conditions. None tells the column of an unknown name.
+//!
+//! ```
+//! use rebond::field::{Field, Names};
+//! use rebond::mesh::Point;
+//!
+//! let pressure = Field::parse("-100*sin(2*pi*50*t)*(1 - x)", Names::XYT)?;
+//! let value = pressure.value(Point::new(0.25, 0.0), 0.005)?;
+//! assert!((value + 75.0).abs() < 1e-12);
+//!
+//! // One vector of loads integrated once, times a number a step.
+//! let terms = pressure.terms().expect("a product of time and place");
+//! assert_eq!(terms.len(), 1);
+//! assert!(!terms[0].place.depends_on(Names::T) && !terms[0].time.depends_on(Names::XY));
+//!
+//! let error = Field::parse("2*sine(x)", Names::XY).unwrap_err();
+//! assert_eq!(error.to_string(), "column 3: sine is no function (did you mean sin?)");
+//! # Ok::<(), rebond::field::Fault>(())
+//! ```
+
+mod code;
+mod jet;
+mod names;
+mod parse;
+mod print;
+mod separate;
+mod table;
+
+use std::fmt::{self, Display};
+use std::ops::Range;
+
+use serde::{Serialize, Serializer};
+
+use crate::mesh::Point;
+use code::{Instruction, LANES, Lanes, Number};
+pub use jet::Jet;
+use names::Name;
+pub use names::Names;
+use parse::Kind;
+pub use table::{Interpolation, Table};
+
+/// The longest piece of a formula that a message repeats.
+const LONGEST_QUOTE: usize = 60;
+
+/// What is wrong with a formula, and where in it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("column {column}: {wrong}")]
+pub struct Fault {
+    /// Column in the formula, from 1, in characters.
+    pub column: usize,
+    /// What is wrong, and what was expected.
+    pub wrong: String,
+}
+
+impl Fault {
+    fn new(text: &str, at: usize, wrong: impl Into<String>) -> Fault {
+        Fault { column: text[..at].chars().count() + 1, wrong: wrong.into() }
+    }
+}
+
+/// A piece of a formula, cut where it is long.
+fn cut(text: &str) -> String {
+    match text.char_indices().nth(LONGEST_QUOTE) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// A formula of some of x, y and t, compiled. Prints as it was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    text: String,
+    code: Vec<Instruction>,
+    /// For each instruction, the part of the text that it computes.
+    spans: Vec<Range<usize>>,
+    names: Names,
+}
+
+/// g(t) h(x, y), as a term of a sum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    /// g, of t alone.
+    pub time: Field,
+    /// h, of x and y alone.
+    pub place: Field,
+}
+
+impl Field {
+    /// Reads a formula of these variables that gives a number.
+    pub fn parse(text: &str, names: Names) -> Result<Field, Fault> {
+        Field::read(text, names, Kind::Number)
+    }
+
+    fn read(text: &str, names: Names, kind: Kind) -> Result<Field, Fault> {
+        let folded = code::fold(parse::parse(text, names, kind)?);
+        for (instruction, span) in &folded {
+            if let Instruction::Constant(value) = instruction
+                && !value.is_finite()
+            {
+                let wrong = format!("{} is {value}; expected a finite number", cut(&text[span.clone()]));
+                return Err(Fault::new(text, span.start, wrong));
+            }
+        }
+        let (code, spans): (Vec<_>, Vec<_>) = folded.into_iter().unzip();
+        let names = code.iter().fold(Names::NONE, |names, instruction| match instruction {
+            Instruction::Variable(name) => names | name.set(),
+            _ => names,
+        });
+        Ok(Field { text: text.to_owned(), code, spans, names })
+    }
+
+    /// The number, if the field is one.
+    pub fn constant(&self) -> Option<f64> {
+        match self.code[..] {
+            [Instruction::Constant(value)] => Some(value),
+            _ => None,
+        }
+    }
+
+    /// Whether the value may change with any of these.
+    pub fn depends_on(&self, names: Names) -> bool {
+        self.names.meets(names)
+    }
+
+    /// The value at a point (m) and a time (s). An error where it is not finite.
+    pub fn value(&self, at: Point, t: f64) -> Result<f64, Fault> {
+        self.finite(at, t, code::run(&self.code, &mut Vec::new(), variable(at, t)))
+    }
+
+    /// The values at a time (s), one a point (m). What does not depend on the place is computed once.
+    pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<(), Fault> {
+        if !self.depends_on(Names::XY) {
+            if !points.is_empty() {
+                values.fill(self.value(Point::origin(), t)?);
+            }
+            return Ok(());
+        }
+        let mut stack: Vec<Lanes> = Vec::new();
+        for (points, values) in points.chunks(LANES).zip(values.chunks_mut(LANES)) {
+            let last = points.len() - 1;
+            let place = |axis: usize| std::array::from_fn(|lane| points[lane.min(last)][axis]);
+            let (x, y) = (place(0), place(1));
+            let lanes = code::run(&self.code, &mut stack, |name| match name {
+                Name::X => x,
+                Name::Y => y,
+                Name::T => Lanes::constant(t),
+            });
+            for ((&at, value), lane) in points.iter().zip(values).zip(lanes) {
+                *value = self.finite(at, t, lane)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The value and its first two derivatives in time, at a point (m) and a time (s).
+    ///
+    /// At a jump or a kink they are those of the side that the value belongs to: that of `step(t)` is 0 everywhere.
+    pub fn jet(&self, at: Point, t: f64) -> Result<Jet, Fault> {
+        self.jet_with(&mut Vec::new(), at, t)
+    }
+
+    /// The values and their derivatives at a time (s), one a point (m).
+    pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Jet]) -> Result<(), Fault> {
+        let mut stack = Vec::new();
+        for (&at, jet) in points.iter().zip(jets) {
+            *jet = self.jet_with(&mut stack, at, t)?;
+        }
+        Ok(())
+    }
+
+    fn jet_with(&self, stack: &mut Vec<Jet>, at: Point, t: f64) -> Result<Jet, Fault> {
+        let jet = code::run(&self.code, stack, |name| match name {
+            Name::T => Jet::time(t),
+            place => Jet::constant(variable(at, t)(place)),
+        });
+        self.finite(at, t, jet.value)?;
+        if jet.is_finite() {
+            return Ok(jet);
+        }
+        let wrong = format!("no velocity or acceleration{}; expected a smooth formula", self.describe(at, t));
+        Err(Fault::new(&self.text, 0, wrong))
+    }
+
+    /// The terms whose sum is the field, or nothing if no such sum is found: then it must be evaluated anew each time.
+    ///
+    /// Found are sums, products, quotients, whole powers and `if` of what depends on time and what depends on place,
+    /// and the sine and cosine of a sum of both, as in a travelling wave. The terms agree with the field to rounding.
+    pub fn terms(&self) -> Option<Vec<Term>> {
+        let field = |code: Vec<Instruction>, names| Field::parse(&print::print(&code), names).ok();
+        let term = |product: separate::Product| {
+            Some(Term { time: field(product.time, Names::T)?, place: field(product.place, Names::XY)? })
+        };
+        separate::separate(&self.code)?.into_iter().map(term).collect()
+    }
+
+    fn finite(&self, at: Point, t: f64, value: f64) -> Result<f64, Fault> {
+        if value.is_finite() {
+            return Ok(value);
+        }
+        let (index, value) =
+            code::culprit(&self.code, variable(at, t)).unwrap_or((self.code.len() - 1, value));
+        let span = &self.spans[index];
+        let part = cut(&self.text[span.clone()]);
+        let wrong = format!("{part} is {value}{}; expected a finite number", self.describe(at, t));
+        Err(Fault::new(&self.text, span.start, wrong))
+    }
+
+    /// ` at x = 0.5, t = 2.0`, with what the formula depends on.
+    fn describe(&self, at: Point, t: f64) -> String {
+        let name = |name: Name| format!("{} = {:?}", name.word(), variable(at, t)(name));
+        let names: Vec<String> = self.names.iter().map(name).collect();
+        format!(" at {}", names.join(", "))
+    }
+}
+
+fn variable(at: Point, t: f64) -> impl Fn(Name) -> f64 + Copy {
+    move |name| match name {
+        Name::X => at.x,
+        Name::Y => at.y,
+        Name::T => t,
+    }
+}
+
+impl From<f64> for Field {
+    /// A constant, which must be finite.
+    fn from(value: f64) -> Field {
+        let text = format!("{value:?}");
+        let span = 0..text.len();
+        Field { text, code: vec![Instruction::Constant(value)], spans: vec![span], names: Names::NONE }
+    }
+}
+
+impl Display for Field {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl Serialize for Field {
+    /// As a scene writes it: a number, or the text of a formula.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.text.trim().parse::<f64>() {
+            Ok(value) => serializer.serialize_f64(value),
+            Err(_) => serializer.serialize_str(&self.text),
+        }
+    }
+}
+
+/// A formula that is true or false, such as `x > 0.5 and y < 0.2`. Prints as it was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Condition(Field);
+
+impl Condition {
+    /// Reads a condition on these variables.
+    pub fn parse(text: &str, names: Names) -> Result<Condition, Fault> {
+        Field::read(text, names, Kind::Condition).map(Condition)
+    }
+
+    /// Whether it holds at a point (m) and a time (s). An error where it compares what has no value.
+    pub fn holds(&self, at: Point, t: f64) -> Result<bool, Fault> {
+        Ok(self.0.value(at, t)? != 0.0)
+    }
+}
+
+impl Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl Serialize for Condition {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.serialize(serializer)
+    }
+}
+
+/// A function of time alone: a formula of t, or a table.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Signal {
+    /// A formula of t.
+    Formula(Field),
+    /// Measured values.
+    Table(Table),
+}
+
+impl Signal {
+    /// The value at a time (s). An error where a formula is not finite.
+    pub fn value(&self, t: f64) -> Result<f64, Fault> {
+        match self {
+            Signal::Formula(field) => field.value(Point::origin(), t),
+            Signal::Table(table) => Ok(table.value(t)),
+        }
+    }
+
+    /// The value and its first two derivatives at a time (s).
+    pub fn jet(&self, t: f64) -> Result<Jet, Fault> {
+        match self {
+            Signal::Formula(field) => field.jet(Point::origin(), t),
+            Signal::Table(table) => Ok(table.jet(t)),
+        }
+    }
+}

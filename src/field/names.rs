@@ -1,0 +1,68 @@
+//! What a formula may depend on.
+
+use std::fmt::{self, Display};
+use std::ops::BitOr;
+
+/// A variable of a formula.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Name {
+    X,
+    Y,
+    T,
+}
+
+impl Name {
+    pub const ALL: [Name; 3] = [Name::X, Name::Y, Name::T];
+
+    pub fn word(self) -> &'static str {
+        match self {
+            Name::X => "x",
+            Name::Y => "y",
+            Name::T => "t",
+        }
+    }
+
+    pub fn set(self) -> Names {
+        Names(1 << self as u8)
+    }
+}
+
+/// Some of the variables x, y (m) and t (s).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Names(u8);
+
+impl Names {
+    /// No variable: a constant.
+    pub const NONE: Names = Names(0);
+    /// Time.
+    pub const T: Names = Names(0b100);
+    /// Place.
+    pub const XY: Names = Names(0b011);
+    /// Place and time.
+    pub const XYT: Names = Names(0b111);
+
+    /// Whether the two have a variable in common.
+    pub fn meets(self, other: Names) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    pub(super) fn iter(self) -> impl Iterator<Item = Name> {
+        Name::ALL.into_iter().filter(move |name| self.meets(name.set()))
+    }
+}
+
+impl BitOr for Names {
+    type Output = Names;
+
+    fn bitor(self, other: Names) -> Names {
+        Names(self.0 | other.0)
+    }
+}
+
+impl Display for Names {
+    /// `x, y, t`
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let words: Vec<&str> = self.iter().map(Name::word).collect();
+        f.write_str(&words.join(", "))
+    }
+}

@@ -1,0 +1,139 @@
+//! Values measured over time: CSV to a piecewise polynomial.
+
+use std::fs;
+use std::path::Path;
+
+use super::{Jet, cut};
+use crate::error::{Error, Result};
+
+/// What a table takes between its rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interpolation {
+    /// Straight lines: jumps of the slope at the rows.
+    Linear,
+    /// The natural cubic spline: two continuous derivatives, no curvature at the ends.
+    Spline,
+}
+
+/// A function of time through given values; before the first and after the last it holds them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    times: Vec<f64>,
+    values: Vec<f64>,
+    /// For each interval, the coefficients of 1, s, s^2, s^3, where s is the time since its start.
+    pieces: Vec<[f64; 4]>,
+}
+
+impl Table {
+    /// Reads a CSV file of `time,value` rows (s, and any unit), see [`Table::from_csv`].
+    pub fn read(path: &Path, interpolation: Interpolation) -> Result<Table> {
+        let bytes = fs::read(path).map_err(Error::io(path))?;
+        Table::from_csv(&String::from_utf8_lossy(&bytes), &path.display().to_string(), interpolation)
+    }
+
+    /// Reads rows of `time,value` with ascending times, after a header or none; `#` starts a comment.
+    ///
+    /// At least two rows. An error names the line of `file`.
+    pub fn from_csv(text: &str, file: &str, interpolation: Interpolation) -> Result<Table> {
+        let fault = |line: usize, wrong: String| {
+            let escape =
+                |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+            Error::Scene(format!("{file}:{line}: {wrong}").chars().map(escape).collect())
+        };
+        let (mut times, mut values, mut lines) = (Vec::new(), Vec::new(), Vec::<usize>::new());
+        let mut has_begun = false;
+        for (index, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+            let line_number = index + 1;
+            let row = line.split('#').next().unwrap_or_default().trim();
+            let is_number = |cell: &str| cell.trim().parse::<f64>().is_ok();
+            let is_header = !has_begun && !row.split(',').any(is_number);
+            has_begun |= !row.is_empty();
+            if row.is_empty() || is_header {
+                continue;
+            }
+            let expected = "expected a time in s and a value, separated by a comma";
+            let Some((time, value)) = row.split_once(',').filter(|(_, value)| !value.contains(',')) else {
+                return Err(fault(line_number, format!("found {}; {expected}", cut(row))));
+            };
+            let number = |cell: &str| match cell.trim().parse::<f64>() {
+                Ok(number) if number.is_finite() => Ok(number),
+                _ => {
+                    let wrong = format!("{:?} is not a finite number; {expected}", cut(cell.trim()));
+                    Err(fault(line_number, wrong))
+                }
+            };
+            let (time, value) = (number(time)?, number(value)?);
+            if let (Some(&before), Some(line)) = (times.last(), lines.last())
+                && time <= before
+            {
+                let wrong =
+                    format!("time {time:?} is not after {before:?} of line {line}; expected ascending times");
+                return Err(fault(line_number, wrong));
+            }
+            times.push(time);
+            values.push(value);
+            lines.push(line_number);
+        }
+        if times.len() < 2 {
+            let wrong = format!("the table ends after {} rows; expected at least 2", times.len());
+            return Err(fault(text.lines().count().max(1), wrong));
+        }
+        let pieces = pieces(&times, &values, interpolation);
+        if let Some(steep) = pieces.iter().position(|piece| piece.iter().any(|c| !c.is_finite())) {
+            return Err(fault(lines[steep + 1], "the slope to this row is not a finite number".to_owned()));
+        }
+        Ok(Table { times, values, pieces })
+    }
+
+    /// The value at a time (s).
+    pub fn value(&self, t: f64) -> f64 {
+        self.jet(t).value
+    }
+
+    /// The value and its first two derivatives at a time (s); at a row, those of what follows it.
+    pub fn jet(&self, t: f64) -> Jet {
+        let after = self.times.partition_point(|&time| time <= t);
+        let held = |value| Jet { value, first: 0.0, second: 0.0 };
+        if after == 0 {
+            return held(self.values[0]);
+        }
+        let Some([a, b, c, d]) = self.pieces.get(after - 1) else { return held(self.values[after - 1]) };
+        let s = t - self.times[after - 1];
+        Jet {
+            value: a + s * (b + s * (c + s * d)),
+            first: b + s * (2.0 * c + s * 3.0 * d),
+            second: 2.0 * c + s * 6.0 * d,
+        }
+    }
+}
+
+fn pieces(times: &[f64], values: &[f64], interpolation: Interpolation) -> Vec<[f64; 4]> {
+    let lengths: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let slopes: Vec<f64> = values.windows(2).zip(&lengths).map(|(pair, h)| (pair[1] - pair[0]) / h).collect();
+    let curvatures = match interpolation {
+        Interpolation::Linear => vec![0.0; times.len()],
+        Interpolation::Spline => natural_curvatures(&lengths, &slopes),
+    };
+    let piece = |i: usize| {
+        let (left, right, h) = (curvatures[i], curvatures[i + 1], lengths[i]);
+        [values[i], slopes[i] - h * (2.0 * left + right) / 6.0, left / 2.0, (right - left) / (6.0 * h)]
+    };
+    (0..lengths.len()).map(piece).collect()
+}
+
+/// Second derivatives m at the rows, 0 at both ends, such that the first ones are continuous:
+/// h[i-1] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i] m[i+1] = 6 (slope[i] - slope[i-1]), by elimination.
+fn natural_curvatures(lengths: &[f64], slopes: &[f64]) -> Vec<f64> {
+    let count = lengths.len();
+    let mut m = vec![0.0; count + 1];
+    let mut ratios = vec![0.0; count];
+    for i in 1..count {
+        let pivot = 2.0 * (lengths[i - 1] + lengths[i]) - lengths[i - 1] * ratios[i - 1];
+        ratios[i] = lengths[i] / pivot;
+        m[i] = (6.0 * (slopes[i] - slopes[i - 1]) - lengths[i - 1] * m[i - 1]) / pivot;
+    }
+    for i in (1..count).rev() {
+        m[i] -= ratios[i] * m[i + 1];
+    }
+    m
+}
