@@ -5,13 +5,94 @@
 //! cells in a row then read each of their local dofs in one go, at eight places that follow one another.
 
 use std::collections::BTreeMap;
+use std::ops::{Add, AddAssign, Mul, Sub};
 use std::rc::Rc;
 
 /// Cells in a batch.
 pub(super) const LANES: usize = 8;
 
 /// One number for each cell of a batch.
-pub(super) type Lanes = [f64; LANES];
+///
+/// Its arithmetic takes values: of references the compiler would have to expect that they overlap, and go lane by lane.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(align(64))]
+pub(super) struct Lanes(pub [f64; LANES]);
+
+impl Lanes {
+    /// The numbers from a place of a laid out vector on.
+    #[inline(always)]
+    fn at(x: &[f64], place: u32) -> Lanes {
+        let mut lanes = [0.0; LANES];
+        lanes.copy_from_slice(&x[place as usize..][..LANES]);
+        Lanes(lanes)
+    }
+
+    /// Magnitudes.
+    #[inline(always)]
+    pub fn abs(mut self) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] = self.0[lane].abs();
+        }
+        self
+    }
+
+    /// Sum over the cells.
+    pub fn sum(self) -> f64 {
+        self.0.iter().sum()
+    }
+}
+
+impl Add for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn add(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] += other.0[lane];
+        }
+        self
+    }
+}
+
+impl AddAssign for Lanes {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Lanes) {
+        *self = *self + other;
+    }
+}
+
+impl Sub for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn sub(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] -= other.0[lane];
+        }
+        self
+    }
+}
+
+impl Mul for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn mul(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] *= other.0[lane];
+        }
+        self
+    }
+}
+
+impl Mul<Lanes> for f64 {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn mul(self, lanes: Lanes) -> Lanes {
+        Lanes([self; LANES]) * lanes
+    }
+}
 
 /// Cells that make a row worth its unused lanes.
 const LEAST_ROW: usize = 2;
@@ -117,17 +198,15 @@ impl Batch {
     pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
             Places::Row(starts) => {
+                let starts = &starts[..local.len()];
                 for (value, &start) in local.iter_mut().zip(starts) {
-                    let row = &x[start as usize..][..LANES];
-                    for lane in 0..LANES {
-                        value[lane] = row[lane] * self.used[lane];
-                    }
+                    *value = Lanes::at(x, start) * self.used;
                 }
             }
             Places::Scattered(places) => {
                 for (value, places) in local.iter_mut().zip(places) {
                     for lane in 0..LANES {
-                        value[lane] = x[places[lane] as usize];
+                        value.0[lane] = x[places[lane] as usize];
                     }
                 }
             }
@@ -139,17 +218,16 @@ impl Batch {
     pub fn scatter(&self, local: &[Lanes], y: &mut [f64]) {
         match &self.places {
             Places::Row(starts) => {
+                let starts = &starts[..local.len()];
                 for (value, &start) in local.iter().zip(starts) {
-                    let row = &mut y[start as usize..][..LANES];
-                    for lane in 0..LANES {
-                        row[lane] += value[lane];
-                    }
+                    let sum = Lanes::at(y, start) + *value;
+                    y[start as usize..][..LANES].copy_from_slice(&sum.0);
                 }
             }
             Places::Scattered(places) => {
                 for (value, places) in local.iter().zip(places) {
                     for lane in 0..LANES {
-                        y[places[lane] as usize] += value[lane];
+                        y[places[lane] as usize] += value.0[lane];
                     }
                 }
             }
@@ -306,9 +384,10 @@ impl Batches {
 
     /// Adds a batch with the given cells in some lanes.
     fn push(&mut self, panel: usize, lanes: &[(usize, usize)], places: Places) {
-        let mut batch = Batch { cells: [self.cells.len() as u32; LANES], panel, used: [0.0; LANES], places };
+        let mut batch =
+            Batch { cells: [self.cells.len() as u32; LANES], panel, used: Lanes::default(), places };
         for &(lane, cell) in lanes {
-            (batch.cells[lane], batch.used[lane]) = (cell as u32, 1.0);
+            (batch.cells[lane], batch.used.0[lane]) = (cell as u32, 1.0);
         }
         self.list.push(batch);
     }

@@ -10,10 +10,10 @@ use std::rc::Rc;
 
 /// `count` values of eight cells, lane by lane.
 fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -> &'a [f64]) -> Vec<Lanes> {
-    let mut panel = vec![[0.0; LANES]; count];
+    let mut panel = vec![Lanes::default(); count];
     for (lane, &cell) in cells.iter().enumerate() {
         for (slot, value) in panel.iter_mut().zip(values(cell)) {
-            slot[lane] = *value;
+            slot.0[lane] = *value;
         }
     }
     panel
@@ -32,7 +32,7 @@ impl Panel {
         let size = blocks[cells[0]].dofs.len();
         let nodes = blocks[cells[0]].arms.as_ref().map_or(0, |arms| arms.len() - 1);
         let axis = |k: usize, axis: usize| {
-            cells.map(|cell| blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis]))
+            Lanes(cells.map(|cell| blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis])))
         };
         Panel {
             matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
@@ -47,11 +47,9 @@ impl Panel {
         let first = if self.arms.is_empty() { 0 } else { 3 };
         remove_rigid_motion(local, &self.arms);
         matrix_product::<S, false>(simd, &self.matrix, first, local, result);
-        let mut form = [0.0; LANES];
-        for (value, sum) in local[first..].iter().zip(&result[first..]) {
-            for lane in 0..LANES {
-                form[lane] += value[lane] * sum[lane];
-            }
+        let mut form = Lanes::default();
+        for (value, force) in local[first..].iter().zip(&result[first..]) {
+            form += *value * *force;
         }
         return_rigid_forces(result, &self.arms);
         form
@@ -62,16 +60,12 @@ impl Panel {
     fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
         let Room { work, result, y, m } = room;
         for (work, value) in work.iter_mut().zip(local) {
-            for lane in 0..LANES {
-                work[lane] = scale * value[lane].abs();
-            }
+            *work = scale * value.abs();
         }
         matrix_product::<S, true>(simd, &self.matrix, 0, work, result);
         add(m, result);
         for (work, value) in work.iter_mut().zip(local) {
-            for lane in 0..LANES {
-                work[lane] = scale * value[lane];
-            }
+            *work = scale * *value;
         }
         self.apply(simd, work, result);
         add(y, result);
@@ -82,9 +76,7 @@ impl Panel {
 #[inline(always)]
 fn add(sums: &mut [Lanes], terms: &[Lanes]) {
     for (sum, term) in sums.iter_mut().zip(terms) {
-        for lane in 0..LANES {
-            sum[lane] += term[lane];
-        }
+        *sum += *term;
     }
 }
 
@@ -125,24 +117,19 @@ fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     local: &[Lanes],
     result: &mut [Lanes; ROWS],
 ) {
-    let mut entries: [&[S::f64s]; ROWS] = [&[]; ROWS];
-    for (entries, row) in entries.iter_mut().zip(rows) {
-        *entries = S::as_simd_f64s(row[..local.len()].as_flattened()).0;
-    }
-    let values = S::as_simd_f64s(local.as_flattened()).0;
     // Registers that make up the lanes.
-    let parts = LANES / S::F64_LANES;
-    for part in 0..parts {
+    for part in 0..LANES / S::F64_LANES {
         let mut sums = [simd.splat_f64s(0.0); ROWS];
-        for column in 0..local.len() {
-            let at = column * parts + part;
-            for (sum, entries) in sums.iter_mut().zip(entries) {
-                let entry = if MAGNITUDE { simd.abs_f64s(entries[at]) } else { entries[at] };
-                *sum = simd.mul_add_f64s(entry, values[at], *sum);
+        for (column, value) in local.iter().enumerate() {
+            let value = S::as_simd_f64s(&value.0).0[part];
+            for (sum, row) in sums.iter_mut().zip(rows) {
+                let entry = S::as_simd_f64s(&row[column].0).0[part];
+                let entry = if MAGNITUDE { simd.abs_f64s(entry) } else { entry };
+                *sum = simd.mul_add_f64s(entry, value, *sum);
             }
         }
         for (result, sum) in result.iter_mut().zip(sums) {
-            S::as_mut_simd_f64s(result).0[part] = sum;
+            S::as_mut_simd_f64s(&mut result.0).0[part] = sum;
         }
     }
 }
@@ -155,13 +142,11 @@ fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
         return;
     }
     let (first, others) = local.split_at_mut(3);
+    let [w, w_x, w_y] = [first[0], first[1], first[2]];
     for (node, arm) in others.chunks_exact_mut(3).zip(arms) {
-        for lane in 0..LANES {
-            let turned = first[1][lane] * arm[0][lane] + first[2][lane] * arm[1][lane];
-            node[0][lane] = (node[0][lane] - first[0][lane]) - turned;
-            node[1][lane] -= first[1][lane];
-            node[2][lane] -= first[2][lane];
-        }
+        node[0] = (node[0] - w) - (w_x * arm[0] + w_y * arm[1]);
+        node[1] = node[1] - w_x;
+        node[2] = node[2] - w_y;
     }
 }
 
@@ -172,15 +157,13 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
         return;
     }
     let (first, others) = result.split_at_mut(3);
-    let mut sums = [[0.0; LANES]; 3];
+    let mut balance = [Lanes::default(); 3];
     for (node, arm) in others.chunks_exact(3).zip(arms) {
-        for lane in 0..LANES {
-            sums[0][lane] -= node[0][lane];
-            sums[1][lane] -= node[1][lane] + node[0][lane] * arm[0][lane];
-            sums[2][lane] -= node[2][lane] + node[0][lane] * arm[1][lane];
-        }
+        balance[0] = balance[0] - node[0];
+        balance[1] = balance[1] - (node[1] + node[0] * arm[0]);
+        balance[2] = balance[2] - (node[2] + node[0] * arm[1]);
     }
-    first.copy_from_slice(&sums);
+    first.copy_from_slice(&balance);
 }
 
 /// A symmetric form given by dense local matrices, such as K or M_r.
@@ -212,18 +195,15 @@ impl CellForm {
         y: &mut [f64],
         scratch: &mut Scratch,
     ) -> f64 {
-        let mut form = [0.0; LANES];
+        let mut form = Lanes::default();
         for batch in &self.batches.list {
-            let forms = match batch.size() {
+            form += match batch.size() {
                 9 => self.add_batch(simd, batch, x, y, scratch.split(9)),
                 12 => self.add_batch(simd, batch, x, y, scratch.split(12)),
                 size => self.add_batch(simd, batch, x, y, scratch.split(size)),
             };
-            for lane in 0..LANES {
-                form[lane] += forms[lane];
-            }
         }
-        form.iter().sum()
+        form.sum()
     }
 
     /// The part of one batch. With the numbers of dofs that plate elements have, the compiler unrolls its loops.
@@ -254,18 +234,16 @@ impl Rows {
     fn new(cells: &[usize; LANES], rows: &[Average]) -> Rows {
         Rows {
             row: interleave(cells, rows[cells[0]].dofs.len(), |cell| &rows[cell].row),
-            inverses: cells.map(|cell| 1.0 / rows[cell].mass),
+            inverses: Lanes(cells.map(|cell| 1.0 / rows[cell].mass)),
         }
     }
 
     /// Momentum of each cell, B local.
     #[inline(always)]
     fn momenta(&self, local: &[Lanes]) -> Lanes {
-        let mut momenta = [0.0; LANES];
+        let mut momenta = Lanes::default();
         for (b, value) in self.row.iter().zip(local) {
-            for lane in 0..LANES {
-                momenta[lane] += b[lane] * value[lane];
-            }
+            momenta += *b * *value;
         }
         momenta
     }
@@ -273,44 +251,32 @@ impl Rows {
     /// Velocity of each cell, C^-1 B local.
     #[inline(always)]
     fn velocities(&self, local: &[Lanes]) -> Lanes {
-        let mut velocities = self.momenta(local);
-        for (velocity, inverse) in velocities.iter_mut().zip(&self.inverses) {
-            *velocity *= inverse;
-        }
-        velocities
+        self.momenta(local) * self.inverses
     }
 
     /// result = B^T v.
     #[inline(always)]
-    fn spread(&self, v: &Lanes, result: &mut [Lanes]) {
+    fn spread(&self, v: Lanes, result: &mut [Lanes]) {
         for (value, b) in result.iter_mut().zip(&self.row) {
-            for lane in 0..LANES {
-                value[lane] = b[lane] * v[lane];
-            }
+            *value = *b * v;
         }
     }
 
     /// y += scale M local, m += scale |M| |local|.
     #[inline(always)]
     fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
-        let (mut v, mut magnitude) = ([0.0; LANES], [0.0; LANES]);
-        for (b, value) in self.row.iter().zip(local) {
-            for lane in 0..LANES {
-                let term = b[lane] * value[lane];
-                v[lane] += term;
-                magnitude[lane] += term.abs();
-            }
+        let row = &self.row[..local.len()];
+        let (mut v, mut magnitude) = (Lanes::default(), Lanes::default());
+        for (b, value) in row.iter().zip(local) {
+            let term = *b * *value;
+            v += term;
+            magnitude += term.abs();
         }
-        for lane in 0..LANES {
-            let factor = scale * self.inverses[lane];
-            v[lane] *= factor;
-            magnitude[lane] *= factor;
-        }
-        for ((y, m), b) in y.iter_mut().zip(m).zip(&self.row) {
-            for lane in 0..LANES {
-                y[lane] += b[lane] * v[lane];
-                m[lane] += b[lane].abs() * magnitude[lane];
-            }
+        let factor = scale * self.inverses;
+        let (v, magnitude) = (v * factor, magnitude * factor);
+        for ((y, m), b) in y.iter_mut().zip(m).zip(row) {
+            *y += *b * v;
+            *m += b.abs() * magnitude;
         }
     }
 }
@@ -350,19 +316,17 @@ impl Averages {
     /// y += M x; returns x^T M x.
     #[inline(always)]
     pub(super) fn add_product(&self, x: &[f64], y: &mut [f64], scratch: &mut Scratch) -> f64 {
-        let mut form = [0.0; LANES];
+        let mut form = Lanes::default();
         for batch in &self.batches.list {
             let (local, Room { result, .. }) = scratch.split(batch.size());
             let rows = &self.panels[batch.panel];
             batch.gather(x, local);
             let (momenta, v) = (rows.momenta(local), rows.velocities(local));
-            for lane in 0..LANES {
-                form[lane] += momenta[lane] * v[lane];
-            }
-            rows.spread(&v, result);
+            form += momenta * v;
+            rows.spread(v, result);
             batch.scatter(result, y);
         }
-        form.iter().sum()
+        form.sum()
     }
 
     /// V = C^-1 B x.
@@ -372,7 +336,7 @@ impl Averages {
             let (local, _) = scratch.split(batch.size());
             batch.gather(x, local);
             let velocities = self.panels[batch.panel].velocities(local);
-            for (velocity, &cell) in velocities.iter().zip(&batch.cells) {
+            for (velocity, &cell) in velocities.0.iter().zip(&batch.cells) {
                 if let Some(v) = v.get_mut(cell as usize) {
                     *v = *velocity;
                 }
@@ -385,11 +349,11 @@ impl Averages {
     pub(super) fn add_momentum(&self, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
             let (_, Room { result, .. }) = scratch.split(batch.size());
-            let mut lanes = [0.0; LANES];
-            for (value, &cell) in lanes.iter_mut().zip(&batch.cells) {
+            let mut lanes = Lanes::default();
+            for (value, &cell) in lanes.0.iter_mut().zip(&batch.cells) {
                 *value = v.get(cell as usize).copied().unwrap_or(0.0);
             }
-            self.panels[batch.panel].spread(&lanes, result);
+            self.panels[batch.panel].spread(lanes, result);
             batch.scatter(result, y);
         }
     }
@@ -458,8 +422,8 @@ fn add_batch_with_magnitude<S: Simd>(
     (local, mut room): (&mut [Lanes], Room),
 ) {
     batch.gather(x, local);
-    room.y.fill([0.0; LANES]);
-    room.m.fill([0.0; LANES]);
+    room.y.fill(Lanes::default());
+    room.m.fill(Lanes::default());
     for &(scale, form) in forms {
         match form {
             Form::Cells(cells) => {
@@ -498,7 +462,7 @@ impl Room<'_> {
 impl Scratch {
     /// Makes room for cells of up to `size` dofs.
     pub fn reserve(&mut self, size: usize) {
-        self.lanes.resize((5 * size).max(self.lanes.len()), [0.0; LANES]);
+        self.lanes.resize((5 * size).max(self.lanes.len()), Lanes::default());
     }
 
     #[inline(always)]
