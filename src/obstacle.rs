@@ -53,6 +53,7 @@ impl Bounds {
 
     /// Largest finite magnitude among the bounds, in m; 0 if there is none.
     pub fn magnitude(&self) -> f64 {
-        self.lower.iter().chain(&self.upper).filter(|b| b.is_finite()).fold(0.0, |m, b| m.max(b.abs()))
+        let bounds = self.lower.iter().chain(&self.upper).map(|b| b.abs());
+        bounds.fold(0.0, |m, b| if b > m && b.is_finite() { b } else { m })
     }
 }

@@ -61,7 +61,8 @@ impl<E: Engine> System<E> {
 
     /// Scale of the deflections at the bounded nodes, in m.
     fn length(&self, u: &[f64]) -> Result<f64> {
-        let largest = self.bounds.dofs.iter().fold(self.bounds.magnitude(), |m, &dof| m.max(u[dof].abs()));
+        let deflections = self.bounds.dofs.iter().map(|&dof| u[dof].abs());
+        let largest = deflections.fold(self.bounds.magnitude(), |m, w| if w > m { w } else { m });
         self.engine.maximum(largest)
     }
 

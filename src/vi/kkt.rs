@@ -108,17 +108,18 @@ impl Judge {
             *r -= b;
             *m += b.abs();
         }
-        for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
+        for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
         let size = engine.maximum(largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs())))?;
         // Without any magnitude there is no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
-        for (m, scale) in magnitude.iter_mut().zip(scale.iter()) {
+        let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());
+        let stationarity = largest(rows.map(|((r, m), scale)| {
             *m = m.max(floor * scale).max(f64::MIN_POSITIVE);
-        }
-        let stationarity = largest(residual.iter().zip(magnitude.iter()).map(|(r, m)| r / m));
+            r / *m
+        }));
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
