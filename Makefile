@@ -32,6 +32,9 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,tests)
 	@cargo test --release --locked
+	@cargo build --release --locked --quiet
+	$(call say,fields read back by VTK)
+	@scripts/check_vtk.sh
 	$(call say,energies of the paper at steps down to 1e-5 s)
 	@$(CARGO_RUN) --example csma2013_table -- 1e-5
 	$(call say,lints without default features)

@@ -20,6 +20,8 @@ say() { printf 'setup: %s\n' "$*" >&2; }
 fail() { say "$@"; exit 1; }
 
 install_packages() {
+    # VTK's reader, which make test lets read a run's fields.
+    python3 -m pip --version >/dev/null 2>&1 || packages+=(python3-pip)
     command -v cc >/dev/null || packages+=(gcc libc6-dev)
     if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
         say "this system has no apt; please make sure that it has the equivalents of: ${packages[*]}"

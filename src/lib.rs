@@ -25,7 +25,7 @@
 //! | [`scheme`] | Newmark with restitution, midpoint, static equilibrium |
 //! | [`scene`] | TOML to a validated scene |
 //! | [`simulation`] | model, main loop, observer |
-//! | [`output`] | csv, json, svg, progress |
+//! | [`output`] | csv, json, vtu, svg, png, progress |
 //! | [`study`] | frequencies, the inf-sup constant, engines and solvers compared |
 //! | [`cli`] | the command |
 //!

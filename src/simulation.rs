@@ -1,7 +1,12 @@
 //! From a scene to a run: the model, the scheme, and the main loop with its observer.
 
+mod contacts;
 #[cfg(feature = "petsc")]
 mod distributed;
+mod fields;
+
+pub use contacts::Contact;
+pub use fields::{Fields, Lattice, Snapshot};
 
 use crate::assembly::{self, Probe};
 use crate::energy::Guard;
@@ -13,6 +18,7 @@ use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
 use crate::scheme::{self, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
 use crate::space::Space;
 use crate::vi::{Condensed, Solver};
+use contacts::Contacts;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -26,6 +32,8 @@ pub struct Model<E: Engine = Native> {
     pub probes: Vec<Probe>,
     /// The deflections of this process, where they are; those that are bounded come in the order of the bounds.
     pub sites: Vec<Site>,
+    /// What samples snapshots, if the scene asks for them.
+    pub fields: Option<Fields>,
     /// Seconds spent on mesh and matrices, and on the static start.
     pub seconds: [f64; 2],
 }
@@ -159,6 +167,7 @@ impl Model {
             .iter()
             .map(|probe| Probe::new(&mesh, &space, Point::new(probe.at[0], probe.at[1])))
             .collect::<Result<_>>()?;
+        let fields = Fields::new(scene, &mesh, &space, &cells)?;
         let built = clock.elapsed().as_secs_f64();
         let deflections = space.deflections().map(|(dof, _)| dof);
         let start = start(scene, space.mechanism(&mesh), deflections, &system, &unit_load)?;
@@ -168,7 +177,7 @@ impl Model {
             Site { dof, node, at: [at.x, at.y] }
         };
         let sites = space.deflections().map(site).collect();
-        Ok(Model { system, start, probes, sites, seconds })
+        Ok(Model { system, start, probes, sites, fields, seconds })
     }
 }
 
@@ -296,6 +305,33 @@ pub trait Observer {
     /// # Errors
     /// Whatever keeps it from going on; the run stops.
     fn row(&mut self, row: &Row) -> Result<()>;
+
+    /// Contacts that ended since the last row, or with the run.
+    ///
+    /// # Errors
+    /// As [`Observer::row`].
+    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
+        let _ = ended;
+        Ok(())
+    }
+
+    /// What this process sees of the plate, every `output.fields_every` steps and at the end.
+    ///
+    /// # Errors
+    /// As [`Observer::row`].
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        let _ = snapshot;
+        Ok(())
+    }
+
+    /// Every process has seen the fields of that step and time.
+    ///
+    /// # Errors
+    /// As [`Observer::row`].
+    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
+        let _ = (step, time);
+        Ok(())
+    }
 
     /// The end of a step; called often, must cost nothing.
     fn step(&mut self, step: u64, contact_nodes: usize) {
@@ -504,6 +540,25 @@ pub fn run<E: Engine>(
     Ok((outcome, ended))
 }
 
+/// Shows a snapshot where one is due.
+fn show_fields<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    scheme: &dyn Scheme,
+    last: bool,
+    observer: &mut dyn Observer,
+) -> Result<()> {
+    let (step, time) = (scheme.step(), scheme.time());
+    let (Some(fields), Some(asked)) = (&model.fields, scene.output.fields) else { return Ok(()) };
+    if step % asked.every != 0 && !last {
+        return Ok(());
+    }
+    let shown = observer.fields(&fields.sample(&model.system, scheme)?);
+    let (failed, _) = model.system.engine.concatenate(&[f64::from(u8::from(shown.is_err()))])?;
+    shown?;
+    if failed.contains(&1.0) { Ok(()) } else { observer.fields_complete(step, time) }
+}
+
 fn march<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
@@ -514,6 +569,7 @@ fn march<E: Engine>(
     let mut guard = Guard::new(scheme.energies()?, scene.solver.energy_guard, advice(scene));
     let mut probes = vec![0.0; model.probes.len()];
     let (mut iterations, mut kkt) = (0, 0.0_f64);
+    let mut contacts = Contacts::default();
     loop {
         let (step, time) = (scheme.step(), scheme.time());
         let (contact_nodes, contact_force) = outcome.note(scene, model, scheme)?;
@@ -522,6 +578,7 @@ fn march<E: Engine>(
         kkt = kkt.max(verdict.kkt);
         judge(step, time, verdict.kkt, scene.solver.tolerance)?;
         let last = step == scene.time.steps();
+        contacts.note(&model.sites, time, scene.time.step, scheme.reaction());
         if step % scene.output.every == 0 || last {
             let energies = scheme.energies()?;
             guard.check(step, time, energies)?;
@@ -544,10 +601,20 @@ fn march<E: Engine>(
                 probes: &probes,
             };
             observer.row(&row)?;
+            if !scene.obstacles.is_empty() {
+                if last {
+                    contacts.close(&model.sites, f64::INFINITY);
+                }
+                let (ended, _) = model.system.engine.concatenate(&contacts.take())?;
+                let ended: Vec<Contact> =
+                    ended.chunks_exact(contacts::NUMBERS).map(Contact::from_numbers).collect();
+                observer.contacts(&ended)?;
+            }
             (iterations, kkt) = (0, 0.0);
         } else if step % GUARD_EVERY == 0 {
             guard.check(step, time, scheme.energies()?)?;
         }
+        show_fields(scene, model, scheme, last, observer)?;
         observer.step(step, contact_nodes);
         if last {
             return Ok(());

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use proptest::prelude::*;
 use rebond::Error;
 use rebond::scene::{
-    Diagonal, Edge, ElementKind, EngineName, Mass, Obstacle, Scene, Scheme, Side, Support, SupportKind,
-    ViName,
+    Diagonal, Edge, ElementKind, EngineName, Mass, Obstacle, Scene, Scheme, Side, Snapshots, Support,
+    SupportKind, ViName,
 };
 
 const MINIMAL: &str = r#"
@@ -78,6 +78,8 @@ energy_guard = 1e3
 
 [output]
 every = 20
+fields_every = 2000
+subdivide = 3
 probes = [{ name = "corner", at = [1.2, 0] }, { name = "côté # libre", at = [0.1, 0.4] }]
 "#;
 
@@ -135,9 +137,18 @@ fn defaults_are_filled_in() {
     assert_eq!(scene.time.steps(), 1000);
     assert_eq!((scene.solver.engine, scene.solver.vi), (EngineName::Native, ViName::Condensed));
     assert_eq!((scene.solver.tolerance, scene.solver.energy_guard), (1e-10, 100.0));
-    assert_eq!(scene.output.every, 1);
+    assert_eq!((scene.output.every, scene.output.fields), (1, None));
     assert!(scene.output.probes.is_empty());
     assert!(scene.effects().is_empty());
+}
+
+#[test]
+fn the_finer_the_mesh_the_less_snapshots_cut_it() {
+    let subdivide = |cells: &str| {
+        let scene = read(MINIMAL, &["output.fields_every=10", &format!("mesh.cells={cells}")]).unwrap();
+        scene.output.fields.unwrap().subdivide
+    };
+    assert_eq!(["[10, 4]", "[100, 40]", "[400, 100]"].map(subdivide), [4, 2, 1]);
 }
 
 #[test]
@@ -152,6 +163,7 @@ fn every_key_is_read() {
     assert_eq!(scene.obstacle(Side::Above), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);
     assert_eq!(scene.time.steps(), 100_000);
+    assert_eq!(scene.output.fields, Some(Snapshots { every: 2000, subdivide: 3 }));
     assert_eq!(scene.output.probes[1].name, "côté # libre");
     let effects = [
         "contact below",

@@ -3,6 +3,7 @@
 mod check;
 mod compare;
 pub mod launch;
+mod plot;
 mod run;
 
 use crate::error::{Error, Result};
@@ -25,7 +26,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Simulate a scene; writes history.csv, summary.json and plots into the run folder
+    /// Simulate a scene; writes history.csv, contacts.csv, summary.json, fields and a picture into the run folder
     Run(run::Run),
     /// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
     Check(check::Check),
@@ -33,8 +34,8 @@ enum Command {
     Inspect(check::Inspect),
     /// Run a scene on several engines and contact solvers: how far they differ, what each costs
     Compare(compare::Compare),
-    /// Draw the history of a run folder
-    Plot(run::Plot),
+    /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and PNG
+    Plot(plot::Plot),
 }
 
 /// Which scene, and what to change in it.

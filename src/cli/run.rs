@@ -1,17 +1,19 @@
-//! `rebond run` and `rebond plot`.
+//! `rebond run`.
 
 use super::{SceneArgs, launch, print};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::linalg::Engine;
+use crate::output::contacts::{self, Contacts};
 use crate::output::history::{self, History};
 use crate::output::plot::{self, Obstacle};
 use crate::output::progress::{Progress, State};
 use crate::output::summary;
 use crate::output::text::{Report, significant};
+use crate::output::vtu::{self, Series};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene::{EngineName, Scene, Side};
-use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
+use crate::simulation::{self, Contact, Model, Observer, Outcome, Row, Snapshot, SolverFactory};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -24,13 +26,6 @@ pub struct Run {
     /// Run folder; default: runs/ and the scene file's name
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-}
-
-/// Draw the history of a run.
-#[derive(Debug, Args)]
-pub struct Plot {
-    /// Run folder
-    folder: PathBuf,
 }
 
 /// `summary.json`.
@@ -47,13 +42,35 @@ struct Summary<'s> {
     scene: &'s Scene,
 }
 
-/// What records a run: rows to the history, and now and then a look for the terminal. Of several ranks, one records.
+/// What records a run: rows to the history, contacts, and now and then a look for the terminal. Of several ranks, one
+/// records; but each writes its own fields.
 struct Recorder<'r> {
-    files: Option<(History, Progress)>,
+    files: Option<Files>,
+    fields: Series,
+    has_obstacles: bool,
     step: f64,
     start: Option<f64>,
     energy_ratio: f64,
     check_options: &'r dyn Fn() -> Result<()>,
+}
+
+/// What one rank alone writes.
+struct Files {
+    history: History,
+    contacts: Option<Contacts>,
+    progress: Progress,
+}
+
+impl Files {
+    /// Starts the files of a run afresh; those of an earlier one go.
+    fn create(folder: &Path, scene: &Scene, quiet: bool) -> Result<Files> {
+        let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
+        let history = History::create(folder, &probes)?;
+        vtu::clear(folder)?;
+        contacts::clear(folder)?;
+        let contacts = if scene.obstacles.is_empty() { None } else { Some(Contacts::create(folder)?) };
+        Ok(Files { history, contacts, progress: Progress::new(0, 0.0..scene.time.end, quiet) })
+    }
 }
 
 impl Observer for Recorder<'_> {
@@ -64,12 +81,25 @@ impl Observer for Recorder<'_> {
         }
         let start = *self.start.get_or_insert(row.energy);
         self.energy_ratio = row.energy / start;
-        self.files.as_mut().map_or(Ok(()), |(history, _)| history.push(row))
+        self.files.as_mut().map_or(Ok(()), |files| files.history.push(row))
+    }
+
+    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
+        let file = self.files.as_mut().and_then(|files| files.contacts.as_mut());
+        file.map_or(Ok(()), |file| file.push(ended))
+    }
+
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        self.fields.write(snapshot)
+    }
+
+    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
+        if self.files.is_some() { self.fields.index(step, time, self.has_obstacles) } else { Ok(()) }
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let (time, energy_ratio) = (step as f64 * self.step, self.energy_ratio);
-        if let Some((_, progress)) = &mut self.files {
+        if let Some(Files { progress, .. }) = &mut self.files {
             progress.tick(step, || State { time, contact_nodes, energy_ratio });
         }
     }
@@ -88,7 +118,7 @@ impl Run {
                 self.scene.refuse_petsc_options()?;
                 self.announce(&scene, "")?;
                 let model = Model::new(&scene)?;
-                self.simulate(&scene, &model, &simulation::condensed, true, &|| Ok(()))
+                self.simulate(&scene, &model, &simulation::condensed, [0, 1], &|| Ok(()))
             }
         }
     }
@@ -104,7 +134,8 @@ impl Run {
             }
             let model = Model::distributed(scene, &context)?;
             let solver = model.solver(scene)?;
-            self.simulate(scene, &model, &solver, speaks, &|| context.refuse_unused_options())
+            let process = [context.rank(), context.size()];
+            self.simulate(scene, &model, &solver, process, &|| context.refuse_unused_options())
         };
         ended(&context, run())
     }
@@ -117,31 +148,28 @@ impl Run {
         print(&format!("{}\n{engine}effects: {}\n", scene.title, effects(scene)))
     }
 
-    /// Simulates a model and, on the process that speaks, writes and reports.
+    /// Simulates a model on one of several processes; the first writes and reports.
     fn simulate<E: Engine>(
         &self,
         scene: &Scene,
         model: &Model<E>,
         solver: &SolverFactory<E>,
-        speaks: bool,
+        [rank, ranks]: [usize; 2],
         check_options: &dyn Fn() -> Result<()>,
     ) -> Result<()> {
         let folder = self.folder();
         let quiet = self.scene.json || self.scene.quiet;
-        let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
-        let files = || {
-            let progress = Progress::new(0, 0.0..scene.time.end, quiet);
-            Ok((History::create(&folder, &probes)?, progress))
-        };
         let mut recorder = Recorder {
-            files: if speaks { Some(files()?) } else { None },
+            files: if rank == 0 { Some(Files::create(&folder, scene, quiet)?) } else { None },
+            fields: Series::new(&folder, rank, ranks),
+            has_obstacles: !scene.obstacles.is_empty(),
             step: scene.time.step,
             start: None,
             energy_ratio: 1.0,
             check_options,
         };
         let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
-        let Some((history, progress)) = recorder.files else { return ended };
+        let Some(Files { history, progress, .. }) = recorder.files else { return ended };
         progress.finish();
         history.finish()?;
         let summary = Summary {
@@ -193,10 +221,10 @@ fn obstacles(scene: &Scene) -> Vec<Obstacle> {
     below.into_iter().chain(above).collect()
 }
 
-/// Draws `plots/history.svg` from `history.csv`.
+/// Draws `plots/history.svg` from `history.csv`; `rebond plot` draws the rest.
 fn draw(folder: &Path, title: &str, obstacles: &[Obstacle]) -> Result<()> {
     let table = history::read(folder)?;
-    plot::history(&folder.join("plots/history.svg"), &table, title, obstacles)
+    plot::run::history(&table, title, obstacles).write_svg(&folder.join("plots/history.svg"))
 }
 
 /// What a run prints when it ends.
@@ -243,30 +271,3 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
 
 /// Contacts that a report lists.
 const MOST_CONTACTS: usize = 6;
-
-impl Plot {
-    pub(super) fn execute(&self) -> Result<()> {
-        let path = self.folder.join("summary.json");
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
-        let summary: serde_json::Value = serde_json::from_str(&text).map_err(|why| Error::Io {
-            path,
-            source: std::io::Error::new(std::io::ErrorKind::InvalidData, why),
-        })?;
-        let scene = &summary["scene"];
-        let title = scene["title"].as_str().unwrap_or_default();
-        let obstacles: Vec<Obstacle> = scene["obstacle"]
-            .as_array()
-            .into_iter()
-            .flatten()
-            .filter_map(|obstacle| {
-                let height = obstacle["height"].as_f64()?;
-                Some(if obstacle["side"] == "below" {
-                    Obstacle::Below(height)
-                } else {
-                    Obstacle::Above(height)
-                })
-            })
-            .collect();
-        draw(&self.folder, title, &obstacles)
-    }
-}

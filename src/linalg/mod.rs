@@ -75,6 +75,11 @@ pub trait Engine: Sized {
     /// The processes' own values one after the other, the same for all, and where this process's begin.
     fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
 
+    /// The values at all dofs of this process's cells, those that other processes own included, in the cells' numbering.
+    fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
+        Ok(x.to_vec())
+    }
+
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 

@@ -112,7 +112,7 @@ fn integer(line: &mut String, value: u64) {
 }
 
 /// The shortest decimal that reads back as the same bits, with an exponent where that is easier to read.
-fn number(line: &mut String, value: f64) {
+pub(super) fn number(line: &mut String, value: f64) {
     let plain = value == 0.0 || (1e-3..1e7).contains(&value.abs());
     if plain { write!(line, "{value}") } else { write!(line, "{value:e}") }
         .expect("a string takes everything");
@@ -191,6 +191,6 @@ fn parse(mut file: impl BufRead) -> io::Result<Table> {
     Ok(Table { names, columns })
 }
 
-fn malformed(line: usize, what: &str) -> io::Error {
+pub(super) fn malformed(line: usize, what: &str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, format!("line {line}: {what}"))
 }

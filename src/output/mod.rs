@@ -2,15 +2,17 @@
 //!
 //! Nothing here knows a plate, a mesh or a scheme.
 //!
-//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`summary`] (`summary.json`),
-//! [`plot`] (`plots/history.svg`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
+//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`vtu`]
+//! (`fields.pvd` and its snapshots), [`summary`] (`summary.json`), [`plot`] (`plots/*.svg` and `.png`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
 
+pub mod contacts;
 pub mod history;
 pub mod matrix_market;
 pub mod plot;
 pub mod progress;
 pub mod summary;
 pub mod text;
+pub mod vtu;
 
 use crate::error::{Error, Result};
 use std::ffi::OsString;

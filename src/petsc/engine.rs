@@ -157,6 +157,12 @@ impl Engine for Distributed {
         concatenate(&self.context, own)
     }
 
+    fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
+        let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, read)?;
+        Ok(xl.clone())
+    }
+
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
         let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;

@@ -240,8 +240,21 @@ pub enum ViName {
 pub struct Output {
     /// Steps between rows of the history.
     pub every: u64,
+    /// Snapshots of the plate; `None` costs nothing.
+    #[serde(flatten)]
+    pub fields: Option<Snapshots>,
     /// Points whose deflection is a column of the history.
     pub probes: Vec<Probe>,
+}
+
+/// When and how finely snapshots of the plate are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Snapshots {
+    /// Steps between them.
+    #[serde(rename = "fields_every")]
+    pub every: u64,
+    /// Small cells along each edge of a cell.
+    pub subdivide: usize,
 }
 
 /// A point to watch.

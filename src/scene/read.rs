@@ -8,12 +8,15 @@ use super::words::SchemeName;
 use super::{Diagonal, ElementKind};
 use super::{
     EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Obstacle, Output, Panel, Plate, Probe, Scene, Scheme,
-    Side, Solver, Support, Time, ViName,
+    Side, Snapshots, Solver, Support, Time, ViName,
 };
 use crate::error::Result;
 
 /// The most rectangles of a mesh, after refinement.
 const MOST_RECTANGLES: u64 = 4_000_000;
+
+/// The most parts into which snapshots cut an edge.
+const MOST_PARTS: u64 = 64;
 
 /// From here on, not every number of steps is a floating-point number.
 const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
@@ -54,17 +57,18 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
     doc.allow("", &[&["title"], &tables[..]].concat())?;
     let title = title(doc, file_name)?;
     let plate = panel(doc)?;
+    let mesh = grid(doc)?;
     let scene = Scene {
         title,
         plate,
-        mesh: grid(doc)?,
+        mesh,
         supports: supports(doc)?,
         obstacles: obstacles(doc)?,
         load: load(doc)?,
         initial: initial(doc)?,
         time: time(doc)?,
         solver: solver(doc, engine)?,
-        output: output(doc, &plate)?,
+        output: output(doc, &plate, &mesh)?,
     };
     check_start(doc, &scene)?;
     Ok(scene)
@@ -242,8 +246,29 @@ fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {
     })
 }
 
-fn output(doc: &Document, plate: &Panel) -> Result<Output> {
-    doc.allow("output", &["every", "probes"])?;
+/// Snapshots; unless told otherwise, the finer the mesh, the less its cells are cut for them.
+fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
+    let Some(every) = doc.optional_count("output.fields_every", "a number of steps", 1)? else {
+        doc.forbid("output.subdivide", "has no use without output.fields_every")?;
+        return Ok(None);
+    };
+    let rectangles = (mesh.cells[0] * mesh.cells[1]) << (2 * mesh.refine);
+    let parts = match rectangles {
+        0..=2_000 => 4,
+        2_001..=20_000 => 2,
+        _ => 1,
+    };
+    let subdivide =
+        doc.optional_count("output.subdivide", "a number of parts of each edge", 1)?.unwrap_or(parts);
+    if subdivide > MOST_PARTS {
+        let wrong = format!("{subdivide} parts are too many; expected at most {MOST_PARTS}");
+        return Err(doc.fault("output.subdivide", wrong));
+    }
+    Ok(Some(Snapshots { every, subdivide: subdivide as usize }))
+}
+
+fn output(doc: &Document, plate: &Panel, mesh: &Grid) -> Result<Output> {
+    doc.allow("output", &["every", "fields_every", "subdivide", "probes"])?;
     let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
     let mut probes: Vec<Probe> = Vec::new();
     for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
@@ -255,7 +280,7 @@ fn output(doc: &Document, plate: &Panel) -> Result<Output> {
         }
         probes.push(probe);
     }
-    Ok(Output { every, probes })
+    Ok(Output { every, fields: snapshots(doc, mesh)?, probes })
 }
 
 fn probe(doc: &Document, table: &str, plate: &Panel) -> Result<Probe> {

@@ -35,11 +35,7 @@ pub(super) fn text(scene: &Scene) -> String {
     );
     section(&mut text, "[time]", &time(&scene.time));
     section(&mut text, "[solver]", &solver(&scene.solver));
-    section(
-        &mut text,
-        "[output]",
-        &[("every", scene.output.every.to_string(), "steps between rows of history.csv")],
-    );
+    section(&mut text, "[output]", &output(&scene.output));
     text + &probes(&scene.output)
 }
 
@@ -94,6 +90,15 @@ fn solver(solver: &Solver) -> Vec<Row> {
         ("tolerance", number(solver.tolerance), "relative KKT residual of each step"),
         ("energy_guard", number(solver.energy_guard), "energy over its start that stops a run"),
     ]
+}
+
+fn output(output: &Output) -> Vec<Row> {
+    let mut rows = vec![("every", output.every.to_string(), "steps between rows of history.csv")];
+    if let Some(fields) = output.fields {
+        rows.push(("fields_every", fields.every.to_string(), "steps between snapshots"));
+        rows.push(("subdivide", fields.subdivide.to_string(), "parts of each edge in snapshots"));
+    }
+    rows
 }
 
 fn probes(output: &Output) -> String {

@@ -83,7 +83,8 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             u: start.displacement,
             rate: vec![0.0; v.len()],
             v,
-            x: vec![0.0; dofs],
+            // The increment that the first velocity makes.
+            x: start.velocity.iter().map(|v| 0.5 * dt * v).collect(),
             b: vec![0.0; dofs],
             momentum: vec![0.0; dofs],
             bounds: bounds.clone(),
@@ -140,6 +141,11 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
 
     fn displacement(&self) -> &[f64] {
         &self.u
+    }
+
+    /// (U^n - U^{n-1}) / dt, half a step back: with the singular mass V^n has values in cells only. At the start v_0.
+    fn velocity(&self) -> Vec<f64> {
+        self.x.iter().map(|x| 2.0 / self.dt * x).collect()
     }
 
     fn admissible(&self) -> &[f64] {

@@ -111,6 +111,9 @@ pub trait Scheme {
     /// U^n, in m.
     fn displacement(&self) -> &[f64];
 
+    /// Rate of U at the present instant, in m/s, over the displacement's dofs: for pictures.
+    fn velocity(&self) -> Vec<f64>;
+
     /// The configuration of the present step that the obstacles bound (the paper's U^{n+1,e} or U^{n+1/2}), at each bound.
     fn admissible(&self) -> &[f64];
 

@@ -179,6 +179,11 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         &self.u
     }
 
+    /// The central difference (U^{n+1} - U^{n-1}) / (2 dt).
+    fn velocity(&self) -> Vec<f64> {
+        self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect()
+    }
+
     fn admissible(&self) -> &[f64] {
         &self.admissible
     }
@@ -187,11 +192,10 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         &self.reaction
     }
 
-    /// The paper's E_n: the velocity is the central difference (U^{n+1} - U^{n-1}) / (2 dt).
+    /// The paper's E_n, of the central difference.
     fn energies(&self) -> Result<Energies> {
         let System { engine, mass, .. } = self.system;
-        let rate: Vec<f64> =
-            self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect();
+        let rate = self.velocity();
         let mut v = vec![0.0; engine.velocities(mass)];
         engine.velocity(mass, &rate, &mut v)?;
         let kinetic = 0.5 * engine.vis_viva(mass, &v)?;

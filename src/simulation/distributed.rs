@@ -1,6 +1,6 @@
 //! The model of a scene over all ranks.
 
-use super::{Model, Site, SolverFactory, edge_name, start};
+use super::{Fields, Model, Site, SolverFactory, edge_name, start};
 use crate::assembly::{self, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -74,6 +74,7 @@ impl Model<Distributed> {
             .iter()
             .map(|probe| own_probe(context, &part, &system.engine, Point::from(probe.at)))
             .collect::<Result<_>>()?;
+        let fields = Fields::new(scene, &part.mesh, &part.space, &cells)?;
         let built = clock.elapsed().as_secs_f64();
         // The supports of the unrefined plate leave the same rigid motions.
         let coarse = Mesh::rectangle(sides[0], sides[1], [1, 1], grid.element, diagonal)?;
@@ -87,7 +88,7 @@ impl Model<Distributed> {
             Site { dof, node: before + number, at: [at.x, at.y] }
         };
         let sites = own_nodes.iter().enumerate().map(site).collect();
-        Ok(Model { system, start, probes, sites, seconds })
+        Ok(Model { system, start, probes, sites, fields, seconds })
     }
 }
 

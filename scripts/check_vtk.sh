@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Checks with VTK's own reader, from PyPI, what a run writes for it: tests/vtk.py. Skipped only where VTK cannot be had.
+# Usage: scripts/check_vtk.sh
+set -eu
+cd "$(dirname "$0")/.."
+
+version=9.5.2
+vtk=${CARGO_TARGET_DIR:-target}/vtk-$version
+if [ ! -e "$vtk/complete" ]; then
+    rm -rf "$vtk"
+    # Its dependencies are for drawing.
+    if ! said=$(python3 -m pip install --quiet --no-deps --target "$vtk" "vtk==$version" 2>&1); then
+        printf 'skipped: pip cannot install vtk %s for this python: %s\n' "$version" "$(tail -n 1 <<<"$said")"
+        exit 0
+    fi
+    touch "$vtk/complete"
+fi
+
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+PYTHONPATH=$vtk exec python3 tests/vtk.py "${CARGO_TARGET_DIR:-target}/release/rebond" \
+    mpirun --oversubscribe --mca mpi_yield_when_idle 1 -n 2

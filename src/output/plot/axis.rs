@@ -1,0 +1,261 @@
+//! Axes: ranges, ticks, units.
+
+/// Values beyond are treated as not finite, and ranges below as zero.
+const GREATEST: f64 = 1e100;
+const LEAST: f64 = 1e-100;
+
+/// How values turn into lengths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scale {
+    /// Equal steps are equal lengths.
+    Linear,
+    /// Equal ratios are equal lengths; values that are not positive are not shown.
+    Log,
+}
+
+/// An axis: what is counted along it, and how. It fits its curves unless told its range.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    quantity: String,
+    symbol: String,
+    scale: Scale,
+    /// Ends that are given.
+    ends: Option<[f64; 2]>,
+    /// Values that it must show.
+    shown: Vec<f64>,
+    /// Data over what the ticks count.
+    per: f64,
+    /// Room at both ends, as a share of the range.
+    pad: f64,
+}
+
+impl Axis {
+    /// A linear axis; `symbol` is the unit, with an SI prefix added as fits, or empty.
+    pub fn linear(quantity: impl Into<String>, symbol: impl Into<String>) -> Axis {
+        Axis {
+            quantity: quantity.into(),
+            symbol: symbol.into(),
+            scale: Scale::Linear,
+            ends: None,
+            shown: Vec::new(),
+            per: 1.0,
+            pad: 0.06,
+        }
+    }
+
+    /// A logarithmic axis; `symbol` is the unit, or empty.
+    pub fn log(quantity: impl Into<String>, symbol: impl Into<String>) -> Axis {
+        Axis { scale: Scale::Log, ..Axis::linear(quantity, symbol) }
+    }
+
+    /// The same axis between given ends; what lies beyond is cut off.
+    pub fn within(self, low: f64, high: f64) -> Axis {
+        Axis { ends: Some([low, high]), ..self }
+    }
+
+    /// The same axis, which shows these values too.
+    pub fn with(mut self, values: impl IntoIterator<Item = f64>) -> Axis {
+        self.shown.extend(values);
+        self
+    }
+
+    /// The same axis, whose curves reach its ends.
+    pub fn tight(self) -> Axis {
+        Axis { pad: 0.0, ..self }
+    }
+
+    /// The same axis counted in multiples of `unit` of the data.
+    pub fn per(self, unit: f64) -> Axis {
+        Axis { per: unit, ..self }
+    }
+
+    /// Fits the axis to values; `wanted` is about how many ticks.
+    pub(super) fn fit(&self, values: impl Iterator<Item = f64>, wanted: usize) -> Fitted {
+        let drawn = |value: &f64| value.abs() < GREATEST && (self.scale == Scale::Linear || *value > LEAST);
+        let of = |values: &mut dyn Iterator<Item = f64>| {
+            values.filter(drawn).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+                [low.min(value), high.max(value)]
+            })
+        };
+        let range = match self.ends {
+            Some(mut ends) => {
+                ends.sort_by(f64::total_cmp);
+                of(&mut ends.into_iter())
+            }
+            None => of(&mut values.chain(self.shown.iter().copied())),
+        };
+        let pad = if self.ends.is_some() { 0.0 } else { self.pad };
+        let per = if drawn(&self.per) && self.per.abs() > LEAST { self.per } else { 1.0 };
+        match self.scale {
+            Scale::Linear => self.fit_linear(range, pad, per, wanted),
+            Scale::Log => self.fit_log(range, pad, per),
+        }
+    }
+
+    fn fit_linear(&self, range: [f64; 2], pad: f64, per: f64, wanted: usize) -> Fitted {
+        let [low, high] = wide_enough(range);
+        let pad = pad * (high - low);
+        let [low, high] = [low - pad, high + pad];
+        let exponent = exponent(low.abs().max(high.abs()) / per, self.symbol.is_empty());
+        let unit = per * 10f64.powi(exponent);
+        let (first, last) = (low / unit, high / unit);
+        let slack = 1e-9;
+        let count = |step: f64| (last / step + slack).floor() - (first / step - slack).ceil() + 1.0;
+        let mut step = round_step((last - first) / wanted as f64);
+        // Fewer than three ticks tell no scale.
+        for _ in 0..3 {
+            if count(step) < 3.0 {
+                step = round_step(0.4 * step);
+            }
+        }
+        let decimals = (-step.log10() - slack).ceil().max(0.0) as usize;
+        let ticks = ((first / step - slack).ceil() as i64..=(last / step + slack).floor() as i64).map(|i| {
+            let value = i as f64 * step;
+            (value * unit, format!("{value:.decimals$}").replace('-', "\u{2212}"))
+        });
+        Fitted {
+            scale: Scale::Linear,
+            low,
+            high,
+            ticks: ticks.collect(),
+            minor: Vec::new(),
+            label: self.label(exponent),
+        }
+    }
+
+    fn fit_log(&self, [low, high]: [f64; 2], pad: f64, per: f64) -> Fitted {
+        let [low, high] = if low > high { [0.1, 10.0] } else { [low, high] };
+        let [low, high] = [low.log10(), high.log10()];
+        // Less than a decade says little on such an axis.
+        let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(0.35));
+        let half = half * (1.0 + 2.0 * pad);
+        let [low, high] = [middle - half, middle + half];
+        let shift = per.log10();
+        let decades = (low - shift).floor() as i32..=(high - shift).ceil() as i32;
+        let stride = (((high - low) / 7.0).ceil() as i32).max(1);
+        let narrow = high - low < 1.6;
+        let (mut ticks, mut minor) = (Vec::new(), Vec::new());
+        for decade in decades {
+            for digit in 1..10 {
+                let place = shift + f64::from(decade) + f64::from(digit).log10();
+                if !(low - 1e-9..=high + 1e-9).contains(&place) {
+                    continue;
+                }
+                let value = 10f64.powf(place);
+                if digit == 1 && decade.rem_euclid(stride) == 0 {
+                    ticks.push((value, power_of_ten(decade)));
+                } else if narrow && [2, 5].contains(&digit) {
+                    ticks.push((value, times_power_of_ten(digit, decade)));
+                } else if stride == 1 || digit == 1 {
+                    minor.push(value);
+                }
+            }
+        }
+        Fitted {
+            scale: Scale::Log,
+            low: 10f64.powf(low),
+            high: 10f64.powf(high),
+            ticks,
+            minor,
+            label: self.label(0),
+        }
+    }
+
+    fn label(&self, exponent: i32) -> String {
+        let unit = match (self.symbol.as_str(), exponent) {
+            ("", 0) => return self.quantity.clone(),
+            ("", _) => power_of_ten(exponent),
+            (symbol, 0) => symbol.to_owned(),
+            (symbol @ ("J" | "Hz" | "N" | "Pa" | "N s"), 3) => format!("k{symbol}"),
+            (symbol @ ("J" | "Hz" | "N" | "Pa"), 6) => format!("M{symbol}"),
+            (symbol, -3) => format!("m{symbol}"),
+            (symbol, -6) => format!("µ{symbol}"),
+            (symbol, -9) => format!("n{symbol}"),
+            (symbol, _) => format!("{} {symbol}", power_of_ten(exponent)),
+        };
+        format!("{} ({unit})", self.quantity)
+    }
+}
+
+/// An axis with its ends and its ticks.
+pub(super) struct Fitted {
+    scale: Scale,
+    pub low: f64,
+    pub high: f64,
+    /// Where in the data the ticks are, and their texts.
+    pub ticks: Vec<(f64, String)>,
+    /// Ticks without a text.
+    pub minor: Vec<f64>,
+    pub label: String,
+}
+
+impl Fitted {
+    /// Where a value lies along the axis, from 0 to 1; `None` for one that cannot be drawn.
+    pub fn share(&self, value: f64) -> Option<f64> {
+        let share = match self.scale {
+            Scale::Linear => (value - self.low) / (self.high - self.low),
+            Scale::Log if value > LEAST => (value / self.low).ln() / (self.high / self.low).ln(),
+            Scale::Log => return None,
+        };
+        (value.abs() < GREATEST && share.is_finite()).then_some(share)
+    }
+}
+
+/// Whether showing a height still leaves a good part of the picture to the values.
+pub(super) fn is_near(height: f64, values: impl Iterator<Item = f64>) -> bool {
+    let drawn = values.filter(|value| value.abs() < GREATEST);
+    let [low, high] = drawn
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+    let span = high - low;
+    height.abs() < GREATEST && (span <= 0.0 || low - 2.0 * span <= height && height <= high + 2.0 * span)
+}
+
+/// The range itself, or when its values hardly differ or there are none, one wide enough to carry ticks.
+fn wide_enough([low, high]: [f64; 2]) -> [f64; 2] {
+    if low > high {
+        return [0.0, 1.0];
+    }
+    let magnitude = low.abs().max(high.abs());
+    if high - low > LEAST.max(1e-6 * magnitude) {
+        return [low, high];
+    }
+    let half = if magnitude > LEAST { 0.5 * magnitude } else { 0.5 };
+    [low - half, high + half]
+}
+
+/// The power of ten, a multiple of three, that makes ticks short to write.
+fn exponent(magnitude: f64, is_pure: bool) -> i32 {
+    // 0.1 up to 100 of a unit.
+    let exponent = 3 * ((magnitude.log10() + 1.0) / 3.0).floor() as i32;
+    if (1e-2..1e4).contains(&magnitude) && (exponent > 0 || is_pure) { 0 } else { exponent }
+}
+
+/// The least of 1, 2 and 5 times a power of ten that is not less.
+fn round_step(step: f64) -> f64 {
+    let power = 10f64.powf(step.log10().floor());
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|digit| digit * power);
+    steps.into_iter().find(|&s| s >= step * (1.0 - 1e-9)).unwrap_or(step)
+}
+
+fn times_power_of_ten(digit: i32, exponent: i32) -> String {
+    match exponent {
+        -2..0 => format!("{:.*}", -exponent as usize, f64::from(digit) * 10f64.powi(exponent)),
+        0..3 => (digit * 10_i32.pow(exponent as u32)).to_string(),
+        _ => format!("{digit}·{}", power_of_ten(exponent)),
+    }
+}
+
+fn power_of_ten(exponent: i32) -> String {
+    let superscript = |c| match c {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).unwrap_or(digit),
+    };
+    match exponent {
+        0 => "1".to_owned(),
+        1 => "10".to_owned(),
+        _ => format!("10{}", exponent.to_string().chars().map(superscript).collect::<String>()),
+    }
+}

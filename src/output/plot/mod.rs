@@ -1,0 +1,37 @@
+//! Pictures that a journal would print: drawn as SVG, and the very same as PNG.
+//!
+//! A [`Figure`] has [`Panel`]s, a panel has [`Axis`] and [`Curve`]s. Everything is laid out in points for a column 85 mm
+//! wide (or a page, 180 mm), with letters of 6 to 8 points. Series differ in colour (the palette of Okabe and Ito, for every
+//! kind of colour vision), in dashes and in markers, so that they are told apart in grey. PNGs have 400 dots an inch and need no
+//! font on the machine.
+//!
+//! Extremes survive: a long curve keeps the least and greatest value of each column of the picture. Values that are not finite
+//! leave a gap, and no data, however odd, makes a drawing fail.
+//!
+//! ```
+//! use rebond::output::plot::{Axis, Curve, Figure, Panel};
+//!
+//! let errors = Panel::new(Axis::log("step", "s"), Axis::log("error", ""))
+//!     .curve(Curve::new("midpoint", vec![[1e-4, 2e-2], [1e-5, 2e-4]]).style(0).marks(0))
+//!     .slope(2.0, [3e-5, 3e-3]);
+//! assert!(Figure::new("Errors").panel(errors).svg().contains("10⁻⁴"));
+//! ```
+
+mod axis;
+mod figure;
+mod paper;
+pub mod perspective;
+pub mod run;
+
+pub use axis::Axis;
+pub use figure::{Bar, Curve, Figure, Marker, Obstacle, Panel, Ramp};
+pub use paper::{Color, Pen};
+
+/// Two significant digits.
+fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
+    super::text::significant((value / digit).round() * digit).replace('-', "\u{2212}")
+}

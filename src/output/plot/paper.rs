@@ -1,0 +1,283 @@
+//! A sheet of paper with the few verbs that pictures need: SVG text, and the very same as PNG.
+//!
+//! Lengths are in points (1/72 inch), y downwards.
+
+use crate::error::{Error, Result};
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{Options, Tree, fontdb};
+use std::fmt::Write;
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, LazyLock};
+
+/// Where a thing is, in points.
+pub(super) type At = [f64; 2];
+
+/// Points in a millimetre.
+const POINTS_PER_MM: f64 = 72.0 / 25.4;
+/// Pixels in a point: 400 dots an inch.
+const PIXELS_PER_POINT: f32 = 400.0 / 72.0;
+/// Coordinates beyond are off any paper.
+const FAR: f64 = 1e4;
+
+/// The font that texts are measured and rasterised with: any machine has it, for it is in the program.
+/// Programs that show the SVG without it take one that is no wider.
+const FONTS: &str = "DejaVu Sans, Verdana, Helvetica, Arial, sans-serif";
+
+static FACE: LazyLock<Option<ttf_parser::Face<'static>>> =
+    LazyLock::new(|| ttf_parser::Face::parse(dejavu::sans::regular(), 0).ok());
+
+static FONT_DATABASE: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
+    let mut fonts = fontdb::Database::new();
+    for font in [dejavu::sans::regular(), dejavu::sans::bold()] {
+        fonts.load_font_source(fontdb::Source::Binary(Arc::new(font)));
+    }
+    Arc::new(fonts)
+});
+
+/// A colour, as `#RRGGBB`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Color(pub u8, pub u8, pub u8);
+
+impl Color {
+    /// Ink.
+    pub const BLACK: Color = Color(0, 0, 0);
+    /// Paper.
+    pub const WHITE: Color = Color(255, 255, 255);
+    /// Of rules and remarks.
+    pub const GREY: Color = Color(110, 110, 110);
+    /// Of what is solid.
+    pub const SHADE: Color = Color(222, 222, 222);
+
+    /// The colour `share` of the way to another.
+    pub fn towards(self, other: Color, share: f64) -> Color {
+        let mix = |a: u8, b: u8| {
+            (f64::from(a) + share.clamp(0.0, 1.0) * (f64::from(b) - f64::from(a))).round() as u8
+        };
+        Color(mix(self.0, other.0), mix(self.1, other.1), mix(self.2, other.2))
+    }
+}
+
+/// The colour at a share, from 0 to 1, of the way along some.
+pub(super) fn blend(stops: &[Color], share: f64) -> Color {
+    let place = share.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
+    let first = (place as usize).min(stops.len().saturating_sub(2));
+    stops[first].towards(stops[(first + 1).min(stops.len() - 1)], place - first as f64)
+}
+
+impl std::fmt::Display for Color {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "#{:02X}{:02X}{:02X}", self.0, self.1, self.2)
+    }
+}
+
+/// What draws a line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pen {
+    /// Its colour.
+    pub color: Color,
+    /// Points drawn and skipped in turn; none: a solid line.
+    pub dashes: &'static [f64],
+    /// Its width, in points.
+    pub width: f64,
+}
+
+impl Pen {
+    /// A solid pen.
+    pub const fn solid(color: Color, width: f64) -> Pen {
+        Pen { color, dashes: &[], width }
+    }
+}
+
+/// Which part of a text stands at its position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+/// How a text looks.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Type {
+    pub size: f64,
+    pub bold: bool,
+    pub color: Color,
+    /// Stands out from what it is written over.
+    pub halo: bool,
+}
+
+impl Type {
+    pub const fn new(size: f64) -> Type {
+        Type { size, bold: false, color: Color::BLACK, halo: false }
+    }
+
+    /// Width of a text, in points.
+    pub fn width(&self, text: &str) -> f64 {
+        let Some(face) = &*FACE else { return 0.6 * self.size * text.chars().count() as f64 };
+        let advance = |c| face.glyph_index(c).and_then(|glyph| face.glyph_hor_advance(glyph)).unwrap_or(600);
+        let units: f64 = text.chars().map(|c| f64::from(advance(c))).sum();
+        // Bold letters are about a tenth wider.
+        let wider = if self.bold { 1.12 } else { 1.0 };
+        wider * units * self.size / f64::from(face.units_per_em())
+    }
+
+    /// From a line of text to the next.
+    pub fn line(&self) -> f64 {
+        1.35 * self.size
+    }
+}
+
+/// The sheet.
+pub struct Paper {
+    svg: String,
+    clips: usize,
+}
+
+impl Paper {
+    pub(super) fn new() -> Paper {
+        Paper { svg: String::new(), clips: 0 }
+    }
+
+    fn put(&mut self, element: std::fmt::Arguments) {
+        self.svg.write_fmt(element).expect("a string takes everything");
+        self.svg.push('\n');
+    }
+
+    pub(super) fn rectangle(&mut self, [left, top]: At, [right, bottom]: At, fill: Color) {
+        let (width, height) = (number(right - left), number(bottom - top));
+        let (x, y) = (number(left), number(top));
+        self.put(format_args!(
+            "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" fill=\"{fill}\"/>"
+        ));
+    }
+
+    pub(super) fn line(&mut self, [x1, y1]: At, [x2, y2]: At, pen: Pen) {
+        let [x1, y1, x2, y2] = [x1, y1, x2, y2].map(number);
+        let stroke = stroke(pen);
+        self.put(format_args!("<line x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\" {stroke}/>"));
+    }
+
+    pub(super) fn polyline(&mut self, points: &[At], pen: Pen) {
+        let (points, stroke) = (listed(points), stroke(pen));
+        self.put(format_args!("<polyline fill=\"none\" {stroke} points=\"{points}\"/>"));
+    }
+
+    /// A closed shape, filled and perhaps outlined.
+    pub(super) fn polygon(&mut self, points: &[At], fill: Color, edge: Option<Pen>) {
+        let (points, stroke) = (listed(points), edge.map(stroke).unwrap_or_default());
+        self.put(format_args!("<polygon fill=\"{fill}\" {stroke} points=\"{points}\"/>"));
+    }
+
+    pub(super) fn circle(&mut self, [x, y]: At, radius: f64, fill: Color, edge: Option<Pen>) {
+        let (x, y, r, stroke) = (number(x), number(y), number(radius), edge.map(stroke).unwrap_or_default());
+        self.put(format_args!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{r}\" fill=\"{fill}\" {stroke}/>"));
+    }
+
+    /// A text whose middle height is at the position.
+    pub(super) fn text(&mut self, text: &str, [x, y]: At, look: Type, anchor: Anchor) {
+        let (x, y) = (number(x), number(y + 0.36 * look.size));
+        self.write_text(text, &format!("x=\"{x}\" y=\"{y}\""), look, anchor);
+    }
+
+    /// A centred text that is read from the right.
+    pub(super) fn text_upwards(&mut self, text: &str, [x, y]: At, look: Type) {
+        let (x, y) = (number(x + 0.36 * look.size), number(y));
+        self.write_text(text, &format!("transform=\"translate({x} {y}) rotate(-90)\""), look, Anchor::Middle);
+    }
+
+    fn write_text(
+        &mut self,
+        text: &str,
+        place: &str,
+        Type { size, bold, color, halo }: Type,
+        anchor: Anchor,
+    ) {
+        let (size, text) = (number(size), escaped(text));
+        let anchor = match anchor {
+            Anchor::Start => "start",
+            Anchor::Middle => "middle",
+            Anchor::End => "end",
+        };
+        let weight = if bold { " font-weight=\"bold\"" } else { "" };
+        let halo = if halo { " stroke=\"#FFFFFF\" stroke-width=\"1.6\" paint-order=\"stroke\"" } else { "" };
+        self.put(format_args!(
+            "<text {place} font-size=\"{size}\" text-anchor=\"{anchor}\" fill=\"{color}\"{weight}{halo}>{text}</text>"
+        ));
+    }
+
+    /// Draws with what falls outside a rectangle cut off.
+    pub(super) fn clipped(&mut self, [left, top]: At, [right, bottom]: At, draw: impl FnOnce(&mut Paper)) {
+        self.clips += 1;
+        let id = self.clips;
+        let [x, y, width, height] = [left, top, right - left, bottom - top].map(number);
+        self.put(format_args!(
+            "<clipPath id=\"clip{id}\"><path d=\"M{x} {y}h{width}v{height}h-{width}z\"/></clipPath>"
+        ));
+        self.put(format_args!("<g clip-path=\"url(#clip{id})\">"));
+        draw(self);
+        self.put(format_args!("</g>"));
+    }
+
+    /// The drawing as an SVG of that size, on white.
+    pub(super) fn finish(self, [width, height]: At) -> String {
+        let millimetres = [width, height].map(|length| number(length / POINTS_PER_MM));
+        let [width, height] = [width, height].map(number);
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}mm\" height=\"{}mm\" viewBox=\"0 0 {width} {height}\" \
+             font-family=\"{FONTS}\" stroke-linejoin=\"round\" stroke-linecap=\"butt\">\n\
+             <rect width=\"{width}\" height=\"{height}\" fill=\"#FFFFFF\"/>\n{}</svg>\n",
+            millimetres[0], millimetres[1], self.svg
+        )
+    }
+}
+
+/// The PNG of an SVG that [`Paper`] made, 400 dots an inch; `path` names it in errors.
+pub(super) fn png(svg: &str, path: &Path) -> Result<Vec<u8>> {
+    let failed = |why: &dyn std::fmt::Display| Error::io(path)(io::Error::other(why.to_string()));
+    let options =
+        Options { fontdb: FONT_DATABASE.clone(), font_family: "DejaVu Sans".into(), ..Options::default() };
+    let tree = Tree::from_str(svg, &options).map_err(|why| failed(&why))?;
+    // SVG counts 96 pixels to the inch.
+    let scale = PIXELS_PER_POINT * 72.0 / 96.0;
+    let size = tree.size();
+    let [width, height] = [size.width(), size.height()].map(|length| (length * scale).round() as u32);
+    let mut pixels = Pixmap::new(width, height).ok_or_else(|| failed(&"the picture is too large"))?;
+    resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
+    pixels.encode_png().map_err(|why| failed(&why))
+}
+
+fn stroke(Pen { color, dashes, width }: Pen) -> String {
+    let mut stroke = format!("stroke=\"{color}\" stroke-width=\"{}\"", number(width));
+    if !dashes.is_empty() {
+        let dashes: Vec<String> = dashes.iter().map(|&dash| number(dash)).collect();
+        stroke += &format!(" stroke-dasharray=\"{}\"", dashes.join(" "));
+    }
+    stroke
+}
+
+fn listed(points: &[At]) -> String {
+    let pairs: Vec<String> = points.iter().map(|&[x, y]| format!("{},{}", number(x), number(y))).collect();
+    pairs.join(" ")
+}
+
+/// A coordinate to a hundredth of a point, as short as it gets.
+fn number(value: f64) -> String {
+    let text = format!("{:.2}", value.clamp(-FAR, FAR));
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+fn escaped(text: &str) -> String {
+    let visible = text.chars().filter(|c| !c.is_control());
+    let mut escaped = String::new();
+    for c in visible {
+        match c {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}

@@ -1,0 +1,264 @@
+//! The deformed plate in perspective, above or below its obstacles.
+
+use super::axis::is_near;
+use super::figure::Frame;
+use super::paper::{Anchor, Color, Paper, Pen, Type, blend};
+use super::{Figure, Obstacle, Panel, Ramp, short};
+use crate::output::vtu::Surface;
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// Snapshots of one figure.
+const MOST: usize = 6;
+/// A surface of more faces is drawn on a coarser grid of about as many.
+const MOST_FACES: usize = 3000;
+/// Where the eye looks from: turned about the vertical, and raised above the horizon, in radians.
+const TURN: f64 = -0.60;
+const RISE: f64 = 0.42;
+/// Distance of the eye over the size of the scene.
+const DISTANCE: f64 = 4.0;
+/// Height of the drawn deflections over the plate's length, at least.
+const RELIEF: f64 = 0.3;
+
+const OUTLINE: Pen = Pen::solid(Color::GREY, 0.5);
+const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
+const REMARK: Type = Type::new(6.5);
+/// Height of the line that tells the time.
+const BAND: f64 = 10.0;
+
+type Space = [f64; 3];
+
+/// Evenly chosen entries, the first and the last among them.
+pub fn chosen<T>(all: &[T]) -> Vec<&T> {
+    let count = all.len().min(MOST);
+    (0..count).map(|i| &all[if count > 1 { i * (all.len() - 1) / (count - 1) } else { 0 }]).collect()
+}
+
+/// Draws snapshots (time in s, surface) side by side at one scale, coloured by deflection.
+pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str, obstacles: &[Obstacle]) -> Figure {
+    let snapshots: Vec<(f64, Surface)> =
+        snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
+    let deflections = || snapshots.iter().flat_map(|(_, surface)| surface.deflection.iter().copied());
+    let obstacles: Vec<Obstacle> =
+        obstacles.iter().copied().filter(|of| is_near(of.height(), deflections())).collect();
+    let range = |values: &mut dyn Iterator<Item = f64>| {
+        values
+            .filter(|value| value.is_finite())
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    let [low, high] = range(&mut deflections());
+    let points = || snapshots.iter().flat_map(|(_, surface)| surface.points.iter());
+    let sides = [0, 1].map(|axis| range(&mut points().map(|point| point[axis])));
+    let size = sides.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
+    let heights = range(&mut deflections().chain(obstacles.iter().map(|of| of.height())).chain([0.0]));
+    let scale = exaggeration(RELIEF * size / (heights[1] - heights[0]));
+
+    let view = View { sides, size, scale };
+    let walls: Vec<[Space; 4]> = obstacles.iter().map(|of| view.plane(of.height())).collect();
+    // One window for all.
+    let mut window = Window::default();
+    for (_, Surface { points, deflection, .. }) in &snapshots {
+        points.iter().zip(deflection).for_each(|(&[x, y], &w)| window.show(view.see([x, y, w])));
+    }
+    walls.iter().flatten().for_each(|&corner| window.show(view.see(corner)));
+
+    let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
+    let label =
+        if scale == 1.0 { "deflection (m)".to_owned() } else { format!("deflection (m), drawn ×{scale}") };
+    let mut figure =
+        Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(short), color: depth });
+    let (walls, obstacles) = (Rc::new(walls), Rc::new(obstacles));
+    for (time, surface) in snapshots {
+        let (walls, obstacles) = (walls.clone(), obstacles.clone());
+        let height = (108.0 * window.height() / window.width()).clamp(20.0, 120.0) + BAND;
+        let draw = move |paper: &mut Paper, frame: Frame| {
+            let below = Frame { top: frame.top + BAND, ..frame };
+            let at = |point: Space| window.at(below, view.see(point));
+            for (wall, of) in walls.iter().zip(&*obstacles) {
+                if let Obstacle::Below(_) = of {
+                    paper.polygon(&wall.map(at), Color::SHADE, Some(OUTLINE));
+                }
+            }
+            for face in view.sorted(&surface) {
+                let corners: Vec<_> = face.iter().map(|&point| at(surface.place(point))).collect();
+                let mean = face.iter().map(|&p| surface.deflection[p]).sum::<f64>() / face.len() as f64;
+                let color = depth(share(mean));
+                paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
+            }
+            for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+                paper.circle(at(surface.place(point)), 0.9, Color(213, 94, 0), None);
+            }
+            for (wall, of) in walls.iter().zip(&*obstacles) {
+                let [a, b, c, d] = wall.map(at);
+                if let Obstacle::Above(_) = of {
+                    paper.polyline(&[a, b, c, d, a], HIDDEN);
+                }
+            }
+            let text = format!("t = {} s", crate::output::text::significant(time));
+            paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
+        };
+        figure = figure.panel(Panel::drawing(draw).height(height));
+    }
+    figure
+}
+
+/// The largest of 1, 2, 5, 10, ... that is not more.
+fn exaggeration(most: f64) -> f64 {
+    if !(most.is_finite() && most > 1.0) {
+        return 1.0;
+    }
+    let power = 10f64.powf(most.log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|digit| digit * power).find(|&scale| scale <= most).unwrap_or(1.0)
+}
+
+/// Dark to light, as in the palette "viridis".
+fn depth(share: f64) -> Color {
+    let stops =
+        [Color(68, 1, 84), Color(59, 82, 139), Color(33, 145, 140), Color(94, 201, 98), Color(253, 231, 37)];
+    blend(&stops, share)
+}
+
+impl Surface {
+    fn place(&self, point: usize) -> Space {
+        let [x, y] = self.points[point];
+        [x, y, self.deflection[point]]
+    }
+}
+
+/// An eye that looks at the plate.
+#[derive(Clone, Copy)]
+struct View {
+    sides: [[f64; 2]; 2],
+    size: f64,
+    /// Of deflections.
+    scale: f64,
+}
+
+impl View {
+    /// Right, up and away, in sizes of the plate.
+    fn turned(&self, [x, y, w]: Space) -> Space {
+        let centred = |value: f64, [low, high]: [f64; 2]| (value - 0.5 * (low + high)) / self.size;
+        let (x, y, z) = (centred(x, self.sides[0]), centred(y, self.sides[1]), self.scale * w / self.size);
+        let (sin, cos) = TURN.sin_cos();
+        let (x, y) = (cos * x - sin * y, sin * x + cos * y);
+        let (sin, cos) = RISE.sin_cos();
+        [x, sin * y + cos * z, cos * y - sin * z]
+    }
+
+    /// Right and up on the picture.
+    fn see(&self, point: Space) -> [f64; 2] {
+        let [right, up, away] = self.turned(point);
+        [right, up].map(|length| length * DISTANCE / (DISTANCE + away))
+    }
+
+    /// A little more than the plate's rectangle, at a height.
+    fn plane(&self, height: f64) -> [Space; 4] {
+        let more = 0.08 * self.size;
+        let [[left, right], [front, back]] = self.sides.map(|[low, high]| [low - more, high + more]);
+        [[left, front, height], [right, front, height], [right, back, height], [left, back, height]]
+    }
+
+    /// The faces of a surface, far to near.
+    fn sorted<'s>(&self, surface: &'s Surface) -> Vec<&'s [usize]> {
+        let away = |face: &[usize]| {
+            face.iter().map(|&point| self.turned(surface.place(point))[2]).sum::<f64>() / face.len() as f64
+        };
+        let mut faces: Vec<(f64, &[usize])> =
+            surface.cells.iter().map(|face| (away(face), face.as_slice())).collect();
+        faces.sort_by(|a, b| b.0.total_cmp(&a.0));
+        faces.into_iter().map(|(_, face)| face).collect()
+    }
+}
+
+/// What part of the picture plane is shown.
+#[derive(Clone, Copy)]
+struct Window {
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Window { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2] }
+    }
+}
+
+impl Window {
+    fn show(&mut self, point: [f64; 2]) {
+        for axis in 0..2 {
+            self.low[axis] = self.low[axis].min(point[axis]);
+            self.high[axis] = self.high[axis].max(point[axis]);
+        }
+    }
+
+    fn width(&self) -> f64 {
+        self.high[0] - self.low[0]
+    }
+
+    fn height(&self) -> f64 {
+        self.high[1] - self.low[1]
+    }
+
+    fn at(&self, frame: Frame, [right, up]: [f64; 2]) -> [f64; 2] {
+        let scale =
+            ((frame.right - frame.left) / self.width()).min((frame.bottom - frame.top) / self.height());
+        let middle = [0.5 * (self.low[0] + self.high[0]), 0.5 * (self.low[1] + self.high[1])];
+        [
+            0.5 * (frame.left + frame.right) + scale * (right - middle[0]),
+            0.5 * (frame.top + frame.bottom) - scale * (up - middle[1]),
+        ]
+    }
+}
+
+/// A surface of many faces on a coarser grid: each of its points takes the nearest value.
+fn coarsened(surface: Surface) -> Surface {
+    if surface.cells.len() <= MOST_FACES {
+        return surface;
+    }
+    let ends = |axis: usize| {
+        let values = surface.points.iter().map(|point| point[axis]);
+        values
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    let [[left, right], [front, back]] = [ends(0), ends(1)];
+    let spacing = ((right - left) * (back - front) / MOST_FACES as f64).sqrt();
+    let parts = |length: f64| (length / spacing).round().max(1.0) as usize;
+    let [nx, ny] = [parts(right - left), parts(back - front)];
+    let [dx, dy] = [(right - left) / nx as f64, (back - front) / ny as f64];
+    // By place in the grid: distance to the nearest point, and that point.
+    let mut nearest: HashMap<(usize, usize), (f64, usize)> = HashMap::new();
+    for (number, &[x, y]) in surface.points.iter().enumerate() {
+        let [i, j] = [(x - left) / dx, (y - front) / dy];
+        let distance = (i - i.round()).hypot(j - j.round());
+        let best = nearest.entry((i.round() as usize, j.round() as usize)).or_insert((distance, number));
+        if distance < best.0 {
+            *best = (distance, number);
+        }
+    }
+    let mut coarse = Surface::default();
+    let mut numbers = HashMap::new();
+    for (&(i, j), &(_, point)) in &nearest {
+        numbers.insert((i, j), coarse.points.len());
+        coarse.points.push([left + dx * i as f64, front + dy * j as f64]);
+        coarse.deflection.push(surface.deflection[point]);
+    }
+    for j in 0..ny {
+        for i in 0..nx {
+            let corners =
+                [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|at| numbers.get(&at).copied());
+            if let [Some(a), Some(b), Some(c), Some(d)] = corners {
+                coarse.cells.push(vec![a, b, c, d]);
+            }
+        }
+    }
+    // Contacts stay where they are.
+    for (&at, (&w, &r)) in surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction)) {
+        coarse.reaction.resize(coarse.points.len(), 0.0);
+        if r != 0.0 {
+            coarse.points.push(at);
+            coarse.deflection.push(w);
+            coarse.reaction.push(r);
+        }
+    }
+    coarse
+}

@@ -1,0 +1,243 @@
+//! The pictures of a run, from what its folder has.
+
+use super::paper::blend;
+use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
+use crate::output::contacts::Contact;
+use crate::output::history::Table;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use std::collections::BTreeMap;
+
+/// Probes that get a panel of their own.
+const MOST_PROBES: usize = 4;
+/// Bars that a contact map has at most, about.
+const MOST_BARS: f64 = 10_000.0;
+
+/// Deflection of the probes with the obstacles above, the energies over their start below.
+pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
+    let times = column(table, "time");
+    let probes = table.probes().enumerate();
+    let deflections = Panel::new(time(table), Axis::linear("deflection", "m"))
+        .curves(probes.map(|(index, (name, values))| Curve::of(name, times, values).style(index)))
+        .obstacles(obstacles)
+        .without_x_labels();
+    let start = start(table);
+    let axis = match start {
+        Some(start) => Axis::linear("energy / initial", "").per(start),
+        None => Axis::linear("energy", "J"),
+    };
+    let curve = |name| Curve::of(name, times, column(table, name));
+    let energies = Panel::new(time(table), axis.with([0.0]))
+        .height(66.0)
+        .curve(curve("energy").color(Color::BLACK).width(1.5))
+        .curve(curve("elastic").palette(0))
+        .curve(curve("kinetic").palette(1).dashes(1));
+    Figure::new(title).panel(deflections).panel(energies)
+}
+
+/// The ledger: energies, how far their sum has come from its start, and the force of the obstacles.
+pub fn energy(table: &Table, title: &str) -> Figure {
+    let times = column(table, "time");
+    let curve = |name| Curve::of(name, times, column(table, name));
+    let energies = Panel::new(time(table), Axis::linear("energy", "J").with([0.0]))
+        .curve(curve("energy").color(Color::BLACK).width(1.5))
+        .curve(curve("elastic").palette(0))
+        .curve(curve("kinetic").palette(1).dashes(1))
+        .curves(is_any(table, "work").then(|| curve("work").palette(2).dashes(2)))
+        .without_x_labels();
+    let energy = column(table, "energy");
+    let (axis, scale) = match start(table) {
+        Some(start) => (Axis::linear("change / initial", ""), 1.0 / start),
+        None => (Axis::linear("change of energy", "J"), 1.0),
+    };
+    let first = energy.first().copied().unwrap_or(0.0);
+    let change: Vec<f64> = energy.iter().map(|energy| (energy - first) * scale).collect();
+    let has_force = is_any(table, "contact_force");
+    let drift = Panel::new(time(table), axis.with([0.0]))
+        .height(56.0)
+        .curve(Curve::of("", times, &change).color(Color::BLACK));
+    let drift = if has_force { drift.without_x_labels() } else { drift };
+    let figure = Figure::new(title).panel(energies).panel(drift);
+    if !has_force {
+        return figure;
+    }
+    let force = Curve::of("", times, column(table, "contact_force")).palette(1).width(0.6);
+    figure.panel(Panel::new(time(table), Axis::linear("obstacle force", "N")).height(56.0).curve(force))
+}
+
+/// Which node touches when, in the order of their places along the plate; and where they are.
+///
+/// `sides` are the plate's length and width, in m.
+pub fn contacts(contacts: &[Contact], table: &Table, title: &str, [length, width]: [f64; 2]) -> Figure {
+    let mut nodes: Vec<&Contact> = contacts.iter().collect();
+    nodes.sort_by(|a, b| {
+        a.at[0].total_cmp(&b.at[0]).then(a.at[1].total_cmp(&b.at[1])).then(a.node.cmp(&b.node))
+    });
+    nodes.dedup_by_key(|contact| contact.node);
+    let place: BTreeMap<usize, usize> =
+        nodes.iter().enumerate().map(|(i, contact)| (contact.node, i)).collect();
+    let mut total = vec![0.0; nodes.len()];
+    for contact in contacts {
+        total[place[&contact.node]] += contact.impulse.abs();
+    }
+    let end = column(table, "time").last().copied().unwrap_or(0.0);
+    let rows = nodes.len() as f64;
+    let bars = joined(contacts, end * rows / MOST_BARS);
+    let largest = bars.iter().map(|bar| bar.2.abs()).fold(0.0, f64::max);
+    // Impulses span decades: three of them show.
+    let share = move |impulse: f64| 1.0 + (impulse.abs() / largest).max(1e-3).log10() / 3.0;
+    let bar = |&(node, x, impulse): &(usize, [f64; 2], f64)| {
+        let y = place[&node] as f64;
+        Bar { x, y: [y + 0.55, y + 1.45], color: heat(share(impulse)) }
+    };
+    let map = Panel::new(time(table), Axis::linear("contact node", "").within(0.5, rows + 0.5))
+        .height((7.0 * rows).clamp(60.0, 150.0))
+        .bars(bars.iter().map(bar))
+        .ramp(Ramp {
+            label: "impulse (N s)".to_owned(),
+            ends: [short(1e-3 * largest), short(largest)],
+            color: heat,
+        });
+    let most = total.iter().copied().fold(0.0, f64::max);
+    let plan_height = (200.0 * width / length).clamp(30.0, 200.0);
+    let mut plan = Panel::new(
+        Axis::linear("x", "m").within(-0.03 * length, 1.03 * length),
+        Axis::linear("y", "m").within(-0.06 * width, 1.06 * width),
+    )
+    .heading("Where the nodes are; impulse of the whole run:")
+    .height(plan_height);
+    let outline = [[0.0, 0.0], [length, 0.0], [length, width], [0.0, width], [0.0, 0.0]];
+    plan = plan.curve(Curve::new("", outline.to_vec()).color(Color::GREY).width(0.6));
+    for (contact, impulse) in nodes.iter().zip(&total) {
+        let size = (impulse / most).sqrt().max(0.25);
+        plan = plan.curve(Curve::new("", vec![contact.at]).palette(1).marks(0).size(size).scattered());
+    }
+    let largest_node = Curve::new(format!("{} N s", short(most)), Vec::new()).palette(1).marks(0).scattered();
+    let plan = plan.curve(largest_node);
+    Figure::new(title).panel(map).panel(plan)
+}
+
+/// Node, interval and impulse of contacts; those of a node closer than `apart` seconds are joined.
+fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
+    let mut of_node: BTreeMap<usize, Vec<(usize, [f64; 2], f64)>> = BTreeMap::new();
+    for &Contact { node, begin, end, impulse, .. } in contacts {
+        let bars = of_node.entry(node).or_default();
+        match bars.last_mut() {
+            Some((_, [_, last], sum)) if begin - *last < apart => {
+                *last = end;
+                *sum += impulse;
+            }
+            _ => bars.push((node, [begin, end], impulse)),
+        }
+    }
+    of_node.into_values().flatten().collect()
+}
+
+/// Velocity over deflection of each probe.
+pub fn phase(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
+    let times = column(table, "time");
+    let panel = |(index, (name, values)): (usize, (&str, &[f64]))| {
+        let rate = |i: usize| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(values.len() - 1));
+            (values[b] - values[a]) / (times[b] - times[a])
+        };
+        let points = (0..values.len()).map(|i| [values[i], rate(i)]).collect();
+        let walls = obstacles.iter().map(|obstacle| (obstacle.height(), "obstacle"));
+        let span = values.iter().copied().filter(|w| w.is_finite()).fold(0.0, |m: f64, w| m.max(w.abs()));
+        let panel = Panel::new(Axis::linear("deflection", "m"), Axis::linear("velocity", "m/s"))
+            .height(100.0)
+            .curve(Curve::new(name, points).style(index).dashes(0).width(0.5));
+        walls
+            .filter(|(height, _)| height.abs() <= 3.0 * span)
+            .fold(panel, |panel, (height, remark)| panel.rule_at_x(height, remark))
+    };
+    panels(Figure::new(title), table.probes().enumerate().take(MOST_PROBES).map(panel).collect())
+}
+
+/// One column for one panel, else two, as wide as a page.
+fn panels(figure: Figure, panels: Vec<Panel>) -> Figure {
+    let figure = if panels.len() > 1 { figure.page().columns(2) } else { figure };
+    panels.into_iter().fold(figure, Figure::panel)
+}
+
+/// Amplitude of each probe's oscillations by frequency: their Fourier transform under a Hann window.
+pub fn spectrum(table: &Table, title: &str) -> Figure {
+    let times = column(table, "time");
+    let uniform = uniform(times);
+    let spectra: Vec<(&str, Vec<[f64; 2]>)> = table
+        .probes()
+        .map(|(name, values)| (name, amplitudes(&times[..uniform], &values[..uniform])))
+        .collect();
+    let largest = spectra.iter().flat_map(|(_, points)| points).map(|p| p[1]).fold(0.0, f64::max);
+    let last = spectra.iter().filter_map(|(_, points)| points.last()).map(|p| p[0]).fold(0.0, f64::max);
+    let first = spectra.iter().filter_map(|(_, points)| points.first()).map(|p| p[0]).fold(last, f64::min);
+    let mut amplitude = Axis::log("amplitude", "m");
+    let mut frequency = Axis::log("frequency", "Hz").tight();
+    if largest > 0.0 && first > 0.0 {
+        // What is smaller is rounding or the window's own.
+        amplitude = amplitude.within(1e-7 * largest, 2.0 * largest);
+        frequency = frequency.within(first, last);
+    }
+    let curves = spectra
+        .into_iter()
+        .enumerate()
+        .map(|(i, (name, points))| Curve::new(name, points).style(i).width(0.6));
+    let panel = Panel::new(frequency, amplitude).height(110.0).curves(curves);
+    Figure::new(title).panel(panel)
+}
+
+/// How many of the first times are equally far apart: the last row of a run may come early.
+fn uniform(times: &[f64]) -> usize {
+    let Some(step) = times.get(1).map(|second| second - times[0]) else { return times.len() };
+    let even = |ends: &[f64]| (ends[1] - ends[0] - step).abs() < 1e-3 * step;
+    times.windows(2).position(|ends| !even(ends)).map_or(times.len(), |odd| odd + 1)
+}
+
+/// Frequency (Hz) and amplitude of the oscillations in equally spaced values, by the Fourier transform under a Hann window.
+///
+/// An oscillation in the middle of a bin shows its own amplitude there, and half of it in the bins beside.
+pub fn amplitudes(times: &[f64], values: &[f64]) -> Vec<[f64; 2]> {
+    let count = values.len();
+    if count < 8 || values.iter().any(|value| !value.is_finite()) {
+        return Vec::new();
+    }
+    let mean = values.iter().sum::<f64>() / count as f64;
+    let turn = std::f64::consts::TAU / count as f64;
+    // The window's mean is a half.
+    let window = |i: usize| 0.5 - 0.5 * (turn * i as f64).cos();
+    let mut transform: Vec<Complex<f64>> =
+        values.iter().enumerate().map(|(i, value)| Complex::new((value - mean) * window(i), 0.0)).collect();
+    FftPlanner::new().plan_fft_forward(count).process(&mut transform);
+    let duration = (times[count - 1] - times[0]) * count as f64 / (count - 1) as f64;
+    let bin = |i: usize| [i as f64 / duration, 4.0 * transform[i].norm() / count as f64];
+    (1..=count / 2).map(bin).collect()
+}
+
+fn column<'t>(table: &'t Table, name: &str) -> &'t [f64] {
+    table.column(name).unwrap_or_default()
+}
+
+/// The axis of all times.
+fn time(table: &Table) -> Axis {
+    let times = column(table, "time");
+    Axis::linear("time", "s").with(times.first().into_iter().chain(times.last()).copied()).tight()
+}
+
+/// The energy at the start, where it is fit to measure others by.
+fn start(table: &Table) -> Option<f64> {
+    let energies = ["energy", "elastic", "kinetic"].into_iter().flat_map(|name| column(table, name));
+    let largest =
+        energies.filter(|e| e.is_finite()).fold(0.0, |largest: f64, energy| largest.max(energy.abs()));
+    let start = column(table, "energy").iter().copied().find(|energy| energy.is_finite())?;
+    (start > 1e-9 * largest && start < 1e100 && start > 1e-100).then_some(start)
+}
+
+fn is_any(table: &Table, name: &str) -> bool {
+    column(table, name).iter().any(|value| *value != 0.0)
+}
+
+/// Light to dark.
+fn heat(share: f64) -> Color {
+    let stops = [Color(254, 224, 182), Color(230, 130, 60), Color(160, 40, 40), Color(40, 5, 30)];
+    blend(&stops, share)
+}

@@ -1,0 +1,363 @@
+//! `fields.pvd` and `fields/*.vtu`: snapshots of the plate for ParaView and VTK, and their reader for pictures.
+//!
+//! A snapshot is an unstructured grid of small triangles or quadrilaterals, flat at z = 0: warp it by `displacement`. Numbers are
+//! appended raw, little-endian, 64 bits. With several ranks each writes its own piece, and a `.pvtu` names them.
+//!
+//! | of points | is |
+//! |---|---|
+//! | `deflection` | w, m |
+//! | `slope` | w_x, w_y |
+//! | `velocity` | rate of w, m/s |
+//! | `displacement` | (0, 0, w), m |
+//! | `gap` | room to the nearest obstacle, m |
+//! | `reaction` | force of the obstacles on a node, upward, N; zero at points that are not nodes |
+//!
+//! | of cells | is |
+//! |---|---|
+//! | `mean_velocity` | mean rate of w over the mesh's cell, m/s |
+//! | `cell` | number of the mesh's cell, on its rank |
+//! | `rank` | rank that computes it |
+//!
+//! `gap` and `reaction` are there where the scene has obstacles.
+
+use super::write_atomic;
+use crate::error::{Error, Result};
+use crate::simulation::Snapshot;
+use std::fmt::Write as _;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Name of the index in the run folder.
+pub const FILE: &str = "fields.pvd";
+/// Folder of the snapshots in the run folder.
+const FOLDER: &str = "fields";
+/// What VTK calls shapes of three and four corners.
+const TRIANGLE: u8 = 5;
+const QUADRILATERAL: u8 = 9;
+
+const HEADER: &str = "<?xml version=\"1.0\"?>\n";
+const DIALECT: &str = "version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\"";
+
+/// Writes the snapshots of a run as they come: one series a process.
+#[derive(Debug)]
+pub struct Series {
+    folder: PathBuf,
+    rank: usize,
+    ranks: usize,
+    /// Time (s) and file of each snapshot, for the index.
+    times: Vec<(f64, String)>,
+}
+
+impl Series {
+    /// Starts the series of a rank.
+    pub fn new(folder: &Path, rank: usize, ranks: usize) -> Series {
+        Series { folder: folder.to_owned(), rank, ranks, times: Vec::new() }
+    }
+
+    /// Writes this rank's piece of a snapshot, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write(&self, snapshot: &Snapshot) -> Result<()> {
+        let folder = self.folder.join(FOLDER);
+        fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        write_atomic(&folder.join(self.piece(snapshot.step, self.rank)), &grid(snapshot, self.rank))
+    }
+
+    /// Adds a snapshot whose pieces are all written to the index; rank 0 alone does.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn index(&mut self, step: u64, time: f64, has_obstacles: bool) -> Result<()> {
+        let name = match self.ranks {
+            1 => self.piece(step, 0),
+            ranks => {
+                let name = format!("step-{step:09}.pvtu");
+                let pieces: Vec<String> = (0..ranks).map(|rank| self.piece(step, rank)).collect();
+                write_atomic(
+                    &self.folder.join(FOLDER).join(&name),
+                    parallel(&pieces, has_obstacles).as_bytes(),
+                )?;
+                name
+            }
+        };
+        self.times.push((time, format!("{FOLDER}/{name}")));
+        let mut index = format!("{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n");
+        for (time, file) in &self.times {
+            line(&mut index, format_args!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>"));
+        }
+        index += "</Collection>\n</VTKFile>\n";
+        write_atomic(&self.folder.join(FILE), index.as_bytes())
+    }
+
+    fn piece(&self, step: u64, rank: usize) -> String {
+        if self.ranks == 1 { format!("step-{step:09}.vtu") } else { format!("step-{step:09}-{rank}.vtu") }
+    }
+}
+
+/// Removes the snapshots of an earlier run.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn clear(folder: &Path) -> Result<()> {
+    let remove = |path: &Path| match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
+        _ => Ok(()),
+    };
+    remove(&folder.join(FILE))?;
+    let Ok(entries) = fs::read_dir(folder.join(FOLDER)) else { return Ok(()) };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with("step-") && (name.ends_with(".vtu") || name.ends_with(".pvtu")) {
+            remove(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// An array of a grid: its name, type, components and bytes.
+struct Array {
+    name: &'static str,
+    kind: &'static str,
+    components: usize,
+    bytes: Vec<u8>,
+}
+
+impl Array {
+    fn floats(name: &'static str, components: usize, values: impl IntoIterator<Item = f64>) -> Array {
+        let bytes = values.into_iter().flat_map(f64::to_le_bytes).collect();
+        Array { name, kind: "Float64", components, bytes }
+    }
+
+    fn integers(name: &'static str, values: impl IntoIterator<Item = usize>) -> Array {
+        let bytes = values.into_iter().flat_map(|value| (value as i64).to_le_bytes()).collect();
+        Array { name, kind: "Int64", components: 1, bytes }
+    }
+}
+
+/// The file of a snapshot.
+fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
+    let lattice = snapshot.lattice;
+    let w = &snapshot.deflection;
+    let ends = lattice.cells.iter().scan(0, |end, cell| {
+        *end += cell.len();
+        Some(*end)
+    });
+    let shape = |cell: &Vec<usize>| if cell.len() == 3 { TRIANGLE } else { QUADRILATERAL };
+    let types = lattice.cells.iter().map(shape).collect();
+    let mut of_points = vec![
+        Array::floats("deflection", 1, w.iter().copied()),
+        Array::floats("slope", 2, snapshot.slope.iter().flatten().copied()),
+        Array::floats("velocity", 1, snapshot.velocity.iter().copied()),
+        Array::floats("displacement", 3, w.iter().flat_map(|&w| [0.0, 0.0, w])),
+    ];
+    let if_any = |name, values: &Option<Vec<f64>>| {
+        values.as_ref().map(|values| Array::floats(name, 1, values.iter().copied()))
+    };
+    of_points.extend(if_any("gap", &snapshot.gap));
+    of_points.extend(if_any("reaction", &snapshot.reaction));
+    let mean = lattice.parents.iter().map(|&cell| snapshot.mean_velocity[cell]);
+    let sections = [
+        ("PointData", of_points),
+        (
+            "CellData",
+            vec![
+                Array::floats("mean_velocity", 1, mean),
+                Array::integers("cell", lattice.parents.iter().copied()),
+                Array::integers("rank", lattice.parents.iter().map(|_| rank)),
+            ],
+        ),
+        ("Points", vec![Array::floats("position", 3, lattice.points.iter().flat_map(|&[x, y]| [x, y, 0.0]))]),
+        (
+            "Cells",
+            vec![
+                Array::integers("connectivity", lattice.cells.iter().flatten().copied()),
+                Array::integers("offsets", ends),
+                Array { name: "types", kind: "UInt8", components: 1, bytes: types },
+            ],
+        ),
+    ];
+
+    let (points, cells) = (lattice.points.len(), lattice.cells.len());
+    let mut text = format!("{HEADER}<VTKFile type=\"UnstructuredGrid\" {DIALECT}>\n<UnstructuredGrid>\n");
+    let time = snapshot.time;
+    line(
+        &mut text,
+        format_args!(
+            "<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">{time}</DataArray></FieldData>"
+        ),
+    );
+    line(&mut text, format_args!("<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">"));
+    let mut appended = Vec::new();
+    for (section, arrays) in sections {
+        line(&mut text, format_args!("<{section}>"));
+        for Array { name, kind, components, bytes } in arrays {
+            let offset = appended.len();
+            line(
+                &mut text,
+                format_args!(
+                    "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{offset}\"/>"
+                ),
+            );
+            appended.extend((bytes.len() as u64).to_le_bytes());
+            appended.extend(bytes);
+        }
+        line(&mut text, format_args!("</{section}>"));
+    }
+    text += "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
+    let mut file = text.into_bytes();
+    file.extend(appended);
+    file.extend(b"\n</AppendedData>\n</VTKFile>\n");
+    file
+}
+
+/// The file that names the pieces of all ranks.
+fn parallel(pieces: &[String], has_obstacles: bool) -> String {
+    let mut text = format!(
+        "{HEADER}<VTKFile type=\"PUnstructuredGrid\" {DIALECT}>\n<PUnstructuredGrid GhostLevel=\"0\">\n"
+    );
+    let mut section = |name: &str, arrays: &[(&str, &str, usize)]| {
+        line(&mut text, format_args!("<P{name}>"));
+        for (name, kind, components) in arrays {
+            line(
+                &mut text,
+                format_args!(
+                    "<PDataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"/>"
+                ),
+            );
+        }
+        line(&mut text, format_args!("</P{name}>"));
+    };
+    let float = |name, components| (name, "Float64", components);
+    let of_points = [
+        float("deflection", 1),
+        float("slope", 2),
+        float("velocity", 1),
+        float("displacement", 3),
+        float("gap", 1),
+        float("reaction", 1),
+    ];
+    section("PointData", &of_points[..if has_obstacles { 6 } else { 4 }]);
+    section("CellData", &[float("mean_velocity", 1), ("cell", "Int64", 1), ("rank", "Int64", 1)]);
+    section("Points", &[float("position", 3)]);
+    for piece in pieces {
+        line(&mut text, format_args!("<Piece Source=\"{piece}\"/>"));
+    }
+    text + "</PUnstructuredGrid>\n</VTKFile>\n"
+}
+
+fn line(text: &mut String, what: std::fmt::Arguments) {
+    text.write_fmt(what).expect("a string takes everything");
+    text.push('\n');
+}
+
+/// A snapshot read back.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Surface {
+    /// Positions, in m.
+    pub points: Vec<[f64; 2]>,
+    /// Corners of each small cell.
+    pub cells: Vec<Vec<usize>>,
+    /// Deflection at each point, in m.
+    pub deflection: Vec<f64>,
+    /// Force on each point, in N; empty without obstacles.
+    pub reaction: Vec<f64>,
+}
+
+/// Times (s) and files of the snapshots in a run folder; none where it has no index.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn read_index(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    let path = folder.join(FILE);
+    let text = match fs::read_to_string(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        read => read.map_err(Error::io(&path))?,
+    };
+    let entry =
+        |tag: &str| Some((attribute(tag, "timestep")?.parse().ok()?, folder.join(attribute(tag, "file")?)));
+    tags(&text, "DataSet")
+        .map(|tag| entry(tag).ok_or_else(|| malformed(&path, "a DataSet without time or file")))
+        .collect()
+}
+
+/// Reads a snapshot that this program wrote: a `.vtu`, or the pieces of a `.pvtu`.
+///
+/// # Errors
+/// [`Error::Io`], also for a file that is not of this form.
+pub fn read(path: &Path) -> Result<Surface> {
+    let bytes = fs::read(path).map_err(Error::io(path))?;
+    if path.extension().is_some_and(|extension| extension == "pvtu") {
+        let text = String::from_utf8_lossy(&bytes);
+        let mut all = Surface::default();
+        for piece in tags(&text, "Piece").filter_map(|tag| attribute(tag, "Source")) {
+            let Surface { points, cells, deflection, reaction } = read(&path.with_file_name(piece))?;
+            let before = all.points.len();
+            all.cells.extend(cells.into_iter().map(|cell| cell.iter().map(|point| point + before).collect()));
+            all.points.extend(points);
+            all.deflection.extend(deflection);
+            all.reaction.extend(reaction);
+        }
+        return Ok(all);
+    }
+    piece(&bytes).map_err(|what| malformed(path, what))
+}
+
+fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
+    const START: &[u8] = b"<AppendedData encoding=\"raw\">\n_";
+    let split =
+        bytes.windows(START.len()).position(|window| window == START).ok_or("no raw appended data")?;
+    let text = std::str::from_utf8(&bytes[..split]).map_err(|_| "not text before its data")?;
+    let data = &bytes[split + START.len()..];
+    let array = |name: &str| -> std::result::Result<Option<Vec<[u8; 8]>>, &'static str> {
+        let Some(tag) = tags(text, "DataArray").find(|tag| attribute(tag, "Name") == Some(name)) else {
+            return Ok(None);
+        };
+        let offset =
+            attribute(tag, "offset").and_then(|offset| offset.parse::<usize>().ok()).ok_or("no offset")?;
+        let (length, rest) = data.get(offset..).and_then(<[u8]>::split_first_chunk).ok_or("cut short")?;
+        let values = rest.get(..u64::from_le_bytes(*length) as usize).ok_or("cut short")?;
+        Ok(Some(values.as_chunks().0.to_vec()))
+    };
+    let floats = |name| {
+        Ok(array(name)?.map(|values| values.into_iter().map(f64::from_le_bytes).collect::<Vec<f64>>()))
+    };
+    let integers = |name| {
+        let values = array(name)?.ok_or("no cells")?;
+        Ok(values.into_iter().map(|value| i64::from_le_bytes(value) as usize).collect::<Vec<usize>>())
+    };
+    let (corners, ends) = (integers("connectivity")?, integers("offsets")?);
+    let begins = std::iter::once(0).chain(ends.iter().copied());
+    let cells = begins.zip(&ends).map(|(begin, &end)| corners.get(begin..end).map(<[usize]>::to_vec));
+    let position: Vec<f64> = floats("position")?.ok_or("no points")?;
+    let surface = Surface {
+        points: position.chunks_exact(3).map(|p| [p[0], p[1]]).collect(),
+        cells: cells.collect::<Option<_>>().ok_or("cells that do not fit")?,
+        deflection: floats("deflection")?.ok_or("no deflection")?,
+        reaction: floats("reaction")?.unwrap_or_default(),
+    };
+    let points = surface.points.len();
+    let fits = surface.deflection.len() == points && corners.iter().all(|&corner| corner < points);
+    fits.then_some(surface).ok_or("arrays that do not fit")
+}
+
+/// The tags of a name, without their brackets.
+fn tags<'t>(text: &'t str, name: &str) -> impl Iterator<Item = &'t str> {
+    let start = format!("<{name} ");
+    text.match_indices(&start)
+        .map(|(at, _)| at)
+        .collect::<Vec<_>>()
+        .into_iter()
+        .filter_map(move |at| text[at..].split('>').next())
+}
+
+fn attribute<'t>(tag: &'t str, name: &str) -> Option<&'t str> {
+    let start = format!(" {name}=\"");
+    let at = tag.find(&start)? + start.len();
+    tag[at..].split('"').next()
+}
+
+fn malformed(path: &Path, what: &str) -> Error {
+    Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()))
+}

@@ -1,0 +1,289 @@
+//! Snapshots of the plate: its C1 deflection sampled finely enough that it looks as curved as it is.
+//!
+//! Each cell is cut into `output.subdivide` squared smaller ones of its own kind; deflection, slopes and velocity are evaluated at
+//! their corners by the element itself. Cells share the points on their common edge. The first points are the nodes of the mesh,
+//! in its order.
+
+use crate::assembly::CellArrays;
+use crate::element::{Basis, fvs, hct};
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::mesh::{Cell, Mesh, Point};
+use crate::scene::{Scene, Side};
+use crate::scheme::{Scheme, System};
+use crate::space::Space;
+use std::collections::HashMap;
+
+/// The points and the small cells of this process.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Lattice {
+    /// Positions, in m.
+    pub points: Vec<[f64; 2]>,
+    /// Corners of each small cell, counter-clockwise: three or four.
+    pub cells: Vec<Vec<usize>>,
+    /// The cell of the mesh in which each small cell lies.
+    pub parents: Vec<usize>,
+}
+
+/// The plate at an instant, sampled on a [`Lattice`].
+#[derive(Debug, Clone)]
+pub struct Snapshot<'f> {
+    /// Number of the instant.
+    pub step: u64,
+    /// Its time, in s.
+    pub time: f64,
+    /// Where it is sampled.
+    pub lattice: &'f Lattice,
+    /// Deflection, in m.
+    pub deflection: Vec<f64>,
+    /// Its derivatives along x and y.
+    pub slope: Vec<[f64; 2]>,
+    /// Velocity, in m/s: see [`Scheme::velocity`].
+    pub velocity: Vec<f64>,
+    /// Room to the nearest obstacle, in m; `None` without obstacles.
+    pub gap: Option<Vec<f64>>,
+    /// Force of the obstacles on each node, upward, in N: zero at points that are not nodes of the mesh. `None` without obstacles.
+    pub reaction: Option<Vec<f64>>,
+    /// Mean velocity of each cell of the mesh, in m/s; with the singular mass the velocity of the paper.
+    pub mean_velocity: Vec<f64>,
+}
+
+/// What samples a model's states.
+pub struct Fields {
+    lattice: Lattice,
+    /// The cell that evaluates each point, and the point's number in its class.
+    samples: Vec<(u32, u32)>,
+    cells: Vec<CellArrays>,
+    /// By class of cells: the basis functions at its points.
+    tables: HashMap<usize, Vec<Rows>>,
+    /// The dof of each node's deflection.
+    deflections: Vec<Option<usize>>,
+    /// Heights of the obstacles, in m; infinite where there is none.
+    obstacles: [f64; 2],
+}
+
+/// Values, and derivatives along x and y, of a cell's basis functions at a point.
+type Rows = [Vec<f64>; 3];
+
+/// A point of a subdivided cell.
+struct Corner {
+    at: Point,
+    place: Place,
+}
+
+/// What a point of a cell lies on; edges and inner points by their order.
+enum Place {
+    Node(usize),
+    Edge { nodes: [usize; 2], step: usize },
+    Inside,
+}
+
+impl Fields {
+    /// Prepares sampling, if the scene asks for snapshots.
+    pub(super) fn new(
+        scene: &Scene,
+        mesh: &Mesh,
+        space: &Space,
+        cells: &[CellArrays],
+    ) -> Result<Option<Fields>> {
+        let Some(snapshots) = scene.output.fields else { return Ok(None) };
+        let parts = snapshots.subdivide;
+        let mut lattice =
+            Lattice { points: mesh.nodes.iter().map(|p| [p.x, p.y]).collect(), ..Lattice::default() };
+        let mut samples = vec![None; mesh.nodes.len()];
+        let mut edges: HashMap<[usize; 2], usize> = HashMap::new();
+        let mut tables: HashMap<usize, Vec<Rows>> = HashMap::new();
+        for (number, cell) in mesh.cells.iter().enumerate() {
+            let vertices = mesh.vertices(number);
+            let (corners, small) = subdivided(cell, &vertices, parts);
+            let class = cells[number].class;
+            if let std::collections::hash_map::Entry::Vacant(new) = tables.entry(class) {
+                new.insert(basis(&vertices, &corners)?);
+            }
+            let mut numbers = Vec::with_capacity(corners.len());
+            for (local, corner) in corners.iter().enumerate() {
+                let point = match corner.place {
+                    Place::Node(node) => node,
+                    Place::Edge { nodes: [a, b], step } => {
+                        let first = *edges.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                            let first = lattice.points.len();
+                            lattice.points.resize(first + parts - 1, [f64::NAN; 2]);
+                            samples.resize(first + parts - 1, None);
+                            first
+                        });
+                        first + if a < b { step - 1 } else { parts - 1 - step }
+                    }
+                    Place::Inside => {
+                        lattice.points.push([corner.at.x, corner.at.y]);
+                        samples.push(None);
+                        samples.len() - 1
+                    }
+                };
+                if samples[point].is_none() {
+                    samples[point] = Some((number as u32, local as u32));
+                    lattice.points[point] = [corner.at.x, corner.at.y];
+                }
+                numbers.push(point);
+            }
+            for corners in small {
+                lattice.cells.push(corners.into_iter().map(|local| numbers[local]).collect());
+                lattice.parents.push(number);
+            }
+        }
+        Ok(Some(Fields {
+            lattice,
+            // Every node and every edge belongs to a cell.
+            samples: samples.into_iter().map(Option::unwrap_or_default).collect(),
+            cells: cells.to_vec(),
+            tables,
+            deflections: (0..mesh.nodes.len()).map(|node| space.deflection(node)).collect(),
+            obstacles: [
+                scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY),
+                scene.obstacle(Side::Above).unwrap_or(f64::INFINITY),
+            ],
+        }))
+    }
+
+    /// The state of a scheme. Collective.
+    pub(super) fn sample<E: Engine>(&self, system: &System<E>, scheme: &dyn Scheme) -> Result<Snapshot<'_>> {
+        let System { engine, bounds, .. } = system;
+        let u = engine.on_cells(scheme.displacement())?;
+        let rate = engine.on_cells(&scheme.velocity())?;
+        let deflection = self.evaluate(&u, 0);
+        let slopes = [1, 2].map(|row| self.evaluate(&u, row));
+        let (mut gap, mut reaction) = (None, None);
+        if self.obstacles.iter().any(|height| height.is_finite()) {
+            let [below, above] = self.obstacles;
+            gap = Some(deflection.iter().map(|w| (w - below).min(above - w)).collect());
+            let mut force = vec![0.0; engine.dofs()];
+            bounds.add_transposed(scheme.reaction(), &mut force);
+            let force = engine.on_cells(&force)?;
+            let mut at_points = vec![0.0; self.lattice.points.len()];
+            for (value, dof) in at_points.iter_mut().zip(&self.deflections) {
+                *value = dof.map_or(0.0, |dof| force[dof]);
+            }
+            reaction = Some(at_points);
+        }
+        Ok(Snapshot {
+            step: scheme.step(),
+            time: scheme.time(),
+            lattice: &self.lattice,
+            deflection,
+            slope: slopes[0].iter().zip(&slopes[1]).map(|(&x, &y)| [x, y]).collect(),
+            velocity: self.evaluate(&rate, 0),
+            gap,
+            reaction,
+            mean_velocity: self.cells.iter().map(|cell| mean(cell, &rate)).collect(),
+        })
+    }
+
+    /// One row of the basis functions times the dofs of each point's cell.
+    fn evaluate(&self, dofs: &[f64], row: usize) -> Vec<f64> {
+        let value = |&(cell, local): &(u32, u32)| {
+            let CellArrays { dofs: of_cell, class, .. } = &self.cells[cell as usize];
+            let weights = &self.tables[class][local as usize][row];
+            weights
+                .iter()
+                .zip(&**of_cell)
+                .map(|(weight, dof)| dof.map_or(0.0, |dof| weight * dofs[dof]))
+                .sum()
+        };
+        self.samples.iter().map(value).collect()
+    }
+}
+
+/// Mean of a field over a cell.
+fn mean(cell: &CellArrays, dofs: &[f64]) -> f64 {
+    let sum: f64 = cell
+        .local
+        .coupling
+        .iter()
+        .zip(&*cell.dofs)
+        .map(|(c, dof)| dof.map_or(0.0, |dof| c * dofs[dof]))
+        .sum();
+    sum / cell.local.weight
+}
+
+/// The points of a cell cut into `parts` along each edge, and the corners of its small cells.
+fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Vec<Vec<usize>>) {
+    let share = |i: usize| i as f64 / parts as f64;
+    let mut corners = Vec::new();
+    let mut numbers = HashMap::new();
+    let mut small = Vec::new();
+    let edge = |nodes: [usize; 2], step: usize| match step {
+        0 => Place::Node(nodes[0]),
+        step if step == parts => Place::Node(nodes[1]),
+        step => Place::Edge { nodes, step },
+    };
+    match *cell {
+        Cell::Triangle([a, b, c]) => {
+            for j in 0..=parts {
+                for i in 0..=parts - j {
+                    let place = match (i, j) {
+                        (i, 0) => edge([a, b], i),
+                        (0, j) => edge([a, c], j),
+                        (i, j) if i + j == parts => edge([b, c], j),
+                        _ => Place::Inside,
+                    };
+                    let at = vertices[0]
+                        + (vertices[1] - vertices[0]) * share(i)
+                        + (vertices[2] - vertices[0]) * share(j);
+                    numbers.insert((i, j), corners.len());
+                    corners.push(Corner { at, place });
+                }
+            }
+            for j in 0..parts {
+                for i in 0..parts - j {
+                    small.push([(i, j), (i + 1, j), (i, j + 1)].map(|at| numbers[&at]).to_vec());
+                    if i + j + 2 <= parts {
+                        small.push([(i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|at| numbers[&at]).to_vec());
+                    }
+                }
+            }
+        }
+        Cell::Quadrilateral([a, b, c, d]) => {
+            for j in 0..=parts {
+                for i in 0..=parts {
+                    let place = match (i, j) {
+                        (i, 0) => edge([a, b], i),
+                        (i, j) if j == parts => edge([d, c], i),
+                        (0, j) => edge([a, d], j),
+                        (i, j) if i == parts => edge([b, c], j),
+                        _ => Place::Inside,
+                    };
+                    let low = vertices[0] + (vertices[1] - vertices[0]) * share(i);
+                    let high = vertices[3] + (vertices[2] - vertices[3]) * share(i);
+                    numbers.insert((i, j), corners.len());
+                    corners.push(Corner { at: low + (high - low) * share(j), place });
+                }
+            }
+            for j in 0..parts {
+                for i in 0..parts {
+                    let square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
+                    small.push(square.map(|at| numbers[&at]).to_vec());
+                }
+            }
+        }
+    }
+    (corners, small)
+}
+
+/// The basis functions of a cell at its points.
+fn basis(vertices: &[Point], corners: &[Corner]) -> Result<Vec<Rows>> {
+    fn rows<const N: usize>(basis: Basis<N>) -> Rows {
+        let along = |axis: usize| basis.gradient.row(axis).iter().copied().collect();
+        [basis.value.as_slice().to_vec(), along(0), along(1)]
+    }
+    let points = corners.iter().map(|corner| corner.at);
+    match *vertices {
+        [a, b, c] => {
+            let element = hct::element([a, b, c])?;
+            Ok(points.map(|at| rows(element.basis_at(at))).collect())
+        }
+        [a, b, c, d] => {
+            let element = fvs::element([a, b, c, d])?;
+            Ok(points.map(|at| rows(element.basis_at(at))).collect())
+        }
+        _ => unreachable!("cells have three or four vertices"),
+    }
+}

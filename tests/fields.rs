@@ -1,0 +1,189 @@
+//! What a run leaves to look at: snapshots and contacts agree with its history, and pictures come of them.
+
+use rebond::output::{contacts, history, plot, vtu};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCENE: &str = r#"
+title = "a short fall"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "hct", cells = [4, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.1 }]
+initial = { static_pressure = 14600 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
+output = { fields_every = 250, subdivide = 3, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#;
+
+/// A folder of its own for a test, with a scene.
+fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fields-{test}"));
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("fall.toml"), SCENE).unwrap();
+    folder
+}
+
+fn rebond(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rebond")).current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn succeeds(folder: &Path, arguments: &[&str]) -> String {
+    let output = rebond(folder, arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Asserts exit code 4 and one line of message with some words.
+fn assert_unreadable(output: &Output, words: &[&str]) {
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(4), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    for word in words {
+        assert!(message.contains(word), "no {word:?} in: {message}");
+    }
+}
+
+const RUN: [&str; 5] = ["run", "fall.toml", "--quiet", "--out", "run"];
+
+#[test]
+fn snapshots_come_when_asked_and_agree_with_the_history() {
+    let folder = folder("agree");
+    succeeds(&folder, &RUN);
+    let run = folder.join("run");
+    let table = history::read(&run).unwrap();
+    let snapshots = vtu::read_index(&run).unwrap();
+    let times: Vec<f64> = snapshots.iter().map(|(time, _)| *time).collect();
+    let rows = [0, 250, 500, 750, 800];
+    assert_eq!(times, rows.map(|row| table.column("time").unwrap()[row]), "every 250 steps and at the end");
+    for ((_, path), row) in snapshots.iter().zip(rows) {
+        let surface = vtu::read(path).unwrap();
+        assert_eq!((surface.points.len(), surface.cells.len()), (13 * 7, 2 * 4 * 2 * 9));
+        let corner = surface.points.iter().position(|&at| at == [1.2, 0.0]).unwrap();
+        assert_eq!(surface.deflection[corner], table.column("corner").unwrap()[row]);
+        let clamped = surface.points.iter().zip(&surface.deflection).filter(|([x, _], _)| *x == 0.0);
+        assert!(clamped.map(|(_, w)| w).all(|w| *w == 0.0));
+        let force: f64 = surface.reaction.iter().sum();
+        assert!((force - table.column("contact_force").unwrap()[row]).abs() <= 1e-9 * force.abs());
+    }
+}
+
+#[test]
+fn contacts_carry_the_whole_impulse() {
+    let folder = folder("contacts");
+    succeeds(&folder, &RUN);
+    let run = folder.join("run");
+    let contacts = contacts::read(&run).unwrap().unwrap();
+    let table = history::read(&run).unwrap();
+    let force: f64 = table.column("contact_force").unwrap().iter().sum();
+    let impulse: f64 = contacts.iter().map(|contact| contact.impulse).sum();
+    assert!(impulse > 10.0 && (impulse / (1e-4 * force) - 1.0).abs() < 1e-12, "{impulse} N s");
+    assert!(contacts.iter().all(|contact| contact.impulse > 0.0 && contact.begin <= contact.end));
+    // Each instant has as many contacts as the history has nodes, but for nodes that let go for one step.
+    for (time, nodes) in table.column("time").unwrap().iter().zip(table.column("contact_nodes").unwrap()) {
+        let open = contacts.iter().filter(|contact| (contact.begin..=contact.end).contains(time)).count();
+        assert!(open as f64 >= *nodes, "{open} contacts of {nodes} nodes at {time} s");
+    }
+    let first = contacts.iter().map(|contact| contact.begin).fold(f64::INFINITY, f64::min);
+    let touched = table.column("contact_nodes").unwrap().iter().position(|nodes| *nodes > 0.0).unwrap();
+    assert_eq!(first, table.column("time").unwrap()[touched]);
+}
+
+#[test]
+fn a_run_removes_what_an_earlier_one_left() {
+    let folder = folder("again");
+    succeeds(&folder, &RUN);
+    assert!(folder.join("run/fields/step-000000250.vtu").exists());
+    let scene = SCENE.replace("fields_every = 250, subdivide = 3, ", "");
+    let scene = scene.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
+    fs::write(folder.join("fall.toml"), scene).unwrap();
+    succeeds(&folder, &RUN);
+    assert!(!folder.join("run/fields.pvd").exists() && !folder.join("run/contacts.csv").exists());
+    assert_eq!(fs::read_dir(folder.join("run/fields")).unwrap().count(), 0);
+    let said = succeeds(&folder, &["plot", "run"]);
+    for words in [
+        "no snapshots: the run wrote no fields (output.fields_every)",
+        "no contacts: the scene has no obstacle",
+    ] {
+        assert!(said.contains(words), "no {words:?} in: {said}");
+    }
+}
+
+#[test]
+fn plot_draws_all_that_a_run_left() {
+    let folder = folder("plot");
+    succeeds(&folder, &RUN);
+    succeeds(&folder, &["plot", "run"]);
+    let plots = folder.join("run/plots");
+    let pictures = [
+        ("history", "deflection (m)"),
+        ("energy", "obstacle force"),
+        ("contacts", "contact node"),
+        ("phase", "velocity (m/s)"),
+        ("spectrum", "frequency (Hz)"),
+        ("snapshots", "t = 0.025 s"),
+    ];
+    for (name, words) in pictures {
+        let svg = fs::read_to_string(plots.join(name).with_extension("svg")).unwrap();
+        assert!(svg.contains(words) && svg.contains("a short fall"), "{name}");
+        assert!(svg.contains("width=\"85mm\""), "{name}");
+        let png = fs::read(plots.join(name).with_extension("png")).unwrap();
+        let width = u32::from_be_bytes(png[16..20].try_into().unwrap());
+        assert_eq!((&png[1..4], width), (&b"PNG"[..], 1339), "{name}");
+    }
+}
+
+/// Under a Hann window an oscillation in the middle of a bin has its amplitude there, half beside, and none elsewhere.
+#[test]
+fn spectra_tell_amplitudes() {
+    let times: Vec<f64> = (0..1000).map(|i| 1e-3 * f64::from(i)).collect();
+    let tones = [(10.0, 3e-2), (200.0, 1e-5)];
+    let wave = |t: f64| {
+        5.0 + tones.iter().map(|(f, a)| a * (std::f64::consts::TAU * f * t + 0.3).sin()).sum::<f64>()
+    };
+    let spectrum = plot::run::amplitudes(&times, &times.iter().map(|&t| wave(t)).collect::<Vec<f64>>());
+    assert_eq!((spectrum.len(), spectrum[499][0].round()), (500, 500.0));
+    for [frequency, amplitude] in spectrum {
+        let share = |f: f64| match (frequency - f).abs().round() {
+            0.0 => 1.0,
+            1.0 => 0.5,
+            _ => 0.0,
+        };
+        let expected: f64 = tones.iter().map(|(f, a)| a * share(*f)).sum();
+        assert!((amplitude - expected).abs() < 1e-13, "{amplitude} at {frequency} Hz");
+    }
+}
+
+/// The same title twice as long makes more ink: letters reach the PNG on a machine that may have no font at all.
+#[test]
+fn letters_need_no_font_of_the_machine() {
+    let folder = folder("letters");
+    let size = |title: &str| {
+        let path = folder.join("letters");
+        plot::Figure::new(title).write(&path).unwrap();
+        fs::metadata(path.with_extension("png")).unwrap().len()
+    };
+    let sizes = ["", "Rebond", "Rebond, élan, 10⁻³ µm × 2"].map(size);
+    assert!(sizes[0] + 500 < sizes[1] && sizes[1] + 500 < sizes[2], "{sizes:?}");
+}
+
+#[test]
+fn files_that_cannot_be_written_or_read_are_named() {
+    let folder = folder("unreadable");
+    fs::create_dir(folder.join("run")).unwrap();
+    fs::write(folder.join("run/fields"), "in the way").unwrap();
+    assert_unreadable(&rebond(&folder, &RUN), &["run/fields"]);
+    fs::remove_file(folder.join("run/fields")).unwrap();
+
+    succeeds(&folder, &RUN);
+    let snapshot = folder.join("run/fields/step-000000000.vtu");
+    let bytes = fs::read(&snapshot).unwrap();
+    for broken in [&bytes[..bytes.len() / 2], &bytes[..100], b""] {
+        fs::write(&snapshot, broken).unwrap();
+        assert_unreadable(&rebond(&folder, &["plot", "run"]), &["step-000000000.vtu"]);
+    }
+    fs::write(&snapshot, &bytes).unwrap();
+    fs::write(folder.join("run/contacts.csv"), "node,x,y,begin,end,impulse\n1,2\n").unwrap();
+    assert_unreadable(&rebond(&folder, &["plot", "run"]), &["contacts.csv", "line 2"]);
+}
