@@ -321,7 +321,7 @@ fn a_long_history_makes_a_small_picture_that_keeps_its_extremes() {
         assert!(svg.len() < 300_000, "{probes} probes: {} bytes", svg.len());
 
         // However dense, no dashes leave holes: kinetic energy is the dashed curve of its panel.
-        let kinetic = svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("#D55E00"));
+        let kinetic = svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("#E69F00"));
         assert!(kinetic.map(|line| line.split("points=").nth(1).unwrap().len()).max() > Some(1000));
 
         // The spike touches the obstacle, whose edge is the first line drawn in a panel.

@@ -26,24 +26,17 @@ pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
         Some(start) => Axis::linear("energy / initial", "").per(start),
         None => Axis::linear("energy", "J"),
     };
-    let curve = |name| Curve::of(name, times, column(table, name));
-    let energies = Panel::new(time(table), axis.with([0.0]))
-        .height(66.0)
-        .curve(curve("energy").color(Color::BLACK).width(1.5))
-        .curve(curve("elastic").palette(0))
-        .curve(curve("kinetic").palette(1).dashes(1));
+    let energies = Panel::new(time(table), axis.with([0.0])).height(66.0).curves(energies(table));
     Figure::new(title).panel(deflections).panel(energies)
 }
 
 /// The ledger: energies, how far their sum has come from its start, and the force of the obstacles.
 pub fn energy(table: &Table, title: &str) -> Figure {
     let times = column(table, "time");
-    let curve = |name| Curve::of(name, times, column(table, name));
+    let work = is_any(table, "work").then(|| Curve::of("work", times, column(table, "work")));
     let energies = Panel::new(time(table), Axis::linear("energy", "J").with([0.0]))
-        .curve(curve("energy").color(Color::BLACK).width(1.5))
-        .curve(curve("elastic").palette(0))
-        .curve(curve("kinetic").palette(1).dashes(1))
-        .curves(is_any(table, "work").then(|| curve("work").palette(2).dashes(2)))
+        .curves(energies(table))
+        .curves(work.map(|work| work.palette(2).dashes(2)))
         .without_x_labels();
     let energy = column(table, "energy");
     let (axis, scale) = match start(table) {
@@ -221,6 +214,16 @@ fn column<'t>(table: &'t Table, name: &str) -> &'t [f64] {
 fn time(table: &Table) -> Axis {
     let times = column(table, "time");
     Axis::linear("time", "s").with(times.first().into_iter().chain(times.last()).copied()).tight()
+}
+
+/// The energies in colours that differ in grey too, for where they are too dense for dashes.
+fn energies(table: &Table) -> [Curve; 3] {
+    let curve = |name| Curve::of(name, column(table, "time"), column(table, name));
+    [
+        curve("energy").color(Color::BLACK).width(1.5),
+        curve("elastic").palette(0),
+        curve("kinetic").palette(4).dashes(1),
+    ]
 }
 
 /// The energy at the start, where it is fit to measure others by.
