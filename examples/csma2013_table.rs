@@ -70,7 +70,10 @@ impl Case {
     /// The case with the pressure of its start changed by a part of it.
     fn scene(&self, step: f64, nudge: f64) -> rebond::Result<Scene> {
         let pressure = 14600.0 * (1.0 + nudge);
-        let restitution = self.restitution.map_or(String::new(), |e| format!("restitution = {e}"));
+        let parameter = match self.restitution {
+            Some(e) => format!("restitution = {e}"),
+            None => "massless = \"reflected\"".into(),
+        };
         let text = format!(
             r#"
             [plate]
@@ -94,7 +97,7 @@ impl Case {
             [time]
             scheme = "{}"
             mass = "{}"
-            {restitution}
+            {parameter}
             step = {step:e}
             end = 0.5
             [output]

@@ -49,10 +49,8 @@ impl Guard {
         if !energy.is_finite() {
             return Err(Error::NotFinite { step, time, what: "the energy" });
         }
-        if self.scale == 0.0 {
-            // A start at rest in the flat position: the first work done sets the scale.
-            self.scale = now.work.abs().max(now.elastic).max(now.kinetic);
-        }
+        // A start at rest in the flat position has no energy: the work done since sets the scale.
+        self.scale = self.scale.max(now.work.abs());
         let growth = energy - self.start;
         if growth > (self.limit - 1.0) * self.scale {
             let ratio = 1.0 + growth / self.scale;

@@ -28,6 +28,14 @@ impl Bounds {
         self.dofs.is_empty()
     }
 
+    /// Sets the bounds, of the same dofs, to what becomes of others: `map` of each dof and its bound.
+    pub fn shift(&mut self, others: &Bounds, map: impl Fn(usize, f64) -> f64) {
+        for (i, &dof) in others.dofs.iter().enumerate() {
+            self.lower[i] = map(dof, others.lower[i]);
+            self.upper[i] = map(dof, others.upper[i]);
+        }
+    }
+
     /// Writes G x.
     pub fn restrict(&self, x: &[f64], values: &mut [f64]) {
         for (value, &dof) in values.iter_mut().zip(&self.dofs) {

@@ -15,8 +15,11 @@ use crate::linalg::{Engine, Native, Sum};
 use crate::mesh::{Diagonal, Mesh, Point};
 use crate::obstacle::Bounds;
 use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
-use crate::scheme::{self, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use crate::scheme::{
+    self, Conserving, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
+};
 use crate::space::Space;
+pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use contacts::Contacts;
 use serde::Serialize;
@@ -199,7 +202,11 @@ impl<E: Engine> Model<E> {
     ///
     /// # Errors
     /// What the solver says of its matrix.
-    pub fn scheme_with(&self, scene: &Scene, solver: &SolverFactory<E>) -> Result<Box<dyn Scheme + '_>> {
+    pub fn scheme_with<'m>(
+        &'m self,
+        scene: &Scene,
+        solver: &'m SolverFactory<E>,
+    ) -> Result<Box<dyn Scheme + 'm>> {
         let System { engine, bounds, .. } = &self.system;
         let (step, start) = (scene.time.step, self.start.clone());
         Ok(match scene.time.scheme {
@@ -208,9 +215,12 @@ impl<E: Engine> Model<E> {
                 let solver = solver(engine, &Newmark::sum(&self.system, parameters), bounds.len())?;
                 Box::new(Newmark::with_solver(&self.system, parameters, start, solver)?)
             }
-            scene::Scheme::Midpoint => {
+            scene::Scheme::Midpoint { massless } => {
                 let solver = solver(engine, &Midpoint::sum(&self.system, step), bounds.len())?;
-                Box::new(Midpoint::with_solver(&self.system, step, start, solver)?)
+                Box::new(Midpoint::with_solver(&self.system, step, massless, start, solver)?)
+            }
+            scene::Scheme::Conserving => {
+                Box::new(Conserving::with_solver(&self.system, step, start, solver)?)
             }
         })
     }
@@ -225,9 +235,6 @@ impl<E: Engine> Model<E> {
         Ok(())
     }
 }
-
-/// Makes the contact solver of a matrix and a number of bounds.
-pub type SolverFactory<E> = dyn Fn(&E, &Sum<E>, usize) -> Result<Box<dyn Solver<E>>>;
 
 /// The condensed solver, on any engine.
 ///
@@ -407,6 +414,9 @@ pub struct Outcome {
     pub worst_kkt: f64,
     /// Largest violation of a bound in all steps, in m.
     pub worst_penetration: f64,
+    /// What it took to keep the energy, by a scheme that does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relaxation: Option<Relaxation>,
     /// Where the time went.
     pub seconds: Seconds,
 }
@@ -432,6 +442,7 @@ impl Outcome {
             contacts: Vec::new(),
             worst_kkt: 0.0,
             worst_penetration: 0.0,
+            relaxation: None,
             seconds: Seconds { assembly, equilibrium, factor, stepping: 0.0 },
         })
     }
@@ -506,10 +517,12 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Opti
 /// What a user can do when energy appears from nowhere.
 fn advice(scene: &Scene) -> &'static str {
     match (scene.time.scheme, scene.time.mass) {
-        (scene::Scheme::Midpoint, Mass::Consistent) => {
+        (scene::Scheme::Midpoint { .. }, Mass::Consistent) => {
             "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""
         }
-        (scene::Scheme::Midpoint, Mass::Singular) => "a smaller time.step conserves better",
+        (scene::Scheme::Midpoint { .. }, Mass::Singular) => {
+            "a smaller time.step conserves better, and time.scheme = \"conserving\" at every step"
+        }
         (scene::Scheme::Newmark { restitution, .. }, _) if restitution > 0.0 => {
             "a smaller time.step or time.restitution conserves better"
         }
@@ -536,6 +549,7 @@ pub fn run<E: Engine>(
     let clock = Instant::now();
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
     outcome.factorisations = scheme.factorisations();
+    outcome.relaxation = scheme.relaxation();
     outcome.seconds.stepping = clock.elapsed().as_secs_f64();
     Ok((outcome, ended))
 }

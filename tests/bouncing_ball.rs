@@ -13,7 +13,7 @@ mod common;
 use common::block;
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
-use rebond::scheme::{Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use rebond::scheme::{Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
 
 const MASS: f64 = 2.5;
 const STEPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
@@ -33,7 +33,7 @@ fn newmark(system: &System<Native>, restitution: f64, step: f64, height: f64) ->
 
 fn midpoint(system: &System<Native>, step: f64, height: f64) -> Midpoint<'_, Native> {
     let start = Start { displacement: vec![height], velocity: vec![0.0] };
-    Midpoint::new(system, step, start).unwrap()
+    Midpoint::new(system, step, Massless::Reflected, start).unwrap()
 }
 
 /// The first apexes, read off the grid of instants.

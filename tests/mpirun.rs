@@ -135,6 +135,23 @@ fn triangles_move_the_same_on_any_number_of_ranks() {
 }
 
 #[test]
+fn the_energy_is_kept_on_any_number_of_ranks() {
+    let folder = folder("conserving");
+    for (ranks, element) in [(2, "mesh.element=fvs"), (2, "mesh.element=hct"), (3, "mesh.element=hct")] {
+        let arguments =
+            ["fall.toml", "--set", "time.scheme=conserving", "--set", "time.step=1e-3", "--set", element];
+        let rows = on(&folder, ranks, &[&arguments[..], &["--set", "output.every=1"]].concat());
+        assert!(rows.iter().any(|row| row[6] > 0.0), "something touches");
+        for row in &rows {
+            assert!((row[2] / rows[0][2] - 1.0).abs() <= 1e-9, "t = {}: {} J", row[1], row[2]);
+        }
+        let summary = std::fs::read(folder.join(format!("on-{ranks}/summary.json"))).unwrap();
+        let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+        assert!(summary["relaxation"]["relaxed_steps"].as_u64().unwrap() > 0, "{summary}");
+    }
+}
+
+#[test]
 fn one_rank_twice_writes_the_same_bytes() {
     let folder = folder("twice");
     let bytes = || {

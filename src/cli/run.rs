@@ -13,6 +13,7 @@ use crate::output::vtu::{self, Series};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene::{EngineName, Scene, Side};
+use crate::scheme::Relaxation;
 use crate::simulation::{self, Contact, Model, Observer, Outcome, Row, Snapshot, SolverFactory};
 use clap::Args;
 use serde::Serialize;
@@ -257,6 +258,15 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
     if energy.start != 0.0 {
         report.number("  over start", energy.end / energy.start, "");
+    }
+    if let Some(Relaxation { relaxed_steps, halved_steps, least_gamma, largest_gamma, .. }) =
+        outcome.relaxation
+    {
+        report.count("steps relaxed", relaxed_steps, "");
+        report.text("  gamma", format!("{least_gamma:.3} to {largest_gamma:.3}"));
+        if halved_steps > 0 {
+            report.count("steps halved", halved_steps, "");
+        }
     }
     if outcome.retries > 0 {
         report.count("steps solved again", outcome.retries, "");

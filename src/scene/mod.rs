@@ -32,6 +32,7 @@ use serde::Serialize;
 use crate::error::{Error, Result};
 pub use crate::mesh::{Diagonal, ElementKind};
 pub use crate::plate::Plate;
+pub use crate::scheme::Massless;
 pub use crate::space::Support as SupportKind;
 use document::Document;
 
@@ -187,7 +188,12 @@ pub enum Scheme {
         restitution: f64,
     },
     /// Implicit midpoint.
-    Midpoint,
+    Midpoint {
+        /// What becomes of the massless part of the displacement.
+        massless: Massless,
+    },
+    /// Implicit midpoint, relaxed so that it keeps the energy; with the singular mass only.
+    Conserving,
 }
 
 /// A mass matrix.

@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use super::document::{Document, quote};
-use super::typed::{Quantity, Range};
+use super::typed::{Choice, Quantity, Range};
 use super::words::SchemeName;
 use super::{Diagonal, ElementKind};
 use super::{
-    EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Obstacle, Output, Panel, Plate, Probe, Scene, Scheme,
-    Side, Snapshots, Solver, Support, Time, ViName,
+    EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Mass, Massless, Obstacle, Output, Panel, Plate, Probe,
+    Scene, Scheme, Side, Snapshots, Solver, Support, Time, ViName,
 };
 use crate::error::Result;
 
@@ -202,7 +202,7 @@ fn initial(doc: &Document) -> Result<Initial> {
 }
 
 fn time(doc: &Document) -> Result<Time> {
-    doc.allow("time", &["scheme", "mass", "beta", "restitution", "step", "end"])?;
+    doc.allow("time", &["scheme", "mass", "beta", "restitution", "massless", "step", "end"])?;
     let time = Time {
         scheme: scheme(doc)?,
         mass: doc.choice("time.mass")?,
@@ -222,18 +222,44 @@ fn time(doc: &Document) -> Result<Time> {
 }
 
 fn scheme(doc: &Document) -> Result<Scheme> {
-    match doc.choice("time.scheme")? {
+    let name: SchemeName = doc.choice("time.scheme")?;
+    if name != SchemeName::Newmark {
+        let wrong = format!("contradicts time.scheme = \"{}\"; expected only with \"newmark\"", name.word());
+        doc.forbid("time.beta", &wrong)?;
+        doc.forbid("time.restitution", &wrong)?;
+    }
+    if name != SchemeName::Midpoint {
+        let wrong = format!("contradicts time.scheme = \"{}\"; expected only with \"midpoint\"", name.word());
+        doc.forbid("time.massless", wrong)?;
+    }
+    match name {
         SchemeName::Newmark => Ok(Scheme::Newmark {
             beta: doc.optional_number("time.beta", &BETA)?.unwrap_or(0.5),
             restitution: doc.optional_number("time.restitution", &RESTITUTION)?.unwrap_or(0.0),
         }),
-        SchemeName::Midpoint => {
-            let wrong = "contradicts time.scheme = \"midpoint\"; expected only with \"newmark\"";
-            doc.forbid("time.beta", wrong)?;
-            doc.forbid("time.restitution", wrong)?;
-            Ok(Scheme::Midpoint)
-        }
+        SchemeName::Midpoint => Ok(Scheme::Midpoint { massless: massless(doc)? }),
+        SchemeName::Conserving => match doc.choice("time.mass")? {
+            Mass::Singular => Ok(Scheme::Conserving),
+            Mass::Consistent => {
+                let wrong = "\"consistent\" contradicts time.scheme = \"conserving\": with this mass velocities jump at \
+                             impacts, and nothing says what energy is left; expected \"singular\"";
+                Err(doc.fault("time.mass", wrong))
+            }
+        },
     }
+}
+
+fn massless(doc: &Document) -> Result<Massless> {
+    let own = match doc.choice("time.mass")? {
+        Mass::Singular => Massless::Equilibrium,
+        Mass::Consistent => Massless::Reflected,
+    };
+    let massless = doc.optional_choice("time.massless")?.unwrap_or(own);
+    if (own, massless) == (Massless::Reflected, Massless::Equilibrium) {
+        let wrong = "\"equilibrium\" contradicts time.mass = \"consistent\", which leaves nothing massless";
+        return Err(doc.fault("time.massless", format!("{wrong}; expected \"reflected\"")));
+    }
+    Ok(massless)
 }
 
 fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {

@@ -74,9 +74,13 @@ fn time(time: &Time) -> Vec<Row> {
             let beta = ("beta", number(beta), "");
             (SchemeName::Newmark, vec![beta, ("restitution", number(restitution), "0 to 1")])
         }
-        Scheme::Midpoint => (SchemeName::Midpoint, vec![]),
+        Scheme::Midpoint { massless } => {
+            let massless = ("massless", word(massless), "equilibrium | reflected");
+            (SchemeName::Midpoint, vec![massless])
+        }
+        Scheme::Conserving => (SchemeName::Conserving, vec![]),
     };
-    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint")];
+    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint | conserving")];
     rows.push(("mass", word(time.mass), "singular | consistent"));
     rows.extend(parameters);
     rows.extend([("step", number(time.step), "s"), ("end", number(time.end), "s")]);

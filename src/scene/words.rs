@@ -1,7 +1,7 @@
 //! The words of every enum, as a scene writes them.
 
 use super::typed::Choice;
-use super::{Diagonal, Edge, ElementKind, EngineName, Mass, Side, SupportKind, ViName};
+use super::{Diagonal, Edge, ElementKind, EngineName, Mass, Massless, Side, SupportKind, ViName};
 use std::fmt;
 
 /// The name of a time scheme, before its parameters are known.
@@ -9,6 +9,7 @@ use std::fmt;
 pub(super) enum SchemeName {
     Newmark,
     Midpoint,
+    Conserving,
 }
 
 impl Choice for ElementKind {
@@ -36,12 +37,17 @@ impl Choice for Side {
 
 impl Choice for SchemeName {
     const WORDS: &'static [(&'static str, Self)] =
-        &[("newmark", Self::Newmark), ("midpoint", Self::Midpoint)];
+        &[("newmark", Self::Newmark), ("midpoint", Self::Midpoint), ("conserving", Self::Conserving)];
 }
 
 impl Choice for Mass {
     const WORDS: &'static [(&'static str, Self)] =
         &[("singular", Self::Singular), ("consistent", Self::Consistent)];
+}
+
+impl Choice for Massless {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("equilibrium", Self::Equilibrium), ("reflected", Self::Reflected)];
 }
 
 impl Choice for EngineName {

@@ -36,10 +36,7 @@ where
     for _ in 0..=CORRECTIONS {
         engine.multiply(stiffness, &u, &mut b)?;
         b.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b);
-        for (i, &dof) in bounds.dofs.iter().enumerate() {
-            left.lower[i] = bounds.lower[i] - u[dof];
-            left.upper[i] = bounds.upper[i] - u[dof];
-        }
+        left.shift(bounds, |dof, bound| bound - u[dof]);
         let length = engine.maximum(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
         let step = step.solve(engine, &sum, &b, &left, length, &mut x, &mut reaction)?;
         verdict = Verdict {

@@ -16,13 +16,18 @@
 //! The unknown of a step is an increment that solves A x = b + G^T r under bounds, with b made of K U^n applied cell by cell:
 //! at small steps the paper's literal right-hand sides lose the digits that this form keeps.
 
+pub mod conserving;
 pub mod equilibrium;
+mod half_step;
 pub mod midpoint;
 pub mod newmark;
+pub mod potential;
 
+pub use conserving::{Conserving, Relaxation};
 pub use equilibrium::equilibrium;
-pub use midpoint::Midpoint;
+pub use midpoint::{Massless, Midpoint};
 pub use newmark::{Newmark, NewmarkParameters};
+pub use potential::Potential;
 
 use crate::energy::Energies;
 use crate::error::Result;
@@ -46,12 +51,14 @@ pub struct System<E: Engine> {
 }
 
 impl<E: Engine> System<E> {
-    /// Turns K U into F - K U.
-    fn subtract_from_load(&self, ku: &mut [f64]) {
+    /// F - K U. Returns the elastic energy, in J.
+    fn force(&self, u: &[f64], force: &mut [f64]) -> Result<f64> {
+        let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, force)?;
         match &self.load {
-            Some(load) => ku.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b),
-            None => ku.iter_mut().for_each(|b| *b = -*b),
+            Some(load) => force.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b),
+            None => force.iter_mut().for_each(|b| *b = -*b),
         }
+        Ok(elastic)
     }
 
     /// F . U, in J.
@@ -64,13 +71,6 @@ impl<E: Engine> System<E> {
         let deflections = self.bounds.dofs.iter().map(|&dof| u[dof].abs());
         let largest = deflections.fold(self.bounds.magnitude(), |m, w| if w > m { w } else { m });
         self.engine.maximum(largest)
-    }
-
-    /// Energies of a displacement and a velocity.
-    fn energies(&self, u: &[f64], v: &[f64]) -> Result<Energies> {
-        let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, &mut vec![0.0; u.len()])?;
-        let kinetic = 0.5 * self.engine.vis_viva(&self.mass, v)?;
-        Ok(Energies { kinetic, elastic, work: self.work(u)? })
     }
 }
 
@@ -134,4 +134,9 @@ pub trait Scheme {
 
     /// Numeric factorisations so far.
     fn factorisations(&self) -> u64;
+
+    /// What it took so far to keep the energy; `None` for a scheme that does not.
+    fn relaxation(&self) -> Option<Relaxation> {
+        None
+    }
 }

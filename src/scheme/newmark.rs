@@ -112,14 +112,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
 
     /// Solves for x, where the bounded configuration is U^n + x / stretch + drift.
     fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64) -> Result<()> {
-        let System { engine, stiffness, bounds, .. } = self.system;
-        self.elastic = 0.5 * engine.multiply(stiffness, &self.u, &mut self.b)?;
-        self.system.subtract_from_load(&mut self.b);
-        for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let known = drift(dof);
-            self.bounds.lower[i] = ((bounds.lower[i] - self.u[dof]) - known) * stretch;
-            self.bounds.upper[i] = ((bounds.upper[i] - self.u[dof]) - known) * stretch;
-        }
+        let System { engine, bounds, .. } = self.system;
+        self.elastic = self.system.force(&self.u, &mut self.b)?;
+        self.bounds.shift(bounds, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
         let length = self.system.length(&self.u)?;
         let sum: &Sum<E> = &self.sum;
         self.verdict =

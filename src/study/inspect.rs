@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::linalg::{Engine, Form};
 use crate::mesh::{Cell, Mesh};
 use crate::output::text::{Report, significant};
-use crate::scene::{EngineName, Mass, Scene, Scheme, ViName};
+use crate::scene::{EngineName, Mass, Massless, Scene, Scheme, ViName};
 use crate::scheme;
 use crate::simulation::{self, Model};
 use serde::Serialize;
@@ -248,7 +248,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
-        memory: memory(&mesh, system.engine.dofs(), factor_entries),
+        memory: memory(&mesh, system.engine.dofs(), factors(scene) * factor_entries),
         frequencies,
         steps: scene.time.steps(),
         step: scene.time.step,
@@ -299,7 +299,15 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
     Ok((set_up, clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64))
 }
 
-/// Bytes at the peak of a run: the factor, the entries it is made of, the cells' arrays and the vectors of a scheme.
+/// Factors that a scheme holds, as large as each other.
+fn factors(scene: &Scene) -> usize {
+    match scene.time.scheme {
+        Scheme::Conserving | Scheme::Midpoint { massless: Massless::Equilibrium } => 2,
+        Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } => 1,
+    }
+}
+
+/// Bytes at the peak of a run: the factors, the entries it is made of, the cells' arrays and the vectors of a scheme.
 fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
     const NUMBER: usize = size_of::<f64>();
     // An entry before assembly: row, column, value, and as much again as it takes to sort it. K and M each have a lower triangle
@@ -323,11 +331,11 @@ fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>
     if consistent && impacts {
         warnings.push(
             match scene.time.scheme {
-                Scheme::Midpoint => {
+                Scheme::Midpoint { .. } => {
                     "the midpoint scheme is unstable in contact with the consistent mass at every step: \
                  set time.mass = \"singular\""
                 }
-                Scheme::Newmark { .. } => {
+                Scheme::Newmark { .. } | Scheme::Conserving => {
                     "with the consistent mass the energy lost at impacts does not vanish with the step: \
                  set time.mass = \"singular\""
                 }

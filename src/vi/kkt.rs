@@ -12,8 +12,8 @@ use crate::error::Result;
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 
-/// Rows whose magnitude is below this share of the largest possible, sqrt(A_ii) max_j sqrt(A_jj) |x_j|, are measured against
-/// that share: where all terms of a row vanish in the answer, rounding elsewhere is all it has.
+/// Rows whose magnitude is below this share of the largest possible, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and |b_j| / sqrt(A_jj),
+/// are measured against that share: where all terms of a row vanish in the answer, rounding elsewhere is all it has.
 const NEGLIGIBLE: f64 = 1e-4;
 
 /// The parts of the residual, each dimensionless.
@@ -71,7 +71,8 @@ impl Judge {
         Ok(Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 
-    /// The worst part of the residual of (x, reaction) on all processes; see the [module page](self).
+    /// The worst part of the residual of (x, reaction) on all processes; see the [module page](self). b comes as the terms that it
+    /// is the sum of: each counts with its own magnitude.
     ///
     /// # Errors
     /// What the engine says.
@@ -79,7 +80,7 @@ impl Judge {
         &mut self,
         engine: &E,
         sum: &Sum<E>,
-        b: &[f64],
+        b: &[&[f64]],
         bounds: &Bounds,
         length: f64,
         x: &[f64],
@@ -96,7 +97,7 @@ impl Judge {
         &mut self,
         engine: &E,
         sum: &Sum<E>,
-        b: &[f64],
+        b: &[&[f64]],
         bounds: &Bounds,
         length: f64,
         x: &[f64],
@@ -104,15 +105,20 @@ impl Judge {
     ) -> Result<Residual> {
         let Judge { scale, residual, magnitude } = self;
         engine.multiply_with_magnitude(sum, x, residual, magnitude)?;
-        for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
-            *r -= b;
-            *m += b.abs();
+        for term in b {
+            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(*term) {
+                *r -= b;
+                *m += b.abs();
+            }
         }
         for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let size = engine.maximum(largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs())))?;
+        let moved = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
+        let loaded =
+            b.iter().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
+        let size = engine.maximum(loaded.fold(moved, larger))?;
         // Without any magnitude there is no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());

@@ -65,6 +65,9 @@ pub trait Solver<E: Engine> {
     }
 }
 
+/// Makes the solver of a matrix and a number of bounds.
+pub type SolverFactory<E> = dyn Fn(&E, &Sum<E>, usize) -> Result<Box<dyn Solver<E>>>;
+
 /// What a solved step has to say.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Verdict {
@@ -74,6 +77,18 @@ pub struct Verdict {
     pub kkt: f64,
     /// Attempts after the first one, in safer ways.
     pub retries: u32,
+}
+
+impl Verdict {
+    /// What two solves in a row have to say: all iterations, the worse residual.
+    pub fn and(self, other: Verdict) -> Verdict {
+        let worse = other.kkt > self.kkt || other.kkt.is_nan();
+        Verdict {
+            iterations: self.iterations + other.iterations,
+            kkt: if worse { other.kkt } else { self.kkt },
+            retries: self.retries + other.retries,
+        }
+    }
 }
 
 /// A solver and its judge.
@@ -106,14 +121,14 @@ impl<E: Engine> Step<E> {
         reaction: &mut [f64],
     ) -> Result<Verdict> {
         let iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
-        let kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
+        let kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         let mut verdict = Verdict { iterations, kkt, retries: 0 };
         while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
             let retried = self.solver.retry(verdict.retries, engine, sum, b, bounds, x, reaction)?;
             let Some(iterations) = retried else { break };
             verdict.retries += 1;
             verdict.iterations += iterations;
-            verdict.kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
+            verdict.kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         }
         Ok(verdict)
     }

@@ -1,0 +1,305 @@
+//! The potential of the cells' mean deflections, and the displacement that goes with them.
+//!
+//! With the singular mass M = B^T C^-1 B only p = C^-1 B U has inertia. All else of U, the *massless* part in the kernel of B,
+//! is at every instant where the elastic energy is least:
+//! \[ \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser}, \]
+//! and the semi-discrete impact problem is the ordinary differential equation
+//! \[ C \ddot p = -\nabla \varphi(p), \qquad \nabla \varphi(p) = C \lambda \text{ where } K U - F - G^T r = B^T \lambda . \]
+//!
+//! *U(p) is unique*: K is positive definite on the kernel of B. *φ is convex*, as the least value over U of a function convex in
+//! (p, U) together. *φ is C^1,1*: while the set of active bounds stays, U and λ are affine in p; the pieces are finitely many
+//! polyhedra on which U, being unique, agrees where they meet; and λ is unique with it, because the reactions r are: the inf-sup
+//! condition says that no combination of active bounds is a combination of rows of B. So ∇φ is continuous and affine on each
+//! piece, hence Lipschitz. The equation then has one solution; it conserves ½ v^T C v + φ(p), its velocity never jumps, and
+//! it asks for no law of restitution.
+//!
+//! # How U(p) is found
+//!
+//! By multipliers (Hestenes 1969, Powell 1969): U minimises the energy with the penalty s/2 |p - C^-1 B U|_C^2 added and a
+//! guess of λ; then λ grows by s (p - C^-1 B U). A round is one contact step with the matrix K + s M, symmetric positive
+//! definite, by the same factor and condensed solver as a step of time, on any engine: no saddle point is factored. It
+//! shrinks the error of p by at least w^2 / (w^2 + s), w the fastest frequency of the semi-discrete problem, and its answer is U of
+//! *its own* p whatever λ was.
+//!
+//! The penalty costs no digits in the end. Every round starts from the residual F - K U + B^T λ, with K applied cell by cell, and
+//! restores what the one before rounded off; the long waves, where an assembled K loses digits as h^-4, are ruled by s M. Measured
+//! on the paper's plate, triangles, from the middle of a step on, s = 10^4 w^2: the first round leaves 1e-10 (at most 5e-7) of
+//! p's way on 10 x 4 cells and 1e-13 (at most 8e-8) on 80 x 32, the second some roundings. One round is not enough on fine
+//! meshes: with s = 10^8 w^2 it hits p at once, but leaves U so far from equilibrium that energies are off by 1e-6 on 80 x 32.
+
+use super::System;
+use super::half_step::{HalfStep, State};
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::vi::kkt::Judge;
+use crate::vi::{Condensed, Side, Solver, Verdict};
+
+/// The penalty over the square of the fastest frequency: what is aimed at, and what is accepted.
+const STIFFNESS: f64 = 1e4;
+const STIFF_ENOUGH: std::ops::Range<f64> = 1e3..1e6;
+
+/// Attempts at a penalty, and power iterations of each: its order of magnitude is enough.
+const ATTEMPTS: usize = 8;
+const POWERS: usize = 6;
+
+/// Error of p, relative to the way it goes, at which the rounds end.
+const CLOSE: f64 = 1e-12;
+/// The first round leaves what its solve rounds off, the second does not.
+const ROUNDS: std::ops::RangeInclusive<u32> = 2..=40;
+
+/// Finds U(p); see the [module page](self).
+pub struct Potential<'s, E: Engine> {
+    system: &'s System<E>,
+    /// s, in 1/s^2.
+    penalty: f64,
+    sum: [(f64, &'s E::Form); 2],
+    solver: Condensed<E>,
+    judge: Judge,
+    factorisations: u64,
+    bounds: Bounds,
+    b: Vec<f64>,
+    x: Vec<f64>,
+    /// Velocities: C^-1 B x, what p lacks, λ + s of that.
+    moved: Vec<f64>,
+    lack: Vec<f64>,
+    pull: Vec<f64>,
+    /// The last answer: U, λ and reactions.
+    u: Vec<f64>,
+    multiplier: Vec<f64>,
+    reaction: Vec<f64>,
+}
+
+impl<'s, E: Engine> Potential<'s, E> {
+    /// Chooses the penalty and factors K + s M.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where that is not positive definite, or nothing oscillates: then no frequency is the fastest.
+    pub fn new(system: &'s System<E>) -> Result<Potential<'s, E>> {
+        let System { engine, stiffness, mass, bounds, .. } = system;
+        let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
+        let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);
+        let (mut moved, mut pull) = (vec![0.0; velocities], vec![0.0; velocities]);
+        // A rough displacement first guesses the fastest frequency, of which each factor then gives an estimate.
+        let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
+        let rough = |i: usize| (0.618_033_988_749_895 * (i + 1) as f64).fract() - 0.5;
+        for (i, (x, d)) in x.iter_mut().zip(&diagonal).enumerate() {
+            *x = rough(i) / d.sqrt().max(f64::MIN_POSITIVE);
+        }
+        let elastic = engine.multiply(stiffness, &x, &mut b)?;
+        let mut fastest = elastic / engine.multiply(mass, &x, &mut b)?;
+        let mut factorisations = 0;
+        for _ in 0..ATTEMPTS {
+            let penalty = STIFFNESS * fastest;
+            let sum = [(1.0, stiffness), (penalty, mass)];
+            let mut solver = Condensed::new(engine, &sum, bounds.len())?;
+            factorisations += 1;
+            // The operator 1 - s C^-1 B (K + s M)^-1 B^T of velocities has the largest eigenvalue w^2 / (w^2 + s).
+            pull.iter_mut().enumerate().for_each(|(i, v)| *v = rough(i));
+            let mut part = 0.0;
+            for _ in 0..POWERS {
+                let norm = engine.vis_viva(mass, &pull)?.sqrt();
+                pull.iter_mut().for_each(|v| *v /= norm);
+                engine.momentum(mass, &pull, &mut b)?;
+                solver.solve(engine, &sum, &b, &Bounds::default(), &mut x, &mut [])?;
+                engine.velocity(mass, &x, &mut moved)?;
+                pull.iter_mut().zip(&moved).for_each(|(v, m)| *v -= penalty * m);
+                part = engine.vis_viva(mass, &pull)?.sqrt();
+            }
+            fastest = penalty * part / (1.0 - part);
+            if STIFF_ENOUGH.contains(&(penalty / fastest)) {
+                return Ok(Potential {
+                    system,
+                    penalty,
+                    sum,
+                    solver,
+                    judge: Judge::new(engine, &sum[..1])?,
+                    factorisations: factorisations - 1,
+                    bounds: bounds.clone(),
+                    b,
+                    x,
+                    moved,
+                    lack: vec![0.0; velocities],
+                    pull,
+                    u: vec![0.0; dofs],
+                    multiplier: vec![0.0; velocities],
+                    reaction: vec![0.0; bounds.len()],
+                });
+            }
+            if !(fastest.is_finite() && fastest > 0.0) {
+                break;
+            }
+        }
+        Err(Error::Singular("nothing oscillates: no natural frequency is the fastest".into()))
+    }
+
+    /// Moves a displacement to U(p) of its own p = C^-1 B U; sets the reactions of the obstacles there.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn settle(&mut self, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
+        let System { engine, mass, .. } = self.system;
+        self.u.copy_from_slice(u);
+        self.multiplier.fill(0.0);
+        self.lack.fill(0.0);
+        engine.velocity(mass, &self.u, &mut self.moved)?;
+        let way = engine.vis_viva(mass, &self.moved)?.sqrt();
+        let verdict = self.reach(way)?;
+        u.copy_from_slice(&self.u);
+        reaction.copy_from_slice(&self.reaction);
+        Ok(verdict)
+    }
+
+    /// The states on the line of a half step.
+    pub(super) fn line<'l>(&'l mut self, from: &'l State, half: &'l HalfStep<'s, E>) -> Line<'l, 's, E> {
+        let verdict = Verdict::default();
+        Line { potential: self, from, half, gamma: None, kinetic_slope: None, verdict, same_piece: false }
+    }
+
+    /// Moves the last answer to U(p + lack); `way` is the length, in the norm of C, that p goes in all.
+    fn reach(&mut self, way: f64) -> Result<Verdict> {
+        let System { engine, mass, bounds, .. } = self.system;
+        let length = self.system.length(&self.u)?;
+        let mut verdict = Verdict::default();
+        let mut distance = f64::INFINITY;
+        for round in 1..=*ROUNDS.end() {
+            for (pull, (multiplier, lack)) in self.pull.iter_mut().zip(self.multiplier.iter().zip(&self.lack))
+            {
+                *pull = multiplier + self.penalty * lack;
+            }
+            engine.momentum(mass, &self.pull, &mut self.x)?;
+            self.system.force(&self.u, &mut self.b)?;
+            self.b.iter_mut().zip(&self.x).for_each(|(b, pull)| *b += pull);
+            self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
+            let (sum, b, within) = (&self.sum, &self.b, &self.bounds);
+            let iterations = self.solver.solve(engine, sum, b, within, &mut self.x, &mut self.reaction)?;
+            verdict.iterations += iterations;
+            self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += x);
+            engine.velocity(mass, &self.x, &mut self.moved)?;
+            for (multiplier, (lack, moved)) in
+                self.multiplier.iter_mut().zip(self.lack.iter_mut().zip(&self.moved))
+            {
+                *lack -= moved;
+                *multiplier += self.penalty * *lack;
+            }
+            let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &self.lack)?.sqrt());
+            if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
+                break;
+            }
+        }
+        // K U = F + B^T λ + G^T r within the bounds.
+        engine.momentum(mass, &self.multiplier, &mut self.b)?;
+        let load = self.system.load.as_deref().unwrap_or(&[]);
+        let (sum, terms) = (&self.sum[..1], [&self.b, load]);
+        verdict.kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
+        Ok(verdict)
+    }
+
+    /// Numeric factorisations so far.
+    pub fn factorisations(&self) -> u64 {
+        self.factorisations + self.solver.factorisations()
+    }
+}
+
+/// The states (p + gamma dp, V + gamma dV) of a half step; gamma = 1 is the midpoint rule's.
+pub(super) struct Line<'l, 's, E: Engine> {
+    potential: &'l mut Potential<'s, E>,
+    from: &'l State,
+    half: &'l HalfStep<'s, E>,
+    /// Where the potential's last answer lies, once it lies on this line.
+    gamma: Option<f64>,
+    /// The kinetic energy's slope in the middle, and its curvature.
+    kinetic_slope: Option<[f64; 2]>,
+    /// What solves on this line have reached.
+    pub verdict: Verdict,
+    /// Whether the last state has the same active bounds as the start.
+    pub same_piece: bool,
+}
+
+impl<E: Engine> Line<'_, '_, E> {
+    /// Makes `to` the state at gamma.
+    ///
+    /// While the active bounds stay, U(p) is affine on the line, and the middle lies on it: no solve.
+    pub fn at(&mut self, gamma: f64, to: &mut State) -> Result<()> {
+        let Line { half, from, .. } = *self;
+        half.extend(from, gamma, to);
+        self.same_piece = self.goes_straight(gamma, to)?;
+        if !self.same_piece {
+            self.solve(gamma)?;
+            to.u.copy_from_slice(&self.potential.u);
+            to.reaction.copy_from_slice(&self.potential.reaction);
+        }
+        to.weigh(self.potential.system)
+    }
+
+    /// Rate of the energy with gamma, in J, at the state last made: dV^T C V - 2 x^T (F - K U + G^T r).
+    pub fn slope(&mut self, gamma: f64, at: &State) -> Result<f64> {
+        let System { engine, mass, bounds, .. } = self.potential.system;
+        let work = &mut self.potential.b;
+        let [middle, rise] = match self.kinetic_slope {
+            Some(known) => known,
+            None => {
+                // V = 2/dt C^-1 B x in the middle, where gamma = 1/2.
+                engine.momentum(mass, &self.half.dv, work)?;
+                let middle = 2.0 / self.half.dt * engine.dot(work, &self.half.x)?;
+                *self.kinetic_slope.insert([middle, engine.vis_viva(mass, &self.half.dv)?])
+            }
+        };
+        work.copy_from_slice(&at.force);
+        bounds.add_transposed(&at.reaction, work);
+        Ok(middle + (gamma - 0.5) * rise - 2.0 * engine.dot(work, &self.half.x)?)
+    }
+
+    /// Whether the extended displacement is admissible with the active bounds of the start and of the middle, that is,
+    /// satisfies all conditions of U(p). Sets its reactions.
+    fn goes_straight(&self, gamma: f64, to: &mut State) -> Result<bool> {
+        let System { engine, bounds, .. } = self.potential.system;
+        let mut straight = true;
+        for (i, &dof) in bounds.dofs.iter().enumerate() {
+            let (start, middle) = (self.from.reaction[i], self.half.reaction[i]);
+            let reaction = start + 2.0 * gamma * (middle - start);
+            to.reaction[i] = reaction;
+            match side(start) {
+                Side::Free => straight &= (bounds.lower[i]..=bounds.upper[i]).contains(&to.u[dof]),
+                Side::Lower => to.u[dof] = bounds.lower[i],
+                Side::Upper => to.u[dof] = bounds.upper[i],
+            }
+            straight &= side(start) == side(middle) && side(start) == side(reaction);
+        }
+        Ok(engine.maximum(f64::from(u8::from(!straight)))? == 0.0)
+    }
+
+    /// Makes the potential's answer that at gamma, from its last on this line or from the middle.
+    fn solve(&mut self, gamma: f64) -> Result<()> {
+        let (potential, half) = (&mut *self.potential, self.half);
+        let last = match self.gamma.replace(gamma) {
+            Some(last) => last,
+            None => {
+                for (u, (from, x)) in potential.u.iter_mut().zip(self.from.u.iter().zip(&half.x)) {
+                    *u = from + x;
+                }
+                // The midpoint rule: dV = -dt λ in the middle.
+                for (multiplier, dv) in potential.multiplier.iter_mut().zip(&half.dv) {
+                    *multiplier = -dv / half.dt;
+                }
+                0.5
+            }
+        };
+        for (lack, rate) in potential.lack.iter_mut().zip(&half.rate) {
+            *lack = 2.0 * (gamma - last) * rate;
+        }
+        let System { engine, mass, .. } = potential.system;
+        let way = 2.0 * engine.vis_viva(mass, &half.rate)?.sqrt();
+        self.verdict = self.verdict.and(potential.reach(way)?);
+        Ok(())
+    }
+}
+
+/// The bound that a reaction belongs to.
+fn side(reaction: f64) -> Side {
+    match reaction {
+        r if r > 0.0 => Side::Lower,
+        r if r < 0.0 => Side::Upper,
+        _ => Side::Free,
+    }
+}
