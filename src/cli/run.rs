@@ -103,7 +103,7 @@ impl Run {
                 self.announce(scene, &format!("engine: petsc, {}\n", ranks(context.size())))?;
             }
             let model = Model::distributed(scene, &context)?;
-            let solver = model.solver(scene)?;
+            let solver = model.solver(scene);
             self.simulate(scene, &model, &solver, speaks, &|| context.refuse_unused_options())
         };
         ended(&context, run())

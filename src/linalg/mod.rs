@@ -75,6 +75,9 @@ pub trait Engine: Sized {
     /// The processes' own values one after the other, the same for all, and where this process's begin.
     fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
 
+    /// Gives all processes the values of the first, in arrays of the same length: their processors may round differently.
+    fn agree(&self, values: &mut [f64]) -> Result<()>;
+
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
@@ -103,6 +106,20 @@ pub trait Engine: Sized {
     /// # Errors
     /// [`crate::Error::Singular`] where the sum is not positive definite.
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Self::Factor>;
+
+    /// Changes the candidates of a factor of the same sum with nothing pinned. Returns whether it took a factorisation.
+    ///
+    /// # Errors
+    /// As [`Engine::factor`].
+    fn change_candidates(
+        &self,
+        factor: &mut Self::Factor,
+        sum: &Sum<Self>,
+        candidates: &[usize],
+    ) -> Result<bool> {
+        *factor = self.factor(sum, candidates)?;
+        Ok(true)
+    }
 }
 
 /// A factored symmetric positive definite matrix A; see the [module page](self).

@@ -113,8 +113,52 @@ impl Context {
             return Ok(());
         }
         self.ours.borrow_mut().insert(name.to_string());
+        self.set_option(name, value)
+    }
+
+    /// Does something with an option (name and value) that goes before the user's of that name. Afterwards the user's options are as they
+    /// were, and the defaults that were set meanwhile are gone.
+    ///
+    /// # Errors
+    /// What `body` gives back, [`Error::Petsc`].
+    pub fn with_option<T>(
+        &self,
+        option: Option<(&str, &str)>,
+        body: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        let before = self.ours.borrow().clone();
+        let mut aside = None;
+        if let Some((name, value)) = option {
+            if self.has_option(name)? {
+                let unused = self.unused_options()?.iter().any(|unused| unused.eq_ignore_ascii_case(name));
+                aside = Some((name, self.option(name)?.unwrap_or_default(), unused));
+                self.clear_option(name)?;
+            }
+            self.default_option(name, value)?;
+        }
+        let result = body();
+        let meanwhile: Vec<String> = self.ours.borrow().difference(&before).cloned().collect();
+        for name in meanwhile {
+            self.clear_option(&name)?;
+            self.ours.borrow_mut().remove(&name);
+        }
+        if let Some((name, value, unused)) = aside {
+            self.set_option(name, &value)?;
+            if !unused {
+                self.option(name)?;
+            }
+        }
+        result
+    }
+
+    fn set_option(&self, name: &str, value: &str) -> Result<()> {
         let (name, value) = (c_string(&format!("-{name}"))?, c_string(value)?);
         call!(PetscOptionsSetValue(std::ptr::null_mut(), name.as_ptr(), value.as_ptr()))
+    }
+
+    fn clear_option(&self, name: &str) -> Result<()> {
+        let name = c_string(&format!("-{name}"))?;
+        call!(PetscOptionsClearValue(std::ptr::null_mut(), name.as_ptr()))
     }
 
     /// The user's options that nothing has looked up yet, without dashes. Options that PETSc needs only as it ends are not among them.

@@ -37,17 +37,36 @@ const ROUNDING: f64 = 1e-13;
 /// The problem as a method sees it.
 pub(super) struct Scaled {
     /// D A D.
-    pub matrix: Rc<Matrix>,
+    pub matrix: Matrix,
     /// D b / s.
     pub right: RefCell<Vector>,
     pub lower: RefCell<Vector>,
     pub upper: RefCell<Vector>,
 }
 
+impl Scaled {
+    /// The gradient of the function to minimise, D A D y - D b / s: the residual of the equations.
+    pub fn gradient(&self, y: &Vector, gradient: &mut Vector) -> Result<()> {
+        self.matrix.multiply(y, gradient)?;
+        gradient.add_scaled(-1.0, &self.right.borrow())
+    }
+}
+
 /// One of PETSc's ways to solve the scaled problem.
 pub(super) trait Method {
     /// Solves from the start in y. What y is after a reason that did not converge is worth nothing.
     fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)>;
+}
+
+/// Makes a method that listens to the options with a prefix.
+pub(super) type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
+
+/// Prefix of the options of the method that retries.
+pub(super) const SAFE: &str = "safe_";
+
+/// Sets options under a prefix, unless the user did.
+pub(super) fn set_defaults(context: &Context, prefix: &str, defaults: &[(&str, &str)]) -> Result<()> {
+    defaults.iter().try_for_each(|(name, value)| context.default_option(&format!("{prefix}{name}"), value))
 }
 
 /// A method and what it starts from and ends with.
@@ -73,14 +92,14 @@ pub(super) struct Bounded {
 }
 
 impl Bounded {
-    /// `make` makes the method that the options describe, with an empty prefix, and the one that retries, with `safe_`.
+    /// `make` makes the method that the options without a prefix describe, and the one that retries, [`SAFE`].
     pub fn new(
         name: &'static str,
         engine: &Distributed,
         sum: &Sum<Distributed>,
         bounded: usize,
         tolerance: f64,
-        make: impl Fn(&Rc<Context>, &Rc<Scaled>, bool) -> Result<Box<dyn Method>>,
+        make: MakeMethod,
     ) -> Result<Bounded> {
         let context = engine.context();
         let factor = engine.factor(sum, &[])?;
@@ -92,12 +111,11 @@ impl Bounded {
         matrix.set_positive_definite()?;
         let norm = matrix.norm_infinity()?;
         let copy = || Ok::<_, Error>(RefCell::new(vector.duplicate()?));
-        let problem =
-            Rc::new(Scaled { matrix: Rc::new(matrix), right: copy()?, lower: copy()?, upper: copy()? });
+        let problem = Rc::new(Scaled { matrix, right: copy()?, lower: copy()?, upper: copy()? });
         Ok(Bounded {
             name,
-            usual: make(context, &problem, false)?,
-            safe: make(context, &problem, true)?,
+            usual: make(context, &problem, "")?,
+            safe: make(context, &problem, SAFE)?,
             problem,
             condensed: None,
             factor,
