@@ -8,7 +8,7 @@ use crate::mesh::{Diagonal, Grid, Mesh, Point};
 use crate::petsc::{Context, Distributed, Part};
 use crate::scene::{EngineName, Scene, ViName};
 use crate::space::{PER_NODE, Space};
-use crate::vi;
+use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -18,10 +18,15 @@ use std::time::Instant;
 /// [`Error::Usage`] for a contact solver that the engine does not have, and for an option that cannot work.
 pub fn check_options(scene: &Scene, context: &Context) -> Result<()> {
     super::serves(scene, EngineName::Petsc, &[ViName::Condensed, ViName::Snes, ViName::Tao])?;
+    family(scene).map_or(Ok(()), |family| family.check_options(context))
+}
+
+/// The PETSc solvers that the scene names; none for the condensed one.
+fn family(scene: &Scene) -> Option<Family> {
     match scene.solver.vi {
-        ViName::Condensed => Ok(()),
-        ViName::Snes => vi::snes::check_options(context),
-        ViName::Tao => vi::tao::check_options(context),
+        ViName::Condensed => None,
+        ViName::Snes => Some(vi::snes::SNES),
+        ViName::Tao => Some(vi::tao::TAO),
     }
 }
 
@@ -29,13 +34,10 @@ impl Model<Distributed> {
     /// Makes the contact solver that the scene names.
     pub fn solver(&self, scene: &Scene) -> Box<SolverFactory<Distributed>> {
         let tolerance = scene.solver.tolerance;
-        match scene.solver.vi {
-            ViName::Condensed => Box::new(super::condensed),
-            ViName::Snes => {
-                Box::new(move |engine, sum, bounded| vi::snes::solver(engine, sum, bounded, tolerance))
-            }
-            ViName::Tao => {
-                Box::new(move |engine, sum, bounded| vi::tao::solver(engine, sum, bounded, tolerance))
+        match family(scene) {
+            None => Box::new(super::condensed),
+            Some(family) => {
+                Box::new(move |engine, sum, bounded| family.solver(engine, sum, bounded, tolerance))
             }
         }
     }

@@ -59,7 +59,40 @@ pub(super) trait Method {
 }
 
 /// Makes a method that listens to the options with a prefix.
-pub(super) type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
+type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
+
+/// Methods of PETSc that share an interface: [`SNES`](super::snes::SNES) or [`TAO`](super::tao::TAO).
+pub struct Family {
+    pub(super) name: &'static str,
+    pub(super) check: fn(&Context) -> Result<()>,
+    pub(super) make: MakeMethod,
+}
+
+impl Family {
+    /// Refuses options that cannot solve a step, before anything is built.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] naming the option, [`Error::Petsc`].
+    pub fn check_options(&self, context: &Context) -> Result<()> {
+        (self.check)(context)
+    }
+
+    /// The solver of a step; see the [module page](self).
+    ///
+    /// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
+    pub fn solver(
+        &self,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        bounded: usize,
+        tolerance: f64,
+    ) -> Result<Box<dyn Solver<Distributed>>> {
+        Ok(Box::new(Bounded::new(self, engine, sum, bounded, tolerance)?))
+    }
+}
 
 /// Prefix of the options of the method that retries.
 pub(super) const SAFE: &str = "safe_";
@@ -70,7 +103,7 @@ pub(super) fn set_defaults(context: &Context, prefix: &str, defaults: &[(&str, &
 }
 
 /// A method and what it starts from and ends with.
-pub(super) struct Bounded {
+struct Bounded {
     name: &'static str,
     problem: Rc<Scaled>,
     usual: Box<dyn Method>,
@@ -92,14 +125,12 @@ pub(super) struct Bounded {
 }
 
 impl Bounded {
-    /// `make` makes the method that the options without a prefix describe, and the one that retries, [`SAFE`].
-    pub fn new(
-        name: &'static str,
+    fn new(
+        family: &Family,
         engine: &Distributed,
         sum: &Sum<Distributed>,
         bounded: usize,
         tolerance: f64,
-        make: MakeMethod,
     ) -> Result<Bounded> {
         let context = engine.context();
         let factor = engine.factor(sum, &[])?;
@@ -113,9 +144,9 @@ impl Bounded {
         let copy = || Ok::<_, Error>(RefCell::new(vector.duplicate()?));
         let problem = Rc::new(Scaled { matrix, right: copy()?, lower: copy()?, upper: copy()? });
         Ok(Bounded {
-            name,
-            usual: make(context, &problem, "")?,
-            safe: make(context, &problem, SAFE)?,
+            name: family.name,
+            usual: (family.make)(context, &problem, "")?,
+            safe: (family.make)(context, &problem, SAFE)?,
             problem,
             condensed: None,
             factor,

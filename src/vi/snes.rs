@@ -3,12 +3,13 @@
 //! `-snes_type vinewtonrsls` (reduced space, the default) or `vinewtonssls` (semismooth). Their tolerances are relative to the
 //! scaled right-hand side; every default below yields to the user's option of that name.
 
-use super::Solver;
-use super::scaled::{Bounded, Method, RESIDUAL, SAFE, Scaled, set_defaults};
+use super::scaled::{Family, Method, RESIDUAL, SAFE, Scaled, set_defaults};
 use crate::error::{Error, Result};
-use crate::linalg::Sum;
-use crate::petsc::{Comm, Context, Distributed, Reason, Snes, Vector};
+use crate::petsc::{Comm, Context, Reason, Snes, Vector};
 use std::rc::Rc;
+
+/// PETSc's Newton methods; see the [module page](self).
+pub const SNES: Family = Family { name: "SNES", check: check_options, make: newton };
 
 /// Options that make the methods converge on plates, and their values.
 pub const DEFAULTS: &[(&str, &str)] = &[
@@ -31,11 +32,7 @@ const SEMISMOOTH: &str = "vinewtonssls";
 /// The line searches that can do a step.
 const LINE_SEARCHES: [&str; 4] = ["l2", "basic", "bt", "cp"];
 
-/// Refuses what cannot solve a step, before anything is built.
-///
-/// # Errors
-/// [`Error::Usage`] naming the option, [`Error::Petsc`].
-pub fn check_options(context: &Context) -> Result<()> {
+fn check_options(context: &Context) -> Result<()> {
     for prefix in ["", SAFE] {
         kind(context, prefix)?;
         let option = format!("{prefix}snes_linesearch_type");
@@ -100,19 +97,4 @@ impl Method for Snes<'static> {
         Snes::solve(self, y)?;
         Ok((self.reason()?, self.iterations()?))
     }
-}
-
-/// The solver of a step; see the [module page](self).
-///
-/// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
-///
-/// # Errors
-/// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
-pub fn solver(
-    engine: &Distributed,
-    sum: &Sum<Distributed>,
-    bounded: usize,
-    tolerance: f64,
-) -> Result<Box<dyn Solver<Distributed>>> {
-    Ok(Box::new(Bounded::new("SNES", engine, sum, bounded, tolerance, newton)?))
 }

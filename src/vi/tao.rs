@@ -4,12 +4,13 @@
 //! `gpcg` or another one; those that answer wrongly or minimise something else are refused by name. Every default below yields to the
 //! user's option of that name.
 
-use super::Solver;
-use super::scaled::{Bounded, Method, RESIDUAL, SAFE, Scaled, set_defaults};
+use super::scaled::{Family, Method, RESIDUAL, SAFE, Scaled, set_defaults};
 use crate::error::{Error, Result};
-use crate::linalg::Sum;
-use crate::petsc::{Comm, Context, Distributed, Reason, Tao, Vector};
+use crate::petsc::{Comm, Context, Reason, Tao, Vector};
 use std::rc::Rc;
+
+/// PETSc's minimisers; see the [module page](self).
+pub const TAO: Family = Family { name: "TAO", check: check_options, make: minimiser };
 
 /// Options that make the methods converge on plates, and their values.
 pub const DEFAULTS: &[(&str, &str)] = &[
@@ -45,11 +46,7 @@ fn refusal(kind: &str) -> &'static str {
     }
 }
 
-/// Refuses what cannot solve a step, before anything is built.
-///
-/// # Errors
-/// [`Error::Usage`] naming the option, [`Error::Petsc`].
-pub fn check_options(context: &Context) -> Result<()> {
+fn check_options(context: &Context) -> Result<()> {
     ["", SAFE].into_iter().try_for_each(|prefix| kind(context, prefix).map(drop))
 }
 
@@ -93,19 +90,4 @@ impl Method for Tao<'static> {
         Tao::solve(self, y)?;
         Ok((self.reason()?, self.iterations()?))
     }
-}
-
-/// The solver of a step; see the [module page](self).
-///
-/// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
-///
-/// # Errors
-/// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
-pub fn solver(
-    engine: &Distributed,
-    sum: &Sum<Distributed>,
-    bounded: usize,
-    tolerance: f64,
-) -> Result<Box<dyn Solver<Distributed>>> {
-    Ok(Box::new(Bounded::new("TAO", engine, sum, bounded, tolerance, minimiser)?))
 }
