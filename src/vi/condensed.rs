@@ -1,10 +1,10 @@
 //! The condensed solver: factor once, and meet contact in a small dense problem on the candidates.
 //!
 //! A step is a forward elimination down to the candidates, their dense box-constrained problem, and a back substitution:
-//! the cost of one solve. Nodes that come into reach become candidates, in growing lots, and the matrix is factored again with
-//! them last. Where contact is wide (a plate thrown flat) the dense problem would cost more than a sparse factor: from
+//! the cost of one solve. Nodes that come into reach become candidates, in growing lots: natively the matrix is factored again
+//! with them last. Where contact is wide (a plate thrown flat) the dense problem would cost more than a sparse factor: from
 //! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are pinned in the sparse matrix
-//! instead, on the same symbolic analysis. Both are exact active-set methods.
+//! instead, natively on the same symbolic analysis. Both are exact active-set methods.
 
 use super::Solver;
 use super::active_set::{self, Exchange, Move, Side};
