@@ -25,11 +25,11 @@ pub fn rebond(folder: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// The command under mpirun; root may, as in a container.
+/// The command under mpirun; root may, as in a container. A busy machine may take minutes for what takes seconds.
 pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     let mut command = Command::new("mpirun");
     command
-        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "200", "-n"])
+        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "900", "-n"])
         .arg(ranks.to_string())
         .arg(env!("CARGO_BIN_EXE_rebond"))
         .args(arguments)
