@@ -188,7 +188,7 @@ fn options_reach_the_solver() {
 #[test]
 fn what_cannot_work_is_refused_by_name() {
     let folder = folder("refused");
-    let cases: [(&[&str], i32, &[&str]); 10] = [
+    let cases: [(&[&str], i32, &[&str]); 11] = [
         (&["--set", "solver.vi=tao", "--", "-tao_type", "bqpip"], 2, &["bqpip", "wrong"]),
         (&["--set", "solver.vi=tao", "--", "-tao_type", "ssils"], 2, &["ssils", "constraints"]),
         (&["--set", "solver.vi=tao", "--", "-tao_type", "almm"], 2, &["almm", "constraints"]),
@@ -196,6 +196,7 @@ fn what_cannot_work_is_refused_by_name() {
         (&["--set", "solver.vi=snes", "--", "-snes_type", "newtonls"], 2, &["newtonls", "vinewtonrsls"]),
         (&["--set", "solver.vi=snes", "--", "-snes_linesearch_type", "nleqerr"], 2, &["nleqerr", "Jacobian"]),
         (&["--set", "solver.vi=snes", "--", "-safe_snes_linesearch_type", "l3"], 2, &["l3", "l2, basic"]),
+        (&["--set", "solver.vi=snes", "--", "-snes_atol", "nan"], 2, &["`-snes_atol nan`", "not a number"]),
         (&["--", "-pc_factor_mat_solver_type", "superlu_dist"], 2, &["superlu_dist", "memory"]),
         (
             &["--set", "solver.vi=snes", "--", "-snes_linesearch_typ", "l2"],

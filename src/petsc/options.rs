@@ -40,20 +40,25 @@ const LATE: &[&str] = &[
 /// What PETSc's solvers look up, without prefixes, a name a line: an option left over is compared with these.
 const KNOWN: &str = include_str!("known_options.txt");
 
-/// Checks that arguments are options with at most one value each.
+/// Checks that arguments are options with at most one value each, and that no value is a NaN.
 ///
 /// # Errors
-/// [`Error::Usage`] naming the first word that is neither an option nor the value of one: PETSc would pass over it.
+/// [`Error::Usage`] naming the first word that is neither an option nor the value of one, or the option: PETSc would pass over it.
 pub fn validate(arguments: &[String]) -> Result<()> {
-    let mut value_may_follow = false;
+    let mut option = None;
     for word in arguments {
         if is_name(word) {
-            value_may_follow = true;
-        } else if value_may_follow {
-            value_may_follow = false;
-        } else {
+            option = Some(word);
+            continue;
+        }
+        let Some(option) = option.take() else {
             return Err(Error::Usage(format!(
                 "`{word}` after `--` is neither a PETSc option (-name) nor the value of one"
+            )));
+        };
+        if word.trim_start_matches(['-', '+']).eq_ignore_ascii_case("nan") {
+            return Err(Error::Usage(format!(
+                "the PETSc option `{option} {word}`: the value is not a number"
             )));
         }
     }
