@@ -45,9 +45,11 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --locked
 	$(call say,all passed)
 
-bench: setup ## time assembly, factorisation, one step and a whole scene
+bench: setup ## time assembly, factorisation, one step, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)
 	@cargo bench --locked
+	$(call say,PETSc on fine meshes)
+	@scripts/scaling.sh
 
 table: setup ## recompute the table of the paper
 	$(call say,table)

@@ -19,10 +19,12 @@ petsc           -pc_type cholesky -pc_factor_mat_solver_type petsc
 petsc           -pc_type lu
 petsc           -ksp_type cg -ksp_rtol 1e-14
 petsc:snes
-petsc:snes      -snes_type vinewtonssls
-petsc:tao
-petsc:tao       -tao_type bnls
-petsc:tao       -tao_type gpcg
+petsc:snes      -rebond_always_iterate
+petsc:snes      -snes_linesearch_type bt
+petsc:snes:vinewtonssls
+petsc:tao:tron
+petsc:tao:bnls
+petsc:tao:gpcg
 '
 
 failed=0

@@ -43,6 +43,9 @@ pub enum Error {
         /// What is not finite.
         what: &'static str,
     },
+    /// Solvers under comparison that did not reach the end, each with its reason.
+    #[error("{0}")]
+    Unfinished(String),
     /// PETSc or MPI refused a call: the function, what it said, its code.
     #[error("PETSc: {0}")]
     Petsc(String),
@@ -77,7 +80,9 @@ impl Error {
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) => 2,
-            Error::NotConverged { .. } | Error::NotFinite { .. } | Error::Petsc(_) => 3,
+            Error::NotConverged { .. } | Error::NotFinite { .. } | Error::Unfinished(_) | Error::Petsc(_) => {
+                3
+            }
             Error::Io { .. } => 4,
             Error::EnergyGuard { .. } => 5,
         }

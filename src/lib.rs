@@ -16,8 +16,7 @@
 //! | [`plate`] | thickness and material to element matrices |
 //! | [`space`] | three dofs a node, supports |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
-//! | `petsc` | safe handles on PETSc's objects (feature `petsc`) |
-//! | `petsc` | the engine over all ranks; safe handles on PETSc (feature `petsc`) |
+//! | `petsc` | safe handles on PETSc's objects, the engine over all ranks (feature `petsc`) |
 //! | [`assembly`] | the only loop over cells |
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and its judge |

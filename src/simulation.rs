@@ -6,12 +6,14 @@ mod distributed;
 mod fields;
 
 pub use contacts::Contact;
+#[cfg(feature = "petsc")]
+pub use distributed::check_options;
 pub use fields::{Fields, Lattice, Snapshot};
 
-use crate::assembly::{self, Probe};
+use crate::assembly::{self, CellArrays, Probe};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Native, Sum};
+use crate::linalg::{Engine, Form, Native, Sum};
 use crate::mesh::{Diagonal, Mesh, Point};
 use crate::obstacle::Bounds;
 use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
@@ -94,14 +96,36 @@ pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
     Ok(space)
 }
 
-/// The bounds that a scene's obstacles put on the free deflections of a mesh.
-pub fn bounds(scene: &Scene, space: &Space) -> Bounds {
+/// The bounds that a scene's obstacles put on free deflections, ascending dofs.
+pub fn bounds(scene: &Scene, deflections: impl Iterator<Item = usize>) -> Bounds {
     let lower = scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY);
     let upper = scene.obstacle(Side::Above).unwrap_or(f64::INFINITY);
     if lower.is_infinite() && upper.is_infinite() {
         return Bounds::default();
     }
-    Bounds::uniform(space.deflections().map(|(dof, _)| dof).collect(), lower, upper)
+    Bounds::uniform(deflections.collect(), lower, upper)
+}
+
+/// The semi-discrete problem of an engine whose forms are made by the native one of its cells.
+fn system<E: Engine<Form = Form>>(
+    scene: &Scene,
+    engine: E,
+    native: impl Fn(&E) -> &Native,
+    cells: &[CellArrays],
+    unit_load: &[f64],
+    deflections: impl Iterator<Item = usize>,
+) -> System<E> {
+    let load = scene.load.filter(|load| load.pressure != 0.0);
+    System {
+        stiffness: native(&engine).form(assembly::stiffness(cells)),
+        mass: match scene.time.mass {
+            Mass::Singular => native(&engine).averages(assembly::singular_mass(cells)),
+            Mass::Consistent => native(&engine).form(assembly::consistent_mass(cells)),
+        },
+        load: load.map(|load| unit_load.iter().map(|f| load.pressure * f).collect()),
+        bounds: bounds(scene, deflections),
+        engine,
+    }
 }
 
 /// The start under `[initial]`: equilibrium within the obstacles, and a uniform velocity.
@@ -153,17 +177,8 @@ impl Model {
         let cells = assembly::cells(&mesh, &space, &scene.plate.plate)?;
         let engine = Native::with_layout(space.layout(&mesh));
         let unit_load = assembly::uniform_load(&cells, space.dofs(), 1.0);
-        let load = scene.load.filter(|load| load.pressure != 0.0);
-        let system = System {
-            stiffness: engine.form(assembly::stiffness(&cells)),
-            mass: match scene.time.mass {
-                Mass::Singular => engine.averages(assembly::singular_mass(&cells)),
-                Mass::Consistent => engine.form(assembly::consistent_mass(&cells)),
-            },
-            load: load.map(|load| unit_load.iter().map(|f| load.pressure * f).collect()),
-            bounds: bounds(scene, &space),
-            engine,
-        };
+        let deflections = || space.deflections().map(|(dof, _)| dof);
+        let system = system(scene, engine, |engine| engine, &cells, &unit_load, deflections());
         let probes = scene
             .output
             .probes
@@ -172,8 +187,7 @@ impl Model {
             .collect::<Result<_>>()?;
         let fields = Fields::new(scene, &mesh, &space, &cells)?;
         let built = clock.elapsed().as_secs_f64();
-        let deflections = space.deflections().map(|(dof, _)| dof);
-        let start = start(scene, space.mechanism(&mesh), deflections, &system, &unit_load)?;
+        let start = start(scene, space.mechanism(&mesh), deflections(), &system, &unit_load)?;
         let seconds = [built, clock.elapsed().as_secs_f64() - built];
         let site = |(dof, node): (usize, usize)| {
             let at = mesh.nodes[node];

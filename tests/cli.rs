@@ -1,6 +1,9 @@
 //! The command as a user meets it: exit codes, messages, files.
 
-use std::path::{Path, PathBuf};
+mod command;
+
+use command::{comparison, rebond, text};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 const SCENE: &str = r#"
@@ -14,31 +17,14 @@ time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
 output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
 "#;
 
-/// A folder of its own for a test, empty.
 fn folder(test: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("cli-{test}"));
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    std::fs::write(folder.join("fall.toml"), SCENE).unwrap();
-    folder
+    command::folder(&format!("cli-{test}"), SCENE)
 }
 
-fn rebond(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rebond")).current_dir(folder).args(arguments).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).unwrap()
-}
-
-/// Asserts an exit code and one line of message with some words.
+/// Asserts an exit code and one line of message, nothing else, with some words.
 fn assert_fails(output: &Output, code: i32, words: &[&str]) {
-    let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{message}");
-    assert_eq!(message.lines().count(), 1, "{message}");
-    for word in words {
-        assert!(message.contains(word), "no {word:?} in: {message}");
-    }
+    assert_eq!(text(&output.stderr).lines().count(), 1, "{}", text(&output.stderr));
+    command::assert_fails(output, code, words);
 }
 
 #[test]
@@ -54,8 +40,7 @@ fn a_run_writes_history_summary_and_picture() {
     let history = std::fs::read_to_string(folder.join("runs/fall/history.csv")).unwrap();
     assert_eq!(history.lines().count(), 1 + 81);
     assert!(history.lines().next().unwrap().ends_with(",kkt,corner"));
-    let summary: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(folder.join("runs/fall/summary.json")).unwrap()).unwrap();
+    let summary = command::summary(&folder.join("runs/fall"));
     assert_eq!(summary["status"], "done");
     assert_eq!(summary["steps"], 800);
     assert!(summary["first_impact"]["time"].as_f64().unwrap() > 0.05);
@@ -124,12 +109,13 @@ fn compare_puts_solvers_side_by_side() {
     for words in ["a short fall: 36 dofs, 1 rank", "up to", "impact 1", "native", "impacts at 0.0"] {
         assert!(table.contains(words), "no {words:?} in:\n{table}");
     }
-    // What cannot run is a row of its own.
+    // What cannot run is a row of its own, and is named at the end.
     let output = compare(&["--json", "--with", "native,native:snes"]);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_fails(&output, 3, &["1 of 2", "native:snes", "no \"snes\""]);
+    let value = comparison(&output);
     let [native, other] = value["entries"].as_array().unwrap().as_slice() else { unreachable!() };
     assert_eq!((&native["steps"], &native["difference"]), (&800.into(), &0.0.into()));
+    assert_eq!(native["retries"], 0);
     assert_eq!(
         native["difference_up_to_impact"].as_array().unwrap().len(),
         value["impacts"].as_array().unwrap().len()
@@ -140,7 +126,9 @@ fn compare_puts_solvers_side_by_side() {
     let stopped = compare(&["--set", "solver.tolerance=1e-18", "--with", "native"]);
     assert_eq!(stopped.status.code(), Some(3), "the reference itself cannot start");
     assert!(compare(&["--quiet"]).stdout.is_empty());
-    assert_fails(&compare(&["--with", "abacus"]), 2, &["abacus", "petsc:snes"]);
+    for wrong in ["abacus", "petsc:condensed:tron", "petsc:tao:tron:twice"] {
+        assert_fails(&compare(&["--with", wrong]), 2, &[wrong, "petsc:snes"]);
+    }
     assert_fails(&compare(&["--vi", "snes"]), 2, &["--with"]);
 }
 

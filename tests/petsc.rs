@@ -206,6 +206,9 @@ mod cases {
         let mut pair = [1.0, rank as f64];
         context.sum_all(&mut pair);
         assert_eq!(pair, [size as f64, (size * (size - 1) / 2) as f64]);
+        let mut first = [rank as f64, -1.0];
+        context.broadcast(&mut first);
+        assert_eq!(first, [0.0, -1.0]);
         let all = context.gather(&vec![rank as i32; rank]);
         let expected: Vec<_> = (0..size).flat_map(|r| vec![r as i32; r]).collect();
         assert_eq!(all, expected);

@@ -12,20 +12,26 @@ use crate::scene::Scene;
 use crate::simulation::{self, Model};
 use crate::study::compare::{Comparison, Contender};
 use clap::Args;
+#[cfg(feature = "petsc")]
+use std::rc::Rc;
 
 /// Compare engines and contact solvers.
 #[derive(Debug, Args)]
 pub struct Compare {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao; default: all of this build
+    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the latter two also with one of
+    /// PETSc's types, as in petsc:tao:bnls; default: those that serve best
     #[arg(long = "with", value_name = "NAMES", value_delimiter = ',')]
     with: Vec<String>,
 }
 
 /// What is compared unless the user says.
-const ALL: &[&str] =
-    if cfg!(feature = "petsc") { &["native", "petsc", "petsc:snes", "petsc:tao"] } else { &["native"] };
+const DEFAULT: &[&str] = if cfg!(feature = "petsc") {
+    &["native", "petsc", "petsc:snes:vinewtonrsls", "petsc:tao:tron", "petsc:tao:bnls"]
+} else {
+    &["native"]
+};
 
 impl Compare {
     pub(super) fn execute(&self) -> Result<()> {
@@ -33,7 +39,7 @@ impl Compare {
             return Err(Error::Usage("compare takes engines and contact solvers by --with".into()));
         }
         let names: Vec<&str> = match self.with[..] {
-            [] => ALL.to_vec(),
+            [] => DEFAULT.to_vec(),
             _ => self.with.iter().map(String::as_str).collect(),
         };
         let contenders = names.into_iter().map(Contender::parse).collect::<Result<Vec<_>>>()?;
@@ -45,10 +51,11 @@ impl Compare {
         launch::one_process("the native engine runs")?;
         self.scene.refuse_petsc_options()?;
         let mut comparison = Comparison::new(&scene, 1);
-        for contender in contenders {
+        for contender in &contenders {
             natively(&mut comparison, &scene, contender, Ok)?;
         }
-        self.scene.print(&comparison, &comparison)
+        self.scene.print(&comparison, &comparison)?;
+        comparison.verdict()
     }
 
     /// Compares on all ranks; an error on one of them that is not the others' ends all.
@@ -59,37 +66,65 @@ impl Compare {
             if context.all_arrive(super::PATIENCE) { Ok(error) } else { context.fail(&error) }
         };
         let run = || {
+            check_options(&context, scene, contenders, recover)?;
             let mut comparison = Comparison::new(scene, context.size());
-            for &contender in contenders {
+            for contender in contenders {
                 match contender.engine {
                     EngineName::Native => natively(&mut comparison, scene, contender, recover)?,
-                    EngineName::Petsc => comparison.run(
-                        scene,
-                        contender,
-                        |scene| Model::distributed(scene, &context),
-                        Model::solver,
-                        recover,
-                    )?,
+                    EngineName::Petsc => context.with_option(contender.option(), || {
+                        let model = |scene: &Scene| Model::distributed(scene, &context);
+                        comparison.run(scene, contender, model, Model::solver, recover)
+                    })?,
                 }
             }
             if context.rank() == 0 {
                 self.scene.print(&comparison, &comparison)?;
             }
-            context.refuse_unused_options()
+            comparison.verdict()
         };
         ended(&context, run())
     }
+}
+
+/// Refuses options that cannot work, or that nobody uses, before the comparison: while some are left that nobody has looked up, the
+/// contenders make one step each.
+#[cfg(feature = "petsc")]
+fn check_options(
+    context: &Rc<Context>,
+    scene: &Scene,
+    contenders: &[Contender],
+    recover: impl Fn(Error) -> Result<Error>,
+) -> Result<()> {
+    let on_petsc = || contenders.iter().filter(|contender| contender.engine == EngineName::Petsc);
+    for contender in on_petsc() {
+        let scene = contender.scene(scene);
+        context.with_option(contender.option(), || simulation::check_options(&scene, context))?;
+    }
+    for contender in on_petsc() {
+        if context.unused_options()?.is_empty() {
+            break;
+        }
+        let scene = contender.scene(scene);
+        let step = || {
+            let model = Model::distributed(&scene, context)?;
+            model.scheme_with(&scene, &model.solver(&scene))?.advance()
+        };
+        if let Err(why) = context.with_option(contender.option(), step) {
+            // The comparison will tell. What this contender would have looked up remains unknown.
+            return recover(why).map(drop);
+        }
+    }
+    context.refuse_unused_options()
 }
 
 /// Lets the native engine run, on every rank for itself.
 fn natively(
     comparison: &mut Comparison,
     scene: &Scene,
-    contender: Contender,
+    contender: &Contender,
     recover: impl Fn(Error) -> Result<Error>,
 ) -> Result<()> {
-    let solver = |_: &Model, _: &Scene| -> Result<Box<simulation::SolverFactory<_>>> {
-        Ok(Box::new(simulation::condensed))
-    };
+    let solver =
+        |_: &Model, _: &Scene| -> Box<simulation::SolverFactory<_>> { Box::new(simulation::condensed) };
     comparison.run(scene, contender, Model::new, solver, recover)
 }

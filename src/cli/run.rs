@@ -134,7 +134,7 @@ impl Run {
                 self.announce(scene, &format!("engine: petsc, {}\n", ranks(context.size())))?;
             }
             let model = Model::distributed(scene, &context)?;
-            let solver = model.solver(scene)?;
+            let solver = model.solver(scene);
             let process = [context.rank(), context.size()];
             self.simulate(scene, &model, &solver, process, &|| context.refuse_unused_options())
         };

@@ -80,6 +80,9 @@ pub trait Engine: Sized {
         Ok(x.to_vec())
     }
 
+    /// Gives all processes the values of the first, in arrays of the same length: their processors may round differently.
+    fn agree(&self, values: &mut [f64]) -> Result<()>;
+
     /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
@@ -108,6 +111,20 @@ pub trait Engine: Sized {
     /// # Errors
     /// [`crate::Error::Singular`] where the sum is not positive definite.
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Self::Factor>;
+
+    /// Changes the candidates of a factor of the same sum with nothing pinned. Returns whether it took a factorisation.
+    ///
+    /// # Errors
+    /// As [`Engine::factor`].
+    fn change_candidates(
+        &self,
+        factor: &mut Self::Factor,
+        sum: &Sum<Self>,
+        candidates: &[usize],
+    ) -> Result<bool> {
+        *factor = self.factor(sum, candidates)?;
+        Ok(true)
+    }
 }
 
 /// A factored symmetric positive definite matrix A; see the [module page](self).

@@ -186,6 +186,10 @@ impl Engine for Native {
         Ok((own.to_vec(), 0))
     }
 
+    fn agree(&self, _: &mut [f64]) -> Result<()> {
+        Ok(())
+    }
+
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
         let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
         self.layout.lay_out(x, laid);

@@ -8,7 +8,7 @@ use mpi::collective::SystemOperation;
 use mpi::datatype::{Equivalence, PartitionMut};
 use mpi::environment::Universe;
 use mpi::topology::SimpleCommunicator;
-use mpi::traits::{AsRaw, Communicator, CommunicatorCollectives};
+use mpi::traits::{AsRaw, Communicator, CommunicatorCollectives, Root};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ffi::{CString, c_char, c_int, c_void};
@@ -160,6 +160,11 @@ impl Context {
     pub fn sum_all(&self, values: &mut [f64]) {
         let mine = values.to_vec();
         self.world.all_reduce_into(&mine[..], values, SystemOperation::sum());
+    }
+
+    /// Gives all ranks the numbers of rank 0, in arrays of the same length. Collective.
+    pub fn broadcast(&self, values: &mut [f64]) {
+        self.world.process_at_rank(0).broadcast_into(values);
     }
 
     /// The arrays of all ranks one after the other, on every rank; their lengths may differ. Collective.

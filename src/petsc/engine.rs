@@ -6,7 +6,7 @@
 use super::plate::Part;
 use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
 use crate::error::Result;
-use crate::linalg::{Average, Block, Engine, Factor, Form, Native, Sum};
+use crate::linalg::{Engine, Factor, Form, Native, Sum};
 use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use std::cell::RefCell;
@@ -63,14 +63,9 @@ impl Distributed {
         &self.context
     }
 
-    /// A form from the dense local matrices of this rank's cells, over local dofs.
-    pub fn form(&self, blocks: Vec<Block>) -> Form {
-        self.cells.form(blocks)
-    }
-
-    /// The singular mass from the rows of this rank's cells, over local dofs.
-    pub fn averages(&self, rows: Vec<Average>) -> Form {
-        self.cells.averages(rows)
+    /// The native engine of this rank's cells, over local dofs: it makes forms.
+    pub fn cells(&self) -> &Native {
+        &self.cells
     }
 
     /// A vector of zeros over all ranks.
@@ -163,6 +158,11 @@ impl Engine for Distributed {
         Ok(xl.clone())
     }
 
+    fn agree(&self, values: &mut [f64]) -> Result<()> {
+        self.context.broadcast(values);
+        Ok(())
+    }
+
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
         let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;
@@ -234,6 +234,16 @@ impl Engine for Distributed {
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<DistributedFactor> {
         DistributedFactor::new(self, self.matrix(sum)?, candidates)
     }
+
+    fn change_candidates(
+        &self,
+        factor: &mut DistributedFactor,
+        _: &Sum<Self>,
+        candidates: &[usize],
+    ) -> Result<bool> {
+        factor.set_candidates(candidates)?;
+        Ok(false)
+    }
 }
 
 /// All ranks' values one after the other, and where this rank's begin.
@@ -263,6 +273,8 @@ pub struct DistributedFactor {
     /// This rank's candidates, and where they begin among all.
     candidates: Vec<usize>,
     before: usize,
+    /// Their block of A^-1, and its inverse.
+    flexibility: Mat<f64>,
     schur: Mat<f64>,
     /// The last right-hand side condensed: its solution, and at the candidates; and what it was condensed to.
     free: Vec<f64>,
@@ -279,20 +291,53 @@ impl DistributedFactor {
             right: engine.vector()?,
             solution: engine.vector()?,
             first: engine.first,
-            candidates: candidates.to_vec(),
+            candidates: Vec::new(),
             before: 0,
+            flexibility: Mat::zeros(0, 0),
             schur: Mat::zeros(0, 0),
             free: vec![0.0; engine.own],
             free_candidates: Vec::new(),
             condensed: Vec::new(),
             matrix,
         };
-        let (counts, before) = concatenate(&engine.context, &vec![0.0; candidates.len()])?;
-        factor.before = before;
-        if !counts.is_empty() {
-            factor.schur = factor.complement(counts.len())?;
-        }
+        factor.set_candidates(candidates)?;
         Ok(factor)
+    }
+
+    /// Puts others in the place of the candidates; the columns of those that stay are kept.
+    fn set_candidates(&mut self, candidates: &[usize]) -> Result<()> {
+        // Where each was among the old ones, if it was.
+        let place =
+            |dof: &usize| self.candidates.binary_search(dof).map_or(-1.0, |k| (self.before + k) as f64);
+        let own: Vec<f64> = candidates.iter().map(place).collect();
+        let (places, before) = concatenate(&self.context, &own)?;
+        (self.candidates, self.before) = (candidates.to_vec(), before);
+        let count = places.len();
+        let old = |i: usize| (places[i] >= 0.0).then_some(places[i] as usize);
+        let mut block = Mat::zeros(count, count);
+        for (j, i) in (0..count).flat_map(|j| (0..count).map(move |i| (j, i))) {
+            if let (Some(i_old), Some(j_old)) = (old(i), old(j)) {
+                block[(i, j)] = self.flexibility[(i_old, j_old)];
+            }
+        }
+        let new: Vec<usize> = (0..count).filter(|&j| old(j).is_none()).collect();
+        self.solve_for_columns(&new, &mut block)?;
+        for (&j, i) in new.iter().flat_map(|j| (0..count).map(move |i| (j, i))) {
+            // The columns of both in full: their mean.
+            let value = if old(i).is_none() { 0.5 * (block[(i, j)] + block[(j, i)]) } else { block[(i, j)] };
+            (block[(i, j)], block[(j, i)]) = (value, value);
+        }
+        self.flexibility = block;
+        self.schur = Mat::zeros(0, 0);
+        if count > 0 {
+            let llt = self.flexibility.llt(faer::Side::Lower).map_err(|_| {
+                crate::Error::Singular(format!(
+                    "the flexibility of {count} contact candidates is not positive definite"
+                ))
+            })?;
+            self.schur = llt.inverse();
+        }
+        Ok(())
     }
 
     /// The matrix that is factored, as assembled.
@@ -300,45 +345,37 @@ impl DistributedFactor {
         &self.matrix
     }
 
-    /// The inverse of the candidates' block of A^-1.
-    fn complement(&mut self, count: usize) -> Result<Mat<f64>> {
-        let own = self.free.len();
-        let mut block = Mat::zeros(count, count);
-        for start in (0..count).step_by(BLOCK) {
-            let width = BLOCK.min(count - start);
-            let mut right = Matrix::dense(&self.context, Comm::World, own, width)?;
-            let mut columns = Matrix::dense(&self.context, Comm::World, own, width)?;
+    /// Columns of the candidates' block of A^-1.
+    fn solve_for_columns(&mut self, columns: &[usize], block: &mut Mat<f64>) -> Result<()> {
+        let (own, count) = (self.free.len(), block.nrows());
+        for lot in columns.chunks(BLOCK) {
+            let mut right = Matrix::dense(&self.context, Comm::World, own, lot.len())?;
+            let mut solution = Matrix::dense(&self.context, Comm::World, own, lot.len())?;
             right.with_columns_mut(|values| {
-                for (k, &dof) in self.candidates.iter().enumerate() {
-                    let column = self.before + k;
-                    if (start..start + width).contains(&column) {
-                        values[(column - start) * own + dof] = 1.0;
+                for (number, column) in lot.iter().enumerate() {
+                    let mine = column.checked_sub(self.before).and_then(|k| self.candidates.get(k));
+                    if let Some(dof) = mine {
+                        values[number * own + dof] = 1.0;
                     }
                 }
             })?;
-            self.solver.solve_columns(&right, &mut columns)?;
-            let mut rows = vec![0.0; count * width];
-            columns.with_columns(|values| {
+            self.solver.solve_columns(&right, &mut solution)?;
+            let mut rows = vec![0.0; count * lot.len()];
+            solution.with_columns(|values| {
                 for (k, &dof) in self.candidates.iter().enumerate() {
-                    for column in 0..width {
-                        rows[column * count + self.before + k] = values[column * own + dof];
+                    for number in 0..lot.len() {
+                        rows[number * count + self.before + k] = values[number * own + dof];
                     }
                 }
             })?;
             self.context.sum_all(&mut rows);
-            for column in 0..width {
+            for (number, &column) in lot.iter().enumerate() {
                 for row in 0..count {
-                    block[(row, start + column)] = rows[column * count + row];
+                    block[(row, column)] = rows[number * count + row];
                 }
             }
         }
-        let symmetric = Mat::from_fn(count, count, |i, j| 0.5 * (block[(i, j)] + block[(j, i)]));
-        let llt = symmetric.llt(faer::Side::Lower).map_err(|_| {
-            crate::Error::Singular(format!(
-                "the flexibility of {count} contact candidates is not positive definite"
-            ))
-        })?;
-        Ok(llt.inverse())
+        Ok(())
     }
 
     fn solve_with(&mut self, pinned: bool, x: &mut [f64]) -> Result<()> {

@@ -10,7 +10,6 @@ macro_rules! handle {
             $(pub(super) $field: $type,)*
         }
 
-        #[allow(dead_code)]
         impl $name {
             /// Takes over a reference that PETSc handed out.
             pub(super) fn owning(
@@ -21,6 +20,7 @@ macro_rules! handle {
             }
 
             /// Adds a reference to an object that PETSc only lent.
+            #[allow(dead_code)] // PETSc lends most kinds of object, not all.
             pub(super) fn sharing(
                 raw: $crate::petsc::sys::$raw,
                 context: &std::rc::Rc<$crate::petsc::Context>,

@@ -40,20 +40,25 @@ const LATE: &[&str] = &[
 /// What PETSc's solvers look up, without prefixes, a name a line: an option left over is compared with these.
 const KNOWN: &str = include_str!("known_options.txt");
 
-/// Checks that arguments are options with at most one value each.
+/// Checks that arguments are options with at most one value each, and that no value is a NaN.
 ///
 /// # Errors
-/// [`Error::Usage`] naming the first word that is neither an option nor the value of one: PETSc would pass over it.
+/// [`Error::Usage`] naming the first word that is neither an option nor the value of one, or the option: PETSc would pass over it.
 pub fn validate(arguments: &[String]) -> Result<()> {
-    let mut value_may_follow = false;
+    let mut option = None;
     for word in arguments {
         if is_name(word) {
-            value_may_follow = true;
-        } else if value_may_follow {
-            value_may_follow = false;
-        } else {
+            option = Some(word);
+            continue;
+        }
+        let Some(option) = option.take() else {
             return Err(Error::Usage(format!(
                 "`{word}` after `--` is neither a PETSc option (-name) nor the value of one"
+            )));
+        };
+        if word.trim_start_matches(['-', '+']).eq_ignore_ascii_case("nan") {
+            return Err(Error::Usage(format!(
+                "the PETSc option `{option} {word}`: the value is not a number"
             )));
         }
     }
@@ -113,8 +118,52 @@ impl Context {
             return Ok(());
         }
         self.ours.borrow_mut().insert(name.to_string());
+        self.set_option(name, value)
+    }
+
+    /// Does something with an option (name and value) that goes before the user's of that name. Afterwards the user's options are as they
+    /// were, and the defaults that were set meanwhile are gone.
+    ///
+    /// # Errors
+    /// What `body` gives back, [`Error::Petsc`].
+    pub fn with_option<T>(
+        &self,
+        option: Option<(&str, &str)>,
+        body: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        let before = self.ours.borrow().clone();
+        let mut aside = None;
+        if let Some((name, value)) = option {
+            if self.has_option(name)? {
+                let unused = self.unused_options()?.iter().any(|unused| unused.eq_ignore_ascii_case(name));
+                aside = Some((name, self.option(name)?.unwrap_or_default(), unused));
+                self.clear_option(name)?;
+            }
+            self.default_option(name, value)?;
+        }
+        let result = body();
+        let meanwhile: Vec<String> = self.ours.borrow().difference(&before).cloned().collect();
+        for name in meanwhile {
+            self.clear_option(&name)?;
+            self.ours.borrow_mut().remove(&name);
+        }
+        if let Some((name, value, unused)) = aside {
+            self.set_option(name, &value)?;
+            if !unused {
+                self.option(name)?;
+            }
+        }
+        result
+    }
+
+    fn set_option(&self, name: &str, value: &str) -> Result<()> {
         let (name, value) = (c_string(&format!("-{name}"))?, c_string(value)?);
         call!(PetscOptionsSetValue(std::ptr::null_mut(), name.as_ptr(), value.as_ptr()))
+    }
+
+    fn clear_option(&self, name: &str) -> Result<()> {
+        let name = c_string(&format!("-{name}"))?;
+        call!(PetscOptionsClearValue(std::ptr::null_mut(), name.as_ptr()))
     }
 
     /// The user's options that nothing has looked up yet, without dashes. Options that PETSc needs only as it ends are not among them.

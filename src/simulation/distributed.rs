@@ -5,39 +5,49 @@ use crate::assembly::{self, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::mesh::{Diagonal, Grid, Mesh, Point};
-use crate::obstacle::Bounds;
 use crate::petsc::{Context, Distributed, Part};
-use crate::scene::{EngineName, Mass, Scene, Side, ViName};
-use crate::scheme::System;
+use crate::scene::{EngineName, Scene, ViName};
 use crate::space::{PER_NODE, Space};
-use crate::vi;
+use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
 use std::time::Instant;
 
+/// Whether the engine and PETSc's options can do what the scene asks for. Nothing is built.
+///
+/// # Errors
+/// [`Error::Usage`] for a contact solver that the engine does not have, and for an option that cannot work.
+pub fn check_options(scene: &Scene, context: &Context) -> Result<()> {
+    super::serves(scene, EngineName::Petsc, &[ViName::Condensed, ViName::Snes, ViName::Tao])?;
+    family(scene).map_or(Ok(()), |family| family.check_options(context))
+}
+
+/// The PETSc solvers that the scene names; none for the condensed one.
+fn family(scene: &Scene) -> Option<Family> {
+    match scene.solver.vi {
+        ViName::Condensed => None,
+        ViName::Snes => Some(vi::snes::SNES),
+        ViName::Tao => Some(vi::tao::TAO),
+    }
+}
+
 impl Model<Distributed> {
-    /// The contact solver that the scene names.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] for one that this engine does not have.
-    pub fn solver(&self, scene: &Scene) -> Result<Box<SolverFactory<Distributed>>> {
-        super::serves(scene, EngineName::Petsc, &[ViName::Condensed, ViName::Snes, ViName::Tao])?;
+    /// Makes the contact solver that the scene names.
+    pub fn solver(&self, scene: &Scene) -> Box<SolverFactory<Distributed>> {
         let tolerance = scene.solver.tolerance;
-        Ok(match scene.solver.vi {
-            ViName::Condensed => Box::new(super::condensed),
-            ViName::Snes => {
-                Box::new(move |engine, sum, bounded| vi::snes::solver(engine, sum, bounded, tolerance))
+        match family(scene) {
+            None => Box::new(super::condensed),
+            Some(family) => {
+                Box::new(move |engine, sum, bounded| family.solver(engine, sum, bounded, tolerance))
             }
-            ViName::Tao => {
-                Box::new(move |engine, sum, bounded| vi::tao::solver(engine, sum, bounded, tolerance))
-            }
-        })
+        }
     }
 
     /// Builds what the scene calls for on PETSc, each rank its own part. Collective.
     ///
     /// # Errors
-    /// As [`Model::new`], and [`Error::Petsc`].
+    /// As [`check_options`] and [`Model::new`], and [`Error::Petsc`].
     pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
+        check_options(scene, context)?;
         let clock = Instant::now();
         let grid = scene.mesh;
         let sides = [scene.plate.length, scene.plate.width];
@@ -57,17 +67,8 @@ impl Model<Distributed> {
             .filter_map(|node| Some((engine.own_dof(PER_NODE * node)?, node)))
             .collect();
         let deflections: Vec<usize> = own_nodes.iter().map(|(dof, _)| *dof).collect();
-        let load = scene.load.filter(|load| load.pressure != 0.0);
-        let system = System {
-            stiffness: engine.form(assembly::stiffness(&cells)),
-            mass: match scene.time.mass {
-                Mass::Singular => engine.averages(assembly::singular_mass(&cells)),
-                Mass::Consistent => engine.form(assembly::consistent_mass(&cells)),
-            },
-            load: load.map(|load| unit_load.iter().map(|f| load.pressure * f).collect()),
-            bounds: bounds(scene, &deflections),
-            engine,
-        };
+        let own = || deflections.iter().copied();
+        let system = super::system(scene, engine, Distributed::cells, &cells, &unit_load, own());
         let probes = scene
             .output
             .probes
@@ -79,7 +80,7 @@ impl Model<Distributed> {
         // The supports of the unrefined plate leave the same rigid motions.
         let coarse = Mesh::rectangle(sides[0], sides[1], [1, 1], grid.element, diagonal)?;
         let mechanism = Space::new(&coarse, supports)?.mechanism(&coarse);
-        let start = start(scene, mechanism, deflections.iter().copied(), &system, &unit_load)?;
+        let start = start(scene, mechanism, own(), &system, &unit_load)?;
         let seconds = [built, clock.elapsed().as_secs_f64() - built];
         let (counts, before) = system.engine.concatenate(&vec![0.0; own_nodes.len()])?;
         drop(counts);
@@ -90,15 +91,6 @@ impl Model<Distributed> {
         let sites = own_nodes.iter().enumerate().map(site).collect();
         Ok(Model { system, start, probes, sites, fields, seconds })
     }
-}
-
-fn bounds(scene: &Scene, deflections: &[usize]) -> Bounds {
-    let lower = scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY);
-    let upper = scene.obstacle(Side::Above).unwrap_or(f64::INFINITY);
-    if scene.obstacles.is_empty() {
-        return Bounds::default();
-    }
-    Bounds::uniform(deflections.to_vec(), lower, upper)
 }
 
 /// What this rank's dofs add to the deflection at a point: the first rank with a cell there says how.

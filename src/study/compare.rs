@@ -19,37 +19,58 @@ use std::time::Instant;
 const MOST_IMPACTS: usize = 3;
 
 /// An engine and a contact solver.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Contender {
     /// The engine.
     pub engine: EngineName,
     /// The contact solver.
     pub vi: ViName,
+    /// Its method: one of PETSc's types, whatever the options say.
+    pub method: Option<String>,
 }
 
 impl Contender {
-    /// From `native`, `petsc`, `petsc:snes`, ...: the engine and, unless condensed, its contact solver.
+    /// From `native`, `petsc`, `petsc:snes`, `petsc:tao:bnls`, ...: the engine, unless condensed its contact solver, and its method.
     ///
     /// # Errors
     /// [`Error::Usage`] for other words. Whether a build has the contender shows when it starts.
     pub fn parse(name: &str) -> Result<Contender> {
-        let (engine, vi) = name.split_once(':').unwrap_or((name, "condensed"));
-        let engine = match engine {
-            "native" => EngineName::Native,
-            "petsc" => EngineName::Petsc,
+        let mut words = name.split(':');
+        let engine = match words.next() {
+            Some("native") => EngineName::Native,
+            Some("petsc") => EngineName::Petsc,
             _ => return Err(unknown(name)),
         };
-        let vi = match vi {
-            "condensed" => ViName::Condensed,
-            "snes" => ViName::Snes,
-            "tao" => ViName::Tao,
+        let vi = match words.next() {
+            None | Some("condensed") => ViName::Condensed,
+            Some("snes") => ViName::Snes,
+            Some("tao") => ViName::Tao,
             _ => return Err(unknown(name)),
         };
-        Ok(Contender { engine, vi })
+        let method = words.next().map(String::from);
+        if words.next().is_some() || method.as_ref().is_some_and(|_| vi == ViName::Condensed) {
+            return Err(unknown(name));
+        }
+        Ok(Contender { engine, vi, method })
+    }
+
+    /// The native engine with the condensed solver.
+    fn reference() -> Contender {
+        Contender { engine: EngineName::Native, vi: ViName::Condensed, method: None }
+    }
+
+    /// PETSc's option that names the method, and its value.
+    pub fn option(&self) -> Option<(&'static str, &str)> {
+        let name = match self.vi {
+            ViName::Condensed => return None,
+            ViName::Snes => "snes_type",
+            ViName::Tao => "tao_type",
+        };
+        Some((name, self.method.as_deref()?))
     }
 
     /// The scene on this engine with this solver.
-    pub fn scene(self, scene: &Scene) -> Scene {
+    pub fn scene(&self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         (scene.solver.engine, scene.solver.vi) = (self.engine, self.vi);
         scene
@@ -57,15 +78,18 @@ impl Contender {
 }
 
 fn unknown(name: &str) -> Error {
-    Error::Usage(format!("{name:?} cannot be compared; expected native, petsc, petsc:snes or petsc:tao"))
+    Error::Usage(format!(
+        "{name:?} cannot be compared; expected native, petsc, petsc:snes, petsc:tao, or with a type, such as petsc:tao:bnls"
+    ))
 }
 
 impl fmt::Display for Contender {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self.vi {
-            ViName::Condensed => write!(f, "{}", self.engine),
-            vi => write!(f, "{}:{vi}", self.engine),
+        write!(f, "{}", self.engine)?;
+        if self.vi != ViName::Condensed {
+            write!(f, ":{}", self.vi)?;
         }
+        self.method.as_ref().map_or(Ok(()), |method| write!(f, ":{method}"))
     }
 }
 
@@ -101,6 +125,8 @@ pub struct Entry {
     pub vi_iterations: u64,
     /// Numeric factorisations.
     pub factorisations: u64,
+    /// Steps that were solved again in a safer way.
+    pub retries: u64,
     /// Where the time went.
     pub seconds: Seconds,
 }
@@ -134,9 +160,9 @@ impl Comparison {
     pub fn run<E: Engine>(
         &mut self,
         scene: &Scene,
-        contender: Contender,
+        contender: &Contender,
         set_up: impl FnOnce(&Scene) -> Result<Model<E>>,
-        solver: impl FnOnce(&Model<E>, &Scene) -> Result<Box<SolverFactory<E>>>,
+        solver: impl FnOnce(&Model<E>, &Scene) -> Box<SolverFactory<E>>,
         recover: impl Fn(Error) -> Result<Error>,
     ) -> Result<()> {
         let own = contender.scene(scene);
@@ -144,17 +170,31 @@ impl Comparison {
         let reference = Reference::new(scene)?;
         self.dofs = reference.model.system.engine.dofs();
         let clock = Instant::now();
-        let started = set_up(&own).and_then(|model| Ok((solver(&model, &own)?, model)));
-        let failure = match started {
+        let failure = match set_up(&own) {
             Err(why) => Some(recover(why)?),
-            Ok((solver, model)) => {
+            Ok(model) => {
                 entry.seconds.set_up = clock.elapsed().as_secs_f64();
+                let solver = solver(&model, &own);
                 self.follow(&own, &reference, &model, &*solver, &mut entry, recover)?
             }
         };
         entry.failure = failure.map(|why| why.to_string());
         self.entries.push(entry);
         Ok(())
+    }
+
+    /// Whether all contenders reached the end.
+    ///
+    /// # Errors
+    /// [`Error::Unfinished`] naming those that did not, with their reasons.
+    pub fn verdict(&self) -> Result<()> {
+        let failed = |entry: &Entry| Some(format!("{} ({})", entry.name, entry.failure.as_ref()?));
+        let failed: Vec<String> = self.entries.iter().filter_map(failed).collect();
+        if failed.is_empty() {
+            return Ok(());
+        }
+        let (some, all) = (failed.len(), self.entries.len());
+        Err(Error::Unfinished(format!("{some} of {all} did not reach the end: {}", failed.join(", "))))
     }
 
     /// Steps both to the end, or to where the contender fails: its error comes back.
@@ -195,6 +235,7 @@ impl Comparison {
             let verdict = scheme.verdict();
             entry.worst_kkt = entry.worst_kkt.max(verdict.kkt);
             entry.vi_iterations += u64::from(verdict.iterations);
+            entry.retries += u64::from(verdict.retries > 0);
             let judged = simulation::judge(scheme.step(), scheme.time(), verdict.kkt, scene.solver.tolerance);
             if let Err(why) = judged {
                 break Some(recover(why)?);
@@ -259,7 +300,7 @@ struct Reference {
 
 impl Reference {
     fn new(scene: &Scene) -> Result<Reference> {
-        let scene = Contender { engine: EngineName::Native, vi: ViName::Condensed }.scene(scene);
+        let scene = Contender::reference().scene(scene);
         let model = Model::new(&scene)?;
         let places = model.sites.iter().map(|site| (place(&scene, site.at), site.dof)).collect();
         Ok(Reference { scene, model, places })
@@ -293,7 +334,7 @@ impl fmt::Display for Comparison {
         let upto: Vec<String> = (1..=shown).map(|number| format!("up to\nimpact {number}")).collect();
         let mut heads = vec!["solver", "largest\ndifference, m"];
         heads.extend(upto.iter().map(String::as_str));
-        heads.extend(["worst KKT\nresidual", "VI\niterations", "factori-\nsations"]);
+        heads.extend(["worst KKT\nresidual", "VI\niterations", "factori-\nsations", "solved\nagain"]);
         heads.extend(["contact\nsteps", "us a\nfree step", "us a\ncontact step", "set-up,\nms"]);
         let mut table = Table::new(&heads);
         for entry in &self.entries {
@@ -329,7 +370,8 @@ impl Entry {
         cells.push(small(self.difference));
         cells.extend(upto);
         cells.push(small(self.worst_kkt));
-        cells.extend([self.vi_iterations, self.factorisations, self.contact_steps].map(grouped));
+        cells
+            .extend([self.vi_iterations, self.factorisations, self.retries, self.contact_steps].map(grouped));
         cells.extend([time(self.seconds.free_step), time(self.seconds.contact_step)]);
         cells.push(format!("{:.1}", 1e3 * self.seconds.set_up));
         cells

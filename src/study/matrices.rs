@@ -42,7 +42,7 @@ pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     write("B.mtx", [cells.len(), dofs], b)?;
     write("C.mtx", [cells.len(); 2], c)?;
 
-    let bounded = simulation::bounds(scene, &supported).dofs;
+    let bounded = simulation::bounds(scene, supported.deflections().map(|(dof, _)| dof)).dofs;
     let reach = |dof: &usize| bounded.is_empty() || bounded.binary_search(dof).is_ok();
     let nodes = supported.deflections().filter(|(dof, _)| reach(dof)).map(|(_, node)| node);
     let g: Vec<_> = nodes.enumerate().map(|(row, node)| (row, PER_NODE * node, 1.0)).collect();

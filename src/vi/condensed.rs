@@ -1,10 +1,10 @@
 //! The condensed solver: factor once, and meet contact in a small dense problem on the candidates.
 //!
 //! A step is a forward elimination down to the candidates, their dense box-constrained problem, and a back substitution:
-//! the cost of one solve. Nodes that come into reach become candidates, in growing lots, and the matrix is factored again with
-//! them last. Where contact is wide (a plate thrown flat) the dense problem would cost more than a sparse factor: from
+//! the cost of one solve. Nodes that come into reach become candidates, in growing lots: natively the matrix is factored again
+//! with them last. Where contact is wide (a plate thrown flat) the dense problem would cost more than a sparse factor: from
 //! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are pinned in the sparse matrix
-//! instead, on the same symbolic analysis. Both are exact active-set methods.
+//! instead, natively on the same symbolic analysis. Both are exact active-set methods.
 
 use super::Solver;
 use super::active_set::{self, Exchange, Move, Side};
@@ -50,7 +50,7 @@ impl<E: Engine> Condensed<E> {
         })
     }
 
-    /// Makes the bounds that x breaks candidates, with those nearest to their bounds, and factors again.
+    /// Makes the bounds that x breaks candidates, with those nearest to their bounds.
     fn grow(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
@@ -67,18 +67,18 @@ impl<E: Engine> Condensed<E> {
         gaps.sort_by(f64::total_cmp);
         let broken = gaps.iter().take_while(|&&gap| gap < 0.0).count();
         let known = engine.concatenate(&vec![0.0; candidates.len()])?.0.len();
-        if known + broken > DENSE_LIMIT {
-            self.factor = engine.factor(sum, &[])?;
+        let dofs: Vec<usize> = if known + broken > DENSE_LIMIT {
             self.method = Method::Pinned { pinned: vec![Side::Free; bounds.len()] };
+            Vec::new()
         } else {
             let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
             let near = gaps[lot - 1];
             candidates.extend(others.into_iter().filter(|&i| gap(i) <= near));
             candidates.sort_unstable();
-            let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
-            self.factor = engine.factor(sum, &dofs)?;
-        }
-        self.factorisations += 1;
+            candidates.iter().map(|&i| bounds.dofs[i]).collect()
+        };
+        let factored = engine.change_candidates(&mut self.factor, sum, &dofs)?;
+        self.factorisations += u64::from(factored);
         Ok(())
     }
 
@@ -123,7 +123,17 @@ impl<E: Engine> Condensed<E> {
             0
         } else {
             let schur = self.factor.schur();
-            1 + active_set::dense(schur, &h, &lower, &upper, &mut sides, &mut values, &mut forces)
+            let exchanges =
+                active_set::dense(schur, &h, &lower, &upper, &mut sides, &mut values, &mut forces);
+            // A rounding may decide which nodes touch: the first process does.
+            let codes = sides.iter().map(|&side| f64::from(side as u8));
+            let mut answer: Vec<f64> = [&values[..], &forces].concat();
+            answer.extend(codes.chain([f64::from(exchanges)]));
+            engine.agree(&mut answer)?;
+            values.copy_from_slice(&answer[..size]);
+            forces.copy_from_slice(&answer[size..2 * size]);
+            sides = answer[2 * size..3 * size].iter().map(|&code| Side::from_code(code)).collect();
+            1 + answer[3 * size] as u32
         };
         for (k, &i) in candidates.iter().enumerate() {
             reaction[i] = forces[first + k];

@@ -9,7 +9,7 @@ mod active_set;
 pub mod condensed;
 pub mod kkt;
 #[cfg(feature = "petsc")]
-mod scaled;
+pub mod scaled;
 #[cfg(feature = "petsc")]
 pub mod snes;
 #[cfg(feature = "petsc")]

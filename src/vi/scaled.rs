@@ -37,11 +37,19 @@ const ROUNDING: f64 = 1e-13;
 /// The problem as a method sees it.
 pub(super) struct Scaled {
     /// D A D.
-    pub matrix: Rc<Matrix>,
+    pub matrix: Matrix,
     /// D b / s.
     pub right: RefCell<Vector>,
     pub lower: RefCell<Vector>,
     pub upper: RefCell<Vector>,
+}
+
+impl Scaled {
+    /// The gradient of the function to minimise, D A D y - D b / s: the residual of the equations.
+    pub fn gradient(&self, y: &Vector, gradient: &mut Vector) -> Result<()> {
+        self.matrix.multiply(y, gradient)?;
+        gradient.add_scaled(-1.0, &self.right.borrow())
+    }
 }
 
 /// One of PETSc's ways to solve the scaled problem.
@@ -50,8 +58,52 @@ pub(super) trait Method {
     fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)>;
 }
 
+/// Makes a method that listens to the options with a prefix.
+type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
+
+/// Methods of PETSc that share an interface: [`SNES`](super::snes::SNES) or [`TAO`](super::tao::TAO).
+pub struct Family {
+    pub(super) name: &'static str,
+    pub(super) check: fn(&Context) -> Result<()>,
+    pub(super) make: MakeMethod,
+}
+
+impl Family {
+    /// Refuses options that cannot solve a step, before anything is built.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] naming the option, [`Error::Petsc`].
+    pub fn check_options(&self, context: &Context) -> Result<()> {
+        (self.check)(context)
+    }
+
+    /// The solver of a step; see the [module page](self).
+    ///
+    /// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
+    pub fn solver(
+        &self,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        bounded: usize,
+        tolerance: f64,
+    ) -> Result<Box<dyn Solver<Distributed>>> {
+        Ok(Box::new(Bounded::new(self, engine, sum, bounded, tolerance)?))
+    }
+}
+
+/// Prefix of the options of the method that retries.
+pub(super) const SAFE: &str = "safe_";
+
+/// Sets options under a prefix, unless the user did.
+pub(super) fn set_defaults(context: &Context, prefix: &str, defaults: &[(&str, &str)]) -> Result<()> {
+    defaults.iter().try_for_each(|(name, value)| context.default_option(&format!("{prefix}{name}"), value))
+}
+
 /// A method and what it starts from and ends with.
-pub(super) struct Bounded {
+struct Bounded {
     name: &'static str,
     problem: Rc<Scaled>,
     usual: Box<dyn Method>,
@@ -73,14 +125,12 @@ pub(super) struct Bounded {
 }
 
 impl Bounded {
-    /// `make` makes the method that the options describe, with an empty prefix, and the one that retries, with `safe_`.
-    pub fn new(
-        name: &'static str,
+    fn new(
+        family: &Family,
         engine: &Distributed,
         sum: &Sum<Distributed>,
         bounded: usize,
         tolerance: f64,
-        make: impl Fn(&Rc<Context>, &Rc<Scaled>, bool) -> Result<Box<dyn Method>>,
     ) -> Result<Bounded> {
         let context = engine.context();
         let factor = engine.factor(sum, &[])?;
@@ -92,12 +142,11 @@ impl Bounded {
         matrix.set_positive_definite()?;
         let norm = matrix.norm_infinity()?;
         let copy = || Ok::<_, Error>(RefCell::new(vector.duplicate()?));
-        let problem =
-            Rc::new(Scaled { matrix: Rc::new(matrix), right: copy()?, lower: copy()?, upper: copy()? });
+        let problem = Rc::new(Scaled { matrix, right: copy()?, lower: copy()?, upper: copy()? });
         Ok(Bounded {
-            name,
-            usual: make(context, &problem, false)?,
-            safe: make(context, &problem, true)?,
+            name: family.name,
+            usual: (family.make)(context, &problem, "")?,
+            safe: (family.make)(context, &problem, SAFE)?,
             problem,
             condensed: None,
             factor,

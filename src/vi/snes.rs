@@ -3,16 +3,17 @@
 //! `-snes_type vinewtonrsls` (reduced space, the default) or `vinewtonssls` (semismooth). Their tolerances are relative to the
 //! scaled right-hand side; every default below yields to the user's option of that name.
 
-use super::Solver;
-use super::scaled::{Bounded, Method, RESIDUAL, Scaled};
+use super::scaled::{Family, Method, RESIDUAL, SAFE, Scaled, set_defaults};
 use crate::error::{Error, Result};
-use crate::linalg::Sum;
-use crate::petsc::{self, Comm, Context, Distributed, Reason, Vector};
+use crate::petsc::{Comm, Context, Reason, Snes, Vector};
 use std::rc::Rc;
+
+/// PETSc's Newton methods; see the [module page](self).
+pub const SNES: Family = Family { name: "SNES", check: check_options, make: newton };
 
 /// Options that make the methods converge on plates, and their values.
 pub const DEFAULTS: &[(&str, &str)] = &[
-    ("snes_type", "vinewtonrsls"),
+    ("snes_type", REDUCED),
     ("snes_linesearch_type", "l2"),
     ("snes_atol", RESIDUAL),
     ("snes_rtol", "0"),
@@ -21,72 +22,79 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("snes_vi_zero_tolerance", "1e-12"),
 ];
 
-/// The method of the retries: another line search, from nothing.
-const SAFE: &[(&str, &str)] = &[("snes_linesearch_type", "basic"), ("snes_max_it", "50")];
+/// Those of the method that retries, from nothing, where they differ: another line search.
+const SAFE_DEFAULTS: &[(&str, &str)] = &[("snes_linesearch_type", "basic"), ("snes_max_it", "50")];
 
 /// The methods between bounds.
-const TYPES: [&str; 2] = ["vinewtonrsls", "vinewtonssls"];
+const REDUCED: &str = "vinewtonrsls";
+const SEMISMOOTH: &str = "vinewtonssls";
 
-struct Newton(petsc::Snes<'static>);
+/// The line searches that can do a step.
+const LINE_SEARCHES: [&str; 4] = ["l2", "basic", "bt", "cp"];
 
-impl Newton {
-    fn new(context: &Rc<Context>, problem: &Rc<Scaled>, safe: bool) -> Result<Newton> {
-        let prefix = if safe { "safe_" } else { "" };
-        for (name, value) in if safe { SAFE } else { &[] }.iter().chain(DEFAULTS) {
-            context.default_option(&format!("{prefix}{name}"), value)?;
-        }
-        let option = format!("{prefix}snes_type");
-        let kind = context.option(&option)?.unwrap_or_default();
-        if !TYPES.contains(&kind.as_str()) {
+fn check_options(context: &Context) -> Result<()> {
+    for prefix in ["", SAFE] {
+        kind(context, prefix)?;
+        let option = format!("{prefix}snes_linesearch_type");
+        let search = context.option(&option)?;
+        if let Some(search) = search.filter(|search| !LINE_SEARCHES.contains(&search.as_str())) {
+            let why = match search.as_str() {
+                "nleqerr" => {
+                    "it multiplies with the whole Jacobian, and the methods between bounds have a part of it"
+                }
+                "ncglinear" => "it is for nonlinear conjugate gradients",
+                "shell" => "it needs a function that the program does not have",
+                _ => "no line search of PETSc has this name",
+            };
             return Err(Error::Usage(format!(
-                "-{option} {kind}: no PETSc method between bounds; it has {}",
-                TYPES.join(" and ")
+                "-{option} {search}: {why}; take {}",
+                LINE_SEARCHES.join(", ")
             )));
         }
-        let mut solver = petsc::Snes::new(context, Comm::World, prefix)?;
-        solver.default_to_cholesky()?;
-        let like = problem.right.borrow().duplicate()?;
-        let (matrix, shared) = (problem.matrix.clone(), Rc::downgrade(problem));
-        solver.set_residual(&like, move |y, f| {
-            matrix.multiply(y, f)?;
-            // The problem lives as long as its solver.
-            shared.upgrade().map_or(Ok(()), |problem| f.add_scaled(-1.0, &problem.right.borrow()))
-        })?;
-        // The semismooth method scales its matrix in place.
-        let (matrix, overwrites) = (problem.matrix.clone(), kind == "vinewtonssls");
-        let own = if overwrites { Some(matrix.duplicate()?) } else { None };
-        solver.set_jacobian(own.as_ref().unwrap_or(&problem.matrix), move |_, jacobian| {
-            if overwrites { jacobian.copy_from(&matrix) } else { Ok(()) }
-        })?;
-        solver.force_iteration(true)?;
-        solver.set_from_options()?;
-        context.accept_options(&format!("{prefix}snes_"))?;
-        Ok(Newton(solver))
     }
+    Ok(())
 }
 
-impl Method for Newton {
+/// The method that the options with a prefix name.
+fn kind(context: &Context, prefix: &str) -> Result<String> {
+    let option = format!("{prefix}snes_type");
+    let kind = context.option(&option)?.unwrap_or(REDUCED.into());
+    if kind != REDUCED && kind != SEMISMOOTH {
+        return Err(Error::Usage(format!(
+            "-{option} {kind}: no PETSc method between bounds; it has {REDUCED} and {SEMISMOOTH}"
+        )));
+    }
+    Ok(kind)
+}
+
+fn newton(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Result<Box<dyn Method>> {
+    if prefix == SAFE {
+        set_defaults(context, prefix, SAFE_DEFAULTS)?;
+    }
+    set_defaults(context, prefix, DEFAULTS)?;
+    let kind = kind(context, prefix)?;
+    let mut solver = Snes::new(context, Comm::World, prefix)?;
+    solver.default_to_cholesky()?;
+    let like = problem.right.borrow().duplicate()?;
+    let shared = problem.clone();
+    solver.set_residual(&like, move |y, f| shared.gradient(y, f))?;
+    if kind == SEMISMOOTH {
+        // It scales its matrix in place.
+        let shared = problem.clone();
+        solver.set_jacobian(&problem.matrix.duplicate()?, move |_, own| own.copy_from(&shared.matrix))?;
+    } else {
+        solver.set_jacobian(&problem.matrix, |_, _| Ok(()))?;
+    }
+    solver.force_iteration(true)?;
+    solver.set_from_options()?;
+    context.accept_options(&format!("{prefix}snes_"))?;
+    Ok(Box::new(solver))
+}
+
+impl Method for Snes<'static> {
     fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)> {
-        self.0.set_bounds(&problem.lower.borrow(), &problem.upper.borrow())?;
-        self.0.solve(y)?;
-        Ok((self.0.reason()?, self.0.iterations()?))
+        self.set_bounds(&problem.lower.borrow(), &problem.upper.borrow())?;
+        Snes::solve(self, y)?;
+        Ok((self.reason()?, self.iterations()?))
     }
-}
-
-/// The solver of a step; see the [module page](self).
-///
-/// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
-///
-/// # Errors
-/// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
-pub fn solver(
-    engine: &Distributed,
-    sum: &Sum<Distributed>,
-    bounded: usize,
-    tolerance: f64,
-) -> Result<Box<dyn Solver<Distributed>>> {
-    let make = |context: &Rc<Context>, problem: &Rc<Scaled>, safe: bool| {
-        Ok(Box::new(Newton::new(context, problem, safe)?) as Box<dyn Method>)
-    };
-    Ok(Box::new(Bounded::new("SNES", engine, sum, bounded, tolerance, make)?))
 }

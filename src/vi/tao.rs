@@ -4,24 +4,28 @@
 //! `gpcg` or another one; those that answer wrongly or minimise something else are refused by name. Every default below yields to the
 //! user's option of that name.
 
-use super::Solver;
-use super::scaled::{Bounded, Method, RESIDUAL, Scaled};
+use super::scaled::{Family, Method, RESIDUAL, SAFE, Scaled, set_defaults};
 use crate::error::{Error, Result};
-use crate::linalg::Sum;
-use crate::petsc::{self, Comm, Context, Distributed, Reason, Vector};
+use crate::petsc::{Comm, Context, Reason, Tao, Vector};
 use std::rc::Rc;
+
+/// PETSc's minimisers; see the [module page](self).
+pub const TAO: Family = Family { name: "TAO", check: check_options, make: minimiser };
 
 /// Options that make the methods converge on plates, and their values.
 pub const DEFAULTS: &[(&str, &str)] = &[
-    ("tao_type", "tron"),
+    ("tao_type", TRUST_REGION),
     ("tao_gatol", RESIDUAL),
     ("tao_grtol", "0"),
     ("tao_gttol", "0"),
     ("tao_max_it", "100"),
 ];
 
+/// The method of the default.
+const TRUST_REGION: &str = "tron";
+
 /// The methods between bounds that answer rightly where they say so.
-const TYPES: &[&str] = &["tron", "bnls", "gpcg", "bntr", "bntl", "blmvm", "bncg", "bqnls"];
+const TYPES: &[&str] = &[TRUST_REGION, "bnls", "gpcg", "bntr", "bntl", "blmvm", "bncg", "bqnls"];
 
 /// Why a method cannot do a step.
 fn refusal(kind: &str) -> &'static str {
@@ -42,69 +46,48 @@ fn refusal(kind: &str) -> &'static str {
     }
 }
 
-struct Minimiser(petsc::Tao<'static>);
-
-impl Minimiser {
-    fn new(context: &Rc<Context>, problem: &Rc<Scaled>, safe: bool) -> Result<Minimiser> {
-        let prefix = if safe { "safe_" } else { "" };
-        for (name, value) in DEFAULTS {
-            context.default_option(&format!("{prefix}{name}"), value)?;
-        }
-        let option = format!("{prefix}tao_type");
-        let kind = context.option(&option)?.unwrap_or_default();
-        if !TYPES.contains(&kind.as_str()) {
-            return Err(Error::Usage(format!(
-                "-{option} {kind}: {}; take tron, bnls or gpcg",
-                refusal(&kind)
-            )));
-        }
-        let mut solver = petsc::Tao::new(context, Comm::World, prefix)?;
-        solver.set_type(&kind)?;
-        if ["bntr", "bntl"].contains(&kind.as_str()) {
-            // They need a linear solver that knows a trust region.
-            context.default_option(&format!("{prefix}tao_bnk_ksp_type"), "stcg")?;
-        }
-        solver.default_to_cholesky()?;
-        let like = problem.right.borrow().duplicate()?;
-        let (matrix, shared) = (problem.matrix.clone(), Rc::downgrade(problem));
-        solver.set_objective(&like, move |y, gradient| {
-            matrix.multiply(y, gradient)?;
-            // The problem lives as long as its solver.
-            let Some(problem) = shared.upgrade() else { return Ok(0.0) };
-            let right = problem.right.borrow();
-            let energy = 0.5 * y.dot(gradient)? - y.dot(&right)?;
-            gradient.add_scaled(-1.0, &right)?;
-            Ok(energy)
-        })?;
-        solver.set_hessian(&problem.matrix, |_, _| Ok(()))?;
-        solver.set_from_options()?;
-        context.accept_options(&format!("{prefix}tao_"))?;
-        Ok(Minimiser(solver))
-    }
+fn check_options(context: &Context) -> Result<()> {
+    ["", SAFE].into_iter().try_for_each(|prefix| kind(context, prefix).map(drop))
 }
 
-impl Method for Minimiser {
+/// The method that the options with a prefix name.
+fn kind(context: &Context, prefix: &str) -> Result<String> {
+    let option = format!("{prefix}tao_type");
+    let kind = context.option(&option)?.unwrap_or(TRUST_REGION.into());
+    if !TYPES.contains(&kind.as_str()) {
+        let why = refusal(&kind);
+        return Err(Error::Usage(format!("-{option} {kind}: {why}; take tron, bnls or gpcg")));
+    }
+    Ok(kind)
+}
+
+fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Result<Box<dyn Method>> {
+    set_defaults(context, prefix, DEFAULTS)?;
+    let kind = kind(context, prefix)?;
+    let mut solver = Tao::new(context, Comm::World, prefix)?;
+    solver.set_type(&kind)?;
+    if ["bntr", "bntl"].contains(&kind.as_str()) {
+        // They need a linear solver that knows a trust region.
+        set_defaults(context, prefix, &[("tao_bnk_ksp_type", "stcg")])?;
+    }
+    solver.default_to_cholesky()?;
+    let like = problem.right.borrow().duplicate()?;
+    let shared = problem.clone();
+    solver.set_objective(&like, move |y, gradient| {
+        shared.gradient(y, gradient)?;
+        // y.A y / 2 - b.y
+        Ok(0.5 * (y.dot(gradient)? - y.dot(&shared.right.borrow())?))
+    })?;
+    solver.set_hessian(&problem.matrix, |_, _| Ok(()))?;
+    solver.set_from_options()?;
+    context.accept_options(&format!("{prefix}tao_"))?;
+    Ok(Box::new(solver))
+}
+
+impl Method for Tao<'static> {
     fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)> {
-        self.0.set_bounds(&problem.lower.borrow(), &problem.upper.borrow())?;
-        self.0.solve(y)?;
-        Ok((self.0.reason()?, self.0.iterations()?))
+        self.set_bounds(&problem.lower.borrow(), &problem.upper.borrow())?;
+        Tao::solve(self, y)?;
+        Ok((self.reason()?, self.iterations()?))
     }
-}
-
-/// The solver of a step; see the [module page](self).
-///
-/// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
-///
-/// # Errors
-/// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
-pub fn solver(
-    engine: &Distributed,
-    sum: &Sum<Distributed>,
-    bounded: usize,
-    tolerance: f64,
-) -> Result<Box<dyn Solver<Distributed>>> {
-    let make = |context: &Rc<Context>, problem: &Rc<Scaled>, safe: bool| {
-        Ok(Box::new(Minimiser::new(context, problem, safe)?) as Box<dyn Method>)
-    };
-    Ok(Box::new(Bounded::new("TAO", engine, sum, bounded, tolerance, make)?))
 }
