@@ -45,8 +45,10 @@ impl Problem {
         let length = self.length(x);
         let sum = [(1.0, &form)];
         let mut judge = Judge::new(&engine, &sum).unwrap();
-        let parts = judge.parts(&engine, &sum, &self.b, &self.bounds, length, x, reaction).unwrap();
-        let worst = judge.residual(&engine, &sum, &self.b, &self.bounds, length, x, reaction).unwrap();
+        let parts =
+            judge.parts(&engine, &sum, &[self.b.as_slice()], &self.bounds, length, x, reaction).unwrap();
+        let worst =
+            judge.residual(&engine, &sum, &[self.b.as_slice()], &self.bounds, length, x, reaction).unwrap();
         assert_eq!(worst.to_bits(), parts.worst().to_bits());
         parts
     }

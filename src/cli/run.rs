@@ -3,6 +3,7 @@
 use super::{SceneArgs, launch, print};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::output::events::{self, Events};
 use crate::output::history::{self, History};
 use crate::output::plot::{self, Obstacle};
 use crate::output::progress::{Progress, State};
@@ -10,8 +11,8 @@ use crate::output::summary;
 use crate::output::text::{Report, significant};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-use crate::scene::{EngineName, Scene, Side};
-use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
+use crate::scene::{EngineName, Scene, Scheme, Side};
+use crate::simulation::{self, Contact, Model, Observer, Outcome, Row, SolverFactory};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -49,11 +50,18 @@ struct Summary<'s> {
 
 /// What records a run: rows to the history, and now and then a look for the terminal. Of several ranks, one records.
 struct Recorder<'r> {
-    files: Option<(History, Progress)>,
+    files: Option<Files>,
     step: f64,
     start: Option<f64>,
     energy_ratio: f64,
     check_options: &'r dyn Fn() -> Result<()>,
+}
+
+struct Files {
+    history: History,
+    /// Where the scheme follows events.
+    events: Option<Events>,
+    progress: Progress,
 }
 
 impl Observer for Recorder<'_> {
@@ -64,13 +72,18 @@ impl Observer for Recorder<'_> {
         }
         let start = *self.start.get_or_insert(row.energy);
         self.energy_ratio = row.energy / start;
-        self.files.as_mut().map_or(Ok(()), |(history, _)| history.push(row))
+        self.files.as_mut().map_or(Ok(()), |files| files.history.push(row))
+    }
+
+    fn event(&mut self, event: &Contact) -> Result<()> {
+        let events = self.files.as_mut().and_then(|files| files.events.as_mut());
+        events.map_or(Ok(()), |events| events.push(event))
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let (time, energy_ratio) = (step as f64 * self.step, self.energy_ratio);
-        if let Some((_, progress)) = &mut self.files {
-            progress.tick(step, || State { time, contact_nodes, energy_ratio });
+        if let Some(files) = &mut self.files {
+            files.progress.tick(step, || State { time, contact_nodes, energy_ratio });
         }
     }
 }
@@ -130,8 +143,12 @@ impl Run {
         let quiet = self.scene.json || self.scene.quiet;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let files = || {
-            let progress = Progress::new(0, 0.0..scene.time.end, quiet);
-            Ok((History::create(&folder, &probes)?, progress))
+            let history = History::create(&folder, &probes)?;
+            let events = match scene.time.scheme {
+                Scheme::Exact => Some(Events::create(&folder)?),
+                _ => events::remove(&folder).map(|()| None)?,
+            };
+            Ok(Files { history, events, progress: Progress::new(0, 0.0..scene.time.end, quiet) })
         };
         let mut recorder = Recorder {
             files: if speaks { Some(files()?) } else { None },
@@ -141,9 +158,10 @@ impl Run {
             check_options,
         };
         let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
-        let Some((history, progress)) = recorder.files else { return ended };
+        let Some(Files { history, events, progress }) = recorder.files else { return ended };
         progress.finish();
         history.finish()?;
+        events.map_or(Ok(()), Events::finish)?;
         let summary = Summary {
             program: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
@@ -210,6 +228,9 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     );
     if outcome.steps > 0 {
         report.number("time a step", 1e6 * seconds.stepping / outcome.steps as f64, "us");
+    }
+    if let Some(tally) = outcome.tally {
+        report.count("events", tally.events, "").count("active sets", tally.active_sets, "");
     }
     if let Some(impact) = outcome.first_impact {
         report

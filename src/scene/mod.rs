@@ -188,6 +188,8 @@ pub enum Scheme {
     },
     /// Implicit midpoint.
     Midpoint,
+    /// Event-driven, without any error of the step.
+    Exact,
 }
 
 /// A mass matrix.

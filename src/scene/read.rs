@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use super::document::{Document, quote};
-use super::typed::{Quantity, Range};
+use super::typed::{Choice, Quantity, Range};
 use super::words::SchemeName;
 use super::{Diagonal, ElementKind};
 use super::{
-    EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Obstacle, Output, Panel, Plate, Probe, Scene, Scheme,
-    Side, Solver, Support, Time, ViName,
+    EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Mass, Obstacle, Output, Panel, Plate, Probe, Scene,
+    Scheme, Side, Solver, Support, Time, ViName,
 };
 use crate::error::Result;
 
@@ -67,6 +67,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         output: output(doc, &plate)?,
     };
     check_start(doc, &scene)?;
+    check_exact(doc, &scene)?;
     Ok(scene)
 }
 
@@ -223,13 +224,34 @@ fn scheme(doc: &Document) -> Result<Scheme> {
             beta: doc.optional_number("time.beta", &BETA)?.unwrap_or(0.5),
             restitution: doc.optional_number("time.restitution", &RESTITUTION)?.unwrap_or(0.0),
         }),
-        SchemeName::Midpoint => {
-            let wrong = "contradicts time.scheme = \"midpoint\"; expected only with \"newmark\"";
-            doc.forbid("time.beta", wrong)?;
-            doc.forbid("time.restitution", wrong)?;
-            Ok(Scheme::Midpoint)
+        name => {
+            let wrong =
+                format!("contradicts time.scheme = \"{}\"; expected only with \"newmark\"", name.word());
+            doc.forbid("time.beta", &wrong)?;
+            doc.forbid("time.restitution", &wrong)?;
+            Ok(if name == SchemeName::Exact { Scheme::Exact } else { Scheme::Midpoint })
         }
     }
+}
+
+/// What the exact scheme cannot do.
+fn check_exact(doc: &Document, scene: &Scene) -> Result<()> {
+    if scene.time.scheme != Scheme::Exact {
+        return Ok(());
+    }
+    if scene.time.mass == Mass::Consistent {
+        let wrong =
+            "with \"consistent\" mass an impact has no law of its own for time.scheme = \"exact\" to follow";
+        let wrong = format!("{wrong}; expected \"singular\", or time.scheme = \"newmark\"");
+        return Err(doc.fault("time.mass", wrong));
+    }
+    if scene.solver.engine == EngineName::Petsc {
+        let wrong = "time.scheme = \"exact\" runs on the native engine, in one process";
+        return Err(
+            doc.fault("solver.engine", format!("{wrong}; expected \"native\", or time.scheme = \"newmark\""))
+        );
+    }
+    Ok(())
 }
 
 fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {

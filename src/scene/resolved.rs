@@ -79,8 +79,9 @@ fn time(time: &Time) -> Vec<Row> {
             (SchemeName::Newmark, vec![beta, ("restitution", number(restitution), "0 to 1")])
         }
         Scheme::Midpoint => (SchemeName::Midpoint, vec![]),
+        Scheme::Exact => (SchemeName::Exact, vec![]),
     };
-    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint")];
+    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint | exact")];
     rows.push(("mass", word(time.mass), "singular | consistent"));
     rows.extend(parameters);
     rows.extend([("step", number(time.step), "s"), ("end", number(time.end), "s")]);

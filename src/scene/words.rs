@@ -9,6 +9,7 @@ use std::fmt;
 pub(super) enum SchemeName {
     Newmark,
     Midpoint,
+    Exact,
 }
 
 impl Choice for ElementKind {
@@ -36,7 +37,7 @@ impl Choice for Side {
 
 impl Choice for SchemeName {
     const WORDS: &'static [(&'static str, Self)] =
-        &[("newmark", Self::Newmark), ("midpoint", Self::Midpoint)];
+        &[("newmark", Self::Newmark), ("midpoint", Self::Midpoint), ("exact", Self::Exact)];
 }
 
 impl Choice for Mass {

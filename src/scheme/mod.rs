@@ -17,10 +17,12 @@
 //! at small steps the paper's literal right-hand sides lose the digits that this form keeps.
 
 pub mod equilibrium;
+pub mod exact;
 pub mod midpoint;
 pub mod newmark;
 
 pub use equilibrium::equilibrium;
+pub use exact::{Exact, ExactOptions};
 pub use midpoint::Midpoint;
 pub use newmark::{Newmark, NewmarkParameters};
 
@@ -93,6 +95,34 @@ pub struct Approach {
     pub velocity: f64,
 }
 
+/// A node that touches an obstacle, or leaves it, at an instant of its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Event {
+    /// Instant, in s.
+    pub time: f64,
+    /// Which bound (an index into the bounds).
+    pub bound: usize,
+    /// Whether the gap closes; else it opens.
+    pub closes: bool,
+    /// Velocity of the node, in m/s: before it touches, or after it leaves.
+    pub velocity: f64,
+    /// Sum of all reactions at that instant, in N; the node's own is 0, for reactions are continuous.
+    pub force: f64,
+}
+
+/// What a scheme that follows events has done so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct Tally {
+    /// Touches and leaves of single nodes.
+    pub events: u64,
+    /// Active sets whose modes were computed.
+    pub active_sets: u64,
+    /// Most memory that modes kept for later took, in bytes.
+    pub cached_bytes: usize,
+    /// Instants at which the search looked at all gaps and reactions.
+    pub evaluations: u64,
+}
+
 /// A time scheme at an instant of its grid.
 pub trait Scheme {
     /// Moves one step ahead.
@@ -128,6 +158,16 @@ pub trait Scheme {
     /// A bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
 
-    /// Numeric factorisations so far.
+    /// Numeric factorisations so far; diagonalisations for a modal scheme.
     fn factorisations(&self) -> u64;
+
+    /// The events since the last call, in their order; none from a scheme that does not follow them.
+    fn take_events(&mut self) -> Vec<Event> {
+        Vec::new()
+    }
+
+    /// Work of a scheme that follows events.
+    fn tally(&self) -> Option<Tally> {
+        None
+    }
 }

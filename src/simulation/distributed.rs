@@ -7,7 +7,7 @@ use crate::linalg::Engine;
 use crate::mesh::{Diagonal, Grid, Mesh, Point};
 use crate::obstacle::Bounds;
 use crate::petsc::{Context, Distributed, Part};
-use crate::scene::{EngineName, Mass, Scene, Side, ViName};
+use crate::scene::{self, EngineName, Mass, Scene, Side, ViName};
 use crate::scheme::System;
 use crate::space::{PER_NODE, Space};
 use crate::vi;
@@ -39,6 +39,11 @@ impl Model<Distributed> {
     /// As [`Model::new`], and [`Error::Petsc`].
     pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
         let clock = Instant::now();
+        if scene.time.scheme == scene::Scheme::Exact {
+            return Err(Error::Usage(
+                "time.scheme = \"exact\" runs on the native engine, in one process".into(),
+            ));
+        }
         let grid = scene.mesh;
         let sides = [scene.plate.length, scene.plate.width];
         let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);

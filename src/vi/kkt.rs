@@ -12,8 +12,8 @@ use crate::error::Result;
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 
-/// Rows whose magnitude is below this share of the largest possible, sqrt(A_ii) max_j sqrt(A_jj) |x_j|, are measured against
-/// that share: where all terms of a row vanish in the answer, rounding elsewhere is all it has.
+/// Rows whose magnitude is below this share of the largest possible, sqrt(A_ii) times the largest of sqrt(A_jj) |x_j| and
+/// |b_j| / sqrt(A_jj), are measured against that share: where all terms of a row vanish in the answer, rounding elsewhere is all it has.
 const NEGLIGIBLE: f64 = 1e-4;
 
 /// The parts of the residual, each dimensionless.
@@ -71,7 +71,8 @@ impl Judge {
         Ok(Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 
-    /// The worst part of the residual of (x, reaction) on all processes; see the [module page](self).
+    /// The worst part of the residual of (x, reaction) on all processes, b being given as a sum of terms, each with its own
+    /// magnitude; see the [module page](self).
     ///
     /// # Errors
     /// What the engine says.
@@ -79,7 +80,7 @@ impl Judge {
         &mut self,
         engine: &E,
         sum: &Sum<E>,
-        b: &[f64],
+        b: &[&[f64]],
         bounds: &Bounds,
         length: f64,
         x: &[f64],
@@ -88,7 +89,7 @@ impl Judge {
         engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
     }
 
-    /// The parts of the residual on this process.
+    /// The parts of the residual on this process, with b as a sum of terms.
     ///
     /// # Errors
     /// What the engine says.
@@ -96,7 +97,7 @@ impl Judge {
         &mut self,
         engine: &E,
         sum: &Sum<E>,
-        b: &[f64],
+        b: &[&[f64]],
         bounds: &Bounds,
         length: f64,
         x: &[f64],
@@ -104,15 +105,19 @@ impl Judge {
     ) -> Result<Residual> {
         let Judge { scale, residual, magnitude } = self;
         engine.multiply_with_magnitude(sum, x, residual, magnitude)?;
-        for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(b) {
-            *r -= b;
-            *m += b.abs();
+        let mut size = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
+        for b in b {
+            size = larger(size, largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
+            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(*b) {
+                *r -= b;
+                *m += b.abs();
+            }
         }
         for (&dof, &r) in bounds.dofs.iter().zip(reaction) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let size = engine.maximum(largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs())))?;
+        let size = engine.maximum(size)?;
         // Without any magnitude there is no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         for (m, scale) in magnitude.iter_mut().zip(scale.iter()) {

@@ -106,14 +106,14 @@ impl<E: Engine> Step<E> {
         reaction: &mut [f64],
     ) -> Result<Verdict> {
         let iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
-        let kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
+        let kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         let mut verdict = Verdict { iterations, kkt, retries: 0 };
         while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
             let retried = self.solver.retry(verdict.retries, engine, sum, b, bounds, x, reaction)?;
             let Some(iterations) = retried else { break };
             verdict.retries += 1;
             verdict.iterations += iterations;
-            verdict.kkt = self.judge.residual(engine, sum, b, bounds, length, x, reaction)?;
+            verdict.kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         }
         Ok(verdict)
     }

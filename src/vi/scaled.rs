@@ -207,7 +207,8 @@ impl Bounded {
         self.hold(bounds, size, x);
         self.react(engine, sum, b, bounds, x, reaction, &mut residual, &mut magnitude)?;
         let mut judge = |x: &[f64], reaction: &[f64]| {
-            let Residual { stationarity, .. } = self.judge.parts(engine, sum, b, bounds, 1.0, x, reaction)?;
+            let Residual { stationarity, .. } =
+                self.judge.parts(engine, sum, &[b], bounds, 1.0, x, reaction)?;
             engine.maximum(stationarity)
         };
         if judge(x, reaction)? <= EXACT {
