@@ -100,7 +100,9 @@ fn e_judge(bencher: Bencher, mesh: &str) {
     let mut judge = Judge::new(&model.system.engine, &sum).unwrap();
     let reaction = vec![0.0; model.system.bounds.len()];
     bencher.bench_local(|| {
-        judge.residual(&model.system.engine, &sum, x, &model.system.bounds, 1.0, x, &reaction).unwrap()
+        judge
+            .residual(&model.system.engine, &sum, &[x.as_slice()], &model.system.bounds, 1.0, x, &reaction)
+            .unwrap()
     });
 }
 

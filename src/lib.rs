@@ -21,10 +21,10 @@
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and its judge |
 //! | [`energy`] | the ledger and the guard |
-//! | [`scheme`] | Newmark with restitution, midpoint, static equilibrium |
+//! | [`scheme`] | Newmark with restitution, midpoint, exact from event to event, static equilibrium |
 //! | [`scene`] | TOML to a validated scene |
 //! | [`simulation`] | model, main loop, observer |
-//! | [`output`] | csv, json, svg, progress |
+//! | [`output`] | history, events, json, svg, progress |
 //! | [`study`] | frequencies, the inf-sup constant, engines and solvers compared |
 //! | [`cli`] | the command |
 //!

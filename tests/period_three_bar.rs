@@ -181,13 +181,19 @@ fn as_the_step_goes_to_zero_the_restitution_ceases_to_matter() {
 fn the_exact_scheme_follows_a_hundred_periods() {
     let results = MESHES.map(|cells| {
         let system = bar(cells);
-        let mut scheme = Exact::new(&system, 0.05, start(cells)).unwrap();
+        let mut scheme = Exact::new(&system, 0.01, start(cells)).unwrap();
         let energy = scheme.energies().unwrap().total();
         let (mut drift, mut error, mut bounces, mut last) = (0.0f64, 0.0f64, 0, f64::NEG_INFINITY);
         let mut open = false;
-        for _ in 0..6000 {
+        for _ in 0..30_000 {
             scheme.advance().unwrap();
-            assert!(scheme.admissible()[0] >= -1e-14 && scheme.verdict().kkt <= 1e-11);
+            // A bounce that was missed would show as penetration here.
+            assert!(
+                scheme.admissible()[0] >= -1e-14 && scheme.reaction()[0] >= -1e-12,
+                "t = {}",
+                scheme.time()
+            );
+            assert!(scheme.verdict().kkt <= 1e-11);
             for event in scheme.take_events() {
                 assert_eq!(event.closes, !open, "t = {}", event.time);
                 open = event.closes;
@@ -202,7 +208,8 @@ fn the_exact_scheme_follows_a_hundred_periods() {
         }
         println!("{cells} cells: E0 {energy}, drift {drift:.1e}, {bounces} bounces, {:?}", scheme.tally());
         assert!(drift <= 1e-10, "{cells} cells: {drift:e}");
-        assert_eq!(bounces, 100, "{cells} cells");
+        // At least one a period: with time the mesh's dispersion brings some more.
+        assert!(bounces >= 100, "{cells} cells: {bounces}");
         // At the start the massless modes go to their equilibrium at once: a part of order h of the energy is theirs.
         assert!(energy <= 0.125 && energy >= 0.125 * (1.0 - 1.0 / cells as f64), "{cells} cells: {energy}");
         error

@@ -198,11 +198,10 @@ impl Search {
         let remainder = self.remainders[&level][i];
         let middle = 0.5 * (f0 + f1) + (d0 - d1) / 6.0 - remainder / 6.0;
         let least = f0.min(f0 + 0.25 * d0).min(middle).min(f1 - 0.25 * d1).min(f1);
+        let slowest = d0.max(3.0 * (f1 - f0) - d0 - d1).max(d1);
         if least >= -self.slack[i] {
             Finding::Inside
-        } else if f0 < -self.slack[i] {
-            Finding::Crosses
-        } else if f1 < 0.0 && d0.max(3.0 * (f1 - f0) - d0 - d1).max(d1) < -remainder {
+        } else if f0 < -self.slack[i] || (f1 < 0.0 && slowest < -remainder) {
             Finding::Crosses
         } else {
             Finding::Unclear
