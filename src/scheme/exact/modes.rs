@@ -23,8 +23,8 @@ use std::rc::Rc;
 /// An eigenvalue below this many roundings of the largest is that of a rigid motion.
 const RIGID: f64 = 4.0;
 
-/// Modes that share less than this of their energies are uncoupled.
-const COUPLING: f64 = 1e-14;
+/// Modes coupled by less than this share of their energies are left as they are: of pairs of fast modes, that is rounding.
+const COUPLING: f64 = 1e-12;
 const MOST_SWEEPS: usize = 8;
 
 /// An active set and its modes.
