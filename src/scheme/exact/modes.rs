@@ -7,8 +7,8 @@
 //!
 //! A dense eigenvalue solver leaves errors of a rounding of the largest eigenvalue, which is 10^6 to 10^12 times the lowest; and so
 //! does the rounding of the entries of H_A. The modes' shapes X = (R - S_A W) V know better: with K applied cell by cell, X^T K X is
-//! V^T H_A V with each entry right to its own size, and nearly diagonal. Jacobi's rotations, which keep such graded digits
-//! (Demmel and Veselic 1992), do the rest.
+//! V^T H_A V with each entry right to its own size, and nearly diagonal. Turning all pairs of modes by first-order perturbation, a
+//! few times, does the rest.
 
 use super::reduction::Reduction;
 use crate::error::{Error, Result};
@@ -25,7 +25,10 @@ const RIGID: f64 = 4.0;
 
 /// Modes coupled by less than this share of their energies are left as they are: of pairs of fast modes, that is rounding.
 const COUPLING: f64 = 1e-12;
-const MOST_SWEEPS: usize = 8;
+const MOST_TURNS: usize = 4;
+
+/// Modes that would turn by more than this are too near to each other for their basis to matter.
+const LARGEST_ANGLE: f64 = 1e-3;
 
 /// An active set and its modes.
 #[derive(Debug)]
@@ -131,43 +134,33 @@ fn polish<E: Engine>(system: &System<E>, shape: &Mat<f64>, vectors: &mut Mat<f64
     Ok((0..energies.nrows()).map(|k| energies[(k, k)].max(0.0)).collect())
 }
 
-/// Jacobi's method on a symmetric matrix that is nearly diagonal; the rotations are applied to the vectors too.
+/// Turns the vectors until the matrix, which is symmetric and nearly diagonal, is diagonal: all pairs at once, to first order, with
+/// the rotation made orthogonal to third.
 fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
     let size = matrix.nrows();
-    for _ in 0..MOST_SWEEPS {
+    for _ in 0..MOST_TURNS {
         let mut settled = true;
+        let mut turn = Mat::<f64>::identity(size, size);
         for j in 1..size {
             for i in 0..j {
-                let (a, b, coupling) = (matrix[(i, i)], matrix[(j, j)], matrix[(i, j)]);
-                if coupling * coupling <= COUPLING * COUPLING * a.max(0.0) * b.max(0.0) {
-                    continue;
+                let (a, b) = (matrix[(i, i)], matrix[(j, j)]);
+                let coupling = 0.5 * (matrix[(i, j)] + matrix[(j, i)]);
+                let share = coupling * coupling / (a.max(0.0) * b.max(0.0));
+                let angle = coupling / (b - a);
+                if share > COUPLING * COUPLING && angle.abs() <= LARGEST_ANGLE {
+                    settled = false;
+                    (turn[(i, j)], turn[(j, i)]) = (angle, -angle);
                 }
-                settled = false;
-                let theta = (b - a) / (2.0 * coupling);
-                let tangent = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let cosine = 1.0 / tangent.hypot(1.0);
-                let sine = tangent * cosine;
-                rotate(matrix, i, j, cosine, sine);
-                for k in 0..size {
-                    let (x, y) = (matrix[(i, k)], matrix[(j, k)]);
-                    (matrix[(i, k)], matrix[(j, k)]) = (cosine * x - sine * y, sine * x + cosine * y);
-                }
-                (matrix[(i, i)], matrix[(j, j)]) = (a - tangent * coupling, b + tangent * coupling);
-                (matrix[(i, j)], matrix[(j, i)]) = (0.0, 0.0);
-                rotate(vectors, i, j, cosine, sine);
             }
         }
         if settled {
             break;
         }
-    }
-}
-
-/// Rotates two columns.
-fn rotate(matrix: &mut Mat<f64>, i: usize, j: usize, cosine: f64, sine: f64) {
-    let (x, y) = matrix.two_cols_mut(i, j);
-    for (x, y) in x.iter_mut().zip(y.iter_mut()) {
-        (*x, *y) = (cosine * *x - sine * *y, sine * *x + cosine * *y);
+        // Newton and Schulz: G (3 - G^T G) / 2.
+        let defect = Mat::<f64>::identity(size, size) * faer::Scale(3.0) - turn.transpose() * &turn;
+        let turn = &turn * defect * faer::Scale(0.5);
+        *matrix = turn.transpose() * &*matrix * &turn;
+        *vectors = &*vectors * &turn;
     }
 }
 
