@@ -46,6 +46,22 @@ pub enum Error {
     /// Solvers under comparison that did not reach the end, each with its reason.
     #[error("{0}")]
     Unfinished(String),
+    /// More events in a step than a scheme follows.
+    #[error(
+        "step {step}, t = {time:.12} s: {count} events since the step began, the last at {place}; set a smaller time.step"
+    )]
+    Events {
+        /// Step at which it happened.
+        step: u64,
+        /// Time of the last event, in seconds.
+        time: f64,
+        /// How many there were.
+        count: u64,
+        /// The bound of the last one (an index into the bounds).
+        bound: usize,
+        /// Where that is.
+        place: String,
+    },
     /// PETSc or MPI refused a call: the function, what it said, its code.
     #[error("PETSc: {0}")]
     Petsc(String),
@@ -80,9 +96,11 @@ impl Error {
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) => 2,
-            Error::NotConverged { .. } | Error::NotFinite { .. } | Error::Unfinished(_) | Error::Petsc(_) => {
-                3
-            }
+            Error::NotConverged { .. }
+            | Error::NotFinite { .. }
+            | Error::Events { .. }
+            | Error::Unfinished(_)
+            | Error::Petsc(_) => 3,
             Error::Io { .. } => 4,
             Error::EnergyGuard { .. } => 5,
         }

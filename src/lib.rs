@@ -21,7 +21,7 @@
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and its judge |
 //! | [`energy`] | the ledger and the guard |
-//! | [`scheme`] | Newmark with restitution, midpoint, the conserving scheme, static equilibrium |
+//! | [`scheme`] | Newmark with restitution, midpoint, the conserving and the exact scheme, static equilibrium |
 //! | [`scene`] | TOML to a validated scene |
 //! | [`simulation`] | model, main loop, observer |
 //! | [`output`] | csv, json, vtu, svg, png, progress |

@@ -18,7 +18,8 @@ use crate::mesh::{Diagonal, Mesh, Point};
 use crate::obstacle::Bounds;
 use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
 use crate::scheme::{
-    self, Conserving, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
+    self, Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
+    Tally,
 };
 use crate::space::Space;
 pub use crate::vi::SolverFactory;
@@ -236,6 +237,7 @@ impl<E: Engine> Model<E> {
             scene::Scheme::Conserving => {
                 Box::new(Conserving::with_solver(&self.system, step, start, solver)?)
             }
+            scene::Scheme::Exact => Box::new(Exact::new(&self.system, step, start)?),
         })
     }
 
@@ -354,16 +356,36 @@ pub trait Observer {
         Ok(())
     }
 
+    /// A node touches or leaves an obstacle; only from a scheme that follows such events, before the row of its step.
+    ///
+    /// # Errors
+    /// Whatever keeps it from going on; the run stops.
+    fn event(&mut self, event: &NodeEvent) -> Result<()> {
+        let _ = event;
+        Ok(())
+    }
+
     /// The end of a step; called often, must cost nothing.
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let _ = (step, contact_nodes);
     }
 }
 
+/// A node that touches an obstacle, or leaves it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeEvent {
+    /// The node.
+    pub node: usize,
+    /// Its position, in m.
+    pub at: [f64; 2],
+    /// When and how.
+    pub event: Event,
+}
+
 /// The first touch of an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Impact {
-    /// Time, in s: where the last free motion, extended, meets the obstacle.
+    /// Time, in s: where the last free motion, extended, meets the obstacle; that of the event, if the scheme follows events.
     pub time: f64,
     /// The node that meets it first.
     pub node: usize,
@@ -418,6 +440,9 @@ pub struct Outcome {
     pub retries: u64,
     /// Most nodes in contact at once.
     pub most_contact_nodes: usize,
+    /// What a scheme that follows events has done.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub tally: Option<Tally>,
     /// Energy.
     pub energy: EnergySpan,
     /// First touch; `None` if nothing ever touched.
@@ -451,6 +476,7 @@ impl Outcome {
             factorisations: 0,
             retries: 0,
             most_contact_nodes: 0,
+            tally: None,
             energy: EnergySpan { start, end: start, min: start, max: start },
             first_impact: None,
             contacts: Vec::new(),
@@ -461,12 +487,34 @@ impl Outcome {
         })
     }
 
-    /// Takes note of a step; returns its nodes in contact and their total force.
+    /// Takes note of what happened on the way to the present instant; returns whether anything did.
+    fn note_events<E: Engine>(
+        &mut self,
+        scene: &Scene,
+        model: &Model<E>,
+        scheme: &mut dyn Scheme,
+        observer: &mut dyn Observer,
+    ) -> Result<bool> {
+        let events = scheme.take_events();
+        for &event in &events {
+            let Event { time, bound, closes, velocity, .. } = event;
+            let Site { node, at, .. } = model.sites[bound];
+            if closes && self.first_impact.is_none() {
+                self.first_impact = Some(Impact { time, node, at, velocity });
+            }
+            note_contact(&mut self.contacts, scene, time);
+            observer.event(&NodeEvent { node, at, event })?;
+        }
+        Ok(!events.is_empty())
+    }
+
+    /// Takes note of a step, in which there were events or not; returns its nodes in contact and their total force.
     fn note<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
         scheme: &dyn Scheme,
+        events: bool,
     ) -> Result<(usize, f64)> {
         let verdict = scheme.verdict();
         self.steps = scheme.step();
@@ -489,8 +537,8 @@ impl Outcome {
         let part = |which: usize| all.iter().skip(which).step_by(3).copied();
         let (nodes, force) = (part(0).sum::<f64>() as usize, part(1).sum());
         self.worst_penetration = part(2).fold(self.worst_penetration, f64::max);
+        self.contact_steps += u64::from(nodes > 0 || events);
         if nodes > 0 {
-            self.contact_steps += 1;
             self.most_contact_nodes = self.most_contact_nodes.max(nodes);
             if self.first_impact.is_none() {
                 self.first_impact = first_impact(model, scheme)?;
@@ -564,6 +612,7 @@ pub fn run<E: Engine>(
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
+    outcome.tally = scheme.tally();
     outcome.seconds.stepping = clock.elapsed().as_secs_f64();
     Ok((outcome, ended))
 }
@@ -600,7 +649,8 @@ fn march<E: Engine>(
     let mut contacts = Contacts::default();
     loop {
         let (step, time) = (scheme.step(), scheme.time());
-        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme)?;
+        let events = outcome.note_events(scene, model, scheme, observer)?;
+        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, events)?;
         let verdict = scheme.verdict();
         iterations += u64::from(verdict.iterations);
         kkt = kkt.max(verdict.kkt);
@@ -647,6 +697,17 @@ fn march<E: Engine>(
         if last {
             return Ok(());
         }
-        scheme.advance()?;
+        scheme.advance().map_err(|error| locate(error, model))?;
+    }
+}
+
+/// Names the node of an error that a scheme, which knows no mesh, could only number.
+fn locate<E: Engine>(error: Error, model: &Model<E>) -> Error {
+    match error {
+        Error::Events { step, time, count, bound, .. } => {
+            let Site { node, at: [x, y], .. } = model.sites[bound];
+            Error::Events { step, time, count, bound, place: format!("node {node} at ({x}, {y})") }
+        }
+        error => error,
     }
 }

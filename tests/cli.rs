@@ -202,3 +202,27 @@ fn a_closed_pipe_is_no_panic() {
     let output = Command::new("sh").current_dir(&folder).args(["-c", &shell]).output().unwrap();
     assert!(!text(&output.stderr).contains("panicked"), "{}", text(&output.stderr));
 }
+
+#[test]
+fn the_exact_scheme_lists_its_events() {
+    let folder = folder("exact");
+    let output = rebond(&folder, &["run", "fall.toml", "--set", "time.scheme=exact", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("active sets"));
+    let events = std::fs::read_to_string(folder.join("out/events.csv")).unwrap();
+    let mut rows = events.lines();
+    assert_eq!(rows.next(), Some("time,node,x,y,kind,velocity,reaction"));
+    let summary: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("out/summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["events"].as_u64(), Some(rows.clone().count() as u64));
+    assert!(summary["active_sets"].as_u64() > Some(1) && summary["cached_bytes"].as_u64() > Some(0));
+    let first: Vec<&str> = rows.next().unwrap().split(',').collect();
+    assert_eq!(first[0].parse::<f64>().ok(), summary["first_impact"]["time"].as_f64());
+    assert_eq!(first[4], "closes");
+    assert_eq!(first[5].parse::<f64>().ok(), summary["first_impact"]["velocity"].as_f64());
+    // A run that follows no events leaves none of an earlier one.
+    let output = rebond(&folder, &["run", "fall.toml", "--out", "out"]);
+    assert!(output.status.success() && !folder.join("out/events.csv").exists());
+    let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
+    assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
+}

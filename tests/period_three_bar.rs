@@ -15,7 +15,9 @@ mod common;
 use common::block;
 use rebond::linalg::{Average, Native};
 use rebond::obstacle::Bounds;
-use rebond::scheme::{Conserving, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use rebond::scheme::{
+    Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+};
 
 /// The tip's exact position.
 fn tip(t: f64) -> f64 {
@@ -197,4 +199,44 @@ fn as_the_step_goes_to_zero_the_restitution_ceases_to_matter() {
         apart
     });
     falls("e = 0 from e = 1, tip", results, 1.5, 1e-3);
+}
+
+#[test]
+fn the_exact_scheme_follows_a_hundred_periods() {
+    let results = MESHES.map(|cells| {
+        let system = bar(cells);
+        let mut scheme = Exact::new(&system, 0.01, start(cells)).unwrap();
+        let energy = scheme.energies().unwrap().total();
+        let (mut drift, mut error, mut bounces, mut last) = (0.0f64, 0.0f64, 0, f64::NEG_INFINITY);
+        let mut open = false;
+        for _ in 0..30_000 {
+            scheme.advance().unwrap();
+            // A bounce that was missed would show as penetration here.
+            assert!(
+                scheme.admissible()[0] >= -1e-14 && scheme.reaction()[0] >= -1e-12,
+                "t = {}",
+                scheme.time()
+            );
+            assert!(scheme.verdict().kkt <= 1e-11);
+            for event in scheme.take_events() {
+                assert_eq!(event.closes, !open, "t = {}", event.time);
+                open = event.closes;
+                // Vibration may lift the tip now and then while it rests: a bounce is a touch after a flight.
+                bounces += u32::from(event.closes && event.time - last > 0.5);
+                last = event.time;
+            }
+            drift = drift.max((scheme.energies().unwrap().total() / energy - 1.0).abs());
+            if scheme.time() <= 6.0 {
+                error = error.max((scheme.displacement()[0] - tip(scheme.time())).abs());
+            }
+        }
+        println!("{cells} cells: E0 {energy}, drift {drift:.1e}, {bounces} bounces, {:?}", scheme.tally());
+        assert!(drift <= 1e-10, "{cells} cells: {drift:e}");
+        // At least one a period: with time the mesh's dispersion brings some more.
+        assert!(bounces >= 100, "{cells} cells: {bounces}");
+        // At the start the massless modes go to their equilibrium at once: a part of order h of the energy is theirs.
+        assert!(energy <= 0.125 && energy >= 0.125 * (1.0 - 1.0 / cells as f64), "{cells} cells: {energy}");
+        error
+    });
+    falls("exact, largest error of the tip over two periods", results, 1.3, 0.025);
 }

@@ -4,6 +4,7 @@ use super::{SceneArgs, launch, print};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::output::contacts::{self, Contacts};
+use crate::output::events::{self, Events};
 use crate::output::history::{self, History};
 use crate::output::plot::{self, Obstacle};
 use crate::output::progress::{Progress, State};
@@ -12,9 +13,9 @@ use crate::output::text::{Report, significant};
 use crate::output::vtu::{self, Series};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-use crate::scene::{EngineName, Scene, Side};
+use crate::scene::{EngineName, Scene, Scheme, Side};
 use crate::scheme::Relaxation;
-use crate::simulation::{self, Contact, Model, Observer, Outcome, Row, Snapshot, SolverFactory};
+use crate::simulation::{self, Contact, Model, NodeEvent, Observer, Outcome, Row, Snapshot, SolverFactory};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -59,6 +60,8 @@ struct Recorder<'r> {
 struct Files {
     history: History,
     contacts: Option<Contacts>,
+    /// Where the scheme follows events.
+    events: Option<Events>,
     progress: Progress,
 }
 
@@ -70,7 +73,9 @@ impl Files {
         vtu::clear(folder)?;
         contacts::clear(folder)?;
         let contacts = if scene.obstacles.is_empty() { None } else { Some(Contacts::create(folder)?) };
-        Ok(Files { history, contacts, progress: Progress::new(0, 0.0..scene.time.end, quiet) })
+        events::clear(folder)?;
+        let events = if scene.time.scheme == Scheme::Exact { Some(Events::create(folder)?) } else { None };
+        Ok(Files { history, contacts, events, progress: Progress::new(0, 0.0..scene.time.end, quiet) })
     }
 }
 
@@ -96,6 +101,11 @@ impl Observer for Recorder<'_> {
 
     fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
         if self.files.is_some() { self.fields.index(step, time, self.has_obstacles) } else { Ok(()) }
+    }
+
+    fn event(&mut self, event: &NodeEvent) -> Result<()> {
+        let events = self.files.as_mut().and_then(|files| files.events.as_mut());
+        events.map_or(Ok(()), |events| events.push(event))
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
@@ -170,9 +180,10 @@ impl Run {
             check_options,
         };
         let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
-        let Some(Files { history, progress, .. }) = recorder.files else { return ended };
+        let Some(Files { history, events, progress, .. }) = recorder.files else { return ended };
         progress.finish();
         history.finish()?;
+        events.map_or(Ok(()), Events::finish)?;
         let summary = Summary {
             program: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
@@ -239,6 +250,9 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     );
     if outcome.steps > 0 {
         report.number("time a step", 1e6 * seconds.stepping / outcome.steps as f64, "us");
+    }
+    if let Some(tally) = outcome.tally {
+        report.count("events", tally.events, "").count("active sets", tally.active_sets, "");
     }
     if let Some(impact) = outcome.first_impact {
         report

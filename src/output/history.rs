@@ -1,21 +1,16 @@
 //! `history.csv`: the run in rows, written as it goes and read back for pictures and tests.
 
+use super::Lines;
 use crate::error::{Error, Result};
 pub use crate::scene::HISTORY_COLUMNS as COLUMNS;
 pub use crate::simulation::Row;
 use std::fmt::Write as _;
-use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Write as _};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader};
+use std::path::Path;
 
 /// Name of the file in the run folder.
 pub const FILE: &str = "history.csv";
-
-/// Rows wait at most about this long before they reach the file.
-const FLUSH_EVERY: Duration = Duration::from_secs(1);
-/// Rows reach the file earlier when they exceed this many bytes.
-const FLUSH_BYTES: usize = 1 << 16;
 
 /// Writes `history.csv`.
 ///
@@ -23,11 +18,8 @@ const FLUSH_BYTES: usize = 1 << 16;
 /// row before, and when the history is finished or dropped: a run that stops keeps what it wrote.
 #[derive(Debug)]
 pub struct History {
-    path: PathBuf,
-    file: File,
+    lines: Lines,
     probes: usize,
-    pending: String,
-    flushed: Instant,
 }
 
 impl History {
@@ -46,14 +38,8 @@ impl History {
                 )));
             }
         }
-        fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        let path = folder.join(FILE);
-        let file = File::create(&path).map_err(Error::io(&path))?;
         let names: Vec<&str> = COLUMNS.into_iter().chain(probes.iter().map(String::as_str)).collect();
-        let pending = names.join(",") + "\n";
-        let mut history = History { path, file, probes: probes.len(), pending, flushed: Instant::now() };
-        history.flush()?;
-        Ok(history)
+        Ok(History { lines: Lines::create(folder, FILE, &names.join(","))?, probes: probes.len() })
     }
 
     /// Adds a row.
@@ -63,47 +49,33 @@ impl History {
     /// When the row has more or fewer probes than the header.
     pub fn push(&mut self, row: &Row) -> Result<()> {
         assert_eq!(row.probes.len(), self.probes, "a row needs one value per probe");
-        let line = &mut self.pending;
-        integer(line, row.step);
-        for value in [row.time, row.energy, row.kinetic, row.elastic, row.work] {
+        self.lines.push(|line| {
+            integer(line, row.step);
+            for value in [row.time, row.energy, row.kinetic, row.elastic, row.work] {
+                line.push(',');
+                number(line, value);
+            }
             line.push(',');
-            number(line, value);
-        }
-        line.push(',');
-        integer(line, row.contact_nodes as u64);
-        line.push(',');
-        number(line, row.contact_force);
-        line.push(',');
-        integer(line, row.vi_iterations);
-        for &value in std::iter::once(&row.kkt).chain(row.probes) {
+            integer(line, row.contact_nodes as u64);
             line.push(',');
-            number(line, value);
-        }
-        line.push('\n');
-        if self.pending.len() >= FLUSH_BYTES || self.flushed.elapsed() >= FLUSH_EVERY {
-            self.flush()?;
-        }
-        Ok(())
+            number(line, row.contact_force);
+            line.push(',');
+            integer(line, row.vi_iterations);
+            for &value in std::iter::once(&row.kkt).chain(row.probes) {
+                line.push(',');
+                number(line, value);
+            }
+        })
     }
 
     /// Hands every row to the system.
     pub fn flush(&mut self) -> Result<()> {
-        let written = self.file.write_all(self.pending.as_bytes());
-        self.pending.clear();
-        self.flushed = Instant::now();
-        written.map_err(Error::io(&self.path))
+        self.lines.flush()
     }
 
     /// Ends the file; unlike a mere drop, says when the last rows could not be written.
     pub fn finish(mut self) -> Result<()> {
         self.flush()
-    }
-}
-
-impl Drop for History {
-    fn drop(&mut self) {
-        // Whoever needs to know calls `finish`.
-        let _ = self.flush();
     }
 }
 

@@ -2,10 +2,11 @@
 //!
 //! Nothing here knows a plate, a mesh or a scheme.
 //!
-//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`vtu`]
+//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`events`] (`events.csv`), [`vtu`]
 //! (`fields.pvd` and its snapshots), [`summary`] (`summary.json`), [`plot`] (`plots/*.svg` and `.png`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
 
 pub mod contacts;
+pub mod events;
 pub mod history;
 pub mod matrix_market;
 pub mod plot;
@@ -19,6 +20,61 @@ use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Lines wait at most about this long before they reach their file.
+const FLUSH_EVERY: Duration = Duration::from_secs(1);
+/// They reach it earlier when they exceed this many bytes.
+const FLUSH_BYTES: usize = 1 << 16;
+
+/// A text file that grows line by line.
+///
+/// Lines reach the file whole, at the latest about a second after the line before, and when it is finished or dropped: a run that
+/// stops keeps what it wrote.
+#[derive(Debug)]
+struct Lines {
+    path: PathBuf,
+    file: File,
+    pending: String,
+    flushed: Instant,
+}
+
+impl Lines {
+    /// Starts the file afresh in a folder, which is created if need be, with a first line.
+    fn create(folder: &Path, name: &str, head: &str) -> Result<Lines> {
+        fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        let path = folder.join(name);
+        let file = File::create(&path).map_err(Error::io(&path))?;
+        let mut lines = Lines { path, file, pending: format!("{head}\n"), flushed: Instant::now() };
+        lines.flush()?;
+        Ok(lines)
+    }
+
+    /// Adds a line, without its end.
+    fn push(&mut self, line: impl FnOnce(&mut String)) -> Result<()> {
+        line(&mut self.pending);
+        self.pending.push('\n');
+        if self.pending.len() >= FLUSH_BYTES || self.flushed.elapsed() >= FLUSH_EVERY {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Hands every line to the system.
+    fn flush(&mut self) -> Result<()> {
+        let written = self.file.write_all(self.pending.as_bytes());
+        self.pending.clear();
+        self.flushed = Instant::now();
+        written.map_err(Error::io(&self.path))
+    }
+}
+
+impl Drop for Lines {
+    fn drop(&mut self) {
+        // Whoever needs to know calls `flush`.
+        let _ = self.flush();
+    }
+}
 
 /// Writes a file whole or not at all: a reader, or a run stopped halfway, never sees a part of it.
 ///

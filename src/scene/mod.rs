@@ -194,6 +194,8 @@ pub enum Scheme {
     },
     /// Implicit midpoint, relaxed so that it keeps the energy; with the singular mass only.
     Conserving,
+    /// Event-driven, without any error of the step; with the singular mass only.
+    Exact,
 }
 
 /// A mass matrix.

@@ -71,6 +71,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         output: output(doc, &plate, &mesh)?,
     };
     check_start(doc, &scene)?;
+    check_exact(doc, &scene)?;
     Ok(scene)
 }
 
@@ -238,15 +239,26 @@ fn scheme(doc: &Document) -> Result<Scheme> {
             restitution: doc.optional_number("time.restitution", &RESTITUTION)?.unwrap_or(0.0),
         }),
         SchemeName::Midpoint => Ok(Scheme::Midpoint { massless: massless(doc)? }),
-        SchemeName::Conserving => match doc.choice("time.mass")? {
-            Mass::Singular => Ok(Scheme::Conserving),
-            Mass::Consistent => {
-                let wrong = "\"consistent\" contradicts time.scheme = \"conserving\": with this mass velocities jump at \
-                             impacts, and nothing says what energy is left; expected \"singular\"";
-                Err(doc.fault("time.mass", wrong))
-            }
-        },
+        SchemeName::Conserving => only_singular(
+            doc,
+            Scheme::Conserving,
+            "with this mass velocities jump at impacts, and nothing says what energy is left",
+        ),
+        SchemeName::Exact => {
+            only_singular(doc, Scheme::Exact, "with this mass an impact has no law of its own to follow")
+        }
     }
+}
+
+/// A scheme that goes with the singular mass alone, and why.
+fn only_singular(doc: &Document, scheme: Scheme, why: &str) -> Result<Scheme> {
+    if doc.choice::<Mass>("time.mass")? == Mass::Consistent {
+        let name = doc.choice::<SchemeName>("time.scheme")?.word();
+        let wrong = format!("\"consistent\" contradicts time.scheme = \"{name}\": {why}");
+        let expected = "expected \"singular\", or time.scheme = \"newmark\"";
+        return Err(doc.fault("time.mass", format!("{wrong}; {expected}")));
+    }
+    Ok(scheme)
 }
 
 fn massless(doc: &Document) -> Result<Massless> {
@@ -260,6 +272,17 @@ fn massless(doc: &Document) -> Result<Massless> {
         return Err(doc.fault("time.massless", format!("{wrong}; expected \"reflected\"")));
     }
     Ok(massless)
+}
+
+/// The exact scheme has one engine.
+fn check_exact(doc: &Document, scene: &Scene) -> Result<()> {
+    if scene.time.scheme == Scheme::Exact && scene.solver.engine == EngineName::Petsc {
+        let wrong = "time.scheme = \"exact\" runs on the native engine, in one process";
+        return Err(
+            doc.fault("solver.engine", format!("{wrong}; expected \"native\", or time.scheme = \"newmark\""))
+        );
+    }
+    Ok(())
 }
 
 fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {

@@ -79,8 +79,9 @@ fn time(time: &Time) -> Vec<Row> {
             (SchemeName::Midpoint, vec![massless])
         }
         Scheme::Conserving => (SchemeName::Conserving, vec![]),
+        Scheme::Exact => (SchemeName::Exact, vec![]),
     };
-    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint | conserving")];
+    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint | conserving | exact")];
     rows.push(("mass", word(time.mass), "singular | consistent"));
     rows.extend(parameters);
     rows.extend([("step", number(time.step), "s"), ("end", number(time.end), "s")]);

@@ -10,6 +10,7 @@ pub(super) enum SchemeName {
     Newmark,
     Midpoint,
     Conserving,
+    Exact,
 }
 
 impl Choice for ElementKind {
@@ -36,8 +37,12 @@ impl Choice for Side {
 }
 
 impl Choice for SchemeName {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("newmark", Self::Newmark), ("midpoint", Self::Midpoint), ("conserving", Self::Conserving)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("newmark", Self::Newmark),
+        ("midpoint", Self::Midpoint),
+        ("conserving", Self::Conserving),
+        ("exact", Self::Exact),
+    ];
 }
 
 impl Choice for Mass {

@@ -18,6 +18,7 @@
 
 pub mod conserving;
 pub mod equilibrium;
+pub mod exact;
 mod half_step;
 pub mod midpoint;
 pub mod newmark;
@@ -25,6 +26,7 @@ pub mod potential;
 
 pub use conserving::{Conserving, Relaxation};
 pub use equilibrium::equilibrium;
+pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
 pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
@@ -94,6 +96,34 @@ pub struct Approach {
     pub velocity: f64,
 }
 
+/// A node that touches an obstacle, or leaves it, at an instant of its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Event {
+    /// Instant, in s.
+    pub time: f64,
+    /// Which bound (an index into the bounds).
+    pub bound: usize,
+    /// Whether the gap closes; else it opens.
+    pub closes: bool,
+    /// Velocity of the node, in m/s: before it touches, or after it leaves.
+    pub velocity: f64,
+    /// Sum of all reactions at that instant, in N; the node's own is 0, for reactions are continuous.
+    pub force: f64,
+}
+
+/// What a scheme that follows events has done so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct Tally {
+    /// Touches and leaves of single nodes.
+    pub events: u64,
+    /// Active sets whose modes were computed.
+    pub active_sets: u64,
+    /// Most memory that modes kept for later took, in bytes.
+    pub cached_bytes: usize,
+    /// Instants at which the search looked at all gaps and reactions.
+    pub evaluations: u64,
+}
+
 /// A time scheme at an instant of its grid.
 pub trait Scheme {
     /// Moves one step ahead.
@@ -132,11 +162,21 @@ pub trait Scheme {
     /// A bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
 
-    /// Numeric factorisations so far.
+    /// Numeric factorisations so far; diagonalisations for a modal scheme.
     fn factorisations(&self) -> u64;
 
     /// What it took so far to keep the energy; `None` for a scheme that does not.
     fn relaxation(&self) -> Option<Relaxation> {
+        None
+    }
+
+    /// The events since the last call, in their order; none from a scheme that does not follow them.
+    fn take_events(&mut self) -> Vec<Event> {
+        Vec::new()
+    }
+
+    /// Work of a scheme that follows events.
+    fn tally(&self) -> Option<Tally> {
         None
     }
 }

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::mesh::{Diagonal, Grid, Mesh, Point};
 use crate::petsc::{Context, Distributed, Part};
-use crate::scene::{EngineName, Scene, ViName};
+use crate::scene::{self, EngineName, Scene, ViName};
 use crate::space::{PER_NODE, Space};
 use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
@@ -49,6 +49,11 @@ impl Model<Distributed> {
     pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
         check_options(scene, context)?;
         let clock = Instant::now();
+        if scene.time.scheme == scene::Scheme::Exact {
+            return Err(Error::Usage(
+                "time.scheme = \"exact\" runs on the native engine, in one process".into(),
+            ));
+        }
         let grid = scene.mesh;
         let sides = [scene.plate.length, scene.plate.width];
         let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);

@@ -112,8 +112,10 @@ pub struct Check {
     pub steps: u64,
     /// The scene's step, in s.
     pub step: f64,
-    /// The [advised step](advised_step), in s.
+    /// The [advised step](advised_step), in s; `None` too for `exact`, which needs none.
     pub advised_step: Option<f64>,
+    /// Whether the motion between instants is exact, so that any step will do.
+    pub any_step: bool,
     /// Seconds of a step, measured on the native engine over the first ones: contact costs more.
     pub seconds_per_step: f64,
     /// Expected seconds of the run, set-up included, files not.
@@ -145,6 +147,14 @@ pub fn advised_step(frequencies: &Frequencies, obstacles: bool) -> Option<f64> {
         1.0 / (STEPS_PER_PERIOD * lowest.last().filter(|f| **f > 0.0)?)
     };
     Some(round_down(step))
+}
+
+/// The advised step of a scene; none where the step is free.
+fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
+    match scene.time.scheme {
+        Scheme::Exact => None,
+        _ => advised_step(frequencies, !scene.obstacles.is_empty()),
+    }
 }
 
 /// The largest of 1, 2, 5 times a power of ten not above a positive number.
@@ -201,7 +211,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let singular = frequencies(&model, &singular, INSPECTED, mechanism.is_some());
     let consistent = frequencies(&model, &consistent, INSPECTED, mechanism.is_some());
     let own = if scene.time.mass == Mass::Singular { &singular } else { &consistent };
-    let advised_step = advised_step(own, !scene.obstacles.is_empty());
+    let advised_step = advised_for(scene, own);
     let mut warnings = warnings(scene, mechanism, advised_step);
     warnings.extend(inf_sup_warning(scene, &inf_sup));
     Ok(Inspection {
@@ -238,7 +248,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let factor_entries =
         system.engine.factor(&[(inertia, &system.mass), (1.0, &system.stiffness)], &[])?.entries();
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
-    let advised_step = advised_step(&frequencies, !scene.obstacles.is_empty());
+    let advised_step = advised_for(scene, &frequencies);
     Ok(Check {
         title: scene.title.clone(),
         scene: scene.resolved(),
@@ -253,6 +263,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         steps: scene.time.steps(),
         step: scene.time.step,
         advised_step,
+        any_step: scene.time.scheme == Scheme::Exact,
         seconds_per_step,
         expected_seconds: set_up + seconds_per_step * scene.time.steps() as f64,
         warnings: warnings(scene, mechanism, advised_step),
@@ -303,7 +314,7 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
 fn factors(scene: &Scene) -> usize {
     match scene.time.scheme {
         Scheme::Conserving | Scheme::Midpoint { massless: Massless::Equilibrium } => 2,
-        Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } => 1,
+        Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } | Scheme::Exact => 1,
     }
 }
 
@@ -335,7 +346,7 @@ fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>
                     "the midpoint scheme is unstable in contact with the consistent mass at every step: \
                  set time.mass = \"singular\""
                 }
-                Scheme::Newmark { .. } | Scheme::Conserving => {
+                Scheme::Newmark { .. } | Scheme::Conserving | Scheme::Exact => {
                     "with the consistent mass the energy lost at impacts does not vanish with the step: \
                  set time.mass = \"singular\""
                 }
@@ -429,6 +440,9 @@ impl fmt::Display for Check {
         optional(&mut report, "highest frequency", self.frequencies.highest, "Hz");
         report.number("step", self.step, "s");
         optional(&mut report, "advised step", self.advised_step, "s");
+        if self.any_step {
+            report.text("advised step", "any: the motion between instants is exact");
+        }
         report.count("steps", self.steps, "");
         report.number("expected time", self.expected_seconds, "s");
         closing(&mut report, &self.warnings);

@@ -10,7 +10,7 @@ use faer::{Mat, Side as Triangle};
 use std::collections::HashSet;
 
 /// Where a bounded dof is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Side {
     /// Between its bounds.
     #[default]

@@ -89,7 +89,7 @@ impl Judge {
         engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
     }
 
-    /// The parts of the residual on this process.
+    /// The parts of the residual on this process, with b as a sum of terms.
     ///
     /// # Errors
     /// What the engine says.

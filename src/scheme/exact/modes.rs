@@ -1,0 +1,213 @@
+//! The modes of an active set, and a cache of them.
+//!
+//! While the set A of touching nodes stays, their reactions hold them at their bounds g:
+//! \[ r = \rho - W z, \qquad W = S_{AA}^{-1} R_A, \quad \rho = S_{AA}^{-1} (g - G_A U_F), \]
+//! and the motion is linear, \( z'' = h - H_A z \) with \( H_A = H + R_A^T W \), \( h = h_F + R_A^T \rho \). In the eigenvectors V of
+//! H_A each coordinate of q = V^T z oscillates by itself.
+//!
+//! A dense eigenvalue solver leaves errors of a rounding of the largest eigenvalue, which is 10^6 to 10^12 times the lowest; and so
+//! does the rounding of the entries of H_A. The modes' shapes X = (R - S_A W) V know better: with K applied cell by cell, X^T K X is
+//! V^T H_A V with each entry right to its own size, and nearly diagonal. Turning all pairs of modes by first-order perturbation, a
+//! few times, does the rest.
+
+use super::reduction::Reduction;
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::scheme::System;
+use crate::vi::Side;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side as Triangle};
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// An eigenvalue below this many roundings of the largest is that of a rigid motion.
+const RIGID: f64 = 4.0;
+
+/// Modes coupled by less than this share of their energies are left as they are: of pairs of fast modes, that is rounding.
+const COUPLING: f64 = 1e-12;
+const MOST_TURNS: usize = 4;
+
+/// Modes that would turn by more than this are too near to each other for their basis to matter.
+const LARGEST_ANGLE: f64 = 1e-3;
+
+/// An active set and its modes.
+#[derive(Debug)]
+pub(super) struct Modes {
+    /// Where each bounded dof is.
+    pub sides: Vec<Side>,
+    /// Frequencies, in rad/s, ascending; rigid motions at 0 come first.
+    pub frequencies: Vec<f64>,
+    /// How many of those there are.
+    pub rigid: usize,
+    /// V, N x N.
+    pub vectors: Mat<f64>,
+    /// V^T h.
+    pub force: Vec<f64>,
+    /// What is watched at each bound, `offset + rows q`: its deflection where it is free, its reaction where it touches.
+    pub offset: Vec<f64>,
+    pub rows: Mat<f64>,
+    /// Where that must stay: between the obstacles, or of the sign that pushes.
+    pub limits: Vec<[f64; 2]>,
+}
+
+impl Modes {
+    /// Diagonalises the motion with these bounds active.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where the eigenvalue solver does not converge.
+    pub fn new<E: Engine>(system: &System<E>, reduction: &Reduction, sides: &[Side]) -> Result<Modes> {
+        let Reduction { stiffness, force, rest_at, lift, push, lift_at, compliance, .. } = reduction;
+        let bounds = &system.bounds;
+        let (cells, bounded) = (stiffness.nrows(), sides.len());
+        let active: Vec<usize> = (0..bounded).filter(|&i| sides[i] != Side::Free).collect();
+        let failed =
+            |what: &str| Error::Singular(format!("the modes of {} nodes in contact: {what}", active.len()));
+        // Columns of one solve: S_AA^-1 of R_A and of g - G_A U_F.
+        let mut held = Mat::from_fn(active.len(), cells + 1, |k, j| match active[k] {
+            i if j < cells => lift_at[(i, j)],
+            i if sides[i] == Side::Lower => bounds.lower[i] - rest_at[(i, 0)],
+            i => bounds.upper[i] - rest_at[(i, 0)],
+        });
+        if !active.is_empty() {
+            let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
+            let llt = block
+                .llt(Triangle::Lower)
+                .map_err(|_| failed("their compliance is not positive definite"))?;
+            llt.solve_in_place(&mut held);
+        }
+        let lift_active = Mat::from_fn(active.len(), cells, |k, j| lift_at[(active[k], j)]);
+        let (w, rho) = (held.get(.., ..cells), held.get(.., cells..));
+        let matrix = stiffness + lift_active.transpose() * w;
+        let h = force + lift_active.transpose() * rho;
+        let eigen = matrix.self_adjoint_eigen(Triangle::Lower).map_err(|_| failed("they do not converge"))?;
+        let mut vectors = eigen.U().to_owned();
+        let push_active = Mat::from_fn(push.nrows(), active.len(), |i, k| push[(i, active[k])]);
+        let values = polish(system, &(lift - push_active * w), &mut vectors)?;
+        let largest = values.iter().copied().fold(0.0, f64::max);
+        let floor = RIGID * f64::EPSILON * largest;
+        let rigid = values.iter().take_while(|value| **value <= floor).count();
+        let frequencies =
+            values.iter().map(|value| if *value <= floor { 0.0 } else { value.sqrt() }).collect();
+        // What is watched, as functions of z.
+        let coupling = Mat::from_fn(bounded, active.len(), |i, k| compliance[(i, active[k])]);
+        let mut rows = lift_at - &coupling * w;
+        let mut offset = rest_at + &coupling * rho;
+        for (k, &i) in active.iter().enumerate() {
+            rows.row_mut(i).copy_from(-w.row(k));
+            offset[(i, 0)] = rho[(k, 0)];
+        }
+        let limit = |i: usize| match sides[i] {
+            Side::Free => [bounds.lower[i], bounds.upper[i]],
+            Side::Lower => [0.0, f64::INFINITY],
+            Side::Upper => [f64::NEG_INFINITY, 0.0],
+        };
+        Ok(Modes {
+            sides: sides.to_vec(),
+            frequencies,
+            rigid,
+            force: (vectors.transpose() * h).col_as_slice(0).to_vec(),
+            offset: offset.col_as_slice(0).to_vec(),
+            rows: rows * &vectors,
+            limits: (0..bounded).map(limit).collect(),
+            vectors,
+        })
+    }
+
+    /// Memory of the arrays, in bytes.
+    fn bytes(&self) -> usize {
+        let entries = self.vectors.nrows() * self.vectors.ncols() + self.rows.nrows() * self.rows.ncols();
+        let vectors = 2 * self.frequencies.len() + 3 * self.sides.len();
+        (entries + vectors) * size_of::<f64>() + self.sides.len()
+    }
+}
+
+/// Improves the eigenvectors of the energy of z -> shape z; returns the eigenvalues. See the [module page](self).
+fn polish<E: Engine>(system: &System<E>, shape: &Mat<f64>, vectors: &mut Mat<f64>) -> Result<Vec<f64>> {
+    let System { engine, stiffness, .. } = system;
+    let shapes = shape * &*vectors;
+    let mut forces = Mat::zeros(shapes.nrows(), shapes.ncols());
+    for k in 0..shapes.ncols() {
+        engine.multiply(stiffness, shapes.col_as_slice(k), forces.col_as_slice_mut(k))?;
+    }
+    let mut energies = shapes.transpose() * forces;
+    diagonalise(&mut energies, vectors);
+    Ok((0..energies.nrows()).map(|k| energies[(k, k)].max(0.0)).collect())
+}
+
+/// Turns the vectors until the matrix, which is symmetric and nearly diagonal, is diagonal: all pairs at once, to first order, with
+/// the rotation made orthogonal to third.
+fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
+    let size = matrix.nrows();
+    for _ in 0..MOST_TURNS {
+        let mut settled = true;
+        let mut turn = Mat::<f64>::identity(size, size);
+        for j in 1..size {
+            for i in 0..j {
+                let (a, b) = (matrix[(i, i)], matrix[(j, j)]);
+                let coupling = 0.5 * (matrix[(i, j)] + matrix[(j, i)]);
+                let share = coupling * coupling / (a.max(0.0) * b.max(0.0));
+                let angle = coupling / (b - a);
+                if share > COUPLING * COUPLING && angle.abs() <= LARGEST_ANGLE {
+                    settled = false;
+                    (turn[(i, j)], turn[(j, i)]) = (angle, -angle);
+                }
+            }
+        }
+        if settled {
+            break;
+        }
+        // Newton and Schulz: G (3 - G^T G) / 2.
+        let defect = Mat::<f64>::identity(size, size) * faer::Scale(3.0) - turn.transpose() * &turn;
+        let turn = &turn * defect * faer::Scale(0.5);
+        *matrix = turn.transpose() * &*matrix * &turn;
+        *vectors = &*vectors * &turn;
+    }
+}
+
+/// Modes of the active sets met so far, the longest unused of which make room for new ones.
+#[derive(Debug)]
+pub(super) struct Cache {
+    sets: HashMap<Vec<Side>, (Rc<Modes>, u64)>,
+    limit: usize,
+    bytes: usize,
+    clock: u64,
+    /// Diagonalisations so far.
+    pub computed: u64,
+    /// Most bytes held at once.
+    pub peak: usize,
+}
+
+impl Cache {
+    /// An empty cache of at most so many bytes (and at least one set).
+    pub fn new(limit: usize) -> Cache {
+        Cache { sets: HashMap::new(), limit, bytes: 0, clock: 0, computed: 0, peak: 0 }
+    }
+
+    /// The modes of a set.
+    ///
+    /// # Errors
+    /// As [`Modes::new`].
+    pub fn get<E: Engine>(
+        &mut self,
+        system: &System<E>,
+        reduction: &Reduction,
+        sides: &[Side],
+    ) -> Result<Rc<Modes>> {
+        self.clock += 1;
+        if let Some((modes, used)) = self.sets.get_mut(sides) {
+            *used = self.clock;
+            return Ok(modes.clone());
+        }
+        let modes = Rc::new(Modes::new(system, reduction, sides)?);
+        self.computed += 1;
+        self.bytes += modes.bytes();
+        while self.bytes > self.limit && !self.sets.is_empty() {
+            let oldest = self.sets.iter().min_by_key(|(_, (_, used))| *used).map(|(sides, _)| sides.clone());
+            let Some((evicted, _)) = oldest.and_then(|sides| self.sets.remove(&sides)) else { break };
+            self.bytes -= evicted.bytes();
+        }
+        self.peak = self.peak.max(self.bytes);
+        self.sets.insert(sides.to_vec(), (modes.clone(), self.clock));
+        Ok(modes)
+    }
+}

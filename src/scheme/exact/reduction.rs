@@ -1,0 +1,258 @@
+//! The saddle point behind phi, solved once for all that a motion can ask of it.
+//!
+//! With z = C^1/2 p and \(\tilde B = C^{-1/2} B\), the displacement U and the acceleration z'' that go with a position z and
+//! forces f = F + G^T r on the structure solve
+//! \[ K U + \tilde B^T z'' = f, \qquad \tilde B U = z. \]
+//! Both are linear in (f, z), and the operator is symmetric: U = U_F + R z + S G^T r, z'' = h_F - H z + R^T G^T r.
+
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Factor};
+use crate::obstacle::Bounds;
+use crate::scheme::System;
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side as Triangle};
+
+/// Corrections of the saddle point by its residual, K applied cell by cell.
+const CORRECTIONS: usize = 2;
+
+/// Of the compliance that a bounded dof has among its free neighbours, the constraint B U = C p must leave at least this part.
+const INF_SUP: f64 = 1e-11;
+
+/// The shift of a structure whose finite eigenvalues all vanish, relative to what a random motion sees.
+const LEAST_SHIFT: f64 = 1e-6;
+
+/// What a motion in p knows of the structure; N velocities, n dofs, m bounds.
+#[derive(Debug)]
+pub(super) struct Reduction {
+    /// C^1/2, N.
+    pub root_mass: Vec<f64>,
+    /// H, N x N: the stiffness that z feels where nothing touches.
+    pub stiffness: Mat<f64>,
+    /// h_F, N.
+    pub force: Mat<f64>,
+    /// U_F, n.
+    pub rest: Mat<f64>,
+    /// R, n x N.
+    pub lift: Mat<f64>,
+    /// S G^T, n x m.
+    pub push: Mat<f64>,
+    /// G U_F, G R and G S G^T: m, m x N, m x m.
+    pub rest_at: Mat<f64>,
+    pub lift_at: Mat<f64>,
+    pub compliance: Mat<f64>,
+}
+
+impl Reduction {
+    /// Solves for all columns.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where the mass is not a singular one, leaves some rigid motion without inertia, or fails the inf-sup
+    /// condition with these bounds.
+    pub fn new<E: Engine>(system: &System<E>) -> Result<Reduction> {
+        let saddle = Saddle::new(system)?;
+        let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
+        let (cells, bounded) = (saddle.root_mass.len(), bounds.len());
+        let load = Mat::from_fn(dofs, 1, |i, _| system.load.as_ref().map_or(0.0, |load| load[i]));
+        let (rest, force) = saddle.solve(load, Mat::zeros(cells, 1))?;
+        let (lift, acceleration) = saddle.solve(Mat::zeros(dofs, cells), Mat::identity(cells, cells))?;
+        let unit_forces = Mat::from_fn(dofs, bounded, |i, j| f64::from(u8::from(bounds.dofs[j] == i)));
+        let unbound = saddle.unbound(unit_forces.clone(), bounds)?;
+        let (push, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
+        let at = |of: &Mat<f64>| Mat::from_fn(bounded, of.ncols(), |i, j| of[(bounds.dofs[i], j)]);
+        let reduction = Reduction {
+            stiffness: symmetric(&acceleration, -1.0),
+            force,
+            rest_at: at(&rest),
+            lift_at: at(&lift),
+            compliance: symmetric(&at(&push), 1.0),
+            rest,
+            lift,
+            push,
+            root_mass: saddle.root_mass,
+        };
+        reduction.check_inf_sup(&unbound)?;
+        Ok(reduction)
+    }
+
+    /// Compares the pivots of the compliance G S G^T with those that it has without B U = C p.
+    fn check_inf_sup(&self, unbound: &Mat<f64>) -> Result<()> {
+        let fails = || {
+            Error::Singular(
+                "the inf-sup condition fails: the velocities see some deflection that only an obstacle could stop, so \
+                 that motion and reactions are not unique and time.scheme = \"exact\" has nothing to follow; \
+                 set time.scheme = \"newmark\""
+                    .into(),
+            )
+        };
+        let pivots = |of: &Mat<f64>| -> Result<Vec<f64>> {
+            let llt = of.llt(Triangle::Lower).map_err(|_| fails())?;
+            Ok((0..of.nrows()).map(|i| llt.L()[(i, i)].powi(2)).collect())
+        };
+        let (left, whole) = (pivots(&self.compliance)?, pivots(unbound)?);
+        let fine = left.iter().zip(&whole).all(|(left, whole)| *left > INF_SUP * whole);
+        if fine { Ok(()) } else { Err(fails()) }
+    }
+}
+
+/// (A + A^T) / 2 times a factor.
+fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
+    Mat::from_fn(a.nrows(), a.ncols(), |i, j| 0.5 * factor * (a[(i, j)] + a[(j, i)]))
+}
+
+/// The saddle point, by the factor of K + s M: definite where K and M share no rigid motion, and the same where B U is given.
+struct Saddle<'s, E: Engine> {
+    system: &'s System<E>,
+    root_mass: Vec<f64>,
+    shift: f64,
+    factor: std::cell::RefCell<E::Factor>,
+    /// (K + s M)^-1 B~^T, n x N.
+    columns: Mat<f64>,
+    /// B~ (K + s M)^-1 B~^T, N x N.
+    schur: Llt<f64>,
+}
+
+impl<'s, E: Engine> Saddle<'s, E> {
+    fn new(system: &'s System<E>) -> Result<Saddle<'s, E>> {
+        let System { engine, stiffness, mass, .. } = system;
+        let root_mass = root_mass(system)?;
+        let (dofs, cells) = (engine.dofs(), root_mass.len());
+        let shift = shift(system)?;
+        let mut factor = engine.factor(&[(1.0, stiffness), (shift, mass)], &[]).map_err(|_| {
+            Error::Singular(
+                "time.scheme = \"exact\": some motion of the plate has neither stiffness nor inertia; \
+                 refine the mesh or set time.mass = \"consistent\" with time.scheme = \"newmark\""
+                    .into(),
+            )
+        })?;
+        let mut columns = Mat::zeros(dofs, cells);
+        let mut unit = vec![0.0; cells];
+        for (k, root) in root_mass.iter().enumerate() {
+            unit[k] = 1.0 / root;
+            let column = columns.col_as_slice_mut(k);
+            engine.momentum(mass, &unit, column)?;
+            factor.solve(column)?;
+            unit[k] = 0.0;
+        }
+        let mut product = Mat::zeros(cells, cells);
+        velocities(system, &root_mass, &columns, &mut product)?;
+        let schur = symmetric(&product, 1.0).llt(Triangle::Lower).map_err(|_| {
+            Error::Singular(
+                "time.scheme = \"exact\": the velocities of some cells depend on each other; refine the mesh"
+                    .into(),
+            )
+        })?;
+        Ok(Saddle { system, root_mass, shift, factor: factor.into(), columns, schur })
+    }
+
+    /// U and z'' of forces (n x k) and positions (N x k).
+    fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
+        let System { engine, stiffness, mass, .. } = self.system;
+        let mut u = Mat::zeros(forces.nrows(), forces.ncols());
+        let mut acceleration = Mat::zeros(positions.nrows(), positions.ncols());
+        let (mut force, mut position) = (forces.clone(), positions.clone());
+        let mut product = vec![0.0; engine.dofs()];
+        for correction in 0..=CORRECTIONS {
+            let (du, da) = self.propose(force, &position)?;
+            u += du;
+            acceleration += da;
+            (force, position) = (forces.clone(), positions.clone());
+            if correction == CORRECTIONS {
+                break;
+            }
+            let mut reached = Mat::zeros(positions.nrows(), positions.ncols());
+            velocities(self.system, &self.root_mass, &u, &mut reached)?;
+            position -= reached;
+            for j in 0..u.ncols() {
+                engine.multiply(stiffness, u.col_as_slice(j), &mut product)?;
+                force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, k)| *f -= k);
+                let velocity: Vec<f64> =
+                    acceleration.col_as_slice(j).iter().zip(&self.root_mass).map(|(a, c)| a / c).collect();
+                engine.momentum(mass, &velocity, &mut product)?;
+                force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, b)| *f -= b);
+            }
+        }
+        Ok((u, acceleration))
+    }
+
+    /// One solution with the factor.
+    fn propose(&self, forces: Mat<f64>, positions: &Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
+        let mut u = forces;
+        for j in 0..u.ncols() {
+            self.factor.borrow_mut().solve(u.col_as_slice_mut(j))?;
+        }
+        let mut acceleration = Mat::zeros(positions.nrows(), positions.ncols());
+        velocities(self.system, &self.root_mass, &u, &mut acceleration)?;
+        acceleration -= positions;
+        self.schur.solve_in_place(&mut acceleration);
+        u -= &self.columns * &acceleration;
+        acceleration += positions * faer::Scale(self.shift);
+        Ok((u, acceleration))
+    }
+
+    /// G (K + s M)^-1 G^T: the compliance of bounded dofs without the constraint.
+    fn unbound(&self, mut unit_forces: Mat<f64>, bounds: &Bounds) -> Result<Mat<f64>> {
+        for j in 0..unit_forces.ncols() {
+            self.factor.borrow_mut().solve(unit_forces.col_as_slice_mut(j))?;
+        }
+        Ok(Mat::from_fn(bounds.len(), bounds.len(), |i, j| unit_forces[(bounds.dofs[i], j)]))
+    }
+}
+
+/// C^1/2, the entries of C being the kinetic energies of single velocities.
+fn root_mass<E: Engine>(system: &System<E>) -> Result<Vec<f64>> {
+    let System { engine, mass, .. } = system;
+    let mut unit = vec![0.0; engine.velocities(mass)];
+    let mut entries = Vec::with_capacity(unit.len());
+    for k in 0..unit.len() {
+        unit[k] = 1.0;
+        entries.push(engine.vis_viva(mass, &unit)?);
+        unit[k] = 0.0;
+    }
+    // Velocities that are coupled are those of a consistent mass.
+    let ones = vec![1.0; entries.len()];
+    let (whole, sum) = (engine.vis_viva(mass, &ones)?, entries.iter().sum::<f64>());
+    if (whole - sum).abs() > 1e-9 * sum {
+        return Err(Error::Singular(
+            "time.scheme = \"exact\" needs time.mass = \"singular\"; with the consistent mass set time.scheme = \"newmark\""
+                .into(),
+        ));
+    }
+    Ok(entries.into_iter().map(f64::sqrt).collect())
+}
+
+/// A shift of the order of the finite eigenvalues of K x = w^2 M x: their mean, by two looks at one vector.
+fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
+    let System { engine, stiffness, mass, .. } = system;
+    let mut product = vec![0.0; engine.dofs()];
+    // Entries without pattern: the golden ratio's multiples modulo 1.
+    let mut x: Vec<f64> =
+        (1..=product.len()).map(|i| (i as f64 * 0.618_033_988_749_895).fract() - 0.5).collect();
+    let mut quotient = |x: &[f64]| -> Result<f64> {
+        let elastic = engine.multiply(stiffness, x, &mut product)?;
+        let quotient = elastic / engine.multiply(mass, x, &mut product)?;
+        Ok(if quotient.is_normal() { quotient } else { 1.0 })
+    };
+    let first = quotient(&x)?;
+    let Ok(mut factor) = engine.factor(&[(1.0, stiffness), (first, mass)], &[]) else { return Ok(first) };
+    let mut image = vec![0.0; x.len()];
+    engine.multiply(mass, &x, &mut image)?;
+    factor.solve(&mut image)?;
+    x.copy_from_slice(&image);
+    // Where only rigid motions have inertia the mean is rounding.
+    Ok(quotient(&x)?.max(LEAST_SHIFT * first))
+}
+
+/// B~ of each column.
+fn velocities<E: Engine>(
+    system: &System<E>,
+    root_mass: &[f64],
+    columns: &Mat<f64>,
+    result: &mut Mat<f64>,
+) -> Result<()> {
+    for j in 0..columns.ncols() {
+        let column = result.col_as_slice_mut(j);
+        system.engine.velocity(&system.mass, columns.col_as_slice(j), column)?;
+        column.iter_mut().zip(root_mass).for_each(|(v, c)| *v *= c);
+    }
+    Ok(())
+}

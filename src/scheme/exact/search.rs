@@ -1,0 +1,265 @@
+//! The search for the next event, which proves that nothing happens before it.
+//!
+//! # Nothing is missed
+//!
+//! Each watched quantity is y(t) = c + sum_k P_k q_k(t), a sum of sinusoids of known amplitudes A_k and frequencies w_k. Over an
+//! interval of length h, s in [0, 1], let H be the cubic with the values and slopes of y at both ends, and e = y - H. Mode by mode,
+//! with x = w h,
+//! \[ |e| \le A\,\kappa(x)\, s^2 (1-s)^2, \qquad |h e'| \le A\,\kappa(x), \qquad
+//!    \kappa(x) = \min\bigl(x^4 / 24,\; 2 (x^2 + 6 x + 12)\bigr). \]
+//! The first is the remainder of Hermite's interpolation, \(y''''(\xi)\, h^4 s^2 (1-s)^2 / 24\), with |e''| at most h^2 max|y''''| / 12 for
+//! the slope (Birkhoff and Priver 1967). The second holds where the mode is too fast for the interval: |h^2 e''| is at most
+//! (x^2 + 6 x + 12) A, the sum of what y'' and H'' can be, and e and e' vanish at both ends. Rigid motions are quadratic: H is exact.
+//!
+//! Written in Bernstein's quartics the remainder touches one coefficient only, the middle one, by D/6 with D the sum of |P_k| A_k kappa:
+//! if all five stay inside the limit, so does y throughout, also where it starts on the limit. If not, and all three coefficients of
+//! h H' are below -D, y falls strictly and crosses the limit once: there the zero is found to the last digit. Else the
+//! interval is halved. Each interval costs one evaluation; after a certified one the next may be twice as long.
+//!
+//! Limits are met to `roundings` times the rounding of y: a plate that rests on an obstacle does not chatter about it.
+
+use super::motion::Motion;
+use crate::vi::Side;
+use faer::Mat;
+use std::collections::HashMap;
+
+/// Halvings of the stride below which an undecided interval counts as an event at its start.
+const SHORTEST: i32 = -80;
+
+/// A quantity this near to its limit, in parts of the slack, is there: less is rounding.
+const ZERO: f64 = 1.0 / 32.0;
+
+/// How far a motion is known to go on.
+#[derive(Debug)]
+pub(super) struct Search {
+    /// How far each quantity may pass its limits and still respect them.
+    slack: Vec<f64>,
+    /// The next event and the bound whose it is, once found.
+    pub next: Option<(f64, usize)>,
+    /// Nothing happens before this sample.
+    certified: Sample,
+    /// Samples beyond, nearest last, with the level of the interval that each ends.
+    pending: Vec<(Sample, i32)>,
+    /// Level of the next interval: its length is 2^level strides.
+    pub level: i32,
+    stride: f64,
+    /// D of each quantity, by level.
+    remainders: HashMap<i32, Vec<f64>>,
+    /// Samples to use again.
+    spare: Vec<Sample>,
+    /// Room for q, q'.
+    state: Mat<f64>,
+    /// Looks at all watched quantities.
+    pub evaluations: u64,
+}
+
+/// The watched quantities at an instant: values and rates (columns).
+#[derive(Debug)]
+struct Sample {
+    at: f64,
+    values: Mat<f64>,
+}
+
+/// What an interval says of one limit.
+enum Finding {
+    Inside,
+    Crosses,
+    Unclear,
+}
+
+impl Search {
+    /// A search along a motion, with a stride in units of 1 / w of the fastest mode; `level` is where it begins.
+    pub fn new(motion: &Motion, stride: f64, roundings: f64, level: i32) -> Search {
+        let modes = &motion.modes;
+        let mut slack = weighted(motion, |k| motion.magnitude(k));
+        for (slack, offset) in slack.iter_mut().zip(&modes.offset) {
+            *slack = roundings * f64::EPSILON * (*slack + offset.abs());
+        }
+        let fastest = modes.frequencies.last().copied().filter(|w| *w > 0.0).unwrap_or(1.0);
+        let mut search = Search {
+            slack,
+            next: None,
+            certified: Sample { at: 0.0, values: Mat::zeros(0, 0) },
+            pending: Vec::new(),
+            level,
+            stride: stride / fastest,
+            remainders: HashMap::new(),
+            spare: Vec::new(),
+            state: Mat::zeros(modes.frequencies.len(), 2),
+            evaluations: 0,
+        };
+        search.certified = search.sample(motion, 0.0);
+        // The start respects the limits: what it misses them by is the rounding of how it was found.
+        for i in 0..search.slack.len() {
+            let missed = -search.depth(motion, i, &search.certified);
+            search.slack[i] = search.slack[i].max(2.0 * missed);
+        }
+        search
+    }
+
+    fn sample(&mut self, motion: &Motion, at: f64) -> Sample {
+        let fresh = || Sample { at, values: Mat::zeros(motion.modes.sides.len(), 2) };
+        let mut sample = self.spare.pop().unwrap_or_else(fresh);
+        motion.state(at, &mut self.state);
+        motion.watch(&self.state, &mut sample.values);
+        sample.at = at;
+        self.evaluations += 1;
+        sample
+    }
+
+    /// The bounds whose quantity is at a limit at an instant, given its values then, and the side that the limit is on.
+    pub fn at_limit(&self, motion: &Motion, values: &Mat<f64>) -> Vec<(usize, Side)> {
+        let mut found = Vec::new();
+        for (i, &side) in motion.modes.sides.iter().enumerate() {
+            let [lower, upper] = motion.modes.limits[i];
+            let (y, slack) = (values[(i, 0)], self.slack[i]);
+            match side {
+                Side::Free if y <= lower + slack => found.push((i, Side::Lower)),
+                Side::Free if y >= upper - slack => found.push((i, Side::Upper)),
+                Side::Lower if y <= slack => found.push((i, Side::Lower)),
+                Side::Upper if y >= -slack => found.push((i, Side::Upper)),
+                _ => {}
+            }
+        }
+        found
+    }
+
+    /// Looks for the next event until it is found, or certain not to come before an instant.
+    pub fn extend(&mut self, motion: &Motion, until: f64) {
+        while self.next.is_none() && self.certified.at < until {
+            if self.pending.is_empty() {
+                let end = self.certified.at + self.length(self.level);
+                let sample = self.sample(motion, end);
+                self.pending.push((sample, self.level));
+            }
+            self.examine(motion);
+        }
+    }
+
+    fn length(&self, level: i32) -> f64 {
+        self.stride * 2.0_f64.powi(level)
+    }
+
+    /// Certifies the interval up to the nearest pending sample, finds the event in it, or halves it.
+    fn examine(&mut self, motion: &Motion) {
+        let Some((end, level)) = self.pending.pop() else { return };
+        if end.at <= self.certified.at || level < SHORTEST {
+            // Rounding leaves nothing to decide: the quantity nearest to leaving does so now.
+            let worst = (0..self.slack.len()).min_by(|&i, &j| {
+                (self.depth(motion, i, &end) / self.slack[i])
+                    .total_cmp(&(self.depth(motion, j, &end) / self.slack[j]))
+            });
+            self.next = worst.map(|i| (self.certified.at, i));
+            return;
+        }
+        if !self.remainders.contains_key(&level) {
+            let h = self.length(level);
+            let frequencies = &motion.modes.frequencies;
+            let remainder = weighted(motion, |k| motion.amplitude(k) * kappa(frequencies[k] * h));
+            self.remainders.insert(level, remainder);
+        }
+        let mut crossings = Vec::new();
+        for i in 0..self.slack.len() {
+            for (sign, limit) in finite_limits(motion, i) {
+                match self.find(i, sign, limit, level, &end) {
+                    Finding::Inside => {}
+                    Finding::Crosses => crossings.push((i, sign, limit)),
+                    Finding::Unclear => {
+                        let middle = self.certified.at + self.length(level - 1);
+                        self.pending.push((end, level - 1));
+                        let middle = self.sample(motion, middle);
+                        self.pending.push((middle, level - 1));
+                        return;
+                    }
+                }
+            }
+        }
+        let zeros =
+            crossings.into_iter().map(|(i, sign, limit)| (self.zero(motion, i, sign, limit, end.at), i));
+        self.next = zeros.min_by(|a, b| a.0.total_cmp(&b.0));
+        if self.next.is_none() {
+            self.level = if self.pending.is_empty() { level + 1 } else { level };
+            self.spare.push(std::mem::replace(&mut self.certified, end));
+        }
+    }
+
+    /// Distance inside the nearest limit at a sample.
+    fn depth(&self, motion: &Motion, i: usize, sample: &Sample) -> f64 {
+        let y = sample.values[(i, 0)];
+        finite_limits(motion, i).map(|(sign, limit)| sign * (y - limit)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// See the [module page](self).
+    fn find(&self, i: usize, sign: f64, limit: f64, level: i32, end: &Sample) -> Finding {
+        let (a, b) = (&self.certified.values, &end.values);
+        let h = end.at - self.certified.at;
+        let (f0, f1) = (sign * (a[(i, 0)] - limit), sign * (b[(i, 0)] - limit));
+        let (d0, d1) = (sign * h * a[(i, 1)], sign * h * b[(i, 1)]);
+        let remainder = self.remainders[&level][i];
+        let middle = 0.5 * (f0 + f1) + (d0 - d1) / 6.0 - remainder / 6.0;
+        let least = f0.min(f0 + 0.25 * d0).min(middle).min(f1 - 0.25 * d1).min(f1);
+        let slowest = d0.max(3.0 * (f1 - f0) - d0 - d1).max(d1);
+        if least >= -self.slack[i] {
+            Finding::Inside
+        } else if f0 < -self.slack[i] || (f1 < 0.0 && slowest < -remainder) {
+            Finding::Crosses
+        } else {
+            Finding::Unclear
+        }
+    }
+
+    /// Where a falling quantity passes its limit, to the last digit: Newton's method, kept inside the bracket.
+    fn zero(&mut self, motion: &Motion, i: usize, sign: f64, limit: f64, end: f64) -> f64 {
+        let (mut inside, mut outside) = (self.certified.at, end);
+        let state = &mut self.state;
+        let mut at = inside;
+        loop {
+            motion.state(at, state);
+            let (mut value, mut rate) = (motion.modes.offset[i] - limit, 0.0);
+            for (k, &p) in motion.modes.rows.row(i).iter().enumerate() {
+                value += p * state[(k, 0)];
+                rate += p * state[(k, 1)];
+            }
+            if sign * value >= 0.0 {
+                inside = at
+            } else {
+                outside = at
+            }
+            let newton = at - value / rate;
+            if at == outside && outside == self.certified.at {
+                break; // It is outside from the start.
+            }
+            let next = if newton > inside && newton < outside { newton } else { 0.5 * (inside + outside) };
+            let settled = value.abs() <= ZERO * self.slack[i] || (newton - at).abs() <= f64::EPSILON * at;
+            if settled || next <= inside || next >= outside {
+                break;
+            }
+            at = next;
+        }
+        at
+    }
+}
+
+/// See the [module page](self).
+fn kappa(x: f64) -> f64 {
+    (x.powi(4) / 24.0).min(2.0 * (x * x + 6.0 * x + 12.0))
+}
+
+/// |P| times a weight a mode.
+fn weighted(motion: &Motion, weight: impl Fn(usize) -> f64) -> Vec<f64> {
+    let rows = &motion.modes.rows;
+    let mut sums = vec![0.0; rows.nrows()];
+    for k in 0..rows.ncols() {
+        let weight = weight(k);
+        if weight != 0.0 {
+            sums.iter_mut().zip(rows.col_as_slice(k)).for_each(|(sum, p)| *sum += weight * p.abs());
+        }
+    }
+    sums
+}
+
+/// The limits of a quantity that are not infinite, with the sign that makes `sign (y - limit) >= 0` the inside.
+fn finite_limits(motion: &Motion, i: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
+    let [lower, upper] = motion.modes.limits[i];
+    [(1.0, lower), (-1.0, upper)].into_iter().filter(|(_, limit)| limit.is_finite())
+}

@@ -1,0 +1,94 @@
+//! Which nodes touch right after an instant at which that is about to change.
+//!
+//! phi is piecewise quadratic: at the border of several pieces the motion goes into the one that its first derivative which does not
+//! vanish points to. With U_c = u + R z + S r and S = G S G^T positive definite, the k-th derivatives of gaps and reactions of the
+//! undecided nodes solve, order by order,
+//! \[ U^{(k)}_c = R z^{(k)} + S r^{(k)}, \qquad 0 \le U^{(k)}_i \perp r^{(k)}_i \ge 0, \]
+//! a linear complementarity problem with one solution; nodes for which both vanish go on to the next order, whose
+//! \( z^{(k+2)} = -H z^{(k)} + R^T r^{(k)} \) is then known. So a touch that only grazes, several at once, a start at rest in contact: all are
+//! decided by the same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM J. Control
+//! Optim. 44, 2005): events do not accumulate.
+
+use super::reduction::Reduction;
+use crate::vi::{Side, dense};
+use faer::linalg::solvers::DenseSolveCore;
+use faer::{Mat, Side as Triangle};
+
+/// Derivatives looked at. Where all vanish the node neither leaves nor presses: it counts as free.
+const ORDERS: usize = 6;
+
+/// The sides right after an instant.
+///
+/// `sides` before, the `undecided` bounds with the side of the limit they are at, position and velocity z, z' (columns), and the
+/// reactions of all bounds at that instant.
+pub(super) fn next_sides(
+    reduction: &Reduction,
+    sides: &[Side],
+    undecided: &[(usize, Side)],
+    state: &Mat<f64>,
+    reactions: &[f64],
+    roundings: f64,
+) -> Vec<Side> {
+    let mut next = sides.to_vec();
+    for &(i, _) in undecided {
+        next[i] = Side::Free;
+    }
+    // The nodes that touch, then those undecided.
+    let touching: Vec<usize> = (0..sides.len()).filter(|&i| next[i] != Side::Free).collect();
+    let places: Vec<usize> = touching.iter().copied().chain(undecided.iter().map(|(i, _)| *i)).collect();
+    let size = places.len();
+    let compliance = Mat::from_fn(size, size, |i, j| reduction.compliance[(places[i], places[j])]);
+    // Positive definite as a block of a matrix that was factored.
+    let Ok(llt) = compliance.llt(Triangle::Lower) else { return next };
+    let stiffness = llt.inverse();
+    let lift = Mat::from_fn(size, state.nrows(), |i, k| reduction.lift_at[(places[i], k)]);
+    let mut lower = vec![0.0; size];
+    let mut upper = vec![0.0; size];
+    for (k, (_, side)) in undecided.iter().enumerate() {
+        match side {
+            Side::Upper => lower[touching.len() + k] = f64::NEG_INFINITY,
+            _ => upper[touching.len() + k] = f64::INFINITY,
+        }
+    }
+    let acceleration =
+        |position: &Mat<f64>, forces: &Mat<f64>| lift.transpose() * forces - &reduction.stiffness * position;
+    let forces = Mat::from_fn(size, 1, |k, _| if k < touching.len() { reactions[places[k]] } else { 0.0 });
+    let position = state.get(.., ..1).to_owned();
+    // The derivative at hand, and the one after it.
+    let mut derivative = state.get(.., 1..2).to_owned();
+    let mut following = acceleration(&position, &forces) + &reduction.force;
+    let mut open: Vec<usize> = (0..undecided.len()).collect();
+    for _ in 0..ORDERS {
+        if open.is_empty() {
+            break;
+        }
+        let free = &lift * &derivative;
+        let wanted = &stiffness * &free;
+        let mut where_now = vec![Side::Lower; size];
+        for k in 0..undecided.len() {
+            where_now[touching.len() + k] = next[undecided[k].0];
+        }
+        let (mut rates, mut forces) = (vec![0.0; size], vec![0.0; size]);
+        dense(&stiffness, wanted.col_as_slice(0), &lower, &upper, &mut where_now, &mut rates, &mut forces);
+        open.retain(|&k| {
+            let (at, (i, side)) = (touching.len() + k, undecided[k]);
+            let rounding = |of: &Mat<f64>, times: &Mat<f64>| -> f64 {
+                let terms = (0..of.ncols()).map(|j| (of[(at, j)] * times[(j, 0)]).abs());
+                roundings * f64::EPSILON * terms.sum::<f64>()
+            };
+            if rates[at].abs() > rounding(&lift, &derivative) {
+                (lower[at], upper[at]) = (f64::NEG_INFINITY, f64::INFINITY);
+            } else if forces[at].abs() > rounding(&stiffness, &free) {
+                (lower[at], upper[at]) = (0.0, 0.0);
+                next[i] = side;
+            } else {
+                return true;
+            }
+            false
+        });
+        let forces = Mat::from_fn(size, 1, |k, _| forces[k]);
+        let after = acceleration(&derivative, &forces);
+        derivative = std::mem::replace(&mut following, after);
+    }
+    next
+}
