@@ -253,6 +253,16 @@ fn overrides_change_add_and_append() {
 }
 
 #[test]
+fn a_choice_by_override_drops_the_parameters_of_the_files() {
+    let own = ["time.scheme=newmark", "time.beta=0.25", "mesh.element=hct", "mesh.diagonal=left"];
+    let file = read(MINIMAL, &own).unwrap().resolved();
+    let scene = read(&file, &["time.scheme=exact", "time.mass=singular", "mesh.element=fvs"]).unwrap();
+    assert_eq!((scene.time.scheme, scene.mesh.diagonal), (Scheme::Exact, None));
+    let both = ["time.scheme=exact", "time.mass=singular", "time.beta=0.3"];
+    assert!(message(&file, &both).contains("time.beta: contradicts"), "{}", message(&file, &both));
+}
+
+#[test]
 fn the_last_override_wins() {
     let scene = read(MINIMAL, &["time.step=0.1", "time.step=0.01"]).unwrap();
     assert_eq!(scene.time.step, 0.01);

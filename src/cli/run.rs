@@ -271,7 +271,10 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     }
     report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
     if energy.start != 0.0 {
-        report.number("  over start", energy.end / energy.start, "");
+        let most = (energy.max - energy.start).max(energy.start - energy.min) / energy.start.abs();
+        report
+            .number("  over start", energy.end / energy.start, "")
+            .text("  largest change", format!("{most:.1e}"));
     }
     if let Some(Relaxation { relaxed_steps, halved_steps, least_gamma, largest_gamma, .. }) =
         outcome.relaxation

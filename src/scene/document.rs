@@ -75,6 +75,11 @@ impl<'a> Document<'a> {
         parts(key).try_fold(&self.root, |node, part| node.child(part))
     }
 
+    /// Whether a key has its value from an override.
+    pub fn is_overridden(&self, key: &str) -> bool {
+        self.get(key).is_some_and(|node| matches!(node.place, Place::Override(_)))
+    }
+
     /// The error for a key, in one line: its place (or, where it is missing, that of its table), the key, what is
     /// wrong.
     pub fn fault(&self, key: &str, wrong: impl Display) -> Error {

@@ -126,7 +126,7 @@ fn diagonal(doc: &Document, element: ElementKind) -> Result<Option<Diagonal>> {
         ElementKind::Fvs => {
             let wrong =
                 "contradicts mesh.element = \"fvs\", which cuts no rectangle; expected only with \"hct\"";
-            doc.forbid("mesh.diagonal", wrong)?;
+            doc.forbid_with("mesh.element", "mesh.diagonal", wrong)?;
             Ok(None)
         }
     }
@@ -224,14 +224,19 @@ fn time(doc: &Document) -> Result<Time> {
 
 fn scheme(doc: &Document) -> Result<Scheme> {
     let name: SchemeName = doc.choice("time.scheme")?;
-    if name != SchemeName::Newmark {
-        let wrong = format!("contradicts time.scheme = \"{}\"; expected only with \"newmark\"", name.word());
-        doc.forbid("time.beta", &wrong)?;
-        doc.forbid("time.restitution", &wrong)?;
-    }
-    if name != SchemeName::Midpoint {
-        let wrong = format!("contradicts time.scheme = \"{}\"; expected only with \"midpoint\"", name.word());
-        doc.forbid("time.massless", wrong)?;
+    for (key, of) in [
+        ("time.beta", SchemeName::Newmark),
+        ("time.restitution", SchemeName::Newmark),
+        ("time.massless", SchemeName::Midpoint),
+    ] {
+        if name != of {
+            let wrong = format!(
+                "contradicts time.scheme = \"{}\"; expected only with \"{}\"",
+                name.word(),
+                of.word()
+            );
+            doc.forbid_with("time.scheme", key, wrong)?;
+        }
     }
     match name {
         SchemeName::Newmark => Ok(Scheme::Newmark {

@@ -150,6 +150,13 @@ impl Document<'_> {
         self.get(key).map_or(Ok(()), |_| Err(self.fault(key, wrong)))
     }
 
+    /// As [`Document::forbid`], for a parameter of a choice that was not made. Where an override made the choice, the file's parameters
+    /// have gone with its own.
+    pub fn forbid_with(&self, choice: &str, key: &str, wrong: impl Display) -> Result<()> {
+        let gone = self.is_overridden(choice) && !self.is_overridden(key);
+        if gone { Ok(()) } else { self.forbid(key, wrong) }
+    }
+
     /// The error for a key that must be there.
     pub fn missing(&self, key: &str, expected: impl Display) -> Error {
         self.fault(key, format!("missing; {expected}"))
