@@ -8,15 +8,20 @@
 //! A dense eigenvalue solver leaves errors of a rounding of the largest eigenvalue, which is 10^6 to 10^12 times the lowest; and so
 //! does the rounding of the entries of H_A. The modes' shapes X = (R - S_A W) V know better: with K applied cell by cell, X^T K X is
 //! V^T H_A V with each entry right to its own size, and nearly diagonal. Turning all pairs of modes by first-order perturbation, a
-//! few times, does the rest.
+//! few times, does the rest. V stays orthogonal to rounding throughout: the state goes from one set's modes to the next's as V V^T z.
 
 use super::reduction::Reduction;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::scheme::System;
 use crate::vi::Side;
+use faer::diag::Diag;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{
+    ComputeEigenvectors, EvdError, SelfAdjointEvdParams, self_adjoint_evd, self_adjoint_evd_scratch,
+};
 use faer::linalg::solvers::Solve;
-use faer::{Mat, Side as Triangle};
+use faer::{Auto, Mat, Par, Side as Triangle};
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -26,6 +31,10 @@ const RIGID: f64 = 4.0;
 /// Modes coupled by less than this share of their energies are left as they are: of pairs of fast modes, that is rounding.
 const COUPLING: f64 = 1e-12;
 const MOST_TURNS: usize = 4;
+
+/// Corrections of a turn towards the orthogonal, and the defect (Frobenius) whose square is rounding.
+const MOST_CORRECTIONS: usize = 8;
+const SETTLED: f64 = 1e-8;
 
 /// Modes that would turn by more than this are too near to each other for their basis to matter.
 const LARGEST_ANGLE: f64 = 1e-3;
@@ -79,8 +88,7 @@ impl Modes {
         let (w, rho) = (held.get(.., ..cells), held.get(.., cells..));
         let matrix = stiffness + lift_active.transpose() * w;
         let h = force + lift_active.transpose() * rho;
-        let eigen = matrix.self_adjoint_eigen(Triangle::Lower).map_err(|_| failed("they do not converge"))?;
-        let mut vectors = eigen.U().to_owned();
+        let mut vectors = eigenvectors(&matrix).map_err(|_| failed("they do not converge"))?;
         let push_active = Mat::from_fn(push.nrows(), active.len(), |i, k| push[(i, active[k])]);
         let values = polish(system, &(lift - push_active * w), &mut vectors)?;
         let largest = values.iter().copied().fold(0.0, f64::max);
@@ -135,7 +143,7 @@ fn polish<E: Engine>(system: &System<E>, shape: &Mat<f64>, vectors: &mut Mat<f64
 }
 
 /// Turns the vectors until the matrix, which is symmetric and nearly diagonal, is diagonal: all pairs at once, to first order, with
-/// the rotation made orthogonal to third.
+/// the rotation made orthogonal to rounding: z must come back whole when the active set changes.
 fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
     let size = matrix.nrows();
     for _ in 0..MOST_TURNS {
@@ -156,12 +164,44 @@ fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
         if settled {
             break;
         }
-        // Newton and Schulz: G (3 - G^T G) / 2.
-        let defect = Mat::<f64>::identity(size, size) * faer::Scale(3.0) - turn.transpose() * &turn;
-        let turn = &turn * defect * faer::Scale(0.5);
+        orthogonalise(&mut turn);
         *matrix = turn.transpose() * &*matrix * &turn;
         *vectors = &*vectors * &turn;
     }
+}
+
+/// The orthogonal matrix next to one that nearly is: G (3 - G^T G) / 2 (Newton and Schulz), again until the defect is rounding.
+fn orthogonalise(matrix: &mut Mat<f64>) {
+    let size = matrix.nrows();
+    for _ in 0..MOST_CORRECTIONS {
+        let defect = Mat::<f64>::identity(size, size) - matrix.transpose() * &*matrix;
+        *matrix += &*matrix * &defect * faer::Scale(0.5);
+        // The next defect is 3/4 of this one's square.
+        if defect.norm_l2() <= SETTLED {
+            break;
+        }
+    }
+}
+
+/// Eigenvectors of a symmetric matrix, their eigenvalues ascending, by implicit QR of the tridiagonal form. The divide and conquer
+/// that faer turns to from 128 rows on leaves residuals of up to 2e-5 of the largest eigenvalue on matrices as graded as these.
+fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, EvdError> {
+    let size = matrix.nrows();
+    let params = SelfAdjointEvdParams {
+        recursion_threshold: usize::MAX,
+        ..<SelfAdjointEvdParams as Auto<f64>>::auto()
+    };
+    let scratch = self_adjoint_evd_scratch::<f64>(size, ComputeEigenvectors::Yes, Par::Seq, params.into());
+    let (mut values, mut vectors) = (Diag::zeros(size), Mat::zeros(size, size));
+    self_adjoint_evd(
+        matrix.as_ref(),
+        values.as_mut(),
+        Some(vectors.as_mut()),
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        params.into(),
+    )?;
+    Ok(vectors)
 }
 
 /// Modes of the active sets met so far, the longest unused of which make room for new ones.
