@@ -4,11 +4,11 @@ use super::infsup::{self, InfSup};
 use super::modes;
 use crate::assembly::{self, CellArrays};
 use crate::error::Result;
-use crate::linalg::{Engine, Form};
+use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Mesh};
 use crate::output::text::{Report, significant};
 use crate::scene::{EngineName, Mass, Massless, Scene, Scheme, ViName};
-use crate::scheme;
+use crate::scheme::{self, System, exact};
 use crate::simulation::{self, Model};
 use serde::Serialize;
 use std::fmt;
@@ -258,7 +258,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
-        memory: memory(&mesh, system.engine.dofs(), factors(scene) * factor_entries),
+        memory: memory(&mesh, system.engine.dofs(), factors(scene) * factor_entries) + dense(scene, system),
         frequencies,
         steps: scene.time.steps(),
         step: scene.time.step,
@@ -315,6 +315,15 @@ fn factors(scene: &Scene) -> usize {
     match scene.time.scheme {
         Scheme::Conserving | Scheme::Midpoint { massless: Massless::Equilibrium } => 2,
         Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } | Scheme::Exact => 1,
+    }
+}
+
+/// Bytes of a scheme's dense arrays.
+fn dense(scene: &Scene, system: &System<Native>) -> usize {
+    let System { engine, mass, bounds, .. } = system;
+    match scene.time.scheme {
+        Scheme::Exact => exact::memory(engine.dofs(), engine.velocities(mass), bounds.len()),
+        _ => 0,
     }
 }
 

@@ -63,6 +63,19 @@ use std::cell::OnceCell;
 /// Instants between those that are judged, as are all that follow an event.
 const JUDGE_EVERY: u64 = 16;
 
+/// Bytes of dense arrays beyond which nothing is begun: the first diagonalisation alone would take minutes, and impacts need hundreds.
+const LARGEST: usize = 1 << 33;
+
+/// Bytes at the peak of the dense arrays, estimated: for so many dofs, cells and bounded dofs.
+pub fn memory(dofs: usize, cells: usize, bounded: usize) -> usize {
+    // Of those sizes at once: in the solution for R, and in the diagonalisation of a set.
+    let (lifts, squares) = (7 * dofs * cells, 8 * cells * cells);
+    let at_bounds = bounded * (2 * dofs + 4 * cells + 3 * bounded);
+    // An impact goes through about as many active sets as there are nodes to touch.
+    let cached = bounded.max(1).saturating_mul(size_of::<f64>() * cells * (cells + bounded));
+    size_of::<f64>() * (lifts + squares + at_bounds) + cached.min(ExactOptions::default().memory)
+}
+
 /// What the event search trusts and allows. The motion does not depend on any of it, but for rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExactOptions {
@@ -121,7 +134,7 @@ impl<'s, E: Engine> Exact<'s, E> {
     ///
     /// # Errors
     /// [`Error::Singular`] where the mass is not singular, the inf-sup condition fails, or some motion has neither stiffness nor
-    /// inertia.
+    /// inertia; [`Error::Usage`] where the matrices, which are dense, would be too large.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Exact<'s, E>> {
         Exact::with_options(system, dt, start, ExactOptions::default())
     }
@@ -137,6 +150,15 @@ impl<'s, E: Engine> Exact<'s, E> {
         options: ExactOptions,
     ) -> Result<Exact<'s, E>> {
         let System { engine, stiffness, mass, bounds, .. } = system;
+        let cells = engine.velocities(mass);
+        let needed = memory(engine.dofs(), cells, bounds.len());
+        if needed > LARGEST {
+            return Err(Error::Usage(format!(
+                "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {cells} cells; \
+                 coarsen the mesh or set time.scheme = \"conserving\"",
+                needed as f64 / 1e9
+            )));
+        }
         let reduction = Reduction::new(system)?;
         let mut state = Mat::zeros(reduction.root_mass.len(), 2);
         for (column, of) in [&start.displacement, &start.velocity].into_iter().enumerate() {
@@ -183,9 +205,14 @@ impl<'s, E: Engine> Exact<'s, E> {
 
     /// Takes the state at an instant of the present motion.
     fn look(&mut self, at: f64) {
+        self.motion.state(at, &mut self.state);
+        self.watch();
+    }
+
+    /// Takes what is watched from the state.
+    fn watch(&mut self) {
         let System { bounds, .. } = self.system;
         self.shape.take();
-        self.motion.state(at, &mut self.state);
         self.motion.watch(&self.state, &mut self.watched);
         for (i, side) in self.motion.modes.sides.iter().enumerate() {
             let y = self.watched[(i, 0)];
@@ -368,7 +395,8 @@ impl<E: Engine> Scheme for Exact<'_, E> {
             switches += 1;
             self.switch(at, bound)?;
         }
-        self.look(time - self.motion.start);
+        self.motion.walk(time - self.motion.start, self.dt, &mut self.state);
+        self.watch();
         if switches > 0 || self.n.is_multiple_of(JUDGE_EVERY) {
             self.judge()?;
         }
