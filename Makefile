@@ -9,10 +9,10 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test bench table clean
+.PHONY: help setup run test bench table accuracy clean
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## install what the build needs and is missing
 	@scripts/setup.sh
@@ -54,6 +54,10 @@ bench: setup ## time assembly, factorisation, one step, a whole scene; fine mesh
 table: setup ## recompute the table of the paper
 	$(call say,table)
 	@$(CARGO_RUN) --example csma2013_table
+
+accuracy: setup ## make the studies and figures of docs/accuracy.md again
+	$(call say,accuracy)
+	@scripts/accuracy.sh
 
 clean: ## remove what was built; runs stay
 	$(call say,clean)

@@ -25,7 +25,7 @@
 //! | [`scene`] | TOML to a validated scene |
 //! | [`simulation`] | model, main loop, observer |
 //! | [`output`] | csv, json, vtu, svg, png, progress |
-//! | [`study`] | frequencies, the inf-sup constant, engines and solvers compared |
+//! | [`study`] | frequencies, the inf-sup constant, engines and solvers compared, what accuracy costs, the paper's figures |
 //! | [`cli`] | the command |
 //!
 //! ```

@@ -365,6 +365,15 @@ pub trait Observer {
         Ok(())
     }
 
+    /// The scheme itself, after each row.
+    ///
+    /// # Errors
+    /// As [`Observer::row`].
+    fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
+        let _ = scheme;
+        Ok(())
+    }
+
     /// The end of a step; called often, must cost nothing.
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let _ = (step, contact_nodes);
@@ -606,8 +615,22 @@ pub fn run<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
-    let mut scheme = model.scheme_with(scene, solver)?;
-    let mut outcome = Outcome::new(model, scheme.as_ref(), clock.elapsed().as_secs_f64())?;
+    let scheme = model.scheme_with(scene, solver)?;
+    follow(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
+}
+
+/// As [`run`], with a scheme at its start, which took so many seconds to make.
+///
+/// # Errors
+/// As [`run`].
+pub fn follow<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    mut scheme: Box<dyn Scheme + '_>,
+    seconds: f64,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
+    let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
     let clock = Instant::now();
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
     outcome.factorisations = scheme.factorisations();
@@ -688,6 +711,7 @@ fn march<E: Engine>(
                     ended.chunks_exact(contacts::NUMBERS).map(Contact::from_numbers).collect();
                 observer.contacts(&ended)?;
             }
+            observer.state(scheme)?;
             (iterations, kkt) = (0, 0.0);
         } else if step % GUARD_EVERY == 0 {
             guard.check(step, time, scheme.energies()?)?;

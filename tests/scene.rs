@@ -352,6 +352,19 @@ fn the_scenes_of_the_paper_are_valid() {
     }
 }
 
+#[test]
+fn the_scenes_for_studies_are_valid() {
+    let files = toml_files("scenes/study");
+    assert_eq!(files.len(), 3);
+    for path in files {
+        let scene = Scene::load(&path, &[]).unwrap();
+        let study = scene.study.clone().unwrap();
+        assert_eq!(scene.study(), study);
+        let read = Scene::from_str(&scene.resolved(), "resolved.toml", &[]).unwrap();
+        assert_eq!(read, scene);
+    }
+}
+
 /// Every `--set` line in the comments of the paper's scenes works.
 #[test]
 fn the_variants_of_the_paper_are_valid() {

@@ -2,9 +2,11 @@
 
 mod check;
 mod compare;
+mod figures;
 pub mod launch;
 mod plot;
 mod run;
+mod study;
 
 use crate::error::{Error, Result};
 use crate::scene::{EngineName, Scene};
@@ -34,6 +36,10 @@ enum Command {
     Inspect(check::Inspect),
     /// Run a scene on several engines and contact solvers: how far they differ, what each costs
     Compare(compare::Compare),
+    /// What accuracy costs in time: errors against seconds for schemes, masses, steps and meshes
+    Study(Box<study::Study>),
+    /// The six figures of CSMA 2013, and a verdict on each of the paper's claims
+    Figures(figures::Figures),
     /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and PNG
     Plot(plot::Plot),
 }
@@ -66,9 +72,15 @@ struct SceneArgs {
 impl SceneArgs {
     /// The scene. One that names no engine gets the one that serves as many processes as were started.
     fn load(&self) -> Result<Scene> {
+        self.load_with(&[])
+    }
+
+    /// The same with more overrides.
+    fn load_with(&self, more: &[String]) -> Result<Scene> {
         let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
         let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
-        let overrides: Vec<String> = self.overrides.iter().cloned().chain(named).collect();
+        let overrides: Vec<String> =
+            self.overrides.iter().cloned().chain(named).chain(more.iter().cloned()).collect();
         let parallel = cfg!(feature = "petsc") && launch::size() > 1;
         let engine = if parallel { EngineName::Petsc } else { EngineName::Native };
         Scene::load_for(&self.scene, &overrides, engine)
@@ -91,6 +103,15 @@ impl SceneArgs {
             (false, true) => Ok(()),
         }
     }
+}
+
+/// The command as it was typed, for the foot of a picture.
+fn command_line() -> String {
+    let mut words = std::env::args();
+    let program = words.next().map(PathBuf::from);
+    let program = program.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy());
+    let quoted = words.map(|word| if word.contains([' ', '"', '[']) { format!("'{word}'") } else { word });
+    std::iter::once(program.unwrap_or_default().into_owned()).chain(quoted).collect::<Vec<_>>().join(" ")
 }
 
 fn json(value: &impl serde::Serialize) -> Result<String> {
@@ -120,6 +141,8 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Check(check) => check.execute(),
         Command::Inspect(inspect) => inspect.execute(),
         Command::Compare(compare) => compare.execute(),
+        Command::Study(study) => study.execute(),
+        Command::Figures(figures) => figures.execute(),
         Command::Plot(plot) => plot.execute(),
     }
 }

@@ -4,7 +4,7 @@ use super::{Cell, Mesh, Point};
 use crate::error::{Error, Result};
 
 /// Which way each rectangle is cut into two triangles.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Diagonal {
     /// `/`: from the lower left corner to the upper right one.
@@ -17,7 +17,7 @@ pub enum Diagonal {
 }
 
 /// The element, and with it the shape of the cells.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ElementKind {
     /// Reduced Hsieh-Clough-Tocher, on triangles.

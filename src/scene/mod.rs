@@ -22,12 +22,13 @@
 mod document;
 mod read;
 mod resolved;
+mod study;
 mod typed;
 mod words;
 
 use std::path::Path;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 pub use crate::mesh::{Diagonal, ElementKind};
@@ -35,6 +36,8 @@ pub use crate::plate::Plate;
 pub use crate::scheme::Massless;
 pub use crate::space::Support as SupportKind;
 use document::Document;
+pub use study::{Horizon, Study};
+pub use words::SchemeName;
 
 /// The columns of `history.csv` before those of the probes; no probe may take their names.
 pub const HISTORY_COLUMNS: [&str; 10] = [
@@ -76,6 +79,9 @@ pub struct Scene {
     pub solver: Solver,
     /// What is written.
     pub output: Output,
+    /// What `rebond study` compares, where the scene says so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
 }
 
 /// A rectangular plate on `[0, length] x [0, width]`.
@@ -91,7 +97,7 @@ pub struct Panel {
 }
 
 /// A grid of rectangles that carries the elements.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Grid {
     /// The finite element.
     pub element: ElementKind,
@@ -177,7 +183,7 @@ pub struct Time {
 }
 
 /// A time scheme.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "scheme", rename_all = "snake_case")]
 pub enum Scheme {
     /// Newmark-e-beta.
@@ -199,13 +205,23 @@ pub enum Scheme {
 }
 
 /// A mass matrix.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mass {
     /// The singular one, of velocities constant on each cell.
     Singular,
     /// The consistent one.
     Consistent,
+}
+
+impl Mass {
+    /// What the midpoint scheme makes of the massless part of the displacement unless told otherwise.
+    pub fn massless(self) -> Massless {
+        match self {
+            Mass::Singular => Massless::Equilibrium,
+            Mass::Consistent => Massless::Reflected,
+        }
+    }
 }
 
 /// What solves each step, and how well.
@@ -222,7 +238,7 @@ pub struct Solver {
 }
 
 /// An engine's name. Whether this build has it is not the scene's to judge.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EngineName {
     /// Rust alone, on one process.
@@ -232,7 +248,7 @@ pub enum EngineName {
 }
 
 /// A contact solver's name. Whether this build has it is not the scene's to judge.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ViName {
     /// Active sets on the Schur complement of the contact candidates.
@@ -303,6 +319,11 @@ impl Scene {
         resolved::text(self)
     }
 
+    /// What `rebond study` compares.
+    pub fn study(&self) -> Study {
+        self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
+    }
+
     /// The FNV-1a hash of [`Scene::resolved`], 64 bits in 16 hexadecimal digits: the same on every machine.
     pub fn hash(&self) -> String {
         format!("{:016x}", resolved::fnv1a(self.resolved().as_bytes()))
@@ -331,6 +352,26 @@ impl Scene {
         .into_iter()
         .flatten()
         .collect()
+    }
+}
+
+impl Grid {
+    /// A mesh of the same kind with other cells.
+    pub fn with(&self, element: ElementKind, cells: [usize; 2], refine: u32) -> Grid {
+        let diagonal = (element == ElementKind::Hct).then(|| self.diagonal.unwrap_or_default());
+        Grid { element, cells, diagonal, refine }
+    }
+}
+
+impl Scheme {
+    /// Its name.
+    pub fn name(&self) -> SchemeName {
+        match self {
+            Scheme::Newmark { .. } => SchemeName::Newmark,
+            Scheme::Midpoint { .. } => SchemeName::Midpoint,
+            Scheme::Conserving => SchemeName::Conserving,
+            Scheme::Exact => SchemeName::Exact,
+        }
     }
 }
 

@@ -8,9 +8,9 @@ use super::words::SchemeName;
 use super::{Diagonal, ElementKind};
 use super::{
     EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Mass, Massless, Obstacle, Output, Panel, Plate, Probe,
-    Scene, Scheme, Side, Snapshots, Solver, Support, Time, ViName,
+    Scene, Scheme, Side, Snapshots, Solver, Study, Support, Time, ViName, study,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// The most rectangles of a mesh, after refinement.
 const MOST_RECTANGLES: u64 = 4_000_000;
@@ -41,6 +41,8 @@ const RESTITUTION: Quantity = Quantity::new(
 );
 const STEP: Quantity = Quantity::new("a time step in s", Range::POSITIVE);
 const END: Quantity = Quantity::new("an end time in s", Range::POSITIVE);
+const INSTANT: Quantity =
+    Quantity::new("an instant in s", Range::new(" of at least 0", "is negative", |time| time >= 0.0));
 const TOLERANCE: Quantity = Quantity::new(
     "a relative KKT residual",
     Range::new(" greater than 0 and less than 1", "is out of range", |tolerance| {
@@ -53,11 +55,12 @@ const COORDINATE: Quantity = Quantity::new("a coordinate in m", Range::ANY);
 
 /// The whole scene, with the engine that it gets if it names none.
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
-    let tables = ["plate", "mesh", "support", "obstacle", "load", "initial", "time", "solver", "output"];
+    let tables =
+        ["plate", "mesh", "support", "obstacle", "load", "initial", "time", "solver", "output", "study"];
     doc.allow("", &[&["title"], &tables[..]].concat())?;
     let title = title(doc, file_name)?;
     let plate = panel(doc)?;
-    let mesh = grid(doc)?;
+    let (mesh, time, solver) = (grid(doc)?, time(doc)?, solver(doc, engine)?);
     let scene = Scene {
         title,
         plate,
@@ -66,9 +69,10 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         obstacles: obstacles(doc)?,
         load: load(doc)?,
         initial: initial(doc)?,
-        time: time(doc)?,
-        solver: solver(doc, engine)?,
+        time,
+        solver,
         output: output(doc, &plate, &mesh)?,
+        study: study(doc, &mesh, &time, &solver)?,
     };
     check_start(doc, &scene)?;
     check_exact(doc, &scene)?;
@@ -104,20 +108,11 @@ fn panel(doc: &Document) -> Result<Panel> {
 fn grid(doc: &Document) -> Result<Grid> {
     doc.allow("mesh", &["element", "cells", "diagonal", "refine"])?;
     let element = doc.choice("mesh.element")?;
-    doc.pair("mesh.cells", "expected [nx, ny], the numbers of rectangles along x and y")?;
-    let nx = doc.count("mesh.cells.0", "a number of rectangles along x", 1)?;
-    let ny = doc.count("mesh.cells.1", "a number of rectangles along y", 1)?;
+    let cells = cells(doc, "mesh.cells")?;
     let diagonal = diagonal(doc, element)?;
     let refine = doc.optional_count("mesh.refine", "a number of uniform refinements", 0)?.unwrap_or(0);
-    let refine = refinements(nx, ny, refine).ok_or_else(|| {
-        let (key, refined) = match refine {
-            0 => ("mesh.cells", String::new()),
-            times => ("mesh.refine", format!(", refined {times} times,")),
-        };
-        let wrong = format!("{nx} x {ny} rectangles{refined} are too many");
-        doc.fault(key, format!("{wrong}; expected at most {MOST_RECTANGLES} in all"))
-    })?;
-    Ok(Grid { element, cells: [nx as usize, ny as usize], diagonal, refine })
+    let refine = refinements(cells, refine).ok_or_else(|| too_many(doc, "mesh.refine", cells, refine))?;
+    Ok(Grid { element, cells, diagonal, refine })
 }
 
 fn diagonal(doc: &Document, element: ElementKind) -> Result<Option<Diagonal>> {
@@ -132,11 +127,27 @@ fn diagonal(doc: &Document, element: ElementKind) -> Result<Option<Diagonal>> {
     }
 }
 
+/// The numbers of rectangles along x and y.
+fn cells(doc: &Document, key: &str) -> Result<[usize; 2]> {
+    doc.pair(key, "expected [nx, ny], the numbers of rectangles along x and y")?;
+    let nx = doc.count(&format!("{key}.0"), "a number of rectangles along x", 1)?;
+    let ny = doc.count(&format!("{key}.1"), "a number of rectangles along y", 1)?;
+    let cells = [nx as usize, ny as usize];
+    refinements(cells, 0).map(|_| cells).ok_or_else(|| too_many(doc, key, cells, 0))
+}
+
 /// The refinements, if the mesh they lead to is not too large.
-fn refinements(nx: u64, ny: u64, refine: u64) -> Option<u32> {
+fn refinements([nx, ny]: [usize; 2], refine: u64) -> Option<u32> {
     let refine = u32::try_from(refine).ok()?;
-    let rectangles = nx.checked_mul(ny)?.checked_mul(4_u64.checked_pow(refine)?)?;
+    let rectangles = (nx as u64).checked_mul(ny as u64)?.checked_mul(4_u64.checked_pow(refine)?)?;
     (rectangles <= MOST_RECTANGLES).then_some(refine)
+}
+
+/// The error for a mesh that is too large.
+fn too_many(doc: &Document, key: &str, [nx, ny]: [usize; 2], refine: u64) -> Error {
+    let refined = if refine == 0 { String::new() } else { format!(", refined {refine} times,") };
+    let wrong = format!("{nx} x {ny} rectangles{refined} are too many");
+    doc.fault(key, format!("{wrong}; expected at most {MOST_RECTANGLES} in all"))
 }
 
 fn supports(doc: &Document) -> Result<Vec<Support>> {
@@ -267,10 +278,7 @@ fn only_singular(doc: &Document, scheme: Scheme, why: &str) -> Result<Scheme> {
 }
 
 fn massless(doc: &Document) -> Result<Massless> {
-    let own = match doc.choice("time.mass")? {
-        Mass::Singular => Massless::Equilibrium,
-        Mass::Consistent => Massless::Reflected,
-    };
+    let own = doc.choice::<Mass>("time.mass")?.massless();
     let massless = doc.optional_choice("time.massless")?.unwrap_or(own);
     if (own, massless) == (Massless::Reflected, Massless::Equilibrium) {
         let wrong = "\"equilibrium\" contradicts time.mass = \"consistent\", which leaves nothing massless";
@@ -367,6 +375,65 @@ fn probe_name(doc: &Document, key: &str) -> Result<String> {
         return Err(doc.fault(key, format!("{} cannot head a column; {expected}", quote(name))));
     }
     Ok(name.to_owned())
+}
+
+fn study(doc: &Document, mesh: &Grid, time: &Time, solver: &Solver) -> Result<Option<Study>> {
+    let keys = ["schemes", "masses", "restitutions", "steps", "elements", "cells", "refinements", "engines"];
+    doc.allow("study", &[&keys[..], &["vi", "reference_cells", "at", "until", "repeat"]].concat())?;
+    if doc.get("study").is_none() {
+        return Ok(None);
+    }
+    let usual = Study::of(mesh, time, solver);
+    let cells = doc.list("study.cells", |key| cells(doc, key))?.unwrap_or(usual.cells);
+    let count = |key: &str| doc.count(key, "a number of uniform refinements", 0);
+    let refinements = doc.list("study.refinements", count)?;
+    let refinements =
+        refinements.unwrap_or_else(|| usual.refinements.iter().copied().map(u64::from).collect());
+    let most = refinements.iter().copied().max().unwrap_or(0);
+    if let Some(cells) = cells.iter().find(|cells| self::refinements(**cells, most).is_none()) {
+        return Err(too_many(doc, "study.refinements", *cells, most));
+    }
+    let refinements: Vec<u32> = refinements.into_iter().map(|refine| refine as u32).collect();
+    let reference_cells = match doc.get("study.reference_cells") {
+        Some(_) => self::cells(doc, "study.reference_cells")?,
+        None => study::finer(&cells, &refinements),
+    };
+    let study = Study {
+        schemes: doc.list("study.schemes", |key| doc.choice(key))?.unwrap_or(usual.schemes),
+        masses: doc.list("study.masses", |key| doc.choice(key))?.unwrap_or(usual.masses),
+        restitutions: doc
+            .list("study.restitutions", |key| doc.number(key, &RESTITUTION))?
+            .unwrap_or(usual.restitutions),
+        steps: doc.list("study.steps", |key| doc.number(key, &STEP))?.unwrap_or(usual.steps),
+        elements: doc.list("study.elements", |key| doc.choice(key))?.unwrap_or(usual.elements),
+        cells,
+        refinements,
+        engines: doc.list("study.engines", |key| doc.choice(key))?.unwrap_or(usual.engines),
+        vi: doc.list("study.vi", |key| doc.choice(key))?.unwrap_or(usual.vi),
+        reference_cells,
+        at: doc.list("study.at", |key| instant(doc, key, time))?.unwrap_or(usual.at),
+        until: doc.optional_choice("study.until")?.unwrap_or(usual.until),
+        repeat: doc
+            .optional_count("study.repeat", "a number of repetitions", 1)?
+            .map_or(usual.repeat, |n| u32::try_from(n).unwrap_or(u32::MAX)),
+    };
+    if study.interval(time.end).is_none() {
+        let wrong = "no instants are common to these steps, or fewer than 20 of them";
+        let expected = "expected steps with a short common multiple, such as 1e-3, 5e-4, 2e-4, 1e-4";
+        return Err(
+            doc.fault("study.steps", format!("{wrong} up to time.end = {:?} s; {expected}", time.end))
+        );
+    }
+    Ok(Some(study))
+}
+
+/// An instant of the run.
+fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
+    let at = doc.number(key, &INSTANT)?;
+    if at > time.end {
+        return Err(doc.fault(key, format!("{at:?} is after time.end = {:?} s", time.end)));
+    }
+    Ok(at)
 }
 
 /// A plate that starts flat must not start beyond an obstacle.

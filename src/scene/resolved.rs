@@ -2,7 +2,7 @@
 
 use super::typed::Choice;
 use super::words::SchemeName;
-use super::{Grid, Output, Panel, Scene, Scheme, Solver, Time};
+use super::{Grid, Output, Panel, Scene, Scheme, Solver, Study, Time};
 
 /// One line of a table: key, value, comment.
 type Row = (&'static str, String, &'static str);
@@ -36,7 +36,11 @@ pub(super) fn text(scene: &Scene) -> String {
     section(&mut text, "[time]", &time(&scene.time));
     section(&mut text, "[solver]", &solver(&scene.solver));
     section(&mut text, "[output]", &output(&scene.output));
-    text + &probes(&scene.output)
+    text += &probes(&scene.output);
+    if let Some(of) = &scene.study {
+        section(&mut text, "[study]", &study(of));
+    }
+    text
 }
 
 /// FNV-1a, 64 bits.
@@ -114,6 +118,40 @@ fn probes(output: &Output) -> String {
         |[x, y]: [f64; 2], name| format!("  {{ name = {name}, at = [{}, {}] }},\n", number(x), number(y));
     let rows: String = output.probes.iter().map(|probe| row(probe.at, string(&probe.name))).collect();
     format!("probes = [ # m\n{rows}]\n")
+}
+
+fn study(study: &Study) -> Vec<Row> {
+    let cells: Vec<String> = study.cells.iter().map(|[nx, ny]| format!("[{nx}, {ny}]")).collect();
+    let refinements: Vec<String> = study.refinements.iter().map(u32::to_string).collect();
+    let [nx, ny] = study.reference_cells;
+    let mut rows = vec![
+        ("schemes", words(&study.schemes), ""),
+        ("masses", words(&study.masses), ""),
+        ("restitutions", numbers(&study.restitutions), "newmark"),
+        ("steps", numbers(&study.steps), "s"),
+        ("elements", words(&study.elements), ""),
+        ("cells", format!("[{}]", cells.join(", ")), ""),
+        ("refinements", format!("[{}]", refinements.join(", ")), ""),
+        ("engines", words(&study.engines), ""),
+        ("vi", words(&study.vi), ""),
+        ("reference_cells", format!("[{nx}, {ny}]"), "mesh that measures the error in space"),
+    ];
+    if !study.at.is_empty() {
+        rows.push(("at", numbers(&study.at), "s, instants at which errors of the deflection are told"));
+    }
+    rows.push(("until", word(study.until), "first_impact | second_impact | end: what ranks the runs"));
+    rows.push(("repeat", study.repeat.to_string(), "timed repetitions"));
+    rows
+}
+
+fn words(choices: &[impl Choice]) -> String {
+    let words: Vec<String> = choices.iter().map(|choice| word(*choice)).collect();
+    format!("[{}]", words.join(", "))
+}
+
+fn numbers(values: &[f64]) -> String {
+    let numbers: Vec<String> = values.iter().map(|value| number(*value)).collect();
+    format!("[{}]", numbers.join(", "))
 }
 
 /// A table whose equal signs and comments stand below one another.

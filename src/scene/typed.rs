@@ -73,6 +73,27 @@ impl Document<'_> {
         }
     }
 
+    /// An array of at least one entry, each different and read by its key; `None` if it is absent.
+    pub fn list<T: PartialEq>(&self, key: &str, entry: impl Fn(&str) -> Result<T>) -> Result<Option<Vec<T>>> {
+        if self.get(key).is_none() {
+            return Ok(None);
+        }
+        let expected = "expected an array of at least one entry";
+        let mut list = Vec::new();
+        for index in 0..self.entries(key, expected)? {
+            let at = format!("{key}.{index}");
+            let value = entry(&at)?;
+            if let Some(first) = list.iter().position(|earlier| *earlier == value) {
+                return Err(self.fault(&at, format!("the same as {key}.{first}; expected each once")));
+            }
+            list.push(value);
+        }
+        if list.is_empty() {
+            return Err(self.fault(key, format!("found an empty array; {expected}")));
+        }
+        Ok(Some(list))
+    }
+
     /// An error unless the key is an array of two.
     pub fn pair(&self, key: &str, expected: &str) -> Result<()> {
         match self.entries(key, expected)? {

@@ -1,16 +1,33 @@
 //! The words of every enum, as a scene writes them.
 
 use super::typed::Choice;
-use super::{Diagonal, Edge, ElementKind, EngineName, Mass, Massless, Side, SupportKind, ViName};
+use super::{Diagonal, Edge, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind, ViName};
+use serde::Serialize;
 use std::fmt;
 
-/// The name of a time scheme, before its parameters are known.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum SchemeName {
+/// The name of a time scheme, without its parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SchemeName {
+    /// Newmark-e-beta.
     Newmark,
+    /// Implicit midpoint.
     Midpoint,
+    /// Implicit midpoint, relaxed to the energy of the start.
     Conserving,
+    /// Event-driven.
     Exact,
+}
+
+impl SchemeName {
+    /// All of them.
+    pub const ALL: [SchemeName; 4] =
+        [SchemeName::Newmark, SchemeName::Midpoint, SchemeName::Conserving, SchemeName::Exact];
+
+    /// Whether its accuracy is a matter of the step.
+    pub fn has_step(self) -> bool {
+        self != SchemeName::Exact
+    }
 }
 
 impl Choice for ElementKind {
@@ -64,14 +81,20 @@ impl Choice for ViName {
         &[("condensed", Self::Condensed), ("snes", Self::Snes), ("tao", Self::Tao)];
 }
 
-impl fmt::Display for EngineName {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.word())
-    }
+impl Choice for Horizon {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("first_impact", Self::FirstImpact), ("second_impact", Self::SecondImpact), ("end", Self::End)];
 }
 
-impl fmt::Display for ViName {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.word())
-    }
+/// Names shown as a scene writes them.
+macro_rules! shown_as_words {
+    ($($name:ty),*) => {
+        $(impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str(self.word())
+            }
+        })*
+    };
 }
+
+shown_as_words!(SchemeName, Mass, EngineName, ViName);

@@ -19,7 +19,7 @@ use crate::vi::{Condensed, Solver, Verdict};
 /// What the midpoint scheme takes for the part of U that has no mass.
 ///
 /// The motion of p is the same; contact makes the difference, and the energy shows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Massless {
     /// U^n = U(p^n), in equilibrium and admissible. At steps that resolve impacts its energy errs some ten times less than

@@ -1,6 +1,9 @@
-//! Questions about a scene: its natural frequencies, its inf-sup constant, what a run will cost, whether solvers agree.
+//! Questions about a scene: its natural frequencies, its inf-sup constant, what a run will cost, whether solvers agree, what
+//! accuracy costs.
 
+pub mod accuracy;
 pub mod compare;
+pub mod figures;
 pub mod infsup;
 mod inspect;
 mod lanczos;

@@ -1,0 +1,211 @@
+//! `rebond study`.
+
+use super::{SceneArgs, launch, print};
+use crate::error::Result;
+use crate::output::summary::write_json;
+use crate::output::write_atomic;
+#[cfg(feature = "petsc")]
+use crate::petsc::Context;
+#[cfg(feature = "petsc")]
+use crate::scene::EngineName;
+use crate::scene::Scene;
+#[cfg(feature = "petsc")]
+use crate::simulation::Model;
+#[cfg(feature = "petsc")]
+use crate::study::accuracy::trajectory::Trajectory;
+use crate::study::accuracy::{self, Accuracy, Runner, Watch, pictures};
+use clap::Args;
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Measure what accuracy costs in time.
+#[derive(Debug, Args)]
+pub struct Study {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Folder of study.csv, study.json and plots; default: studies/ and the scene file's name
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Start anew, even where the folder holds a part of this very study
+    #[arg(long)]
+    fresh: bool,
+    #[command(flatten)]
+    lists: Lists,
+}
+
+/// The lists of `[study]`, each separated by commas.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "What to compare, instead of the scene's [study]")]
+struct Lists {
+    /// Time schemes
+    #[arg(long, value_name = "NAMES")]
+    schemes: Option<String>,
+    /// Masses: singular, consistent
+    #[arg(long, value_name = "NAMES")]
+    masses: Option<String>,
+    /// Restitution coefficients of newmark
+    #[arg(long, value_name = "NUMBERS")]
+    restitutions: Option<String>,
+    /// Time steps in s
+    #[arg(long, value_name = "NUMBERS")]
+    steps: Option<String>,
+    /// Elements: hct, fvs
+    #[arg(long, value_name = "NAMES")]
+    elements: Option<String>,
+    /// Meshes, such as 10x4,20x8
+    #[arg(long, value_name = "NXxNY")]
+    cells: Option<String>,
+    /// Uniform refinements
+    #[arg(long, value_name = "NUMBERS")]
+    refinements: Option<String>,
+    /// Engines: native, petsc
+    #[arg(long, value_name = "NAMES")]
+    engines: Option<String>,
+    /// Contact solvers: condensed, snes, tao
+    #[arg(long, value_name = "NAMES")]
+    solvers: Option<String>,
+    /// Mesh that measures the error in space, such as 40x16
+    #[arg(long, value_name = "NXxNY")]
+    reference: Option<String>,
+    /// Instants in s at which errors of the whole deflection are told
+    #[arg(long, value_name = "NUMBERS")]
+    at: Option<String>,
+    /// What ranks the runs: first_impact, second_impact, end
+    #[arg(long, value_name = "PART")]
+    until: Option<String>,
+    /// Timed repetitions of each run
+    #[arg(long, value_name = "N")]
+    repeat: Option<u32>,
+}
+
+impl Lists {
+    /// As keys of the scene, so that they are judged like those.
+    fn overrides(&self) -> Vec<String> {
+        let list = |text: &str, quoted: fn(&str) -> String| {
+            let items: Vec<String> = text.split(',').map(|item| quoted(item.trim())).collect();
+            format!("[{}]", items.join(", "))
+        };
+        let plain = |item: &str| item.to_owned();
+        let word = |item: &str| format!("{item:?}");
+        let pair = |item: &str| format!("[{}]", item.replace('x', ", "));
+        let entry = |key: &str, text: &Option<String>, quoted: fn(&str) -> String| {
+            text.as_ref().map(|text| format!("study.{key}={}", list(text, quoted)))
+        };
+        [
+            entry("schemes", &self.schemes, word),
+            entry("masses", &self.masses, word),
+            entry("restitutions", &self.restitutions, plain),
+            entry("steps", &self.steps, plain),
+            entry("elements", &self.elements, word),
+            entry("cells", &self.cells, pair),
+            entry("refinements", &self.refinements, plain),
+            entry("engines", &self.engines, word),
+            entry("vi", &self.solvers, word),
+            self.reference.as_deref().map(|item| format!("study.reference_cells={}", pair(item))),
+            entry("at", &self.at, plain),
+            self.until.as_deref().map(|item| format!("study.until={}", word(item))),
+            self.repeat.map(|count| format!("study.repeat={count}")),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+impl Study {
+    pub(super) fn execute(&self) -> Result<()> {
+        launch::one_process("study runs")?;
+        let scene = self.scene.load_with(&self.lists.overrides())?;
+        let study = scene.study();
+        #[cfg(feature = "petsc")]
+        if study.engines.contains(&EngineName::Petsc) {
+            let context = Context::start(&self.scene.petsc)?;
+            let on_both = |scene: &Scene, keep_fields: bool| match scene.solver.engine {
+                EngineName::Native => accuracy::natively(scene, keep_fields),
+                EngineName::Petsc => {
+                    let model = Model::distributed(scene, &context)?;
+                    let solver = model.solver(scene);
+                    Trajectory::record(scene, &model, &*solver, keep_fields)
+                }
+            };
+            self.make(&scene, &study, &on_both)?;
+            return context.refuse_unused_options();
+        }
+        self.scene.refuse_petsc_options()?;
+        self.make(&scene, &study, &accuracy::natively)
+    }
+
+    fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {
+        let folder = self.folder();
+        fs::create_dir_all(&folder).map_err(crate::Error::io(&folder))?;
+        let quiet = self.scene.json || self.scene.quiet;
+        let (command, hash) = (super::command_line(), scene.hash());
+        let known = match fs::read(folder.join("study.json")) {
+            Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
+            _ => None,
+        };
+        if let (Some(known), false) = (&known, quiet) {
+            let (runs, failures) = (known.runs.len(), known.failures.len());
+            eprintln!("going on in {}: {runs} runs and {failures} failures are known", folder.display());
+        }
+        let mut watch =
+            Files { folder: &folder, command: &command, hash: &hash, line: Line::new(quiet), quiet };
+        let accuracy = accuracy::study(scene, study, known, run, &mut watch)?;
+        watch.line.0.finish_and_clear();
+        pictures::write(&accuracy, &folder.join("plots"), &command)?;
+        self.scene.print(&accuracy, &accuracy.summary(&command, &hash))?;
+        if !quiet {
+            print(&format!("\nwritten to {}\n", folder.display()))?;
+        }
+        Ok(())
+    }
+
+    fn folder(&self) -> PathBuf {
+        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
+        self.out.clone().unwrap_or_else(|| Path::new("studies").join(stem()))
+    }
+}
+
+/// Keeps the files up to date, so that a study that is stopped leaves what it knows.
+struct Files<'f> {
+    folder: &'f Path,
+    command: &'f str,
+    hash: &'f str,
+    line: Line,
+    quiet: bool,
+}
+
+impl Watch for Files<'_> {
+    fn begins(&mut self, parts: usize, seconds: f64) {
+        self.line.0.set_length(parts as u64);
+        if !self.quiet {
+            let time = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
+            // To standard error: standard output is the report's.
+            eprintln!("{parts} parts, about {}", HumanDuration(time));
+        }
+    }
+
+    fn starts(&mut self, what: &str) {
+        self.line.0.set_message(what.to_owned());
+    }
+
+    fn done(&mut self, so_far: &Accuracy) -> Result<()> {
+        self.line.0.inc(1);
+        write_json(&self.folder.join("study.json"), &so_far.summary(self.command, self.hash))?;
+        write_atomic(&self.folder.join("study.csv"), so_far.csv().as_bytes())
+    }
+}
+
+/// The line that moves on the terminal.
+struct Line(ProgressBar);
+
+impl Line {
+    fn new(quiet: bool) -> Line {
+        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let style = ProgressStyle::with_template("{pos}/{len}  {elapsed}  {wide_msg}")
+            .expect("the template is well-formed");
+        Line(ProgressBar::with_draw_target(Some(0), target).with_style(style))
+    }
+}

@@ -1,0 +1,134 @@
+//! The `[study]` table: what `rebond study` compares.
+
+use super::{ElementKind, EngineName, Grid, Mass, SchemeName, Solver, Time, ViName};
+use serde::{Deserialize, Serialize};
+
+/// Runs are compared at about as many instants as this.
+const INSTANTS: f64 = 1000.0;
+
+/// The fewest instants that tell runs apart.
+const FEWEST_INSTANTS: f64 = 20.0;
+
+/// What a study compares: every combination of these lists that makes sense.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Study {
+    /// Time schemes.
+    pub schemes: Vec<SchemeName>,
+    /// Mass matrices.
+    pub masses: Vec<Mass>,
+    /// Restitution coefficients, for schemes that have one.
+    pub restitutions: Vec<f64>,
+    /// Time steps, s, for schemes that have one.
+    pub steps: Vec<f64>,
+    /// Elements.
+    pub elements: Vec<ElementKind>,
+    /// Rectangles along x and y.
+    pub cells: Vec<[usize; 2]>,
+    /// Uniform refinements of each.
+    pub refinements: Vec<u32>,
+    /// Engines.
+    pub engines: Vec<EngineName>,
+    /// Contact solvers.
+    pub vi: Vec<ViName>,
+    /// Rectangles of the mesh on which the error in space is measured.
+    pub reference_cells: [usize; 2],
+    /// Instants at which errors of the whole deflection are told, s.
+    pub at: Vec<f64>,
+    /// How long runs are compared when they are ranked.
+    pub until: Horizon,
+    /// Timed repetitions of each run.
+    pub repeat: u32,
+}
+
+/// The part of a run that ranks it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Horizon {
+    /// Free motion up to the first impact.
+    FirstImpact,
+    /// Up to the second impact: the first one and what it leaves.
+    SecondImpact,
+    /// The whole run.
+    End,
+}
+
+impl Study {
+    /// What a study compares unless told otherwise: all schemes and masses on the scene's mesh, with its step and four coarser ones.
+    pub(super) fn of(mesh: &Grid, time: &Time, solver: &Solver) -> Study {
+        let fits = |step: &f64| FEWEST_INSTANTS * step <= time.end;
+        let mut steps: Vec<f64> =
+            [16.0, 8.0, 4.0, 2.0, 1.0].iter().map(|times| times * time.step).filter(fits).collect();
+        if steps.is_empty() {
+            steps.push(time.step);
+        }
+        Study {
+            schemes: SchemeName::ALL.to_vec(),
+            masses: vec![Mass::Singular, Mass::Consistent],
+            restitutions: vec![0.0, 1.0],
+            steps,
+            elements: vec![mesh.element],
+            cells: vec![mesh.cells],
+            refinements: vec![mesh.refine],
+            engines: vec![solver.engine],
+            vi: vec![solver.vi],
+            reference_cells: finer(&[mesh.cells], &[mesh.refine]),
+            at: vec![],
+            until: Horizon::SecondImpact,
+            repeat: 3,
+        }
+    }
+
+    /// Time between two instants of comparison, s: a multiple of every step, so that no run is interpolated.
+    ///
+    /// `None` where the steps have no common multiple short enough to tell runs apart.
+    pub fn interval(&self, end: f64) -> Option<f64> {
+        let common = common_multiple(&self.steps)?;
+        let interval = common * (end / INSTANTS / common).ceil().max(1.0);
+        (FEWEST_INSTANTS * interval <= end * (1.0 + 1e-9)).then_some(interval)
+    }
+}
+
+/// Twice the rectangles of the finest mesh along each side.
+pub(super) fn finer(cells: &[[usize; 2]], refinements: &[u32]) -> [usize; 2] {
+    let times = 2_usize.saturating_pow(refinements.iter().copied().max().unwrap_or(0)).saturating_mul(2);
+    let finest = cells.iter().max_by_key(|[nx, ny]| nx.saturating_mul(*ny)).copied().unwrap_or([1, 1]);
+    finest.map(|count| count.saturating_mul(times))
+}
+
+/// The least number of which each of these decimals is a part, if it has no more than the digits of an integer.
+fn common_multiple(steps: &[f64]) -> Option<f64> {
+    // The shortest decimal that reads back as the step: digits, and a power of ten.
+    let decimals: Vec<(u128, i32)> = steps
+        .iter()
+        .map(|step| {
+            let text = format!("{step:e}");
+            let (digits, exponent) = text.split_once('e')?;
+            let fraction = digits.split_once('.').map_or(0, |(_, fraction)| fraction.len() as i32);
+            Some((digits.replace('.', "").parse().ok()?, exponent.parse::<i32>().ok()? - fraction))
+        })
+        .collect::<Option<_>>()?;
+    let unit = decimals.iter().map(|(_, exponent)| *exponent).min()?;
+    let multiple = decimals.iter().try_fold(1_u128, |multiple, &(digits, exponent)| {
+        let count = digits.checked_mul(10_u128.checked_pow((exponent - unit).unsigned_abs())?)?;
+        multiple.checked_mul(count / gcd(multiple, count))
+    })?;
+    format!("{multiple}e{unit}").parse().ok()
+}
+
+fn gcd(a: u128, b: u128) -> u128 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::common_multiple;
+
+    #[test]
+    fn steps_meet_at_their_common_multiple() {
+        assert_eq!(common_multiple(&[1e-3, 5e-4, 1e-4, 5e-6]), Some(1e-3));
+        assert_eq!(common_multiple(&[2e-5, 5e-5]), Some(1e-4));
+        assert_eq!(common_multiple(&[1.5, 1e-1]), Some(1.5));
+        assert_eq!(common_multiple(&[0.3, 0.2, 7.0]), Some(21.0));
+        assert_eq!(common_multiple(&[1e300, 1e-300]), None);
+    }
+}

@@ -1,0 +1,215 @@
+//! Reading a study: who is cheapest at which accuracy, and how fast errors fall.
+
+use super::trajectory::{Deviation, Parts};
+use super::{Accuracy, Limit, Run};
+use crate::scene::{Horizon, Mass};
+use serde::Serialize;
+
+/// Costs that differ by less than this ratio count as equal: a front must not hang on the noise of a clock.
+const SAME_COST: f64 = 1.25;
+
+/// Relative accuracies at which the cheapest run is named.
+pub const ACCURACIES: [f64; 4] = [1e-1, 1e-2, 1e-3, 1e-4];
+
+/// Relative errors from which an order is read: below them errors fall, if they do.
+const ORDERLY: f64 = 0.1;
+
+/// Which error ranks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Axis {
+    /// The error in time, among the runs of one mesh.
+    Time,
+    /// The sum of both, among all.
+    Whole,
+}
+
+impl Axis {
+    /// That error of a run, relative.
+    pub fn error(self, run: &Run) -> f64 {
+        match self {
+            Axis::Time => run.time_error,
+            Axis::Whole => run.error(),
+        }
+    }
+}
+
+/// The Pareto front of some (cost, error) pairs: the numbers of those that no other beats in error at the same cost or less, cheapest
+/// first.
+pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
+    let beats = |one: &(f64, f64), other: &(f64, f64)| {
+        one.0 <= SAME_COST * other.0 && (one.1 < other.1 || one.1 == other.1 && one.0 < other.0)
+    };
+    let on_front = |number: &usize| {
+        let own = &points[*number];
+        own.1.is_finite() && !points.iter().any(|other| beats(other, own))
+    };
+    let mut front: Vec<usize> = (0..points.len()).filter(on_front).collect();
+    front.sort_by(|&a, &b| points[a].0.total_cmp(&points[b].0));
+    front
+}
+
+/// The [Pareto front](pareto) of some runs.
+pub fn front<'r>(runs: &[&'r Run], axis: Axis) -> Vec<&'r Run> {
+    let points: Vec<(f64, f64)> = runs.iter().map(|run| (run.seconds(), axis.error(run))).collect();
+    pareto(&points).into_iter().map(|number| runs[number]).collect()
+}
+
+/// The cheapest run of a front at an accuracy.
+pub fn cheapest<'r>(front: &[&'r Run], axis: Axis, accuracy: f64) -> Option<&'r Run> {
+    front.iter().find(|run| axis.error(run) <= accuracy).copied()
+}
+
+/// The slope of log(error) over log(size), by least squares; `None` for fewer than two points.
+pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
+    let logs: Vec<(f64, f64)> =
+        points.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
+    let count = logs.len() as f64;
+    let (sx, sy) = logs.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));
+    let (sxx, sxy) =
+        logs.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + (x - sx) * (x - sx), b + (x - sx) * (y - sy)));
+    (logs.len() > 1 && sxx > 0.0).then(|| sxy / sxx)
+}
+
+/// How fast the error of a method falls with its step on a mesh.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TimeOrder {
+    /// The mesh.
+    pub mesh: String,
+    /// The method.
+    pub method: String,
+    /// Order up to the first impact.
+    pub first_impact: Option<f64>,
+    /// Order up to the second.
+    pub second_impact: Option<f64>,
+    /// Order over the whole run.
+    pub end: Option<f64>,
+}
+
+/// How fast the error in space falls from one mesh to the next.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SpaceOrder {
+    /// The coarser mesh, and the finer one.
+    pub meshes: [String; 2],
+    /// Order of the deflection, L2 norm, up to the horizon.
+    pub l2: Option<f64>,
+    /// Order in the energy norm.
+    pub energy: Option<f64>,
+}
+
+impl Accuracy {
+    /// The meshes, each once, in the order of the runs.
+    pub fn meshes(&self) -> Vec<String> {
+        let mut meshes: Vec<String> = Vec::new();
+        for limit in &self.limits {
+            if !meshes.contains(&limit.mesh) {
+                meshes.push(limit.mesh.clone());
+            }
+        }
+        meshes
+    }
+
+    /// The runs on a mesh.
+    pub fn runs_on(&self, mesh: &str) -> Vec<&Run> {
+        self.runs.iter().filter(|run| super::mesh_name(&run.case.grid) == mesh).collect()
+    }
+
+    /// Those that share a limit on a mesh, so that their errors in time can be ranked: the singular mass's, if there are any.
+    pub fn ranked_on(&self, mesh: &str) -> Vec<&Run> {
+        let runs = self.runs_on(mesh);
+        let singular = |run: &&&Run| run.case.method.mass == Mass::Singular;
+        let ranked: Vec<&Run> = runs.iter().filter(singular).copied().collect();
+        if ranked.is_empty() { runs } else { ranked }
+    }
+
+    /// The order of each method on each mesh, read from its errors between ORDERLY and three times the limit's own.
+    pub fn time_orders(&self) -> Vec<TimeOrder> {
+        let mut orders = Vec::new();
+        for mesh in self.meshes() {
+            let runs = self.runs_on(&mesh);
+            let mut methods: Vec<String> = Vec::new();
+            for run in runs.iter().filter(|run| run.case.method.scheme.name().has_step()) {
+                let method = run.case.method.to_string();
+                if !methods.contains(&method) {
+                    methods.push(method);
+                }
+            }
+            for method in methods {
+                let own: Vec<&&Run> =
+                    runs.iter().filter(|run| run.case.method.to_string() == method).collect();
+                let order = |part: fn(&Parts<Deviation>) -> Option<Deviation>| {
+                    let floor = self.floor(&mesh, part);
+                    let error = |run: &Run| Some(part(&run.time.probes)?.rms / self.scales.deflection);
+                    let points: Vec<(f64, f64)> = own
+                        .iter()
+                        .filter_map(|run| Some((run.case.step, error(run)?)))
+                        .filter(|(_, error)| *error < ORDERLY && *error > floor)
+                        .collect();
+                    slope(&points)
+                };
+                orders.push(TimeOrder {
+                    first_impact: order(|parts| parts.first_impact),
+                    second_impact: order(|parts| parts.second_impact),
+                    end: order(|parts| Some(parts.end)),
+                    mesh: mesh.clone(),
+                    method,
+                });
+            }
+        }
+        orders
+    }
+
+    /// The error below which runs on a mesh are not told from their limit.
+    fn floor(&self, mesh: &str, part: fn(&Parts<Deviation>) -> Option<Deviation>) -> f64 {
+        let own = self.limits.iter().filter(|limit| limit.mesh == mesh);
+        super::FLOOR * own.filter_map(|limit| part(&limit.own_error)).map(|d| d.rms).fold(0.0, f64::max)
+    }
+
+    /// The order from each mesh to the next finer one of the same element, with the same mass.
+    pub fn space_orders(&self) -> Vec<SpaceOrder> {
+        let element = |limit: &Limit| limit.mesh.split(' ').next().map(str::to_owned);
+        let finer = |coarse: &Limit| {
+            self.limits
+                .iter()
+                .filter(|fine| fine.mass == coarse.mass && element(fine) == element(coarse))
+                .filter(|fine| fine.size < coarse.size * (1.0 - 1e-9))
+                .max_by(|a, b| a.size.total_cmp(&b.size))
+        };
+        let singular = self.limits.iter().filter(|limit| limit.mass == Mass::Singular);
+        let order = |coarse: &Limit| {
+            let fine = finer(coarse)?;
+            let of = |norm: fn(&Limit) -> Option<f64>| {
+                slope(&[(coarse.size, norm(coarse)?), (fine.size, norm(fine)?)])
+            };
+            Some(SpaceOrder {
+                meshes: [coarse.mesh.clone(), fine.mesh.clone()],
+                l2: of(|limit| limit.space.l2.map(|parts| parts.at(Horizon::FirstImpact).rms)),
+                energy: of(|limit| limit.space.energy.map(|parts| parts.at(Horizon::FirstImpact).rms)),
+            })
+        };
+        singular.filter_map(order).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{pareto, slope};
+
+    #[test]
+    fn a_front_does_not_hang_on_the_noise_of_a_clock() {
+        let points = [(1.0, 0.1), (10.0, 0.01), (5.0, 0.2), (9.0, 0.02), (100.0, 1e-4), (1.0, f64::NAN)];
+        assert_eq!(pareto(&points), [0, 1, 4]);
+        let noisy: Vec<(f64, f64)> =
+            points.iter().zip([1.1, 0.95, 1.1, 1.1, 0.9, 1.0]).map(|((c, e), f)| (c * f, *e)).collect();
+        assert_eq!(pareto(&noisy), [0, 1, 4]);
+        assert_eq!(pareto(&[]), [0_usize; 0]);
+    }
+
+    #[test]
+    fn a_slope_is_the_power() {
+        let points: Vec<(f64, f64)> = [1.0, 0.5, 0.25, 0.1].map(|h: f64| (h, 3.0 * h.powi(2))).to_vec();
+        assert!((slope(&points).unwrap() - 2.0).abs() < 1e-12);
+        assert_eq!(slope(&points[..1]), None);
+        assert_eq!(slope(&[(1.0, 0.0), (2.0, 1.0)]), None);
+    }
+}

@@ -1,0 +1,178 @@
+//! L2 and energy norms of deflections: on one mesh by its matrices, between meshes by quadrature.
+//!
+//! Deflections on two meshes are compared as the C1 functions they are: value and second derivatives of both, through their
+//! elements, at the quadrature points of a third, fine mesh.
+
+use crate::assembly;
+use crate::element::{Element, fvs, hct, quadrature};
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Form, Native};
+use crate::mesh::{Cell, Mesh, Point};
+use crate::plate::Plate;
+use crate::space::Space;
+
+/// Norms of a deflection w.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Norms {
+    /// L2: the root of the integral of w^2, in m2.
+    pub l2: f64,
+    /// Energy: the root of a(w, w), twice the elastic energy, in J^(1/2).
+    pub energy: f64,
+}
+
+/// The norms of displacements on one mesh.
+pub struct Metric {
+    engine: Native,
+    stiffness: Form,
+    mass: Form,
+    density: f64,
+}
+
+impl Metric {
+    /// The norms over the free dofs of a space.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] naming a cell that cannot carry its element.
+    pub fn new(mesh: &Mesh, space: &Space, plate: &Plate) -> Result<Metric> {
+        let cells = assembly::cells(mesh, space, plate)?;
+        let engine = Native::with_layout(space.layout(mesh));
+        let stiffness = engine.form(assembly::stiffness(&cells));
+        let mass = engine.form(assembly::consistent_mass(&cells));
+        Ok(Metric { engine, stiffness, mass, density: plate.surface_density() })
+    }
+
+    /// The norms of the difference of two displacements.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn distance(&self, a: &[f64], b: &[f64]) -> Result<Norms> {
+        let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        let mut product = vec![0.0; difference.len()];
+        let elastic = self.engine.multiply(&self.stiffness, &difference, &mut product)?;
+        let mass = self.engine.multiply(&self.mass, &difference, &mut product)?;
+        Ok(Norms { l2: (mass / self.density).max(0.0).sqrt(), energy: elastic.max(0.0).sqrt() })
+    }
+}
+
+/// Value and second derivatives (xx, xy, yy) of a deflection at a point.
+pub type Jet = [f64; 4];
+
+/// The quadrature points of a mesh: exact for the energy of its own deflections, and nearly so for their squares.
+pub struct Points {
+    at: Vec<Point>,
+    /// Areas, in m2.
+    weights: Vec<f64>,
+}
+
+impl Points {
+    /// Six points on each piece of each cell.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a cell that cannot carry its element.
+    pub fn new(mesh: &Mesh) -> Result<Points> {
+        fn add<const N: usize>(points: &mut Points, element: &Element<N>) {
+            for (number, piece) in element.pieces.iter().enumerate() {
+                for (barycentric, weight) in quadrature::DEGREE_3 {
+                    points.at.push(element.point(number, barycentric));
+                    points.weights.push(weight * piece.area());
+                }
+            }
+        }
+        let mut points = Points { at: Vec::new(), weights: Vec::new() };
+        for cell in &mesh.cells {
+            match *cell {
+                Cell::Triangle(nodes) => add(&mut points, &hct::element(nodes.map(|node| mesh.nodes[node]))?),
+                Cell::Quadrilateral(nodes) => {
+                    add(&mut points, &fvs::element(nodes.map(|node| mesh.nodes[node]))?);
+                }
+            }
+        }
+        Ok(points)
+    }
+
+    /// Where they are.
+    pub fn at(&self) -> &[Point] {
+        &self.at
+    }
+
+    /// The norms of the difference of two deflections, given at these points.
+    pub fn distance(&self, plate: &Plate, a: &[Jet], b: &[Jet]) -> Norms {
+        let nu = plate.poissons_ratio;
+        let (mut square, mut bending) = (0.0, 0.0);
+        for ((weight, a), b) in self.weights.iter().zip(a).zip(b) {
+            let [w, xx, xy, yy] = std::array::from_fn(|i| a[i] - b[i]);
+            square += weight * w * w;
+            let trace = xx + yy;
+            bending += weight * ((1.0 - nu) * (xx * xx + 2.0 * xy * xy + yy * yy) + nu * trace * trace);
+        }
+        Norms { l2: square.sqrt(), energy: (plate.rigidity() * bending).sqrt() }
+    }
+}
+
+/// Evaluates the displacements of a space at some points.
+pub struct Sampler {
+    /// For each point: the free dofs of its cell, with the jets of their basis functions.
+    points: Vec<Vec<(usize, Jet)>>,
+}
+
+impl Sampler {
+    /// Locates points in a mesh.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a point outside.
+    pub fn new(mesh: &Mesh, space: &Space, points: &[Point]) -> Result<Sampler> {
+        let mut cells: Vec<Option<Basis>> = vec![None; mesh.cells.len()];
+        let locate = |point: &Point| {
+            let outside =
+                || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
+            let cell = mesh.locate(*point).ok_or_else(outside)?;
+            if cells[cell].is_none() {
+                cells[cell] = Some(Basis::of(mesh, cell)?);
+            }
+            let jets = cells[cell].as_ref().map(|basis| basis.jets(*point)).unwrap_or_default();
+            let dofs = space.dofs_of(mesh.cells[cell].nodes());
+            Ok(dofs.zip(jets).filter_map(|(dof, jet)| Some((dof?, jet))).collect())
+        };
+        Ok(Sampler { points: points.iter().map(locate).collect::<Result<_>>()? })
+    }
+
+    /// The jets of a displacement, point by point.
+    pub fn jets(&self, u: &[f64]) -> Vec<Jet> {
+        let at = |basis: &Vec<(usize, Jet)>| {
+            basis.iter().fold([0.0; 4], |sum, (dof, jet)| std::array::from_fn(|i| sum[i] + u[*dof] * jet[i]))
+        };
+        self.points.iter().map(at).collect()
+    }
+}
+
+/// The element of a cell.
+#[derive(Clone)]
+enum Basis {
+    Hct(Element<9>),
+    Fvs(Element<12>),
+}
+
+impl Basis {
+    fn of(mesh: &Mesh, cell: usize) -> Result<Basis> {
+        Ok(match mesh.cells[cell] {
+            Cell::Triangle(nodes) => Basis::Hct(hct::element(nodes.map(|node| mesh.nodes[node]))?),
+            Cell::Quadrilateral(nodes) => Basis::Fvs(fvs::element(nodes.map(|node| mesh.nodes[node]))?),
+        })
+    }
+
+    /// The jets of its basis functions.
+    fn jets(&self, point: Point) -> Vec<Jet> {
+        fn jets<const N: usize>(element: &Element<N>, point: Point) -> Vec<Jet> {
+            let basis = element.basis_at(point);
+            let jet = |i| {
+                let [xx, xy, yy] = [0, 1, 2].map(|row| basis.hessian[(row, i)]);
+                [basis.value[i], xx, xy, yy]
+            };
+            (0..N).map(jet).collect()
+        }
+        match self {
+            Basis::Hct(element) => jets(element, point),
+            Basis::Fvs(element) => jets(element, point),
+        }
+    }
+}

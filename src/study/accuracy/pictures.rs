@@ -1,0 +1,182 @@
+//! Pictures of a study: work against precision, orders, energy drift, cost.
+
+use super::front::{Axis as Ranked, front};
+use super::plan::Method;
+use super::{Accuracy, Run, report};
+use crate::error::Result;
+use crate::output::plot::{Axis, Color, Curve, Figure, Panel};
+use crate::scene::Horizon;
+use std::path::Path;
+
+/// The lower edge of a picture, over the least error of any step.
+const EDGE: f64 = 0.1;
+
+/// Draws a study into a folder; each picture tells the command that made it.
+///
+/// # Errors
+/// What keeps a file from being written.
+pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
+    let draw = |name: &str, title: String, panels: Vec<Panel>| {
+        let figure = Figure::new(title).note(command);
+        panels.into_iter().fold(figure, Figure::panel).write(&folder.join(name))
+    };
+    let meshes = accuracy.meshes();
+    for mesh in &meshes {
+        let on_mesh = OnMesh { accuracy, runs: accuracy.runs_on(mesh), ranked: accuracy.ranked_on(mesh) };
+        if on_mesh.runs.is_empty() {
+            continue;
+        }
+        let name = |what: &str| format!("{what}-{}", mesh.replace(' ', "-"));
+        draw(&name("work-precision"), format!("Work and precision, {mesh}"), vec![on_mesh.work_precision()])?;
+        draw(&name("orders"), format!("Convergence in time, {mesh}"), on_mesh.orders())?;
+        draw(&name("energy-drift"), format!("Energy drift, {mesh}"), vec![on_mesh.energy_drift()])?;
+    }
+    if meshes.len() > 1 && !accuracy.runs.is_empty() {
+        draw("work-precision", "Work and precision".into(), vec![whole(accuracy, &meshes)])?;
+        draw("cost", "Cost of a run".into(), vec![cost(accuracy)])?;
+    }
+    Ok(())
+}
+
+/// A method in few letters; the singular mass goes without saying.
+fn short(method: &Method) -> String {
+    method.to_string().replace(" singular", "").replace("consistent", "cons.")
+}
+
+/// The methods of some runs, each once: the same style in every picture.
+fn methods<'r>(runs: impl IntoIterator<Item = &'r Run>) -> Vec<Method> {
+    let mut methods: Vec<Method> = Vec::new();
+    for run in runs {
+        if !methods.contains(&run.case.method) {
+            methods.push(run.case.method);
+        }
+    }
+    methods
+}
+
+/// The runs of one mesh.
+struct OnMesh<'a> {
+    accuracy: &'a Accuracy,
+    runs: Vec<&'a Run>,
+    /// Those whose errors in time can be ranked.
+    ranked: Vec<&'a Run>,
+}
+
+impl<'a> OnMesh<'a> {
+    /// A curve a method, through its runs; with its name, unless a panel above tells it.
+    fn curves(&self, named: bool, point: impl Fn(&Run) -> [f64; 2]) -> Vec<Curve> {
+        let curve = |(number, method): (usize, Method)| {
+            let own = self.runs.iter().filter(|run| run.case.method == method);
+            let points: Vec<[f64; 2]> = own.map(|run| point(run)).collect();
+            let name = if named { short(&method) } else { String::new() };
+            Curve::new(name, points).style(number).marks(number)
+        };
+        methods(self.runs.iter().copied()).into_iter().enumerate().map(curve).collect()
+    }
+
+    /// Errors far below those of any step are rounding's: they are drawn at the lower edge, and told in the heading.
+    fn work_precision(&self) -> Panel {
+        let errors = |runs: &[&Run]| {
+            runs.iter().map(|run| run.time_error).filter(|error| *error > 0.0).reduce(f64::min)
+        };
+        let edge = errors(&self.stepping().runs).map_or(0.0, |least| EDGE * least);
+        let point = |run: &Run| [run.seconds(), run.time_error.max(edge)];
+        let horizon = report::horizon_words(self.accuracy.until);
+        let below =
+            self.runs.iter().filter(|run| run.time_error < edge).map(|run| run.time_error).reduce(f64::max);
+        let heading = match below {
+            Some(error) => format!("{horizon}; exact, at the edge: {error:.0e}"),
+            None => horizon.to_owned(),
+        };
+        let best = front(&self.ranked, Ranked::Time).into_iter().map(point).collect();
+        Panel::new(Axis::log("wall time", "s"), Axis::log("relative error in time", ""))
+            .heading(heading)
+            .height(150.0)
+            .curve(front_curve(best))
+            .curves(self.curves(true, point))
+    }
+
+    /// The runs whose accuracy is a matter of their step.
+    fn stepping(&self) -> OnMesh<'a> {
+        let has_step = |run: &&Run| run.case.method.scheme.name().has_step();
+        let those = |runs: &[&'a Run]| runs.iter().copied().filter(has_step).collect();
+        OnMesh { accuracy: self.accuracy, runs: those(&self.runs), ranked: those(&self.ranked) }
+    }
+
+    fn orders(&self) -> Vec<Panel> {
+        let scale = self.accuracy.scales.deflection;
+        let stepping = self.stepping();
+        let until = self.accuracy.until;
+        let has_first = self.accuracy.limits.iter().any(|limit| !limit.impacts.is_empty());
+        let horizons: Vec<Horizon> = match until {
+            Horizon::FirstImpact => vec![until],
+            _ if has_first => vec![Horizon::FirstImpact, until],
+            _ => vec![Horizon::End],
+        };
+        let panel = |(number, horizon): (usize, &Horizon)| {
+            let point = |run: &Run| [run.case.step, run.time.probes.at(*horizon).rms / scale];
+            let mut panel = Panel::new(Axis::log("step", "s"), Axis::log("relative error in time", ""))
+                .heading(format!("({}) {}", ['a', 'b'][number], report::horizon_words(*horizon)))
+                .height(120.0)
+                .curves(stepping.curves(number == 0, point));
+            let positive = |[x, y]: &[f64; 2]| *x > 0.0 && *y > 0.0;
+            let points: Vec<[f64; 2]> = stepping.runs.iter().map(|run| point(run)).filter(positive).collect();
+            let extreme = |axis: usize, of: fn(f64, f64) -> f64| points.iter().map(|p| p[axis]).reduce(of);
+            let extremes = extreme(0, f64::min).zip(extreme(0, f64::max)).zip(extreme(1, f64::max));
+            if let Some(((least, most), largest)) = extremes {
+                // Both through the upper right, each told where it is away from the other.
+                let (near, far) = ((least / most).powf(0.3), (least / most).powf(0.8));
+                panel = panel.slope(1.0, [most * far, largest * far]);
+                panel = panel.slope(2.0, [most * near, largest * near * near]);
+            }
+            panel
+        };
+        horizons.iter().enumerate().map(panel).collect()
+    }
+
+    fn energy_drift(&self) -> Panel {
+        let point = |run: &Run| [run.case.step, run.energy_drift.map_or(f64::NAN, |[_, worst]| worst)];
+        Panel::new(Axis::log("step", "s"), Axis::log("largest |E / E(0) − 1|", ""))
+            .height(150.0)
+            .curves(self.stepping().curves(true, point))
+    }
+}
+
+fn front_curve(points: Vec<[f64; 2]>) -> Curve {
+    Curve::new("Pareto front", points).color(Color::BLACK).width(1.6)
+}
+
+/// The whole error against time: the front over all meshes, and that of each.
+fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
+    let points = |runs: &[&Run]| {
+        front(runs, Ranked::Whole).into_iter().map(|run| [run.seconds(), run.error()]).collect()
+    };
+    let all: Vec<&Run> = accuracy.runs.iter().collect();
+    let of_mesh = |(number, mesh): (usize, &String)| {
+        Curve::new(mesh.as_str(), points(&accuracy.runs_on(mesh))).style(number).marks(number)
+    };
+    Panel::new(Axis::log("wall time", "s"), Axis::log("relative error, time and space", ""))
+        .heading(report::horizon_words(accuracy.until))
+        .height(150.0)
+        .curve(front_curve(points(&all)))
+        .curves(meshes.iter().enumerate().map(of_mesh))
+}
+
+/// Seconds of all steps against dofs, at the smallest step.
+fn cost(accuracy: &Accuracy) -> Panel {
+    let curve = |(number, method): (usize, Method)| {
+        let own: Vec<&Run> = accuracy.runs.iter().filter(|run| run.case.method == method).collect();
+        let smallest = own.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
+        let mut points: Vec<[f64; 2]> = own
+            .iter()
+            .filter(|run| run.case.step == smallest)
+            .map(|run| [run.dofs as f64, run.stepping_seconds])
+            .collect();
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Curve::new(short(&method), points).style(number).marks(number)
+    };
+    Panel::new(Axis::log("degrees of freedom", ""), Axis::log("time of all steps", "s"))
+        .heading("at the smallest step")
+        .height(150.0)
+        .curves(methods(&accuracy.runs).into_iter().enumerate().map(curve))
+}

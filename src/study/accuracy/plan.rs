@@ -1,0 +1,212 @@
+//! What a study runs: the combinations of its lists, and those it leaves out.
+
+use crate::scene::{EngineName, Grid, Mass, Scene, Scheme, SchemeName, Study, ViName};
+use serde::{Deserialize, Serialize, Serializer};
+use std::fmt;
+
+/// A way to go through time: a scheme with its parameters, a mass, and what solves its steps.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Method {
+    /// The scheme.
+    #[serde(flatten)]
+    pub scheme: Scheme,
+    /// The mass.
+    pub mass: Mass,
+    /// The engine.
+    pub engine: EngineName,
+    /// The contact solver.
+    pub vi: ViName,
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Method { scheme, mass, engine, vi } = self;
+        write!(f, "{}", scheme.name())?;
+        if let Scheme::Newmark { restitution, .. } = scheme {
+            write!(f, " e={restitution}")?;
+        }
+        if let Scheme::Midpoint { massless } = scheme
+            && *massless != mass.massless()
+        {
+            f.write_str(" reflected")?;
+        }
+        write!(f, " {mass}")?;
+        match (engine, vi) {
+            (EngineName::Native, ViName::Condensed) => Ok(()),
+            (engine, ViName::Condensed) => write!(f, " {engine}"),
+            (engine, vi) => write!(f, " {engine}:{vi}"),
+        }
+    }
+}
+
+/// A mesh by name, as `fvs 10x4`; its rectangles after refinement.
+pub fn mesh_name(grid: &Grid) -> String {
+    let [nx, ny] = grid.cells.map(|count| count << grid.refine);
+    let element = format!("{:?}", grid.element).to_lowercase();
+    let diagonal = grid.diagonal.map_or(String::new(), |diagonal| match diagonal {
+        crate::scene::Diagonal::Right => String::new(),
+        other => format!(" {}", format!("{other:?}").to_lowercase()),
+    });
+    format!("{element} {nx}x{ny}{diagonal}")
+}
+
+/// One run: a method with a step on a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct Case {
+    /// The mesh.
+    pub grid: Grid,
+    /// The method.
+    #[serde(flatten)]
+    pub method: Method,
+    /// Its step, s.
+    pub step: f64,
+}
+
+impl Case {
+    /// The scene of this run, with rows `interval` seconds apart.
+    pub fn scene(&self, base: &Scene, interval: f64) -> Scene {
+        let mut scene = base.clone();
+        scene.mesh = self.grid;
+        (scene.time.scheme, scene.time.mass, scene.time.step) =
+            (self.method.scheme, self.method.mass, self.step);
+        (scene.solver.engine, scene.solver.vi) = (self.method.engine, self.method.vi);
+        scene.output.every = ((interval / self.step).round() as u64).max(1);
+        scene
+    }
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}, {}", mesh_name(&self.grid), self.method)?;
+        if self.method.scheme.name().has_step() { write!(f, ", {:e} s", self.step) } else { Ok(()) }
+    }
+}
+
+impl Serialize for Case {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Flat<'c> {
+            mesh: String,
+            grid: Grid,
+            #[serde(flatten)]
+            method: &'c Method,
+            step: f64,
+        }
+        Flat { mesh: mesh_name(&self.grid), grid: self.grid, method: &self.method, step: self.step }
+            .serialize(serializer)
+    }
+}
+
+/// Combinations that a study leaves out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Dropped {
+    /// What they have in common.
+    pub what: String,
+    /// Why none of them runs.
+    pub why: &'static str,
+}
+
+/// What a study runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// The meshes, each once.
+    pub grids: Vec<Grid>,
+    /// The methods, each once.
+    pub methods: Vec<Method>,
+    /// All runs: mesh by mesh, method by method, long steps first.
+    pub cases: Vec<Case>,
+    /// What was left out.
+    pub dropped: Vec<Dropped>,
+}
+
+impl Plan {
+    /// Expands the lists of a study.
+    pub fn new(scene: &Scene, study: &Study) -> Plan {
+        let mut dropped = Vec::new();
+        let methods = methods(scene, study, &mut dropped);
+        let mut grids: Vec<Grid> = Vec::new();
+        for &element in &study.elements {
+            for &cells in &study.cells {
+                for &refine in &study.refinements {
+                    let grid = scene.mesh.with(element, cells, refine);
+                    if !grids.iter().any(|known| mesh_name(known) == mesh_name(&grid)) {
+                        grids.push(grid);
+                    }
+                }
+            }
+        }
+        let mut steps = study.steps.clone();
+        steps.sort_by(|a, b| b.total_cmp(a));
+        let interval = study.interval(scene.time.end).unwrap_or(scene.time.step);
+        let mut cases = Vec::new();
+        for &grid in &grids {
+            for &method in &methods {
+                // A scheme without a step of its own runs once, with the instants of comparison for its steps.
+                let own = if method.scheme.name().has_step() { &steps[..] } else { &[interval] };
+                cases.extend(own.iter().map(|&step| Case { grid, method, step }));
+            }
+        }
+        Plan { grids, methods, cases, dropped }
+    }
+}
+
+fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Method> {
+    let beta = match scene.time.scheme {
+        Scheme::Newmark { beta, .. } => beta,
+        _ => 0.5,
+    };
+    let massless = |mass: Mass| match scene.time.scheme {
+        Scheme::Midpoint { massless } if scene.time.mass == mass => massless,
+        _ => mass.massless(),
+    };
+    let mut methods = Vec::new();
+    let mut drop = |what: String, why| {
+        let dropped_one = Dropped { what, why };
+        if !dropped.contains(&dropped_one) {
+            dropped.push(dropped_one);
+        }
+    };
+    for &name in &study.schemes {
+        for &mass in &study.masses {
+            if let Err(why) = serves(name, mass, !scene.obstacles.is_empty()) {
+                drop(format!("{name} {mass}"), why);
+                continue;
+            }
+            for &engine in &study.engines {
+                for &vi in &study.vi {
+                    if engine == EngineName::Native && vi != ViName::Condensed {
+                        drop(format!("native:{vi}"), "the native engine has the condensed solver only");
+                        continue;
+                    }
+                    if name == SchemeName::Exact && engine != EngineName::Native {
+                        drop(format!("{name} {engine}"), "it runs on the native engine");
+                        continue;
+                    }
+                    let schemes: Vec<Scheme> = match name {
+                        SchemeName::Newmark => study
+                            .restitutions
+                            .iter()
+                            .map(|&restitution| Scheme::Newmark { beta, restitution })
+                            .collect(),
+                        SchemeName::Midpoint => vec![Scheme::Midpoint { massless: massless(mass) }],
+                        SchemeName::Conserving => vec![Scheme::Conserving],
+                        SchemeName::Exact => vec![Scheme::Exact],
+                    };
+                    methods.extend(schemes.into_iter().map(|scheme| Method { scheme, mass, engine, vi }));
+                }
+            }
+        }
+    }
+    methods
+}
+
+/// Whether a scheme makes sense with a mass.
+fn serves(scheme: SchemeName, mass: Mass, obstacles: bool) -> Result<(), &'static str> {
+    match (scheme, mass) {
+        (SchemeName::Conserving | SchemeName::Exact, Mass::Consistent) => Err("it needs the singular mass"),
+        (SchemeName::Midpoint, Mass::Consistent) if obstacles => {
+            Err("unstable in contact at every step with the consistent mass")
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,356 @@
+//! A study as text: the table and its reading, and `study.csv`.
+
+use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
+use super::trajectory::{Deviation, Parts};
+use super::{Accuracy, Run, mesh_name};
+use crate::output::text::{Table, grouped, significant};
+use crate::scene::{Horizon, Scheme};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// `1.2e-3`; `-` where there is nothing.
+fn small(value: Option<f64>) -> String {
+    value.map_or("-".into(), |value| if value == 0.0 { "0".into() } else { format!("{value:.1e}") })
+}
+
+/// `2.01`.
+fn order(value: Option<f64>) -> String {
+    value.map_or("-".into(), |value| format!("{value:.2}"))
+}
+
+fn milliseconds(seconds: f64) -> String {
+    let value = 1e3 * seconds;
+    if value < 100.0 { format!("{value:.1}") } else { format!("{value:.0}") }
+}
+
+/// What the horizon is called.
+pub(super) fn horizon_words(horizon: Horizon) -> &'static str {
+    match horizon {
+        Horizon::FirstImpact => "up to the first impact",
+        Horizon::SecondImpact => "up to the second impact",
+        Horizon::End => "over the whole run",
+    }
+}
+
+impl fmt::Display for Accuracy {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "{}", self.title)?;
+        writeln!(f, "  reference: {}", self.reference)?;
+        writeln!(
+            f,
+            "  errors: root mean square at {}, relative to {} m",
+            self.probes.join(", "),
+            significant(self.scales.deflection)
+        )?;
+        for mesh in self.meshes() {
+            self.write_mesh(f, &mesh)?;
+        }
+        self.write_orders(f)?;
+        write_cheapest(f, &self.cheapest())?;
+        for dropped in &self.dropped {
+            writeln!(f, "left out  {}: {}", dropped.what, dropped.why)?;
+        }
+        for failure in &self.failures {
+            writeln!(f, "FAILED  {}: {}", failure.what, failure.why)?;
+        }
+        Ok(())
+    }
+}
+
+impl Accuracy {
+    fn write_mesh(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
+        let runs = self.runs_on(mesh);
+        let front = front(&self.ranked_on(mesh), Axis::Time);
+        writeln!(f)?;
+        let mut limits = Table::new(&[
+            mesh,
+            "computed by",
+            "own error,\nimpact 1",
+            "\nimpact 2",
+            "\nend",
+            "in space,\nimpact 1",
+            "\nimpact 2",
+            "\nend",
+        ]);
+        for limit in self.limits.iter().filter(|limit| limit.mesh == mesh) {
+            let mut cells = vec![format!("limit, {}", limit.mass), limit.source.clone()];
+            cells.extend(parts(&limit.own_error, 1.0));
+            cells.extend(parts(&limit.space.probes, self.scales.deflection));
+            limits.row(cells);
+        }
+        write!(f, "{limits}")?;
+        for limit in self.limits.iter().filter(|limit| limit.mesh == mesh) {
+            for why in &limit.refused {
+                writeln!(f, "    {} not by {why}", limit.family)?;
+            }
+        }
+        writeln!(f)?;
+        let mut table = Table::new(&[
+            "",
+            "step, s",
+            "steps",
+            "set-up,\nms",
+            "stepping,\nms",
+            "in time,\nimpact 1",
+            "\nimpact 2",
+            "\nend",
+            "first\nimpact, s",
+            "energy\ndrift",
+            "VI\niterations",
+            "larger\nerror",
+            "",
+        ]);
+        for run in &runs {
+            let has_step = run.case.method.scheme.name().has_step();
+            let mut cells = vec![run.case.method.to_string()];
+            cells.push(if has_step { format!("{:e}", run.case.step) } else { "-".into() });
+            cells.push(grouped(run.steps));
+            cells.extend([run.set_up_seconds, run.stepping_seconds].map(milliseconds));
+            cells.extend(parts(&run.time.probes, self.scales.deflection));
+            cells.push(small(run.first_impact_error));
+            cells.push(small(run.energy_drift.map(|[end, _]| end)));
+            cells.push(grouped(run.vi_iterations));
+            cells.push(run.dominating().into());
+            let on_front = front.iter().any(|other| std::ptr::eq(*other, *run));
+            let mark = |is: bool, mark: &str| if is { mark.to_owned() } else { String::new() };
+            cells.push(mark(on_front, "*") + &mark(run.at_floor, "~"));
+            table.row(cells);
+        }
+        write!(f, "{table}")?;
+        writeln!(
+            f,
+            "    * on the front of error in time against seconds   ~ not told from the limit's own error"
+        )
+    }
+
+    fn write_orders(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let mut table = Table::new(&["order in time", "mesh", "up to\nimpact 1", "\nimpact 2", "\nend"]);
+        let mut any = false;
+        for of in self.time_orders() {
+            let orders = [of.first_impact, of.second_impact, of.end];
+            if orders.iter().any(Option::is_some) {
+                any = true;
+                let mut cells = vec![of.method, of.mesh];
+                cells.extend(orders.map(order));
+                table.row(cells);
+            }
+        }
+        if any {
+            write!(f, "\n{table}")?;
+        }
+        let orders = self.space_orders();
+        if !orders.is_empty() {
+            let mut table = Table::new(&["order in space, singular mass", "deflection", "energy norm"]);
+            for of in orders {
+                table.row([of.meshes.join(" to "), order(of.l2), order(of.energy)]);
+            }
+            write!(f, "\n{table}")?;
+        }
+        Ok(())
+    }
+
+    /// `study.csv`: one row a run, every number to the last bit.
+    pub fn csv(&self) -> String {
+        let mut text = HEADS.join(",") + "\n";
+        for run in &self.runs {
+            let on_mesh = front(&self.ranked_on(&mesh_name(&run.case.grid)), Axis::Time);
+            let on_front = on_mesh.iter().any(|other| std::ptr::eq(*other, run));
+            text += &(self.row(run, on_front).join(",") + "\n");
+        }
+        text
+    }
+
+    fn row(&self, run: &Run, on_front: bool) -> Vec<String> {
+        let method = &run.case.method;
+        let optional = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
+        let restitution = match method.scheme {
+            Scheme::Newmark { restitution, .. } => Some(restitution),
+            _ => None,
+        };
+        let mut row = vec![
+            mesh_name(&run.case.grid),
+            method.scheme.name().to_string(),
+            method.mass.to_string(),
+            restitution.map_or(String::new(), |e| e.to_string()),
+            method.engine.to_string(),
+            method.vi.to_string(),
+            format!("{:e}", run.case.step),
+            run.dofs.to_string(),
+            run.steps.to_string(),
+            run.contact_steps.to_string(),
+            run.vi_iterations.to_string(),
+            run.factorisations.to_string(),
+            format!("{:e}", run.set_up_seconds),
+            format!("{:e}", run.stepping_seconds),
+            format!("{:e}", run.time_error),
+            format!("{:e}", run.space_error),
+        ];
+        let columns = |of: Option<Parts<Deviation>>| {
+            let rms = |d: Option<Deviation>| optional(d.map(|d| d.rms));
+            let max = |d: Option<Deviation>| optional(d.map(|d| d.max));
+            let of = of.map(|of| [of.first_impact, of.second_impact, Some(of.end)]).unwrap_or_default();
+            of.into_iter().flat_map(move |d| [rms(d), max(d)]).collect::<Vec<String>>()
+        };
+        row.extend(columns(Some(run.time.probes)));
+        row.extend(columns(run.time.l2));
+        row.extend(columns(run.time.energy));
+        row.push(optional(run.first_impact_error));
+        row.extend([0, 1].map(|k| optional(run.energy_drift.map(|drift| drift[k]))));
+        row.extend([format!("{:e}", run.worst_kkt), run.at_floor.to_string(), on_front.to_string()]);
+        row
+    }
+}
+
+/// The columns of `study.csv`. Errors at the probes in m, L2 in m2, energy norm in J^(1/2); `time_error` and `space_error` relative.
+const HEADS: [&str; 40] = [
+    "mesh",
+    "scheme",
+    "mass",
+    "restitution",
+    "engine",
+    "vi",
+    "step",
+    "dofs",
+    "steps",
+    "contact_steps",
+    "vi_iterations",
+    "factorisations",
+    "set_up_seconds",
+    "stepping_seconds",
+    "time_error",
+    "space_error",
+    "probe_rms_first_impact",
+    "probe_max_first_impact",
+    "probe_rms_second_impact",
+    "probe_max_second_impact",
+    "probe_rms",
+    "probe_max",
+    "l2_rms_first_impact",
+    "l2_max_first_impact",
+    "l2_rms_second_impact",
+    "l2_max_second_impact",
+    "l2_rms",
+    "l2_max",
+    "energy_norm_rms_first_impact",
+    "energy_norm_max_first_impact",
+    "energy_norm_rms_second_impact",
+    "energy_norm_max_second_impact",
+    "energy_norm_rms",
+    "energy_norm_max",
+    "first_impact_error",
+    "energy_drift",
+    "largest_energy_drift",
+    "worst_kkt",
+    "at_floor",
+    "on_front",
+];
+
+/// The root mean squares of the three parts, over a scale.
+fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {
+    let relative = |d: Deviation| d.rms / scale;
+    [
+        small(of.first_impact.map(relative)),
+        small(of.second_impact.map(relative)),
+        small(Some(relative(of.end))),
+    ]
+}
+
+/// A table for each mesh, and one for all.
+fn write_cheapest(f: &mut fmt::Formatter, choices: &[Choice]) -> fmt::Result {
+    for choices in choices.chunk_by(|a, b| a.among == b.among) {
+        let mut table = Table::new(&["accuracy", "run", "ms", "error"]);
+        for Choice { accuracy, run, seconds, error, .. } in choices {
+            let run = run.clone().unwrap_or_else(|| "none".into());
+            let time = seconds.map_or("-".into(), milliseconds);
+            table.row([format!("{accuracy:e}"), run, time, small(*error)]);
+        }
+        write!(f, "\n{}\n{table}", choices[0].among)?;
+    }
+    Ok(())
+}
+
+/// The cheapest run that reaches an accuracy.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Choice {
+    /// Among which runs, by which error.
+    among: String,
+    /// The relative accuracy asked for.
+    accuracy: f64,
+    /// The run; `None` if none reaches it.
+    run: Option<String>,
+    /// Its seconds.
+    seconds: Option<f64>,
+    /// Its error; the least of all if none reaches the accuracy.
+    error: Option<f64>,
+}
+
+/// `study.json`: a study with what is read from it.
+#[derive(Debug, Serialize)]
+pub struct Summary<'a> {
+    program: &'static str,
+    version: &'static str,
+    /// What made it.
+    command: &'a str,
+    /// The scene's hash.
+    scene: &'a str,
+    #[serde(flatten)]
+    accuracy: &'a Accuracy,
+    cheapest: Vec<Choice>,
+    time_orders: Vec<TimeOrder>,
+    space_orders: Vec<SpaceOrder>,
+}
+
+impl Accuracy {
+    /// What `study.json` holds, with the command that made it and the scene's hash.
+    pub fn summary<'a>(&'a self, command: &'a str, scene: &'a str) -> Summary<'a> {
+        Summary {
+            program: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            command,
+            scene,
+            accuracy: self,
+            cheapest: self.cheapest(),
+            time_orders: self.time_orders(),
+            space_orders: self.space_orders(),
+        }
+    }
+
+    /// What a `study.json` knows of this very scene, if it was stopped before its end.
+    pub fn stopped(json: &[u8], scene: &str) -> Option<Accuracy> {
+        #[derive(Deserialize)]
+        struct Stopped {
+            version: String,
+            scene: String,
+            #[serde(flatten)]
+            accuracy: Accuracy,
+        }
+        let known: Stopped = serde_json::from_slice(json).ok()?;
+        let same = known.version == env!("CARGO_PKG_VERSION") && known.scene == scene;
+        (same && !known.accuracy.complete).then_some(known.accuracy)
+    }
+
+    /// The cheapest run at each accuracy: on each mesh by the error in time, then of all by the whole error.
+    pub fn cheapest(&self) -> Vec<Choice> {
+        let words = horizon_words(self.until);
+        let on_mesh = |mesh: &String| {
+            (format!("cheapest on {mesh}: error in time, {words}"), self.ranked_on(mesh), Axis::Time)
+        };
+        let mut groups: Vec<(String, Vec<&Run>, Axis)> = self.meshes().iter().map(on_mesh).collect();
+        let all = format!("cheapest of all: error in time and space, {words}");
+        groups.push((all, self.runs.iter().collect(), Axis::Whole));
+        let choices = |(among, runs, axis): (String, Vec<&Run>, Axis)| {
+            let front = front(&runs, axis);
+            ACCURACIES.map(|accuracy| {
+                let run = cheapest(&front, axis, accuracy);
+                Choice {
+                    among: among.clone(),
+                    accuracy,
+                    run: run.map(|run| run.case.to_string()),
+                    seconds: run.map(Run::seconds),
+                    error: run.or(front.last().copied()).map(|run| axis.error(run)),
+                }
+            })
+        };
+        groups.into_iter().flat_map(choices).collect()
+    }
+}

@@ -1,0 +1,385 @@
+//! The figures of the paper, drawn again, and its claims, measured.
+//!
+//! C. Pozzolini, Y. Renard, M. Salaün, *Schémas asymptotiquement conservatifs en énergie dans un problème de vibro-impact de
+//! plaques*, CSMA 2013, section 5: deflection of the tip (figures 1 and 2) and energy with Newmark's scheme (3 and 4) and
+//! the midpoint scheme (5 and 6), on triangles (odd) and quadrilaterals (even). The scenes are those of `scenes/csma2013`.
+
+use super::accuracy::natively;
+use super::accuracy::trajectory::Trajectory;
+use crate::error::{Error, Result};
+use crate::output::plot::{Axis, Curve, Figure, Obstacle, Panel};
+use crate::output::text::significant;
+use crate::scene::{Scene, Scheme};
+use crate::scheme::{Newmark, NewmarkParameters, Scheme as _};
+use crate::simulation::{Model, Outcome};
+use serde::Serialize;
+use std::collections::HashMap;
+use std::fmt;
+use std::path::Path;
+use std::rc::Rc;
+
+const SCENES: [&str; 6] = [
+    include_str!("../../scenes/csma2013/fig1.toml"),
+    include_str!("../../scenes/csma2013/fig2.toml"),
+    include_str!("../../scenes/csma2013/fig3.toml"),
+    include_str!("../../scenes/csma2013/fig4.toml"),
+    include_str!("../../scenes/csma2013/fig5.toml"),
+    include_str!("../../scenes/csma2013/fig6.toml"),
+];
+
+/// Steps of the energies, in s.
+const STEPS: [f64; 5] = [1e-4, 5e-5, 1e-5, 5e-6, 1e-6];
+/// Those that a figure draws: more would lie on one another.
+const DRAWN: [f64; 4] = [1e-4, 1e-5, 5e-6, 1e-6];
+/// Step of the deflections, the paper's.
+const PAPER_STEP: f64 = 5e-6;
+/// Change of the energy over its start that may be rounding's, in half a million steps.
+const ROUNDING: f64 = 1e-9;
+/// Time between rows, in s.
+const ROWS: f64 = 1e-4;
+
+/// Triangles and quadrilaterals, each with its figures of deflection, of Newmark's and of the midpoint scheme's energy.
+const ELEMENTS: [(&str, [usize; 3]); 2] = [("hct", [1, 3, 5]), ("fvs", [2, 4, 6])];
+
+/// A variant of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Kind {
+    /// Newmark, e = 0, singular mass.
+    Absorbing,
+    /// Newmark, e = 1, singular mass.
+    Bouncing,
+    /// Newmark, e = 0, consistent mass.
+    Consistent,
+    /// Midpoint, singular mass.
+    Midpoint,
+    /// Conserving; not the paper's.
+    Conserving,
+    /// Exact; not the paper's.
+    Exact,
+}
+
+impl Kind {
+    fn overrides(self) -> Vec<String> {
+        let set = |scheme: &[&str]| scheme.iter().map(ToString::to_string).collect();
+        match self {
+            Kind::Absorbing => set(&["time.restitution=0"]),
+            Kind::Bouncing => set(&["time.restitution=1"]),
+            Kind::Consistent => set(&["time.restitution=0", "time.mass=consistent"]),
+            Kind::Midpoint | Kind::Conserving | Kind::Exact => set(&[]),
+        }
+    }
+
+    /// What draws it, if that is the same in all figures.
+    fn style(self) -> Option<usize> {
+        match self {
+            Kind::Conserving => Some(5),
+            Kind::Exact => Some(6),
+            _ => None,
+        }
+    }
+
+    /// Its scene: that of one of the paper's figures, with a step.
+    fn scene(self, figure: usize, step: f64) -> Result<Scene> {
+        let mut overrides = self.overrides();
+        overrides.push(format!("time.step={step:e}"));
+        overrides.push(format!("output.every={}", (ROWS / step).round().max(1.0)));
+        let mut scene = Scene::from_str(SCENES[figure - 1], &format!("fig{figure}.toml"), &overrides)?;
+        scene.title = String::new();
+        match self {
+            Kind::Conserving => scene.time.scheme = Scheme::Conserving,
+            Kind::Exact => scene.time.scheme = Scheme::Exact,
+            _ => {}
+        }
+        Ok(scene)
+    }
+}
+
+/// A run with its outcome.
+type Recorded = Rc<(Trajectory, Outcome)>;
+
+/// Runs that figures and claims share.
+struct Runs<'w> {
+    known: HashMap<String, Recorded>,
+    starts: &'w mut dyn FnMut(&str),
+}
+
+impl Runs<'_> {
+    fn get(&mut self, figure: usize, kind: Kind, step: f64) -> Result<Recorded> {
+        let scene = kind.scene(figure, step)?;
+        let name = scene.resolved();
+        if let Some(known) = self.known.get(&name) {
+            return Ok(known.clone());
+        }
+        (self.starts)(&format!("figure {figure}, {} s", significant(step)));
+        let run = Rc::new(natively(&scene, false)?);
+        self.known.insert(name, run.clone());
+        Ok(run)
+    }
+}
+
+/// Whether a claim of the paper holds here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// It does.
+    Holds,
+    /// It does not.
+    Fails,
+}
+
+/// A claim of the paper's section 5, with what was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Claim {
+    /// The claim.
+    pub claim: &'static str,
+    /// What was measured, in words.
+    pub measured: Vec<String>,
+    /// Whether it holds.
+    pub verdict: Verdict,
+}
+
+/// The paper's claims.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Claims(pub Vec<Claim>);
+
+impl fmt::Display for Claims {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for (number, Claim { claim, measured, verdict }) in self.0.iter().enumerate() {
+            let verdict = match verdict {
+                Verdict::Holds => "holds",
+                Verdict::Fails => "FAILS",
+            };
+            writeln!(f, "{}  {claim}: {verdict}", number + 1)?;
+            for line in measured {
+                writeln!(f, "   {line}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Draws the figures into a folder, leaving out steps below `smallest`, and measures the claims.
+///
+/// # Errors
+/// [`Error::Usage`] where no step is left; what ends a run, or keeps a file from being written.
+pub fn figures(folder: &Path, smallest: f64, command: &str, starts: &mut dyn FnMut(&str)) -> Result<Claims> {
+    if !STEPS.iter().any(|step| *step >= smallest) {
+        return Err(Error::Usage(format!(
+            "--smallest-step {smallest:e} leaves out every step; expected at most {:e} s",
+            STEPS[0]
+        )));
+    }
+    let mut runs = Runs { known: HashMap::new(), starts };
+    for (element, [deflection, newmark, midpoint]) in ELEMENTS {
+        let steps: Vec<f64> = DRAWN.into_iter().filter(|step| *step >= smallest).collect();
+        for (others, name, beyond) in
+            [(&[][..], "", ""), (&[Kind::Exact, Kind::Conserving], "-more", ", with conserving and exact")]
+        {
+            let draw = |number: usize, what: &str, panels: Vec<Panel>| {
+                let shape = if element == "hct" { "80 HCT triangles" } else { "40 FVS quadrilaterals" };
+                let title = format!("CSMA 2013, figure {number}: {what}, {shape}{beyond}");
+                let file = folder.join(format!("fig{number}{name}"));
+                panels.into_iter().fold(Figure::new(title).note(command), Figure::panel).write(&file)
+            };
+            let mut energies = |figure, heading: &str, own: &[Kind]| {
+                energies(&mut runs, figure, heading, &[own, others].concat(), &steps)
+            };
+            let absorbing = energies(newmark, "(a) e = 0", &[Kind::Absorbing, Kind::Consistent])?;
+            let bouncing = energies(newmark, "(b) e = 1", &[Kind::Bouncing])?;
+            draw(newmark, "energy, Newmark", vec![absorbing, bouncing])?;
+            draw(midpoint, "energy, midpoint", vec![energies(midpoint, "", &[Kind::Midpoint])?])?;
+            let step = PAPER_STEP.max(smallest);
+            let panel = deflections(&mut runs, deflection, step, others)?;
+            draw(deflection, "deflection of a corner", vec![panel])?;
+        }
+    }
+    claims(&mut runs, smallest)
+}
+
+fn deflections(runs: &mut Runs, figure: usize, step: f64, others: &[Kind]) -> Result<Panel> {
+    let paper = [
+        ("e = 0, singular mass", Kind::Absorbing),
+        ("e = 1, singular mass", Kind::Bouncing),
+        ("e = 0, consistent mass", Kind::Consistent),
+    ];
+    let others = others.iter().map(|&kind| (if kind == Kind::Exact { "exact" } else { "conserving" }, kind));
+    let mut curves = Vec::new();
+    for (number, (name, kind)) in paper.into_iter().chain(others).enumerate() {
+        let run = runs.get(figure, kind, if kind == Kind::Exact { ROWS } else { step })?;
+        let corner: Vec<f64> = run.0.probes.iter().map(|probes| probes[0]).collect();
+        curves.push(Curve::of(name, &run.0.times, &corner).style(kind.style().unwrap_or(number)));
+    }
+    Ok(Panel::new(Axis::linear("time", "s").tight(), Axis::linear("deflection", "m"))
+        .height(130.0)
+        .obstacles(&[Obstacle::Below(-0.1)])
+        .curves(curves))
+}
+
+/// Energies over their start for several steps; of the consistent mass, the smallest step alone, as in the paper; of the conserving
+/// scheme, the largest.
+fn energies(runs: &mut Runs, figure: usize, heading: &str, kinds: &[Kind], steps: &[f64]) -> Result<Panel> {
+    let mut curves = Vec::new();
+    for &kind in kinds {
+        let (steps, words) = match kind {
+            Kind::Consistent => (&steps[steps.len().saturating_sub(1)..], ", consistent mass"),
+            Kind::Conserving => (&steps[..1], ", conserving"),
+            Kind::Exact => (&[ROWS][..], "exact"),
+            _ => (steps, ""),
+        };
+        for &step in steps {
+            let run = runs.get(figure, kind, step)?;
+            let start = run.0.energies[0];
+            let over_start: Vec<f64> = run.0.energies.iter().map(|energy| energy / start).collect();
+            let name = match kind {
+                Kind::Exact => words.to_owned(),
+                _ => format!("{} s{words}", significant(step)),
+            };
+            let style = kind.style().unwrap_or(curves.len());
+            curves.push(Curve::of(name, &run.0.times, &over_start).style(style));
+        }
+    }
+    let panel = Panel::new(Axis::linear("time", "s").tight(), Axis::linear("energy / initial", ""));
+    Ok(panel.heading(heading).height(110.0).curves(curves))
+}
+
+/// What is left of the energy at the end, less one, step by step.
+struct Changes {
+    element: &'static str,
+    absorbing: Vec<f64>,
+    bouncing: Vec<f64>,
+    midpoint: Vec<f64>,
+    /// At the smallest step.
+    consistent: f64,
+    flights: Flights,
+}
+
+/// What Newmark's scheme with e = 0 does to its invariant H (see [`Newmark::invariant`]), over its start, step by step.
+#[derive(Debug, Clone, Copy, Default)]
+struct Flights {
+    /// Sequences of steps without contact.
+    count: u64,
+    /// Largest departure of H from the start of such a sequence.
+    drift: f64,
+    /// Lost in steps with contact.
+    loss: f64,
+    /// Largest rise in a step with contact.
+    rise: f64,
+}
+
+fn claims(runs: &mut Runs, smallest: f64) -> Result<Claims> {
+    let steps: Vec<f64> = STEPS.into_iter().filter(|step| *step >= smallest).collect();
+    let least = steps[steps.len() - 1];
+    let mut measured = Vec::new();
+    for (element, [_, newmark, midpoint]) in ELEMENTS {
+        let mut changes = |figure, kind| -> Result<Vec<f64>> {
+            steps.iter().map(|&step| Ok(change(&runs.get(figure, kind, step)?.0))).collect()
+        };
+        let (absorbing, bouncing) = (changes(newmark, Kind::Absorbing)?, changes(newmark, Kind::Bouncing)?);
+        let midpoint = changes(midpoint, Kind::Midpoint)?;
+        let consistent = change(&runs.get(newmark, Kind::Consistent, least)?.0);
+        let flights = flights(&Kind::Absorbing.scene(newmark, least)?)?;
+        measured.push(Changes { element, absorbing, bouncing, midpoint, consistent, flights });
+    }
+    Ok(Claims(judge(&steps, &measured)))
+}
+
+fn change(run: &Trajectory) -> f64 {
+    run.energy_drift().map_or(f64::NAN, |[end, _]| end)
+}
+
+/// Follows H through every step. It differs from one step to the next by the work of the reaction at the instant between them.
+fn flights(scene: &Scene) -> Result<Flights> {
+    let Scheme::Newmark { beta, restitution } = scene.time.scheme else { return Ok(Flights::default()) };
+    let model = Model::new(scene)?;
+    let parameters = NewmarkParameters { beta, restitution, step: scene.time.step };
+    let mut scheme = Newmark::new(&model.system, parameters, model.start.clone())?;
+    let start = scheme.invariant()?;
+    let (mut flights, mut last, mut took_off) =
+        (Flights { count: 1, ..Flights::default() }, start, Some(start));
+    for _ in 0..scene.time.steps() {
+        scheme.advance()?;
+        let now = scheme.invariant()?;
+        if scheme.reaction().iter().any(|r| *r != 0.0) {
+            flights.loss += (last - now) / start;
+            flights.rise = flights.rise.max((now - last) / start);
+            took_off = None;
+        } else {
+            flights.count += u64::from(took_off.is_none());
+            let from = *took_off.get_or_insert(last);
+            flights.drift = flights.drift.max(((now - from) / start).abs());
+        }
+        last = now;
+    }
+    Ok(flights)
+}
+
+/// The six claims on what was measured.
+fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
+    let verdict = |holds: bool| if holds { Verdict::Holds } else { Verdict::Fails };
+    let every = |holds: &dyn Fn(&Changes) -> bool| verdict(elements.iter().all(holds));
+    let lines = |line: &dyn Fn(&Changes) -> String| {
+        elements.iter().map(|of| format!("{}  {}", of.element, line(of))).collect::<Vec<String>>()
+    };
+    let list = |changes: &[f64]| {
+        let entry = |(step, change): (&f64, &f64)| format!("{:+.5} at {} s", change, significant(*step));
+        steps.iter().zip(changes).map(entry).collect::<Vec<String>>().join(", ")
+    };
+    let last = |changes: &[f64]| changes[changes.len() - 1];
+    let least = significant(steps[steps.len() - 1]);
+    let vanishes = |changes: &[f64]| last(changes).abs() < 0.5 * changes[0].abs();
+    let grows_and_is_cured = |changes: &[f64]| {
+        changes.iter().all(|change| *change > 0.0) && last(changes) < 0.1 * changes[0] && last(changes) < 0.05
+    };
+    let stricter = |of: fn(&Changes) -> &[f64]| {
+        let [triangles, quadrilaterals] = [0, 1].map(|k| of(&elements[k]));
+        triangles.iter().zip(quadrilaterals).all(|(t, q)| t.abs() > q.abs())
+    };
+    vec![
+        Claim {
+            claim: "with e = 0 energy is lost at impacts and only there",
+            measured: lines(&|of| {
+                let Flights { count, drift, loss, rise } = of.flights;
+                format!(
+                    "step {least} s: of the invariant H, {loss:.2e} is lost in steps with contact, none of which raises it by more than \
+                     {rise:.0e}; in each of the {count} flights between them it is constant to {drift:.0e}"
+                )
+            }),
+            verdict: every(&|of| {
+                of.flights.drift < ROUNDING && of.flights.rise < ROUNDING && of.flights.loss > 0.0
+            }),
+        },
+        Claim {
+            claim: "with e = 0 the loss vanishes with the step",
+            measured: lines(&|of| list(&of.absorbing)),
+            verdict: every(&|of| vanishes(&of.absorbing) && of.absorbing.is_sorted()),
+        },
+        Claim {
+            claim: "the consistent mass loses far more than the singular one",
+            measured: lines(&|of| {
+                let (consistent, singular) = (of.consistent, last(&of.absorbing));
+                let ratio = consistent / singular;
+                format!("step {least} s: {consistent:+.5} against {singular:+.5}, {ratio:.0} times as much")
+            }),
+            verdict: every(&|of| of.consistent < 2.0 * last(&of.absorbing)),
+        },
+        Claim {
+            claim: "with e = 1 the energy grows, and a small step cures it",
+            measured: lines(&|of| list(&of.bouncing)),
+            verdict: every(&|of| grows_and_is_cured(&of.bouncing)),
+        },
+        Claim {
+            claim: "triangles need smaller steps than quadrilaterals",
+            measured: vec![
+                "the energy of each run above changes more on triangles than on quadrilaterals".to_owned(),
+            ],
+            verdict: verdict(stricter(|of| &of.absorbing) && stricter(|of| &of.bouncing)),
+        },
+        Claim {
+            claim: "the midpoint scheme does likewise",
+            measured: lines(&|of| list(&of.midpoint)),
+            verdict: verdict(
+                elements.iter().all(|of| grows_and_is_cured(&of.midpoint)) && stricter(|of| &of.midpoint),
+            ),
+        },
+    ]
+}
