@@ -461,6 +461,52 @@ fn a_free_plate_under_a_load_falls_by_the_law_of_galilei() {
 }
 
 #[test]
+fn a_plate_held_all_around_moves_although_no_displacement_gives_its_cells_a_checkerboard() {
+    let text = r#"
+        plate = { length = 1, width = 1, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+        mesh = { element = "fvs", cells = [6, 6] }
+        support = [
+            { edge = "left", kind = "simply_supported" }, { edge = "right", kind = "simply_supported" },
+            { edge = "bottom", kind = "simply_supported" }, { edge = "top", kind = "simply_supported" },
+        ]
+        obstacle = [{ side = "below", height = -1e-3 }]
+        initial = { static_pressure = 14600 }
+        time = { scheme = "exact", mass = "singular", step = 1e-4, end = 0.02 }
+        output = { probes = [{ name = "centre", at = [0.5, 0.5] }] }
+    "#;
+    let scene = |scheme: &str, step: &str| {
+        let set = [format!("time.scheme={scheme}"), format!("time.step={step}")];
+        Scene::from_str(text, "held", &set).expect("a valid scene")
+    };
+    let centres = |scene: &Scene, every: u64| -> Vec<f64> {
+        let model = Model::new(scene).unwrap();
+        let mut scheme = model.scheme(scene).unwrap();
+        let energy = scheme.energies().unwrap().total();
+        let mut centres = Vec::new();
+        while scheme.step() < scene.time.steps() {
+            scheme.advance().unwrap();
+            assert!(scheme.verdict().kkt < 1e-11, "{}", scheme.verdict().kkt);
+            let drift = scheme.energies().unwrap().total() / energy - 1.0;
+            assert!(drift.abs() <= 1e-11, "{drift}");
+            if scheme.step().is_multiple_of(every) {
+                centres.push(model.probes[0].deflection(scheme.displacement()));
+            }
+        }
+        centres
+    };
+    let exact = centres(&scene("exact", "1e-4"), 1);
+    let rms = |step: &str, every: u64| {
+        let other = centres(&scene("conserving", step), every);
+        assert_eq!(other.len(), exact.len());
+        (exact.iter().zip(other).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / exact.len() as f64).sqrt()
+    };
+    // It hits, rebounds past its flat position, and a finer step of another scheme is nearer.
+    assert!(exact.iter().any(|w| *w < -9e-4) && exact[100..].iter().any(|w| *w > 0.0));
+    let (coarse, fine) = (rms("1e-5", 10), rms("1e-6", 100));
+    assert!(fine < 0.1 * coarse && fine < 1e-6, "{coarse} and {fine} m");
+}
+
+#[test]
 fn too_many_events_in_a_step_are_an_error_that_says_when_and_where() {
     let system = balls(1, 0.0, -1.0, 1.0);
     let options = ExactOptions { events_per_step: 10, ..ExactOptions::default() };

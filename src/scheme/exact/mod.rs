@@ -40,6 +40,7 @@
 //!
 //! Loads are constant in time and there is no damping: with either the modes would need their particular solutions.
 
+mod frame;
 mod modes;
 mod motion;
 mod reduction;
@@ -160,12 +161,8 @@ impl<'s, E: Engine> Exact<'s, E> {
             )));
         }
         let reduction = Reduction::new(system)?;
-        let mut state = Mat::zeros(reduction.root_mass.len(), 2);
-        for (column, of) in [&start.displacement, &start.velocity].into_iter().enumerate() {
-            let column = state.col_as_slice_mut(column);
-            engine.velocity(mass, of, column)?;
-            column.iter_mut().zip(&reduction.root_mass).for_each(|(z, c)| *z *= c);
-        }
+        let of = [&start.displacement, &start.velocity];
+        let state = reduction.frame.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
         let sides = first_sides(system, &reduction, &state, options.roundings);
         let mut cache = Cache::new(options.memory);
         let modes = cache.get(system, &reduction, &sides)?;
@@ -227,7 +224,7 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// U and v of the state.
     fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| {
-            let Reduction { lift, push, rest, root_mass, .. } = &self.reduction;
+            let Reduction { lift, push, rest, frame, .. } = &self.reduction;
             let modes = &self.motion.modes;
             let z = &modes.vectors * &self.state;
             let forces = Mat::from_fn(self.reaction.len(), 1, |i, _| self.reaction[i]);
@@ -242,11 +239,10 @@ impl<'s, E: Engine> Exact<'s, E> {
             }
             let pull = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
             let acceleration = &modes.vectors * Mat::from_fn(modes.force.len(), 1, |k, _| pull(k));
-            let over_root = |of: &[f64]| of.iter().zip(root_mass).map(|(v, c)| v / c).collect();
             Shape {
                 displacement: u.col_as_slice(0).to_vec(),
-                velocity: over_root(z.col_as_slice(1)),
-                acceleration: over_root(acceleration.col_as_slice(0)),
+                velocity: frame.velocity(z.col_as_slice(1)),
+                acceleration: frame.velocity(acceleration.col_as_slice(0)),
             }
         })
     }

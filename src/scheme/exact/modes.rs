@@ -185,7 +185,7 @@ fn orthogonalise(matrix: &mut Mat<f64>) {
 
 /// Eigenvectors of a symmetric matrix, their eigenvalues ascending, by implicit QR of the tridiagonal form. The divide and conquer
 /// that faer turns to from 128 rows on leaves residuals of up to 2e-5 of the largest eigenvalue on matrices as graded as these.
-fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, EvdError> {
+pub(super) fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, EvdError> {
     let size = matrix.nrows();
     let params = SelfAdjointEvdParams {
         recursion_threshold: usize::MAX,

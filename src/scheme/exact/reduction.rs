@@ -1,10 +1,11 @@
 //! The saddle point behind phi, solved once for all that a motion can ask of it.
 //!
-//! With z = C^1/2 p and \(\tilde B = C^{-1/2} B\), the displacement U and the acceleration z'' that go with a position z and
+//! With z the coordinates of p in a [`Frame`] and \(\tilde B = Q^T C^{-1/2} B\), the displacement U and the acceleration z'' that go with a position z and
 //! forces f = F + G^T r on the structure solve
 //! \[ K U + \tilde B^T z'' = f, \qquad \tilde B U = z. \]
 //! Both are linear in (f, z), and the operator is symmetric: U = U_F + R z + S G^T r, z'' = h_F - H z + R^T G^T r.
 
+use super::frame::Frame;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor};
 use crate::obstacle::Bounds;
@@ -21,11 +22,11 @@ const INF_SUP: f64 = 1e-11;
 /// The shift of a structure whose finite eigenvalues all vanish, relative to what a random motion sees.
 const LEAST_SHIFT: f64 = 1e-6;
 
-/// What a motion in p knows of the structure; N velocities, n dofs, m bounds.
+/// What a motion in p knows of the structure; N coordinates of velocities, n dofs, m bounds.
 #[derive(Debug)]
 pub(super) struct Reduction {
-    /// C^1/2, N.
-    pub root_mass: Vec<f64>,
+    /// Its N coordinates.
+    pub frame: Frame,
     /// H, N x N: the stiffness that z feels where nothing touches.
     pub stiffness: Mat<f64>,
     /// h_F, N.
@@ -51,7 +52,7 @@ impl Reduction {
     pub fn new<E: Engine>(system: &System<E>) -> Result<Reduction> {
         let saddle = Saddle::new(system)?;
         let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
-        let (cells, bounded) = (saddle.root_mass.len(), bounds.len());
+        let (cells, bounded) = (saddle.frame.size(), bounds.len());
         let load = Mat::from_fn(dofs, 1, |i, _| system.load.as_ref().map_or(0.0, |load| load[i]));
         let (rest, force) = saddle.solve(load, Mat::zeros(cells, 1))?;
         let (lift, acceleration) = saddle.solve(Mat::zeros(dofs, cells), Mat::identity(cells, cells))?;
@@ -68,7 +69,7 @@ impl Reduction {
             rest,
             lift,
             push,
-            root_mass: saddle.root_mass,
+            frame: saddle.frame,
         };
         reduction.check_inf_sup(&unbound)?;
         Ok(reduction)
@@ -102,7 +103,7 @@ fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
 /// The saddle point, by the factor of K + s M: definite where K and M share no rigid motion, and the same where B U is given.
 struct Saddle<'s, E: Engine> {
     system: &'s System<E>,
-    root_mass: Vec<f64>,
+    frame: Frame,
     shift: f64,
     factor: std::cell::RefCell<E::Factor>,
     /// (K + s M)^-1 B~^T, n x N.
@@ -114,8 +115,8 @@ struct Saddle<'s, E: Engine> {
 impl<'s, E: Engine> Saddle<'s, E> {
     fn new(system: &'s System<E>) -> Result<Saddle<'s, E>> {
         let System { engine, stiffness, mass, .. } = system;
-        let root_mass = root_mass(system)?;
-        let (dofs, cells) = (engine.dofs(), root_mass.len());
+        let mut frame = Frame::new(system)?;
+        let (dofs, cells) = (engine.dofs(), frame.size());
         let shift = shift(system)?;
         let mut factor = engine.factor(&[(1.0, stiffness), (shift, mass)], &[]).map_err(|_| {
             Error::Singular(
@@ -126,27 +127,25 @@ impl<'s, E: Engine> Saddle<'s, E> {
         })?;
         let mut columns = Mat::zeros(dofs, cells);
         let mut unit = vec![0.0; cells];
-        for (k, root) in root_mass.iter().enumerate() {
-            unit[k] = 1.0 / root;
+        for k in 0..cells {
+            unit[k] = 1.0;
             let column = columns.col_as_slice_mut(k);
-            engine.momentum(mass, &unit, column)?;
+            frame.momentum(system, &unit, column)?;
             factor.solve(column)?;
             unit[k] = 0.0;
         }
-        let mut product = Mat::zeros(cells, cells);
-        velocities(system, &root_mass, &columns, &mut product)?;
-        let schur = symmetric(&product, 1.0).llt(Triangle::Lower).map_err(|_| {
-            Error::Singular(
-                "time.scheme = \"exact\": the velocities of some cells depend on each other; refine the mesh"
-                    .into(),
-            )
+        let compliance = symmetric(&frame.of(system, &columns)?, 1.0);
+        let schur = frame.reduce(&compliance).ok_or_else(|| {
+            Error::Singular("time.scheme = \"exact\": no displacement moves any cell; refine the mesh".into())
         })?;
-        Ok(Saddle { system, root_mass, shift, factor: factor.into(), columns, schur })
+        // Each row of (K + s M)^-1 B~^T is one of velocities.
+        let columns = frame.narrow(columns.transpose().to_owned()).transpose().to_owned();
+        Ok(Saddle { system, frame, shift, factor: factor.into(), columns, schur })
     }
 
     /// U and z'' of forces (n x k) and positions (N x k).
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
-        let System { engine, stiffness, mass, .. } = self.system;
+        let System { engine, stiffness, .. } = self.system;
         let mut u = Mat::zeros(forces.nrows(), forces.ncols());
         let mut acceleration = Mat::zeros(positions.nrows(), positions.ncols());
         let (mut force, mut position) = (forces.clone(), positions.clone());
@@ -159,15 +158,11 @@ impl<'s, E: Engine> Saddle<'s, E> {
             if correction == CORRECTIONS {
                 break;
             }
-            let mut reached = Mat::zeros(positions.nrows(), positions.ncols());
-            velocities(self.system, &self.root_mass, &u, &mut reached)?;
-            position -= reached;
+            position -= self.frame.of(self.system, &u)?;
             for j in 0..u.ncols() {
                 engine.multiply(stiffness, u.col_as_slice(j), &mut product)?;
                 force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, k)| *f -= k);
-                let velocity: Vec<f64> =
-                    acceleration.col_as_slice(j).iter().zip(&self.root_mass).map(|(a, c)| a / c).collect();
-                engine.momentum(mass, &velocity, &mut product)?;
+                self.frame.momentum(self.system, acceleration.col_as_slice(j), &mut product)?;
                 force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, b)| *f -= b);
             }
         }
@@ -180,8 +175,7 @@ impl<'s, E: Engine> Saddle<'s, E> {
         for j in 0..u.ncols() {
             self.factor.borrow_mut().solve(u.col_as_slice_mut(j))?;
         }
-        let mut acceleration = Mat::zeros(positions.nrows(), positions.ncols());
-        velocities(self.system, &self.root_mass, &u, &mut acceleration)?;
+        let mut acceleration = self.frame.of(self.system, &u)?;
         acceleration -= positions;
         self.schur.solve_in_place(&mut acceleration);
         u -= &self.columns * &acceleration;
@@ -196,28 +190,6 @@ impl<'s, E: Engine> Saddle<'s, E> {
         }
         Ok(Mat::from_fn(bounds.len(), bounds.len(), |i, j| unit_forces[(bounds.dofs[i], j)]))
     }
-}
-
-/// C^1/2, the entries of C being the kinetic energies of single velocities.
-fn root_mass<E: Engine>(system: &System<E>) -> Result<Vec<f64>> {
-    let System { engine, mass, .. } = system;
-    let mut unit = vec![0.0; engine.velocities(mass)];
-    let mut entries = Vec::with_capacity(unit.len());
-    for k in 0..unit.len() {
-        unit[k] = 1.0;
-        entries.push(engine.vis_viva(mass, &unit)?);
-        unit[k] = 0.0;
-    }
-    // Velocities that are coupled are those of a consistent mass.
-    let ones = vec![1.0; entries.len()];
-    let (whole, sum) = (engine.vis_viva(mass, &ones)?, entries.iter().sum::<f64>());
-    if (whole - sum).abs() > 1e-9 * sum {
-        return Err(Error::Singular(
-            "time.scheme = \"exact\" needs time.mass = \"singular\"; with the consistent mass set time.scheme = \"newmark\""
-                .into(),
-        ));
-    }
-    Ok(entries.into_iter().map(f64::sqrt).collect())
 }
 
 /// A shift of the order of the finite eigenvalues of K x = w^2 M x: their mean, by two looks at one vector.
@@ -240,19 +212,4 @@ fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
     x.copy_from_slice(&image);
     // Where only rigid motions have inertia the mean is rounding.
     Ok(quotient(&x)?.max(LEAST_SHIFT * first))
-}
-
-/// B~ of each column.
-fn velocities<E: Engine>(
-    system: &System<E>,
-    root_mass: &[f64],
-    columns: &Mat<f64>,
-    result: &mut Mat<f64>,
-) -> Result<()> {
-    for j in 0..columns.ncols() {
-        let column = result.col_as_slice_mut(j);
-        system.engine.velocity(&system.mass, columns.col_as_slice(j), column)?;
-        column.iter_mut().zip(root_mass).for_each(|(v, c)| *v *= c);
-    }
-    Ok(())
 }

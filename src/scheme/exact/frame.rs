@@ -1,0 +1,109 @@
+//! Coordinates of the velocities that displacements can give.
+//!
+//! z = Q^T C^1/2 p, the columns of Q being orthonormal. Q is the identity unless B misses some velocities: on a uniform grid that is
+//! held all around no displacement gives its cells the mean deflections of a checkerboard. Nothing moves that way; Q spans the rest.
+
+use super::modes::eigenvectors;
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::scheme::System;
+use faer::linalg::solvers::Llt;
+use faer::{Mat, Side as Triangle};
+
+/// Velocities that displacements give with less than this part of the ease of the others are missed.
+const MISSED: f64 = 1e-10;
+
+/// See the [module page](self).
+#[derive(Debug)]
+pub(super) struct Frame {
+    /// C^1/2, N.
+    root_mass: Vec<f64>,
+    /// Q, N x r; `None` for the identity.
+    span: Option<Mat<f64>>,
+}
+
+impl Frame {
+    /// The frame of all velocities.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] for a mass that is not singular.
+    pub fn new<E: Engine>(system: &System<E>) -> Result<Frame> {
+        let System { engine, mass, .. } = system;
+        let mut unit = vec![0.0; engine.velocities(mass)];
+        // The entries of C are the kinetic energies of single velocities.
+        let mut entries = Vec::with_capacity(unit.len());
+        for k in 0..unit.len() {
+            unit[k] = 1.0;
+            entries.push(engine.vis_viva(mass, &unit)?);
+            unit[k] = 0.0;
+        }
+        // Velocities that are coupled are those of a consistent mass.
+        let ones = vec![1.0; entries.len()];
+        let (whole, sum) = (engine.vis_viva(mass, &ones)?, entries.iter().sum::<f64>());
+        if (whole - sum).abs() > 1e-9 * sum {
+            return Err(Error::Singular(
+                "time.scheme = \"exact\" needs time.mass = \"singular\"; with the consistent mass set time.scheme = \"newmark\""
+                    .into(),
+            ));
+        }
+        Ok(Frame { root_mass: entries.into_iter().map(f64::sqrt).collect(), span: None })
+    }
+
+    /// Leaves out what B misses, given the matrix B~ A^-1 B~^T of all velocities with A positive definite; returns its factor in the
+    /// coordinates that remain, `None` if those are none.
+    pub fn reduce(&mut self, compliance: &Mat<f64>) -> Option<Llt<f64>> {
+        let largest = (0..compliance.nrows()).map(|k| compliance[(k, k)]).fold(0.0, f64::max);
+        let pivot = |llt: &Llt<f64>, k: usize| llt.L()[(k, k)].powi(2);
+        let whole = compliance.llt(Triangle::Lower).ok();
+        if let Some(llt) = whole.filter(|llt| (0..self.size()).all(|k| pivot(llt, k) > MISSED * largest)) {
+            return Some(llt);
+        }
+        let vectors = eigenvectors(compliance).ok()?;
+        let image = compliance * &vectors;
+        let given: Vec<usize> = (0..vectors.ncols())
+            .filter(|&k| vectors.col(k).transpose() * image.col(k) > MISSED * largest)
+            .collect();
+        let span = Mat::from_fn(vectors.nrows(), given.len(), |i, k| vectors[(i, given[k])]);
+        let llt = (span.transpose() * compliance * &span).llt(Triangle::Lower).ok();
+        self.span = Some(span);
+        llt
+    }
+
+    /// Number of coordinates.
+    pub fn size(&self) -> usize {
+        self.span.as_ref().map_or(self.root_mass.len(), Mat::ncols)
+    }
+
+    /// Coordinates of the velocities that go with displacements (n x k).
+    pub fn of<E: Engine>(&self, system: &System<E>, displacements: &Mat<f64>) -> Result<Mat<f64>> {
+        let mut all = Mat::zeros(self.root_mass.len(), displacements.ncols());
+        for j in 0..displacements.ncols() {
+            let column = all.col_as_slice_mut(j);
+            system.engine.velocity(&system.mass, displacements.col_as_slice(j), column)?;
+            column.iter_mut().zip(&self.root_mass).for_each(|(v, c)| *v *= c);
+        }
+        Ok(self.narrow(all))
+    }
+
+    /// Q^T of columns.
+    pub fn narrow(&self, all: Mat<f64>) -> Mat<f64> {
+        match &self.span {
+            Some(span) => span.transpose() * all,
+            None => all,
+        }
+    }
+
+    /// The velocity with these coordinates, one number a cell.
+    pub fn velocity(&self, z: &[f64]) -> Vec<f64> {
+        let over_root = |of: &[f64]| of.iter().zip(&self.root_mass).map(|(v, c)| v / c).collect();
+        match &self.span {
+            Some(span) => over_root((span * Mat::from_fn(z.len(), 1, |k, _| z[k])).col_as_slice(0)),
+            None => over_root(z),
+        }
+    }
+
+    /// B~^T of coordinates: the forces of that momentum, n.
+    pub fn momentum<E: Engine>(&self, system: &System<E>, z: &[f64], forces: &mut [f64]) -> Result<()> {
+        system.engine.momentum(&system.mass, &self.velocity(z), forces)
+    }
+}
