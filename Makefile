@@ -9,10 +9,10 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test bench table accuracy clean
+.PHONY: help setup run test test-long bench table accuracy clean
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## install what the build needs and is missing
 	@scripts/setup.sh
@@ -44,6 +44,10 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	$(call say,documentation)
 	@RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --locked
 	$(call say,all passed)
+
+test-long: setup ## the tests that take minutes, which make test leaves out
+	$(call say,long tests)
+	@cargo test --release --locked --test conserving --test exact -- --ignored
 
 bench: setup ## time assembly, factorisation, one step, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)

@@ -1,8 +1,10 @@
 //! What `rebond study` measures: orders that theory gives, combinations, fronts, files.
 
+mod command;
 mod common;
 mod plates;
 
+use command::rebond;
 use common::Random;
 use plates::{Fvs, Hct, Matrices, Right, all_round, unit};
 use rebond::element::{fvs, hct};
@@ -16,8 +18,6 @@ use rebond::study::accuracy::plan::Plan;
 use rebond::study::accuracy::{self, Accuracy, Run, Watch};
 use std::f64::consts::PI;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 struct Silent;
 
@@ -208,21 +208,8 @@ fn a_plan_has_every_combination_that_makes_sense() {
     assert_eq!(Plan::new(&scene, &scene.study()).methods.len(), 6);
 }
 
-/// A folder of its own for a test, empty.
-fn folder(test: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("study-{test}"));
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
-fn rebond(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rebond")).current_dir(folder).args(arguments).output().unwrap()
-}
-
 #[test]
 fn the_command_writes_a_table_two_files_and_pictures() {
-    let folder = folder("files");
     let scene = r#"
         title = "a short fall"
         plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -234,7 +221,7 @@ fn the_command_writes_a_table_two_files_and_pictures() {
         solver = { energy_guard = 1.05 }
         output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
         "#;
-    fs::write(folder.join("fall.toml"), scene).unwrap();
+    let folder = command::folder("study-files", scene);
     let arguments =
         ["study", "fall.toml", "--out", "out", "--schemes", "newmark,midpoint", "--masses", "singular"];
     let more = [
@@ -289,15 +276,14 @@ fn the_command_writes_a_table_two_files_and_pictures() {
 
 #[test]
 fn wrong_lists_are_told_like_wrong_keys() {
-    let folder = folder("wrong");
-    fs::write(folder.join("figure.toml"), include_str!("../scenes/csma2013/fig4.toml")).unwrap();
+    let folder = command::folder("study-wrong", include_str!("../scenes/csma2013/fig4.toml"));
     let cases = [
         (["--schemes", "newmrak"], "study.schemes.0: \"newmrak\" is not valid"),
         (["--steps", "1e-3,7.77e-4"], "study.steps: no instants are common"),
         (["--cells", "10x0"], "study.cells.0.1: 0 is too small"),
     ];
     for (flags, words) in cases {
-        let output = rebond(&folder, &[&["study", "figure.toml"][..], &flags].concat());
+        let output = rebond(&folder, &[&["study", "fall.toml"][..], &flags].concat());
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{message}");
         assert!(message.contains(words) && message.lines().count() == 1, "{message}");
@@ -308,7 +294,7 @@ fn wrong_lists_are_told_like_wrong_keys() {
 /// At steps down to 1e-5 s; the claims hold better below.
 #[test]
 fn the_claims_of_the_paper_hold() {
-    let folder = folder("figures");
+    let folder = command::folder("study-figures", "");
     let output = rebond(&folder, &["figures", "--out", "out", "--smallest-step", "1e-5", "--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let claims: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
