@@ -115,7 +115,13 @@ mod cases {
             mesh.points.insert("each".into(), (0..mesh.nodes.len()).collect());
             Ok(mesh)
         };
-        let Part { mesh, owns, .. } = Part::of_mesh(&context, read, 0, &[])?;
+        let part = Part::of_mesh(&context, read, 0, &[])?;
+        for place in square().nodes {
+            let found = part.owned_node_near(place);
+            assert!(found.is_none_or(|node| part.owns[node] && part.mesh.nodes[node] == place));
+            assert_eq!(context.sum_count(found.iter().count()), 1);
+        }
+        let Part { mesh, owns, .. } = part;
         let (nodes, cells) = (square().nodes, context.sum_count(mesh.cells.len()));
         assert_eq!(context.sum_count(mesh.edges["each"].len()), nodes.len() + cells - 1);
         assert_eq!(mesh.points["each"].len(), owns.iter().filter(|&&owns| owns).count());

@@ -82,6 +82,18 @@ impl Part {
         Part::build(plex, &names, refinements, supports)
     }
 
+    /// The node nearest to a point, on the rank that owns it alone; of several as near, one of the lowest rank. Collective.
+    pub fn owned_node_near(&self, point: Point) -> Option<usize> {
+        let context = self.plex.context();
+        let distance = |node: &usize| (self.mesh.nodes[*node] - point).norm();
+        let own = (0..self.owns.len())
+            .filter(|&node| self.owns[node])
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let distances = context.gather(&[own.as_ref().map_or(f64::INFINITY, distance)]);
+        let first = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]));
+        own.filter(|_| first == Some(context.rank()))
+    }
+
     /// Shares a mesh out, refines and supports it.
     fn build(mut plex: Plex, names: &Names, refinements: u32, supports: &[(&str, Support)]) -> Result<Part> {
         plex = plex.distribute()?;
