@@ -303,7 +303,8 @@ pub fn foundation(
         AnyElement::Triangle(element) => plate::mass(element, value).as_slice().to_vec(),
         AnyElement::Quadrilateral(element) => plate::mass(element, value).as_slice().to_vec(),
     })?;
-    let under = matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
+    let under =
+        matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
     // Each with a class of its own, after those of the cells.
     let block = |(number, matrix): (usize, Vec<f64>)| {
         let class = BARE + cells.len() + number;
@@ -458,7 +459,12 @@ impl Probe {
 
     /// The velocity of a mass of m kg at the point, as one more row of B and entry of C.
     pub fn rider(&self, m: f64, class: usize) -> Average {
-        Average { dofs: self.dofs(), row: self.weights.iter().map(|(_, weight)| m * weight).collect(), mass: m, class }
+        Average {
+            dofs: self.dofs(),
+            row: self.weights.iter().map(|(_, weight)| m * weight).collect(),
+            mass: m,
+            class,
+        }
     }
 
     fn dofs(&self) -> Rc<[Option<usize>]> {

@@ -9,13 +9,15 @@ pub struct Bounds {
     pub lower: Vec<f64>,
     /// Upper bounds, in m.
     pub upper: Vec<f64>,
+    /// Size of the motions that are bounded, in m, where neither the bounds nor the deflections tell it: a gap that may stay near 0.
+    pub size: f64,
 }
 
 impl Bounds {
     /// The same bounds on each dof.
     pub fn uniform(dofs: Vec<usize>, lower: f64, upper: f64) -> Bounds {
         let count = dofs.len();
-        Bounds { dofs, lower: vec![lower; count], upper: vec![upper; count] }
+        Bounds { dofs, lower: vec![lower; count], upper: vec![upper; count], size: 0.0 }
     }
 
     /// Number of bounded dofs.
@@ -59,9 +61,9 @@ impl Bounds {
             .fold(0.0, f64::max)
     }
 
-    /// Largest finite magnitude among the bounds, in m; 0 if there is none.
+    /// Largest finite magnitude among the bounds, in m, or [`Bounds::size`] if that is larger.
     pub fn magnitude(&self) -> f64 {
         let bounds = self.lower.iter().chain(&self.upper).map(|b| b.abs());
-        bounds.fold(0.0, |m, b| if b > m && b.is_finite() { b } else { m })
+        bounds.fold(self.size, |m, b| if b > m && b.is_finite() { b } else { m })
     }
 }

@@ -36,7 +36,7 @@ pub trait Sections {
 }
 
 /// Stiffness along two axes in the plate's plane.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orthotropy {
     /// Young's modulus across the grain, E_2, in Pa; [`Plate::youngs_modulus`] is E_1 along it, [`Plate::poissons_ratio`] nu_12.
     pub across: f64,
@@ -47,7 +47,7 @@ pub struct Orthotropy {
 }
 
 /// A homogeneous Kirchhoff-Love plate.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plate {
     /// Thickness h, in m.
     pub thickness: f64,
@@ -58,7 +58,6 @@ pub struct Plate {
     /// Density rho, in kg/m3.
     pub density: f64,
     /// `None`: isotropic.
-    #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub orthotropy: Option<Orthotropy>,
 }
 
@@ -97,9 +96,15 @@ impl Plate {
                 let own = Matrix3::new(along, 0.0, nu * other, 0.0, twist, 0.0, nu * other, 0.0, other);
                 let (s, c) = grain.to_radians().sin_cos();
                 let turn = Matrix3::new(
-                    c * c, 2.0 * s * c, s * s,
-                    -s * c, c * c - s * s, s * c,
-                    s * s, -2.0 * s * c, c * c,
+                    c * c,
+                    2.0 * s * c,
+                    s * s,
+                    -s * c,
+                    c * c - s * s,
+                    s * c,
+                    s * s,
+                    -2.0 * s * c,
+                    c * c,
                 );
                 turn.tr_mul(&(own * turn))
             }

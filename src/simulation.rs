@@ -19,8 +19,7 @@ use crate::linalg::{Engine, Form, Native, Sum};
 use crate::mesh::{Mesh, Point};
 use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
-    Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
-    Tally,
+    Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System, Tally,
 };
 use crate::space::{Hold, Space};
 pub use crate::vi::SolverFactory;
@@ -113,12 +112,14 @@ fn on_ground<R>(
         return Err(nothing_free());
     }
     let cells = assembly::cells(mesh, &space, &Body::new(scene, mesh, &Alone)?)?;
+    let gaps: Vec<_> = (0..scene.balls.len()).map(|ball| Some(space.extra(ball))).collect();
     act(&Ground {
         scene,
         team: &Alone,
         mesh,
         holds,
         space: &space,
+        gaps: &gaps,
         cells: &cells,
         own: &Some,
         add_up: Rc::new(|local| Ok(local.to_vec())),
@@ -506,7 +507,7 @@ impl Outcome {
         if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
             self.worst_kkt = verdict.kkt;
         }
-        if scene.obstacles.is_empty() {
+        if !scene.has_contact() {
             return Ok((0, 0.0));
         }
         let (engine, bounds) = (&model.system.engine, scheme.limits());

@@ -105,7 +105,7 @@ enum Slope {
     Askew([f64; 2]),
 }
 
-/// The numbering of the free dofs, node by node; after them those of what is no node.
+/// The numbering of the free dofs, node by node, and of extra ones that belong to no node.
 ///
 /// Beside a support askew to the axes, w_x and w_y of a node are one dof, the slope in its free direction, times a factor each.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,12 +129,22 @@ impl Space {
     /// # Errors
     /// [`Error::Mesh`] for an edge that the mesh does not have.
     pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
+        Ok(Space::of(&Space::holds(mesh, &Space::on_edges(mesh, supports)?)))
+    }
+
+    /// Supports on all of named edges.
+    ///
+    /// # Errors
+    /// As [`Space::new`].
+    pub fn on_edges<'n>(
+        mesh: &Mesh,
+        supports: impl IntoIterator<Item = (&'n str, Support)>,
+    ) -> Result<Vec<(Place, Support)>> {
         let place = |(name, support): (&str, Support)| {
             mesh.edge_nodes(name)?;
             Ok((Place::Edges(mesh.edges[name].clone()), support))
         };
-        let supports: Vec<_> = supports.into_iter().map(place).collect::<Result<_>>()?;
-        Ok(Space::of(&Space::holds(mesh, &supports)))
+        supports.into_iter().map(place).collect()
     }
 
     /// What supports hold, node by node.
@@ -158,12 +168,13 @@ impl Space {
 
     /// The dofs that are left free.
     pub fn of(holds: &[Hold]) -> Space {
-        Space::numbered(holds, true)
+        Space::numbered(holds, true, 0)
     }
 
-    /// As [`Space::of`], but each dof has a number, held or not: 3 n + k is dof k of node n.
-    pub fn of_all(holds: &[Hold]) -> Space {
-        Space::numbered(holds, false)
+    /// As [`Space::of`], but each dof has a number, held or not, and so many that are of no node come first: `extra` + 3 n + k is dof k
+    /// of node n.
+    pub fn of_all(holds: &[Hold], extra: usize) -> Space {
+        Space::numbered(holds, false, extra)
     }
 
     /// Which of its three dofs a node with such a hold has not.
@@ -175,8 +186,8 @@ impl Space {
         [hold.deflection > 0.0, x, y]
     }
 
-    fn numbered(holds: &[Hold], leave_out: bool) -> Space {
-        let mut space = Space { free: Vec::new(), factors: HashMap::new(), count: 0, extra: 0 };
+    fn numbered(holds: &[Hold], leave_out: bool, extra: usize) -> Space {
+        let mut space = Space { free: Vec::new(), factors: HashMap::new(), count: extra, extra: 0 };
         for hold in holds {
             let first = space.free.len();
             for held in Space::held(hold) {
@@ -212,13 +223,13 @@ impl Space {
         self.free.iter().enumerate().map(value).collect()
     }
 
-    /// The space with so many more dofs, after those of the nodes.
+    /// The space with so many extra dofs after those of the nodes.
     pub fn with_extra(mut self, extra: usize) -> Space {
         self.extra = extra;
         self
     }
 
-    /// The number of one of the dofs that belong to no node.
+    /// The number of an extra dof that comes after those of the nodes.
     pub fn extra(&self, number: usize) -> usize {
         self.count + number
     }
@@ -263,13 +274,13 @@ impl Space {
         for (place, &node) in order.iter().enumerate() {
             rank[node] = place;
         }
-        let mut places = vec![0; self.dofs()];
+        // What is of no node has a place after all others.
+        let mut places: Vec<usize> = (0..self.dofs()).map(|dof| self.free.len() + dof).collect();
         for (dof, free) in self.free.iter().enumerate() {
             if let Some(free) = free {
                 places[*free] = dof % PER_NODE * nodes + rank[dof / PER_NODE];
             }
         }
-        (0..self.extra).for_each(|k| places[self.count + k] = self.free.len() + k);
         Layout::new(places)
     }
 }

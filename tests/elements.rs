@@ -458,7 +458,6 @@ fn y_squared<const N: usize>(vertices: &[Point]) -> SVector<f64, N> {
 
 #[test]
 fn a_cubic_pressure_does_its_exact_work_on_a_quadratic_deflection() {
-    let plate = unit_plate(0.3);
     let pressure = |p: Point| p.x.powi(3);
     let triangle = triangle_of(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
     let work = load(&hct::element(triangle).unwrap(), pressure).dot(&y_squared(&triangle));

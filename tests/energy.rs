@@ -1,7 +1,7 @@
 //! Energy does what theory says: constant in free flight, never rising for e = 0, and the guard stops what grows.
 
 use rebond::energy::Energies;
-use rebond::scene::Scene;
+use rebond::scene::{Given, Scene};
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::{self, Model, Observer, Row};
 
@@ -109,8 +109,9 @@ fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
 #[test]
 fn a_load_does_work_and_the_total_stays() {
     let mut scene = plate("hct", "singular", "midpoint", 1e-4, 0.1, false);
-    scene.initial.static_pressure = 0.0;
-    scene.load = Some(rebond::scene::Load { pressure: 5000.0 });
+    scene.initial.static_pressure = Given::constant("initial.static_pressure", 0.0);
+    let pressure = Given::constant("load.pressure", 5000.0);
+    scene.load = Some(rebond::scene::Load { pressure, gravity: 0.0, forces: Vec::new() });
     let model = Model::new(&scene).unwrap();
     let mut rows = Rows(Vec::new());
     simulation::run(&scene, &model, &simulation::condensed, &mut rows).unwrap().1.unwrap();

@@ -6,7 +6,7 @@ use common::{Random, block};
 use rebond::Error;
 use rebond::linalg::{Average, Native};
 use rebond::obstacle::Bounds;
-use rebond::scene::{Mass, Scene};
+use rebond::scene::{Given, Mass, Scene};
 use rebond::scheme::{Damping, Drive, Event, Exact, ExactOptions, Scheme, Start, System, Tally};
 use rebond::simulation::Model;
 use std::f64::consts::PI;
@@ -553,7 +553,7 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
 #[test]
 fn a_mesh_too_large_for_dense_matrices_is_refused_at_once() {
     let mut scene = plate("fvs", [160, 64], "exact", 1e-3, 0.1);
-    scene.initial.static_pressure = 0.0;
+    scene.initial.static_pressure = Given::constant("initial.static_pressure", 0.0);
     let model = Model::new(&scene).unwrap();
     let error = Exact::new(&model.system, 1e-3, model.start.clone()).map(drop).unwrap_err();
     assert!(error.to_string().contains("10240 cells") && error.to_string().contains("conserving"), "{error}");

@@ -4,7 +4,7 @@ mod plates;
 
 use plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
 use rebond::mesh::ElementKind;
-use rebond::space::Support;
+use rebond::space::{Rigid, Space, Support};
 use rebond::study::modes;
 use std::f64::consts::{PI, TAU};
 
@@ -139,7 +139,12 @@ fn square_frequencies(
     count: usize,
 ) -> Vec<f64> {
     let plate = Matrices::square(cells, element, supports);
-    let mechanism = plate.space.mechanism(&plate.mesh).is_some();
+    let mut rigid = Rigid::of(&plate.mesh);
+    let places = Space::on_edges(&plate.mesh, supports.iter().copied()).unwrap();
+    for (hold, at) in Space::holds(&plate.mesh, &places).iter().zip(&plate.mesh.nodes) {
+        rigid.hold(*at, hold);
+    }
+    let mechanism = rigid.mechanism().is_some();
     let values = modes::lowest(&plate.engine, &plate.stiffness, &plate.consistent, count, mechanism);
     values.unwrap().iter().map(|f| f * TAU).collect()
 }

@@ -87,7 +87,7 @@ fn stiffness<const N: usize>(
     free: &[Option<usize>],
     class: usize,
 ) -> Block {
-    let matrix = PLATE.stiffness(element);
+    let matrix = PLATE.section().stiffness(element);
     let arms: Vec<[f64; 2]> =
         nodes.iter().map(|&node| (mesh.nodes[node] - mesh.nodes[nodes[0]]).into()).collect();
     let dofs = nodes.iter().flat_map(|&node| free[3 * node..3 * node + 3].to_vec()).collect();

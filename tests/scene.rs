@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use proptest::prelude::*;
 use rebond::Error;
 use rebond::scene::{
-    Diagonal, Edge, ElementKind, EngineName, Mass, Obstacle, Scene, Scheme, Side, Snapshots, Support,
-    SupportKind, ViName,
+    Diagonal, ElementKind, EngineName, Given, Mass, Obstacle, Region, Scene, Scheme, Side, Snapshots, Stand,
+    Support, SupportKind, ViName,
 };
 
 const MINIMAL: &str = r#"
@@ -83,6 +83,10 @@ subdivide = 3
 probes = [{ name = "corner", at = [1.2, 0] }, { name = "côté # libre", at = [0.1, 0.4] }]
 "#;
 
+fn support(edge: &str, kind: SupportKind) -> Support {
+    Support { stand: Stand::Edge { edge: edge.into(), part: None }, kind, motion: None }
+}
+
 fn read(text: &str, overrides: &[&str]) -> rebond::Result<Scene> {
     let overrides: Vec<String> = overrides.iter().map(ToString::to_string).collect();
     Scene::from_str(text, "dir/my scene.toml", &overrides)
@@ -132,7 +136,7 @@ fn defaults_are_filled_in() {
     assert_eq!(scene.mesh.diagonal, Some(Diagonal::Right));
     assert_eq!(scene.mesh.refine, 0);
     assert!(scene.supports.is_empty() && scene.obstacles.is_empty() && scene.load.is_none());
-    assert_eq!((scene.initial.static_pressure, scene.initial.velocity), (0.0, 0.0));
+    assert!(scene.initial.static_pressure.is_zero() && scene.initial.velocity.is_zero());
     assert_eq!(scene.time.scheme, Scheme::Newmark { beta: 0.5, restitution: 0.0 });
     assert_eq!(scene.time.steps(), 1000);
     assert_eq!((scene.solver.engine, scene.solver.vi), (EngineName::Native, ViName::Condensed));
@@ -158,9 +162,10 @@ fn every_key_is_read() {
     assert_eq!(scene.plate.plate.density, 7770.0);
     assert_eq!(scene.mesh.element, ElementKind::Hct);
     assert_eq!((scene.mesh.cells, scene.mesh.refine), ([10, 4], 2));
-    assert_eq!(scene.supports[1], Support { edge: Edge::Top, kind: SupportKind::SimplySupported });
-    assert_eq!(scene.obstacles[0], Obstacle { side: Side::Below, height: -0.1 });
-    assert_eq!(scene.obstacle(Side::Above), Some(0.3333333333333333));
+    assert_eq!(scene.supports[1], support("top", SupportKind::SimplySupported));
+    let height = Given::constant("obstacle.0.height", -0.1);
+    assert_eq!(scene.obstacles[0], Obstacle { side: Side::Below, height, region: Region::All });
+    assert_eq!(scene.plane(Side::Above), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);
     assert_eq!(scene.time.steps(), 100_000);
     assert_eq!(scene.output.fields, Some(Snapshots { every: 2000, subdivide: 3 }));
@@ -242,10 +247,10 @@ fn overrides_change_add_and_append() {
     assert_eq!(scene.time.steps(), 250_000);
     assert_eq!(scene.time.mass, Mass::Consistent);
     assert_eq!(scene.title, "two words");
-    assert_eq!(scene.obstacle(Side::Below), Some(-0.2));
+    assert_eq!(scene.plane(Side::Below), Some(-0.2));
     assert_eq!(scene.output.probes[0].name, "tip");
     assert_eq!(scene.output.probes[2].at, [0.5, 0.2]);
-    assert_eq!(scene.supports[2], Support { edge: Edge::Right, kind: SupportKind::Guided });
+    assert_eq!(scene.supports[2], support("right", SupportKind::Guided));
     assert_eq!(scene.mesh.cells, [5, 3]);
 
     let scene = read(MINIMAL, &["load.pressure=3", "obstacle.0.side=above", "obstacle.0.height=1"]).unwrap();

@@ -7,9 +7,9 @@ mod plates;
 use command::rebond;
 use common::Random;
 use plates::{Fvs, Hct, Matrices, Right, all_round, unit};
-use rebond::element::{fvs, hct};
+use rebond::assembly;
 use rebond::linalg::{Engine, Factor};
-use rebond::mesh::{Cell, Mesh, Point};
+use rebond::mesh::{Mesh, Point};
 use rebond::scene::Scene;
 use rebond::space::Support;
 use rebond::study::accuracy::front::{Axis, front, slope};
@@ -109,23 +109,9 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let matrices = Matrices::new(mesh, plate, &support);
     let Matrices { mesh, space, engine, stiffness, .. } = &matrices;
     let mut load = vec![0.0; space.dofs()];
-    for cell in &mesh.cells {
-        let own: Vec<f64> = match *cell {
-            Cell::Triangle(nodes) => {
-                let element = hct::element(nodes.map(|node| mesh.nodes[node])).unwrap();
-                plate.load(&element, pressure).iter().copied().collect()
-            }
-            Cell::Quadrilateral(nodes) => {
-                let element = fvs::element(nodes.map(|node| mesh.nodes[node])).unwrap();
-                plate.load(&element, pressure).iter().copied().collect()
-            }
-        };
-        for (dof, force) in space.dofs_of(cell.nodes()).zip(own) {
-            if let Some(dof) = dof {
-                load[dof] += force;
-            }
-        }
-    }
+    let points = assembly::Pressure::new(mesh, &matrices.cells).unwrap();
+    let values: Vec<f64> = points.points().iter().map(|&at| pressure(at)).collect();
+    points.add(&values, &mut load);
     engine.factor(&[(1.0, stiffness)], &[]).unwrap().solve(&mut load).unwrap();
     let points = Points::new(mesh).unwrap();
     let jet = |p: &Point| -> Jet {

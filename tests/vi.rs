@@ -282,6 +282,7 @@ fn judged() -> (Problem, Vec<f64>, Vec<f64>) {
         dofs: vec![0, 1, 2, 4],
         lower: vec![0.5, -INF, -1.0, -2.0],
         upper: vec![INF, -1.0, 1.0, INF],
+        size: 0.0,
     };
     let reaction = vec![3.0, -2.0, 0.0, 0.0];
     let mut b = multiply(&matrix, &x);

@@ -91,6 +91,24 @@ impl Distributed {
         self.to_owners(local, own, global, given)
     }
 
+    /// As [`Distributed::add_up`], for whoever outlives the engine's loan. Calls of it are collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Petsc`].
+    pub fn adder(&self) -> Result<impl Fn(&[f64]) -> Result<Vec<f64>> + 'static> {
+        let vectors = RefCell::new((self.plex.global_vector()?, self.plex.local_vector()?));
+        let (plex, own) = (self.plex.clone(), self.own);
+        Ok(move |values: &[f64]| {
+            let (all, local) = &mut *vectors.borrow_mut();
+            let mut sums = vec![0.0; own];
+            local.set_local(values)?;
+            all.fill(0.0)?;
+            plex.add_to_global(local, all)?;
+            all.copy_to(&mut sums)?;
+            Ok(sums)
+        })
+    }
+
     /// The matrix of a sum, assembled. Collective.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use super::{Comm, Context, Dofs, Index, Plex, Section};
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
-use crate::space::{PER_NODE, Space, Support};
+use crate::space::{Hold, PER_NODE, Place, Space, Support};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -40,62 +40,67 @@ pub struct Part {
     /// This rank's cells and their nodes, as a mesh of its own, with all names of the whole. An edge or a node with a name is
     /// with the rank that owns it alone, so that what all ranks have of a name adds up to the whole of it.
     pub mesh: Mesh,
-    /// All dofs of its nodes: dof k of node n is entry 3 n + k of local vectors. What supports hold is zero there.
+    /// All dofs of its nodes: entries 3 n to 3 n + 2 of local vectors, after the extra ones, are those of node n. What supports hold
+    /// is zero there.
     pub space: Space,
+    /// What supports hold at its nodes.
+    pub holds: Vec<Hold>,
     /// Whether this rank owns each node.
     pub owns: Vec<bool>,
+    /// For each extra dof its entry of local vectors, on the one rank that has it.
+    pub extra: Vec<Option<usize>>,
 }
 
+/// Says where supports stand on this rank's part of a mesh. Collective.
+pub type Supports<'s> = dyn Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's;
+
 impl Part {
-    /// A grid, shared out, refined and supported; no rank ever holds the whole. Collective.
+    /// A grid, shared out, refined and supported; no rank ever holds the whole. Each of some points has an extra dof, in the cell where
+    /// it lies. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`], and as [`Space::held`].
+    /// [`Error::Petsc`], what `supports` says, and [`Error::Mesh`] for a point outside.
     pub fn new(
         context: &Rc<Context>,
         grid: &Grid,
         refinements: u32,
-        supports: &[(&str, Support)],
+        supports: &Supports,
+        extra: &[Point],
     ) -> Result<Part> {
         let mut plex = share(context, grid)?;
         for (value, points) in (1..).zip(&sides(&plex, grid)?) {
             plex.label(EDGE, value, points)?;
         }
         let names = Names { edges: SIDES.map(String::from).to_vec(), ..Names::default() };
-        Part::build(plex, &names, refinements, supports)
+        Part::build(plex, &names, refinements, supports, extra)
     }
 
-    /// A sound mesh that rank 0 alone reads, shared out, refined and supported. Collective.
+    /// As [`Part::new`], of a sound mesh that rank 0 alone reads. Collective.
     ///
     /// # Errors
-    /// That of `read`, [`Error::Petsc`], and as [`Space::held`]; all ranks have the same.
+    /// That of `read`, and as [`Part::new`]; all ranks have the same.
     pub fn of_mesh(
         context: &Rc<Context>,
         read: impl FnOnce() -> Result<Mesh>,
         refinements: u32,
-        supports: &[(&str, Support)],
+        supports: &Supports,
+        extra: &[Point],
     ) -> Result<Part> {
         let whole = context.together(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
         let names = context.share(&Names::of(&whole))?;
         let plex = named(context, &whole, &names)?;
         drop(whole);
-        Part::build(plex, &names, refinements, supports)
-    }
-
-    /// The node nearest to a point, on the rank that owns it alone; of several as near, one of the lowest rank. Collective.
-    pub fn owned_node_near(&self, point: Point) -> Option<usize> {
-        let context = self.plex.context();
-        let distance = |node: &usize| (self.mesh.nodes[*node] - point).norm();
-        let own = (0..self.owns.len())
-            .filter(|&node| self.owns[node])
-            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        let distances = context.gather(&[own.as_ref().map_or(f64::INFINITY, distance)]);
-        let first = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]));
-        own.filter(|_| first == Some(context.rank()))
+        Part::build(plex, &names, refinements, supports, extra)
     }
 
     /// Shares a mesh out, refines and supports it.
-    fn build(mut plex: Plex, names: &Names, refinements: u32, supports: &[(&str, Support)]) -> Result<Part> {
+    fn build(
+        mut plex: Plex,
+        names: &Names,
+        refinements: u32,
+        supports: &Supports,
+        extra: &[Point],
+    ) -> Result<Part> {
         plex = plex.distribute()?;
         for _ in 0..refinements {
             plex = plex.refine()?;
@@ -105,21 +110,55 @@ impl Part {
         let owned = plex.owned()?;
         let owns = |point: Index| owned[(point - start) as usize];
         let mesh = own_mesh(&plex, names, owns)?;
-        let held = context.together(Space::held(&mesh, supports.iter().copied()))?;
-        let held = agree(&plex, held)?;
-        let space = Space::unsupported(&mesh);
-        let vertices = plex.vertices();
+        let places = context.together(supports(&mesh))?;
+        let holds = spread_holds(&plex, &Space::holds(&mesh, &places))?;
+        let (cells, vertices) = (plex.cells(), plex.vertices());
+        let mine = extra_cells(&context, &mesh, extra)?;
+        let mut extra = vec![None; extra.len()];
+        mine.iter().enumerate().for_each(|(at, (_, number))| extra[*number] = Some(at));
+        // Cells come before vertices, and so do their dofs.
         let section = Section::new(&context, Comm::World, plex.chart(), |point| {
+            if cells.contains(&point) {
+                let cell = (point - cells.start) as usize;
+                return Dofs { count: mine.iter().filter(|(of, _)| *of == cell).count(), held: Vec::new() };
+            }
             if !vertices.contains(&point) {
                 return Dofs::default();
             }
-            let first = PER_NODE * (point - vertices.start) as usize;
-            let held = (0..PER_NODE).filter(|k| held[first + k]).map(|k| k as Index).collect();
-            Dofs { count: PER_NODE, held }
+            let held = Space::held(&holds[(point - vertices.start) as usize]);
+            Dofs { count: PER_NODE, held: (0..PER_NODE).filter(|k| held[*k]).map(|k| k as Index).collect() }
         })?;
+        let space = Space::of_all(&holds, mine.len());
         let owns = vertices.map(owns).collect();
-        Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, owns })
+        Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, holds, owns, extra })
     }
+
+    /// Sums of what all ranks say of each node. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
+        spread(&self.plex, of_nodes)
+    }
+}
+
+/// The cells of this rank that have an extra dof, ascending, and whose that is. Collective.
+fn extra_cells(context: &Context, mesh: &Mesh, points: &[Point]) -> Result<Vec<(usize, usize)>> {
+    let mut mine = Vec::new();
+    for (number, &point) in points.iter().enumerate() {
+        let cell = mesh.locate(point);
+        match context.gather(&[u8::from(cell.is_some())]).iter().position(|&here| here == 1) {
+            Some(first) => mine.extend(cell.filter(|_| first == context.rank()).map(|cell| (cell, number))),
+            None => {
+                return Err(Error::Mesh(format!(
+                    "the point ({}, {}) lies outside the plate",
+                    point.x, point.y
+                )));
+            }
+        }
+    }
+    mine.sort_unstable();
+    Ok(mine)
 }
 
 /// The grid's cells, each rank with as many.
@@ -228,17 +267,30 @@ fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<
     Ok(mesh)
 }
 
-/// What any rank says is held is held: an edge's support reaches the ranks that have only its vertex.
-fn agree(plex: &Plex, held: Vec<bool>) -> Result<Vec<bool>> {
+/// What all ranks hold at each node: an edge's support reaches the ranks that have only its vertex.
+fn spread_holds(plex: &Plex, own: &[Hold]) -> Result<Vec<Hold>> {
+    let part = |of: &dyn Fn(&Hold) -> f64| spread(plex, &own.iter().map(of).collect::<Vec<_>>());
+    let [deflection, xx, xy, yy] = [
+        part(&|hold| hold.deflection)?,
+        part(&|hold| hold.slopes[0])?,
+        part(&|hold| hold.slopes[1])?,
+        part(&|hold| hold.slopes[2])?,
+    ];
+    let hold = |node: usize| Hold { deflection: deflection[node], slopes: [xx[node], xy[node], yy[node]] };
+    Ok((0..own.len()).map(hold).collect())
+}
+
+/// Sums of what all ranks say of each node.
+fn spread(plex: &Plex, of_nodes: &[f64]) -> Result<Vec<f64>> {
     let vertices = plex.vertices();
-    let all_free = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {
-        count: if vertices.contains(&point) { PER_NODE } else { 0 },
+    let one_each = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {
+        count: usize::from(vertices.contains(&point)),
         held: Vec::new(),
     })?;
-    let plex = plex.with_section(&all_free)?;
+    let plex = plex.with_section(&one_each)?;
     let (mut all, mut own) = (plex.global_vector()?, plex.local_vector()?);
-    own.set_local(&held.into_iter().map(|held| f64::from(u8::from(held))).collect::<Vec<_>>())?;
+    own.set_local(of_nodes)?;
     plex.add_to_global(&own, &mut all)?;
     plex.to_local(&all, &mut own)?;
-    own.with_local(|counts| counts.iter().map(|&count| count > 0.0).collect())
+    own.with_local(|sums| sums.to_vec())
 }

@@ -64,7 +64,11 @@ impl Scene {
         });
         let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
         let motions = self.supports.iter().filter_map(|support| support.motion.as_ref());
-        loads.chain(heights).find(|given| given.changes()).or(motions.into_iter().next()).map(|given| given.key.clone())
+        loads
+            .chain(heights)
+            .find(|given| given.changes())
+            .or(motions.into_iter().next())
+            .map(|given| given.key.clone())
     }
 
     /// The height of an obstacle that lies under or over the whole plate at rest, if it is the only one on its side.

@@ -1,7 +1,5 @@
 //! What a scene gives as a *field*: a formula of place and time, or a table of time, and where on the plate it holds.
 
-use serde::{Serialize, Serializer, ser::SerializeMap};
-
 use crate::error::{Error, Result};
 use crate::field::{Condition, Fault, Field, Interpolation, Jet, Names, Table};
 use crate::mesh::Point;
@@ -129,28 +127,10 @@ impl Given {
     }
 }
 
-impl Serialize for Given {
-    /// As a scene writes it.
-    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-        match &self.value {
-            Value::Formula(field) => field.serialize(serializer),
-            Value::Table { file, interpolation, shape, .. } => {
-                let mut map = serializer.serialize_map(Some(3))?;
-                map.serialize_entry("table", file)?;
-                map.serialize_entry("interpolation", super::typed::Choice::word(*interpolation))?;
-                map.serialize_entry("times", shape)?;
-                map.end()
-            }
-        }
-    }
-}
-
 /// Which part of the plate something concerns.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Region {
     /// All of it.
-    #[serde(rename = "everywhere")]
     All,
     /// Where a condition on x and y holds.
     Where(Condition),

@@ -30,14 +30,14 @@ mod words;
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::error::{Error, Result};
+use crate::field::Condition;
 pub use crate::mesh::{Diagonal, ElementKind};
 pub use crate::plate::Plate;
 pub use crate::scheme::Massless;
 pub use crate::space::Support as SupportKind;
-use crate::field::Condition;
 use document::Document;
 pub use given::{Given, Region, Value};
 pub use study::{Horizon, Study};
@@ -58,43 +58,33 @@ pub const HISTORY_COLUMNS: [&str; 10] = [
 ];
 
 /// A simulation, validated and with every default filled in. All quantities are in SI units.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     /// One line of text; by default the name of the file without its extension.
     pub title: String,
     /// The plate.
     pub plate: Panel,
     /// Parts of it that are of other thickness or material; of several in one place the last counts.
-    #[serde(rename = "part", skip_serializing_if = "Vec::is_empty")]
     pub parts: Vec<Part>,
     /// Its discretisation.
     pub mesh: Grid,
     /// The Gmsh file that gives shape and mesh, in place of a rectangle.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<MeshFile>,
     /// What holds it; edges not named are free.
-    #[serde(rename = "support")]
     pub supports: Vec<Support>,
     /// Rigid obstacles; where several lie on one side, the nearest counts.
-    #[serde(rename = "obstacle")]
     pub obstacles: Vec<Obstacle>,
     /// What pushes the plate; `None` costs nothing.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<Load>,
     /// Elastic foundations; their stiffnesses add up.
-    #[serde(rename = "foundation", skip_serializing_if = "Vec::is_empty")]
     pub foundations: Vec<Foundation>,
     /// Springs between the plate and the ground.
-    #[serde(rename = "spring", skip_serializing_if = "Vec::is_empty")]
     pub springs: Vec<Spring>,
     /// Masses fixed on the plate.
-    #[serde(rename = "mass", skip_serializing_if = "Vec::is_empty")]
     pub masses: Vec<PointMass>,
     /// Rigid bodies that fly free and hit the plate.
-    #[serde(rename = "ball", skip_serializing_if = "Vec::is_empty")]
     pub balls: Vec<Ball>,
     /// What takes energy away; `None` costs nothing.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub damping: Option<Damping>,
     /// How it starts.
     pub initial: Initial,
@@ -105,45 +95,39 @@ pub struct Scene {
     /// What is written.
     pub output: Output,
     /// What `rebond study` compares, where the scene says so.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,
 }
 
 /// The plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Panel {
     /// Along x, m; 0 where a file gives the shape.
     pub length: f64,
     /// Along y, m; 0 where a file gives the shape.
     pub width: f64,
     /// Thickness and material.
-    #[serde(flatten)]
     pub plate: Plate,
     /// A thickness that is no number, in m; then that of `plate` is its value at the origin.
-    #[serde(rename = "thickness_field", skip_serializing_if = "Option::is_none")]
     pub thickness: Option<Given>,
 }
 
 /// A part of the plate.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Part {
     /// Which: cells of a group, or those whose centre satisfies a condition.
     pub region: Region,
     /// Its thickness and material.
-    #[serde(flatten)]
     pub plate: Plate,
     /// A thickness that is no number, in m.
-    #[serde(rename = "thickness_field", skip_serializing_if = "Option::is_none")]
     pub thickness: Option<Given>,
 }
 
 /// A mesh from a file.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MeshFile {
     /// As the scene writes it.
     pub file: String,
     /// Where it was found.
-    #[serde(skip)]
     pub path: String,
 }
 
@@ -162,27 +146,24 @@ pub struct Grid {
 }
 
 /// A support.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Support {
     /// Where it stands.
     pub stand: Stand,
     /// What is held there.
     pub kind: SupportKind,
     /// How it moves up and down, w(t) in m; `None`: it stands still.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<Given>,
 }
 
 /// Where a support stands.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Stand {
     /// On an edge, or the part of it where a condition holds at both ends of a cell's side.
     Edge {
         /// `left`, `right`, `bottom`, `top`, or a physical group.
         edge: String,
         /// The part, if not all of it.
-        #[serde(rename = "where", skip_serializing_if = "Option::is_none")]
         part: Option<Condition>,
     },
     /// At a node, m.
@@ -192,7 +173,7 @@ pub enum Stand {
 }
 
 /// A rigid obstacle that the plate cannot cross.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Obstacle {
     /// The side of the plate on which it lies.
     pub side: Side,
@@ -213,19 +194,18 @@ pub enum Side {
 }
 
 /// What pushes the plate.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Load {
     /// Upward pressure, Pa.
     pub pressure: Given,
     /// Gravity, m/s2, downward: on the plate, on masses fixed on it, and on balls.
     pub gravity: f64,
     /// Point forces.
-    #[serde(rename = "force", skip_serializing_if = "Vec::is_empty")]
     pub forces: Vec<Force>,
 }
 
 /// A force at a point.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Force {
     /// Where, m.
     pub at: [f64; 2],
@@ -234,7 +214,7 @@ pub struct Force {
 }
 
 /// Springs side by side under the plate.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Foundation {
     /// N/m3.
     pub stiffness: Given,
@@ -243,7 +223,7 @@ pub struct Foundation {
 }
 
 /// A spring to the ground, relaxed where the plate is flat.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spring {
     /// Where, m.
     pub at: [f64; 2],
@@ -252,7 +232,7 @@ pub struct Spring {
 }
 
 /// A mass fixed on the plate.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointMass {
     /// Where, m.
     pub at: [f64; 2],
@@ -261,7 +241,7 @@ pub struct PointMass {
 }
 
 /// A rigid body that moves up and down and touches the plate at one point, without sticking.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ball {
     /// Above or below which point of the plate, m.
     pub at: [f64; 2],
@@ -276,19 +256,18 @@ pub struct Ball {
 }
 
 /// What takes energy away.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Damping {
     /// Rayleigh's alpha, 1/s.
     pub mass: f64,
     /// Rayleigh's beta, s.
     pub stiffness: f64,
     /// Damping ratios of the first modes, the lowest first; the others have none beside Rayleigh's.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub modal: Vec<f64>,
 }
 
 /// The start.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Initial {
     /// Upward pressure whose static deflection the plate starts from, Pa.
     pub static_pressure: Given,
@@ -301,10 +280,9 @@ pub struct Initial {
 }
 
 /// The scheme and its steps.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Time {
     /// The time scheme.
-    #[serde(flatten)]
     pub scheme: Scheme,
     /// The mass matrix.
     pub mass: Mass,
@@ -357,7 +335,7 @@ impl Mass {
 }
 
 /// What solves each step, and how well.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solver {
     /// Linear algebra.
     pub engine: EngineName,
@@ -392,34 +370,40 @@ pub enum ViName {
 }
 
 /// What is written.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Output {
     /// Steps between rows of the history.
     pub every: u64,
     /// Snapshots of the plate; `None` costs nothing.
-    #[serde(flatten)]
     pub fields: Option<Snapshots>,
     /// Points whose deflection is a column of the history.
     pub probes: Vec<Probe>,
 }
 
 /// When and how finely snapshots of the plate are taken.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Snapshots {
     /// Steps between them.
-    #[serde(rename = "fields_every")]
     pub every: u64,
     /// Small cells along each edge of a cell.
     pub subdivide: usize,
 }
 
 /// A point to watch.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Probe {
     /// The name of its column.
     pub name: String,
     /// Its x and y, m.
     pub at: [f64; 2],
+}
+
+impl Serialize for Scene {
+    /// As [`Scene::resolved`].
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        let table: toml::Table = toml::from_str(&self.resolved()).map_err(serde::ser::Error::custom)?;
+        table.serialize(serializer)
+    }
 }
 
 impl Scene {

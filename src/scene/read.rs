@@ -6,9 +6,9 @@ use super::document::{Document, quote};
 use super::typed::{Choice, Quantity, Range};
 use super::words::SchemeName;
 use super::{
-    Ball, Damping, Diagonal, ElementKind, EngineName, Force, Foundation, Given, Grid, HISTORY_COLUMNS, Initial,
-    Load, Mass, Massless, MeshFile, Obstacle, Output, Panel, Part, Plate, PointMass, Probe, Region, Scene, Scheme,
-    Side, Snapshots, Solver, Spring, Stand, Study, Support, Time, ViName, study,
+    Ball, Damping, Diagonal, ElementKind, EngineName, Force, Foundation, Given, Grid, HISTORY_COLUMNS,
+    Initial, Load, Mass, Massless, MeshFile, Obstacle, Output, Panel, Part, Plate, PointMass, Probe, Region,
+    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, Study, Support, Time, ViName, study,
 };
 use crate::error::{Error, Result};
 use crate::field::Names;
@@ -67,8 +67,23 @@ const COORDINATE: Quantity = Quantity::new("a coordinate in m", Range::ANY);
 
 /// The tables of a scene.
 const TABLES: [&str; 17] = [
-    "plate", "part", "mesh", "support", "obstacle", "load", "foundation", "spring", "mass", "ball", "damping", "initial",
-    "time", "solver", "output", "study", "title",
+    "title",
+    "plate",
+    "part",
+    "mesh",
+    "support",
+    "obstacle",
+    "load",
+    "foundation",
+    "spring",
+    "mass",
+    "ball",
+    "damping",
+    "initial",
+    "time",
+    "solver",
+    "output",
+    "study",
 ];
 
 /// The whole scene, with the engine that it gets if it names none.
@@ -152,7 +167,9 @@ fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate,
     let key = format!("{table}.thickness");
     let given = doc.given(&key, &THICKNESS, Names::XY)?.or(base.and_then(|base| base.thickness.clone()));
     let (thickness, field) = match given {
-        Some(given) if given.number().is_none() => (given.at(crate::mesh::Point::origin(), 0.0)?, Some(given)),
+        Some(given) if given.number().is_none() => {
+            (given.at(crate::mesh::Point::origin(), 0.0)?, Some(given))
+        }
         Some(given) => (given.number().unwrap_or_default(), None),
         None => (number("thickness", &THICKNESS, |plate| plate.thickness)?, None),
     };
@@ -201,7 +218,8 @@ fn parts(doc: &Document, plate: &Panel) -> Result<Vec<Part>> {
         let (plate, thickness) = material(doc, &table, Some(plate))?;
         Ok(Part { region, plate, thickness })
     };
-    let count = doc.entries("part", "expected tables [[part]] with where or group, and what differs there")?;
+    let count =
+        doc.entries("part", "expected tables [[part]] with where or group, and what differs there")?;
     (0..count).map(part).collect()
 }
 
@@ -357,7 +375,9 @@ fn stand(doc: &Document, table: &str, has_file: bool) -> Result<Stand> {
     };
     match named.first() {
         Some(&"at") => Ok(Stand::At(point(doc, &key("at"))?)),
-        Some(&"point") => Ok(Stand::Point(name(doc, &key("point"), "expected the name of a physical point")?)),
+        Some(&"point") => {
+            Ok(Stand::Point(name(doc, &key("point"), "expected the name of a physical point")?))
+        }
         _ if has_file => {
             let edge = name(doc, &key("edge"), "expected the name of a physical curve")?;
             Ok(Stand::Edge { edge, part })
@@ -396,7 +416,8 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
             return Err(doc.fault(&side, format!("{wrong}; {expected}")));
         }
         if let Some(other) = obstacles.iter().find_map(|other| leaves_no_room(other, &obstacle)) {
-            let wrong = format!("{:?} leaves no room beside the obstacle at {other:?} m", obstacle.height.number());
+            let wrong =
+                format!("{:?} leaves no room beside the obstacle at {other:?} m", obstacle.height.number());
             let wrong = wrong.replace("Some(", "").replacen(')', "", 1);
             return Err(
                 doc.fault(&height, format!("{wrong}; expected the one below lower than the one above"))

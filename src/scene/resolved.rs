@@ -3,8 +3,8 @@
 use super::typed::Choice;
 use super::words::SchemeName;
 use super::{
-    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Region, Scene, Scheme, Solver, Stand, Study, Support, Time,
-    Value,
+    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Region, Scene, Scheme, Solver, Stand, Study,
+    Support, Time, Value,
 };
 use crate::field::Field;
 use crate::plate::Orthotropy;
@@ -82,9 +82,10 @@ pub(super) fn identity(scene: &Scene) -> String {
         Value::Table { table, .. } => format!("{table:?}\n"),
         Value::Formula(_) => String::new(),
     };
-    let loads = scene.load.iter().flat_map(|load| {
-        std::iter::once(&load.pressure).chain(load.forces.iter().map(|force| &force.value))
-    });
+    let loads = scene
+        .load
+        .iter()
+        .flat_map(|load| std::iter::once(&load.pressure).chain(load.forces.iter().map(|force| &force.value)));
     let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
     let motions = scene.supports.iter().filter_map(|support| support.motion.as_ref());
     text(scene, false) + &loads.chain(heights).chain(motions).map(values).collect::<String>()

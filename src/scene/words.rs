@@ -1,8 +1,8 @@
 //! The words of every enum, as a scene writes them.
 
 use super::typed::Choice;
-use crate::field::Interpolation;
 use super::{Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind, ViName};
+use crate::field::Interpolation;
 use serde::Serialize;
 use std::fmt;
 

@@ -95,7 +95,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
         let rough = |i: usize| (0.618_033_988_749_895 * (i + 1) as f64).fract() - 0.5;
         for (i, (x, d)) in x.iter_mut().zip(&diagonal).enumerate() {
-            *x = rough(i) / d.sqrt().max(f64::MIN_POSITIVE);
+            *x = if *d > 0.0 { rough(i) / d.sqrt() } else { 0.0 };
         }
         let elastic = engine.multiply(stiffness, &x, &mut b)?;
         let mut fastest = elastic / engine.multiply(mass, &x, &mut b)?;

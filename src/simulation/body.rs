@@ -14,8 +14,17 @@ pub(super) trait Team {
     /// The number of this process.
     fn rank(&self) -> usize;
 
-    /// How many there are.
-    fn size(&self) -> usize;
+    /// An error of one as that of all. Collective.
+    ///
+    /// # Errors
+    /// That of any.
+    fn together<R>(&self, mine: Result<R>) -> Result<R>;
+
+    /// Sums of what all say of each node of this process. Collective.
+    ///
+    /// # Errors
+    /// What carries it says.
+    fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>>;
 }
 
 /// One process, which has the whole mesh.
@@ -30,8 +39,12 @@ impl Team for Alone {
         0
     }
 
-    fn size(&self) -> usize {
-        1
+    fn together<R>(&self, mine: Result<R>) -> Result<R> {
+        mine
+    }
+
+    fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
+        Ok(of_nodes.to_vec())
     }
 }
 
@@ -70,13 +83,13 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
                     let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
                     format!("{key}.edge: the mesh has no edge named \"{edge}\"; it has: {}", known.join(", "))
                 })?;
-                let mut chosen = Vec::new();
-                for &[a, b] in sides {
-                    let inside = |node: usize| part.as_ref().map_or(Ok(true), |part| holds(part, mesh.nodes[node], &key));
-                    if inside(a)? && inside(b)? {
-                        chosen.push([a, b]);
-                    }
-                }
+                let inside =
+                    |node: usize| part.as_ref().map_or(Ok(true), |part| holds(part, mesh.nodes[node], &key));
+                let choose = |&[a, b]: &[usize; 2]| {
+                    Ok(inside(a)? && inside(b)?).map(|chosen| chosen.then_some([a, b]))
+                };
+                let chosen: Result<Vec<_>> = sides.iter().map(choose).filter_map(Result::transpose).collect();
+                let chosen = team.together(chosen)?;
                 require(team, !chosen.is_empty(), || {
                     format!("{key}.where: it holds at both ends of no cell's side on edge \"{edge}\"")
                 })?;
@@ -87,7 +100,10 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
                 let nodes = mesh.points.get(name).cloned().unwrap_or_default();
                 require(team, !nodes.is_empty(), || {
                     let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
-                    format!("{key}.point: the mesh has no point named \"{name}\"; it has: {}", known.join(", "))
+                    format!(
+                        "{key}.point: the mesh has no point named \"{name}\"; it has: {}",
+                        known.join(", ")
+                    )
                 })?;
                 Place::Nodes(nodes)
             }
@@ -134,33 +150,34 @@ pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
     match region {
         Region::All => Ok(nodes.collect()),
         Region::Where(condition) => {
-            let mut chosen = Vec::new();
-            for node in nodes {
-                if holds(condition, mesh.nodes[node], key)? {
-                    chosen.push(node);
-                }
-            }
+            let choose =
+                |node: usize| holds(condition, mesh.nodes[node], key).map(|chosen| chosen.then_some(node));
+            let chosen: Result<Vec<_>> = nodes.map(choose).filter_map(Result::transpose).collect();
+            let chosen = team.together(chosen)?;
             require(team, !chosen.is_empty(), || format!("{key}.where: it holds at no node"))?;
             Ok(chosen)
         }
         Region::Group(name) => {
-            let mut chosen: Vec<usize> =
-                group(mesh, name, team, key)?.iter().flat_map(|&cell| mesh.cells[cell].nodes().to_vec()).collect();
-            chosen.sort_unstable();
-            chosen.dedup();
-            Ok(chosen)
+            let mut touched = vec![0.0; mesh.nodes.len()];
+            for cell in group(mesh, name, team, key)? {
+                mesh.cells[cell].nodes().iter().for_each(|&node| touched[node] = 1.0);
+            }
+            let touched = team.spread(&touched)?;
+            Ok(nodes.filter(|&node| touched[node] > 0.0).collect())
         }
         Region::At(at) => nodes_at(mesh, *at, team, key),
         Region::Line([from, to]) => {
             let (from, to) = (Point::from(*from), Point::from(*to));
             let side = to - from;
             let distance = |p: Point| {
-                let share = ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                let share =
+                    ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 (p - (from + side * share)).norm()
             };
             let farthest = mesh.nodes.iter().map(|p| (p - from).norm()).fold(0.0, f64::max);
             let size = team.gather(&[farthest]).into_iter().fold(0.0, f64::max);
-            let chosen: Vec<usize> = nodes.filter(|&node| distance(mesh.nodes[node]) <= NEAR * size).collect();
+            let chosen: Vec<usize> =
+                nodes.filter(|&node| distance(mesh.nodes[node]) <= NEAR * size).collect();
             require(team, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
             Ok(chosen)
         }
@@ -182,12 +199,15 @@ pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
     let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
     match region {
         Region::Where(condition) => {
-            for (cell, chosen) in chosen.iter_mut().enumerate() {
+            let inside = |cell: usize| {
                 let vertices = mesh.vertices(cell);
                 let sum = vertices.iter().fold(Point::origin(), |sum, p| sum + p.coords);
-                *chosen = holds(condition, sum / vertices.len() as f64, key)?;
-            }
-            require(team, chosen.contains(&true), || format!("{key}.where: it holds at the centre of no cell"))?;
+                holds(condition, sum / vertices.len() as f64, key)
+            };
+            chosen = team.together((0..mesh.cells.len()).map(inside).collect())?;
+            require(team, chosen.contains(&true), || {
+                format!("{key}.where: it holds at the centre of no cell")
+            })?;
         }
         Region::Group(name) => group(mesh, name, team, key)?.into_iter().for_each(|cell| chosen[cell] = true),
         Region::All | Region::At(_) | Region::Line(_) => {}
@@ -232,7 +252,8 @@ impl Sections for Body<'_> {
         let Some(given) = thickness else { return Ok(plate.section()) };
         let thickness = given.at(at, 0.0)?;
         if thickness <= 0.0 {
-            let wrong = format!("{thickness:?} m at ({}, {}); expected a thickness greater than 0", at.x, at.y);
+            let wrong =
+                format!("{thickness:?} m at ({}, {}); expected a thickness greater than 0", at.x, at.y);
             return Err(Error::Scene(format!("{}: {wrong}", given.key)));
         }
         Ok(Plate { thickness, ..*plate }.section())

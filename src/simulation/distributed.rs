@@ -1,13 +1,14 @@
 //! The model of a scene over all ranks.
 
-use super::{Fields, Model, Site, SolverFactory, edge_name, start};
-use crate::assembly::{self, Probe};
+use super::body::{self, Body, Team};
+use super::effects::Ground;
+use super::{Model, SolverFactory};
+use crate::assembly;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::mesh::{Diagonal, Grid, Mesh, Point};
 use crate::petsc::{Context, Distributed, Part};
 use crate::scene::{self, EngineName, Scene, ViName};
-use crate::space::{PER_NODE, Space};
 use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
 use std::time::Instant;
@@ -54,62 +55,73 @@ impl Model<Distributed> {
                 "time.scheme = \"exact\" runs on the native engine, in one process".into(),
             ));
         }
+        let ranks = Ranks { context, plex: None };
+        let supports = |mesh: &Mesh| body::supports(scene, mesh, &ranks);
+        let balls: Vec<Point> = scene.balls.iter().map(|ball| ball.at.into()).collect();
         let grid = scene.mesh;
-        let sides = [scene.plate.length, scene.plate.width];
-        let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
-        let supports: Vec<_> = scene.supports.iter().map(|s| (edge_name(s.edge), s.kind)).collect();
-        let rectangles = Grid::new(sides, grid.cells, grid.element, diagonal)?;
-        let part = Part::new(context, &rectangles, grid.refine, &supports)?;
+        let part = match &scene.file {
+            Some(file) => {
+                Part::of_mesh(context, || Mesh::load_gmsh(&file.path), grid.refine, &supports, &balls)?
+            }
+            None => {
+                let sides = [scene.plate.length, scene.plate.width];
+                let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
+                let rectangles = Grid::new(sides, grid.cells, grid.element, diagonal)?;
+                Part::new(context, &rectangles, grid.refine, &supports, &balls)?
+            }
+        };
+        let ranks = Ranks { context, plex: Some(&part) };
         let engine = Distributed::new(&part)?;
-        if context.sum_count(engine.dofs()) == 0 {
+        if context.sum_count(engine.dofs()) == scene.balls.len() {
             return Err(super::nothing_free());
         }
-        let cells = assembly::cells(&part.mesh, &part.space, &scene.plate.plate)?;
-        let mut unit_load = vec![0.0; engine.dofs()];
-        engine.add_up(&assembly::uniform_load(&cells, part.space.dofs(), 1.0), &mut unit_load)?;
-        let own_nodes: Vec<(usize, usize)> = (0..part.mesh.nodes.len())
-            .filter(|&node| part.owns[node])
-            .filter_map(|node| Some((engine.own_dof(PER_NODE * node)?, node)))
-            .collect();
-        let deflections: Vec<usize> = own_nodes.iter().map(|(dof, _)| *dof).collect();
-        let own = || deflections.iter().copied();
-        let system = super::system(scene, engine, Distributed::cells, &cells, &unit_load, own());
-        let probes = scene
-            .output
-            .probes
-            .iter()
-            .map(|probe| own_probe(context, &part, &system.engine, Point::from(probe.at)))
-            .collect::<Result<_>>()?;
-        let fields = Fields::new(scene, &part.mesh, &part.space, &cells)?;
-        let built = clock.elapsed().as_secs_f64();
-        // The supports of the unrefined plate leave the same rigid motions.
-        let coarse = Mesh::rectangle(sides[0], sides[1], [1, 1], grid.element, diagonal)?;
-        let mechanism = Space::new(&coarse, supports)?.mechanism(&coarse);
-        let start = start(scene, mechanism, own(), &system, &unit_load)?;
-        let seconds = [built, clock.elapsed().as_secs_f64() - built];
-        let (counts, before) = system.engine.concatenate(&vec![0.0; own_nodes.len()])?;
-        drop(counts);
-        let site = |(number, &(dof, node)): (usize, &(usize, usize))| {
-            let at = part.mesh.nodes[node];
-            Site { dof, node: before + number, at: [at.x, at.y] }
+        let body = Body::new(scene, &part.mesh, &ranks)?;
+        let cells = context.together(assembly::cells(&part.mesh, &part.space, &body))?;
+        let dofs = part.space.dofs();
+        let own: Vec<Option<usize>> = (0..dofs).map(|local| engine.own_dof(local)).collect();
+        let ground = Ground {
+            scene,
+            team: &ranks,
+            mesh: &part.mesh,
+            holds: &part.holds,
+            space: &part.space,
+            gaps: &part.extra,
+            cells: &cells,
+            own: &|local| own[local],
+            add_up: Rc::new(engine.adder()?),
+            owns: &|node| part.owns[node],
         };
-        let sites = own_nodes.iter().enumerate().map(site).collect();
-        Ok(Model { system, start, probes, sites, fields, seconds })
+        let mut model = Model::compose(clock, engine, Distributed::cells, &ground)?;
+        // Nodes in the order of the ranks and of their dofs.
+        let counts = context.gather(&[model.sites.len() as u64]);
+        let before = counts[..context.rank()].iter().sum::<u64>() as usize;
+        let mut order: Vec<usize> = (0..model.sites.len()).collect();
+        order.sort_by_key(|&site| model.sites[site].dof);
+        order.into_iter().enumerate().for_each(|(number, site)| model.sites[site].node = before + number);
+        Ok(model)
     }
 }
 
-/// What this rank's dofs add to the deflection at a point: the first rank with a cell there says how.
-fn own_probe(context: &Rc<Context>, part: &Part, engine: &Distributed, point: Point) -> Result<Probe> {
-    let here = part.mesh.locate(point).is_some();
-    let ranks = context.gather(&[u8::from(here)]);
-    let first = ranks.iter().position(|&here| here == 1);
-    let first = first
-        .ok_or_else(|| Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y)))?;
-    let mut local = vec![0.0; part.space.dofs()];
-    if first == context.rank() {
-        Probe::new(&part.mesh, &part.space, point)?.add_weights(&mut local);
+/// All ranks, and what they share once they have a mesh.
+struct Ranks<'c> {
+    context: &'c Context,
+    plex: Option<&'c Part>,
+}
+
+impl Team for Ranks<'_> {
+    fn gather(&self, own: &[f64]) -> Vec<f64> {
+        self.context.gather(own)
     }
-    let mut own = vec![0.0; engine.dofs()];
-    engine.add_up(&local, &mut own)?;
-    Ok(Probe::from_weights(&own))
+
+    fn rank(&self) -> usize {
+        self.context.rank()
+    }
+
+    fn together<R>(&self, mine: Result<R>) -> Result<R> {
+        self.context.together(mine)
+    }
+
+    fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
+        self.plex.map_or_else(|| Ok(of_nodes.to_vec()), |part| part.spread(of_nodes))
+    }
 }

@@ -14,8 +14,12 @@ use crate::obstacle::Bounds;
 use crate::scene::{self, Given, Mass, Scene, Side};
 use crate::scheme::{self, Damping, Drive, Start, System};
 use crate::space::{Hold, PER_NODE, Place, Rigid, Space, Support};
+use crate::vi::Verdict;
 use std::rc::Rc;
 use std::time::Instant;
+
+/// Adds up what all processes have over their spaces, on the engine's dofs. Collective.
+pub(super) type AddUp = dyn Fn(&[f64]) -> Result<Vec<f64>>;
 
 /// Where a model is built: this process's part of the mesh, and how it and the engine's dofs belong together.
 pub(super) struct Ground<'g, T: Team> {
@@ -24,13 +28,15 @@ pub(super) struct Ground<'g, T: Team> {
     pub mesh: &'g Mesh,
     /// What supports hold at the nodes.
     pub holds: &'g [Hold],
-    /// Dofs of the part of the mesh, and those of balls.
+    /// Dofs of the part of the mesh, and the gaps of balls.
     pub space: &'g Space,
+    /// The dof of each ball's gap, on the process that has it.
+    pub gaps: &'g [Option<usize>],
     pub cells: &'g [CellArrays],
     /// The engine's number of one of the space's dofs, if this process owns it.
     pub own: &'g dyn Fn(usize) -> Option<usize>,
-    /// Adds up what all processes have over their spaces, on the engine's dofs. Collective.
-    pub add_up: Rc<dyn Fn(&[f64]) -> Result<Vec<f64>>>,
+    /// See there.
+    pub add_up: Rc<AddUp>,
     /// Whether this process owns each node.
     pub owns: &'g dyn Fn(usize) -> bool,
 }
@@ -44,9 +50,10 @@ pub(super) struct Lift {
 
 /// A ball, in the dofs.
 struct Rider<'s> {
+    number: usize,
     ball: &'s scene::Ball,
-    /// The deflection under it; `None` on processes that do not have it.
-    probe: Option<Probe>,
+    /// The deflection under it.
+    probe: Probe,
     /// The dof of its gap: its height over the plate.
     gap: usize,
 }
@@ -151,18 +158,14 @@ impl<T: Team> Ground<'_, T> {
         own
     }
 
+    /// The balls of this process. Collective.
     fn riders(&self) -> Result<Vec<Rider<'_>>> {
-        let rider = |(number, ball): (usize, &'_ scene::Ball)| {
+        let mut riders = Vec::new();
+        for (number, (ball, gap)) in self.scene.balls.iter().zip(self.gaps).enumerate() {
             let probe = self.probe(&format!("ball.{number}.at"), ball.at)?;
-            Ok((number, ball.at, probe))
-        };
-        let probes: Vec<_> = self.scene.balls.iter().enumerate().map(rider).collect::<Result<_>>()?;
-        let rider = |(number, _, probe)| Rider {
-            ball: &self.scene.balls[number],
-            probe,
-            gap: self.space.extra(number),
-        };
-        Ok(probes.into_iter().map(rider).collect())
+            riders.extend(probe.zip(*gap).map(|(probe, gap)| Rider { number, ball, probe, gap }));
+        }
+        Ok(riders)
     }
 
     /// The foundations' contributions to K, each with its cell. Collective.
@@ -212,8 +215,8 @@ impl<T: Team> Ground<'_, T> {
             let probe = self.probe(&format!("mass.{number}.at"), at)?;
             burdens.extend(probe.map(|probe| Burden { probe, mass, at }));
         }
-        for &Rider { ball: &scene::Ball { at, mass, .. }, ref probe, gap } in riders {
-            burdens.extend(probe.clone().map(|probe| Burden { probe: probe.with(gap, 1.0), mass, at }));
+        for &Rider { ball: &scene::Ball { at, mass, .. }, ref probe, gap, .. } in riders {
+            burdens.push(Burden { probe: probe.clone().with(gap, 1.0), mass, at });
         }
         Ok(burdens)
     }
@@ -242,7 +245,11 @@ impl<T: Team> Ground<'_, T> {
         let riders = self.riders()?;
         let burdens = self.burdens(&riders)?;
         let initial = &self.scene.initial.static_pressure;
-        let load = if initial.is_zero() { Pushes::new(self, &burdens)?.constant } else { Some(self.pressed(initial)?) };
+        let load = if initial.is_zero() {
+            Pushes::new(self, &burdens)?.constant
+        } else {
+            Some(self.pressed(initial)?)
+        };
         let reaches = reaches(self)?;
         let (sites, bounded) = sites(self, &reaches, &riders);
         Ok(Matrices {
@@ -322,23 +329,30 @@ where
         Mass::Singular => native(&engine).averages(ground.singular_mass(&burdens)),
         Mass::Consistent => native(&engine).form(ground.consistent_mass(&burdens)),
     };
-    let damping = scene.damping.as_ref().map_or(Damping::default(), |damping| Damping {
-        mass: damping.mass,
-        stiffness: damping.stiffness,
-    });
-    let mut system =
-        System { engine, stiffness, mass, damping, load: None, bounds: Bounds::default(), drive: Drive::default() };
+    let damping = scene
+        .damping
+        .as_ref()
+        .map_or(Damping::default(), |damping| Damping { mass: damping.mass, stiffness: damping.stiffness });
+    let mut system = System {
+        engine,
+        stiffness,
+        mass,
+        damping,
+        load: None,
+        bounds: Bounds::default(),
+        drive: Drive::default(),
+    };
 
-    let lifts = lifts(&system, ground, mechanism)?;
+    let lifts = lifts(&system, &native, ground, mechanism, &riders)?;
     let pushes = Pushes::new(ground, &burdens)?;
     system.load = pushes.constant.clone();
     let inertia = inertia(&system, ground, &lifts, &foundations, &burdens)?;
     if !(pushes.terms.is_empty() && pushes.waves.is_empty() && inertia.is_empty()) {
         system.drive.load = Some(Box::new(move |t, load: &mut [f64]| {
             pushes.add(t, load)?;
-            for (motion, [stiffness, momentum]) in &inertia {
+            for Inertia { motion, force, momentum } in &inertia {
                 let jet = motion.jet(t)?;
-                for ((load, k), m) in load.iter_mut().zip(stiffness).zip(momentum) {
+                for ((load, k), m) in load.iter_mut().zip(force).zip(momentum) {
                     *load -= jet.value * k + jet.second * m;
                 }
             }
@@ -351,6 +365,9 @@ where
     let heights = Heights::new(ground, &reaches, &sites[..bounded], &lifts);
     let dofs = sites[..bounded].iter().map(|site| site.dof).collect();
     system.bounds = Bounds::uniform(dofs, f64::NEG_INFINITY, f64::INFINITY);
+    // A ball's gap is bounded by 0, and small as long as it lies on the plate.
+    let falls = scene.balls.iter().map(|ball| ball.height.abs().max(scene.plate.plate.thickness));
+    system.bounds.size = falls.fold(0.0, f64::max);
     heights.set(0.0, &mut system.bounds)?;
     if scene.time.scheme == scene::Scheme::Conserving || scene.time.scheme == scene::Scheme::Exact {
         refuse_bounded_masses(scene, &burdens, &system.bounds, ground)?;
@@ -360,7 +377,7 @@ where
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
     let clock = Instant::now();
-    let start = start(&system, native, ground, mechanism, &riders, &lifts)?;
+    let start = start(&system, &native, ground, mechanism, &riders, &lifts)?;
     Ok(Effects { system, start, lifts, sites, seconds: clock.elapsed().as_secs_f64() })
 }
 
@@ -396,7 +413,7 @@ struct Pushes {
     waves: Vec<Given>,
     pressure: Option<Pressure>,
     dofs: usize,
-    add_up: Rc<dyn Fn(&[f64]) -> Result<Vec<f64>>>,
+    add_up: Rc<AddUp>,
 }
 
 impl Pushes {
@@ -417,7 +434,10 @@ impl Pushes {
         if load.gravity != 0.0 {
             add(&mut constant, &assembly::weight(cells, dofs, load.gravity));
             for Burden { probe, mass, .. } in burdens {
-                probe.weights().iter().for_each(|(dof, weight)| constant[*dof] -= mass * load.gravity * weight);
+                probe
+                    .weights()
+                    .iter()
+                    .for_each(|(dof, weight)| constant[*dof] -= mass * load.gravity * weight);
             }
         }
         if let Some(pressure) = load.pressure.number() {
@@ -485,8 +505,10 @@ impl Pushes {
 /// How the supports move: each motion with its lift. Collective.
 fn lifts<E: Engine<Form = Form> + 'static, T: Team>(
     system: &System<E>,
+    native: &impl Fn(&E) -> &Native,
     ground: &Ground<T>,
     mechanism: Option<&str>,
+    riders: &[Rider],
 ) -> Result<Vec<Lift>>
 where
     E::Factor: 'static,
@@ -508,11 +530,6 @@ where
     if different.is_empty() {
         return Ok(Vec::new());
     }
-    if ground.team.size() > 1 {
-        return Err(Error::Usage(
-            "supports that move differently run in one process; give all the same motion, or run without mpirun".into(),
-        ));
-    }
     if let Some(motion) = mechanism {
         return Err(Error::Singular(format!(
             "support.motion: supports that move differently leave the plate a mechanism: {motion}"
@@ -521,38 +538,51 @@ where
     let places = body::supports(scene, mesh, ground.team)?;
     let lift = |motion: &Given| {
         // The plate bends statically from held nodes that move to those that stand still.
-        let mut shape = vec![0.0; PER_NODE * nodes];
+        let mut moved = vec![0.0; nodes];
         for ((place, kind), own) in places.iter().zip(&motions) {
             if *kind != Support::Guided && own.is_some_and(|own| own.value == motion.value) {
                 let held = match place {
                     Place::Edges(edges) => edges.concat(),
                     Place::Nodes(nodes) => nodes.clone(),
                 };
-                held.into_iter().for_each(|node| shape[PER_NODE * node] = 1.0);
+                held.into_iter().for_each(|node| moved[node] = 1.0);
             }
         }
+        let moved = ground.team.spread(&moved)?;
+        let mut shape: Vec<f64> = moved.iter().flat_map(|&w| [w.min(1.0), 0.0, 0.0]).collect();
         let [force, _] = assembly::on_shape(mesh, ground.cells, ground.space.dofs(), &shape, false);
-        let load: Vec<f64> = force.iter().map(|f| -f).collect();
-        let (u, _, verdict) =
-            scheme::equilibrium(&system.engine, &system.stiffness, &load, &Bounds::default())?;
+        let mut load = (ground.add_up)(&force)?;
+        load.iter_mut().for_each(|f| *f = -*f);
+        let (u, _, verdict) = statically(system, &native, ground, riders, &load, &Bounds::default())?;
         super::judge(0, 0.0, verdict.kkt, scene.solver.tolerance)?;
-        for (value, free) in shape.iter_mut().zip(ground.space.shape(&u)) {
-            *value += free;
+        let free = ground.space.shape(&system.engine.on_cells(&u)?);
+        for (node, w) in moved.iter().enumerate() {
+            for (k, value) in shape[PER_NODE * node..][..PER_NODE].iter_mut().enumerate() {
+                if k > 0 || *w == 0.0 {
+                    *value = free[PER_NODE * node + k];
+                }
+            }
         }
         Ok(Lift { motion: Rc::new(motion.clone()), shape })
     };
     different.into_iter().map(lift).collect()
 }
 
-/// What a motion of the supports does to the plate in their frame: K and M of its lift, on the engine's dofs. Collective.
-#[allow(clippy::type_complexity, reason = "a motion and its two loads")]
+/// What a motion of the supports does to the plate in their frame: K and M of its lift, on the engine's dofs.
+struct Inertia {
+    motion: Rc<Given>,
+    force: Vec<f64>,
+    momentum: Vec<f64>,
+}
+
+/// The inertia of each lift. Collective.
 fn inertia<E: Engine, T: Team>(
     system: &System<E>,
     ground: &Ground<T>,
     lifts: &[Lift],
     foundations: &[(usize, Block)],
     burdens: &[Burden],
-) -> Result<Vec<(Rc<Given>, [Vec<f64>; 2])>> {
+) -> Result<Vec<Inertia>> {
     let Ground { scene, mesh, cells, space, .. } = ground;
     let dofs = space.dofs();
     let load = |lift: &Lift| {
@@ -560,7 +590,8 @@ fn inertia<E: Engine, T: Team>(
         let [mut force, mut momentum] = assembly::on_shape(mesh, cells, dofs, &lift.shape, consistent);
         for (cell, block) in foundations {
             let nodes = mesh.cells[*cell].nodes();
-            let values: Vec<f64> = nodes.iter().flat_map(|&n| lift.shape[3 * n..3 * n + 3].to_vec()).collect();
+            let values: Vec<f64> =
+                nodes.iter().flat_map(|&n| lift.shape[3 * n..3 * n + 3].to_vec()).collect();
             for (row, dof) in block.matrix.chunks_exact(values.len()).zip(block.dofs.iter()) {
                 if let Some(dof) = dof {
                     force[*dof] += row.iter().zip(&values).map(|(a, x)| a * x).sum::<f64>();
@@ -579,10 +610,12 @@ fn inertia<E: Engine, T: Team>(
         }
         // A lift in equilibrium pulls by rounding only.
         let mut force = (ground.add_up)(&force)?;
-        if system.engine.maximum(force.iter().fold(0.0, |m: f64, f| m.max(f.abs())))? <= STILL * scale(system)? {
+        if system.engine.maximum(force.iter().fold(0.0, |m: f64, f| m.max(f.abs())))?
+            <= STILL * scale(system)?
+        {
             force.fill(0.0);
         }
-        Ok((lift.motion.clone(), [force, (ground.add_up)(&momentum)?]))
+        Ok(Inertia { motion: lift.motion.clone(), force, momentum: (ground.add_up)(&momentum)? })
     };
     lifts.iter().map(load).collect()
 }
@@ -622,8 +655,8 @@ fn sites<T: Team>(ground: &Ground<T>, reaches: &[Reach], riders: &[Rider]) -> (V
         (ground.owns)(node).then(|| (!reached[node], Site { dof, node, at: mesh.nodes[node].into() }))
     };
     let mut sites: Vec<(bool, Site)> = (0..mesh.nodes.len()).filter_map(site).collect();
-    for (number, rider) in riders.iter().enumerate() {
-        let node = mesh.nodes.len() + number;
+    for rider in riders {
+        let node = mesh.nodes.len() + rider.number;
         sites.extend((ground.own)(rider.gap).map(|dof| (false, Site { dof, node, at: rider.ball.at })));
     }
     sites.sort_by_key(|(free, site)| (*free, site.dof));
@@ -631,10 +664,17 @@ fn sites<T: Team>(ground: &Ground<T>, reaches: &[Reach], riders: &[Rider]) -> (V
     (sites.into_iter().map(|(_, site)| site).collect(), bounded)
 }
 
+/// An obstacle, the bounds that it concerns, and where these are.
+struct Opposite {
+    side: Side,
+    height: Rc<Given>,
+    bounds: Vec<usize>,
+    points: Vec<Point>,
+}
+
 /// Where the obstacles are at the bounded dofs of this process.
 struct Heights {
-    /// Each obstacle: its side, height, the bounds it concerns, and where these are.
-    obstacles: Vec<(Side, Rc<Given>, Vec<usize>, Vec<Point>)>,
+    obstacles: Vec<Opposite>,
     /// Bounds of balls, with the side on which they are.
     balls: Vec<(usize, Side)>,
     /// Motions of the supports, with their lift at each bound.
@@ -656,7 +696,7 @@ impl Heights {
         let obstacle = |reach: &Reach| {
             let bounds: Vec<usize> = reach.nodes.iter().filter_map(|&node| bound_of[node]).collect();
             let points = bounds.iter().map(|&bound| bounded[bound].at.into()).collect();
-            (reach.side, reach.height.clone(), bounds, points)
+            Opposite { side: reach.side, height: reach.height.clone(), bounds, points }
         };
         let lift = |lift: &Lift| {
             let at = |site: &Site| lift.shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
@@ -674,7 +714,7 @@ impl Heights {
     fn set(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         bounds.lower.fill(f64::NEG_INFINITY);
         bounds.upper.fill(f64::INFINITY);
-        for (side, height, members, points) in &self.obstacles {
+        for Opposite { side, height, bounds: members, points } in &self.obstacles {
             let mut values = vec![0.0; points.len()];
             height.values(points, t, &mut values)?;
             for (&bound, value) in members.iter().zip(values) {
@@ -713,7 +753,7 @@ impl Heights {
 /// The start under `[initial]`. Collective.
 fn start<E: Engine<Form = Form> + 'static, T: Team>(
     system: &System<E>,
-    native: impl Fn(&E) -> &Native,
+    native: &impl Fn(&E) -> &Native,
     ground: &Ground<T>,
     mechanism: Option<&str>,
     riders: &[Rider],
@@ -748,8 +788,8 @@ where
     };
     // Balls: their gaps over the plate, and the rates of these.
     let (u, v) = (engine.on_cells(&displacement)?, engine.on_cells(&velocity)?);
-    for Rider { ball, probe, gap } in riders {
-        let (Some(probe), Some(dof)) = (probe, (ground.own)(*gap)) else { continue };
+    for Rider { ball, probe, gap, .. } in riders {
+        let Some(dof) = (ground.own)(*gap) else { continue };
         let (mut height, mut rate) = (ball.height, ball.velocity);
         for Lift { motion, shape } in lifts {
             let (jet, lift) = (motion.jet(0.0)?, ground.shape_at(shape, ball.at)?);
@@ -759,7 +799,8 @@ where
         velocity[dof] = rate - probe.deflection(&v);
     }
     let violation = engine.maximum(system.bounds.violation(&displacement))?;
-    let length = engine.maximum(displacement.iter().fold(system.bounds.magnitude(), |m, u| m.max(u.abs())))?;
+    let length =
+        engine.maximum(displacement.iter().fold(system.bounds.magnitude(), |m, u| m.max(u.abs())))?;
     if violation > BEYOND * length {
         return Err(Error::Scene(format!(
             "initial: the plate starts {violation:.3e} m beyond an obstacle; expected a start within all of them"
@@ -778,7 +819,8 @@ fn refuse_torn<T: Team>(ground: &Ground<T>, shape: &[f64]) -> Result<()> {
         let w = shape[PER_NODE * node];
         if hold.deflection > 0.0 && w.abs() > BEYOND * largest {
             let Point { coords } = ground.mesh.nodes[node];
-            let wrong = format!("{w:?} m at ({}, {}), where a support holds the plate at 0", coords.x, coords.y);
+            let wrong =
+                format!("{w:?} m at ({}, {}), where a support holds the plate at 0", coords.x, coords.y);
             return Err(Error::Scene(format!("initial.deflection: {wrong}")));
         }
     }
@@ -788,7 +830,7 @@ fn refuse_torn<T: Team>(ground: &Ground<T>, shape: &[f64]) -> Result<()> {
 /// The equilibrium that the scene starts from; balls stay where they are.
 fn at_rest<E: Engine<Form = Form> + 'static, T: Team>(
     system: &System<E>,
-    native: impl Fn(&E) -> &Native,
+    native: &impl Fn(&E) -> &Native,
     ground: &Ground<T>,
     riders: &[Rider],
 ) -> Result<Vec<f64>>
@@ -806,7 +848,7 @@ where
             drive(0.0, &mut load)?;
         }
     }
-    // A gap has no stiffness: here it gets one, and is left alone.
+    // Nothing bounds or pushes a gap here.
     let mut bounds = system.bounds.clone();
     let gaps: Vec<usize> = riders.iter().filter_map(|rider| (ground.own)(rider.gap)).collect();
     let keep: Vec<bool> = bounds.dofs.iter().map(|dof| !gaps.contains(dof)).collect();
@@ -816,23 +858,36 @@ where
     }
     bounds.dofs.retain(|dof| !gaps.contains(dof));
     gaps.iter().for_each(|&dof| load[dof] = 0.0);
-    let held = (!riders.is_empty()).then(|| {
+    let (displacement, _, verdict) = statically(system, native, ground, riders, &load, &bounds)?;
+    super::judge(0, 0.0, verdict.kkt, scene.solver.tolerance)?;
+    Ok(displacement)
+}
+
+/// Equilibrium of the plate; balls stay where they are, for their gaps have a stiffness here. Collective.
+fn statically<E: Engine<Form = Form> + 'static, T: Team>(
+    system: &System<E>,
+    native: &impl Fn(&E) -> &Native,
+    ground: &Ground<T>,
+    riders: &[Rider],
+    load: &[f64],
+    bounds: &Bounds,
+) -> Result<(Vec<f64>, Vec<f64>, Verdict)>
+where
+    E::Factor: 'static,
+{
+    let held = (!ground.scene.balls.is_empty()).then(|| {
         let mut blocks = match &system.stiffness {
             Form::Cells(cells) => cells.blocks().to_vec(),
             Form::Averages(_) => Vec::new(),
         };
-        let mine = riders.iter().filter(|rider| rider.probe.is_some());
-        let class = ground.class(scene.springs.len());
-        blocks.extend(mine.enumerate().map(|(k, rider)| Block {
+        blocks.extend(riders.iter().map(|rider| Block {
             dofs: [Some(rider.gap)].into(),
             matrix: [1.0].into(),
             arms: None,
-            class: class + k,
+            class: ground.class(ground.scene.springs.len() + rider.number),
         }));
         native(&system.engine).form(blocks)
     });
     let stiffness = held.as_ref().unwrap_or(&system.stiffness);
-    let (displacement, _, verdict) = scheme::equilibrium(&system.engine, stiffness, &load, &bounds)?;
-    super::judge(0, 0.0, verdict.kkt, scene.solver.tolerance)?;
-    Ok(displacement)
+    scheme::equilibrium(&system.engine, stiffness, load, bounds)
 }

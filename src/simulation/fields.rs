@@ -166,14 +166,17 @@ impl Fields {
         match region {
             Region::All => Ok(points.collect()),
             Region::Where(condition) => {
-                let holds = |&point: &usize| condition.holds(self.lattice.points[point].into(), 0.0).unwrap_or(false);
+                let holds =
+                    |&point: &usize| condition.holds(self.lattice.points[point].into(), 0.0).unwrap_or(false);
                 Ok(points.filter(holds).collect())
             }
             Region::Group(_) => {
                 let inside = body::cells_in(region, mesh, team, key)?;
                 let small = self.lattice.cells.iter().zip(&self.lattice.parents);
-                let mut chosen: Vec<usize> =
-                    small.filter(|(_, parent)| inside[**parent]).flat_map(|(corners, _)| corners.clone()).collect();
+                let mut chosen: Vec<usize> = small
+                    .filter(|(_, parent)| inside[**parent])
+                    .flat_map(|(corners, _)| corners.clone())
+                    .collect();
                 chosen.sort_unstable();
                 chosen.dedup();
                 Ok(chosen)
@@ -187,7 +190,8 @@ impl Fields {
     fn gaps(&self, time: f64, deflection: &[f64]) -> Result<Vec<f64>> {
         let mut gaps = vec![f64::NAN; deflection.len()];
         for (side, height, opposite) in &self.obstacles {
-            let points: Vec<Point> = opposite.iter().map(|&point| self.lattice.points[point].into()).collect();
+            let points: Vec<Point> =
+                opposite.iter().map(|&point| self.lattice.points[point].into()).collect();
             let mut heights = vec![0.0; points.len()];
             height.values(&points, time, &mut heights)?;
             for (&point, height) in opposite.iter().zip(heights) {

@@ -19,7 +19,8 @@ use std::path::Path;
 /// [`Error::Mesh`] for a mesh that cannot carry the elements, [`Error::Io`] for a file that cannot be written.
 pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     let mesh = simulation::mesh(scene)?;
-    let Matrices { stiffness, consistent, singular, load, bounded } = simulation::matrices(scene, &mesh, false)?;
+    let Matrices { stiffness, consistent, singular, load, bounded } =
+        simulation::matrices(scene, &mesh, false)?;
     let dofs = load.len();
     let engine = Native::new(dofs);
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
@@ -40,7 +41,8 @@ pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
 
     // Of deflections those that the supports leave free.
     let space = simulation::space(scene, &mesh)?;
-    let free = |dof: &usize| *dof >= PER_NODE * mesh.nodes.len() || space.deflection(dof / PER_NODE).is_some();
+    let free =
+        |dof: &usize| *dof >= PER_NODE * mesh.nodes.len() || space.deflection(dof / PER_NODE).is_some();
     let all = || (0..mesh.nodes.len()).map(|node| PER_NODE * node);
     let rows: Vec<usize> = if bounded.is_empty() { all().collect() } else { bounded };
     let g: Vec<_> = rows.into_iter().filter(free).enumerate().map(|(row, dof)| (row, dof, 1.0)).collect();
