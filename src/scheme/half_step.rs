@@ -2,6 +2,7 @@
 
 use super::System;
 use super::drive::Moment;
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
@@ -36,6 +37,16 @@ impl State {
         let mut state = State { u, v, reaction, force, moment, energies: Energies::default() };
         state.weigh(system)?;
         Ok(state)
+    }
+
+    /// Shows an archive all of it.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.energies)?;
+        self.moment.archive(archive)?;
+        archive.vector(Over::Dofs, &mut self.u)?;
+        archive.vector(Over::Dofs, &mut self.force)?;
+        archive.vector(Over::Velocities, &mut self.v)?;
+        archive.vector(Over::Bounds, &mut self.reaction)
     }
 
     /// Sets force and energies to those of U and V.
@@ -186,6 +197,14 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         for (to, (v, dv)) in to.v.iter_mut().zip(from.v.iter().zip(&self.dv)) {
             *to = v + gamma * dv;
         }
+    }
+
+    /// Shows an archive what remains of the last solution, and the solver.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.mean.archive(archive)?;
+        archive.vector(Over::Dofs, &mut self.x)?;
+        archive.vector(Over::Bounds, &mut self.reaction)?;
+        self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
     /// Numeric factorisations so far.
