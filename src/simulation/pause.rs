@@ -52,8 +52,8 @@ impl Places {
         for (number, &node) in mesh.nodes.iter().enumerate() {
             (0..PER_NODE).for_each(|which| put(space.dof(PER_NODE * number + which), node.into(), which));
         }
-        for (number, ball) in scene.balls.iter().enumerate() {
-            put(Some(space.extra(number)), ball.at, PER_NODE + number);
+        for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
+            put(*gap, ball.at, PER_NODE + number);
         }
         let centre = |cell: usize| {
             let vertices = mesh.vertices(cell);
