@@ -279,6 +279,38 @@ fn outputs_that_have_lost_bytes_are_not_gone_on_with() {
 }
 
 #[test]
+fn files_that_a_scene_names_are_found_again_unless_they_changed() {
+    let folder = folder("files");
+    fs::create_dir_all(folder.join("scenes")).unwrap();
+    fs::rename(folder.join("fall.toml"), folder.join("scenes/fall.toml")).unwrap();
+    let table = folder.join("scenes/push.csv");
+    fs::write(&table, "time,pressure\n0,0\n0.1,-400\n0.2,300\n").unwrap();
+    let arguments = [
+        "run",
+        "scenes/fall.toml",
+        "--quiet",
+        "--set",
+        "load.pressure={ table = 'push.csv', interpolation = 'spline' }",
+        "--out",
+    ];
+    succeeds(&rebond(&folder, &[&arguments[..], &["whole"]].concat()));
+    let limited = [&arguments[..], &["run", "--set", "output.fields_every=100000"]].concat();
+    assert_fails(&with_little_room(&folder, 300, &limited), 4, &["history.csv: File too large"]);
+    let resume = ["resume", "../run", "--quiet"];
+    let before = fs::read(&table).unwrap();
+    fs::write(&table, "time,pressure\n0,0\n0.1,-401\n0.2,300\n").unwrap();
+    assert_fails(
+        &rebond(&folder.join("scenes"), &resume),
+        4,
+        &["../run: ", "has changed since the run began"],
+    );
+    fs::write(&table, before).unwrap();
+    succeeds(&rebond(&folder.join("scenes"), &resume));
+    let history = |run: &str| fs::read(folder.join(run).join("history.csv")).unwrap();
+    assert!(history("whole") == history("run"));
+}
+
+#[test]
 fn an_unfinished_run_is_not_overwritten_unasked() {
     let folder = folder("overwrite");
     let run = unfinished(&folder);
