@@ -4,13 +4,15 @@ mod common;
 
 use common::block;
 use rebond::linalg::{Average, Engine, Factor, Native};
+use rebond::modes::{self, Mode};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
 use rebond::scheme::{
-    Conserving, Damping, Drive, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Potential, Scheme,
-    Start, System,
+    Conserving, Damping, Drive, Exact, Massless, Midpoint, ModalDamping, Newmark, NewmarkParameters,
+    Potential, Scheme, Start, System,
 };
 use rebond::simulation::Model;
+use std::f64::consts::TAU;
 
 const MASS: f64 = 2.0;
 const K: f64 = 2e4;
@@ -261,7 +263,7 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
 }
 
 /// The lowest modes, of unit modal mass, with their frequencies in rad/s: inverse iteration, one after the other.
-fn modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
+fn lowest_modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
     let System { engine, stiffness, mass, .. } = &model.system;
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
     let mut factor = engine.factor(&[(1.0, stiffness)], &[]).unwrap();
@@ -269,7 +271,7 @@ fn modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
     std::array::from_fn(|number| {
         let mut x: Vec<f64> = (0..engine.dofs()).map(|i| ((i * (number + 3)) as f64).sin()).collect();
         let (mut dual, mut value) = (vec![0.0; x.len()], 0.0);
-        for _ in 0..200 {
+        for _ in 0..600 {
             for (mode, dual) in &duals {
                 let share = dot(&x, dual);
                 x.iter_mut().zip(mode).for_each(|(x, m)| *x -= share * m);
@@ -293,7 +295,7 @@ fn modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
 fn modes_of_a_plate_decay_by_their_ratios() {
     let damping = Damping { mass: 3.0, stiffness: 2e-4 };
     let mut model = plate(damping, false);
-    let shapes: [_; 3] = modes(&model);
+    let shapes: [_; 3] = lowest_modes(&model);
     for (number, (w, shape)) in shapes.into_iter().enumerate() {
         let ratio = 0.5 * (damping.mass / w + damping.stiffness * w);
         let (decay, omega) = (ratio * w, w * (1.0 - ratio * ratio).sqrt());
@@ -304,7 +306,7 @@ fn modes_of_a_plate_decay_by_their_ratios() {
         let mut dual = vec![0.0; shape.len()];
         engine.multiply(mass, &shape, &mut dual).unwrap();
         for (name, make) in [("newmark", newmark as Make), ("midpoint", reflected as Make)] {
-            let period = std::f64::consts::TAU / w;
+            let period = TAU / w;
             let errors = [100, 200, 400].map(|steps| {
                 let mut scheme = make(&model, period / f64::from(steps));
                 let mut worst = 0.0f64;
@@ -325,6 +327,75 @@ fn modes_of_a_plate_decay_by_their_ratios() {
             }
             assert!(errors[2] <= 1e-3);
         }
+    }
+}
+
+#[test]
+fn single_modes_are_damped_by_ratios_of_their_own() {
+    let ratios = [0.05, 0.02];
+    let mut model = plate(Damping::default(), false);
+    let System { engine, stiffness, mass, .. } = &model.system;
+    let shapes = modes::shapes(engine, stiffness, mass, 3, false).unwrap();
+    for (Mode { frequency, shape }, (w, other)) in shapes.iter().zip(lowest_modes::<3>(&model)) {
+        let w_here = TAU * frequency;
+        assert!((w_here / w - 1.0).abs() <= 1e-10, "{w_here} {w}");
+        let sign = shape[0].signum() * other[0].signum();
+        let apart = shape.iter().zip(&other).map(|(a, b)| (a - sign * b).abs()).fold(0.0, f64::max);
+        assert!(apart <= 1e-6 * common::largest(&other), "{apart:e}");
+    }
+    let duals: Vec<Vec<f64>> = shapes
+        .iter()
+        .map(|mode| {
+            let mut dual = vec![0.0; mode.shape.len()];
+            engine.multiply(mass, &mode.shape, &mut dual).unwrap();
+            dual
+        })
+        .collect();
+    model.system.drive.modal = Some(ModalDamping::new(engine, mass, &shapes[..2], &ratios).unwrap());
+    let size = 0.01;
+    let along = |k: usize| shapes.iter().map(|mode| mode.shape[k]).sum::<f64>();
+    model.start.displacement = (0..duals[0].len()).map(|k| size * along(k)).collect();
+    for (name, make) in
+        [("newmark", newmark as Make), ("reflected", reflected as Make), ("midpoint", midpoint as Make)]
+    {
+        let errors = [4e-4, 2e-4, 1e-4].map(|step: f64| {
+            let mut scheme = make(&model, step);
+            let mut worst = [0.0f64; 3];
+            for _ in 0..(0.1 / step).round() as usize {
+                scheme.advance().unwrap();
+                assert!(scheme.verdict().kkt <= 1e-10);
+                let t = scheme.time();
+                for (k, dual) in duals.iter().enumerate() {
+                    let ratio = ratios.get(k).copied().unwrap_or(0.0);
+                    let w = TAU * shapes[k].frequency;
+                    let (decay, omega) = (ratio * w, w * (1.0 - ratio * ratio).sqrt());
+                    let q: f64 = scheme.displacement().iter().zip(dual).map(|(u, d)| u * d).sum();
+                    let (s, c) = (omega * t).sin_cos();
+                    let expected = size * (-decay * t).exp() * (c + decay / omega * s);
+                    worst[k] = worst[k].max((q - expected).abs() / size);
+                }
+            }
+            worst
+        });
+        println!("{name}: {errors:?}");
+        for k in 0..3 {
+            for pair in errors.windows(2) {
+                let order = (pair[0][k] / pair[1][k]).log2();
+                assert!((1.9..2.1).contains(&order), "{name}, mode {}: {errors:?}", k + 1);
+            }
+        }
+    }
+    // Steps that the extrapolation is not good for, and schemes that have no place for it.
+    let start = || model.start.clone();
+    let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step: 0.05 };
+    for refused in [
+        Newmark::new(&model.system, parameters, start()).map(drop),
+        Midpoint::new(&model.system, 0.05, Massless::Reflected, start()).map(drop),
+        Conserving::new(&model.system, 1e-3, start()).map(drop),
+        Exact::new(&model.system, 1e-3, start()).map(drop),
+    ] {
+        let error = refused.unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("damping.modal"), "{error}");
     }
 }
 

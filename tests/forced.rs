@@ -27,7 +27,7 @@ fn oscillator(damping: Damping, frequency: f64) -> System<Native> {
         load[0] += FORCE * (frequency * time).sin();
         Ok(())
     };
-    let drive = Drive { load: Some(Box::new(load)), bounds: None };
+    let drive = Drive { load: Some(Box::new(load)), ..Drive::default() };
     System { engine, stiffness, mass, damping, load: None, bounds: Bounds::default(), drive }
 }
 

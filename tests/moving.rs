@@ -22,7 +22,7 @@ fn ball(height: impl Fn(f64) -> f64 + 'static) -> System<Native> {
         bounds.lower[0] = height(time);
         Ok(())
     };
-    let drive = Drive { load: None, bounds: Some(Box::new(floor)) };
+    let drive = Drive { bounds: Some(Box::new(floor)), ..Drive::default() };
     System {
         engine,
         stiffness,

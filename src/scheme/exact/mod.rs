@@ -158,7 +158,8 @@ impl<'s, E: Engine> Exact<'s, E> {
                 "time.scheme = \"exact\" takes damping by mass, not damping.stiffness; set time.scheme = \"newmark\"".into(),
             ));
         }
-        if !drive.is_none() {
+        drive.refuse_modal("exact")?;
+        if drive.varies() {
             return Err(Error::Usage(
                 "time.scheme = \"exact\" takes loads and obstacles that do not change with time; \
                  set time.scheme = \"conserving\" or \"newmark\""
