@@ -59,6 +59,8 @@ pub(super) struct HalfStep<'s, E: Engine> {
     /// What changes with time, at the end of the step, and the mean of both ends.
     end: Moment,
     mean: Moment,
+    /// Shares of V in the modes that are damped, of the last step.
+    shares: Option<Vec<f64>>,
     /// x.
     pub x: Vec<f64>,
     /// C^-1 B x: half the change of p.
@@ -80,6 +82,9 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     /// With a solver of [`HalfStep::sum`].
     pub fn new(system: &'s System<E>, dt: f64, solver: Box<dyn Solver<E>>) -> Result<HalfStep<'s, E>> {
         let System { engine, mass, bounds, drive, .. } = system;
+        if let Some(modal) = &drive.modal {
+            modal.check(dt)?;
+        }
         let sum = Self::sum(system, dt);
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let moment = Moment::new(drive, dofs, bounds);
@@ -92,6 +97,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             bounds: bounds.clone(),
             end: moment.clone(),
             mean: moment,
+            shares: None,
             x: vec![0.0; dofs],
             rate: vec![0.0; velocities],
             dv: vec![0.0; velocities],
@@ -116,15 +122,25 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     pub fn solve(&mut self, from: &State, time: f64) -> Result<Verdict> {
         let System { engine, mass, drive, .. } = self.system;
         let dt = self.dt;
-        if !drive.is_none() {
+        if drive.varies() {
             self.end.set(drive, time + dt)?;
             self.mean.combine(&from.moment, &self.end, |from, end| 0.5 * (from + end));
         }
         engine.momentum(mass, &from.v, &mut self.b)?;
+        let shares = match &drive.modal {
+            None => None,
+            Some(modal) => Some(modal.of_momentum(engine, &self.b)?),
+        };
         for (b, force) in self.b.iter_mut().zip(&from.force) {
             *b = 2.0 / dt * *b + force;
         }
         self.mean.push(&mut self.b);
+        if let (Some(modal), Some(now)) = (&drive.modal, &shares) {
+            let before = self.shares.as_ref().unwrap_or(now);
+            let middle = now.iter().zip(before).map(|(now, before)| 1.5 * now - 0.5 * before);
+            modal.resist(middle, &mut self.b);
+            self.shares = shares;
+        }
         let limits = self.mean.bounds(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| bound - from.u[dof]);
         let length = self.system.length(limits, &from.u)?;
@@ -159,7 +175,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
 
     /// Work, in J, that what changes with time gives from a state to one on the line of this step.
     pub fn given(&self, from: &State, to: &State) -> Result<f64> {
-        if self.system.drive.is_none() {
+        if !self.system.drive.varies() {
             return Ok(0.0);
         }
         let load = self.mean.load.iter().flatten();

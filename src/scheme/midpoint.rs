@@ -13,7 +13,8 @@
 //! loads and obstacles that change with time a step knows the means of its two ends. They do as well as those of the middle, which
 //! they differ from by O(dt^2), and where the same nodes touch throughout they make the energy exact: it grows by
 //! \[ \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t, \]
-//! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries.
+//! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries. Damping of single modes
+//! ([`super::ModalDamping`]) acts on the extrapolated velocity \( \tfrac32 V^n - \tfrac12 V^{n-1} \).
 
 use super::half_step::{HalfStep, State};
 use super::{Approach, Potential, Scheme, Start, System};

@@ -29,7 +29,7 @@ pub mod newmark;
 pub mod potential;
 
 pub use conserving::{Conserving, Relaxation};
-pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime};
+pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime, ModalDamping};
 pub use equilibrium::equilibrium;
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};

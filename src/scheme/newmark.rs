@@ -15,7 +15,8 @@
 //! F is the beta-average of its instants too, and the obstacles are those of their own:
 //! \[ \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} . \]
 //! So the motion relative to the obstacle has the same law of restitution whatever the obstacle's speed; a plate and its obstacle
-//! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly.
+//! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly. Damping of single
+//! modes ([`super::ModalDamping`]) acts on the extrapolated velocity \((3 d - d_{before}) / 2 \Delta t\).
 //!
 //! The work that both give, with r at the obstacles that it touches (l stands for either),
 //! \[ w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n), \]
@@ -64,6 +65,8 @@ pub struct Newmark<'s, E: Engine> {
     elastic: f64,
     /// Where anything changes with time.
     varying: Option<Varying>,
+    /// Shares of U^n - U^{n-1} in the modes that are damped.
+    shares: Option<Vec<f64>>,
     verdict: Verdict,
 }
 
@@ -164,7 +167,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
     ) -> Result<Newmark<'s, E>> {
         let dofs = system.engine.dofs();
         let count = system.bounds.len();
-        let varying = if system.drive.is_none() { None } else { Some(Varying::new(system, parameters)?) };
+        let varying = if system.drive.varies() { Some(Varying::new(system, parameters)?) } else { None };
         let mut scheme = Newmark {
             system,
             sum: Self::sum(system, parameters),
@@ -182,8 +185,12 @@ impl<'s, E: Engine> Newmark<'s, E> {
             reaction: vec![0.0; count],
             elastic: 0.0,
             varying,
+            shares: None,
             verdict: Verdict::default(),
         };
+        if let Some(modal) = &system.drive.modal {
+            modal.check(parameters.step)?;
+        }
         // With U^{-1} = U^1 - 2 dt v_0: U^1 - U^0 = dt v_0 + x / 2 and U^{0,e} = U^0 + x / 2 + dt v_0 (1 - e) / (1 + e).
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
         let drift = |dof: usize| dt * start.velocity[dof] * (1.0 - e) / (1.0 + e);
@@ -193,6 +200,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
         {
             *d = dt * v - 0.5 * x;
             *d_next = dt * v + 0.5 * x;
+        }
+        if let Some(modal) = &system.drive.modal {
+            scheme.shares = Some(modal.of_rate(&system.engine, &scheme.d)?);
         }
         scheme.weigh()?;
         Ok(scheme)
@@ -207,6 +217,13 @@ impl<'s, E: Engine> Newmark<'s, E> {
             self.b.iter_mut().zip(varying.load(self.parameters.beta)).for_each(|(b, f)| *b += f);
         }
         self.system.damp(rate, weight, &mut self.b, &mut self.product)?;
+        if let Some(modal) = &self.system.drive.modal {
+            let now = modal.of_rate(engine, rate)?;
+            let before = self.shares.as_ref().unwrap_or(&now);
+            let central = now.iter().zip(before).map(|(now, before)| weight * (1.5 * now - 0.5 * before));
+            modal.resist(central, &mut self.b);
+            self.shares = Some(now);
+        }
         let limits = self.varying.as_ref().and_then(|varying| varying.limits.as_ref());
         let limits = limits.unwrap_or(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);

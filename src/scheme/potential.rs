@@ -280,7 +280,7 @@ impl<E: Engine> Line<'_, '_, E> {
         half.extend(from, gamma, to);
         half.reach(time, gamma, &mut to.moment)?;
         self.same_piece = self.goes_straight(gamma, to)?;
-        if !self.same_piece || gamma != 1.0 && !self.potential.system.drive.is_none() {
+        if !self.same_piece || gamma != 1.0 && self.potential.system.drive.varies() {
             self.solve(gamma, &to.moment)?;
             to.u.copy_from_slice(&self.potential.u);
             to.reaction.copy_from_slice(&self.potential.reaction);

@@ -10,9 +10,10 @@ use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::{Average, BARE, Block, Engine, Form, Native};
 use crate::mesh::{Mesh, Point};
+use crate::modes;
 use crate::obstacle::Bounds;
 use crate::scene::{self, Given, Mass, Scene, Side};
-use crate::scheme::{self, Damping, Drive, Start, System};
+use crate::scheme::{self, Damping, Drive, ModalDamping, Start, System};
 use crate::space::{Hold, PER_NODE, Place, Rigid, Space, Support};
 use crate::vi::Verdict;
 use std::rc::Rc;
@@ -358,6 +359,15 @@ where
             }
             Ok(())
         }));
+    }
+
+    if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
+        let loose = mechanism.is_some() || !scene.balls.is_empty();
+        let rigid = if loose { 3 + scene.balls.len() } else { 0 };
+        let System { engine, stiffness, mass, .. } = &system;
+        let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, loose)?;
+        modes.retain(|mode| mode.frequency > 0.0);
+        system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, ratios)?);
     }
 
     let reaches = reaches(ground)?;
