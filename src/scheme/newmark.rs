@@ -4,7 +4,14 @@
 //! \[ M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r . \]
 //! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
 //! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} . \]
-//! The start is second order: the ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact.
+//! # The start
+//!
+//! The ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact, and U^1 is that of half a trapezoidal step:
+//! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r . \]
+//! It is second order, sees v_0 through the momentum M v_0 alone, and gains no energy however rough that is (a clamped plate thrown as a
+//! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with \( A = M / \Delta t^2 + K / 2 \), no load and nothing touching,
+//! \[ H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
+//!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 . \]
 
 use super::{Approach, Scheme, Start, System};
 use crate::energy::Energies;
@@ -97,23 +104,31 @@ impl<'s, E: Engine> Newmark<'s, E> {
             elastic: 0.0,
             verdict: Verdict::default(),
         };
-        // With U^{-1} = U^1 - 2 dt v_0: U^1 - U^0 = dt v_0 + x / 2 and U^{0,e} = U^0 + x / 2 + dt v_0 (1 - e) / (1 + e).
+        // x = 2 (U^1 - U^0), and U^{0,e} = U^0 + x / 2 - 2 dt v_0 e / (1 + e).
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
-        let drift = |dof: usize| dt * start.velocity[dof] * (1.0 - e) / (1.0 + e);
-        scheme.solve(2.0, drift)?;
+        let drift = |dof: usize| -2.0 * dt * start.velocity[dof] * e / (1.0 + e);
+        let mut v = vec![0.0; system.engine.velocities(&system.mass)];
+        system.engine.velocity(&system.mass, &start.velocity, &mut v)?;
+        let mut momentum = vec![0.0; dofs];
+        system.engine.momentum(&system.mass, &v, &mut momentum)?;
+        momentum.iter_mut().for_each(|momentum| *momentum *= 2.0 / dt);
+        scheme.solve(2.0, drift, Some(&momentum))?;
         for ((d, d_next), (x, v)) in
             scheme.d.iter_mut().zip(&mut scheme.d_next).zip(scheme.x.iter().zip(&start.velocity))
         {
-            *d = dt * v - 0.5 * x;
-            *d_next = dt * v + 0.5 * x;
+            *d = 2.0 * dt * v - 0.5 * x;
+            *d_next = 0.5 * x;
         }
         Ok(scheme)
     }
 
-    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift.
-    fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64) -> Result<()> {
+    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift; `push` adds to the forces.
+    fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64, push: Option<&[f64]>) -> Result<()> {
         let System { engine, bounds, .. } = self.system;
         self.elastic = self.system.force(&self.u, &mut self.b)?;
+        if let Some(push) = push {
+            self.b.iter_mut().zip(push).for_each(|(b, push)| *b += push);
+        }
         self.bounds.shift(bounds, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
         let length = self.system.length(&self.u)?;
         let sum: &Sum<E> = &self.sum;
@@ -154,7 +169,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let e = self.parameters.restitution;
         let d = std::mem::take(&mut self.d);
         let drift = (1.0 - e) / (1.0 + e);
-        let solved = self.solve(1.0 + e, |dof| d[dof] * drift);
+        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, None);
         self.d = d;
         for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
             *d_next = d + x;
@@ -195,6 +210,10 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         engine.velocity(mass, &rate, &mut v)?;
         let kinetic = 0.5 * engine.vis_viva(mass, &v)?;
         Ok(Energies { kinetic, elastic: self.elastic, work: self.system.work(&self.u)? })
+    }
+
+    fn invariant(&self) -> Result<f64> {
+        Newmark::invariant(self)
     }
 
     fn verdict(&self) -> Verdict {
