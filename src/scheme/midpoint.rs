@@ -39,6 +39,8 @@ pub struct Midpoint<'s, E: Engine> {
     n: u64,
     now: State,
     next: State,
+    /// G U^0.
+    start: Vec<f64>,
     /// G U^{n-1/2} of the last step, and of the two before it.
     admissible: Vec<f64>,
     earlier: Vec<f64>,
@@ -96,11 +98,13 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         };
         let mut half = HalfStep::new(system, dt, solver)?;
         half.begin(&start.velocity);
+        let start = system.bounds.dofs.iter().map(|&dof| now.u[dof]).collect();
         Ok(Midpoint {
             system,
             half,
             potential,
             n: 0,
+            start,
             next: now.clone(),
             now,
             admissible,
@@ -153,7 +157,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     }
 
     fn admissible(&self) -> &[f64] {
-        &self.admissible
+        if self.n == 0 { &self.start } else { &self.admissible }
     }
 
     fn reaction(&self) -> &[f64] {
