@@ -189,11 +189,11 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
-/// Whether two obstacles on opposite sides have a gap between them.
+/// Whether two obstacles on opposite sides have a gap between them, though it be of no width.
 fn leaves_room(one: &Obstacle, other: &Obstacle) -> bool {
     match one.side {
-        Side::Below => one.height < other.height,
-        Side::Above => other.height < one.height,
+        Side::Below => one.height <= other.height,
+        Side::Above => other.height <= one.height,
     }
 }
 
