@@ -7,7 +7,8 @@ use crate::petsc::Context;
 #[cfg(feature = "petsc")]
 use crate::scene::EngineName;
 use crate::scene::Scene;
-use crate::simulation::{self, Model};
+#[cfg(feature = "petsc")]
+use crate::simulation::Model;
 use crate::study::accuracy::plan::Method;
 use crate::study::compare::Contender;
 use crate::study::stability::{self, Case, Stability, Trial};
@@ -50,14 +51,14 @@ impl Stable {
         if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {
             let context = Context::start(&[])?;
             return self.report(scenes, &contenders, |contender, scene, method| match contender.engine {
-                EngineName::Native => Ok(natively(scene, method)),
+                EngineName::Native => Ok(stability::natively(scene, method)),
                 EngineName::Petsc => context.with_option(contender.option(), || {
                     let model = Model::distributed(scene, &context);
                     Ok(stability::attempt(scene, method, model, |model| model.solver(scene)))
                 }),
             });
         }
-        self.report(scenes, &contenders, |_, scene, method| Ok(natively(scene, method)))
+        self.report(scenes, &contenders, |_, scene, method| Ok(stability::natively(scene, method)))
     }
 
     /// Tries all, and reports.
@@ -100,8 +101,4 @@ fn files(path: &Path) -> Result<Vec<PathBuf>> {
         return Err(Error::Usage(format!("{}: no scene in this folder", path.display())));
     }
     Ok(files)
-}
-
-fn natively(scene: &Scene, method: Method) -> Trial {
-    stability::attempt(scene, method, Model::new(scene), |_| Box::new(simulation::condensed))
 }

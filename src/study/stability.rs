@@ -253,10 +253,7 @@ impl Observer for Witness {
     }
 }
 
-/// Runs a trial on a model of its scene. Collective.
-///
-/// # Errors
-/// None: whatever goes wrong is in the trial.
+/// Runs a trial on a model of its scene. Whatever goes wrong is told in the trial.
 pub fn attempt<E: Engine>(
     scene: &Scene,
     method: Method,
@@ -300,6 +297,11 @@ pub fn attempt<E: Engine>(
         },
     };
     Trial { mesh, method, ending, figures: Some(figures) }
+}
+
+/// Runs a trial on the native engine.
+pub fn natively(scene: &Scene, method: Method) -> Trial {
+    attempt(scene, method, Model::new(scene), |_| Box::new(simulation::condensed))
 }
 
 fn figures(witness: &Witness, outcome: &Outcome, seconds: f64) -> Figures {
