@@ -479,7 +479,7 @@ impl Outcome {
         if scene.obstacles.is_empty() {
             return Ok((0, 0.0));
         }
-        let System { engine, bounds, .. } = &model.system;
+        let (engine, bounds) = (&model.system.engine, scheme.limits());
         let (mut nodes, mut force, mut penetration) = (0.0, 0.0, 0.0_f64);
         for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
             nodes += f64::from(u8::from(r != 0.0));
@@ -513,12 +513,17 @@ pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f6
 
 /// Of the bounds met in this step, the one that the free motion reaches first.
 fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Option<Impact>> {
-    let System { engine, bounds, .. } = &model.system;
+    let System { engine, drive, .. } = &model.system;
+    let bounds = scheme.limits();
     let met = |(bound, &r): (usize, &f64)| {
         let approach = scheme.approach(bound);
         let target = if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
         let gap = target - approach.deflection;
-        let delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
+        let mut delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
+        if drive.bounds.is_some() {
+            // An obstacle may meet a node at rest.
+            delay = delay.min(scheme.time() - approach.time).max(0.0);
+        }
         let Site { node, at: [x, y], .. } = model.sites[bound];
         [(approach.time + delay).max(0.0), approach.velocity, node as f64, x, y]
     };
