@@ -19,15 +19,16 @@ use crate::linalg::{Engine, Form, Native, Sum};
 use crate::mesh::{Mesh, Point};
 use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
-    self, Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
+    Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
     Tally,
 };
-use crate::space::Space;
+use crate::space::{Hold, Space};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
-pub use body::{mesh, space};
+pub use body::mesh;
 use body::{Alone, Body, Team};
 use contacts::Contacts;
+pub use effects::Matrices;
 use effects::{Effects, Ground, Lift};
 use serde::Serialize;
 use std::rc::Rc;
@@ -70,24 +71,53 @@ fn nothing_free() -> Error {
 #[derive(Default)]
 struct Frame(Vec<(Rc<Given>, Vec<f64>)>);
 
+/// The free dofs of a scene's mesh.
+///
+/// # Errors
+/// [`Error::Mesh`] where a support stands nowhere.
+pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
+    Ok(Space::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
+}
+
 /// The rigid motions that nothing holds, in words; `None` where there is none.
 ///
 /// # Errors
 /// As [`Model::new`].
 pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
-    on_ground(scene, mesh, |ground| ground.mechanism(&ground.foundations()?))
+    on_ground(scene, mesh, &holds(scene, mesh)?, |ground| ground.mechanism(&ground.foundations()?))
+}
+
+/// The matrices of a scene on its mesh: over all dofs, or over those that the supports leave free.
+///
+/// # Errors
+/// As [`Model::new`].
+pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices> {
+    let holds = if supported { holds(scene, mesh)? } else { vec![Hold::default(); mesh.nodes.len()] };
+    on_ground(scene, mesh, &holds, |ground| ground.matrices())
+}
+
+/// What a scene's supports hold at each node.
+fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<Hold>> {
+    Ok(Space::holds(mesh, &body::supports(scene, mesh, &Alone)?))
 }
 
 /// Does something on the ground of one process.
-fn on_ground<R>(scene: &Scene, mesh: &Mesh, act: impl FnOnce(&Ground<Alone>) -> Result<R>) -> Result<R> {
-    let holds = Space::holds(mesh, &body::supports(scene, mesh, &Alone)?);
-    let space = space(scene, mesh)?;
+fn on_ground<R>(
+    scene: &Scene,
+    mesh: &Mesh,
+    holds: &[Hold],
+    act: impl FnOnce(&Ground<Alone>) -> Result<R>,
+) -> Result<R> {
+    let space = Space::of(holds).with_extra(scene.balls.len());
+    if space.dofs() == scene.balls.len() {
+        return Err(nothing_free());
+    }
     let cells = assembly::cells(mesh, &space, &Body::new(scene, mesh, &Alone)?)?;
     act(&Ground {
         scene,
         team: &Alone,
         mesh,
-        holds: &holds,
+        holds,
         space: &space,
         cells: &cells,
         own: &Some,
@@ -106,7 +136,7 @@ impl Model {
         serves(scene, EngineName::Native, &[ViName::Condensed])?;
         let clock = Instant::now();
         let mesh = mesh(scene)?;
-        on_ground(scene, &mesh, |ground| {
+        on_ground(scene, &mesh, &holds(scene, &mesh)?, |ground| {
             let engine = Native::with_layout(ground.space.layout(&mesh));
             Model::compose(clock, engine, |engine| engine, ground)
         })

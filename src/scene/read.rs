@@ -43,7 +43,6 @@ const FOUNDATION: Quantity = Quantity::new("a stiffness in N/m3", Range::NOT_NEG
 const MASS_DAMPING: Quantity = Quantity::new("a rate in 1/s", Range::NOT_NEGATIVE);
 const STIFFNESS_DAMPING: Quantity = Quantity::new("a time in s", Range::NOT_NEGATIVE);
 const RATIO: Quantity = Quantity::new("a damping ratio", Range::NOT_NEGATIVE);
-const FACTOR: Quantity = Quantity::new("a factor", Range::ANY);
 const HEIGHT: Quantity = Quantity::new("a height in m", Range::ANY);
 const PRESSURE: Quantity = Quantity::new("a pressure in Pa", Range::ANY);
 const VELOCITY: Quantity = Quantity::new("a velocity in m/s", Range::ANY);

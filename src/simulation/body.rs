@@ -1,11 +1,10 @@
 //! From a scene to a body: mesh, sections and supports.
 
-use super::nothing_free;
 use crate::error::{Error, Result};
 use crate::mesh::{Diagonal, Mesh, Point};
 use crate::plate::{Plate, Section, Sections};
 use crate::scene::{Given, Part, Region, Scene, Stand, SupportKind};
-use crate::space::{Place, Space};
+use crate::space::Place;
 
 /// The processes that build a model together, each with a part of the mesh.
 pub(super) trait Team {
@@ -57,18 +56,6 @@ pub fn mesh(scene: &Scene) -> Result<Mesh> {
     }
     mesh.check()?;
     Ok(mesh)
-}
-
-/// The free dofs of a scene's mesh.
-///
-/// # Errors
-/// [`Error::Mesh`] where nothing is left free, or a support stands nowhere.
-pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
-    let space = Space::of(&Space::holds(mesh, &supports(scene, mesh, &Alone)?));
-    if space.dofs() == 0 {
-        return Err(nothing_free());
-    }
-    Ok(space.with_extra(scene.balls.len()))
 }
 
 /// Where the supports of a scene stand on this process's part of the mesh. Collective.

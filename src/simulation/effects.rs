@@ -58,6 +58,20 @@ struct Burden {
     at: [f64; 2],
 }
 
+/// The matrices of a scene, piece by piece.
+pub struct Matrices {
+    /// K.
+    pub stiffness: Vec<Block>,
+    /// M_r.
+    pub consistent: Vec<Block>,
+    /// The rows of B and entries of C.
+    pub singular: Vec<Average>,
+    /// F of `initial.static_pressure` or, where that is 0, of what does not change with time in `[load]`, in N.
+    pub load: Vec<f64>,
+    /// Dofs that something bounds, ascending.
+    pub bounded: Vec<usize>,
+}
+
 /// What a scene's effects make of a plate.
 pub(super) struct Effects<E: Engine> {
     pub system: System<E>,
@@ -152,7 +166,7 @@ impl<T: Team> Ground<'_, T> {
     }
 
     /// The foundations' contributions to K, each with its cell. Collective.
-    fn foundations(&self) -> Result<Vec<(usize, Block)>> {
+    pub fn foundations(&self) -> Result<Vec<(usize, Block)>> {
         let foundations = &self.scene.foundations;
         if foundations.is_empty() {
             return Ok(Vec::new());
@@ -173,6 +187,85 @@ impl<T: Team> Ground<'_, T> {
             }
             Ok(sum)
         })
+    }
+
+    /// K: the plate, foundations and springs. Collective.
+    pub fn stiffness(&self, foundations: &[(usize, Block)]) -> Result<Vec<Block>> {
+        let mut blocks = assembly::stiffness(self.cells);
+        blocks.extend(foundations.iter().map(|(_, block)| block.clone()));
+        for (number, spring) in self.scene.springs.iter().enumerate() {
+            let probe = self.probe(&format!("spring.{number}.at"), spring.at)?;
+            blocks.extend(probe.map(|probe| probe.spring(spring.stiffness, self.class(number))));
+        }
+        Ok(blocks)
+    }
+
+    /// A class of its own for what is no cell.
+    fn class(&self, number: usize) -> usize {
+        BARE + 2 * self.cells.len() + number
+    }
+
+    /// What the plate carries, as far as this process has it. Collective.
+    fn burdens(&self, riders: &[Rider]) -> Result<Vec<Burden>> {
+        let mut burdens = Vec::new();
+        for (number, &scene::PointMass { at, mass }) in self.scene.masses.iter().enumerate() {
+            let probe = self.probe(&format!("mass.{number}.at"), at)?;
+            burdens.extend(probe.map(|probe| Burden { probe, mass, at }));
+        }
+        for &Rider { ball: &scene::Ball { at, mass, .. }, ref probe, gap } in riders {
+            burdens.extend(probe.clone().map(|probe| Burden { probe: probe.with(gap, 1.0), mass, at }));
+        }
+        Ok(burdens)
+    }
+
+    /// B and C: the plate and what it carries.
+    fn singular_mass(&self, burdens: &[Burden]) -> Vec<Average> {
+        let mut rows = assembly::singular_mass(self.cells);
+        let row = |(k, Burden { probe, mass, .. }): (usize, &Burden)| probe.rider(*mass, self.class(k));
+        rows.extend(burdens.iter().enumerate().map(row));
+        rows
+    }
+
+    /// M_r: the plate and what it carries.
+    fn consistent_mass(&self, burdens: &[Burden]) -> Vec<Block> {
+        let mut blocks = assembly::consistent_mass(self.cells);
+        let block = |(k, Burden { probe, mass, .. }): (usize, &Burden)| probe.spring(*mass, self.class(k));
+        blocks.extend(burdens.iter().enumerate().map(block));
+        blocks
+    }
+
+    /// All matrices.
+    ///
+    /// # Errors
+    /// What the scene's formulas and regions say of the mesh.
+    pub fn matrices(&self) -> Result<Matrices> {
+        let riders = self.riders()?;
+        let burdens = self.burdens(&riders)?;
+        let initial = &self.scene.initial.static_pressure;
+        let load = if initial.is_zero() { Pushes::new(self, &burdens)?.constant } else { Some(self.pressed(initial)?) };
+        let reaches = reaches(self)?;
+        let (sites, bounded) = sites(self, &reaches, &riders);
+        Ok(Matrices {
+            stiffness: self.stiffness(&self.foundations()?)?,
+            consistent: self.consistent_mass(&burdens),
+            singular: self.singular_mass(&burdens),
+            load: load.unwrap_or_else(|| vec![0.0; self.space.dofs()]),
+            bounded: sites[..bounded].iter().map(|site| site.dof).collect(),
+        })
+    }
+
+    /// The load of a pressure that does not change with time, on the space's dofs.
+    fn pressed(&self, pressure: &Given) -> Result<Vec<f64>> {
+        let dofs = self.space.dofs();
+        if let Some(pressure) = pressure.number() {
+            return Ok(assembly::uniform_load(self.cells, dofs, pressure));
+        }
+        let points = Pressure::new(self.mesh, self.cells)?;
+        let mut values = vec![0.0; points.points().len()];
+        pressure.values(points.points(), 0.0, &mut values)?;
+        let mut load = vec![0.0; dofs];
+        points.add(&values, &mut load);
+        Ok(load)
     }
 
     /// The rigid motions that nothing holds, in words. Collective.
@@ -219,40 +312,15 @@ pub(super) fn compose<E: Engine<Form = Form> + 'static, T: Team>(
 where
     E::Factor: 'static,
 {
-    let Ground { scene, mesh, cells, .. } = *ground;
+    let Ground { scene, .. } = *ground;
     let riders = ground.riders()?;
     let foundations = ground.foundations()?;
     let mechanism = ground.mechanism(&foundations)?;
-    let mut classes = BARE + 2 * cells.len()..;
-    let mut class = || classes.next().unwrap_or(usize::MAX);
-
-    // Springs and foundations are part of K, masses and balls of M.
-    let mut stiffness = assembly::stiffness(cells);
-    stiffness.extend(foundations.iter().map(|(_, block)| block.clone()));
-    for (number, spring) in scene.springs.iter().enumerate() {
-        let probe = ground.probe(&format!("spring.{number}.at"), spring.at)?;
-        stiffness.extend(probe.map(|probe| probe.spring(spring.stiffness, class())));
-    }
-    let mut masses: Vec<Burden> = Vec::new();
-    for (number, &scene::PointMass { at, mass }) in scene.masses.iter().enumerate() {
-        let probe = ground.probe(&format!("mass.{number}.at"), at)?;
-        masses.extend(probe.map(|probe| Burden { probe, mass, at }));
-    }
-    for Rider { ball: &scene::Ball { at, mass, .. }, probe, gap } in &riders {
-        masses.extend(probe.clone().map(|probe| Burden { probe: probe.with(*gap, 1.0), mass, at }));
-    }
-    let stiffness = native(&engine).form(stiffness);
+    let burdens = ground.burdens(&riders)?;
+    let stiffness = native(&engine).form(ground.stiffness(&foundations)?);
     let mass = match scene.time.mass {
-        Mass::Singular => {
-            let mut rows: Vec<Average> = assembly::singular_mass(cells);
-            rows.extend(masses.iter().map(|Burden { probe, mass, .. }| probe.rider(*mass, class())));
-            native(&engine).averages(rows)
-        }
-        Mass::Consistent => {
-            let mut blocks = assembly::consistent_mass(cells);
-            blocks.extend(masses.iter().map(|Burden { probe, mass, .. }| probe.spring(*mass, class())));
-            native(&engine).form(blocks)
-        }
+        Mass::Singular => native(&engine).averages(ground.singular_mass(&burdens)),
+        Mass::Consistent => native(&engine).form(ground.consistent_mass(&burdens)),
     };
     let damping = scene.damping.as_ref().map_or(Damping::default(), |damping| Damping {
         mass: damping.mass,
@@ -262,9 +330,9 @@ where
         System { engine, stiffness, mass, damping, load: None, bounds: Bounds::default(), drive: Drive::default() };
 
     let lifts = lifts(&system, ground, mechanism)?;
-    let pushes = Pushes::new(ground, &masses)?;
+    let pushes = Pushes::new(ground, &burdens)?;
     system.load = pushes.constant.clone();
-    let inertia = inertia(&system, ground, &lifts, &foundations, &masses)?;
+    let inertia = inertia(&system, ground, &lifts, &foundations, &burdens)?;
     if !(pushes.terms.is_empty() && pushes.waves.is_empty() && inertia.is_empty()) {
         system.drive.load = Some(Box::new(move |t, load: &mut [f64]| {
             pushes.add(t, load)?;
@@ -285,7 +353,7 @@ where
     system.bounds = Bounds::uniform(dofs, f64::NEG_INFINITY, f64::INFINITY);
     heights.set(0.0, &mut system.bounds)?;
     if scene.time.scheme == scene::Scheme::Conserving || scene.time.scheme == scene::Scheme::Exact {
-        refuse_bounded_masses(scene, &masses, &system.bounds, ground)?;
+        refuse_bounded_masses(scene, &burdens, &system.bounds, ground)?;
     }
     let moves = !lifts.is_empty() || scene.obstacles.iter().any(|obstacle| obstacle.height.changes());
     if moves && !system.bounds.is_empty() {
@@ -299,7 +367,7 @@ where
 /// A mass where a node can be stopped has a velocity that must jump.
 fn refuse_bounded_masses<T: Team>(
     scene: &Scene,
-    masses: &[Burden],
+    burdens: &[Burden],
     bounds: &Bounds,
     ground: &Ground<T>,
 ) -> Result<()> {
@@ -307,7 +375,7 @@ fn refuse_bounded_masses<T: Team>(
         [(dof, _)] => (ground.own)(*dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok()),
         _ => false,
     };
-    let any = ground.team.gather(&[f64::from(u8::from(masses.iter().any(stopped)))]).contains(&1.0);
+    let any = ground.team.gather(&[f64::from(u8::from(burdens.iter().any(stopped)))]).contains(&1.0);
     if any {
         return Err(Error::Usage(format!(
             "time.scheme = \"{}\" needs velocities that do not jump, and a [[mass]] sits on a node that an obstacle can stop; \
@@ -332,7 +400,7 @@ struct Pushes {
 }
 
 impl Pushes {
-    fn new<T: Team>(ground: &Ground<T>, masses: &[Burden]) -> Result<Pushes> {
+    fn new<T: Team>(ground: &Ground<T>, burdens: &[Burden]) -> Result<Pushes> {
         let Ground { scene, mesh, cells, space, add_up, .. } = ground;
         let dofs = space.dofs();
         let mut pushes = Pushes {
@@ -348,7 +416,7 @@ impl Pushes {
         let add = |to: &mut [f64], what: &[f64]| to.iter_mut().zip(what).for_each(|(to, what)| *to += what);
         if load.gravity != 0.0 {
             add(&mut constant, &assembly::weight(cells, dofs, load.gravity));
-            for Burden { probe, mass, .. } in masses {
+            for Burden { probe, mass, .. } in burdens {
                 probe.weights().iter().for_each(|(dof, weight)| constant[*dof] -= mass * load.gravity * weight);
             }
         }
@@ -483,7 +551,7 @@ fn inertia<E: Engine, T: Team>(
     ground: &Ground<T>,
     lifts: &[Lift],
     foundations: &[(usize, Block)],
-    masses: &[Burden],
+    burdens: &[Burden],
 ) -> Result<Vec<(Rc<Given>, [Vec<f64>; 2])>> {
     let Ground { scene, mesh, cells, space, .. } = ground;
     let dofs = space.dofs();
@@ -505,7 +573,7 @@ fn inertia<E: Engine, T: Team>(
                 probe.weights().iter().for_each(|(dof, weight)| force[*dof] += pull * weight);
             }
         }
-        for Burden { probe, mass, at } in masses {
+        for Burden { probe, mass, at } in burdens {
             let inert = mass * ground.shape_at(&lift.shape, *at)?;
             probe.weights().iter().for_each(|(dof, weight)| momentum[*dof] += inert * weight);
         }
@@ -727,20 +795,9 @@ fn at_rest<E: Engine<Form = Form> + 'static, T: Team>(
 where
     E::Factor: 'static,
 {
-    let Ground { scene, mesh, cells, space, .. } = ground;
+    let Ground { scene, .. } = ground;
     let initial = &scene.initial;
-    let pressure = &initial.static_pressure;
-    let local = match pressure.number() {
-        Some(pressure) => assembly::uniform_load(cells, space.dofs(), pressure),
-        None => {
-            let points = Pressure::new(mesh, cells)?;
-            let mut values = vec![0.0; points.points().len()];
-            pressure.values(points.points(), 0.0, &mut values)?;
-            let mut load = vec![0.0; space.dofs()];
-            points.add(&values, &mut load);
-            load
-        }
-    };
+    let local = ground.pressed(&initial.static_pressure)?;
     let mut load = (ground.add_up)(&local)?;
     if initial.equilibrium {
         let constant = system.load.iter().flatten();
@@ -765,7 +822,7 @@ where
             Form::Averages(_) => Vec::new(),
         };
         let mine = riders.iter().filter(|rider| rider.probe.is_some());
-        let class = BARE + 3 * cells.len() + scene.springs.len();
+        let class = ground.class(scene.springs.len());
         blocks.extend(mine.enumerate().map(|(k, rider)| Block {
             dofs: [Some(rider.gap)].into(),
             matrix: [1.0].into(),
