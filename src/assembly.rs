@@ -3,13 +3,14 @@
 //! Congruent cells (translates of one another) share one set of local arrays: a regular mesh computes its element matrices
 //! a handful of times.
 
-use crate::element::{Element, Piece, fvs, hct};
+use crate::element::{Element, Piece, fvs, hct, quadrature};
 use crate::error::{Error, Result};
-use crate::linalg::{Average, Block};
+use crate::linalg::{Average, BARE, Block};
 use crate::mesh::{Cell, Mesh, Point};
-use crate::plate::Plate;
+use crate::plate::{self, Sections};
 use crate::space::Space;
 use nalgebra::SMatrix;
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -35,21 +36,66 @@ pub struct Local {
 pub struct CellArrays {
     /// Free dofs of the local ones.
     pub dofs: Rc<[Option<usize>]>,
+    /// What each dof's value is multiplied by to give the local one, where that is not 1 for all (beside supports askew).
+    pub factors: Option<Rc<[f64]>>,
     /// Number of the class of congruent cells.
     pub class: usize,
-    /// Its arrays.
+    /// Its arrays, of local dofs.
     pub local: Rc<Local>,
 }
+
+impl CellArrays {
+    /// A local dof of a vector over the dofs.
+    pub fn value(&self, local: usize, x: &[f64]) -> f64 {
+        let factor = self.factors.as_ref().map_or(1.0, |factors| factors[local]);
+        self.dofs[local].map_or(0.0, |dof| factor * x[dof])
+    }
+
+    /// Adds a local vector, such as a load, to one over the dofs.
+    pub fn add(&self, local: &[f64], x: &mut [f64]) {
+        for (i, value) in local.iter().enumerate() {
+            if let Some(dof) = self.dofs[i] {
+                x[dof] += self.factors.as_ref().map_or(1.0, |factors| factors[i]) * value;
+            }
+        }
+    }
+
+    /// A local vector as function of the dofs.
+    fn of_dofs(&self, local: &Rc<[f64]>) -> Rc<[f64]> {
+        match &self.factors {
+            None => local.clone(),
+            Some(factors) => local.iter().zip(&**factors).map(|(value, factor)| value * factor).collect(),
+        }
+    }
+
+    /// A local matrix as form of the dofs.
+    fn block(&self, matrix: &Rc<[f64]>, arms: Option<&Rc<[[f64; 2]]>>) -> Block {
+        let (dofs, class) = (self.dofs.clone(), self.class);
+        match &self.factors {
+            None => Block { dofs, matrix: matrix.clone(), arms: arms.cloned(), class },
+            Some(factors) => {
+                let size = factors.len();
+                let entry = |(k, value): (usize, &f64)| value * factors[k / size] * factors[k % size];
+                let matrix = matrix.iter().enumerate().map(entry).collect();
+                Block { dofs, matrix, arms: None, class }
+            }
+        }
+    }
+}
+
+/// What a class of cells has in common: shape, and the number of its uniform section; a varying section makes a class of its own, as do
+/// dofs with factors.
+type Class = (Vec<i64>, std::result::Result<usize, usize>);
 
 /// All cells of a mesh with their local arrays, in the order of the cells.
 ///
 /// # Errors
-/// [`Error::Mesh`] naming a cell that cannot carry its element.
-pub fn cells(mesh: &Mesh, space: &Space, plate: &Plate) -> Result<Vec<CellArrays>> {
+/// [`Error::Mesh`] naming a cell that cannot carry its element; what the sections say.
+pub fn cells(mesh: &Mesh, space: &Space, sections: &impl Sections) -> Result<Vec<CellArrays>> {
     let extent = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()));
     // Positions that differ by a few roundings of the largest coordinate are one.
     let grain = 16.0 * f64::EPSILON * extent;
-    let mut classes: HashMap<Vec<i64>, (usize, Rc<Local>)> = HashMap::new();
+    let mut classes: HashMap<Class, (usize, Rc<Local>)> = HashMap::new();
     let mut cells = Vec::with_capacity(mesh.cells.len());
     for (number, cell) in mesh.cells.iter().enumerate() {
         let nodes = cell.nodes();
@@ -61,75 +107,101 @@ pub fn cells(mesh: &Mesh, space: &Space, plate: &Plate) -> Result<Vec<CellArrays
                 [arm.x, arm.y].map(|a| (a / grain).round() as i64)
             })
             .collect();
+        let factors = space.factors_of(nodes).map(Rc::from);
+        let kind = match sections.kind(number) {
+            Some(kind) if factors.is_none() => Ok(kind),
+            _ => Err(number),
+        };
         let count = classes.len();
-        let (class, local) = match classes.entry(shape) {
+        let (class, local) = match classes.entry((shape, kind)) {
             std::collections::hash_map::Entry::Occupied(known) => known.get().clone(),
             std::collections::hash_map::Entry::Vacant(new) => {
-                let local = local_arrays(mesh, cell, plate)
-                    .map_err(|error| Error::Mesh(format!("cell {number}: {error}")))?;
-                new.insert((count, Rc::new(local))).clone()
+                let local = local_arrays(mesh, number, cell, sections)?;
+                let class = if factors.is_some() { BARE + count } else { count };
+                new.insert((class, Rc::new(local))).clone()
             }
         };
-        cells.push(CellArrays { dofs: space.dofs_of(nodes).collect(), class, local });
+        cells.push(CellArrays { dofs: space.dofs_of(nodes).collect(), factors, class, local });
     }
     Ok(cells)
 }
 
-fn local_arrays(mesh: &Mesh, cell: &Cell, plate: &Plate) -> Result<Local> {
+fn local_arrays(mesh: &Mesh, number: usize, cell: &Cell, sections: &impl Sections) -> Result<Local> {
+    let named = |error: Error| Error::Mesh(format!("cell {number}: {error}"));
     match *cell {
         Cell::Triangle(nodes) => {
             let vertices = nodes.map(|node| mesh.nodes[node]);
-            Ok(arrays(&hct::element(vertices)?, &vertices, plate))
+            arrays(&hct::element(vertices).map_err(named)?, &vertices, number, sections)
         }
         Cell::Quadrilateral(nodes) => {
             let vertices = nodes.map(|node| mesh.nodes[node]);
-            Ok(arrays(&fvs::element(vertices)?, &vertices, plate))
+            arrays(&fvs::element(vertices).map_err(named)?, &vertices, number, sections)
         }
     }
 }
 
-fn arrays<const N: usize>(element: &Element<N>, vertices: &[Point], plate: &Plate) -> Local {
+fn arrays<const N: usize>(
+    element: &Element<N>,
+    vertices: &[Point],
+    number: usize,
+    sections: &impl Sections,
+) -> Result<Local> {
     let flat = |matrix: SMatrix<f64, N, N>| matrix.as_slice().into();
-    let moments = plate.moments(element);
-    let density = plate.surface_density();
-    Local {
-        // Symmetric, so that column by column is row by row.
-        stiffness: flat(plate.stiffness(element)),
-        mass: flat(plate.consistent_mass(element)),
-        moments: moments.as_slice().into(),
-        coupling: (moments * density).as_slice().into(),
-        weight: density * element.pieces.iter().map(Piece::area).sum::<f64>(),
-        arms: vertices.iter().map(|v| [v.x - vertices[0].x, v.y - vertices[0].y]).collect(),
+    let moments = plate::moments(element);
+    let area: f64 = element.pieces.iter().map(Piece::area).sum();
+    let arms = vertices.iter().map(|v| [v.x - vertices[0].x, v.y - vertices[0].y]).collect();
+    let first = sections.section(number, vertices[0])?;
+    if sections.kind(number).is_some() {
+        return Ok(Local {
+            // Symmetric, so that column by column is row by row.
+            stiffness: flat(first.stiffness(element)),
+            mass: flat(first.consistent_mass(element)),
+            moments: moments.as_slice().into(),
+            coupling: (moments * first.density).as_slice().into(),
+            weight: first.density * area,
+            arms,
+        });
     }
+    let fault = RefCell::new(None);
+    let section = |at: Point| {
+        sections.section(number, at).unwrap_or_else(|error| {
+            fault.replace(Some(error));
+            first
+        })
+    };
+    let density = |at: Point| section(at).density;
+    let mut weight = 0.0;
+    for (piece, of) in element.pieces.iter().enumerate() {
+        for (barycentric, share) in quadrature::DEGREE_6 {
+            weight += share * of.area() * density(element.point(piece, barycentric));
+        }
+    }
+    let local = Local {
+        stiffness: flat(plate::stiffness(element, &quadrature::DEGREE_6, section)),
+        mass: flat(plate::mass(element, density)),
+        moments: moments.as_slice().into(),
+        coupling: plate::load(element, density).as_slice().into(),
+        weight,
+        arms,
+    };
+    fault.into_inner().map_or(Ok(local), Err)
 }
 
 /// The contributions to the stiffness K.
 pub fn stiffness(cells: &[CellArrays]) -> Vec<Block> {
-    let block = |cell: &CellArrays| Block {
-        dofs: cell.dofs.clone(),
-        matrix: cell.local.stiffness.clone(),
-        arms: Some(cell.local.arms.clone()),
-        class: cell.class,
-    };
-    cells.iter().map(block).collect()
+    cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.arms))).collect()
 }
 
 /// The contributions to the consistent mass M_r.
 pub fn consistent_mass(cells: &[CellArrays]) -> Vec<Block> {
-    let block = |cell: &CellArrays| Block {
-        dofs: cell.dofs.clone(),
-        matrix: cell.local.mass.clone(),
-        arms: None,
-        class: cell.class,
-    };
-    cells.iter().map(block).collect()
+    cells.iter().map(|cell| cell.block(&cell.local.mass, None)).collect()
 }
 
 /// The rows of B and the entries of C of the singular mass.
 pub fn singular_mass(cells: &[CellArrays]) -> Vec<Average> {
     let average = |cell: &CellArrays| Average {
         dofs: cell.dofs.clone(),
-        row: cell.local.coupling.clone(),
+        row: cell.of_dofs(&cell.local.coupling),
         mass: cell.local.weight,
         class: cell.class,
     };
@@ -140,13 +212,180 @@ pub fn singular_mass(cells: &[CellArrays]) -> Vec<Average> {
 pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64> {
     let mut load = vec![0.0; dofs];
     for cell in cells {
-        for (dof, moment) in cell.dofs.iter().zip(cell.local.moments.iter()) {
-            if let Some(dof) = dof {
-                load[*dof] += pressure * moment;
-            }
-        }
+        let local: Vec<f64> = cell.local.moments.iter().map(|moment| pressure * moment).collect();
+        cell.add(&local, &mut load);
     }
     load
+}
+
+/// Points of every cell at which a pressure that changes from place to place is asked, and what it does there.
+#[derive(Debug, Clone)]
+pub struct Pressure {
+    points: Vec<Point>,
+    /// Each cell, its first point, and the weights of its points: one a point and local dof.
+    cells: Vec<(CellArrays, usize, Rc<[f64]>)>,
+}
+
+impl Pressure {
+    /// The points of a rule of degree 6 on each piece of the cells: exact up to rounding for a pressure of degree 3.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a cell that cannot carry its element.
+    pub fn new(mesh: &Mesh, cells: &[CellArrays]) -> Result<Pressure> {
+        fn of<const N: usize>(element: &Element<N>, points: &mut Vec<Point>) -> Vec<f64> {
+            let mut weights = Vec::new();
+            for (number, piece) in element.pieces.iter().enumerate() {
+                for (barycentric, weight) in quadrature::DEGREE_6 {
+                    points.push(element.point(number, barycentric));
+                    weights.extend((piece.values(barycentric) * (weight * piece.area())).iter());
+                }
+            }
+            weights
+        }
+        let mut pressure = Pressure { points: Vec::new(), cells: Vec::with_capacity(cells.len()) };
+        let mut known: HashMap<usize, Rc<[f64]>> = HashMap::new();
+        for (arrays, cell) in cells.iter().zip(&mesh.cells) {
+            let first = pressure.points.len();
+            let weights = match *cell {
+                Cell::Triangle(nodes) => {
+                    of(&hct::element(nodes.map(|node| mesh.nodes[node]))?, &mut pressure.points)
+                }
+                Cell::Quadrilateral(nodes) => {
+                    of(&fvs::element(nodes.map(|node| mesh.nodes[node]))?, &mut pressure.points)
+                }
+            };
+            let weights = known.entry(arrays.class).or_insert_with(|| weights.into()).clone();
+            pressure.cells.push((arrays.clone(), first, weights));
+        }
+        Ok(pressure)
+    }
+
+    /// Where the pressure is asked, in m.
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// Adds the load, in N, of a pressure (Pa, upward) given at the points.
+    pub fn add(&self, values: &[f64], load: &mut [f64]) {
+        let mut local = Vec::new();
+        for (cell, first, weights) in &self.cells {
+            local.clear();
+            local.resize(cell.dofs.len(), 0.0);
+            for (weights, value) in weights.chunks_exact(local.len()).zip(&values[*first..]) {
+                local.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
+            }
+            cell.add(&local, load);
+        }
+    }
+}
+
+/// The weight of the plate under a gravity of g m/s2, downward, in N.
+pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
+    let mut load = vec![0.0; dofs];
+    for cell in cells {
+        let local: Vec<f64> = cell.local.coupling.iter().map(|b| -g * b).collect();
+        cell.add(&local, &mut load);
+    }
+    load
+}
+
+/// The contributions of an elastic foundation to the stiffness, each with its cell; its own stiffness, in N/m3, may be 0 on some cells:
+/// then they have none.
+///
+/// # Errors
+/// [`Error::Mesh`] for a cell that cannot carry its element; what the stiffness says.
+pub fn foundation(
+    mesh: &Mesh,
+    cells: &[CellArrays],
+    stiffness: &dyn Fn(usize, Point) -> Result<f64>,
+) -> Result<Vec<(usize, Block)>> {
+    let matrices = on_elements(mesh, stiffness, |element, value| match element {
+        AnyElement::Triangle(element) => plate::mass(element, value).as_slice().to_vec(),
+        AnyElement::Quadrilateral(element) => plate::mass(element, value).as_slice().to_vec(),
+    })?;
+    let under =
+        matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
+    // Each with a class of its own, after those of the cells.
+    let block = |(number, matrix): (usize, Vec<f64>)| {
+        let class = BARE + cells.len() + number;
+        (number, Block { class, ..cells[number].block(&matrix.into(), None) })
+    };
+    Ok(under.map(block).collect())
+}
+
+/// The element of a cell.
+enum AnyElement<'e> {
+    Triangle(&'e Element<9>),
+    Quadrilateral(&'e Element<12>),
+}
+
+/// Integrals of something over each cell, where `value` gives that at a point of a cell.
+fn on_elements(
+    mesh: &Mesh,
+    value: &dyn Fn(usize, Point) -> Result<f64>,
+    integrate: impl Fn(AnyElement, &dyn Fn(Point) -> f64) -> Vec<f64>,
+) -> Result<Vec<Vec<f64>>> {
+    let fault = RefCell::new(None);
+    let integral = |(number, cell): (usize, &Cell)| {
+        let value = |at: Point| {
+            value(number, at).unwrap_or_else(|error| {
+                fault.replace(Some(error));
+                0.0
+            })
+        };
+        Ok(match *cell {
+            Cell::Triangle(nodes) => {
+                let element = hct::element(nodes.map(|node| mesh.nodes[node]))?;
+                integrate(AnyElement::Triangle(&element), &value)
+            }
+            Cell::Quadrilateral(nodes) => {
+                let element = fvs::element(nodes.map(|node| mesh.nodes[node]))?;
+                integrate(AnyElement::Quadrilateral(&element), &value)
+            }
+        })
+    };
+    let integrals = mesh.cells.iter().enumerate().map(integral).collect::<Result<_>>()?;
+    fault.into_inner().map_or(Ok(integrals), Err)
+}
+
+/// The forces K U and the momenta of a displacement U that is given at all dofs of the mesh, held ones included (three a node), on the
+/// free dofs: what a motion of the supports does. `consistent`: by that mass, else by the singular one.
+pub fn on_shape(
+    mesh: &Mesh,
+    cells: &[CellArrays],
+    dofs: usize,
+    shape: &[f64],
+    consistent: bool,
+) -> [Vec<f64>; 2] {
+    let mut sums = [vec![0.0; dofs], vec![0.0; dofs]];
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        let values: Vec<f64> =
+            of.nodes().iter().flat_map(|&node| shape[3 * node..3 * node + 3].iter().copied()).collect();
+        let Local { stiffness, mass, coupling, weight, arms, .. } = &*cell.local;
+        let product = |matrix: &[f64], x: &[f64]| -> Vec<f64> {
+            let dot = |row: &[f64]| row.iter().zip(x).map(|(a, x)| a * x).sum();
+            matrix.chunks_exact(x.len()).map(dot).collect()
+        };
+        // The rigid motion of the first node, which bends nothing, is left out.
+        let (w, slope) = (values[0], [values[1], values[2]]);
+        let bent: Vec<f64> = values
+            .chunks_exact(3)
+            .zip(arms.iter())
+            .flat_map(|(node, arm)| {
+                let rigid = w + slope[0] * arm[0] + slope[1] * arm[1];
+                [node[0] - rigid, node[1] - slope[0], node[2] - slope[1]]
+            })
+            .collect();
+        cell.add(&product(stiffness, &bent), &mut sums[0]);
+        let momenta = if consistent {
+            product(mass, &values)
+        } else {
+            let velocity = coupling.iter().zip(&values).map(|(b, x)| b * x).sum::<f64>() / weight;
+            coupling.iter().map(|b| b * velocity).collect()
+        };
+        cell.add(&momenta, &mut sums[1]);
+    }
+    sums
 }
 
 /// The deflection at a point, as a sum over free dofs.
@@ -173,11 +412,12 @@ impl Probe {
                 element.basis_at(point).value.iter().copied().collect()
             }
         };
+        let factors = space.factors_of(cell.nodes()).unwrap_or_else(|| vec![1.0; values.len()]);
         let weights = space
             .dofs_of(cell.nodes())
-            .zip(values)
-            .filter_map(|(dof, value)| Some((dof?, value)))
-            .filter(|(_, value)| *value != 0.0)
+            .zip(values.iter().zip(factors))
+            .filter_map(|(dof, (value, factor))| Some((dof?, value * factor)))
+            .filter(|(_, weight)| *weight != 0.0)
             .collect();
         Ok(Probe { weights })
     }
@@ -198,5 +438,36 @@ impl Probe {
     /// The deflection, in m.
     pub fn deflection(&self, u: &[f64]) -> f64 {
         self.weights.iter().map(|&(dof, weight)| weight * u[dof]).sum()
+    }
+    /// The dofs and their weights.
+    pub fn weights(&self) -> &[(usize, f64)] {
+        &self.weights
+    }
+
+    /// The probe that adds the value of one more dof.
+    pub fn with(mut self, dof: usize, weight: f64) -> Probe {
+        self.weights.push((dof, weight));
+        self
+    }
+
+    /// The form k w w^T of a spring of k N/m (or, as consistent mass, of k kg) at the point. Its class, from [`BARE`] on, must be
+    /// its own: those up to twice the number of cells are taken.
+    pub fn spring(&self, k: f64, class: usize) -> Block {
+        let entries = self.weights.iter().flat_map(|(_, a)| self.weights.iter().map(move |(_, b)| k * a * b));
+        Block { dofs: self.dofs(), matrix: entries.collect(), arms: None, class }
+    }
+
+    /// The velocity of a mass of m kg at the point, as one more row of B and entry of C.
+    pub fn rider(&self, m: f64, class: usize) -> Average {
+        Average {
+            dofs: self.dofs(),
+            row: self.weights.iter().map(|(_, weight)| m * weight).collect(),
+            mass: m,
+            class,
+        }
+    }
+
+    fn dofs(&self) -> Rc<[Option<usize>]> {
+        self.weights.iter().map(|(dof, _)| Some(*dof)).collect()
     }
 }

@@ -65,6 +65,14 @@ pub enum Error {
     /// PETSc or MPI refused a call: the function, what it said, its code.
     #[error("PETSc: {0}")]
     Petsc(String),
+    /// What another process found: its words and its exit code.
+    #[error("{words}")]
+    Elsewhere {
+        /// What it says.
+        words: String,
+        /// With what it ends the command.
+        code: u8,
+    },
     /// The energy grew past the guard.
     #[error(
         "step {step}, t = {time:.9} s: the energy is {ratio:.4} times its start, past the guard of {limit}; {advice}"
@@ -103,6 +111,7 @@ impl Error {
             | Error::Petsc(_) => 3,
             Error::Io { .. } => 4,
             Error::EnergyGuard { .. } => 5,
+            Error::Elsewhere { code, .. } => *code,
         }
     }
 

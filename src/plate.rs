@@ -10,9 +10,43 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::element::{Element, quadrature};
+use crate::error::Result;
 use crate::mesh::Point;
 
-/// A homogeneous isotropic Kirchhoff-Love plate.
+/// What a plate is at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Section {
+    /// Moments per length that curvatures `(u_xx, u_xy, u_yy)` do work with, in N m; symmetric. Its middle row counts the twist
+    /// for `u_xy` and `u_yx`.
+    pub bending: Matrix3<f64>,
+    /// Mass of a unit of area, in kg/m2.
+    pub density: f64,
+}
+
+/// The sections of a plate, cell by cell.
+pub trait Sections {
+    /// Cells of one number share one uniform section; `None` where it changes inside the cell.
+    fn kind(&self, cell: usize) -> Option<usize>;
+
+    /// The section at a point of a cell.
+    ///
+    /// # Errors
+    /// [`crate::Error::Scene`] where a formula has no sense there.
+    fn section(&self, cell: usize, at: Point) -> Result<Section>;
+}
+
+/// Stiffness along two axes in the plate's plane.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Orthotropy {
+    /// Young's modulus across the grain, E_2, in Pa; [`Plate::youngs_modulus`] is E_1 along it, [`Plate::poissons_ratio`] nu_12.
+    pub across: f64,
+    /// Shear modulus G_12, in Pa.
+    pub shear_modulus: f64,
+    /// Angle of the grain from x, counter-clockwise, in degrees.
+    pub grain: f64,
+}
+
+/// A homogeneous Kirchhoff-Love plate.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Plate {
     /// Thickness h, in m.
@@ -23,12 +57,24 @@ pub struct Plate {
     pub poissons_ratio: f64,
     /// Density rho, in kg/m3.
     pub density: f64,
+    /// `None`: isotropic.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub orthotropy: Option<Orthotropy>,
 }
 
 impl Plate {
-    /// The bending rigidity D = E h^3 / (12 (1 - nu^2)), in N m.
+    /// An isotropic plate: thickness in m, Young's modulus in Pa, Poisson's ratio, density in kg/m3.
+    pub const fn isotropic(thickness: f64, youngs_modulus: f64, poissons_ratio: f64, density: f64) -> Plate {
+        Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy: None }
+    }
+
+    /// The bending rigidity D = E h^3 / (12 (1 - nu^2)), in N m; of an orthotropic plate that along the grain.
     pub fn rigidity(&self) -> f64 {
-        self.youngs_modulus * self.thickness.powi(3) / (12.0 * (1.0 - self.poissons_ratio.powi(2)))
+        let coupled = match self.orthotropy {
+            None => self.poissons_ratio.powi(2),
+            Some(Orthotropy { across, .. }) => self.poissons_ratio.powi(2) * across / self.youngs_modulus,
+        };
+        self.youngs_modulus * self.thickness.powi(3) / (12.0 * (1.0 - coupled))
     }
 
     /// The mass of a unit of area, rho h, in kg/m2.
@@ -36,68 +82,118 @@ impl Plate {
         self.density * self.thickness
     }
 
-    /// The stiffness of a cell: the bilinear form `a` on its basis functions, N by N, symmetric to the bit.
+    /// The section.
     ///
-    /// In N/m between deflections; exact up to rounding.
-    pub fn stiffness<const N: usize>(&self, element: &Element<N>) -> SMatrix<f64, N, N> {
+    /// Orthotropic: S. G. Lekhnitskii, *Anisotropic Plates*, 1968, chapter 9; a rotation by the angle of the grain makes
+    /// the curvatures along and across it of those along x and y.
+    pub fn section(&self) -> Section {
         let nu = self.poissons_ratio;
-        // Rows and columns xx, xy, yy; the twist counts for u_xy and u_yx.
-        let bending = Matrix3::new(1.0, 0.0, nu, 0.0, 2.0 * (1.0 - nu), 0.0, nu, 0.0, 1.0) * self.rigidity();
-        let mut stiffness = SMatrix::zeros();
-        for piece in &element.pieces {
-            let area = piece.area();
-            for (barycentric, weight) in quadrature::DEGREE_2 {
-                let curvature = piece.basis(barycentric).hessian;
-                stiffness += curvature.tr_mul(&(bending * (weight * area) * curvature));
+        let bending = match self.orthotropy {
+            None => Matrix3::new(1.0, 0.0, nu, 0.0, 2.0 * (1.0 - nu), 0.0, nu, 0.0, 1.0) * self.rigidity(),
+            Some(Orthotropy { across, shear_modulus, grain }) => {
+                let along = self.rigidity();
+                let other = along * across / self.youngs_modulus;
+                let twist = shear_modulus * self.thickness.powi(3) / 3.0;
+                let own = Matrix3::new(along, 0.0, nu * other, 0.0, twist, 0.0, nu * other, 0.0, other);
+                let (s, c) = grain.to_radians().sin_cos();
+                let turn = Matrix3::new(
+                    c * c,
+                    2.0 * s * c,
+                    s * s,
+                    -s * c,
+                    c * c - s * s,
+                    s * c,
+                    s * s,
+                    -2.0 * s * c,
+                    c * c,
+                );
+                turn.tr_mul(&(own * turn))
             }
-        }
-        (stiffness + stiffness.transpose()) / 2.0
+        };
+        Section { bending, density: self.surface_density() }
+    }
+}
+
+impl Sections for Plate {
+    fn kind(&self, _: usize) -> Option<usize> {
+        Some(0)
     }
 
-    /// The consistent mass of a cell, `∫ rho h phi_i phi_j`, N by N, symmetric to the bit.
-    ///
-    /// In kg between deflections; exact up to rounding.
+    fn section(&self, _: usize, _: Point) -> Result<Section> {
+        Ok(Plate::section(self))
+    }
+}
+
+impl Section {
+    /// The stiffness of a cell of this section; see [`stiffness`]. Exact up to rounding.
+    pub fn stiffness<const N: usize>(&self, element: &Element<N>) -> SMatrix<f64, N, N> {
+        stiffness(element, &quadrature::DEGREE_2, |_| *self)
+    }
+
+    /// The consistent mass of a cell of this section, in kg between deflections; see [`mass`]. Exact up to rounding.
     pub fn consistent_mass<const N: usize>(&self, element: &Element<N>) -> SMatrix<f64, N, N> {
-        let mut mass = SMatrix::zeros();
-        for piece in &element.pieces {
-            let area = piece.area() * self.surface_density();
-            for (barycentric, weight) in quadrature::DEGREE_6 {
-                let value = piece.values(barycentric);
-                mass += value * (value * (weight * area)).transpose();
-            }
-        }
-        (mass + mass.transpose()) / 2.0
+        mass(element, |_| self.density)
     }
+}
 
-    /// The integrals of the basis functions over the cell, `∫ phi_i`, N entries; exact up to rounding.
-    ///
-    /// In m2 for deflections. Times a uniform pressure they are its load; times [`Plate::surface_density`] they couple
-    /// the cell's velocity, a constant, to its deflection in the singular mass.
-    pub fn moments<const N: usize>(&self, element: &Element<N>) -> SVector<f64, N> {
-        let mut moments = SVector::zeros();
-        for piece in &element.pieces {
-            for (barycentric, weight) in quadrature::DEGREE_3 {
-                moments += piece.values(barycentric) * (weight * piece.area());
-            }
+/// The stiffness of a cell: the bilinear form `a` on its basis functions, N by N, symmetric to the bit.
+///
+/// In N/m between deflections. The rule gives the points of each piece at which `section` is asked: degree 2 will do for a uniform one.
+pub fn stiffness<const N: usize>(
+    element: &Element<N>,
+    rule: &[quadrature::Node],
+    section: impl Fn(Point) -> Section,
+) -> SMatrix<f64, N, N> {
+    let mut stiffness = SMatrix::zeros();
+    for (number, piece) in element.pieces.iter().enumerate() {
+        let area = piece.area();
+        for &(barycentric, weight) in rule {
+            let bending = section(element.point(number, barycentric)).bending;
+            let curvature = piece.basis(barycentric).hessian;
+            stiffness += curvature.tr_mul(&(bending * (weight * area) * curvature));
         }
-        moments
     }
+    (stiffness + stiffness.transpose()) / 2.0
+}
 
-    /// The load of a pressure field on the cell, `∫ pressure phi_i`, N entries, in N for deflections.
-    ///
-    /// The pressure is in Pa, upward positive. Exact up to rounding for a pressure of degree 3.
-    pub fn load<const N: usize>(
-        &self,
-        element: &Element<N>,
-        pressure: impl Fn(Point) -> f64,
-    ) -> SVector<f64, N> {
-        let mut load = SVector::zeros();
-        for (number, piece) in element.pieces.iter().enumerate() {
-            for (barycentric, weight) in quadrature::DEGREE_6 {
-                let force = pressure(element.point(number, barycentric)) * weight * piece.area();
-                load += piece.values(barycentric) * force;
-            }
+/// The form of a density d over the cell, `∫ d phi_i phi_j`, N by N, symmetric to the bit: of a mass per area the consistent mass; of
+/// a foundation's stiffness per area (N/m3) its stiffness, in N/m between deflections. Exact up to rounding for a uniform density.
+pub fn mass<const N: usize>(element: &Element<N>, density: impl Fn(Point) -> f64) -> SMatrix<f64, N, N> {
+    let mut mass = SMatrix::zeros();
+    for (number, piece) in element.pieces.iter().enumerate() {
+        for (barycentric, weight) in quadrature::DEGREE_6 {
+            let area = piece.area() * density(element.point(number, barycentric));
+            let value = piece.values(barycentric);
+            mass += value * (value * (weight * area)).transpose();
         }
-        load
     }
+    (mass + mass.transpose()) / 2.0
+}
+
+/// The integrals of the basis functions over the cell, `∫ phi_i`, N entries; exact up to rounding.
+///
+/// In m2 for deflections. Times a uniform pressure they are its load; times a surface density they couple the cell's velocity, a
+/// constant, to its deflection in the singular mass.
+pub fn moments<const N: usize>(element: &Element<N>) -> SVector<f64, N> {
+    let mut moments = SVector::zeros();
+    for piece in &element.pieces {
+        for (barycentric, weight) in quadrature::DEGREE_3 {
+            moments += piece.values(barycentric) * (weight * piece.area());
+        }
+    }
+    moments
+}
+
+/// The load of a pressure on the cell, `∫ pressure phi_i`, N entries, in N for deflections.
+///
+/// The pressure is in Pa, upward positive. Exact up to rounding for a pressure of degree 3.
+pub fn load<const N: usize>(element: &Element<N>, pressure: impl Fn(Point) -> f64) -> SVector<f64, N> {
+    let mut load = SVector::zeros();
+    for (number, piece) in element.pieces.iter().enumerate() {
+        for (barycentric, weight) in quadrature::DEGREE_6 {
+            let force = pressure(element.point(number, barycentric)) * weight * piece.area();
+            load += piece.values(barycentric) * force;
+        }
+    }
+    load
 }

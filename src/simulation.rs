@@ -1,8 +1,10 @@
 //! From a scene to a run: the model, the scheme, and the main loop with its observer.
 
+mod body;
 mod contacts;
 #[cfg(feature = "petsc")]
 mod distributed;
+mod effects;
 mod fields;
 
 pub use contacts::Contact;
@@ -10,22 +12,25 @@ pub use contacts::Contact;
 pub use distributed::check_options;
 pub use fields::{Fields, Lattice, Snapshot};
 
-use crate::assembly::{self, CellArrays, Probe};
+use crate::assembly::{self, Probe};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native, Sum};
-use crate::mesh::{Diagonal, Mesh, Point};
-use crate::obstacle::Bounds;
-use crate::scene::{self, Edge, EngineName, Mass, Scene, Side, ViName};
+use crate::mesh::{Mesh, Point};
+use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
-    self, Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System,
-    Tally,
+    Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System, Tally,
 };
-use crate::space::Space;
+use crate::space::{Hold, Space};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
+pub use body::mesh;
+use body::{Alone, Body, Team};
 use contacts::Contacts;
+pub use effects::Matrices;
+use effects::{Effects, Ground, Lift};
 use serde::Serialize;
+use std::rc::Rc;
 use std::time::Instant;
 
 /// A scene turned into matrices, ready to run.
@@ -34,8 +39,10 @@ pub struct Model<E: Engine = Native> {
     pub system: System<E>,
     /// Where the motion starts.
     pub start: Start,
-    /// The scene's probes: what this process's dofs add to each.
+    /// The scene's probes: what this process's dofs add to each, in the frame of the supports.
     pub probes: Vec<Probe>,
+    /// What moves that frame.
+    frame: Frame,
     /// The deflections of this process, where they are; those that are bounded come in the order of the bounds.
     pub sites: Vec<Site>,
     /// What samples snapshots, if the scene asks for them.
@@ -55,113 +62,67 @@ pub struct Site {
     pub at: [f64; 2],
 }
 
-/// The mesh of a scene.
-///
-/// # Errors
-/// [`Error::Mesh`] for a mesh that cannot carry the elements.
-pub fn mesh(scene: &Scene) -> Result<Mesh> {
-    let grid = &scene.mesh;
-    let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
-    let mut mesh =
-        Mesh::rectangle(scene.plate.length, scene.plate.width, grid.cells, grid.element, diagonal)?;
-    for _ in 0..grid.refine {
-        mesh = mesh.refine();
-    }
-    mesh.check()?;
-    Ok(mesh)
-}
-
-/// The name of an edge in a mesh of a rectangle.
-fn edge_name(edge: Edge) -> &'static str {
-    match edge {
-        Edge::Left => "left",
-        Edge::Right => "right",
-        Edge::Bottom => "bottom",
-        Edge::Top => "top",
-    }
-}
-
 fn nothing_free() -> Error {
     Error::Mesh("the supports hold every dof of the mesh: nothing can move".into())
 }
 
+/// Moves of the frame of the supports, and what each adds to the probes.
+#[derive(Default)]
+struct Frame(Vec<(Rc<Given>, Vec<f64>)>);
+
 /// The free dofs of a scene's mesh.
 ///
 /// # Errors
-/// [`Error::Mesh`] where nothing is left free.
+/// [`Error::Mesh`] where a support stands nowhere.
 pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
-    let space = Space::new(mesh, scene.supports.iter().map(|s| (edge_name(s.edge), s.kind)))?;
-    if space.dofs() == 0 {
-        return Err(nothing_free());
-    }
-    Ok(space)
+    Ok(Space::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
 }
 
-/// The bounds that a scene's obstacles put on free deflections, ascending dofs.
-pub fn bounds(scene: &Scene, deflections: impl Iterator<Item = usize>) -> Bounds {
-    let lower = scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY);
-    let upper = scene.obstacle(Side::Above).unwrap_or(f64::INFINITY);
-    if lower.is_infinite() && upper.is_infinite() {
-        return Bounds::default();
-    }
-    Bounds::uniform(deflections.collect(), lower, upper)
-}
-
-/// The semi-discrete problem of an engine whose forms are made by the native one of its cells.
-fn system<E: Engine<Form = Form>>(
-    scene: &Scene,
-    engine: E,
-    native: impl Fn(&E) -> &Native,
-    cells: &[CellArrays],
-    unit_load: &[f64],
-    deflections: impl Iterator<Item = usize>,
-) -> System<E> {
-    let load = scene.load.filter(|load| load.pressure != 0.0);
-    System {
-        stiffness: native(&engine).form(assembly::stiffness(cells)),
-        mass: match scene.time.mass {
-            Mass::Singular => native(&engine).averages(assembly::singular_mass(cells)),
-            Mass::Consistent => native(&engine).form(assembly::consistent_mass(cells)),
-        },
-        load: load.map(|load| unit_load.iter().map(|f| load.pressure * f).collect()),
-        bounds: bounds(scene, deflections),
-        engine,
-    }
-}
-
-/// The start under `[initial]`: equilibrium within the obstacles, and a uniform velocity.
+/// The rigid motions that nothing holds, in words; `None` where there is none.
 ///
 /// # Errors
-/// [`Error::Singular`] where a static start is asked of a mechanism.
-fn start<E: Engine + 'static>(
+/// As [`Model::new`].
+pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
+    on_ground(scene, mesh, &holds(scene, mesh)?, |ground| ground.mechanism(&ground.foundations()?))
+}
+
+/// The matrices of a scene on its mesh: over all dofs, or over those that the supports leave free.
+///
+/// # Errors
+/// As [`Model::new`].
+pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices> {
+    let holds = if supported { holds(scene, mesh)? } else { vec![Hold::default(); mesh.nodes.len()] };
+    on_ground(scene, mesh, &holds, |ground| ground.matrices())
+}
+
+/// What a scene's supports hold at each node.
+fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<Hold>> {
+    Ok(Space::holds(mesh, &body::supports(scene, mesh, &Alone)?))
+}
+
+/// Does something on the ground of one process.
+fn on_ground<R>(
     scene: &Scene,
-    mechanism: Option<&str>,
-    deflections: impl Iterator<Item = usize>,
-    system: &System<E>,
-    unit_load: &[f64],
-) -> Result<Start>
-where
-    E::Factor: 'static,
-{
-    let dofs = system.engine.dofs();
-    let mut velocity = vec![0.0; dofs];
-    for dof in deflections {
-        velocity[dof] = scene.initial.velocity;
+    mesh: &Mesh,
+    holds: &[Hold],
+    act: impl FnOnce(&Ground<Alone>) -> Result<R>,
+) -> Result<R> {
+    let space = Space::of(holds).with_extra(scene.balls.len());
+    if space.dofs() == scene.balls.len() {
+        return Err(nothing_free());
     }
-    let pressure = scene.initial.static_pressure;
-    if pressure == 0.0 {
-        return Ok(Start { displacement: vec![0.0; dofs], velocity });
-    }
-    if let Some(motion) = mechanism {
-        return Err(Error::Singular(format!(
-            "initial.static_pressure: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
-        )));
-    }
-    let load: Vec<f64> = unit_load.iter().map(|f| pressure * f).collect();
-    let (displacement, _, verdict) =
-        scheme::equilibrium(&system.engine, &system.stiffness, &load, &system.bounds)?;
-    judge(0, 0.0, verdict.kkt, scene.solver.tolerance)?;
-    Ok(Start { displacement, velocity })
+    let cells = assembly::cells(mesh, &space, &Body::new(scene, mesh, &Alone)?)?;
+    act(&Ground {
+        scene,
+        team: &Alone,
+        mesh,
+        holds,
+        space: &space,
+        cells: &cells,
+        own: &Some,
+        add_up: Rc::new(|local| Ok(local.to_vec())),
+        owns: &|_| true,
+    })
 }
 
 impl Model {
@@ -169,33 +130,41 @@ impl Model {
     ///
     /// # Errors
     /// [`Error::Usage`] for an engine or contact solver that this build does not have; [`Error::Mesh`] and
-    /// [`Error::Singular`] for a plate that has no unique answer.
+    /// [`Error::Singular`] for a plate that has no unique answer; [`Error::Scene`] for a formula without a value.
     pub fn new(scene: &Scene) -> Result<Model> {
         serves(scene, EngineName::Native, &[ViName::Condensed])?;
         let clock = Instant::now();
         let mesh = mesh(scene)?;
-        let space = space(scene, &mesh)?;
-        let cells = assembly::cells(&mesh, &space, &scene.plate.plate)?;
-        let engine = Native::with_layout(space.layout(&mesh));
-        let unit_load = assembly::uniform_load(&cells, space.dofs(), 1.0);
-        let deflections = || space.deflections().map(|(dof, _)| dof);
-        let system = system(scene, engine, |engine| engine, &cells, &unit_load, deflections());
-        let probes = scene
-            .output
-            .probes
-            .iter()
-            .map(|probe| Probe::new(&mesh, &space, Point::new(probe.at[0], probe.at[1])))
-            .collect::<Result<_>>()?;
-        let fields = Fields::new(scene, &mesh, &space, &cells)?;
-        let built = clock.elapsed().as_secs_f64();
-        let start = start(scene, space.mechanism(&mesh), deflections(), &system, &unit_load)?;
-        let seconds = [built, clock.elapsed().as_secs_f64() - built];
-        let site = |(dof, node): (usize, usize)| {
-            let at = mesh.nodes[node];
-            Site { dof, node, at: [at.x, at.y] }
+        on_ground(scene, &mesh, &holds(scene, &mesh)?, |ground| {
+            let engine = Native::with_layout(ground.space.layout(&mesh));
+            Model::compose(clock, engine, |engine| engine, ground)
+        })
+    }
+}
+
+impl<E: Engine<Form = Form> + 'static> Model<E>
+where
+    E::Factor: 'static,
+{
+    fn compose<T: Team>(
+        clock: Instant,
+        engine: E,
+        native: impl Fn(&E) -> &Native + Copy,
+        ground: &Ground<T>,
+    ) -> Result<Model<E>> {
+        let Ground { scene, .. } = *ground;
+        let Effects { system, start, lifts, sites, seconds } = effects::compose(engine, native, ground)?;
+        let probe = |probe: &scene::Probe| ground.own_probe(&format!("probe \"{}\"", probe.name), probe.at);
+        let probes: Vec<Probe> = scene.output.probes.iter().map(probe).collect::<Result<_>>()?;
+        let moved = |lift: &Lift| {
+            let at = |probe: &scene::Probe| ground.share_at(&lift.shape, probe.at);
+            let at_probes = scene.output.probes.iter().map(at).collect::<Result<_>>()?;
+            Ok((lift.motion.clone(), at_probes))
         };
-        let sites = space.deflections().map(site).collect();
-        Ok(Model { system, start, probes, sites, fields, seconds })
+        let frame = Frame(lifts.iter().map(moved).collect::<Result<_>>()?);
+        let fields = Fields::new(ground, &lifts)?;
+        let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
+        Ok(Model { system, start, probes, frame, sites, fields, seconds })
     }
 }
 
@@ -241,9 +210,13 @@ impl<E: Engine> Model<E> {
         })
     }
 
-    /// Deflections at the probes, in m.
-    fn probe(&self, u: &[f64], values: &mut [f64]) -> Result<()> {
-        let own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
+    /// Deflections at the probes at an instant, in m.
+    fn probe(&self, time: f64, u: &[f64], values: &mut [f64]) -> Result<()> {
+        let mut own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
+        for (motion, lift) in &self.frame.0 {
+            let moved = motion.at(Point::origin(), time)?;
+            own.iter_mut().zip(lift).for_each(|(own, lift)| *own += moved * lift);
+        }
         let (all, _) = self.system.engine.concatenate(&own)?;
         for (i, value) in values.iter_mut().enumerate() {
             *value = all.iter().skip(i).step_by(own.len()).sum();
@@ -535,7 +508,7 @@ impl Outcome {
         if scene.obstacles.is_empty() {
             return Ok((0, 0.0));
         }
-        let System { engine, bounds, .. } = &model.system;
+        let (engine, bounds) = (&model.system.engine, scheme.limits());
         let (mut nodes, mut force, mut penetration) = (0.0, 0.0, 0.0_f64);
         for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
             nodes += f64::from(u8::from(r != 0.0));
@@ -569,12 +542,17 @@ pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f6
 
 /// Of the bounds met in this step, the one that the free motion reaches first.
 fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Option<Impact>> {
-    let System { engine, bounds, .. } = &model.system;
+    let System { engine, drive, .. } = &model.system;
+    let bounds = scheme.limits();
     let met = |(bound, &r): (usize, &f64)| {
         let approach = scheme.approach(bound);
         let target = if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
         let gap = target - approach.deflection;
-        let delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
+        let mut delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
+        if drive.bounds.is_some() {
+            // An obstacle may meet a node at rest.
+            delay = delay.min(scheme.time() - approach.time).max(0.0);
+        }
         let Site { node, at: [x, y], .. } = model.sites[bound];
         [(approach.time + delay).max(0.0), approach.velocity, node as f64, x, y]
     };
@@ -687,7 +665,7 @@ fn march<E: Engine>(
             outcome.energy.end = energy;
             outcome.energy.min = outcome.energy.min.min(energy);
             outcome.energy.max = outcome.energy.max.max(energy);
-            model.probe(scheme.displacement(), &mut probes)?;
+            model.probe(time, scheme.displacement(), &mut probes)?;
             let row = Row {
                 step,
                 time,
@@ -702,7 +680,7 @@ fn march<E: Engine>(
                 probes: &probes,
             };
             observer.row(&row)?;
-            if !scene.obstacles.is_empty() {
+            if scene.has_contact() {
                 if last {
                     contacts.close(&model.sites, f64::INFINITY);
                 }

@@ -1,9 +1,10 @@
 //! The space of deflections: three dofs (w, w_x, w_y) a node, those that supports hold left out.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::linalg::Layout;
 use crate::mesh::{Mesh, Point};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use std::collections::HashMap;
 
 /// Dofs of a node: the deflection and its two slopes.
 pub const PER_NODE: usize = 3;
@@ -32,76 +33,207 @@ impl Support {
     }
 }
 
-/// The numbering of the free dofs, node by node.
+/// Where a support stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Place {
+    /// On these edges, each a pair of nodes.
+    Edges(Vec<[usize; 2]>),
+    /// At these nodes.
+    Nodes(Vec<usize>),
+}
+
+/// What supports hold at a node.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Hold {
+    /// How many hold the deflection.
+    pub deflection: f64,
+    /// Sum of d d^T over the directions d in which they hold the slope: xx, xy, yy.
+    pub slopes: [f64; 3],
+}
+
+/// Edges that meet at less than 45 degrees are one smooth edge, of their mean direction: this is the ratio of the tensor's eigenvalues
+/// there. To hold the slope along both would clamp the nodes of a curved edge (Babuska's paradox).
+const SMOOTH: f64 = 0.17;
+
+impl Hold {
+    /// Adds what a support holds, in the direction of an edge; of none at a node.
+    pub fn add(&mut self, support: Support, along: Option<[f64; 2]>) {
+        let [deflection, slope_along, slope_across] = support.holds();
+        self.deflection += f64::from(u8::from(deflection));
+        let Some([x, y]) = along else {
+            // At a point no slope is that of an edge.
+            if slope_across {
+                self.slopes = [self.slopes[0] + 1.0, self.slopes[1], self.slopes[2] + 1.0];
+            }
+            return;
+        };
+        for (holds, [x, y]) in [(slope_along, [x, y]), (slope_across, [-y, x])] {
+            if holds {
+                for (sum, term) in self.slopes.iter_mut().zip([x * x, x * y, y * y]) {
+                    *sum += term;
+                }
+            }
+        }
+    }
+
+    /// Whether anything is held.
+    pub fn is_any(&self) -> bool {
+        *self != Hold::default()
+    }
+
+    /// What becomes of the slopes.
+    fn slope(&self) -> Slope {
+        let [xx, xy, yy] = self.slopes;
+        if xy == 0.0 {
+            return Slope::Axes([xx > 0.0, yy > 0.0]);
+        }
+        let (mean, radius) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        if mean - radius > SMOOTH * (mean + radius) {
+            return Slope::Axes([true, true]);
+        }
+        // The eigenvector of the larger eigenvalue is held; the slope goes on along the other.
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+        Slope::Askew([-angle.sin(), angle.cos()])
+    }
+}
+
+/// The slopes that a node has left.
+enum Slope {
+    /// Whether w_x and w_y are held.
+    Axes([bool; 2]),
+    /// The slope in this direction is free, that across it held.
+    Askew([f64; 2]),
+}
+
+/// The numbering of the free dofs, node by node; after them those of what is no node.
+///
+/// Beside a support askew to the axes, w_x and w_y of a node are one dof, the slope in its free direction, times a factor each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Space {
     free: Vec<Option<usize>>,
+    /// Factors of dofs askew; of all others 1.
+    factors: HashMap<usize, f64>,
     count: usize,
+    extra: usize,
 }
 
 impl Space {
     /// All dofs of a mesh, before supports.
     pub fn unsupported(mesh: &Mesh) -> Space {
         let count = PER_NODE * mesh.nodes.len();
-        Space { free: (0..count).map(Some).collect(), count }
+        Space { free: (0..count).map(Some).collect(), factors: HashMap::new(), count, extra: 0 }
     }
 
     /// The dofs that supports on named edges leave free.
     ///
     /// # Errors
-    /// As [`Space::held`].
+    /// [`Error::Mesh`] for an edge that the mesh does not have.
     pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
-        let mut count = 0;
-        let number = |held: bool| {
-            (!held).then(|| {
-                count += 1;
-                count - 1
-            })
+        let place = |(name, support): (&str, Support)| {
+            mesh.edge_nodes(name)?;
+            Ok((Place::Edges(mesh.edges[name].clone()), support))
         };
-        let free = Space::held(mesh, supports)?.into_iter().map(number).collect();
-        Ok(Space { free, count })
+        let supports: Vec<_> = supports.into_iter().map(place).collect::<Result<_>>()?;
+        Ok(Space::of(&Space::holds(mesh, &supports)))
     }
 
-    /// Which dofs supports on named edges hold, node by node.
-    ///
-    /// # Errors
-    /// [`Error::Mesh`] for an edge that the mesh does not have, or one not parallel to an axis with a support that
-    /// distinguishes its directions.
-    pub fn held<'n>(
-        mesh: &Mesh,
-        supports: impl IntoIterator<Item = (&'n str, Support)>,
-    ) -> Result<Vec<bool>> {
-        let mut held = vec![false; PER_NODE * mesh.nodes.len()];
-        for (name, support) in supports {
-            mesh.edge_nodes(name)?;
-            let [w, along, across] = support.holds();
-            for &[a, b] in &mesh.edges[name] {
-                let side = mesh.nodes[b] - mesh.nodes[a];
-                let slopes = if along == across {
-                    [along, along]
-                } else if side.y == 0.0 {
-                    [along, across]
-                } else if side.x == 0.0 {
-                    [across, along]
-                } else {
-                    return Err(Error::Mesh(format!(
-                        "edge \"{name}\" runs askew between ({}, {}) and ({}, {}): only clamped supports can stand there",
-                        mesh.nodes[a].x, mesh.nodes[a].y, mesh.nodes[b].x, mesh.nodes[b].y
-                    )));
-                };
-                for node in [a, b] {
-                    for (dof, holds) in [w, slopes[0], slopes[1]].into_iter().enumerate() {
-                        held[PER_NODE * node + dof] |= holds;
+    /// What supports hold, node by node.
+    pub fn holds(mesh: &Mesh, supports: &[(Place, Support)]) -> Vec<Hold> {
+        let mut holds = vec![Hold::default(); mesh.nodes.len()];
+        for (place, support) in supports {
+            match place {
+                Place::Edges(edges) => {
+                    for &[a, b] in edges {
+                        let side = (mesh.nodes[b] - mesh.nodes[a]).normalize();
+                        for node in [a, b] {
+                            holds[node].add(*support, Some([side.x, side.y]));
+                        }
                     }
                 }
+                Place::Nodes(nodes) => nodes.iter().for_each(|&node| holds[node].add(*support, None)),
             }
         }
-        Ok(held)
+        holds
+    }
+
+    /// The dofs that are left free.
+    pub fn of(holds: &[Hold]) -> Space {
+        Space::numbered(holds, true)
+    }
+
+    /// As [`Space::of`], but each dof has a number, held or not: 3 n + k is dof k of node n.
+    pub fn of_all(holds: &[Hold]) -> Space {
+        Space::numbered(holds, false)
+    }
+
+    /// Which of its three dofs a node with such a hold has not.
+    pub fn held(hold: &Hold) -> [bool; PER_NODE] {
+        let [x, y] = match hold.slope() {
+            Slope::Axes(held) => held,
+            Slope::Askew(_) => [false, true],
+        };
+        [hold.deflection > 0.0, x, y]
+    }
+
+    fn numbered(holds: &[Hold], leave_out: bool) -> Space {
+        let mut space = Space { free: Vec::new(), factors: HashMap::new(), count: 0, extra: 0 };
+        for hold in holds {
+            let first = space.free.len();
+            for held in Space::held(hold) {
+                let is_left_out = held && leave_out;
+                space.free.push((!is_left_out).then_some(space.count));
+                space.count += usize::from(!is_left_out);
+            }
+            if let Slope::Askew([x, y]) = hold.slope() {
+                space.free[first + 2] = space.free[first + 1];
+                space.factors.extend([(first + 1, x), (first + 2, y)]);
+            }
+        }
+        space
+    }
+
+    /// The dofs of a deflection with these slopes, given at all nodes (three a node); extra dofs are 0, and what supports hold is lost.
+    pub fn interpolate(&self, shape: &[f64]) -> Vec<f64> {
+        let mut x = vec![0.0; self.dofs()];
+        for (i, (free, value)) in self.free.iter().zip(shape).enumerate() {
+            if let Some(dof) = free {
+                // Of a slope askew the part in the free direction.
+                x[*dof] += self.factors.get(&i).copied().unwrap_or(1.0) * value;
+            }
+        }
+        x
+    }
+
+    /// Deflection and slopes at all nodes, three a node; 0 where held.
+    pub fn shape(&self, x: &[f64]) -> Vec<f64> {
+        let value = |(i, free): (usize, &Option<usize>)| {
+            free.map_or(0.0, |dof| self.factors.get(&i).copied().unwrap_or(1.0) * x[dof])
+        };
+        self.free.iter().enumerate().map(value).collect()
+    }
+
+    /// The space with so many more dofs, after those of the nodes.
+    pub fn with_extra(mut self, extra: usize) -> Space {
+        self.extra = extra;
+        self
+    }
+
+    /// The number of one of the dofs that belong to no node.
+    pub fn extra(&self, number: usize) -> usize {
+        self.count + number
+    }
+
+    /// The factors of the dofs of some nodes, node by node, where not all are 1.
+    pub fn factors_of(&self, nodes: &[usize]) -> Option<Vec<f64>> {
+        let dofs = || nodes.iter().flat_map(|&node| PER_NODE * node..PER_NODE * (node + 1));
+        let factor = |dof: usize| self.factors.get(&dof).copied();
+        (!self.factors.is_empty() && dofs().any(|dof| factor(dof).is_some()))
+            .then(|| dofs().map(|dof| factor(dof).unwrap_or(1.0)).collect())
     }
 
     /// Number of free dofs.
     pub fn dofs(&self) -> usize {
-        self.count
+        self.count + self.extra
     }
 
     /// Number of the deflection of a node, if it is free.
@@ -131,29 +263,67 @@ impl Space {
         for (place, &node) in order.iter().enumerate() {
             rank[node] = place;
         }
-        let place = |(dof, free): (usize, &Option<usize>)| {
-            free.is_some().then(|| dof % PER_NODE * nodes + rank[dof / PER_NODE])
-        };
-        Layout::new(self.free.iter().enumerate().filter_map(place))
-    }
-
-    /// The rigid motions that the supports leave, in words; `None` where they leave none.
-    pub fn mechanism(&self, mesh: &Mesh) -> Option<&'static str> {
-        let centre = mesh.nodes.iter().fold(Point::origin(), |c, p| c + p.coords / mesh.nodes.len() as f64);
-        let size = mesh.nodes.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
-        // w = a + b (x - x_c) / size + c (y - y_c) / size, seen by each held dof.
-        let mut seen = Matrix3::zeros();
-        for (node, point) in mesh.nodes.iter().enumerate() {
-            let arm = (point - centre) / size;
-            let rows =
-                [Vector3::new(1.0, arm.x, arm.y), Vector3::new(0.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 1.0)];
-            for (dof, row) in rows.iter().enumerate() {
-                if self.free[PER_NODE * node + dof].is_none() {
-                    seen += row * row.transpose();
-                }
+        let mut places = vec![0; self.dofs()];
+        for (dof, free) in self.free.iter().enumerate() {
+            if let Some(free) = free {
+                places[*free] = dof % PER_NODE * nodes + rank[dof / PER_NODE];
             }
         }
-        let eigen = SymmetricEigen::new(seen);
+        (0..self.extra).for_each(|k| places[self.count + k] = self.free.len() + k);
+        Layout::new(places)
+    }
+}
+
+/// The rigid motions that something holds: w = a + b x + c y, of the place relative to some point and size.
+#[derive(Debug, Clone, Copy)]
+pub struct Rigid {
+    centre: Point,
+    size: f64,
+    /// Sum of the squares of what is held, as functions of a, b, c.
+    seen: Matrix3<f64>,
+}
+
+impl Rigid {
+    /// Nothing is held yet of a plate around a point, of this size (m).
+    pub fn new(centre: Point, size: f64) -> Rigid {
+        Rigid { centre, size, seen: Matrix3::zeros() }
+    }
+
+    /// A plate's centre and size.
+    pub fn of(mesh: &Mesh) -> Rigid {
+        let centre = mesh.nodes.iter().fold(Point::origin(), |c, p| c + p.coords / mesh.nodes.len() as f64);
+        Rigid::new(centre, mesh.nodes.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max))
+    }
+
+    /// Holds the deflection at a point.
+    pub fn hold_deflection(&mut self, at: Point) {
+        let arm = (at - self.centre) / self.size;
+        let row = Vector3::new(1.0, arm.x, arm.y);
+        self.seen += row * row.transpose();
+    }
+
+    /// Holds what supports hold at a node.
+    pub fn hold(&mut self, at: Point, hold: &Hold) {
+        if hold.deflection > 0.0 {
+            self.hold_deflection(at);
+        }
+        let [xx, xy, yy] = hold.slopes;
+        self.seen += Matrix3::new(0.0, 0.0, 0.0, 0.0, xx, xy, 0.0, xy, yy);
+    }
+
+    /// What is held, as numbers: those of several processes add up.
+    pub fn seen(&self) -> &[f64] {
+        self.seen.as_slice()
+    }
+
+    /// Takes the sum of what all processes hold.
+    pub fn see(&mut self, sum: &[f64]) {
+        self.seen = Matrix3::from_column_slice(sum);
+    }
+
+    /// The rigid motions that are left, in words; `None` where there is none.
+    pub fn mechanism(&self) -> Option<&'static str> {
+        let eigen = SymmetricEigen::new(self.seen);
         let loose = eigen.eigenvalues.iter().filter(|&&value| value < 1e-9).count();
         match loose {
             0 => None,

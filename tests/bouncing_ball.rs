@@ -13,7 +13,7 @@ mod common;
 use common::block;
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
-use rebond::scheme::{Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use rebond::scheme::{Damping, Drive, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
 
 const MASS: f64 = 2.5;
 const STEPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
@@ -23,7 +23,15 @@ fn ball(gravity: f64) -> System<Native> {
     let form = |value: f64| engine.form(vec![block(&[Some(0)], &[value], 0)]);
     let (stiffness, mass) = (form(0.0), form(MASS));
     let bounds = Bounds::uniform(vec![0], 0.0, f64::INFINITY);
-    System { engine, stiffness, mass, load: Some(vec![-MASS * gravity]), bounds }
+    System {
+        engine,
+        stiffness,
+        mass,
+        damping: Damping::default(),
+        load: Some(vec![-MASS * gravity]),
+        bounds,
+        drive: Drive::default(),
+    }
 }
 
 fn newmark(system: &System<Native>, restitution: f64, step: f64, height: f64) -> Newmark<'_, Native> {

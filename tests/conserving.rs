@@ -216,7 +216,7 @@ fn the_minimiser_satisfies_its_optimality_conditions() {
     let mut touched = 0;
     for element in ["fvs", "hct"] {
         let model = Model::new(&plate(element, [4, 2], &["load.pressure=-2000"])).unwrap();
-        let System { engine, stiffness, mass, bounds, load } = &model.system;
+        let System { engine, stiffness, mass, bounds, load, .. } = &model.system;
         let (dofs, cells) = (engine.dofs(), engine.velocities(mass));
         let mut potential = Potential::new(&model.system).unwrap();
         let rows: Vec<Vec<f64>> = (0..cells)
@@ -238,7 +238,7 @@ fn the_minimiser_satisfies_its_optimality_conditions() {
             let (mut before, mut after) = (vec![0.0; cells], vec![0.0; cells]);
             engine.velocity(mass, &u, &mut before).unwrap();
             let mut reaction = vec![0.0; bounds.len()];
-            let verdict = potential.settle(&mut u, &mut reaction).unwrap();
+            let verdict = potential.settle(0.0, &mut u, &mut reaction).unwrap();
             assert!(verdict.kkt <= 1e-10, "{:e}", verdict.kkt);
             engine.velocity(mass, &u, &mut after).unwrap();
             assert!(common::difference(&before, &after) <= 1e-11 * largest(&before));

@@ -6,13 +6,13 @@ use proptest::test_runner::RngSeed;
 use rebond::Error;
 use rebond::element::{Basis, Element, fvs, hct, quadrature};
 use rebond::mesh::Point;
-use rebond::plate::Plate;
+use rebond::plate::{Plate, load, moments};
 use serde_json::Value;
 
 /// D = 1 and rho h = 1.
 fn unit_plate(poissons_ratio: f64) -> Plate {
     let youngs_modulus = 12.0 * (1.0 - poissons_ratio * poissons_ratio);
-    Plate { thickness: 1.0, youngs_modulus, poissons_ratio, density: 1.0 }
+    Plate::isotropic(1.0, youngs_modulus, poissons_ratio, 1.0)
 }
 
 /// An element with what makes its numbers comparable: its longest side, how flat its flattest piece is, and how large its
@@ -176,7 +176,7 @@ fn assert_is_the_element<const N: usize>(vertices: &[Point], element: Element<N>
     // quadratic, and has no other mode without energy.
     let scale = |dof: usize| if dof.is_multiple_of(3) { cell.size } else { 1.0 };
     let nu = 0.3;
-    let stiffness = unit_plate(nu).stiffness(&cell.element);
+    let stiffness = unit_plate(nu).section().stiffness(&cell.element);
     assert_eq!(stiffness, stiffness.transpose(), "symmetric to the bit");
     let stiffness = SMatrix::<f64, N, N>::from_fn(|i, j| stiffness[(i, j)] * scale(i) * scale(j));
     let rigid = stiffness * dofs.fixed_columns::<3>(0);
@@ -205,7 +205,7 @@ fn assert_is_the_element<const N: usize>(vertices: &[Point], element: Element<N>
     assert!(modes[3] >= cell.flatness.powi(-4), "rank N - 3: {modes:?}, flatness {}", cell.flatness);
 
     // The basis functions of the deflections sum to one.
-    let total: f64 = unit_plate(nu).moments(&cell.element).iter().step_by(3).sum();
+    let total: f64 = moments(&cell.element).iter().step_by(3).sum();
     assert!((total / area - 1.0).abs() <= 1e-14 * cell.flatness, "partition of unity: {total} {area}");
 }
 
@@ -337,11 +337,11 @@ fn assert_agrees_with_reference<const N: usize>(name: &str, data: &Value, elemen
         assert!(error <= tolerance, "{name}, {key}: {error:e}");
     };
 
-    assert_matrix("exact_K_nu03", unit_plate(0.3).stiffness(&element));
-    assert_matrix("exact_K_nu0", unit_plate(0.0).stiffness(&element));
-    assert_matrix("exact_M", unit_plate(0.3).consistent_mass(&element));
+    assert_matrix("exact_K_nu03", unit_plate(0.3).section().stiffness(&element));
+    assert_matrix("exact_K_nu0", unit_plate(0.0).section().stiffness(&element));
+    assert_matrix("exact_M", unit_plate(0.3).section().consistent_mass(&element));
 
-    let moments = unit_plate(0.3).moments(&element);
+    let moments = moments(&element);
     let exact = vector(&data["exact_f1"]);
     let largest =
         |slopes: bool| (0..N).filter(|i| (i % 3 != 0) == slopes).map(|i| exact[i].abs()).fold(0.0, f64::max);
@@ -349,7 +349,7 @@ fn assert_agrees_with_reference<const N: usize>(name: &str, data: &Value, elemen
         let error = (moments[i] - exact[i]).abs() / largest(i % 3 != 0);
         assert!(error <= tolerance, "{name}, f1[{i}]: {error:e}");
     }
-    let load = unit_plate(0.3).load(&element, |_| 2.5);
+    let load = load(&element, |_| 2.5);
     assert!(
         (load / 2.5 - moments).amax() <= tolerance * moments.amax(),
         "{name}: the load of a uniform pressure"
@@ -439,13 +439,13 @@ fn a_cell_far_from_the_origin_loses_no_digit() {
     let quadrilateral = [[0.0, 0.0], [1.25, 0.25], [1.5, 1.5], [-0.125, 0.75]];
     let near = hct::element(triangle_of(&triangle)).unwrap();
     assert_eq!(
-        plate.stiffness(&near),
-        plate.stiffness(&hct::element(triangle_of(&triangle.map(far))).unwrap())
+        plate.section().stiffness(&near),
+        plate.section().stiffness(&hct::element(triangle_of(&triangle.map(far))).unwrap())
     );
     let near = fvs::element(quadrilateral_of(&quadrilateral)).unwrap();
     let far = fvs::element(quadrilateral_of(&quadrilateral.map(far))).unwrap();
-    assert_eq!(plate.stiffness(&near), plate.stiffness(&far));
-    assert_eq!(plate.consistent_mass(&near), plate.consistent_mass(&far));
+    assert_eq!(plate.section().stiffness(&near), plate.section().stiffness(&far));
+    assert_eq!(plate.section().consistent_mass(&near), plate.section().consistent_mass(&far));
 }
 
 /// The dofs of y^2.
@@ -461,10 +461,10 @@ fn a_cubic_pressure_does_its_exact_work_on_a_quadratic_deflection() {
     let plate = unit_plate(0.3);
     let pressure = |p: Point| p.x.powi(3);
     let triangle = triangle_of(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
-    let work = plate.load(&hct::element(triangle).unwrap(), pressure).dot(&y_squared(&triangle));
+    let work = load(&hct::element(triangle).unwrap(), pressure).dot(&y_squared(&triangle));
     assert!((work - 1.0 / 420.0).abs() <= 1e-16, "{work}");
     let square = quadrilateral_of(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
-    let work = plate.load(&fvs::element(square).unwrap(), pressure).dot(&y_squared(&square));
+    let work = load(&fvs::element(square).unwrap(), pressure).dot(&y_squared(&square));
     assert!((work - 1.0 / 12.0).abs() <= 1e-15, "{work}");
 }
 
@@ -494,7 +494,7 @@ fn quadrature_is_exact_to_its_degree_and_no_further() {
 
 #[test]
 fn rigidity_and_surface_density_are_those_of_the_papers_plate() {
-    let plate = Plate { thickness: 0.01, youngs_modulus: 210e9, poissons_ratio: 0.3, density: 7770.0 };
+    let plate = Plate::isotropic(0.01, 210e9, 0.3, 7770.0);
     assert!((plate.rigidity() - 250_000.0 / 13.0).abs() <= 1e-10);
     assert!((plate.surface_density() - 77.7).abs() <= 1e-13);
 }

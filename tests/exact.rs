@@ -7,7 +7,7 @@ use rebond::Error;
 use rebond::linalg::{Average, Native};
 use rebond::obstacle::Bounds;
 use rebond::scene::{self, Mass, Scene};
-use rebond::scheme::{Event, Exact, ExactOptions, Scheme, Start, System, Tally};
+use rebond::scheme::{Damping, Drive, Event, Exact, ExactOptions, Scheme, Start, System, Tally};
 use rebond::simulation::Model;
 use std::f64::consts::PI;
 
@@ -241,7 +241,15 @@ fn balls_on_springs(k: f64, count: usize, gravity: f64, lower: f64, upper: f64) 
     let mass = engine.averages((0..count).map(average).collect());
     let load = (0..count).flat_map(|_| [0.0, -MASS * gravity]).collect();
     let bounds = Bounds::uniform((0..count).map(|k| 2 * k).collect(), lower, upper);
-    System { stiffness: engine.form(stiffness), mass, load: Some(load), bounds, engine }
+    System {
+        stiffness: engine.form(stiffness),
+        mass,
+        damping: Damping::default(),
+        load: Some(load),
+        bounds,
+        drive: Drive::default(),
+        engine,
+    }
 }
 
 const MASS: f64 = 2.0;
@@ -506,7 +514,15 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
     let mass = engine.averages((0..cells).map(average).collect());
     let bounds = Bounds::uniform(vec![0], 0.0, f64::INFINITY);
     let at_rest = Start { displacement: vec![0.5; cells], velocity: vec![0.0; cells] };
-    let system = System { engine, stiffness, mass, load: None, bounds };
+    let system = System {
+        engine,
+        stiffness,
+        mass,
+        damping: Damping::default(),
+        load: None,
+        bounds,
+        drive: Drive::default(),
+    };
     let error = Exact::new(&system, 1.0, at_rest).map(drop).unwrap_err();
     assert!(error.to_string().contains("inf-sup") && error.to_string().contains("newmark"), "{error}");
 }

@@ -22,7 +22,7 @@ const FVS: [(usize, f64); 4] = [(8, 6.33e-2), (16, 2.69e-2), (32, 1.43e-2), (64,
 const HCT: [(usize, f64); 4] = [(8, 1.74e-1), (16, 8.90e-2), (32, 4.59e-2), (64, 2.32e-2)];
 
 /// D = 1, and no Poisson effect: D^2 u : D^2 u is the whole energy.
-const PLATE: Plate = Plate { thickness: 1.0, youngs_modulus: 12.0, poissons_ratio: 0.0, density: 1.0 };
+const PLATE: Plate = Plate::isotropic(1.0, 12.0, 0.0, 1.0);
 
 /// The radial solution outside contact.
 #[derive(Debug)]

@@ -16,7 +16,7 @@ use common::block;
 use rebond::linalg::{Average, Native};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
-    Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    Conserving, Damping, Drive, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
 };
 
 /// The tip's exact position.
@@ -47,7 +47,15 @@ fn bar(cells: usize) -> System<Native> {
             .map(|cell| Average { dofs: dofs(cell).into(), row: row.clone(), mass: h, class: 0 })
             .collect(),
     );
-    System { engine, stiffness, mass, load: None, bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY) }
+    System {
+        engine,
+        stiffness,
+        mass,
+        damping: Damping::default(),
+        load: None,
+        bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY),
+        drive: Drive::default(),
+    }
 }
 
 fn start(cells: usize) -> Start {

@@ -1,7 +1,7 @@
 //! The handles on PETSc, on 1, 2 and 4 ranks.
-//!
-//! Each test starts `mpirun` on this very program, with the case's name in the environment; the child runs the case's
-//! body on every rank.
+
+#[cfg(feature = "petsc")]
+mod ranks;
 
 #[cfg(not(feature = "petsc"))]
 fn main() {}
@@ -13,42 +13,16 @@ fn main() -> std::process::ExitCode {
 
 #[cfg(feature = "petsc")]
 mod cases {
-    use libtest_mimic::{Arguments, Failed, Trial};
+    use crate::ranks::{Case, Failure, Success, case};
     use rebond::petsc::{
         Comm, Context, Dofs, INFINITY, Index, IndexSet, Ksp, Matrix, Plex, Section, Snes, Tao, Vector,
     };
     use rebond::{Error, Result};
     use std::cell::RefCell;
     use std::collections::BTreeMap;
-    use std::process::{Command, ExitCode, Output};
+    use std::process::{Command, ExitCode};
     use std::rc::Rc;
-    use std::time::{Duration, Instant};
-
-    /// Names the case to a child.
-    const CASE: &str = "REBOND_PETSC_CASE";
-
-    type Body = fn(&[String]) -> Result<()>;
-
-    /// What mpirun must show of a case.
-    enum Expect {
-        /// Exit code 0.
-        Success,
-        /// This exit code, and this text once on its standard error, before long.
-        Failure(i32, &'static str),
-    }
-    use Expect::{Failure, Success};
-
-    struct Case {
-        name: &'static str,
-        ranks: &'static [usize],
-        arguments: &'static [&'static str],
-        body: Body,
-        expect: Expect,
-    }
-
-    const fn case(name: &'static str, ranks: &'static [usize], body: Body) -> Case {
-        Case { name, ranks, arguments: &[], body, expect: Success }
-    }
+    use std::time::Duration;
 
     const CASES: &[Case] = &[
         case("start_and_stop", &[1, 2, 4], start_and_stop),
@@ -112,59 +86,7 @@ mod cases {
     ];
 
     pub fn main() -> ExitCode {
-        if let Ok(name) = std::env::var(CASE) {
-            return child(&name);
-        }
-        let mut trials = Vec::new();
-        for case in CASES {
-            for &ranks in case.ranks {
-                let trial = Trial::test(format!("{}::on_{ranks}", case.name), move || parent(case, ranks));
-                trials.push(trial);
-            }
-        }
-        let mut arguments = Arguments::from_args();
-        // The ranks of one case already share the cores.
-        arguments.test_threads.get_or_insert(2);
-        libtest_mimic::run(&arguments, trials).exit_code()
-    }
-
-    fn child(name: &str) -> ExitCode {
-        let case = CASES.iter().find(|case| case.name == name).expect("the parent names a case");
-        let arguments: Vec<_> = case.arguments.iter().map(ToString::to_string).collect();
-        match (case.body)(&arguments) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => panic!("{error}"),
-        }
-    }
-
-    fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
-        let program = std::env::current_exe()?;
-        let start = Instant::now();
-        let Output { status, stdout, stderr } = Command::new("mpirun")
-            .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "60", "-n"])
-            .arg(ranks.to_string())
-            .arg(program)
-            .env(CASE, case.name)
-            .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
-            .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
-            .env_remove("PETSC_OPTIONS")
-            .output()?;
-        let said = format!("{}{}", String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
-        let Some(code) = status.code() else { return Err(format!("{status}\n{said}").into()) };
-        match case.expect {
-            Success if code == 0 && said.is_empty() => Ok(()),
-            Success => Err(format!("exit code {code}\n{said}").into()),
-            Failure(expected, text) => {
-                let seconds = start.elapsed().as_secs_f64();
-                let times = said.matches(text).count();
-                if code != expected || times != 1 || seconds > 20.0 {
-                    return Err(
-                        format!("exit code {code}, {times} times `{text}`, {seconds:.1} s\n{said}").into()
-                    );
-                }
-                Ok(())
-            }
-        }
+        crate::ranks::main(CASES)
     }
 
     fn close(left: f64, right: f64, tolerance: f64) {

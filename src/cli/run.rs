@@ -72,7 +72,7 @@ impl Files {
         let history = History::create(folder, &probes)?;
         vtu::clear(folder)?;
         contacts::clear(folder)?;
-        let contacts = if scene.obstacles.is_empty() { None } else { Some(Contacts::create(folder)?) };
+        let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
         events::clear(folder)?;
         let events = if scene.time.scheme == Scheme::Exact { Some(Events::create(folder)?) } else { None };
         Ok(Files { history, contacts, events, progress: Progress::new(0, 0.0..scene.time.end, quiet) })
@@ -173,7 +173,7 @@ impl Run {
         let mut recorder = Recorder {
             files: if rank == 0 { Some(Files::create(&folder, scene, quiet)?) } else { None },
             fields: Series::new(&folder, rank, ranks),
-            has_obstacles: !scene.obstacles.is_empty(),
+            has_obstacles: scene.has_contact(),
             step: scene.time.step,
             start: None,
             energy_ratio: 1.0,
@@ -228,8 +228,8 @@ fn effects(scene: &Scene) -> String {
 }
 
 fn obstacles(scene: &Scene) -> Vec<Obstacle> {
-    let below = scene.obstacle(Side::Below).map(Obstacle::Below);
-    let above = scene.obstacle(Side::Above).map(Obstacle::Above);
+    let below = scene.plane(Side::Below).map(Obstacle::Below);
+    let above = scene.plane(Side::Above).map(Obstacle::Above);
     below.into_iter().chain(above).collect()
 }
 
@@ -266,7 +266,7 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
         if outcome.contacts.len() > MOST_CONTACTS {
             report.text("...", format!("{} contacts in all", outcome.contacts.len()));
         }
-    } else if !scene.obstacles.is_empty() {
+    } else if scene.has_contact() {
         report.text("first impact", "none");
     }
     report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
@@ -289,7 +289,7 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
         report.count("steps solved again", outcome.retries, "");
     }
     report.text("worst KKT residual", format!("{:.1e}", outcome.worst_kkt));
-    if !scene.obstacles.is_empty() {
+    if scene.has_contact() {
         report.text("worst penetration", format!("{:.1e} m", outcome.worst_penetration));
     }
     report.text("written to", format!("{}", folder.display()));

@@ -4,6 +4,7 @@
 //! arithmetic of the cell. A [`Layout`] puts the dofs of one kind side by side along the lines of the mesh: eight congruent
 //! cells in a row then read each of their local dofs in one go, at eight places that follow one another.
 
+use super::BARE;
 use std::collections::BTreeMap;
 use std::ops::{Add, AddAssign, Mul, Sub};
 use std::rc::Rc;
@@ -300,12 +301,12 @@ impl Batches {
             classes.entry((dofs.len(), *class)).or_default().push(number);
         }
         let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
-        let mut left: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for ((size, _), mut class) in classes {
+        let mut left: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
+        for ((size, number), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
             let whole = loose.chunks_exact(LANES);
-            left.entry(size).or_default().extend(whole.remainder());
+            left.entry((size, number >= BARE)).or_default().extend(whole.remainder());
             if rows.is_empty() && whole.len() == 0 {
                 continue;
             }

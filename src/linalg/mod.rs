@@ -23,6 +23,9 @@ pub use native::Native;
 use crate::error::Result;
 use faer::Mat;
 
+/// Classes from here on have no [`Block::arms`] in any form: springs, foundations, cells beside supports askew.
+pub const BARE: usize = 1 << 40;
+
 /// What one cell contributes to a symmetric form.
 #[derive(Debug, Clone)]
 pub struct Block {
@@ -32,7 +35,8 @@ pub struct Block {
     pub matrix: std::rc::Rc<[f64]>,
     /// Of a cell with dofs (w, w_x, w_y) a node: position of each node relative to the first, in m. The form then
     /// vanishes on rigid motions and is applied after removing the cell's own by differences, which keeps the
-    /// digits that an assembled stiffness loses as h^-4. `None`: applied as it is.
+    /// digits that an assembled stiffness loses as h^-4. `None`: applied as it is. In one form either all classes below [`BARE`]
+    /// have arms, or none.
     pub arms: Option<std::rc::Rc<[[f64; 2]]>>,
     /// Cells of one class share `matrix` and `arms`.
     pub class: usize,

@@ -9,6 +9,7 @@ use mpi::datatype::{Equivalence, PartitionMut};
 use mpi::environment::Universe;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{AsRaw, Communicator, CommunicatorCollectives, Root};
+use serde::{Serialize, de::DeserializeOwned};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ffi::{CString, c_char, c_int, c_void};
@@ -187,6 +188,30 @@ impl Context {
     /// Whether it holds on every rank: how ranks agree to go on or give up together. Collective.
     pub fn all(&self, holds: bool) -> bool {
         self.maximum(if holds { 0.0 } else { 1.0 }) == 0.0
+    }
+
+    /// What each rank found, or the error of the first rank that has one, on every rank: so that none goes on alone.
+    /// Collective.
+    ///
+    /// # Errors
+    /// This rank's own, or [`Error::Elsewhere`].
+    pub fn together<T>(&self, mine: Result<T>) -> Result<T> {
+        let codes = self.gather(&[mine.as_ref().err().map_or(0, Error::exit_code)]);
+        let Some(first) = codes.iter().position(|&code| code != 0) else { return mine };
+        let own = mine.err().filter(|_| self.rank() == first);
+        let words = self.gather(own.as_ref().map(Error::to_string).unwrap_or_default().as_bytes());
+        let words = String::from_utf8_lossy(&words).into_owned();
+        Err(own.unwrap_or(Error::Elsewhere { words, code: codes[first] }))
+    }
+
+    /// What rank 0 has, on every rank. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] for what JSON cannot express.
+    pub fn share<T: Serialize + DeserializeOwned>(&self, value: &T) -> Result<T> {
+        let unfit = |error| Error::Petsc(format!("ranks cannot tell each other: {error}"));
+        let mine = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
+        serde_json::from_slice(&self.gather(&self.together(mine)?)).map_err(unfit)
     }
 
     /// Waits for all ranks. Collective.

@@ -58,6 +58,49 @@ impl Plex {
         Ok(Self::owning(raw, context))
     }
 
+    /// A mesh whose cells are all on rank 0, triangles and quadrilaterals alike; [`Plex::distribute`] shares them out.
+    ///
+    /// `cells` are the vertex numbers of each, counterclockwise, all triangles first as PETSc's refinement asks, and
+    /// `vertices` the positions; both empty on other ranks. Points keep this order: cell 0 is the first of [`Plex::cells`].
+    /// Collective.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] where the cells are not so, [`Error::Petsc`] else.
+    pub fn from_first(context: &Rc<Context>, cells: &[&[usize]], vertices: &[[f64; 2]]) -> Result<Self> {
+        let good = (context.rank() == 0 || cells.is_empty() && vertices.is_empty())
+            && cells.iter().all(|c| (3..=4).contains(&c.len()) && c.iter().all(|&v| v < vertices.len()))
+            && cells.is_sorted_by_key(|cell| cell.len());
+        if !context.all(good) {
+            return Err(Error::Mesh(
+                "cells that are not triangles, then quadrilaterals, of the vertices given, all on rank 0"
+                    .into(),
+            ));
+        }
+        let points = cells.len() + vertices.len();
+        context.together(int(points))?;
+        let mut sizes: Vec<Index> = cells.iter().map(|cell| cell.len() as Index).collect();
+        sizes.resize(points, 0);
+        let cones: Vec<Index> = cells.concat().into_iter().map(|v| (cells.len() + v) as Index).collect();
+        let orientations = vec![0; cones.len()];
+        let strata = [vertices.len() as Index, cells.len() as Index];
+        let mut raw = std::ptr::null_mut();
+        call!(DMPlexCreate(context.raw(Comm::World), &mut raw))?;
+        let bare = Self::owning(raw, context);
+        call!(DMSetDimension(raw, 2))?;
+        call!(DMPlexCreateFromDAG(
+            raw,
+            1,
+            strata.as_ptr(),
+            sizes.as_ptr(),
+            cones.as_ptr(),
+            orientations.as_ptr(),
+            vertices.as_ptr().cast()
+        ))?;
+        let mut raw = std::ptr::null_mut();
+        call!(DMPlexInterpolate(bare.raw, &mut raw))?;
+        Ok(Self::owning(raw, context))
+    }
+
     /// The same mesh with its cells shared out evenly, so that ranks share few edges: PTScotch's partition unless
     /// `-petscpartitioner_type` says otherwise. Each cell is on one rank. Collective.
     ///
@@ -139,6 +182,19 @@ impl Plex {
         call!(DMPlexGetSupport(self.raw, point, &mut array))?;
         // SAFETY: PETSc's array has this length.
         Ok(unsafe { slice(array, length as usize) }.to_vec())
+    }
+
+    /// The edge between two vertices of this rank.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] where there is none, [`Error::Petsc`] else.
+    pub fn edge(&self, [a, b]: [Index; 2]) -> Result<Index> {
+        for edge in self.support(a)? {
+            if self.cone(edge)?.contains(&b) {
+                return Ok(edge);
+            }
+        }
+        Err(Error::Mesh(format!("no edge joins the points {a} and {b} of the mesh")))
     }
 
     /// A point with all that bounds it, each with its orientation; a cell, its edges, its vertices in turn.

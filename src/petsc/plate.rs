@@ -1,20 +1,44 @@
-//! A plate's mesh over all ranks: built, shared out and refined in parallel; no rank ever holds the whole.
+//! A plate's mesh over all ranks: shared out, then refined in parallel.
 
 use super::{Comm, Context, Dofs, Index, Plex, Section};
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
 use crate::space::{PER_NODE, Space, Support};
+use std::ops::Range;
 use std::rc::Rc;
 
-/// The label of the plate's edges, and their values from 1 on.
-const LABEL: &str = "edge";
-const EDGES: [&str; 4] = ["left", "right", "bottom", "top"];
+/// The labels of what has a name: each name is a value, from 1 on.
+const EDGE: &str = "edge";
+const GROUP: &str = "group";
+const POINT: &str = "point";
+
+/// The sides of a grid.
+const SIDES: [&str; 4] = ["left", "right", "bottom", "top"];
+
+/// The names of a mesh in the order of their values.
+#[derive(Default, serde::Serialize, serde::Deserialize)]
+struct Names {
+    edges: Vec<String>,
+    groups: Vec<String>,
+    points: Vec<String>,
+}
+
+impl Names {
+    fn of(mesh: &Mesh) -> Names {
+        Names {
+            edges: mesh.edges.keys().cloned().collect(),
+            groups: mesh.groups.keys().cloned().collect(),
+            points: mesh.points.keys().cloned().collect(),
+        }
+    }
+}
 
 /// This rank's part of a plate: its own cells, and the nodes of these, some shared with other ranks.
 pub struct Part {
     /// The whole mesh; three dofs a vertex, those that supports hold left out of global vectors.
     pub plex: Rc<Plex>,
-    /// This rank's cells and their nodes, as a mesh of its own.
+    /// This rank's cells and their nodes, as a mesh of its own, with all names of the whole. An edge or a node with a name is
+    /// with the rank that owns it alone, so that what all ranks have of a name adds up to the whole of it.
     pub mesh: Mesh,
     /// All dofs of its nodes: dof k of node n is entry 3 n + k of local vectors. What supports hold is zero there.
     pub space: Space,
@@ -23,7 +47,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// A grid, shared out, refined and supported. Collective.
+    /// A grid, shared out, refined and supported; no rank ever holds the whole. Collective.
     ///
     /// # Errors
     /// [`Error::Petsc`], and as [`Space::held`].
@@ -34,19 +58,58 @@ impl Part {
         supports: &[(&str, Support)],
     ) -> Result<Part> {
         let mut plex = share(context, grid)?;
-        let sides = sides(&plex, grid)?;
-        for (value, points) in (1..).zip(&sides) {
-            plex.label(LABEL, value, points)?;
+        for (value, points) in (1..).zip(&sides(&plex, grid)?) {
+            plex.label(EDGE, value, points)?;
         }
+        let names = Names { edges: SIDES.map(String::from).to_vec(), ..Names::default() };
+        Part::build(plex, &names, refinements, supports)
+    }
+
+    /// A sound mesh that rank 0 alone reads, shared out, refined and supported. Collective.
+    ///
+    /// # Errors
+    /// That of `read`, [`Error::Petsc`], and as [`Space::held`]; all ranks have the same.
+    pub fn of_mesh(
+        context: &Rc<Context>,
+        read: impl FnOnce() -> Result<Mesh>,
+        refinements: u32,
+        supports: &[(&str, Support)],
+    ) -> Result<Part> {
+        let whole = context.together(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
+        let names = context.share(&Names::of(&whole))?;
+        let plex = named(context, &whole, &names)?;
+        drop(whole);
+        Part::build(plex, &names, refinements, supports)
+    }
+
+    /// The node nearest to a point, on the rank that owns it alone; of several as near, one of the lowest rank. Collective.
+    pub fn owned_node_near(&self, point: Point) -> Option<usize> {
+        let context = self.plex.context();
+        let distance = |node: &usize| (self.mesh.nodes[*node] - point).norm();
+        let own = (0..self.owns.len())
+            .filter(|&node| self.owns[node])
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let distances = context.gather(&[own.as_ref().map_or(f64::INFINITY, distance)]);
+        let first = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]));
+        own.filter(|_| first == Some(context.rank()))
+    }
+
+    /// Shares a mesh out, refines and supports it.
+    fn build(mut plex: Plex, names: &Names, refinements: u32, supports: &[(&str, Support)]) -> Result<Part> {
         plex = plex.distribute()?;
         for _ in 0..refinements {
             plex = plex.refine()?;
         }
-        let mesh = own_mesh(&plex)?;
-        let held = agree(&plex, Space::held(&mesh, supports.iter().copied())?)?;
+        let context = plex.context().clone();
+        let start = plex.chart().start;
+        let owned = plex.owned()?;
+        let owns = |point: Index| owned[(point - start) as usize];
+        let mesh = own_mesh(&plex, names, owns)?;
+        let held = context.together(Space::held(&mesh, supports.iter().copied()))?;
+        let held = agree(&plex, held)?;
         let space = Space::unsupported(&mesh);
         let vertices = plex.vertices();
-        let section = Section::new(context, Comm::World, plex.chart(), |point| {
+        let section = Section::new(&context, Comm::World, plex.chart(), |point| {
             if !vertices.contains(&point) {
                 return Dofs::default();
             }
@@ -54,8 +117,7 @@ impl Part {
             let held = (0..PER_NODE).filter(|k| held[first + k]).map(|k| k as Index).collect();
             Dofs { count: PER_NODE, held }
         })?;
-        let owned = plex.owned()?;
-        let owns = vertices.map(|vertex| owned[(vertex - plex.chart().start) as usize]).collect();
+        let owns = vertices.map(owns).collect();
         Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, owns })
     }
 }
@@ -73,7 +135,7 @@ fn share(context: &Rc<Context>, grid: &Grid) -> Result<Plex> {
     Plex::from_cells(context, corners, &nodes, &vertices)
 }
 
-/// This rank's edges on each side of the plate, in the order of [`EDGES`].
+/// This rank's edges on each side of the plate, in the order of [`SIDES`].
 fn sides(plex: &Plex, grid: &Grid) -> Result<[Vec<Index>; 4]> {
     let positions = plex.coordinates()?;
     let start = plex.vertices().start;
@@ -91,13 +153,41 @@ fn sides(plex: &Plex, grid: &Grid) -> Result<[Vec<Index>; 4]> {
     Ok(sides)
 }
 
-/// The cells of this rank as a mesh.
-fn own_mesh(plex: &Plex) -> Result<Mesh> {
-    let start = plex.vertices().start;
-    let number = |vertex: Index| (vertex - start) as usize;
+/// A mesh that is whole on rank 0 and empty elsewhere, with the labels of its names.
+fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
+    let mut order: Vec<usize> = (0..whole.cells.len()).collect();
+    order.sort_by_key(|&cell| whole.cells[cell].nodes().len());
+    let mut place = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(at, &cell)| place[cell] = at as Index);
+    let cells: Vec<&[usize]> = order.iter().map(|&cell| whole.cells[cell].nodes()).collect();
+    let positions: Vec<[f64; 2]> = whole.nodes.iter().map(|&node| node.into()).collect();
+    let mut plex = Plex::from_first(context, &cells, &positions)?;
+    let (first_cell, first_vertex) = (plex.cells().start, plex.vertices().start);
+    let cell = |number: &usize| first_cell + place[*number];
+    let vertex = |node: &usize| first_vertex + *node as Index;
+    for (value, name) in (1..).zip(&names.edges) {
+        let edges = whole.edges.get(name).into_iter().flatten();
+        let points = edges.map(|[a, b]| plex.edge([vertex(a), vertex(b)])).collect::<Result<Vec<_>>>();
+        plex.label(EDGE, value, &context.together(points)?)?;
+    }
+    for (value, name) in (1..).zip(&names.groups) {
+        let points: Vec<Index> = whole.groups.get(name).into_iter().flatten().map(cell).collect();
+        plex.label(GROUP, value, &points)?;
+    }
+    for (value, name) in (1..).zip(&names.points) {
+        let points: Vec<Index> = whole.points.get(name).into_iter().flatten().map(vertex).collect();
+        plex.label(POINT, value, &points)?;
+    }
+    Ok(plex)
+}
+
+/// The cells of this rank as a mesh. What has a name is on the rank that owns it, so that all ranks' add up to the whole.
+fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<Mesh> {
+    let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
+    let number = |vertex: Index| (vertex - vertices.start) as usize;
     let nodes = plex.coordinates()?.into_iter().map(Point::from).collect();
     let mut mesh = Mesh { nodes, ..Mesh::default() };
-    for cell in plex.cells() {
+    for cell in cells.clone() {
         let corners: Vec<usize> = plex.corners(cell)?.into_iter().map(number).collect();
         mesh.cells.push(match corners[..] {
             [a, b, c] => Cell::Triangle([a, b, c]),
@@ -112,14 +202,28 @@ fn own_mesh(plex: &Plex) -> Result<Mesh> {
             };
         }
     }
-    let edges = plex.edges();
-    for (value, name) in (1..).zip(EDGES) {
-        let on_side = plex.labelled(LABEL, value)?.into_iter().filter(|point| edges.contains(point));
-        let ends = |edge: Index| -> Result<[usize; 2]> {
-            let cone = plex.cone(edge)?;
-            Ok([number(cone[0]), number(cone[1])])
-        };
-        mesh.edges.insert(name.into(), on_side.map(ends).collect::<Result<_>>()?);
+    let labelled = |label: &str, value: Index, kind: &Range<Index>| -> Result<Vec<Index>> {
+        let points = plex.labelled(label, value)?.into_iter();
+        Ok(points.filter(|&point| kind.contains(&point) && owns(point)).collect())
+    };
+    for (value, name) in (1..).zip(&names.edges) {
+        let sides = labelled(EDGE, value, &edges)?.into_iter().map(|edge| {
+            let ends = plex.cone(edge)?;
+            let [a, b] = [number(ends[0]), number(ends[1])];
+            // With its cell on the left, as the whole mesh has its boundary.
+            let left = &mesh.cells[(plex.support(edge)?[0] - cells.start) as usize];
+            Ok(if left.edges().any(|side| side == [a, b]) { [a, b] } else { [b, a] })
+        });
+        let sides = sides.collect::<Result<_>>()?;
+        mesh.edges.insert(name.clone(), sides);
+    }
+    for (value, name) in (1..).zip(&names.groups) {
+        let members = labelled(GROUP, value, &cells)?;
+        mesh.groups.insert(name.clone(), members.iter().map(|cell| (cell - cells.start) as usize).collect());
+    }
+    for (value, name) in (1..).zip(&names.points) {
+        let members = labelled(POINT, value, &vertices)?;
+        mesh.points.insert(name.clone(), members.into_iter().map(number).collect());
     }
     Ok(mesh)
 }

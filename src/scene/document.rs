@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
+use std::path::Path;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -42,6 +43,7 @@ pub(super) enum Value {
     Text(String),
     Integer(i64),
     Float(f64),
+    Truth(bool),
     Array(Vec<Node>),
     /// Each key with its own place.
     Table(BTreeMap<String, (Place, Node)>),
@@ -73,6 +75,12 @@ impl<'a> Document<'a> {
     /// The value of a dotted key such as `obstacle.0.height`; the empty key is the whole scene.
     pub fn get(&self, key: &str) -> Option<&Node> {
         parts(key).try_fold(&self.root, |node, part| node.child(part))
+    }
+
+    /// The path of a file that the scene names: beside the scene's own, unless it is absolute.
+    pub fn beside(&self, file: &str) -> String {
+        let folder = Path::new(self.file).parent().unwrap_or(Path::new(""));
+        folder.join(file).to_string_lossy().into_owned()
     }
 
     /// Whether a key has its value from an override.
@@ -170,7 +178,7 @@ impl Value {
             DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix())
                 .map_or(Value::Other("an integer of more than 64 bits"), Value::Integer),
             DeValue::Float(float) => Value::Float(float.as_str().parse().unwrap_or(f64::NAN)),
-            DeValue::Boolean(_) => Value::Other("a boolean"),
+            DeValue::Boolean(truth) => Value::Truth(*truth),
             DeValue::Datetime(_) => Value::Other("a date or time"),
             DeValue::Array(items) => Value::Array(items.iter().map(|item| Node::new(item, place)).collect()),
             DeValue::Table(entries) => Value::table(entries, place),
@@ -192,6 +200,7 @@ impl Display for Value {
             Value::Text(text) => write!(f, "the string {}", quote(text)),
             Value::Integer(integer) => write!(f, "the integer {integer}"),
             Value::Float(float) => write!(f, "the number {}", spell(*float)),
+            Value::Truth(_) => write!(f, "a boolean"),
             Value::Array(items) => write!(f, "an array of length {}", items.len()),
             Value::Table(_) => write!(f, "a table"),
             Value::Other(name) => write!(f, "{name}"),

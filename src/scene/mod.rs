@@ -20,6 +20,8 @@
 //! ```
 
 mod document;
+mod effects;
+mod given;
 mod read;
 mod resolved;
 mod study;
@@ -31,11 +33,13 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::field::Condition;
 pub use crate::mesh::{Diagonal, ElementKind};
 pub use crate::plate::Plate;
 pub use crate::scheme::Massless;
 pub use crate::space::Support as SupportKind;
 use document::Document;
+pub use given::{Given, Region, Value};
 pub use study::{Horizon, Study};
 pub use words::SchemeName;
 
@@ -60,17 +64,38 @@ pub struct Scene {
     pub title: String,
     /// The plate.
     pub plate: Panel,
+    /// Parts of it that are of other thickness or material; of several in one place the last counts.
+    #[serde(rename = "part", skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<Part>,
     /// Its discretisation.
     pub mesh: Grid,
-    /// Supported edges, each at most once; the others are free.
+    /// The Gmsh file that gives shape and mesh, in place of a rectangle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<MeshFile>,
+    /// What holds it; edges not named are free.
     #[serde(rename = "support")]
     pub supports: Vec<Support>,
-    /// Rigid obstacles, at most one on each side.
+    /// Rigid obstacles; where several lie on one side, the nearest counts.
     #[serde(rename = "obstacle")]
     pub obstacles: Vec<Obstacle>,
-    /// What presses on the plate; `None` costs nothing.
+    /// What pushes the plate; `None` costs nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<Load>,
+    /// Elastic foundations; their stiffnesses add up.
+    #[serde(rename = "foundation", skip_serializing_if = "Vec::is_empty")]
+    pub foundations: Vec<Foundation>,
+    /// Springs between the plate and the ground.
+    #[serde(rename = "spring", skip_serializing_if = "Vec::is_empty")]
+    pub springs: Vec<Spring>,
+    /// Masses fixed on the plate.
+    #[serde(rename = "mass", skip_serializing_if = "Vec::is_empty")]
+    pub masses: Vec<PointMass>,
+    /// Rigid bodies that fly free and hit the plate.
+    #[serde(rename = "ball", skip_serializing_if = "Vec::is_empty")]
+    pub balls: Vec<Ball>,
+    /// What takes energy away; `None` costs nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub damping: Option<Damping>,
     /// How it starts.
     pub initial: Initial,
     /// How it moves through time.
@@ -84,24 +109,50 @@ pub struct Scene {
     pub study: Option<Study>,
 }
 
-/// A rectangular plate on `[0, length] x [0, width]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// The plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Panel {
-    /// Along x, m.
+    /// Along x, m; 0 where a file gives the shape.
     pub length: f64,
-    /// Along y, m.
+    /// Along y, m; 0 where a file gives the shape.
     pub width: f64,
     /// Thickness and material.
     #[serde(flatten)]
     pub plate: Plate,
+    /// A thickness that is no number, in m; then that of `plate` is its value at the origin.
+    #[serde(rename = "thickness_field", skip_serializing_if = "Option::is_none")]
+    pub thickness: Option<Given>,
+}
+
+/// A part of the plate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Part {
+    /// Which: cells of a group, or those whose centre satisfies a condition.
+    pub region: Region,
+    /// Its thickness and material.
+    #[serde(flatten)]
+    pub plate: Plate,
+    /// A thickness that is no number, in m.
+    #[serde(rename = "thickness_field", skip_serializing_if = "Option::is_none")]
+    pub thickness: Option<Given>,
+}
+
+/// A mesh from a file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MeshFile {
+    /// As the scene writes it.
+    pub file: String,
+    /// Where it was found.
+    #[serde(skip)]
+    pub path: String,
 }
 
 /// A grid of rectangles that carries the elements.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Grid {
-    /// The finite element.
+    /// The finite element; in a mesh from a file each cell has its own.
     pub element: ElementKind,
-    /// Rectangles along x and y, before refinement.
+    /// Rectangles along x and y, before refinement; none where a file gives the mesh.
     pub cells: [usize; 2],
     /// How each rectangle is cut into two triangles; `None` for quadrilaterals.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -110,36 +161,45 @@ pub struct Grid {
     pub refine: u32,
 }
 
-/// A supported edge.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// A support.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Support {
-    /// The edge.
-    pub edge: Edge,
+    /// Where it stands.
+    pub stand: Stand,
     /// What is held there.
     pub kind: SupportKind,
+    /// How it moves up and down, w(t) in m; `None`: it stands still.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<Given>,
 }
 
-/// An edge of the rectangle.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// Where a support stands.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Edge {
-    /// x = 0.
-    Left,
-    /// x = length.
-    Right,
-    /// y = 0.
-    Bottom,
-    /// y = width.
-    Top,
+pub enum Stand {
+    /// On an edge, or the part of it where a condition holds at both ends of a cell's side.
+    Edge {
+        /// `left`, `right`, `bottom`, `top`, or a physical group.
+        edge: String,
+        /// The part, if not all of it.
+        #[serde(rename = "where", skip_serializing_if = "Option::is_none")]
+        part: Option<Condition>,
+    },
+    /// At a node, m.
+    At([f64; 2]),
+    /// At the nodes of a physical group.
+    Point(String),
 }
 
-/// A rigid plane that the plate cannot cross.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// A rigid obstacle that the plate cannot cross.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Obstacle {
     /// The side of the plate on which it lies.
     pub side: Side,
     /// Its height, m.
-    pub height: f64,
+    pub height: Given,
+    /// Which part of the plate it is opposite to.
+    pub region: Region,
 }
 
 /// A side of the plate.
@@ -152,20 +212,92 @@ pub enum Side {
     Above,
 }
 
-/// What presses on the plate.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// What pushes the plate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Load {
     /// Upward pressure, Pa.
-    pub pressure: f64,
+    pub pressure: Given,
+    /// Gravity, m/s2, downward: on the plate, on masses fixed on it, and on balls.
+    pub gravity: f64,
+    /// Point forces.
+    #[serde(rename = "force", skip_serializing_if = "Vec::is_empty")]
+    pub forces: Vec<Force>,
 }
 
-/// The start: the equilibrium under a pressure, with a velocity.
+/// A force at a point.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Force {
+    /// Where, m.
+    pub at: [f64; 2],
+    /// Upward, N.
+    pub value: Given,
+}
+
+/// Springs side by side under the plate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Foundation {
+    /// N/m3.
+    pub stiffness: Given,
+    /// Which part of the plate rests on it.
+    pub region: Region,
+}
+
+/// A spring to the ground, relaxed where the plate is flat.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spring {
+    /// Where, m.
+    pub at: [f64; 2],
+    /// N/m.
+    pub stiffness: f64,
+}
+
+/// A mass fixed on the plate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PointMass {
+    /// Where, m.
+    pub at: [f64; 2],
+    /// kg.
+    pub mass: f64,
+}
+
+/// A rigid body that moves up and down and touches the plate at one point, without sticking.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Ball {
+    /// Above or below which point of the plate, m.
+    pub at: [f64; 2],
+    /// The side of the plate on which it is.
+    pub side: Side,
+    /// kg.
+    pub mass: f64,
+    /// Height of the point that will touch, at the start, m.
+    pub height: f64,
+    /// Velocity at the start, upward, m/s.
+    pub velocity: f64,
+}
+
+/// What takes energy away.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Damping {
+    /// Rayleigh's alpha, 1/s.
+    pub mass: f64,
+    /// Rayleigh's beta, s.
+    pub stiffness: f64,
+    /// Damping ratios of the first modes, the lowest first; the others have none beside Rayleigh's.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub modal: Vec<f64>,
+}
+
+/// The start.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Initial {
     /// Upward pressure whose static deflection the plate starts from, Pa.
-    pub static_pressure: f64,
-    /// Upward velocity of the whole plate, m/s.
-    pub velocity: f64,
+    pub static_pressure: Given,
+    /// Whether the loads of the first instant belong to that static start.
+    pub equilibrium: bool,
+    /// Deflection that the plate starts from instead, m.
+    pub deflection: Given,
+    /// Upward velocity, m/s.
+    pub velocity: Given,
 }
 
 /// The scheme and its steps.
@@ -316,7 +448,7 @@ impl Scene {
 
     /// The scene as TOML with every default filled in. It reads back to an equal scene.
     pub fn resolved(&self) -> String {
-        resolved::text(self)
+        resolved::text(self, true)
     }
 
     /// What `rebond study` compares.
@@ -324,34 +456,9 @@ impl Scene {
         self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
     }
 
-    /// The FNV-1a hash of [`Scene::resolved`], 64 bits in 16 hexadecimal digits: the same on every machine.
+    /// The FNV-1a hash of [`Scene::resolved`], of files as they were written and of the values in its tables, 64 bits in 16 hexadecimal digits: the same on every machine.
     pub fn hash(&self) -> String {
-        format!("{:016x}", resolved::fnv1a(self.resolved().as_bytes()))
-    }
-
-    /// The height of the obstacle on a side.
-    pub fn obstacle(&self, side: Side) -> Option<f64> {
-        self.obstacles.iter().find(|obstacle| obstacle.side == side).map(|obstacle| obstacle.height)
-    }
-
-    /// What acts on the plate beyond its own elasticity and inertia, in words.
-    pub fn effects(&self) -> Vec<String> {
-        let effect = |is_on: bool, name: &str| is_on.then(|| name.to_owned());
-        let restitution = match self.time.scheme {
-            Scheme::Newmark { restitution, .. } if restitution > 0.0 => Some(restitution),
-            _ => None,
-        };
-        [
-            effect(self.obstacle(Side::Below).is_some(), "contact below"),
-            effect(self.obstacle(Side::Above).is_some(), "contact above"),
-            effect(self.load.is_some_and(|load| load.pressure != 0.0), "constant load"),
-            effect(self.initial.static_pressure != 0.0, "initial static deflection"),
-            effect(self.initial.velocity != 0.0, "initial velocity"),
-            restitution.map(|e| format!("restitution e = {e}")),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
+        format!("{:016x}", resolved::fnv1a(resolved::identity(self).as_bytes()))
     }
 }
 

@@ -5,12 +5,14 @@ use std::path::Path;
 use super::document::{Document, quote};
 use super::typed::{Choice, Quantity, Range};
 use super::words::SchemeName;
-use super::{Diagonal, ElementKind};
 use super::{
-    EngineName, Grid, HISTORY_COLUMNS, Initial, Load, Mass, Massless, Obstacle, Output, Panel, Plate, Probe,
-    Scene, Scheme, Side, Snapshots, Solver, Study, Support, Time, ViName, study,
+    Ball, Damping, Diagonal, ElementKind, EngineName, Force, Foundation, Given, Grid, HISTORY_COLUMNS,
+    Initial, Load, Mass, Massless, MeshFile, Obstacle, Output, Panel, Part, Plate, PointMass, Probe, Region,
+    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, Study, Support, Time, ViName, study,
 };
 use crate::error::{Error, Result};
+use crate::field::Names;
+use crate::plate::Orthotropy;
 
 /// The most rectangles of a mesh, after refinement.
 const MOST_RECTANGLES: u64 = 4_000_000;
@@ -30,6 +32,17 @@ const POISSONS_RATIO: Quantity = Quantity::new(
     Range::new(" greater than -1 and less than 0.5", "is out of range", |nu| -1.0 < nu && nu < 0.5),
 );
 const DENSITY: Quantity = Quantity::new("a density in kg/m3", Range::POSITIVE);
+const SHEAR_MODULUS: Quantity = Quantity::new("a shear modulus in Pa", Range::POSITIVE);
+const GRAIN: Quantity = Quantity::new("an angle in degrees", Range::ANY);
+const DEFLECTION: Quantity = Quantity::new("a deflection in m", Range::ANY);
+const FORCE: Quantity = Quantity::new("a force in N", Range::ANY);
+const GRAVITY: Quantity = Quantity::new("an acceleration in m/s2, downward", Range::ANY);
+const MASS: Quantity = Quantity::new("a mass in kg", Range::POSITIVE);
+const SPRING: Quantity = Quantity::new("a stiffness in N/m", Range::POSITIVE);
+const FOUNDATION: Quantity = Quantity::new("a stiffness in N/m3", Range::NOT_NEGATIVE);
+const MASS_DAMPING: Quantity = Quantity::new("a rate in 1/s", Range::NOT_NEGATIVE);
+const STIFFNESS_DAMPING: Quantity = Quantity::new("a time in s", Range::NOT_NEGATIVE);
+const RATIO: Quantity = Quantity::new("a damping ratio", Range::NOT_NEGATIVE);
 const HEIGHT: Quantity = Quantity::new("a height in m", Range::ANY);
 const PRESSURE: Quantity = Quantity::new("a pressure in Pa", Range::ANY);
 const VELOCITY: Quantity = Quantity::new("a velocity in m/s", Range::ANY);
@@ -41,8 +54,7 @@ const RESTITUTION: Quantity = Quantity::new(
 );
 const STEP: Quantity = Quantity::new("a time step in s", Range::POSITIVE);
 const END: Quantity = Quantity::new("an end time in s", Range::POSITIVE);
-const INSTANT: Quantity =
-    Quantity::new("an instant in s", Range::new(" of at least 0", "is negative", |time| time >= 0.0));
+const INSTANT: Quantity = Quantity::new("an instant in s", Range::NOT_NEGATIVE);
 const TOLERANCE: Quantity = Quantity::new(
     "a relative KKT residual",
     Range::new(" greater than 0 and less than 1", "is out of range", |tolerance| {
@@ -53,29 +65,56 @@ const ENERGY_GUARD: Quantity =
     Quantity::new("a ratio of energies", Range::new(" greater than 1", "is too small", |ratio| ratio > 1.0));
 const COORDINATE: Quantity = Quantity::new("a coordinate in m", Range::ANY);
 
+/// The tables of a scene.
+const TABLES: [&str; 17] = [
+    "plate",
+    "part",
+    "mesh",
+    "support",
+    "obstacle",
+    "load",
+    "foundation",
+    "spring",
+    "mass",
+    "ball",
+    "damping",
+    "initial",
+    "time",
+    "solver",
+    "output",
+    "study",
+    "title",
+];
+
 /// The whole scene, with the engine that it gets if it names none.
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
-    let tables =
-        ["plate", "mesh", "support", "obstacle", "load", "initial", "time", "solver", "output", "study"];
-    doc.allow("", &[&["title"], &tables[..]].concat())?;
+    doc.allow("", &TABLES)?;
     let title = title(doc, file_name)?;
-    let plate = panel(doc)?;
-    let (mesh, time, solver) = (grid(doc)?, time(doc)?, solver(doc, engine)?);
+    let file = mesh_file(doc)?;
+    let plate = panel(doc, file.is_some())?;
+    let (mesh, time, solver) = (grid(doc, file.is_some())?, time(doc)?, solver(doc, engine)?);
     let scene = Scene {
         title,
-        plate,
-        mesh,
-        supports: supports(doc)?,
+        parts: parts(doc, &plate)?,
+        supports: supports(doc, file.is_some())?,
         obstacles: obstacles(doc)?,
-        load: load(doc)?,
+        load: load(doc, &plate)?,
+        foundations: foundations(doc)?,
+        springs: springs(doc, &plate)?,
+        masses: masses(doc, &plate)?,
+        balls: balls(doc, &plate)?,
+        damping: damping(doc)?,
         initial: initial(doc)?,
-        time,
-        solver,
         output: output(doc, &plate, &mesh)?,
         study: study(doc, &mesh, &time, &solver)?,
+        plate,
+        mesh,
+        file,
+        time,
+        solver,
     };
     check_start(doc, &scene)?;
-    check_exact(doc, &scene)?;
+    check_scheme(doc, &scene)?;
     Ok(scene)
 }
 
@@ -91,27 +130,171 @@ fn title(doc: &Document, file_name: &str) -> Result<String> {
     Ok(title.to_owned())
 }
 
-fn panel(doc: &Document) -> Result<Panel> {
-    doc.allow("plate", &["length", "width", "thickness", "youngs_modulus", "poissons_ratio", "density"])?;
-    Ok(Panel {
-        length: doc.number("plate.length", &LENGTH)?,
-        width: doc.number("plate.width", &WIDTH)?,
-        plate: Plate {
-            thickness: doc.number("plate.thickness", &THICKNESS)?,
-            youngs_modulus: doc.number("plate.youngs_modulus", &YOUNGS_MODULUS)?,
-            poissons_ratio: doc.number("plate.poissons_ratio", &POISSONS_RATIO)?,
-            density: doc.number("plate.density", &DENSITY)?,
-        },
+/// What gives a plate its thickness and material.
+const MATERIAL: [&str; 7] = [
+    "thickness",
+    "youngs_modulus",
+    "poissons_ratio",
+    "density",
+    "youngs_modulus_across",
+    "shear_modulus",
+    "grain",
+];
+
+fn panel(doc: &Document, has_file: bool) -> Result<Panel> {
+    doc.allow("plate", &[&["length", "width"], &MATERIAL[..]].concat())?;
+    let side = |key: &str, quantity| {
+        if has_file {
+            doc.forbid(key, "contradicts mesh.file, which gives the plate its shape")?;
+            return Ok(0.0);
+        }
+        doc.number(key, quantity)
+    };
+    let (length, width) = (side("plate.length", &LENGTH)?, side("plate.width", &WIDTH)?);
+    let (plate, thickness) = material(doc, "plate", None)?;
+    Ok(Panel { length, width, plate, thickness })
+}
+
+/// Thickness and material of a table; what it does not name is as in `base`.
+fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate, Option<Given>)> {
+    let number = |name: &str, quantity: &Quantity, of: fn(&Plate) -> f64| {
+        let key = format!("{table}.{name}");
+        match base {
+            None => doc.number(&key, quantity),
+            Some(base) => Ok(doc.optional_number(&key, quantity)?.unwrap_or(of(&base.plate))),
+        }
+    };
+    let key = format!("{table}.thickness");
+    let given = doc.given(&key, &THICKNESS, Names::XY)?.or(base.and_then(|base| base.thickness.clone()));
+    let (thickness, field) = match given {
+        Some(given) if given.number().is_none() => {
+            (given.at(crate::mesh::Point::origin(), 0.0)?, Some(given))
+        }
+        Some(given) => (given.number().unwrap_or_default(), None),
+        None => (number("thickness", &THICKNESS, |plate| plate.thickness)?, None),
+    };
+    let youngs_modulus = number("youngs_modulus", &YOUNGS_MODULUS, |plate| plate.youngs_modulus)?;
+    let poissons_ratio = number("poissons_ratio", &POISSONS_RATIO, |plate| plate.poissons_ratio)?;
+    let density = number("density", &DENSITY, |plate| plate.density)?;
+    let orthotropy = orthotropy(doc, table, base.and_then(|base| base.plate.orthotropy))?;
+    if let Some(Orthotropy { across, .. }) = orthotropy
+        && poissons_ratio.powi(2) * across >= youngs_modulus
+    {
+        let wrong = format!("{poissons_ratio:?} is out of range for these moduli; expected nu12^2 < E1 / E2");
+        return Err(doc.fault(&format!("{table}.poissons_ratio"), wrong));
+    }
+    Ok((Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy }, field))
+}
+
+/// The second set of moduli, of a plate that has a grain.
+fn orthotropy(doc: &Document, table: &str, base: Option<Orthotropy>) -> Result<Option<Orthotropy>> {
+    let key = |name: &str| format!("{table}.{name}");
+    let across = doc.optional_number(&key("youngs_modulus_across"), &YOUNGS_MODULUS)?;
+    let Some(across) = across.or(base.map(|base| base.across)) else {
+        for name in ["shear_modulus", "grain"] {
+            let wrong = "has no use without youngs_modulus_across, for an isotropic plate has no grain";
+            doc.forbid(&key(name), wrong)?;
+        }
+        return Ok(None);
+    };
+    let shear_modulus = match base {
+        Some(base) => {
+            doc.optional_number(&key("shear_modulus"), &SHEAR_MODULUS)?.unwrap_or(base.shear_modulus)
+        }
+        None => doc.number(&key("shear_modulus"), &SHEAR_MODULUS)?,
+    };
+    let grain = doc.optional_number(&key("grain"), &GRAIN)?.or(base.map(|base| base.grain)).unwrap_or(0.0);
+    Ok(Some(Orthotropy { across, shear_modulus, grain }))
+}
+
+fn parts(doc: &Document, plate: &Panel) -> Result<Vec<Part>> {
+    let part = |index: usize| {
+        let table = format!("part.{index}");
+        doc.allow(&table, &[&["where", "group"], &MATERIAL[..]].concat())?;
+        let region = region(doc, &table, &["where", "group"])?;
+        if region == Region::All {
+            return Err(doc.missing(&table, "expected where = \"...\" or group = \"...\""));
+        }
+        let (plate, thickness) = material(doc, &table, Some(plate))?;
+        Ok(Part { region, plate, thickness })
+    };
+    let count =
+        doc.entries("part", "expected tables [[part]] with where or group, and what differs there")?;
+    (0..count).map(part).collect()
+}
+
+/// The part of the plate that a table's keys, some of `where`, `group`, `at` and `line`, name; all of it without them.
+fn region(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
+    let mut named = keys.iter().filter(|key| doc.get(&format!("{table}.{key}")).is_some());
+    let Some(first) = named.next() else { return Ok(Region::All) };
+    let key = format!("{table}.{first}");
+    if let Some(second) = named.next() {
+        let wrong = format!("contradicts {table}.{second}; expected only one of {}", keys.join(", "));
+        return Err(doc.fault(&key, wrong));
+    }
+    Ok(match *first {
+        "where" => Region::Where(doc.condition(&key)?),
+        "group" => Region::Group(name(doc, &key, "expected the name of a physical group")?),
+        "at" => Region::At(point(doc, &key)?),
+        _ => {
+            doc.pair(&key, "expected [[x, y], [x, y]] in m")?;
+            Region::Line([point(doc, &format!("{key}.0"))?, point(doc, &format!("{key}.1"))?])
+        }
     })
 }
 
-fn grid(doc: &Document) -> Result<Grid> {
-    doc.allow("mesh", &["element", "cells", "diagonal", "refine"])?;
-    let element = doc.choice("mesh.element")?;
-    let cells = cells(doc, "mesh.cells")?;
-    let diagonal = diagonal(doc, element)?;
+/// A text that is not empty.
+fn name(doc: &Document, key: &str, expected: &str) -> Result<String> {
+    let text = doc.optional_text(key, expected)?.ok_or_else(|| doc.missing(key, expected))?;
+    if text.trim().is_empty() {
+        return Err(doc.fault(key, format!("{} names nothing; {expected}", quote(text))));
+    }
+    Ok(text.to_owned())
+}
+
+/// A point, in m.
+fn point(doc: &Document, key: &str) -> Result<[f64; 2]> {
+    doc.pair(key, "expected [x, y] in m")?;
+    Ok([doc.number(&format!("{key}.0"), &COORDINATE)?, doc.number(&format!("{key}.1"), &COORDINATE)?])
+}
+
+/// A point of the plate, as far as that can be said before a mesh is read.
+fn point_on(doc: &Document, key: &str, plate: &Panel) -> Result<[f64; 2]> {
+    let [x, y] = point(doc, key)?;
+    let Panel { length, width, .. } = *plate;
+    let has_sides = length > 0.0;
+    if has_sides && !((0.0..=length).contains(&x) && (0.0..=width).contains(&y)) {
+        let wrong = format!(
+            "[{x:?}, {y:?}] is off the plate; expected x from 0 to {length:?} m, y from 0 to {width:?} m"
+        );
+        return Err(doc.fault(key, wrong));
+    }
+    Ok([x, y])
+}
+
+fn mesh_file(doc: &Document) -> Result<Option<MeshFile>> {
+    if doc.get("mesh.file").is_none() {
+        return Ok(None);
+    }
+    let file = name(doc, "mesh.file", "expected the name of a Gmsh mesh")?;
+    let path = doc.beside(&file);
+    Ok(Some(MeshFile { file, path }))
+}
+
+fn grid(doc: &Document, has_file: bool) -> Result<Grid> {
+    doc.allow("mesh", &["element", "cells", "diagonal", "refine", "file"])?;
+    if has_file {
+        let wrong = "contradicts mesh.file: its triangles are \"hct\" cells, its quadrangles \"fvs\"";
+        for key in ["mesh.element", "mesh.cells", "mesh.diagonal"] {
+            doc.forbid_with("mesh.file", key, wrong)?;
+        }
+    }
+    let element = if has_file { ElementKind::Hct } else { doc.choice("mesh.element")? };
+    let cells = if has_file { [0, 0] } else { cells(doc, "mesh.cells")? };
+    let diagonal = if has_file { None } else { diagonal(doc, element)? };
     let refine = doc.optional_count("mesh.refine", "a number of uniform refinements", 0)?.unwrap_or(0);
-    let refine = refinements(cells, refine).ok_or_else(|| too_many(doc, "mesh.refine", cells, refine))?;
+    let sized = if has_file { [1, 1] } else { cells };
+    let refine = refinements(sized, refine).ok_or_else(|| too_many(doc, "mesh.refine", sized, refine))?;
     Ok(Grid { element, cells, diagonal, refine })
 }
 
@@ -150,36 +333,92 @@ fn too_many(doc: &Document, key: &str, [nx, ny]: [usize; 2], refine: u64) -> Err
     doc.fault(key, format!("{wrong}; expected at most {MOST_RECTANGLES} in all"))
 }
 
-fn supports(doc: &Document) -> Result<Vec<Support>> {
+/// The edges of a rectangle.
+const EDGES: [&str; 4] = ["left", "right", "bottom", "top"];
+
+fn supports(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
     let mut supports: Vec<Support> = Vec::new();
     for index in 0..doc.entries("support", "expected tables [[support]] with edge and kind")? {
         let table = format!("support.{index}");
-        doc.allow(&table, &["edge", "kind"])?;
-        let key = format!("{table}.edge");
-        let support = Support { edge: doc.choice(&key)?, kind: doc.choice(&format!("{table}.kind"))? };
-        if let Some(first) = supports.iter().position(|earlier| earlier.edge == support.edge) {
+        doc.allow(&table, &["edge", "where", "at", "point", "kind", "motion"])?;
+        let support = Support {
+            stand: stand(doc, &table, has_file)?,
+            kind: doc.choice(&format!("{table}.kind"))?,
+            motion: motion(doc, &format!("{table}.motion"))?,
+        };
+        let whole = |support: &Support| matches!(support.stand, Stand::Edge { part: None, .. });
+        if let Some(first) =
+            supports.iter().position(|earlier| earlier.stand == support.stand && whole(&support))
+        {
             let wrong = format!("support.{first} already holds this edge; expected each edge once");
-            return Err(doc.fault(&key, wrong));
+            return Err(doc.fault(&format!("{table}.edge"), wrong));
         }
         supports.push(support);
     }
     Ok(supports)
 }
 
+fn stand(doc: &Document, table: &str, has_file: bool) -> Result<Stand> {
+    let key = |name: &str| format!("{table}.{name}");
+    let named: Vec<&str> =
+        ["edge", "at", "point"].into_iter().filter(|name| doc.get(&key(name)).is_some()).collect();
+    if let [first, second, ..] = named[..] {
+        let wrong = format!("contradicts {table}.{second}; expected only one of edge, at, point");
+        return Err(doc.fault(&key(first), wrong));
+    }
+    let part = match doc.get(&key("where")) {
+        Some(_) if named.first() != Some(&"edge") => {
+            return Err(doc.fault(&key("where"), "has no use without edge, of which it takes a part"));
+        }
+        Some(_) => Some(doc.condition(&key("where"))?),
+        None => None,
+    };
+    match named.first() {
+        Some(&"at") => Ok(Stand::At(point(doc, &key("at"))?)),
+        Some(&"point") => {
+            Ok(Stand::Point(name(doc, &key("point"), "expected the name of a physical point")?))
+        }
+        _ if has_file => {
+            let edge = name(doc, &key("edge"), "expected the name of a physical curve")?;
+            Ok(Stand::Edge { edge, part })
+        }
+        _ => Ok(Stand::Edge { edge: doc.one_of(&key("edge"), &EDGES)?.to_owned(), part }),
+    }
+}
+
+/// How a support moves: smooth in time, for its acceleration pushes the plate.
+fn motion(doc: &Document, key: &str) -> Result<Option<Given>> {
+    let Some(motion) = doc.given(key, &DEFLECTION, Names::T)? else { return Ok(None) };
+    if let super::Value::Table { interpolation: crate::field::Interpolation::Linear, .. } = motion.value {
+        let wrong = "\"linear\" would move the support with jumps of its velocity; expected \"spline\"";
+        return Err(doc.fault(&format!("{key}.interpolation"), wrong));
+    }
+    Ok(Some(motion).filter(|motion| !motion.is_zero()))
+}
+
 fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     let mut obstacles: Vec<Obstacle> = Vec::new();
     for index in 0..doc.entries("obstacle", "expected tables [[obstacle]] with side and height")? {
         let table = format!("obstacle.{index}");
-        doc.allow(&table, &["side", "height"])?;
+        doc.allow(&table, &["side", "height", "where", "group", "at", "line"])?;
         let (side, height) = (format!("{table}.side"), format!("{table}.height"));
-        let obstacle = Obstacle { side: doc.choice(&side)?, height: doc.number(&height, &HEIGHT)? };
-        if let Some(first) = obstacles.iter().position(|earlier| earlier.side == obstacle.side) {
-            let wrong = format!("obstacle.{first} already lies on this side; expected at most one on each");
-            return Err(doc.fault(&side, wrong));
+        let obstacle = Obstacle {
+            side: doc.choice(&side)?,
+            height: doc.needed(&height, &HEIGHT, Names::XYT)?,
+            region: region(doc, &table, &["where", "group", "at", "line"])?,
+        };
+        let same = |other: &&Obstacle| other.side == obstacle.side && other.region == Region::All;
+        if obstacle.region == Region::All
+            && let Some(first) = obstacles.iter().position(|other| same(&other))
+        {
+            let wrong = format!("obstacle.{first} already lies on this side of the whole plate");
+            let expected = "expected where, group, at or line, for an obstacle opposite to a part of it";
+            return Err(doc.fault(&side, format!("{wrong}; {expected}")));
         }
-        if let Some(other) = obstacles.iter().find(|other| !leaves_room(other, &obstacle)) {
+        if let Some(other) = obstacles.iter().find_map(|other| leaves_no_room(other, &obstacle)) {
             let wrong =
-                format!("{:?} leaves no room beside the obstacle at {:?} m", obstacle.height, other.height);
+                format!("{:?} leaves no room beside the obstacle at {other:?} m", obstacle.height.number());
+            let wrong = wrong.replace("Some(", "").replacen(')', "", 1);
             return Err(
                 doc.fault(&height, format!("{wrong}; expected the one below lower than the one above"))
             );
@@ -189,28 +428,124 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
-/// Whether two obstacles on opposite sides have a gap between them, though it be of no width.
-fn leaves_room(one: &Obstacle, other: &Obstacle) -> bool {
-    match one.side {
-        Side::Below => one.height <= other.height,
-        Side::Above => other.height <= one.height,
-    }
+/// The height of the first of two planes on opposite sides that cross.
+fn leaves_no_room(one: &Obstacle, other: &Obstacle) -> Option<f64> {
+    let all = one.region == Region::All && other.region == Region::All;
+    let (first, second) = (one.height.number()?, other.height.number()?);
+    let crossed = match one.side {
+        Side::Below => first > second,
+        Side::Above => second > first,
+    };
+    (all && one.side != other.side && crossed).then_some(first)
 }
 
-fn load(doc: &Document) -> Result<Option<Load>> {
-    doc.allow("load", &["pressure"])?;
-    match doc.get("load") {
-        None => Ok(None),
-        Some(_) => Ok(Some(Load { pressure: doc.number("load.pressure", &PRESSURE)? })),
+fn load(doc: &Document, plate: &Panel) -> Result<Option<Load>> {
+    doc.allow("load", &["pressure", "gravity", "force"])?;
+    if doc.get("load").is_none() {
+        return Ok(None);
     }
+    let gravity = doc.optional_number("load.gravity", &GRAVITY)?;
+    let force = |index: usize| {
+        let table = format!("load.force.{index}");
+        doc.allow(&table, &["at", "value"])?;
+        Ok(Force {
+            at: point_on(doc, &format!("{table}.at"), plate)?,
+            value: doc.needed(&format!("{table}.value"), &FORCE, Names::T)?,
+        })
+    };
+    let count = doc.entries("load.force", "expected tables [[load.force]] with at and value")?;
+    let forces: Vec<Force> = (0..count).map(force).collect::<Result<_>>()?;
+    let pressure = if gravity.is_some() || !forces.is_empty() {
+        doc.given("load.pressure", &PRESSURE, Names::XYT)?.unwrap_or(Given::constant("load.pressure", 0.0))
+    } else {
+        doc.needed("load.pressure", &PRESSURE, Names::XYT)?
+    };
+    Ok(Some(Load { pressure, gravity: gravity.unwrap_or(0.0), forces }))
+}
+
+fn foundations(doc: &Document) -> Result<Vec<Foundation>> {
+    let foundation = |index: usize| {
+        let table = format!("foundation.{index}");
+        doc.allow(&table, &["stiffness", "where", "group"])?;
+        Ok(Foundation {
+            stiffness: doc.needed(&format!("{table}.stiffness"), &FOUNDATION, Names::XY)?,
+            region: region(doc, &table, &["where", "group"])?,
+        })
+    };
+    let count = doc.entries("foundation", "expected tables [[foundation]] with stiffness")?;
+    (0..count).map(foundation).collect()
+}
+
+fn springs(doc: &Document, plate: &Panel) -> Result<Vec<Spring>> {
+    let spring = |index: usize| {
+        let table = format!("spring.{index}");
+        doc.allow(&table, &["at", "stiffness"])?;
+        let at = point_on(doc, &format!("{table}.at"), plate)?;
+        Ok(Spring { at, stiffness: doc.number(&format!("{table}.stiffness"), &SPRING)? })
+    };
+    (0..doc.entries("spring", "expected tables [[spring]] with at and stiffness")?).map(spring).collect()
+}
+
+fn masses(doc: &Document, plate: &Panel) -> Result<Vec<PointMass>> {
+    let mass = |index: usize| {
+        let table = format!("mass.{index}");
+        doc.allow(&table, &["at", "mass"])?;
+        let at = point_on(doc, &format!("{table}.at"), plate)?;
+        Ok(PointMass { at, mass: doc.number(&format!("{table}.mass"), &MASS)? })
+    };
+    (0..doc.entries("mass", "expected tables [[mass]] with at and mass")?).map(mass).collect()
+}
+
+fn balls(doc: &Document, plate: &Panel) -> Result<Vec<Ball>> {
+    let ball = |index: usize| {
+        let table = format!("ball.{index}");
+        doc.allow(&table, &["at", "side", "mass", "height", "velocity"])?;
+        let key = |name: &str| format!("{table}.{name}");
+        Ok(Ball {
+            at: point_on(doc, &key("at"), plate)?,
+            side: doc.optional_choice(&key("side"))?.unwrap_or(Side::Above),
+            mass: doc.number(&key("mass"), &MASS)?,
+            height: doc.number(&key("height"), &HEIGHT)?,
+            velocity: doc.optional_number(&key("velocity"), &VELOCITY)?.unwrap_or(0.0),
+        })
+    };
+    (0..doc.entries("ball", "expected tables [[ball]] with at, mass and height")?).map(ball).collect()
+}
+
+fn damping(doc: &Document) -> Result<Option<Damping>> {
+    doc.allow("damping", &["mass", "stiffness", "modal"])?;
+    if doc.get("damping").is_none() {
+        return Ok(None);
+    }
+    let ratio = |index: usize| doc.number(&format!("damping.modal.{index}"), &RATIO);
+    let count = doc.entries("damping.modal", "expected an array of the damping ratios of the first modes")?;
+    Ok(Some(Damping {
+        mass: doc.optional_number("damping.mass", &MASS_DAMPING)?.unwrap_or(0.0),
+        stiffness: doc.optional_number("damping.stiffness", &STIFFNESS_DAMPING)?.unwrap_or(0.0),
+        modal: (0..count).map(ratio).collect::<Result<_>>()?,
+    }))
 }
 
 fn initial(doc: &Document) -> Result<Initial> {
-    doc.allow("initial", &["static_pressure", "velocity"])?;
-    Ok(Initial {
-        static_pressure: doc.optional_number("initial.static_pressure", &PRESSURE)?.unwrap_or(0.0),
-        velocity: doc.optional_number("initial.velocity", &VELOCITY)?.unwrap_or(0.0),
-    })
+    doc.allow("initial", &["static_pressure", "equilibrium", "deflection", "velocity"])?;
+    let given = |name: &str, quantity| {
+        let key = format!("initial.{name}");
+        Ok::<_, Error>(doc.given(&key, quantity, Names::XY)?.unwrap_or(Given::constant(&key, 0.0)))
+    };
+    let initial = Initial {
+        static_pressure: given("static_pressure", &PRESSURE)?,
+        equilibrium: doc.optional_truth("initial.equilibrium")?.unwrap_or(false),
+        deflection: given("deflection", &DEFLECTION)?,
+        velocity: given("velocity", &VELOCITY)?,
+    };
+    if !initial.deflection.is_zero() && (initial.equilibrium || !initial.static_pressure.is_zero()) {
+        let wrong = "contradicts a static start; expected either initial.deflection";
+        return Err(doc.fault(
+            "initial.deflection",
+            format!("{wrong}, or initial.static_pressure and initial.equilibrium"),
+        ));
+    }
+    Ok(initial)
 }
 
 fn time(doc: &Document) -> Result<Time> {
@@ -278,22 +613,48 @@ fn only_singular(doc: &Document, scheme: Scheme, why: &str) -> Result<Scheme> {
 }
 
 fn massless(doc: &Document) -> Result<Massless> {
-    let own = doc.choice::<Mass>("time.mass")?.massless();
+    let mass: Mass = doc.choice("time.mass")?;
+    let damped = doc.optional_number("damping.stiffness", &STIFFNESS_DAMPING)?.is_some_and(|beta| beta > 0.0);
+    let own = if damped { Massless::Reflected } else { mass.massless() };
     let massless = doc.optional_choice("time.massless")?.unwrap_or(own);
     if (own, massless) == (Massless::Reflected, Massless::Equilibrium) {
-        let wrong = "\"equilibrium\" contradicts time.mass = \"consistent\", which leaves nothing massless";
-        return Err(doc.fault("time.massless", format!("{wrong}; expected \"reflected\"")));
+        let why = match mass {
+            Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
+            Mass::Singular => "damping.stiffness, under which the massless part is in no equilibrium",
+        };
+        let wrong = format!("\"equilibrium\" contradicts {why}; expected \"reflected\"");
+        return Err(doc.fault("time.massless", wrong));
     }
     Ok(massless)
 }
 
-/// The exact scheme has one engine.
-fn check_exact(doc: &Document, scene: &Scene) -> Result<()> {
-    if scene.time.scheme == Scheme::Exact && scene.solver.engine == EngineName::Petsc {
-        let wrong = "time.scheme = \"exact\" runs on the native engine, in one process";
-        return Err(
-            doc.fault("solver.engine", format!("{wrong}; expected \"native\", or time.scheme = \"newmark\""))
-        );
+/// What schemes cannot do.
+fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
+    let name = scene.time.scheme.name();
+    let damping = scene.damping.as_ref();
+    let refuse = |key: &str, what: &str, others: &str| {
+        Err(doc.fault(key, format!("time.scheme = \"{name}\" {what}; expected {others}")))
+    };
+    if scene.time.scheme == Scheme::Exact {
+        if scene.solver.engine == EngineName::Petsc {
+            let others = "\"native\", or time.scheme = \"newmark\"";
+            return refuse("solver.engine", "runs on the native engine, in one process", others);
+        }
+        if let Some(key) = scene.changes() {
+            let what = "takes only what does not change with time";
+            return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
+        }
+    }
+    if matches!(scene.time.scheme, Scheme::Exact | Scheme::Conserving) {
+        for (key, is_on) in [
+            ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
+            ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),
+        ] {
+            if is_on {
+                let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";
+                return refuse(key, "knows damping by mass only", others);
+            }
+        }
     }
     Ok(())
 }
@@ -348,17 +709,7 @@ fn output(doc: &Document, plate: &Panel, mesh: &Grid) -> Result<Output> {
 fn probe(doc: &Document, table: &str, plate: &Panel) -> Result<Probe> {
     doc.allow(table, &["name", "at"])?;
     let (name, at) = (probe_name(doc, &format!("{table}.name"))?, format!("{table}.at"));
-    doc.pair(&at, "expected [x, y] in m")?;
-    let x = doc.number(&format!("{at}.0"), &COORDINATE)?;
-    let y = doc.number(&format!("{at}.1"), &COORDINATE)?;
-    let Panel { length, width, .. } = *plate;
-    if !(0.0..=length).contains(&x) || !(0.0..=width).contains(&y) {
-        let wrong = format!(
-            "[{x:?}, {y:?}] is off the plate; expected x from 0 to {length:?} m, y from 0 to {width:?} m"
-        );
-        return Err(doc.fault(&at, wrong));
-    }
-    Ok(Probe { name, at: [x, y] })
+    Ok(Probe { name, at: point_on(doc, &at, plate)? })
 }
 
 /// A name that can head a column of the history.
@@ -383,6 +734,7 @@ fn study(doc: &Document, mesh: &Grid, time: &Time, solver: &Solver) -> Result<Op
     if doc.get("study").is_none() {
         return Ok(None);
     }
+    doc.forbid("mesh.file", "contradicts [study], which compares meshes of a rectangle")?;
     let usual = Study::of(mesh, time, solver);
     let cells = doc.list("study.cells", |key| cells(doc, key))?.unwrap_or(usual.cells);
     let count = |key: &str| doc.count(key, "a number of uniform refinements", 0);
@@ -438,13 +790,15 @@ fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
 
 /// A plate that starts flat must not start beyond an obstacle.
 fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
-    if scene.initial.static_pressure != 0.0 {
+    let Initial { static_pressure, equilibrium, deflection, .. } = &scene.initial;
+    if *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
         return Ok(());
     }
-    for (index, Obstacle { side, height }) in scene.obstacles.iter().enumerate() {
+    for (index, Obstacle { side, height, .. }) in scene.obstacles.iter().enumerate() {
+        let Some(height) = height.number() else { continue };
         let (is_beyond, side, limit) = match side {
-            Side::Below => (*height > 0.0, "above", "at most"),
-            Side::Above => (*height < 0.0, "below", "at least"),
+            Side::Below => (height > 0.0, "above", "at most"),
+            Side::Above => (height < 0.0, "below", "at least"),
         };
         if is_beyond {
             let wrong = format!("{height:?} is {side} the plate, which starts flat at 0");

@@ -2,45 +2,93 @@
 
 use super::typed::Choice;
 use super::words::SchemeName;
-use super::{Grid, Output, Panel, Scene, Scheme, Solver, Study, Time};
+use super::{
+    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Region, Scene, Scheme, Solver, Stand, Study,
+    Support, Time, Value,
+};
+use crate::field::Field;
+use crate::plate::Orthotropy;
 
 /// One line of a table: key, value, comment.
 type Row = (&'static str, String, &'static str);
 
-/// The scene as TOML.
-pub(super) fn text(scene: &Scene) -> String {
+/// The scene as TOML; files by the path where they were found, or as they were written.
+pub(super) fn text(scene: &Scene, found: bool) -> String {
     let mut text = format!("title = {}\n", string(&scene.title));
-    section(&mut text, "[plate]", &plate(&scene.plate));
-    section(&mut text, "[mesh]", &mesh(&scene.mesh));
+    let mut section = |header: &str, rows: &[Row]| section(&mut text, header, rows);
+    section("[plate]", &plate(&scene.plate, found));
+    for part in &scene.parts {
+        let material = material(&part.plate, part.thickness.as_ref(), found);
+        section("[[part]]", &[region(&part.region), material].concat());
+    }
+    section("[mesh]", &mesh(scene, found));
     for support in &scene.supports {
-        let kind = ("kind", word(support.kind), "clamped | simply_supported | guided");
-        section(
-            &mut text,
-            "[[support]]",
-            &[("edge", word(support.edge), "left | right | bottom | top"), kind],
-        );
+        section("[[support]]", &self::support(support, found));
     }
     for obstacle in &scene.obstacles {
-        let height = ("height", number(obstacle.height), "m");
-        section(&mut text, "[[obstacle]]", &[("side", word(obstacle.side), "below | above"), height]);
+        let mut rows = vec![
+            ("side", word(obstacle.side), "below | above"),
+            ("height", given(&obstacle.height, found), "m"),
+        ];
+        rows.extend(region(&obstacle.region));
+        section("[[obstacle]]", &rows);
     }
-    if let Some(load) = scene.load {
-        section(&mut text, "[load]", &[("pressure", number(load.pressure), "Pa, upward")]);
+    if let Some(load) = &scene.load {
+        let pressure = ("pressure", given(&load.pressure, found), "Pa, upward");
+        section("[load]", &[pressure, ("gravity", number(load.gravity), "m/s2, downward")]);
+        for force in &load.forces {
+            let value = ("value", given(&force.value, found), "N, upward");
+            section("[[load.force]]", &[("at", numbers(&force.at), "m"), value]);
+        }
     }
-    let static_pressure = ("static_pressure", number(scene.initial.static_pressure), "Pa, upward");
-    section(
-        &mut text,
-        "[initial]",
-        &[static_pressure, ("velocity", number(scene.initial.velocity), "m/s, upward")],
-    );
-    section(&mut text, "[time]", &time(&scene.time));
-    section(&mut text, "[solver]", &solver(&scene.solver));
-    section(&mut text, "[output]", &output(&scene.output));
+    for foundation in &scene.foundations {
+        let stiffness = ("stiffness", given(&foundation.stiffness, found), "N/m3");
+        section("[[foundation]]", &[vec![stiffness], region(&foundation.region)].concat());
+    }
+    for spring in &scene.springs {
+        let stiffness = ("stiffness", number(spring.stiffness), "N/m");
+        section("[[spring]]", &[("at", numbers(&spring.at), "m"), stiffness]);
+    }
+    for mass in &scene.masses {
+        section("[[mass]]", &[("at", numbers(&mass.at), "m"), ("mass", number(mass.mass), "kg")]);
+    }
+    for ball in &scene.balls {
+        section("[[ball]]", &self::ball(ball));
+    }
+    if let Some(damping) = &scene.damping {
+        let mut rows = vec![
+            ("mass", number(damping.mass), "1/s, Rayleigh's alpha"),
+            ("stiffness", number(damping.stiffness), "s, Rayleigh's beta"),
+        ];
+        if !damping.modal.is_empty() {
+            rows.push(("modal", numbers(&damping.modal), "damping ratios of the first modes"));
+        }
+        section("[damping]", &rows);
+    }
+    section("[initial]", &initial(&scene.initial, found));
+    section("[time]", &time(&scene.time));
+    section("[solver]", &solver(&scene.solver));
+    section("[output]", &output(&scene.output));
     text += &probes(&scene.output);
     if let Some(of) = &scene.study {
-        section(&mut text, "[study]", &study(of));
+        self::section(&mut text, "[study]", &study(of));
     }
     text
+}
+
+/// What the hash of a scene is taken of: its text as written, and the values of its tables.
+pub(super) fn identity(scene: &Scene) -> String {
+    let values = |given: &Given| match &given.value {
+        Value::Table { table, .. } => format!("{table:?}\n"),
+        Value::Formula(_) => String::new(),
+    };
+    let loads = scene
+        .load
+        .iter()
+        .flat_map(|load| std::iter::once(&load.pressure).chain(load.forces.iter().map(|force| &force.value)));
+    let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
+    let motions = scene.supports.iter().filter_map(|support| support.motion.as_ref());
+    text(scene, false) + &loads.chain(heights).chain(motions).map(values).collect::<String>()
 }
 
 /// FNV-1a, 64 bits.
@@ -50,25 +98,109 @@ pub(super) fn fnv1a(bytes: &[u8]) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-fn plate(panel: &Panel) -> Vec<Row> {
+/// A number, a formula, or a table.
+fn given(given: &Given, found: bool) -> String {
+    match &given.value {
+        Value::Formula(field) => formula(field),
+        Value::Table { file, path, interpolation, shape, .. } => {
+            let file = string(if found { path } else { file });
+            let interpolation = word(*interpolation);
+            format!("{{ table = {file}, interpolation = {interpolation}, times = {} }}", formula(shape))
+        }
+    }
+}
+
+fn formula(field: &Field) -> String {
+    field.constant().map_or_else(|| string(&field.to_string()), number)
+}
+
+fn region(region: &Region) -> Vec<Row> {
+    match region {
+        Region::All => vec![],
+        Region::Where(condition) => vec![("where", string(&condition.to_string()), "")],
+        Region::Group(name) => vec![("group", string(name), "")],
+        Region::At(at) => vec![("at", numbers(at), "m")],
+        Region::Line([from, to]) => vec![("line", format!("[{}, {}]", numbers(from), numbers(to)), "m")],
+    }
+}
+
+fn plate(panel: &Panel, found: bool) -> Vec<Row> {
+    let mut rows = Vec::new();
+    if panel.length > 0.0 {
+        rows.push(("length", number(panel.length), "m, along x"));
+        rows.push(("width", number(panel.width), "m, along y"));
+    }
+    rows.extend(material(&panel.plate, panel.thickness.as_ref(), found));
+    rows
+}
+
+fn material(plate: &Plate, thickness: Option<&Given>, found: bool) -> Vec<Row> {
+    let mut rows = vec![
+        ("thickness", thickness.map_or(number(plate.thickness), |field| given(field, found)), "m"),
+        ("youngs_modulus", number(plate.youngs_modulus), "Pa"),
+        ("poissons_ratio", number(plate.poissons_ratio), ""),
+        ("density", number(plate.density), "kg/m3"),
+    ];
+    if let Some(Orthotropy { across, shear_modulus, grain }) = plate.orthotropy {
+        rows.push(("youngs_modulus_across", number(across), "Pa"));
+        rows.push(("shear_modulus", number(shear_modulus), "Pa"));
+        rows.push(("grain", number(grain), "degrees from x"));
+    }
+    rows
+}
+
+fn mesh(scene: &Scene, found: bool) -> Vec<Row> {
+    let grid = scene.mesh;
+    let mut rows = match &scene.file {
+        Some(MeshFile { file, path }) => vec![("file", string(if found { path } else { file }), "")],
+        None => {
+            let [nx, ny] = grid.cells;
+            vec![
+                ("element", word(grid.element), "hct | fvs"),
+                ("cells", format!("[{nx}, {ny}]"), "rectangles along x and y"),
+            ]
+        }
+    };
+    rows.extend(grid.diagonal.map(|diagonal| ("diagonal", word(diagonal), "right | left | alternating")));
+    rows.push(("refine", grid.refine.to_string(), "uniform refinements after that"));
+    rows
+}
+
+fn support(support: &Support, found: bool) -> Vec<Row> {
+    let mut rows = match &support.stand {
+        Stand::Edge { edge, part } => {
+            let mut rows = vec![("edge", string(edge), "left | right | bottom | top | a physical curve")];
+            rows.extend(part.as_ref().map(|part| ("where", string(&part.to_string()), "")));
+            rows
+        }
+        Stand::At(at) => vec![("at", numbers(at), "m")],
+        Stand::Point(name) => vec![("point", string(name), "")],
+    };
+    rows.push(("kind", word(support.kind), "clamped | simply_supported | guided"));
+    rows.extend(support.motion.as_ref().map(|motion| ("motion", given(motion, found), "m")));
+    rows
+}
+
+fn ball(ball: &Ball) -> Vec<Row> {
     vec![
-        ("length", number(panel.length), "m, along x"),
-        ("width", number(panel.width), "m, along y"),
-        ("thickness", number(panel.plate.thickness), "m"),
-        ("youngs_modulus", number(panel.plate.youngs_modulus), "Pa"),
-        ("poissons_ratio", number(panel.plate.poissons_ratio), ""),
-        ("density", number(panel.plate.density), "kg/m3"),
+        ("at", numbers(&ball.at), "m"),
+        ("side", word(ball.side), "below | above the plate"),
+        ("mass", number(ball.mass), "kg"),
+        ("height", number(ball.height), "m, of the point that touches"),
+        ("velocity", number(ball.velocity), "m/s, upward"),
     ]
 }
 
-fn mesh(grid: &Grid) -> Vec<Row> {
-    let [nx, ny] = grid.cells;
-    let mut rows = vec![
-        ("element", word(grid.element), "hct | fvs"),
-        ("cells", format!("[{nx}, {ny}]"), "rectangles along x and y"),
-    ];
-    rows.extend(grid.diagonal.map(|diagonal| ("diagonal", word(diagonal), "right | left | alternating")));
-    rows.push(("refine", grid.refine.to_string(), "uniform refinements after that"));
+fn initial(initial: &Initial, found: bool) -> Vec<Row> {
+    let Initial { static_pressure, equilibrium, deflection, velocity } = initial;
+    let mut rows = vec![("static_pressure", given(static_pressure, found), "Pa, upward")];
+    if *equilibrium {
+        rows.push(("equilibrium", "true".into(), "at rest under the loads of the first instant"));
+    }
+    if !deflection.is_zero() {
+        rows.push(("deflection", given(deflection, found), "m"));
+    }
+    rows.push(("velocity", given(velocity, found), "m/s, upward"));
     rows
 }
 

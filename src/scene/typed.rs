@@ -1,9 +1,12 @@
 //! Typed reading: numbers in their range, counts, words, text, and the errors of each.
 
 use std::fmt::Display;
+use std::path::Path;
 
 use super::document::{Document, Value, cut, quote, spell};
+use super::{self as scene, Given};
 use crate::error::{Error, Result, suggestion};
+use crate::field::{Condition, Field, Names, Table};
 
 /// A physical quantity: what it is, with its unit, and where its values may lie.
 pub(super) struct Quantity {
@@ -22,6 +25,8 @@ impl Range {
     pub const ANY: Range = Range { limits: "", fault: "", holds: |_| true };
     pub const POSITIVE: Range =
         Range { limits: " greater than 0", fault: "is not positive", holds: |value| value > 0.0 };
+
+    pub const NOT_NEGATIVE: Range = Range::new(" of at least 0", "is negative", |value| value >= 0.0);
 
     /// A range in words: `limits` follows what is expected, `fault` what was found.
     pub const fn new(limits: &'static str, fault: &'static str, holds: fn(f64) -> bool) -> Self {
@@ -122,6 +127,90 @@ impl Document<'_> {
         }
         let fault = if is_finite { quantity.range.fault } else { "is not a finite number" };
         Err(self.fault(key, format!("{written} {fault}; {}", quantity.expected())))
+    }
+
+    /// A field that must be there.
+    pub fn needed(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Given> {
+        self.given(key, quantity, names)?.ok_or_else(|| self.missing(key, quantity.expected()))
+    }
+
+    /// A number within its range, a formula of these variables, or `{ table = "file.csv", ... }` of time, if it is there.
+    pub fn given(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Option<Given>> {
+        let Some(node) = self.get(key) else { return Ok(None) };
+        let given = |value| Some(Given { key: key.to_owned(), value });
+        match &node.value {
+            Value::Text(text) => {
+                let field = self.formula(key, text, names, quantity)?;
+                Ok(given(scene::Value::Formula(field)))
+            }
+            Value::Table(_) if names.meets(Names::T) => Ok(given(self.table(key, names)?)),
+            Value::Integer(_) | Value::Float(_) => {
+                let number = self.optional_number(key, quantity)?.unwrap_or_default();
+                Ok(given(scene::Value::Formula(number.into())))
+            }
+            other => Err(self.found(key, other, format!("{}, or a formula", quantity.expected()))),
+        }
+    }
+
+    fn formula(&self, key: &str, text: &str, names: Names, quantity: &Quantity) -> Result<Field> {
+        let field = Field::parse(text, names).map_err(|fault| self.fault(key, fault))?;
+        match field.constant() {
+            Some(number) if !(quantity.range.holds)(number) => {
+                let wrong = format!("{} {}; {}", spell(number), quantity.range.fault, quantity.expected());
+                Err(self.fault(key, wrong))
+            }
+            _ => Ok(field),
+        }
+    }
+
+    /// A table of time.
+    fn table(&self, key: &str, names: Names) -> Result<scene::Value> {
+        let of = |name: &str| format!("{key}.{name}");
+        self.allow(key, &["table", "interpolation", "times"])?;
+        let expected = "expected the name of a CSV file with rows of time,value";
+        let file = self.optional_text(&of("table"), expected)?;
+        let file = file.ok_or_else(|| self.missing(&of("table"), expected))?.to_owned();
+        let interpolation = self.choice(&of("interpolation"))?;
+        let factor = Quantity::new("a factor", Range::ANY);
+        let place = if names.meets(Names::XY) { Names::XY } else { Names::NONE };
+        let shape = match self.get(&of("times")).map(|node| &node.value) {
+            None => 1.0.into(),
+            Some(Value::Text(text)) => self.formula(&of("times"), text, place, &factor)?,
+            Some(_) => self.number(&of("times"), &factor)?.into(),
+        };
+        let path = self.beside(&file);
+        let table = Table::read(Path::new(&path), interpolation).map_err(|error| match error {
+            Error::Io { .. } => self.fault(&of("table"), error),
+            other => other,
+        })?;
+        Ok(scene::Value::Table { file, path, interpolation, table, shape })
+    }
+
+    /// A condition on x and y.
+    pub fn condition(&self, key: &str) -> Result<Condition> {
+        let expected = "expected a condition on x and y, such as \"x > 0.5 and y < 0.2\"";
+        let text = self.optional_text(key, expected)?.ok_or_else(|| self.missing(key, expected))?;
+        Condition::parse(text, Names::XY).map_err(|fault| self.fault(key, fault))
+    }
+
+    /// One of these words.
+    pub fn one_of<'w>(&self, key: &str, words: &[&'w str]) -> Result<&'w str> {
+        let list: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+        let expected = format!("expected one of {}", list.join(", "));
+        let text = self.optional_text(key, &expected)?.ok_or_else(|| self.missing(key, &expected))?;
+        let found = words.iter().find(|word| **word == text);
+        found.copied().ok_or_else(|| {
+            self.fault(key, format!("{} is not valid; {expected}{}", quote(text), suggestion(text, words)))
+        })
+    }
+
+    /// `true` or `false`, if it is there.
+    pub fn optional_truth(&self, key: &str) -> Result<Option<bool>> {
+        match self.get(key).map(|node| &node.value) {
+            None => Ok(None),
+            Some(Value::Truth(truth)) => Ok(Some(*truth)),
+            Some(other) => Err(self.found(key, other, "expected true or false")),
+        }
     }
 
     /// A count that must be there.

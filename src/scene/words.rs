@@ -1,7 +1,8 @@
 //! The words of every enum, as a scene writes them.
 
 use super::typed::Choice;
-use super::{Diagonal, Edge, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind, ViName};
+use super::{Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind, ViName};
+use crate::field::Interpolation;
 use serde::Serialize;
 use std::fmt;
 
@@ -39,9 +40,8 @@ impl Choice for Diagonal {
         &[("right", Self::Right), ("left", Self::Left), ("alternating", Self::Alternating)];
 }
 
-impl Choice for Edge {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("left", Self::Left), ("right", Self::Right), ("bottom", Self::Bottom), ("top", Self::Top)];
+impl Choice for Interpolation {
+    const WORDS: &'static [(&'static str, Self)] = &[("linear", Self::Linear), ("spline", Self::Spline)];
 }
 
 impl Choice for SupportKind {

@@ -1,4 +1,4 @@
-//! The conserving scheme: the midpoint rule, relaxed so that every state has the energy of the start.
+//! The conserving scheme: the midpoint rule, relaxed so that every state has the energy of the start, and what came in since.
 //!
 //! With the singular mass the impact problem is \( C \ddot p = -\nabla \varphi(p) \), with φ convex, C^1,1 and piecewise
 //! quadratic, see [`super::potential`]; a state is (p, v), its displacement U(p), its energy
@@ -22,6 +22,22 @@
 //!
 //! Above, gamma has no bound: a step that meets its middle in stiff contact and leaves in free flight comes out long. Past
 //! [`LONGEST`] it is done again with half the step, on a second factor that is kept.
+//!
+//! # Damping, loads and obstacles that change with time
+//!
+//! Damping by mass, D = alpha M, takes \( \gamma \Delta t\, \alpha |w|_C^2 \) of a step, and E must come back to E_0 less all that. In the middle
+//! \( C\,dv = -\Delta t\,(\nabla\varphi(m) + \alpha C w) \) now, so that the first inequality above has \( \tfrac12 \Delta t\, \alpha |w|_C^2 \) more on its right:
+//! \[ E(p, v) \ge E(m, w) + \tfrac12 \Delta t\, \alpha |w|_C^2 + \tfrac18 |dv|_C^2 , \]
+//! and at gamma = 1/2 the energy is again below its target, a linear function of gamma. All else holds as it stands. Damping by
+//! stiffness makes U no function of p, and is refused.
+//!
+//! What changes with time gives a step the work
+//! \[ \tfrac12 (F_0 + F_1) \cdot (U_\gamma - U_0) + r \cdot (l_\gamma - l_0) , \]
+//! with the loads at the ends of the whole step, whose mean the middle has, the middle's reactions r, and the obstacles l that they belong
+//! to; a state is U(p) under the load and within the obstacles of its own instant. While the active bounds stay, U is affine in p, F
+//! and l together, and the middle is the mean of both ends: then this is the change of E at gamma = 1, exactly, and the step is a
+//! midpoint step at its cost. (The load of the middle's own instant would leave gamma - 1 of order dt in free flight.) Where contact
+//! changes nothing proves that a gamma exists; where none is found at the least step the target stays, and later steps make up for it.
 //!
 //! # Order
 //!
@@ -55,12 +71,14 @@
 //! - the energies *of the state at or just after* t, an actual state of the scheme: nothing is interpolated there;
 //! - the reactions' mean over the steps that led there.
 
+use super::drive::Moment;
 use super::half_step::{HalfStep, State};
 use super::potential::Line;
 use super::{Approach, Potential, Scheme, Start, System};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, SolverFactory, Verdict};
 use std::ops::Range;
 
@@ -91,6 +109,8 @@ pub struct Relaxation {
     pub least_gamma: f64,
     /// Largest gamma.
     pub largest_gamma: f64,
+    /// What damping has taken, in J.
+    pub dissipated: f64,
 }
 
 /// The scheme at an instant n of its grid; see the [module page](self).
@@ -102,8 +122,9 @@ pub struct Conserving<'s, E: Engine> {
     last: usize,
     solver: &'s SolverFactory<E>,
     potential: Potential<'s, E>,
-    /// The energy to keep, in J.
-    target: f64,
+    /// The energy of the start, and the work that what changes with time has given since, in J.
+    start: f64,
+    given: f64,
     n: u64,
     /// The state at or just after n dt, the one before it, the time between them, and from n dt to the later one, in s.
     now: State,
@@ -113,6 +134,8 @@ pub struct Conserving<'s, E: Engine> {
     /// U at n dt, at the bounds, and mean reactions.
     u: Vec<f64>,
     admissible: Vec<f64>,
+    /// The bounds there, where they move.
+    limits: Moment,
     reaction: Vec<f64>,
     /// Each bounded dof's rate in the last step, and where it last was without reaction.
     rates: Vec<f64>,
@@ -128,7 +151,7 @@ where
     /// Starts with the condensed solver and steps of `dt` seconds.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite.
+    /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite; [`crate::Error::Usage`] for damping by stiffness.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Conserving<'s, E>> {
         Conserving::with_solver(system, dt, start, &|engine, sum, bounded| {
             Ok(Box::new(Condensed::new(engine, sum, bounded)?) as Box<dyn Solver<E>>)
@@ -141,7 +164,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
     /// condensed solver whatever these are.
     ///
     /// # Errors
-    /// What the engine says.
+    /// As [`Conserving::new`].
     pub fn with_solver(
         system: &'s System<E>,
         dt: f64,
@@ -151,8 +174,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
         let bounds = &system.bounds;
         let mut now = State::new(system, start.displacement, &start.velocity)?;
         let mut potential = Potential::new(system)?;
-        let verdict = potential.settle(&mut now.u, &mut now.reaction)?;
-        now.weigh(system)?;
+        let verdict = potential.settle_state(&mut now)?;
         let (mut admissible, mut rates) = (vec![0.0; bounds.len()], vec![0.0; bounds.len()]);
         bounds.restrict(&now.u, &mut admissible);
         bounds.restrict(&start.velocity, &mut rates);
@@ -164,13 +186,15 @@ impl<'s, E: Engine> Conserving<'s, E> {
             last: 0,
             solver,
             potential,
-            target: now.energies.total(),
+            start: now.energies.total(),
+            given: 0.0,
             n: 0,
             before: now.clone(),
             span: 0.0,
             ahead: 0.0,
             u: now.u.clone(),
             admissible,
+            limits: now.moment.clone(),
             reaction: now.reaction.clone(),
             now,
             rates,
@@ -181,11 +205,12 @@ impl<'s, E: Engine> Conserving<'s, E> {
                 halved_steps: 0,
                 least_gamma: 1.0,
                 largest_gamma: 1.0,
+                dissipated: 0.0,
             },
             verdict,
         };
         scheme.add_half(dt)?;
-        scheme.halves[0].begin(&start.velocity);
+        scheme.halves[0].begin(&start.velocity, &scheme.now.moment)?;
         Ok(scheme)
     }
 
@@ -201,17 +226,18 @@ impl<'s, E: Engine> Conserving<'s, E> {
         self.halves[0].dt
     }
 
-    /// Goes to the next state.
-    fn step_on(&mut self) -> Result<()> {
+    /// Goes to the next state, from an instant.
+    fn step_on(&mut self, time: f64) -> Result<()> {
         std::mem::swap(&mut self.now, &mut self.before);
+        let target = self.start + self.given - self.relaxation.dissipated;
         let mut halvings = 0;
         loop {
             if halvings == self.halves.len() {
                 self.add_half(0.5 * self.halves[halvings - 1].dt)?;
             }
             let half = &mut self.halves[halvings];
-            let verdict = half.solve(&self.before)?;
-            let mut line = self.potential.line(&self.before, half);
+            let verdict = half.solve(&self.before, time)?;
+            let mut line = self.potential.line(&self.before, half, time)?;
             line.at(1.0, &mut self.now)?;
             let straight = line.same_piece;
             let last = straight || halvings == MOST_HALVINGS;
@@ -220,10 +246,10 @@ impl<'s, E: Engine> Conserving<'s, E> {
                 (false, false) => 0.5..LONGEST,
                 (false, true) => 0.5..f64::INFINITY,
             };
-            let moved = self.now.energies.total() - self.target;
+            let moved = excess(&line, target, 1.0, &self.now)?;
             let mut gamma = Some(1.0);
             if moved.abs() > MOVED * size(&self.now) {
-                gamma = keep_energy(&mut line, self.target, range, &mut self.now)?;
+                gamma = keep_energy(&mut line, target, range, &mut self.now)?;
                 if gamma.is_none() && last {
                     line.at(1.0, &mut self.now)?;
                     gamma = Some(1.0);
@@ -236,6 +262,9 @@ impl<'s, E: Engine> Conserving<'s, E> {
                 halvings += 1;
                 continue;
             };
+            let [given, dissipated] = line.exchange(gamma, &self.now)?;
+            self.given += given;
+            relaxation.dissipated += dissipated;
             relaxation.states += 1;
             relaxation.relaxed_steps += u64::from(!straight && gamma != 1.0);
             relaxation.least_gamma = relaxation.least_gamma.min(gamma);
@@ -253,7 +282,13 @@ fn size(state: &State) -> f64 {
     kinetic + elastic + work.abs()
 }
 
-/// From gamma = 1, finds the larger gamma on the line at which the energy is the target, and makes `to` the state there; `None`
+/// What the energy of a state on the line has beyond the target at the line's start and what has come in and been taken since, in J.
+fn excess<E: Engine>(line: &Line<E>, target: f64, gamma: f64, state: &State) -> Result<f64> {
+    let [given, dissipated] = line.exchange(gamma, state)?;
+    Ok(state.energies.total() - (target + given - dissipated))
+}
+
+/// From gamma = 1, finds the larger gamma on the line at which the energy has no excess, and makes `to` the state there; `None`
 /// if it is not in the range.
 fn keep_energy<E: Engine>(
     line: &mut Line<E>,
@@ -265,7 +300,7 @@ fn keep_energy<E: Engine>(
     let mut gamma = 1.0;
     let mut last: Option<(f64, f64)> = None;
     for _ in 0..MOST_TRIALS {
-        let excess = to.energies.total() - target;
+        let excess = excess(line, target, gamma, to)?;
         if excess.abs() <= KEPT * size(to) {
             return Ok(Some(gamma));
         }
@@ -309,7 +344,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         let bounds = &self.system.bounds;
         while self.ahead < 0.0 {
             let time = self.time() + self.ahead;
-            self.step_on()?;
+            self.step_on(time)?;
             let half = &self.halves[self.last];
             if span == 0.0 {
                 self.reaction.fill(0.0);
@@ -332,6 +367,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
             *u = now + share * (before - now);
         }
         bounds.restrict(&self.u, &mut self.admissible);
+        self.limits.extrapolate(&self.now.moment, &self.before.moment, share);
         Ok(())
     }
 
@@ -357,13 +393,19 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         &self.admissible
     }
 
+    /// On the chord between the bounds of the two states around the instant.
+    fn limits(&self) -> &Bounds {
+        self.limits.bounds(&self.system.bounds)
+    }
+
     fn reaction(&self) -> &[f64] {
         &self.reaction
     }
 
     /// Those of the state at or just after the instant.
     fn energies(&self) -> Result<Energies> {
-        Ok(self.now.energies)
+        let energies = self.now.energies;
+        Ok(Energies { work: energies.work + self.given, ..energies })
     }
 
     fn verdict(&self) -> Verdict {

@@ -1,6 +1,7 @@
 //! Half a step of the midpoint rule: what [`super::Midpoint`] and [`super::Conserving`] share.
 
 use super::System;
+use super::drive::Moment;
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
@@ -16,20 +17,23 @@ pub(super) struct State {
     pub v: Vec<f64>,
     /// Reactions of the obstacles at U, where U is in equilibrium with its velocities held.
     pub reaction: Vec<f64>,
-    /// F - K U.
+    /// F - K U with the constant load.
     pub force: Vec<f64>,
-    /// Its energies.
+    /// What changes with time, at its instant.
+    pub moment: Moment,
+    /// Its energies; the work is that of the constant load.
     pub energies: Energies,
 }
 
 impl State {
-    /// The state of a displacement and its rate.
+    /// The state of a displacement and its rate at the start.
     pub fn new<E: Engine>(system: &System<E>, u: Vec<f64>, rate: &[f64]) -> Result<State> {
         let System { engine, mass, bounds, .. } = system;
         let mut v = vec![0.0; engine.velocities(mass)];
         engine.velocity(mass, rate, &mut v)?;
         let (reaction, force) = (vec![0.0; bounds.len()], vec![0.0; u.len()]);
-        let mut state = State { u, v, reaction, force, energies: Energies::default() };
+        let moment = system.moment(0.0)?;
+        let mut state = State { u, v, reaction, force, moment, energies: Energies::default() };
         state.weigh(system)?;
         Ok(state)
     }
@@ -52,6 +56,9 @@ pub(super) struct HalfStep<'s, E: Engine> {
     pub dt: f64,
     b: Vec<f64>,
     bounds: Bounds,
+    /// What changes with time, at the end of the step, and the mean of both ends.
+    end: Moment,
+    mean: Moment,
     /// x.
     pub x: Vec<f64>,
     /// C^-1 B x: half the change of p.
@@ -63,16 +70,19 @@ pub(super) struct HalfStep<'s, E: Engine> {
 }
 
 impl<'s, E: Engine> HalfStep<'s, E> {
-    /// The matrix of a step, 4 M / dt^2 + K.
+    /// The matrix of a step, 4 M / dt^2 + K + 2 D / dt.
     pub fn sum(system: &'s System<E>, dt: f64) -> [(f64, &'s E::Form); 2] {
-        [(4.0 / (dt * dt), &system.mass), (1.0, &system.stiffness)]
+        let System { mass, stiffness, damping, .. } = system;
+        let rate = 2.0 / dt;
+        [(4.0 / (dt * dt) + rate * damping.mass, mass), (1.0 + rate * damping.stiffness, stiffness)]
     }
 
     /// With a solver of [`HalfStep::sum`].
     pub fn new(system: &'s System<E>, dt: f64, solver: Box<dyn Solver<E>>) -> Result<HalfStep<'s, E>> {
-        let System { engine, mass, bounds, .. } = system;
+        let System { engine, mass, bounds, drive, .. } = system;
         let sum = Self::sum(system, dt);
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
+        let moment = Moment::new(drive, dofs, bounds);
         Ok(HalfStep {
             system,
             sum,
@@ -80,6 +90,8 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             dt,
             b: vec![0.0; dofs],
             bounds: bounds.clone(),
+            end: moment.clone(),
+            mean: moment,
             x: vec![0.0; dofs],
             rate: vec![0.0; velocities],
             dv: vec![0.0; velocities],
@@ -87,9 +99,12 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         })
     }
 
-    /// Takes the increment that a first velocity makes.
-    pub fn begin(&mut self, velocity: &[f64]) {
+    /// Takes the increment that a first velocity makes, as of a step that ends at the start.
+    pub fn begin(&mut self, velocity: &[f64], start: &Moment) -> Result<()> {
         self.x.iter_mut().zip(velocity).for_each(|(x, v)| *x = 0.5 * self.dt * v);
+        self.end.set(&self.system.drive, self.dt)?;
+        self.mean.extrapolate(start, &self.end, -0.5);
+        Ok(())
     }
 
     /// Rate of U over the last half step, in m/s.
@@ -97,16 +112,22 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         self.x.iter().map(|x| 2.0 / self.dt * x).collect()
     }
 
-    /// Solves (4 M / dt^2 + K) x = 2/dt B^T V + F - K U + G^T r for U + x within the bounds.
-    pub fn solve(&mut self, from: &State) -> Result<Verdict> {
-        let System { engine, mass, bounds, .. } = self.system;
+    /// Solves (4 M / dt^2 + K + 2 D / dt) x = 2/dt B^T V + F - K U + G^T r for U + x within the bounds, of a state at an instant.
+    pub fn solve(&mut self, from: &State, time: f64) -> Result<Verdict> {
+        let System { engine, mass, drive, .. } = self.system;
         let dt = self.dt;
+        if !drive.is_none() {
+            self.end.set(drive, time + dt)?;
+            self.mean.combine(&from.moment, &self.end, |from, end| 0.5 * (from + end));
+        }
         engine.momentum(mass, &from.v, &mut self.b)?;
         for (b, force) in self.b.iter_mut().zip(&from.force) {
             *b = 2.0 / dt * *b + force;
         }
-        self.bounds.shift(bounds, |dof, bound| bound - from.u[dof]);
-        let length = self.system.length(&from.u)?;
+        self.mean.push(&mut self.b);
+        let limits = self.mean.bounds(&self.system.bounds);
+        self.bounds.shift(limits, |dof, bound| bound - from.u[dof]);
+        let length = self.system.length(limits, &from.u)?;
         let sum: &Sum<E> = &self.sum;
         let verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
@@ -115,6 +136,46 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             *dv = 4.0 / dt * rate - 2.0 * v;
         }
         Ok(verdict)
+    }
+
+    /// The bounds on U + x.
+    pub fn limits(&self) -> &Bounds {
+        self.mean.bounds(&self.system.bounds)
+    }
+
+    /// The load on U + x beyond the constant one, added to a force.
+    pub fn push(&self, force: &mut [f64]) {
+        self.mean.push(force);
+    }
+
+    /// Sets what changes with time to that at gamma of the step from an instant.
+    pub fn reach(&self, time: f64, gamma: f64, to: &mut Moment) -> Result<()> {
+        if gamma == 1.0 {
+            to.copy(&self.end);
+            return Ok(());
+        }
+        to.set(&self.system.drive, time + gamma * self.dt)
+    }
+
+    /// Work, in J, that what changes with time gives from a state to one on the line of this step.
+    pub fn given(&self, from: &State, to: &State) -> Result<f64> {
+        if self.system.drive.is_none() {
+            return Ok(0.0);
+        }
+        let load = self.mean.load.iter().flatten();
+        let ways = to.u.iter().zip(&from.u).map(|(to, from)| to - from);
+        let loads: f64 = load.zip(ways).map(|(f, way)| f * way).sum();
+        self.system.total(loads + from.moment.carried(&to.moment, &self.reaction))
+    }
+
+    /// Rate of the energy, in W, that damping by mass takes throughout the step.
+    pub fn loss(&self) -> Result<f64> {
+        let System { engine, mass, damping, .. } = self.system;
+        if damping.mass == 0.0 {
+            return Ok(0.0);
+        }
+        // In the middle V + dV/2 = 2/dt C^-1 B x.
+        Ok(damping.mass * (2.0 / self.dt).powi(2) * engine.vis_viva(mass, &self.rate)?)
     }
 
     /// U + 2 gamma x and V + gamma dV.

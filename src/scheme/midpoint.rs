@@ -8,12 +8,19 @@
 //! With the singular mass this is the implicit midpoint rule of the equation \( C \ddot p = -\nabla \varphi(p) \) of
 //! [`super::potential`]: the step sees U^n only through \( p^n = C^{-1} B U^n \). The massless part of U^{n+1} is then a
 //! matter of report, see [`Massless`].
+//!
+//! Damping D = alpha M + beta K adds 2 D / dt to the matrix of a step, and nothing else: the velocity in the middle is 2 x / dt. Of
+//! loads and obstacles that change with time a step knows the means of its two ends. They do as well as those of the middle, which
+//! they differ from by O(dt^2), and where the same nodes touch throughout they make the energy exact: it grows by
+//! \[ \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t, \]
+//! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries.
 
 use super::half_step::{HalfStep, State};
 use super::{Approach, Potential, Scheme, Start, System};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, Verdict};
 
 /// What the midpoint scheme takes for the part of U that has no mass.
@@ -41,6 +48,8 @@ pub struct Midpoint<'s, E: Engine> {
     next: State,
     /// G U^0.
     start: Vec<f64>,
+    /// Work of what changes with time, in J.
+    given: f64,
     /// G U^{n-1/2} of the last step, and of the two before it.
     admissible: Vec<f64>,
     earlier: Vec<f64>,
@@ -55,7 +64,8 @@ where
     /// Starts with the condensed solver and a step of `dt` seconds.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite.
+    /// [`crate::Error::Singular`] where the matrix of a step is not positive definite; [`crate::Error::Usage`] where
+    /// [`Massless::Equilibrium`] meets damping by stiffness.
     pub fn new(system: &'s System<E>, dt: f64, massless: Massless, start: Start) -> Result<Midpoint<'s, E>> {
         let solver = Condensed::new(&system.engine, &Self::sum(system, dt), system.bounds.len())?;
         Midpoint::with_solver(system, dt, massless, start, Box::new(solver))
@@ -63,7 +73,7 @@ where
 }
 
 impl<'s, E: Engine> Midpoint<'s, E> {
-    /// The matrix of a step, 4 M / dt^2 + K.
+    /// The matrix of a step, 4 M / dt^2 + K + 2 D / dt.
     pub fn sum(system: &'s System<E>, dt: f64) -> [(f64, &'s E::Form); 2] {
         HalfStep::sum(system, dt)
     }
@@ -71,7 +81,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
     /// Starts with a given solver of [`Midpoint::sum`].
     ///
     /// # Errors
-    /// What the engine says.
+    /// As [`Midpoint::new`].
     pub fn with_solver(
         system: &'s System<E>,
         dt: f64,
@@ -91,13 +101,12 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             Massless::Reflected => None,
             Massless::Equilibrium => {
                 let mut potential = Potential::new(system)?;
-                verdict = potential.settle(&mut now.u, &mut now.reaction)?;
-                now.weigh(system)?;
+                verdict = potential.settle_state(&mut now)?;
                 Some(potential)
             }
         };
         let mut half = HalfStep::new(system, dt, solver)?;
-        half.begin(&start.velocity);
+        half.begin(&start.velocity, &now.moment)?;
         let start = system.bounds.dofs.iter().map(|&dof| now.u[dof]).collect();
         Ok(Midpoint {
             system,
@@ -107,6 +116,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             start,
             next: now.clone(),
             now,
+            given: 0.0,
             admissible,
             earlier,
             earliest,
@@ -117,7 +127,8 @@ impl<'s, E: Engine> Midpoint<'s, E> {
 
 impl<E: Engine> Scheme for Midpoint<'_, E> {
     fn advance(&mut self) -> Result<()> {
-        self.verdict = self.half.solve(&self.now)?;
+        let time = self.time();
+        self.verdict = self.half.solve(&self.now, time)?;
         std::mem::swap(&mut self.earliest, &mut self.earlier);
         std::mem::swap(&mut self.earlier, &mut self.admissible);
         for (z, &dof) in self.admissible.iter_mut().zip(&self.system.bounds.dofs) {
@@ -126,14 +137,16 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         match &mut self.potential {
             None => {
                 self.half.extend(&self.now, 1.0, &mut self.next);
+                self.half.reach(time, 1.0, &mut self.next.moment)?;
                 self.next.weigh(self.system)?;
             }
             Some(potential) => {
-                let mut line = potential.line(&self.now, &self.half);
+                let mut line = potential.line(&self.now, &self.half, time)?;
                 line.at(1.0, &mut self.next)?;
                 self.verdict = self.verdict.and(line.verdict);
             }
         }
+        self.given += self.half.given(&self.now, &self.next)?;
         std::mem::swap(&mut self.now, &mut self.next);
         self.n += 1;
         Ok(())
@@ -160,12 +173,17 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         if self.n == 0 { &self.start } else { &self.admissible }
     }
 
+    fn limits(&self) -> &Bounds {
+        self.half.limits()
+    }
+
     fn reaction(&self) -> &[f64] {
         &self.half.reaction
     }
 
     fn energies(&self) -> Result<Energies> {
-        Ok(self.now.energies)
+        let energies = self.now.energies;
+        Ok(Energies { work: energies.work + self.given, ..energies })
     }
 
     fn verdict(&self) -> Verdict {

@@ -7,7 +7,8 @@
 //! | `system.stiffness` | K | stiffness |
 //! | `system.mass` | M = B^T C^-1 B, or M_r | singular, or consistent mass |
 //! | `system.bounds` | K^h, G, alpha | admissible deflections at the nodes |
-//! | `system.load` | F | load |
+//! | `system.load` | F | load, and `system.drive.load` what changes of it |
+//! | `system.damping` | - | alpha M + beta K |
 //! | `e`, `beta`, `dt` | e, beta, Delta t | restitution, Newmark parameter, step |
 //! | `u`, `v` | U^n, V^n | displacement, velocity |
 //! | `d` | U^n - U^{n-1} | displacement increment of a step |
@@ -15,8 +16,11 @@
 //!
 //! The unknown of a step is an increment that solves A x = b + G^T r under bounds, with b made of K U^n applied cell by cell:
 //! at small steps the paper's literal right-hand sides lose the digits that this form keeps.
+//!
+//! Damping, loads and obstacles that change with time come on top: see each scheme, and [`drive`](Drive).
 
 pub mod conserving;
+mod drive;
 pub mod equilibrium;
 pub mod exact;
 mod half_step;
@@ -25,6 +29,7 @@ pub mod newmark;
 pub mod potential;
 
 pub use conserving::{Conserving, Relaxation};
+pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime};
 pub use equilibrium::equilibrium;
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
@@ -36,8 +41,9 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::vi::Verdict;
+use drive::Moment;
 
-/// A semi-discrete impact problem: M U'' + K U = F + G^T r within bounds.
+/// A semi-discrete impact problem: M U'' + (alpha M + beta K) U' + K U = F + G^T r within bounds.
 #[derive(Debug)]
 pub struct System<E: Engine> {
     /// The linear algebra.
@@ -46,14 +52,18 @@ pub struct System<E: Engine> {
     pub stiffness: E::Form,
     /// M or M_r, in kg.
     pub mass: E::Form,
-    /// F, in N; `None` where nothing loads the structure.
+    /// alpha and beta.
+    pub damping: Damping,
+    /// What of F does not change with time, in N; `None` where that is nothing.
     pub load: Option<Vec<f64>>,
-    /// Bounds on the deflections.
+    /// Bounds on the deflections, at rest where they move.
     pub bounds: Bounds,
+    /// What changes with time.
+    pub drive: Drive,
 }
 
 impl<E: Engine> System<E> {
-    /// F - K U. Returns the elastic energy, in J.
+    /// F - K U with the constant load. Returns the elastic energy, in J.
     fn force(&self, u: &[f64], force: &mut [f64]) -> Result<f64> {
         let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, force)?;
         match &self.load {
@@ -63,16 +73,40 @@ impl<E: Engine> System<E> {
         Ok(elastic)
     }
 
-    /// F . U, in J.
+    /// Takes the damping of `weight` times a rate from a force; `product` is room for it.
+    fn damp(&self, rate: &[f64], weight: f64, force: &mut [f64], product: &mut [f64]) -> Result<()> {
+        let Damping { mass, stiffness } = self.damping;
+        for (factor, form) in [(mass, &self.mass), (stiffness, &self.stiffness)] {
+            if factor != 0.0 {
+                self.engine.multiply(form, rate, product)?;
+                force.iter_mut().zip(&*product).for_each(|(force, p)| *force -= weight * factor * p);
+            }
+        }
+        Ok(())
+    }
+
+    /// F . U with the constant load, in J.
     fn work(&self, u: &[f64]) -> Result<f64> {
         self.load.as_ref().map_or(Ok(0.0), |load| self.engine.dot(load, u))
     }
 
-    /// Scale of the deflections at the bounded nodes, in m.
-    fn length(&self, u: &[f64]) -> Result<f64> {
-        let deflections = self.bounds.dofs.iter().map(|&dof| u[dof].abs());
-        let largest = deflections.fold(self.bounds.magnitude(), |m, w| if w > m { w } else { m });
+    /// Scale of the deflections at the nodes with these bounds, in m.
+    fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
+        let deflections = bounds.dofs.iter().map(|&dof| u[dof].abs());
+        let largest = deflections.fold(bounds.magnitude(), |m, w| if w > m { w } else { m });
         self.engine.maximum(largest)
+    }
+
+    /// What changes with time, at an instant.
+    fn moment(&self, time: f64) -> Result<Moment> {
+        let mut moment = Moment::new(&self.drive, self.engine.dofs(), &self.bounds);
+        moment.set(&self.drive, time)?;
+        Ok(moment)
+    }
+
+    /// The processes' own parts of a number, added.
+    fn total(&self, own: f64) -> Result<f64> {
+        Ok(self.engine.concatenate(&[own])?.0.iter().sum())
     }
 }
 
@@ -146,6 +180,9 @@ pub trait Scheme {
 
     /// The configuration of the present step that the obstacles bound (the paper's U^{n+1,e} or U^{n+1/2}), at each bound.
     fn admissible(&self) -> &[f64];
+
+    /// The bounds that [`Scheme::admissible`] keeps.
+    fn limits(&self) -> &Bounds;
 
     /// Reactions of the obstacles, one a bound, in N; positive upwards.
     fn reaction(&self) -> &[f64];

@@ -4,6 +4,7 @@
 //! \[ M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r . \]
 //! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
 //! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} . \]
+//!
 //! # The start
 //!
 //! The ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact, and U^1 is that of half a trapezoidal step:
@@ -12,7 +13,23 @@
 //! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with \( A = M / \Delta t^2 + K / 2 \), no load and nothing touching,
 //! \[ H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
 //!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 . \]
+//!
+//! # Damping, loads and obstacles that change with time
+//!
+//! D = alpha M + beta_d K acts on the central velocity \((U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t\), d = U^n - U^{n-1}: the
+//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt; at the start it acts on \((U^1 - U^0) / \Delta t\).
+//!
+//! F is the beta-average of its instants too, and the obstacles are those of their own:
+//! \[ \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} . \]
+//! So the motion relative to the obstacle has the same law of restitution whatever the obstacle's speed; a plate and its obstacle
+//! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly.
+//!
+//! The work that both give, with r at the obstacles that it touches (l stands for either),
+//! \[ w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n), \]
+//! balances the invariant of beta = 1/2 to rounding: H grows by w_n, less dt V^T D V of the central velocity V, less what contact
+//! takes.
 
+use super::drive::Moment;
 use super::{Approach, Scheme, Start, System};
 use crate::energy::Energies;
 use crate::error::Result;
@@ -46,11 +63,73 @@ pub struct Newmark<'s, E: Engine> {
     d_next: Vec<f64>,
     x: Vec<f64>,
     b: Vec<f64>,
+    /// A product of the damping; empty without.
+    product: Vec<f64>,
     bounds: Bounds,
     admissible: Vec<f64>,
     reaction: Vec<f64>,
     elastic: f64,
+    /// Where anything changes with time.
+    varying: Option<Varying>,
     verdict: Verdict,
+}
+
+/// What changes with time at n - 1, n and n + 1.
+struct Varying {
+    before: Moment,
+    now: Moment,
+    next: Moment,
+    /// The bounds on U^{n+1,e}.
+    limits: Option<Bounds>,
+    /// W_n and w_n, in J.
+    work: f64,
+    given: f64,
+}
+
+impl Varying {
+    /// At the start: what is before it goes on evenly through it.
+    fn new<E: Engine>(system: &System<E>, parameters: NewmarkParameters) -> Result<Varying> {
+        let now = system.moment(0.0)?;
+        let next = system.moment(parameters.step)?;
+        let mut before = now.clone();
+        before.extrapolate(&now, &next, -1.0);
+        let mut varying = Varying { limits: now.bounds.clone(), before, now, next, work: 0.0, given: 0.0 };
+        varying.limit(parameters.restitution);
+        Ok(varying)
+    }
+
+    /// Goes to the instant whose next one is given.
+    fn advance<E: Engine>(&mut self, system: &System<E>, restitution: f64, next: f64) -> Result<()> {
+        std::mem::swap(&mut self.before, &mut self.now);
+        std::mem::swap(&mut self.now, &mut self.next);
+        self.next.set(&system.drive, next)?;
+        self.limit(restitution);
+        Ok(())
+    }
+
+    /// Sets the bounds on U^{n+1,e}. Where there is no obstacle at one of the instants, the other has the word.
+    fn limit(&mut self, e: f64) {
+        let of = |before: f64, next: f64| {
+            let average = (next + e * before) / (1.0 + e);
+            if before.is_finite() && next.is_finite() { average } else { next }
+        };
+        if let (Some(limits), Some(before), Some(next)) =
+            (&mut self.limits, &self.before.bounds, &self.next.bounds)
+        {
+            for i in 0..limits.len() {
+                limits.lower[i] = of(before.lower[i], next.lower[i]);
+                limits.upper[i] = of(before.upper[i], next.upper[i]);
+            }
+        }
+    }
+
+    /// F_beta, at each dof; nothing where the load does not change.
+    fn load(&self, beta: f64) -> impl Iterator<Item = f64> {
+        let [before, now, next] =
+            [&self.before, &self.now, &self.next].map(|moment| moment.load.as_deref().unwrap_or(&[]));
+        let instants = now.iter().zip(before.iter().zip(next));
+        instants.map(move |(now, (before, next))| now + beta * (next - 2.0 * now + before))
+    }
 }
 
 impl<'s, E: Engine + 'static> Newmark<'s, E>
@@ -60,7 +139,7 @@ where
     /// Starts with the condensed solver.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where M / dt^2 + beta K is not positive definite.
+    /// [`crate::Error::Singular`] where the matrix of a step is not positive definite.
     pub fn new(system: &'s System<E>, parameters: NewmarkParameters, start: Start) -> Result<Newmark<'s, E>> {
         let sum = Self::sum(system, parameters);
         let solver = Condensed::new(&system.engine, &sum, system.bounds.len())?;
@@ -69,10 +148,15 @@ where
 }
 
 impl<'s, E: Engine> Newmark<'s, E> {
-    /// The matrix of a step, M / dt^2 + beta K.
+    /// The matrix of a step, M / dt^2 + beta K + D / (2 dt).
     pub fn sum(system: &'s System<E>, parameters: NewmarkParameters) -> [(f64, &'s E::Form); 2] {
+        let System { mass, stiffness, damping, .. } = system;
         let NewmarkParameters { beta, step: dt, .. } = parameters;
-        [(1.0 / (dt * dt), &system.mass), (beta, &system.stiffness)]
+        let half_rate = 0.5 / dt;
+        [
+            (1.0 / (dt * dt) + half_rate * damping.mass, mass),
+            (beta + half_rate * damping.stiffness, stiffness),
+        ]
     }
 
     /// Starts with a given solver of [`Newmark::sum`].
@@ -87,6 +171,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
     ) -> Result<Newmark<'s, E>> {
         let dofs = system.engine.dofs();
         let count = system.bounds.len();
+        let varying = if system.drive.is_none() { None } else { Some(Varying::new(system, parameters)?) };
         let mut scheme = Newmark {
             system,
             sum: Self::sum(system, parameters),
@@ -98,10 +183,12 @@ impl<'s, E: Engine> Newmark<'s, E> {
             d_next: vec![0.0; dofs],
             x: vec![0.0; dofs],
             b: vec![0.0; dofs],
+            product: if system.damping.is_none() { Vec::new() } else { vec![0.0; dofs] },
             bounds: system.bounds.clone(),
             admissible: vec![0.0; count],
             reaction: vec![0.0; count],
             elastic: 0.0,
+            varying,
             verdict: Verdict::default(),
         };
         // x = 2 (U^1 - U^0), and U^{0,e} = U^0 + x / 2 - 2 dt v_0 e / (1 + e).
@@ -112,38 +199,70 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut momentum = vec![0.0; dofs];
         system.engine.momentum(&system.mass, &v, &mut momentum)?;
         momentum.iter_mut().for_each(|momentum| *momentum *= 2.0 / dt);
-        scheme.solve(2.0, drift, Some(&momentum))?;
+        scheme.solve(2.0, drift, |_, b, _| {
+            b.iter_mut().zip(&momentum).for_each(|(b, momentum)| *b += momentum);
+            Ok(())
+        })?;
         for ((d, d_next), (x, v)) in
             scheme.d.iter_mut().zip(&mut scheme.d_next).zip(scheme.x.iter().zip(&start.velocity))
         {
             *d = 2.0 * dt * v - 0.5 * x;
             *d_next = 0.5 * x;
         }
+        scheme.weigh()?;
         Ok(scheme)
     }
 
-    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift; `push` adds to the forces.
-    fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64, push: Option<&[f64]>) -> Result<()> {
-        let System { engine, bounds, .. } = self.system;
+    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift; `push` adds what else there is to the forces, and has
+    /// room for a product.
+    fn solve(
+        &mut self,
+        stretch: f64,
+        drift: impl Fn(usize) -> f64,
+        push: impl FnOnce(&System<E>, &mut [f64], &mut [f64]) -> Result<()>,
+    ) -> Result<()> {
+        let System { engine, .. } = self.system;
         self.elastic = self.system.force(&self.u, &mut self.b)?;
-        if let Some(push) = push {
-            self.b.iter_mut().zip(push).for_each(|(b, push)| *b += push);
+        if let Some(varying) = &self.varying {
+            self.b.iter_mut().zip(varying.load(self.parameters.beta)).for_each(|(b, f)| *b += f);
         }
-        self.bounds.shift(bounds, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
-        let length = self.system.length(&self.u)?;
+        push(self.system, &mut self.b, &mut self.product)?;
+        let limits = self.varying.as_ref().and_then(|varying| varying.limits.as_ref());
+        let limits = limits.unwrap_or(&self.system.bounds);
+        self.bounds.shift(limits, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
+        let length = self.system.length(limits, &self.u)?;
         let sum: &Sum<E> = &self.sum;
         self.verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
         let share = 1.0 / stretch;
-        for (z, &dof) in self.admissible.iter_mut().zip(&bounds.dofs) {
+        for (z, &dof) in self.admissible.iter_mut().zip(&limits.dofs) {
             *z = self.u[dof] + (share * self.x[dof] + drift(dof));
         }
         Ok(())
     }
 
+    /// Takes note of the work that what changes with time has given.
+    fn weigh(&mut self) -> Result<()> {
+        let Some(varying) = &mut self.varying else { return Ok(()) };
+        let ways = self.d.iter().zip(&self.d_next).map(|(d, d_next)| d + d_next);
+        let loads: f64 = varying.load(self.parameters.beta).zip(ways).map(|(f, way)| f * way).sum();
+        let given = 0.5 * self.system.total(loads + varying.before.carried(&varying.next, &self.reaction))?;
+        if self.n > 0 {
+            varying.work += 0.5 * (varying.given + given);
+        }
+        varying.given = given;
+        Ok(())
+    }
+
+    /// W_n, in J.
+    fn given(&self) -> f64 {
+        self.varying.as_ref().map_or(0.0, |varying| varying.work)
+    }
+
     /// The discrete invariant of beta = 1/2 between n and n + 1, in J:
-    /// \( H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n) \).
-    /// Constant in free flight; for e = 0 it never rises.
+    /// \( H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n) \),
+    /// with the constant load F, less the work \( W_n + \frac12 w_n \) of what changes with time.
+    /// Constant in free flight without damping; for e = 0 it never rises.
     ///
     /// # Errors
     /// What the engine says.
@@ -155,26 +274,33 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
         let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * self.elastic;
         let work = self.system.work(&self.u)? + self.system.work(&next)?;
-        Ok(0.5 * kinetic + 0.25 * elastic - 0.5 * work)
+        let given = self.varying.as_ref().map_or(0.0, |varying| varying.work + 0.5 * varying.given);
+        Ok(0.5 * kinetic + 0.25 * elastic - 0.5 * work - given)
     }
 }
 
 impl<E: Engine> Scheme for Newmark<'_, E> {
     fn advance(&mut self) -> Result<()> {
         self.n += 1;
+        let NewmarkParameters { restitution: e, step: dt, .. } = self.parameters;
+        if let Some(varying) = &mut self.varying {
+            varying.advance(self.system, e, (self.n + 1) as f64 * dt)?;
+        }
         for (u, d) in self.u.iter_mut().zip(&self.d_next) {
             *u += d;
         }
         std::mem::swap(&mut self.d, &mut self.d_next);
-        let e = self.parameters.restitution;
         let d = std::mem::take(&mut self.d);
         let drift = (1.0 - e) / (1.0 + e);
-        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, None);
+        let damp =
+            |system: &System<E>, b: &mut [f64], product: &mut [f64]| system.damp(&d, 1.0 / dt, b, product);
+        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, damp);
         self.d = d;
         for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
             *d_next = d + x;
         }
-        solved
+        solved?;
+        self.weigh()
     }
 
     fn step(&self) -> u64 {
@@ -198,6 +324,11 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         &self.admissible
     }
 
+    fn limits(&self) -> &Bounds {
+        let moving = self.varying.as_ref().and_then(|varying| varying.limits.as_ref());
+        moving.unwrap_or(&self.system.bounds)
+    }
+
     fn reaction(&self) -> &[f64] {
         &self.reaction
     }
@@ -209,7 +340,8 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let mut v = vec![0.0; engine.velocities(mass)];
         engine.velocity(mass, &rate, &mut v)?;
         let kinetic = 0.5 * engine.vis_viva(mass, &v)?;
-        Ok(Energies { kinetic, elastic: self.elastic, work: self.system.work(&self.u)? })
+        let work = self.system.work(&self.u)? + self.given();
+        Ok(Energies { kinetic, elastic: self.elastic, work })
     }
 
     fn invariant(&self) -> Result<f64> {

@@ -11,7 +11,9 @@
 //! polyhedra on which U, being unique, agrees where they meet; and λ is unique with it, because the reactions r are: the inf-sup
 //! condition says that no combination of active bounds is a combination of rows of B. So ∇φ is continuous and affine on each
 //! piece, hence Lipschitz. The equation then has one solution; it conserves ½ v^T C v + φ(p), its velocity never jumps, and
-//! it asks for no law of restitution.
+//! it asks for no law of restitution. With loads F and bounds l, u that change with time φ and U(p) are those of the instant, and
+//! damping alpha M makes it \( C (\ddot p + \alpha \dot p) = -\nabla \varphi(p) \). Damping by stiffness leaves no such equation: then the massless
+//! part of U has a rate of its own and is no function of p.
 //!
 //! # How U(p) is found
 //!
@@ -28,6 +30,7 @@
 //! meshes: with s = 10^8 w^2 it hits p at once, but leaves U so far from equilibrium that energies are off by 1e-6 on 80 x 32.
 
 use super::System;
+use super::drive::Moment;
 use super::half_step::{HalfStep, State};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -77,8 +80,16 @@ impl<'s, E: Engine> Potential<'s, E> {
     ///
     /// # Errors
     /// [`Error::Singular`] where that is not positive definite, or nothing oscillates: then no frequency is the fastest.
+    /// [`Error::Usage`] for damping by stiffness.
     pub fn new(system: &'s System<E>) -> Result<Potential<'s, E>> {
-        let System { engine, stiffness, mass, bounds, .. } = system;
+        let System { engine, stiffness, mass, bounds, damping, .. } = system;
+        if damping.stiffness != 0.0 {
+            return Err(Error::Usage(
+                "damping.stiffness: the part of the plate without mass then follows its own history, not the rest of the plate; \
+                 set time.massless = \"reflected\" with time.scheme = \"midpoint\", or time.scheme = \"newmark\""
+                    .into(),
+            ));
+        }
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);
         let (mut moved, mut pull) = (vec![0.0; velocities], vec![0.0; velocities]);
@@ -145,33 +156,62 @@ impl<'s, E: Engine> Potential<'s, E> {
         Err(Error::Singular("nothing oscillates: no natural frequency is the fastest".into()))
     }
 
-    /// Moves a displacement to U(p) of its own p = C^-1 B U; sets the reactions of the obstacles there.
+    /// Moves a displacement to U(p) of its own p = C^-1 B U at an instant; sets the reactions of the obstacles there.
     ///
     /// # Errors
     /// What the engine says.
-    pub fn settle(&mut self, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
+    pub fn settle(&mut self, time: f64, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
+        let moment = self.system.moment(time)?;
+        self.settle_at(&moment, u, reaction)
+    }
+
+    /// Settles a state at its own moment.
+    pub(super) fn settle_state(&mut self, state: &mut State) -> Result<Verdict> {
+        let State { moment, u, reaction, .. } = state;
+        let verdict = self.settle_at(moment, u, reaction)?;
+        state.weigh(self.system)?;
+        Ok(verdict)
+    }
+
+    fn settle_at(&mut self, moment: &Moment, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
         let System { engine, mass, .. } = self.system;
         self.u.copy_from_slice(u);
         self.multiplier.fill(0.0);
         self.lack.fill(0.0);
         engine.velocity(mass, &self.u, &mut self.moved)?;
         let way = engine.vis_viva(mass, &self.moved)?.sqrt();
-        let verdict = self.reach(way)?;
+        let verdict = self.reach(way, moment)?;
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
         Ok(verdict)
     }
 
-    /// The states on the line of a half step.
-    pub(super) fn line<'l>(&'l mut self, from: &'l State, half: &'l HalfStep<'s, E>) -> Line<'l, 's, E> {
-        let verdict = Verdict::default();
-        Line { potential: self, from, half, gamma: None, kinetic_slope: None, verdict, same_piece: false }
+    /// The states on the line of a half step from an instant.
+    pub(super) fn line<'l>(
+        &'l mut self,
+        from: &'l State,
+        half: &'l HalfStep<'s, E>,
+        time: f64,
+    ) -> Result<Line<'l, 's, E>> {
+        Ok(Line {
+            potential: self,
+            from,
+            half,
+            time,
+            loss: half.loss()?,
+            gamma: None,
+            kinetic_slope: None,
+            verdict: Verdict::default(),
+            same_piece: false,
+        })
     }
 
-    /// Moves the last answer to U(p + lack), which exists wherever the inf-sup condition holds; `way` is the length, in the norm of C, that p goes in all.
-    fn reach(&mut self, way: f64) -> Result<Verdict> {
+    /// Moves the last answer to U(p + lack) at a moment, which exists wherever the inf-sup condition holds; `way` is the length, in
+    /// the norm of C, that p goes in all.
+    fn reach(&mut self, way: f64, moment: &Moment) -> Result<Verdict> {
         let System { engine, mass, bounds, .. } = self.system;
-        let length = self.system.length(&self.u)?;
+        let bounds = moment.bounds(bounds);
+        let length = self.system.length(bounds, &self.u)?;
         let mut verdict = Verdict::default();
         let (mut distance, mut farthest) = (f64::INFINITY, way);
         for round in 1..=*ROUNDS.end() {
@@ -182,6 +222,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             engine.momentum(mass, &self.pull, &mut self.x)?;
             self.system.force(&self.u, &mut self.b)?;
             self.b.iter_mut().zip(&self.x).for_each(|(b, pull)| *b += pull);
+            moment.push(&mut self.b);
             self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
             let (sum, b, within) = (&self.sum, &self.b, &self.bounds);
             let iterations = self.solver.solve(engine, sum, b, within, &mut self.x, &mut self.reaction)?;
@@ -209,8 +250,8 @@ impl<'s, E: Engine> Potential<'s, E> {
         }
         // K U = F + B^T λ + G^T r within the bounds.
         engine.momentum(mass, &self.multiplier, &mut self.b)?;
-        let load = self.system.load.as_deref().unwrap_or(&[]);
-        let (sum, terms) = (&self.sum[..1], [&self.b, load]);
+        let [load, varying] = [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
+        let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
         verdict.kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
         Ok(verdict)
     }
@@ -226,6 +267,10 @@ pub(super) struct Line<'l, 's, E: Engine> {
     potential: &'l mut Potential<'s, E>,
     from: &'l State,
     half: &'l HalfStep<'s, E>,
+    /// When it begins, in s.
+    time: f64,
+    /// Rate of the energy that damping takes, in W.
+    loss: f64,
     /// Where the potential's last answer lies, once it lies on this line.
     gamma: Option<f64>,
     /// The kinetic energy's slope in the middle, and its curvature.
@@ -239,20 +284,29 @@ pub(super) struct Line<'l, 's, E: Engine> {
 impl<E: Engine> Line<'_, '_, E> {
     /// Makes `to` the state at gamma.
     ///
-    /// While the active bounds stay, U(p) is affine on the line, and the middle lies on it: no solve.
+    /// While the active bounds stay, U(p) is affine on the line, and the middle lies on it: no solve. So it is where the load or the
+    /// bounds change, at gamma = 1, whose are the means that the middle has.
     pub fn at(&mut self, gamma: f64, to: &mut State) -> Result<()> {
-        let Line { half, from, .. } = *self;
+        let Line { half, from, time, .. } = *self;
         half.extend(from, gamma, to);
+        half.reach(time, gamma, &mut to.moment)?;
         self.same_piece = self.goes_straight(gamma, to)?;
-        if !self.same_piece {
-            self.solve(gamma)?;
+        if !self.same_piece || gamma != 1.0 && !self.potential.system.drive.is_none() {
+            self.solve(gamma, &to.moment)?;
             to.u.copy_from_slice(&self.potential.u);
             to.reaction.copy_from_slice(&self.potential.reaction);
         }
         to.weigh(self.potential.system)
     }
 
-    /// Rate of the energy with gamma, in J, at the state last made: dV^T C V - 2 x^T (F - K U + G^T r).
+    /// Energy, in J, that came in up to the state last made, and what damping took.
+    pub fn exchange(&self, gamma: f64, at: &State) -> Result<[f64; 2]> {
+        Ok([self.half.given(self.from, at)?, gamma * self.half.dt * self.loss])
+    }
+
+    /// Rate with gamma, in J, of the energy that is not accounted for, at the state last made:
+    /// dV^T C V - 2 x^T (F - K U + G^T r), and what damping takes. F is that of the middle, whose work counts as given; so does the work
+    /// of the middle's reactions where bounds move, here at an even velocity.
     pub fn slope(&mut self, gamma: f64, at: &State) -> Result<f64> {
         let System { engine, mass, bounds, .. } = self.potential.system;
         let work = &mut self.potential.b;
@@ -266,14 +320,25 @@ impl<E: Engine> Line<'_, '_, E> {
             }
         };
         work.copy_from_slice(&at.force);
+        self.half.push(work);
         bounds.add_transposed(&at.reaction, work);
-        Ok(middle + (gamma - 0.5) * rise - 2.0 * engine.dot(work, &self.half.x)?)
+        let elastic = -2.0 * engine.dot(work, &self.half.x)?;
+        let Line { from, half, potential: Potential { system, .. }, .. } = self;
+        let carried = match &at.moment.bounds {
+            None => 0.0,
+            Some(_) => {
+                let by = |reaction| from.moment.carried(&at.moment, reaction);
+                system.total(by(&at.reaction) - by(&half.reaction))? / gamma
+            }
+        };
+        Ok(middle + (gamma - 0.5) * rise + elastic + carried + half.dt * self.loss)
     }
 
     /// Whether the extended displacement is admissible with the active bounds of the start and of the middle, that is,
     /// satisfies all conditions of U(p). Sets its reactions.
     fn goes_straight(&self, gamma: f64, to: &mut State) -> Result<bool> {
         let System { engine, bounds, .. } = self.potential.system;
+        let bounds = to.moment.bounds(bounds);
         let mut straight = true;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let (start, middle) = (self.from.reaction[i], self.half.reaction[i]);
@@ -290,7 +355,7 @@ impl<E: Engine> Line<'_, '_, E> {
     }
 
     /// Makes the potential's answer that at gamma, from its last on this line or from the middle.
-    fn solve(&mut self, gamma: f64) -> Result<()> {
+    fn solve(&mut self, gamma: f64, moment: &Moment) -> Result<()> {
         let (potential, half) = (&mut *self.potential, self.half);
         let last = match self.gamma.replace(gamma) {
             Some(last) => last,
@@ -298,9 +363,11 @@ impl<E: Engine> Line<'_, '_, E> {
                 for (u, (from, x)) in potential.u.iter_mut().zip(self.from.u.iter().zip(&half.x)) {
                     *u = from + x;
                 }
-                // The midpoint rule: dV = -dt λ in the middle.
-                for (multiplier, dv) in potential.multiplier.iter_mut().zip(&half.dv) {
-                    *multiplier = -dv / half.dt;
+                // The midpoint rule: dV = -dt (λ + alpha V) in the middle, where V = 2/dt C^-1 B x.
+                let damping = potential.system.damping.mass * 2.0 / half.dt;
+                let middle = half.dv.iter().zip(&half.rate);
+                for (multiplier, (dv, rate)) in potential.multiplier.iter_mut().zip(middle) {
+                    *multiplier = -dv / half.dt - damping * rate;
                 }
                 0.5
             }
@@ -310,7 +377,7 @@ impl<E: Engine> Line<'_, '_, E> {
         }
         let System { engine, mass, .. } = potential.system;
         let way = 2.0 * engine.vis_viva(mass, &half.rate)?.sqrt();
-        self.verdict = self.verdict.and(potential.reach(way)?);
+        self.verdict = self.verdict.and(potential.reach(way, moment)?);
         Ok(())
     }
 }

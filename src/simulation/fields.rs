@@ -4,15 +4,18 @@
 //! their corners by the element itself. Cells share the points on their common edge. The first points are the nodes of the mesh,
 //! in its order.
 
+use super::body::{self, Team};
+use super::effects::{Ground, Lift};
 use crate::assembly::CellArrays;
 use crate::element::{Basis, fvs, hct};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::mesh::{Cell, Mesh, Point};
-use crate::scene::{Scene, Side};
+use crate::scene::{Given, Region, Side};
 use crate::scheme::{Scheme, System};
-use crate::space::Space;
+use crate::space::PER_NODE;
 use std::collections::HashMap;
+use std::rc::Rc;
 
 /// The points and the small cells of this process.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -40,11 +43,11 @@ pub struct Snapshot<'f> {
     pub slope: Vec<[f64; 2]>,
     /// Velocity, in m/s: see [`Scheme::velocity`].
     pub velocity: Vec<f64>,
-    /// Room to the nearest obstacle, in m; `None` without obstacles.
+    /// Room to the nearest obstacle, in m, NaN where none is opposite; `None` without obstacles.
     pub gap: Option<Vec<f64>>,
     /// Force of the obstacles on each node, upward, in N: zero at points that are not nodes of the mesh. `None` without obstacles.
     pub reaction: Option<Vec<f64>>,
-    /// Mean velocity of each cell of the mesh, in m/s; with the singular mass the velocity of the paper.
+    /// Mean velocity of each cell of the mesh, in m/s, in the frame of the supports; with the singular mass the velocity of the paper.
     pub mean_velocity: Vec<f64>,
 }
 
@@ -58,8 +61,10 @@ pub struct Fields {
     tables: HashMap<usize, Vec<Rows>>,
     /// The dof of each node's deflection.
     deflections: Vec<Option<usize>>,
-    /// Heights of the obstacles, in m; infinite where there is none.
-    obstacles: [f64; 2],
+    /// Each obstacle: its side, height, and the points opposite to it.
+    obstacles: Vec<(Side, Given, Vec<usize>)>,
+    /// Motions of the supports, with the deflection and slopes that they make at the points.
+    lifts: Vec<(Rc<Given>, [Vec<f64>; 3])>,
 }
 
 /// Values, and derivatives along x and y, of a cell's basis functions at a point.
@@ -79,13 +84,9 @@ enum Place {
 }
 
 impl Fields {
-    /// Prepares sampling, if the scene asks for snapshots.
-    pub(super) fn new(
-        scene: &Scene,
-        mesh: &Mesh,
-        space: &Space,
-        cells: &[CellArrays],
-    ) -> Result<Option<Fields>> {
+    /// Prepares sampling, if the scene asks for snapshots. Collective.
+    pub(super) fn new<T: Team>(ground: &Ground<T>, lifts: &[Lift]) -> Result<Option<Fields>> {
+        let Ground { scene, team, mesh, space, cells, .. } = *ground;
         let Some(snapshots) = scene.output.fields else { return Ok(None) };
         let parts = snapshots.subdivide;
         let mut lattice =
@@ -130,18 +131,78 @@ impl Fields {
                 lattice.parents.push(number);
             }
         }
-        Ok(Some(Fields {
+        let mut fields = Fields {
             lattice,
             // Every node and every edge belongs to a cell.
             samples: samples.into_iter().map(Option::unwrap_or_default).collect(),
             cells: cells.to_vec(),
             tables,
             deflections: (0..mesh.nodes.len()).map(|node| space.deflection(node)).collect(),
-            obstacles: [
-                scene.obstacle(Side::Below).unwrap_or(f64::NEG_INFINITY),
-                scene.obstacle(Side::Above).unwrap_or(f64::INFINITY),
-            ],
-        }))
+            obstacles: Vec::new(),
+            lifts: Vec::new(),
+        };
+        for (number, obstacle) in scene.obstacles.iter().enumerate() {
+            let points = fields.opposite(&obstacle.region, mesh, team, &format!("obstacle.{number}"))?;
+            fields.obstacles.push((obstacle.side, obstacle.height.clone(), points));
+        }
+        for Lift { motion, shape } in lifts {
+            let rows = [0, 1, 2].map(|row| {
+                let value = |&(cell, local): &(u32, u32)| {
+                    let weights = &fields.tables[&cells[cell as usize].class][local as usize][row];
+                    let of_node = |&node: &usize| shape[PER_NODE * node..][..PER_NODE].iter();
+                    let dofs = mesh.cells[cell as usize].nodes().iter().flat_map(of_node);
+                    weights.iter().zip(dofs).map(|(weight, dof)| weight * dof).sum()
+                };
+                fields.samples.iter().map(value).collect()
+            });
+            fields.lifts.push((motion.clone(), rows));
+        }
+        Ok(Some(fields))
+    }
+
+    /// The points opposite to an obstacle of a region. Collective.
+    fn opposite(&self, region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+        let points = 0..self.lattice.points.len();
+        match region {
+            Region::All => Ok(points.collect()),
+            Region::Where(condition) => {
+                let holds =
+                    |&point: &usize| condition.holds(self.lattice.points[point].into(), 0.0).unwrap_or(false);
+                Ok(points.filter(holds).collect())
+            }
+            Region::Group(_) => {
+                let inside = body::cells_in(region, mesh, team, key)?;
+                let small = self.lattice.cells.iter().zip(&self.lattice.parents);
+                let mut chosen: Vec<usize> = small
+                    .filter(|(_, parent)| inside[**parent])
+                    .flat_map(|(corners, _)| corners.clone())
+                    .collect();
+                chosen.sort_unstable();
+                chosen.dedup();
+                Ok(chosen)
+            }
+            // The first points are the nodes.
+            Region::At(_) | Region::Line(_) => body::nodes_in(region, mesh, team, key),
+        }
+    }
+
+    /// Room to the nearest obstacle at an instant, in m: NaN where none is opposite.
+    fn gaps(&self, time: f64, deflection: &[f64]) -> Result<Vec<f64>> {
+        let mut gaps = vec![f64::NAN; deflection.len()];
+        for (side, height, opposite) in &self.obstacles {
+            let points: Vec<Point> =
+                opposite.iter().map(|&point| self.lattice.points[point].into()).collect();
+            let mut heights = vec![0.0; points.len()];
+            height.values(&points, time, &mut heights)?;
+            for (&point, height) in opposite.iter().zip(heights) {
+                let gap = match side {
+                    Side::Below => deflection[point] - height,
+                    Side::Above => height - deflection[point],
+                };
+                gaps[point] = gaps[point].min(gap);
+            }
+        }
+        Ok(gaps)
     }
 
     /// The state of a scheme. Collective.
@@ -149,12 +210,20 @@ impl Fields {
         let System { engine, bounds, .. } = system;
         let u = engine.on_cells(scheme.displacement())?;
         let rate = engine.on_cells(&scheme.velocity())?;
-        let deflection = self.evaluate(&u, 0);
-        let slopes = [1, 2].map(|row| self.evaluate(&u, row));
+        let mut rows = [0, 1, 2].map(|row| self.evaluate(&u, row));
+        let mut velocity = self.evaluate(&rate, 0);
+        for (motion, lift) in &self.lifts {
+            let jet = motion.jet(scheme.time())?;
+            let add = |to: &mut [f64], factor: f64, lift: &[f64]| {
+                to.iter_mut().zip(lift).for_each(|(to, lift)| *to += factor * lift);
+            };
+            rows.iter_mut().zip(lift).for_each(|(row, lift)| add(row, jet.value, lift));
+            add(&mut velocity, jet.first, &lift[0]);
+        }
+        let [deflection, slope_x, slope_y] = rows;
         let (mut gap, mut reaction) = (None, None);
-        if self.obstacles.iter().any(|height| height.is_finite()) {
-            let [below, above] = self.obstacles;
-            gap = Some(deflection.iter().map(|w| (w - below).min(above - w)).collect());
+        if !self.obstacles.is_empty() {
+            gap = Some(self.gaps(scheme.time(), &deflection)?);
             let mut force = vec![0.0; engine.dofs()];
             bounds.add_transposed(scheme.reaction(), &mut force);
             let force = engine.on_cells(&force)?;
@@ -169,8 +238,8 @@ impl Fields {
             time: scheme.time(),
             lattice: &self.lattice,
             deflection,
-            slope: slopes[0].iter().zip(&slopes[1]).map(|(&x, &y)| [x, y]).collect(),
-            velocity: self.evaluate(&rate, 0),
+            slope: slope_x.into_iter().zip(slope_y).map(|(x, y)| [x, y]).collect(),
+            velocity,
             gap,
             reaction,
             mean_velocity: self.cells.iter().map(|cell| mean(cell, &rate)).collect(),
@@ -180,13 +249,9 @@ impl Fields {
     /// One row of the basis functions times the dofs of each point's cell.
     fn evaluate(&self, dofs: &[f64], row: usize) -> Vec<f64> {
         let value = |&(cell, local): &(u32, u32)| {
-            let CellArrays { dofs: of_cell, class, .. } = &self.cells[cell as usize];
-            let weights = &self.tables[class][local as usize][row];
-            weights
-                .iter()
-                .zip(&**of_cell)
-                .map(|(weight, dof)| dof.map_or(0.0, |dof| weight * dofs[dof]))
-                .sum()
+            let cell = &self.cells[cell as usize];
+            let weights = &self.tables[&cell.class][local as usize][row];
+            weights.iter().enumerate().map(|(i, weight)| weight * cell.value(i, dofs)).sum()
         };
         self.samples.iter().map(value).collect()
     }
@@ -194,13 +259,7 @@ impl Fields {
 
 /// Mean of a field over a cell.
 fn mean(cell: &CellArrays, dofs: &[f64]) -> f64 {
-    let sum: f64 = cell
-        .local
-        .coupling
-        .iter()
-        .zip(&*cell.dofs)
-        .map(|(c, dof)| dof.map_or(0.0, |dof| c * dofs[dof]))
-        .sum();
+    let sum: f64 = cell.local.coupling.iter().enumerate().map(|(i, c)| c * cell.value(i, dofs)).sum();
     sum / cell.local.weight
 }
 

@@ -7,9 +7,9 @@ use crate::error::Result;
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Mesh};
 use crate::output::text::{Report, significant};
-use crate::scene::{EngineName, Mass, Massless, Scene, Scheme, ViName};
+use crate::scene::{EngineName, Given, Mass, Massless, Scene, Scheme, ViName};
 use crate::scheme::{self, System, exact};
-use crate::simulation::{self, Model};
+use crate::simulation::{self, Matrices, Model};
 use serde::Serialize;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -63,9 +63,9 @@ pub struct Inspection {
     pub dofs: usize,
     /// Those that an obstacle bounds.
     pub bounded_dofs: usize,
-    /// Mass of all cells, the trace of C, in kg.
+    /// Mass of all cells and of what they carry, the trace of C, in kg.
     pub mass: f64,
-    /// Density times volume of the plate, in kg.
+    /// Mass of the plate alone, in kg.
     pub plate_mass: f64,
     /// The rigid motions that the supports leave, in words.
     pub mechanism: Option<&'static str>,
@@ -153,7 +153,7 @@ pub fn advised_step(frequencies: &Frequencies, obstacles: bool) -> Option<f64> {
 fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
     match scene.time.scheme {
         Scheme::Exact => None,
-        _ => advised_step(frequencies, !scene.obstacles.is_empty()),
+        _ => advised_step(frequencies, scene.has_contact()),
     }
 }
 
@@ -172,18 +172,18 @@ fn round_down(value: f64) -> f64 {
 /// What [`Model::new`] says of a mesh, or of a static start that does not converge.
 pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mesh = simulation::mesh(scene)?;
-    let space = simulation::space(scene, &mesh)?;
-    let mechanism = space.mechanism(&mesh);
+    let mechanism = simulation::mechanism(scene, &mesh)?;
     let mut native = on_native_engine(scene);
-    let no_start = mechanism.is_some() && scene.initial.static_pressure != 0.0;
+    let is_static = scene.initial.equilibrium || !scene.initial.static_pressure.is_zero();
+    let no_start = mechanism.is_some() && is_static;
     if no_start {
-        native.initial.static_pressure = 0.0;
+        native.initial.static_pressure = Given::constant("initial.static_pressure", 0.0);
+        native.initial.equilibrium = false;
     }
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
     let (engine, stiffness) = (&system.engine, &system.stiffness);
-    let plate = &scene.plate.plate;
-    let cells = assembly::cells(&mesh, &space, plate)?;
+    let Matrices { consistent, singular: rows, .. } = simulation::matrices(scene, &mesh, true)?;
 
     let loaded = match (&system.load, mechanism) {
         (Some(load), None) => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
@@ -197,17 +197,16 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     };
     let deflections = model.probes.iter().zip(&scene.output.probes).map(deflection).collect();
 
-    let rows = assembly::singular_mass(&cells);
     let bounded = if system.bounds.is_empty() {
-        space.deflections().map(|(dof, _)| dof).collect()
+        model.sites.iter().map(|site| site.dof).collect()
     } else {
         system.bounds.dofs.clone()
     };
-    let inf_sup = infsup::constants(space.dofs(), stiffness, mechanism.is_some(), &rows, &bounded)?;
-    let weights = cells.iter().map(|cell| cell.local.weight);
-    let mass = weights.sum();
+    let inf_sup = infsup::constants(engine.dofs(), stiffness, mechanism.is_some(), &rows, &bounded)?;
+    let masses: Vec<f64> = rows.iter().map(|row| row.mass).collect();
+    let (plate_mass, mass) = (masses[..mesh.cells.len()].iter().sum(), masses.iter().sum());
     let singular = engine.averages(rows);
-    let consistent = engine.form(assembly::consistent_mass(&cells));
+    let consistent = engine.form(consistent);
     let singular = frequencies(&model, &singular, INSPECTED, mechanism.is_some());
     let consistent = frequencies(&model, &consistent, INSPECTED, mechanism.is_some());
     let own = if scene.time.mass == Mass::Singular { &singular } else { &consistent };
@@ -217,11 +216,11 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     Ok(Inspection {
         title: scene.title.clone(),
         nodes: mesh.nodes.len(),
-        cells: cells.len(),
-        dofs: space.dofs(),
+        cells: mesh.cells.len(),
+        dofs: engine.dofs(),
         bounded_dofs: system.bounds.len(),
         mass,
-        plate_mass: plate.surface_density() * scene.plate.length * scene.plate.width,
+        plate_mass,
         mechanism,
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
@@ -242,7 +241,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
     let mesh = simulation::mesh(scene)?;
-    let mechanism = simulation::space(scene, &mesh)?.mechanism(&mesh);
+    let mechanism = simulation::mechanism(scene, &mesh)?;
     let frequencies = frequencies(&model, &system.mass, CHECKED, mechanism.is_some());
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
@@ -347,7 +346,7 @@ fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>
             .push(format!("the supports leave the plate a mechanism: {motion}; it has no static deflection"));
     }
     let consistent = scene.time.mass == Mass::Consistent;
-    let impacts = !scene.obstacles.is_empty();
+    let impacts = scene.has_contact();
     if consistent && impacts {
         warnings.push(
             match scene.time.scheme {
@@ -374,7 +373,7 @@ fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>
 
 /// What a failed inf-sup condition means, where it matters: obstacles and the singular mass.
 fn inf_sup_warning(scene: &Scene, inf_sup: &InfSup) -> Option<String> {
-    let matters = !scene.obstacles.is_empty() && scene.time.mass == Mass::Singular;
+    let matters = scene.has_contact() && scene.time.mass == Mass::Singular;
     let fails = |raw: f64| raw < INF_SUP_FAILS;
     (matters && inf_sup.raw.is_some_and(fails)).then(|| {
         "the inf-sup condition fails: the cells' velocities see some deflection that only an obstacle could stop, \

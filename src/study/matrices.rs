@@ -1,58 +1,52 @@
 //! The matrices of a scene as files, for other programs to check or to use.
 
-use crate::assembly;
 use crate::error::{Error, Result};
 use crate::linalg::{Form, Native};
 use crate::output::{matrix_market, write_atomic};
-use crate::scene::{Load, Scene};
-use crate::simulation;
-use crate::space::{PER_NODE, Space};
+use crate::scene::Scene;
+use crate::simulation::{self, Matrices};
+use crate::space::PER_NODE;
 use std::fmt::Write;
 use std::path::Path;
 
 /// Writes `K.mtx M_r.mtx M.mtx B.mtx C.mtx G.mtx F.mtx`, `nodes.csv` and `cells.csv` into a folder, which is made if need be.
 ///
 /// All dofs before supports, three a node: rows 3 n + 1 to 3 n + 3 of K are w, w_x, w_y of node n, which counts from 0 as in
-/// `nodes.csv`. G has a row for each free deflection that an obstacle bounds (each free one where there is no obstacle),
-/// B one a cell. F is the load of `initial.static_pressure` or, where that is 0, of `[load]`. SI units.
+/// `nodes.csv`; the gaps of balls come last. G has a row for each free deflection that an obstacle bounds (each free one where there is no obstacle),
+/// B one a cell (and mass or ball). F is the load of `initial.static_pressure` or, where that is 0, of what does not change in `[load]`. SI units.
 ///
 /// # Errors
 /// [`Error::Mesh`] for a mesh that cannot carry the elements, [`Error::Io`] for a file that cannot be written.
 pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     let mesh = simulation::mesh(scene)?;
-    let supported = simulation::space(scene, &mesh)?;
-    let space = Space::unsupported(&mesh);
-    let cells = assembly::cells(&mesh, &space, &scene.plate.plate)?;
-    let dofs = space.dofs();
+    let Matrices { stiffness, consistent, singular, load, bounded } =
+        simulation::matrices(scene, &mesh, false)?;
+    let dofs = load.len();
     let engine = Native::new(dofs);
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     let write = |name: &str, size, entries| matrix_market::write(&folder.join(name), size, entries);
 
-    write("K.mtx", [dofs; 2], symmetric(&engine.form(assembly::stiffness(&cells))))?;
-    write("M_r.mtx", [dofs; 2], symmetric(&engine.form(assembly::consistent_mass(&cells))))?;
-    write("M.mtx", [dofs; 2], symmetric(&engine.averages(assembly::singular_mass(&cells))))?;
-
+    write("K.mtx", [dofs; 2], symmetric(&engine.form(stiffness)))?;
+    write("M_r.mtx", [dofs; 2], symmetric(&engine.form(consistent)))?;
     let (mut b, mut c) = (Vec::new(), Vec::new());
-    for (number, row) in assembly::singular_mass(&cells).iter().enumerate() {
+    for (number, row) in singular.iter().enumerate() {
         b.extend(
             row.dofs.iter().zip(row.row.iter()).filter_map(|(dof, value)| Some((number, (*dof)?, *value))),
         );
         c.push((number, number, row.mass));
     }
-    write("B.mtx", [cells.len(), dofs], b)?;
-    write("C.mtx", [cells.len(); 2], c)?;
+    write("M.mtx", [dofs; 2], symmetric(&engine.averages(singular)))?;
+    write("B.mtx", [c.len(), dofs], b)?;
+    write("C.mtx", [c.len(); 2], c)?;
 
-    let bounded = simulation::bounds(scene, supported.deflections().map(|(dof, _)| dof)).dofs;
-    let reach = |dof: &usize| bounded.is_empty() || bounded.binary_search(dof).is_ok();
-    let nodes = supported.deflections().filter(|(dof, _)| reach(dof)).map(|(_, node)| node);
-    let g: Vec<_> = nodes.enumerate().map(|(row, node)| (row, PER_NODE * node, 1.0)).collect();
+    // Of deflections those that the supports leave free.
+    let space = simulation::space(scene, &mesh)?;
+    let free =
+        |dof: &usize| *dof >= PER_NODE * mesh.nodes.len() || space.deflection(dof / PER_NODE).is_some();
+    let all = || (0..mesh.nodes.len()).map(|node| PER_NODE * node);
+    let rows: Vec<usize> = if bounded.is_empty() { all().collect() } else { bounded };
+    let g: Vec<_> = rows.into_iter().filter(free).enumerate().map(|(row, dof)| (row, dof, 1.0)).collect();
     write("G.mtx", [g.len(), dofs], g)?;
-
-    let pressure = match (scene.initial.static_pressure, scene.load) {
-        (0.0, Some(Load { pressure })) => pressure,
-        (pressure, _) => pressure,
-    };
-    let load = assembly::uniform_load(&cells, dofs, pressure);
     write("F.mtx", [dofs, 1], load.into_iter().enumerate().map(|(dof, f)| (dof, 0, f)).collect())?;
 
     let mut text = "node,x,y\n".to_owned();

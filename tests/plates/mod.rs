@@ -13,13 +13,12 @@ pub use Diagonal::{Alternating, Left, Right};
 pub use ElementKind::{Fvs, Hct};
 
 /// The paper's plate, 1.2 m x 0.4 m.
-pub const STEEL: Plate =
-    Plate { thickness: 0.01, youngs_modulus: 210e9, poissons_ratio: 0.3, density: 7770.0 };
+pub const STEEL: Plate = Plate::isotropic(0.01, 210e9, 0.3, 7770.0);
 
 /// D = 1, rho h = 1: frequencies are lambda / (2 pi a^2), deflections w D / (q a^4).
 pub fn unit(poissons_ratio: f64) -> Plate {
     let youngs_modulus = 12.0 * (1.0 - poissons_ratio * poissons_ratio);
-    Plate { thickness: 1.0, youngs_modulus, poissons_ratio, density: 1.0 }
+    Plate::isotropic(1.0, youngs_modulus, poissons_ratio, 1.0)
 }
 
 pub const CLAMPED_LEFT: &[(&str, Support)] = &[("left", Support::Clamped)];

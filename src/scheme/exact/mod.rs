@@ -51,6 +51,7 @@ use super::{Approach, Event, Scheme, Start, System, Tally};
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::obstacle::Bounds;
 use crate::vi::kkt::Judge;
 use crate::vi::{self, Side, Verdict};
 use faer::linalg::solvers::DenseSolveCore;
@@ -249,14 +250,14 @@ impl<'s, E: Engine> Exact<'s, E> {
 
     /// The relative residual of K U = F - B^T v' + G^T r and of the bounds.
     fn judge(&mut self) -> Result<()> {
-        let System { engine, stiffness, mass, bounds, load } = self.system;
+        let System { engine, stiffness, mass, bounds, load, .. } = self.system;
         let Shape { displacement, acceleration, .. } = self.shape();
         let mut b = vec![0.0; engine.dofs()];
         engine.momentum(mass, acceleration, &mut b)?;
         b.iter_mut().for_each(|b| *b = -*b);
         let terms: Vec<&[f64]> = load.iter().map(Vec::as_slice).chain([b.as_slice()]).collect();
         let displacement = displacement.clone();
-        let length = self.system.length(&displacement)?;
+        let length = self.system.length(bounds, &displacement)?;
         let sum = [(1.0, stiffness)];
         self.verdict.kkt =
             self.judge.residual(engine, &sum, &terms, bounds, length, &displacement, &self.reaction)?;
@@ -428,6 +429,10 @@ impl<E: Engine> Scheme for Exact<'_, E> {
 
     fn admissible(&self) -> &[f64] {
         &self.admissible
+    }
+
+    fn limits(&self) -> &Bounds {
+        &self.system.bounds
     }
 
     fn reaction(&self) -> &[f64] {

@@ -18,12 +18,11 @@ pub mod trajectory;
 pub mod truth;
 
 use super::modes;
-use crate::assembly;
 use crate::error::{Error, Result};
 use crate::linalg::Native;
 use crate::mesh::Mesh;
 use crate::scene::{Grid, Horizon, Mass, Probe, Scene, Study};
-use crate::simulation::{self, Model, Outcome};
+use crate::simulation::{self, Matrices, Model, Outcome};
 use crate::space::Space;
 use norms::{Jet, Metric, Norms, Points, Sampler};
 use plan::{Case, Dropped, Plan, mesh_name};
@@ -272,15 +271,14 @@ fn mesh_and_space(base: &Scene, grid: Grid) -> Result<(Mesh, Space)> {
 
 /// The first natural period of a scene with obstacles, in s; 0 where it does not matter.
 fn first_period(base: &Scene) -> Result<f64> {
-    if base.obstacles.is_empty() {
+    if !base.has_contact() {
         return Ok(0.0);
     }
-    let (mesh, space) = mesh_and_space(base, base.mesh)?;
-    let cells = assembly::cells(&mesh, &space, &base.plate.plate)?;
-    let engine = Native::with_layout(space.layout(&mesh));
-    let stiffness = engine.form(assembly::stiffness(&cells));
-    let mass = engine.form(assembly::consistent_mass(&cells));
-    let mechanism = space.mechanism(&mesh).is_some();
+    let mesh = simulation::mesh(base)?;
+    let Matrices { stiffness, consistent, load, .. } = simulation::matrices(base, &mesh, true)?;
+    let engine = Native::new(load.len());
+    let (stiffness, mass) = (engine.form(stiffness), engine.form(consistent));
+    let mechanism = simulation::mechanism(base, &mesh)?.is_some();
     let lowest = modes::lowest(&engine, &stiffness, &mass, LOWEST, mechanism)?;
     Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }

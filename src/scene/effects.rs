@@ -1,0 +1,80 @@
+//! What a scene calls for beyond the plate's own elasticity and inertia: each thing named costs, and what is not named does not.
+
+use super::{Given, Initial, Scene, Scheme, Side};
+
+impl Scene {
+    /// What acts on the plate beyond its own elasticity and inertia, in words.
+    pub fn effects(&self) -> Vec<String> {
+        let mut effects = Vec::new();
+        let mut add = |is_on: bool, name: &str| {
+            if is_on {
+                effects.push(name.to_owned());
+            }
+        };
+        let varies = |plate: Option<&Given>| plate.is_some();
+        add(varies(self.plate.thickness.as_ref()), "varying thickness");
+        add(self.plate.plate.orthotropy.is_some(), "orthotropic material");
+        add(!self.parts.is_empty(), "parts of other material or thickness");
+        add(!self.foundations.is_empty(), "elastic foundation");
+        add(!self.springs.is_empty(), "springs");
+        add(!self.masses.is_empty(), "added masses");
+        add(!self.balls.is_empty(), "balls");
+        for (side, name) in [(Side::Below, "below"), (Side::Above, "above")] {
+            let of_side = || self.obstacles.iter().filter(|obstacle| obstacle.side == side);
+            let moves = of_side().any(|obstacle| obstacle.height.changes());
+            let moving = if moves { ", moving" } else { "" };
+            add(of_side().next().is_some(), &format!("contact {name}{moving}"));
+        }
+        add(self.supports.iter().any(|support| support.motion.is_some()), "moving supports");
+        if let Some(load) = &self.load {
+            let pushes: Vec<&Given> = std::iter::once(&load.pressure)
+                .chain(load.forces.iter().map(|force| &force.value))
+                .filter(|given| !given.is_zero())
+                .collect();
+            add(load.gravity != 0.0, "gravity");
+            add(pushes.iter().any(|given| !given.changes()), "constant load");
+            add(pushes.iter().any(|given| given.changes()), "load in time");
+        }
+        if let Some(damping) = &self.damping {
+            add(damping.mass != 0.0, "damping by mass");
+            add(damping.stiffness != 0.0, "damping by stiffness");
+            add(!damping.modal.is_empty(), "modal damping");
+        }
+        let Initial { static_pressure, equilibrium, deflection, velocity } = &self.initial;
+        add(*equilibrium || !static_pressure.is_zero(), "initial static deflection");
+        add(!deflection.is_zero(), "initial deflection");
+        add(!velocity.is_zero(), "initial velocity");
+        if let Scheme::Newmark { restitution, .. } = self.time.scheme
+            && restitution > 0.0
+        {
+            add(true, &format!("restitution e = {restitution}"));
+        }
+        effects
+    }
+
+    /// Whether something may touch something: obstacles or balls.
+    pub fn has_contact(&self) -> bool {
+        !self.obstacles.is_empty() || !self.balls.is_empty()
+    }
+
+    /// Whether loads, obstacles or supports change with time; one of the keys that say so.
+    pub fn changes(&self) -> Option<String> {
+        let loads = self.load.iter().flat_map(|load| {
+            std::iter::once(&load.pressure).chain(load.forces.iter().map(|force| &force.value))
+        });
+        let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
+        let motions = self.supports.iter().filter_map(|support| support.motion.as_ref());
+        loads
+            .chain(heights)
+            .find(|given| given.changes())
+            .or(motions.into_iter().next())
+            .map(|given| given.key.clone())
+    }
+
+    /// The height of an obstacle that lies under or over the whole plate at rest, if it is the only one on its side.
+    pub fn plane(&self, side: Side) -> Option<f64> {
+        let mut of_side = self.obstacles.iter().filter(|obstacle| obstacle.side == side);
+        let first = of_side.next().filter(|obstacle| obstacle.region == super::Region::All)?;
+        if of_side.next().is_some() { None } else { first.height.number() }
+    }
+}

@@ -1,0 +1,163 @@
+//! What a scene gives as a *field*: a formula of place and time, or a table of time, and where on the plate it holds.
+
+use serde::{Serialize, Serializer, ser::SerializeMap};
+
+use crate::error::{Error, Result};
+use crate::field::{Condition, Fault, Field, Interpolation, Jet, Names, Table};
+use crate::mesh::Point;
+
+/// A number, a formula of x, y (m) and t (s), or a table of t times a formula of x and y.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Given {
+    /// The key that gives it, for messages.
+    pub key: String,
+    /// What is given.
+    pub value: Value,
+}
+
+/// What a [`Given`] is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// A number or a formula.
+    Formula(Field),
+    /// Measured over time.
+    Table {
+        /// The file, as the scene writes it.
+        file: String,
+        /// Where it was found.
+        path: String,
+        /// Between its rows.
+        interpolation: Interpolation,
+        /// Its values.
+        table: Table,
+        /// What they are multiplied by: a formula of x and y.
+        shape: Field,
+    },
+}
+
+impl Given {
+    /// A number.
+    pub fn constant(key: &str, value: f64) -> Given {
+        Given { key: key.into(), value: Value::Formula(value.into()) }
+    }
+
+    /// The number, if it is one.
+    pub fn number(&self) -> Option<f64> {
+        match &self.value {
+            Value::Formula(field) => field.constant(),
+            Value::Table { .. } => None,
+        }
+    }
+
+    /// Whether it is the number zero: as good as absent.
+    pub fn is_zero(&self) -> bool {
+        self.number() == Some(0.0)
+    }
+
+    /// Whether it may change with time.
+    pub fn changes(&self) -> bool {
+        match &self.value {
+            Value::Formula(field) => field.depends_on(Names::T),
+            Value::Table { .. } => true,
+        }
+    }
+
+    /// Its value at a place (m) and a time (s).
+    ///
+    /// # Errors
+    /// [`Error::Scene`] naming the key where the formula has no finite value.
+    pub fn at(&self, at: Point, t: f64) -> Result<f64> {
+        match &self.value {
+            Value::Formula(field) => field.value(at, t).map_err(|fault| self.fault(&fault)),
+            Value::Table { table, shape, .. } => {
+                Ok(table.value(t) * shape.value(at, t).map_err(|fault| self.fault(&fault))?)
+            }
+        }
+    }
+
+    /// Its values at a time (s), one a place (m).
+    ///
+    /// # Errors
+    /// As [`Given::at`].
+    pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<()> {
+        match &self.value {
+            Value::Formula(field) => field.values(points, t, values).map_err(|fault| self.fault(&fault)),
+            Value::Table { table, shape, .. } => {
+                shape.values(points, t, values).map_err(|fault| self.fault(&fault))?;
+                let factor = table.value(t);
+                values.iter_mut().for_each(|value| *value *= factor);
+                Ok(())
+            }
+        }
+    }
+
+    /// The value at a time (s) of what does not depend on the place, with its first two derivatives.
+    ///
+    /// # Errors
+    /// As [`Given::at`], and where the formula is not smooth.
+    pub fn jet(&self, t: f64) -> Result<Jet> {
+        match &self.value {
+            Value::Formula(field) => field.jet(Point::origin(), t).map_err(|fault| self.fault(&fault)),
+            Value::Table { table, shape, .. } => {
+                let scale = shape.value(Point::origin(), t).map_err(|fault| self.fault(&fault))?;
+                let Jet { value, first, second } = table.jet(t);
+                Ok(Jet { value: scale * value, first: scale * first, second: scale * second })
+            }
+        }
+    }
+
+    /// The terms g(t) h(x, y) whose sum it is, if it has such a form: pairs of g and h, each with the name of the key.
+    pub fn terms(&self) -> Option<Vec<[Given; 2]>> {
+        let part = |field| Given { key: self.key.clone(), value: Value::Formula(field) };
+        match &self.value {
+            Value::Formula(field) => {
+                Some(field.terms()?.into_iter().map(|term| [part(term.time), part(term.place)]).collect())
+            }
+            Value::Table { shape, .. } => {
+                let mut time = self.clone();
+                if let Value::Table { shape, .. } = &mut time.value {
+                    *shape = 1.0.into();
+                }
+                Some(vec![[time, part(shape.clone())]])
+            }
+        }
+    }
+
+    /// The error of its formula.
+    fn fault(&self, fault: &Fault) -> Error {
+        Error::Scene(format!("{}: {fault}", self.key))
+    }
+}
+
+impl Serialize for Given {
+    /// As a scene writes it.
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        match &self.value {
+            Value::Formula(field) => field.serialize(serializer),
+            Value::Table { file, interpolation, shape, .. } => {
+                let mut map = serializer.serialize_map(Some(3))?;
+                map.serialize_entry("table", file)?;
+                map.serialize_entry("interpolation", super::typed::Choice::word(*interpolation))?;
+                map.serialize_entry("times", shape)?;
+                map.end()
+            }
+        }
+    }
+}
+
+/// Which part of the plate something concerns.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Region {
+    /// All of it.
+    #[serde(rename = "everywhere")]
+    All,
+    /// Where a condition on x and y holds.
+    Where(Condition),
+    /// The cells of a physical group.
+    Group(String),
+    /// One node.
+    At([f64; 2]),
+    /// The nodes on a line from one point to another.
+    Line([[f64; 2]; 2]),
+}

@@ -1,0 +1,252 @@
+//! From a scene to a body: mesh, sections and supports.
+
+use crate::error::{Error, Result};
+use crate::mesh::{Diagonal, Mesh, Point};
+use crate::plate::{Plate, Section, Sections};
+use crate::scene::{Given, Part, Region, Scene, Stand, SupportKind};
+use crate::space::Place;
+
+/// The processes that build a model together, each with a part of the mesh.
+pub(super) trait Team {
+    /// The numbers of all, one after the other. Collective.
+    fn gather(&self, own: &[f64]) -> Vec<f64>;
+
+    /// The number of this process.
+    fn rank(&self) -> usize;
+
+    /// How many there are.
+    fn size(&self) -> usize;
+}
+
+/// One process, which has the whole mesh.
+pub(super) struct Alone;
+
+impl Team for Alone {
+    fn gather(&self, own: &[f64]) -> Vec<f64> {
+        own.to_vec()
+    }
+
+    fn rank(&self) -> usize {
+        0
+    }
+
+    fn size(&self) -> usize {
+        1
+    }
+}
+
+/// A node counts as at a point if it is not farther from it than this part of the plate's size.
+const NEAR: f64 = 1e-6;
+
+/// The mesh of a scene.
+///
+/// # Errors
+/// [`Error::Mesh`] for a mesh that cannot carry the elements; what reading its file says.
+pub fn mesh(scene: &Scene) -> Result<Mesh> {
+    let grid = &scene.mesh;
+    let mut mesh = match &scene.file {
+        Some(file) => Mesh::load_gmsh(&file.path)?,
+        None => {
+            let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
+            Mesh::rectangle(scene.plate.length, scene.plate.width, grid.cells, grid.element, diagonal)?
+        }
+    };
+    for _ in 0..grid.refine {
+        mesh = mesh.refine();
+    }
+    mesh.check()?;
+    Ok(mesh)
+}
+
+/// Where the supports of a scene stand on this process's part of the mesh. Collective.
+pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<Vec<(Place, SupportKind)>> {
+    let mut supports = Vec::new();
+    for (number, support) in scene.supports.iter().enumerate() {
+        let key = format!("support.{number}");
+        let place = match &support.stand {
+            Stand::Edge { edge, part } => {
+                let sides = mesh.edges.get(edge).map_or(&[][..], Vec::as_slice);
+                require(team, !sides.is_empty(), || {
+                    let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
+                    format!("{key}.edge: the mesh has no edge named \"{edge}\"; it has: {}", known.join(", "))
+                })?;
+                let mut chosen = Vec::new();
+                for &[a, b] in sides {
+                    let inside = |node: usize| {
+                        part.as_ref().map_or(Ok(true), |part| holds(part, mesh.nodes[node], &key))
+                    };
+                    if inside(a)? && inside(b)? {
+                        chosen.push([a, b]);
+                    }
+                }
+                require(team, !chosen.is_empty(), || {
+                    format!("{key}.where: it holds at both ends of no cell's side on edge \"{edge}\"")
+                })?;
+                Place::Edges(chosen)
+            }
+            Stand::At(at) => Place::Nodes(nodes_at(mesh, *at, team, &key)?),
+            Stand::Point(name) => {
+                let nodes = mesh.points.get(name).cloned().unwrap_or_default();
+                require(team, !nodes.is_empty(), || {
+                    let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
+                    format!(
+                        "{key}.point: the mesh has no point named \"{name}\"; it has: {}",
+                        known.join(", ")
+                    )
+                })?;
+                Place::Nodes(nodes)
+            }
+        };
+        supports.push((place, support.kind));
+    }
+    Ok(supports)
+}
+
+fn holds(condition: &crate::field::Condition, at: Point, key: &str) -> Result<bool> {
+    condition.holds(at, 0.0).map_err(|fault| Error::Scene(format!("{key}.where: {fault}")))
+}
+
+/// An error unless it is so on some process.
+fn require(team: &impl Team, here: bool, wrong: impl Fn() -> String) -> Result<()> {
+    let anywhere = team.gather(&[f64::from(u8::from(here))]).contains(&1.0);
+    if anywhere { Ok(()) } else { Err(Error::Mesh(wrong())) }
+}
+
+/// The nodes of this process at a point. Collective.
+fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Team, key: &str) -> Result<Vec<usize>> {
+    let at = Point::new(x, y);
+    let distance = |node: usize| (mesh.nodes[node] - at).norm();
+    let nearest = (0..mesh.nodes.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+    let own = nearest.map_or([f64::INFINITY, x, y, 0.0], |node| {
+        let farthest = mesh.nodes.iter().map(|p| (p - at).norm()).fold(0.0, f64::max);
+        [distance(node), mesh.nodes[node].x, mesh.nodes[node].y, farthest]
+    });
+    let all = team.gather(&own);
+    let size = all.iter().skip(3).step_by(4).copied().fold(0.0, f64::max);
+    let best = all.chunks_exact(4).min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&own);
+    if best[0] > NEAR * size {
+        return Err(Error::Mesh(format!(
+            "{key}.at: no node lies at ({x}, {y}); the nearest is at ({}, {})",
+            best[1], best[2]
+        )));
+    }
+    Ok((0..mesh.nodes.len()).filter(|&node| distance(node) <= NEAR * size).collect())
+}
+
+/// The nodes of this process that a region of the plate concerns. Collective.
+pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+    let nodes = 0..mesh.nodes.len();
+    match region {
+        Region::All => Ok(nodes.collect()),
+        Region::Where(condition) => {
+            let mut chosen = Vec::new();
+            for node in nodes {
+                if holds(condition, mesh.nodes[node], key)? {
+                    chosen.push(node);
+                }
+            }
+            require(team, !chosen.is_empty(), || format!("{key}.where: it holds at no node"))?;
+            Ok(chosen)
+        }
+        Region::Group(name) => {
+            let mut chosen: Vec<usize> = group(mesh, name, team, key)?
+                .iter()
+                .flat_map(|&cell| mesh.cells[cell].nodes().to_vec())
+                .collect();
+            chosen.sort_unstable();
+            chosen.dedup();
+            Ok(chosen)
+        }
+        Region::At(at) => nodes_at(mesh, *at, team, key),
+        Region::Line([from, to]) => {
+            let (from, to) = (Point::from(*from), Point::from(*to));
+            let side = to - from;
+            let distance = |p: Point| {
+                let share =
+                    ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                (p - (from + side * share)).norm()
+            };
+            let farthest = mesh.nodes.iter().map(|p| (p - from).norm()).fold(0.0, f64::max);
+            let size = team.gather(&[farthest]).into_iter().fold(0.0, f64::max);
+            let chosen: Vec<usize> =
+                nodes.filter(|&node| distance(mesh.nodes[node]) <= NEAR * size).collect();
+            require(team, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
+            Ok(chosen)
+        }
+    }
+}
+
+/// The cells of this process in a group. Collective.
+fn group(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+    let cells = mesh.groups.get(name).cloned().unwrap_or_default();
+    require(team, !cells.is_empty(), || {
+        let known: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
+        format!("{key}.group: the mesh has no group named \"{name}\"; it has: {}", known.join(", "))
+    })?;
+    Ok(cells)
+}
+
+/// Which cells of this process a region of the plate concerns: those of its group, or whose centre satisfies its condition. Collective.
+pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<bool>> {
+    let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
+    match region {
+        Region::Where(condition) => {
+            for (cell, chosen) in chosen.iter_mut().enumerate() {
+                let vertices = mesh.vertices(cell);
+                let sum = vertices.iter().fold(Point::origin(), |sum, p| sum + p.coords);
+                *chosen = holds(condition, sum / vertices.len() as f64, key)?;
+            }
+            require(team, chosen.contains(&true), || {
+                format!("{key}.where: it holds at the centre of no cell")
+            })?;
+        }
+        Region::Group(name) => group(mesh, name, team, key)?.into_iter().for_each(|cell| chosen[cell] = true),
+        Region::All | Region::At(_) | Region::Line(_) => {}
+    }
+    Ok(chosen)
+}
+
+/// Thickness and material of a scene's plate, cell by cell.
+pub(super) struct Body<'s> {
+    scene: &'s Scene,
+    /// For each cell the number of its part, from 1 on; 0: none.
+    part_of: Vec<usize>,
+}
+
+impl<'s> Body<'s> {
+    /// Finds the part of each cell. Collective.
+    pub fn new(scene: &'s Scene, mesh: &Mesh, team: &impl Team) -> Result<Body<'s>> {
+        let mut part_of = vec![0; mesh.cells.len()];
+        for (number, part) in scene.parts.iter().enumerate() {
+            let inside = cells_in(&part.region, mesh, team, &format!("part.{number}"))?;
+            part_of.iter_mut().zip(inside).filter(|(_, inside)| *inside).for_each(|(of, _)| *of = number + 1);
+        }
+        Ok(Body { scene, part_of })
+    }
+
+    /// The plate of a cell, and its thickness where that is no number.
+    fn plate(&self, cell: usize) -> (&'s Plate, Option<&'s Given>) {
+        match self.part_of[cell].checked_sub(1).map(|part| &self.scene.parts[part]) {
+            Some(Part { plate, thickness, .. }) => (plate, thickness.as_ref()),
+            None => (&self.scene.plate.plate, self.scene.plate.thickness.as_ref()),
+        }
+    }
+}
+
+impl Sections for Body<'_> {
+    fn kind(&self, cell: usize) -> Option<usize> {
+        self.plate(cell).1.is_none().then(|| self.part_of[cell])
+    }
+
+    fn section(&self, cell: usize, at: Point) -> Result<Section> {
+        let (plate, thickness) = self.plate(cell);
+        let Some(given) = thickness else { return Ok(plate.section()) };
+        let thickness = given.at(at, 0.0)?;
+        if thickness <= 0.0 {
+            let wrong =
+                format!("{thickness:?} m at ({}, {}); expected a thickness greater than 0", at.x, at.y);
+            return Err(Error::Scene(format!("{}: {wrong}", given.key)));
+        }
+        Ok(Plate { thickness, ..*plate }.section())
+    }
+}
