@@ -31,7 +31,7 @@ struct Units {
 }
 
 /// A plate that is dropped on an obstacle and hits it, in other units.
-fn scene(element: &str, (scheme, more): (&str, &str), units: &Units) -> Scene {
+fn scene(element: &str, (scheme, more): (&str, &str), units: &Units, changes: &[&str]) -> Scene {
     let Units { length, mass, time } = units;
     let pressure = mass / length / time / time;
     let text = format!(
@@ -76,7 +76,8 @@ fn scene(element: &str, (scheme, more): (&str, &str), units: &Units) -> Scene {
         1e-4 * time,
         0.1 * time,
     );
-    Scene::from_str(&text, "units", &[]).unwrap()
+    let changes: Vec<String> = changes.iter().map(ToString::to_string).collect();
+    Scene::from_str(&text, "units", &changes).unwrap()
 }
 
 /// Deflections at all nodes, in units of length, every tenth step.
@@ -104,9 +105,9 @@ fn units_do_not_matter() {
     let giant = Units { length: 1e3, mass: 1e3, time: 7e4 };
     for element in ["fvs", "hct"] {
         for &method in METHODS {
-            let usual = motion(&scene(element, method, &SI), 1.0);
+            let usual = motion(&scene(element, method, &SI, &[]), 1.0);
             for units in [&micro, &giant] {
-                let other = motion(&scene(element, method, units), units.length);
+                let other = motion(&scene(element, method, units, &[]), units.length);
                 let difference = common::difference(&usual, &other);
                 assert!(difference <= 1e-9, "{element} {method:?}: {difference:e}");
             }
@@ -122,8 +123,8 @@ fn units_that_are_powers_of_four_do_not_change_a_bit() {
     for element in ["fvs", "hct"] {
         // Not of the exact scheme: its dense eigenvalues come from a library, to rounding.
         for &method in METHODS.iter().filter(|(scheme, _)| *scheme != "exact") {
-            let usual = motion(&scene(element, method, &SI), 1.0);
-            let other = motion(&scene(element, method, &units), units.length);
+            let usual = motion(&scene(element, method, &SI, &[]), 1.0);
+            let other = motion(&scene(element, method, &units, &[]), units.length);
             assert!(usual == other, "{element} {method:?}: {:e}", common::difference(&usual, &other));
         }
     }
@@ -133,20 +134,16 @@ fn units_that_are_powers_of_four_do_not_change_a_bit() {
 fn an_obstacle_out_of_reach_does_not_change_a_bit() {
     for element in ["fvs", "hct"] {
         for &method in METHODS {
-            let mut scene = scene(element, method, &SI);
-            scene.obstacles[0].height = -1000.0;
-            let there = Model::new(&scene).unwrap();
-            let mut with = there.scheme(&scene).unwrap();
-            let far = scene.clone();
-            scene.obstacles.clear();
-            let alone = Model::new(&scene).unwrap();
-            let mut without = alone.scheme(&scene).unwrap();
+            let far = scene(element, method, &SI, &["obstacle.0.height=-1000"]);
+            let none = scene(element, method, &SI, &["obstacle=[]"]);
+            let [there, alone] = [Model::new(&far).unwrap(), Model::new(&none).unwrap()];
+            assert!(!there.system.bounds.is_empty() && alone.system.bounds.is_empty());
+            let (mut with, mut without) = (there.scheme(&far).unwrap(), alone.scheme(&none).unwrap());
             for _ in 0..500 {
                 with.advance().unwrap();
                 without.advance().unwrap();
                 assert_eq!(with.displacement(), without.displacement(), "{element} {method:?}");
             }
-            assert!(!far.obstacles.is_empty() && !there.system.bounds.is_empty());
             assert_eq!(with.verdict().iterations, 0);
         }
     }
@@ -224,7 +221,8 @@ fn flight(mesh: &Mesh, method: &str) -> Vec<Vec<f64>> {
     let load = Some(assembly::uniform_load(&plate.cells, dofs, -500.0));
     let bounds = Bounds::uniform(plate.deflections(), -0.1, f64::INFINITY);
     let Matrices { engine, stiffness, singular: mass, space, .. } = plate;
-    let system = System { engine, stiffness, mass, load, bounds };
+    let (damping, drive) = Default::default();
+    let system = System { engine, stiffness, mass, damping, load, bounds, drive };
     let start = Start { displacement, velocity: vec![0.0; dofs] };
     let step = 2e-4;
     let newmark = |restitution| NewmarkParameters { beta: 0.5, restitution, step };
@@ -287,9 +285,12 @@ fn mirrors_turns_and_numbers_do_not_matter() {
 fn nothing_begets_nothing() {
     for element in ["fvs", "hct"] {
         for &method in METHODS {
-            let mut scene = scene(element, method, &SI);
-            scene.load = None;
-            scene.initial = rebond::scene::Initial { static_pressure: 0.0, velocity: 0.0 };
+            let scene = scene(
+                element,
+                method,
+                &SI,
+                &["load.pressure=0", "initial.static_pressure=0", "initial.velocity=0"],
+            );
             let model = Model::new(&scene).unwrap();
             let mut scheme = model.scheme(&scene).unwrap();
             for _ in 0..100 {

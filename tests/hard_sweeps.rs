@@ -127,7 +127,8 @@ fn system(mesh: Mesh, height: f64) -> (System<rebond::linalg::Native>, Matrices)
     let plate = Matrices::new(mesh.clone(), STEEL, CLAMPED_LEFT);
     let bounds = Bounds::uniform(plate.deflections(), height, f64::INFINITY);
     let Matrices { engine, stiffness, singular: mass, .. } = Matrices::new(mesh, STEEL, CLAMPED_LEFT);
-    (System { engine, stiffness, mass, load: None, bounds }, plate)
+    let (damping, drive) = Default::default();
+    (System { engine, stiffness, mass, damping, load: None, bounds, drive }, plate)
 }
 
 /// One interior node of a small mesh moved to within a share of flattening a cell.
