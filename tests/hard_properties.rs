@@ -103,7 +103,7 @@ fn maybe(range: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
 
 fn drawn() -> impl Strategy<Value = Drawn> {
     let mesh =
-        (select(vec!["fvs", "hct"]), select(vec!["right", "left", "alternating"]), [2..5_usize, 2..4_usize]);
+        (select(vec!["fvs", "hct"]), select(vec!["right", "left", "alternating"]), [1..5_usize, 1..4_usize]);
     let plate = (
         decades(-3.0, 3.0),
         0.3..2.0,

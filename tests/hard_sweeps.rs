@@ -5,12 +5,14 @@ mod plates;
 
 use common::Random;
 use plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL};
+use rebond::assembly;
 use rebond::mesh::{Cell, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::scene::{EngineName, Scene, Scheme as Name, ViName};
 use rebond::scheme::{
     Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
 };
+use rebond::space::Space;
 use rebond::study::stability::{Ending, natively, variants};
 
 /// The paper's plate in small, a hundred steps of 1 ms, with keys changed: no method fails, and those that promise something of their
@@ -160,6 +162,16 @@ fn cells_that_are_nearly_flat() {
             println!("{kind}, {share}: newmark, conserving, exact broken by {broken:?}");
             assert!(broken.iter().all(|broken| *broken <= kept), "{kind}, {share}: {broken:?}");
         }
+    }
+}
+
+/// Beyond what rounding allows, the message names the cell: no answer that is wrong.
+#[test]
+fn cells_that_are_too_flat() {
+    for (kind, share) in [("needles", 1e-3), ("needles", 1e-6), ("slivers", 1e-4), ("slivers", 1e-6)] {
+        let mesh = pinched(kind, share);
+        let error = assembly::cells(&mesh, &Space::unsupported(&mesh), &STEEL).unwrap_err().to_string();
+        assert!(error.starts_with("cell ") && error.contains("too flat"), "{kind}, {share}: {error}");
     }
 }
 
