@@ -7,6 +7,7 @@ pub mod figures;
 pub mod infsup;
 mod inspect;
 mod matrices;
+pub mod stability;
 
 pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, inspect};
 pub use matrices::write_matrices;

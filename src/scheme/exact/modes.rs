@@ -107,6 +107,7 @@ impl Modes {
             offset[(i, 0)] = rho[(k, 0)];
         }
         let limit = |i: usize| match sides[i] {
+            _ if bounds.holds(i) => [f64::NEG_INFINITY, f64::INFINITY],
             Side::Free => [bounds.lower[i], bounds.upper[i]],
             Side::Lower => [0.0, f64::INFINITY],
             Side::Upper => [f64::NEG_INFINITY, 0.0],
