@@ -10,12 +10,13 @@ pub struct Energies {
     pub kinetic: f64,
     /// Elastic energy.
     pub elastic: f64,
-    /// Potential of the loads, F . U: what they have given since the flat plate.
+    /// Potential of the constant loads, F . U: what they have given since the flat plate; and what loads and obstacles that change with
+    /// time have given since the start.
     pub work: f64,
 }
 
 impl Energies {
-    /// What an unloaded, undamped plate conserves: kinetic + elastic - work of the loads.
+    /// What an undamped plate conserves: kinetic + elastic - work.
     pub fn total(&self) -> f64 {
         self.kinetic + self.elastic - self.work
     }

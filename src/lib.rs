@@ -18,6 +18,7 @@
 //! | [`space`] | three dofs a node, supports |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
 //! | `petsc` | safe handles on PETSc's objects, the engine over all ranks (feature `petsc`) |
+//! | [`modes`] | natural frequencies and shapes |
 //! | [`assembly`] | the only loop over cells |
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and its judge |
@@ -26,7 +27,7 @@
 //! | [`scene`] | TOML to a validated scene |
 //! | [`simulation`] | model, main loop, observer |
 //! | [`output`] | csv, json, vtu, svg, png, progress |
-//! | [`study`] | frequencies, the inf-sup constant, engines and solvers compared, what accuracy costs, the paper's figures |
+//! | [`study`] | a look at a scene, the inf-sup constant, engines and solvers compared, what accuracy costs, the paper's figures |
 //! | [`cli`] | the command |
 //!
 //! ```
@@ -65,6 +66,7 @@ pub mod space;
 pub mod linalg;
 #[cfg(feature = "petsc")]
 pub mod petsc;
+pub mod modes;
 pub mod assembly;
 pub mod obstacle;
 pub mod vi;

@@ -559,7 +559,7 @@ impl Outcome {
         if nodes > 0 {
             self.most_contact_nodes = self.most_contact_nodes.max(nodes);
             if self.first_impact.is_none() {
-                self.first_impact = first_impact(model, scheme)?;
+                self.first_impact = first_impact(model, scheme, scene.time.step)?;
             }
             note_contact(&mut self.contacts, scene, scheme.time());
         }
@@ -577,7 +577,7 @@ pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f6
 }
 
 /// Of the bounds met in this step, the one that the free motion reaches first.
-fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Option<Impact>> {
+fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> Result<Option<Impact>> {
     let System { engine, drive, .. } = &model.system;
     let bounds = scheme.limits();
     let met = |(bound, &r): (usize, &f64)| {
@@ -586,8 +586,8 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Opti
         let gap = target - approach.deflection;
         let mut delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
         if drive.bounds.is_some() {
-            // An obstacle may meet a node at rest.
-            delay = delay.min(scheme.time() - approach.time).max(0.0);
+            // The obstacle may be the one that comes.
+            delay = delay.min(scheme.time() + step - approach.time).max(0.0);
         }
         let Site { node, at: [x, y], .. } = model.sites[bound];
         [(approach.time + delay).max(0.0), approach.velocity, node as f64, x, y]
@@ -600,7 +600,7 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Opti
 }
 
 /// What a user can do when energy appears from nowhere.
-fn advice(scene: &Scene) -> &'static str {
+pub(crate) fn advice(scene: &Scene) -> &'static str {
     match (scene.time.scheme, scene.time.mass) {
         (scene::Scheme::Midpoint { .. }, Mass::Consistent) => {
             "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""

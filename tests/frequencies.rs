@@ -4,8 +4,8 @@ mod plates;
 
 use plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
 use rebond::mesh::ElementKind;
+use rebond::modes;
 use rebond::space::{Rigid, Space, Support};
-use rebond::study::modes;
 use std::f64::consts::{PI, TAU};
 
 /// The paper's plate at 10 x 4: GetFEM's matrices, dense eigenvalues by LAPACK.

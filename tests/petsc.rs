@@ -14,9 +14,15 @@ fn main() -> std::process::ExitCode {
 #[cfg(feature = "petsc")]
 mod cases {
     use crate::ranks::{Case, Failure, Success, case};
+    use rebond::linalg::Engine;
+    use rebond::modes;
+    use rebond::obstacle::Bounds;
     use rebond::petsc::{
         Comm, Context, Dofs, INFINITY, Index, IndexSet, Ksp, Matrix, Plex, Section, Snes, Tao, Vector,
     };
+    use rebond::scene::Scene;
+    use rebond::scheme::{Damping, ModalDamping, System};
+    use rebond::simulation::Model;
     use rebond::{Error, Result};
     use std::cell::RefCell;
     use std::collections::BTreeMap;
@@ -41,6 +47,7 @@ mod cases {
         case("meshes_of_quadrilaterals", &[1, 2, 3, 4], |_| meshes(4)),
         case("more_ranks_than_cells", &[4], |_| mesh(4, [1, 1], 0)),
         case("dofs", &[1, 2, 4], dofs),
+        case("what_changes_with_time", &[1, 2], what_changes_with_time),
         Case {
             name: "unused_options",
             ranks: &[1, 2],
@@ -110,6 +117,75 @@ mod cases {
         let vector = Vector::new(&context, Comm::World, 3)?;
         drop(context);
         assert_eq!(vector.size(), 3 * vector.context().size());
+        Ok(())
+    }
+
+    /// Loads and obstacles that shake, damping: step by step as on the native engine, through an impact.
+    fn what_changes_with_time(arguments: &[String]) -> Result<()> {
+        fn shake<E: Engine>(mut model: Model<E>, modal: bool) -> Result<Model<E>> {
+            let System { engine, stiffness, mass, .. } = &model.system;
+            if modal {
+                let modes = modes::shapes(engine, stiffness, mass, 2, false)?;
+                model.system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, &[0.05, 0.02])?);
+            }
+            let shape = model.system.load.clone().unwrap_or_default();
+            model.system.damping = Damping { mass: 2.0, stiffness: 0.0 };
+            model.system.drive.load = Some(Box::new(move |time: f64, load: &mut [f64]| {
+                let factor = 3.0 * (75.0 * time).sin();
+                load.iter_mut().zip(&shape).for_each(|(load, one)| *load += factor * one);
+                Ok(())
+            }));
+            model.system.drive.bounds = Some(Box::new(|time: f64, bounds: &mut Bounds| {
+                bounds.lower.fill(-0.1 + 0.02 * (60.0 * time).sin());
+                Ok(())
+            }));
+            Ok(model)
+        }
+        let context = Context::start(arguments)?;
+        for name in ["newmark", "midpoint", "conserving"] {
+            let scene = |engine: &str| {
+                let text = format!(
+                    r#"
+                    plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+                    mesh = {{ element = "fvs", cells = [10, 4] }}
+                    support = [{{ edge = "left", kind = "clamped" }}]
+                    obstacle = [{{ side = "below", height = -0.1 }}]
+                    load = {{ pressure = 1000 }}
+                    initial = {{ static_pressure = 14600 }}
+                    time = {{ scheme = "{name}", mass = "singular", step = 5e-4, end = 0.08 }}
+                    output = {{ probes = [{{ name = "corner", at = [1.2, 0] }}] }}
+                    solver = {{ engine = "{engine}" }}
+                    "#
+                );
+                Scene::from_str(&text, "shaken", &[])
+            };
+            let (native, petsc) = (scene("native")?, scene("petsc")?);
+            let modal = name != "conserving";
+            let alone = shake(Model::new(&native)?, modal)?;
+            let parted = shake(Model::distributed(&petsc, &context)?, modal)?;
+            let mut expected = alone.scheme(&native)?;
+            let mut scheme = parted.scheme(&petsc)?;
+            let start = scheme.energies()?.total();
+            let mut contacts = 0;
+            for _ in 0..native.time.steps() {
+                expected.advance()?;
+                scheme.advance()?;
+                let corner = parted.probes[0].deflection(scheme.displacement());
+                let other = alone.probes[0].deflection(expected.displacement());
+                assert!((context.sum(corner) - other).abs() <= 1e-9, "{name}, step {}", scheme.step());
+                let (now, other) = (scheme.energies()?, expected.energies()?);
+                if let Some(relaxation) = scheme.relaxation() {
+                    // Its state is one at or after the instant: which is up to rounding.
+                    close(now.total() + relaxation.dissipated, start, 1e-11);
+                } else {
+                    close(now.kinetic, other.kinetic, 1e-8);
+                    close(now.elastic, other.elastic, 1e-8);
+                    close(now.work, other.work, 1e-8);
+                }
+                contacts += u32::from(expected.reaction().iter().any(|r| *r != 0.0));
+            }
+            assert!(contacts > 0);
+        }
         Ok(())
     }
 

@@ -21,11 +21,11 @@ mod cases {
     use rebond::assembly;
     use rebond::linalg::{Engine, Factor, Form};
     use rebond::mesh::{Cell, Mesh, Point};
+    use rebond::modes;
     use rebond::obstacle::Bounds;
     use rebond::petsc::{Context, Distributed, Part};
     use rebond::scheme::equilibrium;
     use rebond::space::{PER_NODE, Place, Space, Support};
-    use rebond::study::modes;
     use rebond::{Error, Result};
     use serde_json::Value;
     use std::f64::consts::TAU;

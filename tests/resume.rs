@@ -139,6 +139,7 @@ fn conserving_goes_on() {
 #[test]
 fn exact_goes_on() {
     goes_on(&["time.scheme=exact"]);
+    goes_on(&["time.scheme=exact", "damping.mass=2"]);
     goes_on(&["time.scheme=exact", "time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]);
 }
 
@@ -162,6 +163,9 @@ fn what_changes_with_time_goes_on() {
         &[&changes[..], &["time.scheme=midpoint", "time.massless=reflected", "damping.stiffness=1e-5"]]
             .concat(),
     );
+    let modal = "damping={ modal = [0.02, 0.01] }";
+    goes_on(&[&changes[..3], &[modal]].concat());
+    goes_on(&[&changes[..3], &["time.scheme=midpoint", modal]].concat());
     goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
 }
 

@@ -152,7 +152,8 @@ where
     /// Starts with the condensed solver and steps of `dt` seconds.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite; [`crate::Error::Usage`] for damping by stiffness.
+    /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite; [`crate::Error::Usage`] for damping by stiffness or of
+    /// single modes.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Conserving<'s, E>> {
         Conserving::with_solver(system, dt, start, &|engine, sum, bounded| {
             Ok(Box::new(Condensed::new(engine, sum, bounded)?) as Box<dyn Solver<E>>)
@@ -172,6 +173,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
         start: Start,
         solver: &'s SolverFactory<E>,
     ) -> Result<Conserving<'s, E>> {
+        system.drive.refuse_modal("conserving")?;
         let bounds = &system.bounds;
         let mut now = State::new(system, start.displacement, &start.velocity)?;
         let mut potential = Potential::new(system)?;

@@ -4,8 +4,11 @@
 //! only: two of the midpoint rule, three of Newmark.
 
 use crate::archive::{Archive, Over};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::modes::Mode;
 use crate::obstacle::Bounds;
+use std::f64::consts::TAU;
 use std::fmt;
 
 /// Rayleigh damping alpha M + beta K.
@@ -30,26 +33,115 @@ pub type LoadOfTime = dyn Fn(f64, &mut [f64]) -> Result<()>;
 /// Sets the bounds of an instant (s); their dofs stay.
 pub type BoundsOfTime = dyn Fn(f64, &mut Bounds) -> Result<()>;
 
-/// What changes with time. With several processes each calls both at the same instants.
+/// Damping of single modes, each by a ratio of its own: the force
+/// \( -\sum_k 2 \zeta_k w_k\, M \phi_k\, (\phi_k^T M V) \), of as low a rank as there are modes.
+///
+/// A matrix of a step has no room for it, dense as it is. So it acts on a velocity extrapolated from the last two steps: second order,
+/// and stable at steps that are short against the time in which a mode dies out, which are asked for.
+#[derive(Debug, Clone, Default)]
+pub struct ModalDamping {
+    shapes: Vec<Vec<f64>>,
+    /// M phi.
+    momenta: Vec<Vec<f64>>,
+    /// 2 zeta w, in 1/s.
+    rates: Vec<f64>,
+}
+
+/// Most of zeta w dt.
+const LARGEST_DECAY: f64 = 0.1;
+
+impl ModalDamping {
+    /// Damps modes by ratios of critical damping.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn new<E: Engine>(
+        engine: &E,
+        mass: &E::Form,
+        modes: &[Mode],
+        ratios: &[f64],
+    ) -> Result<ModalDamping> {
+        let mut damping = ModalDamping::default();
+        for (Mode { frequency, shape }, ratio) in modes.iter().zip(ratios) {
+            let mut momentum = vec![0.0; shape.len()];
+            engine.multiply(mass, shape, &mut momentum)?;
+            damping.shapes.push(shape.clone());
+            damping.momenta.push(momentum);
+            damping.rates.push(2.0 * ratio * TAU * frequency);
+        }
+        Ok(damping)
+    }
+
+    /// Whether a step is short enough.
+    pub(super) fn check(&self, dt: f64) -> Result<()> {
+        let fastest = self.rates.iter().fold(0.0, |a: f64, b| a.max(0.5 * b));
+        if fastest * dt <= LARGEST_DECAY {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "damping.modal: modes that die out at {fastest:.3e} 1/s ask for a time.step of at most {:.3e} s",
+            LARGEST_DECAY / fastest
+        )))
+    }
+
+    /// The modes' shares of a velocity with this momentum.
+    pub(super) fn of_momentum<E: Engine>(&self, engine: &E, momentum: &[f64]) -> Result<Vec<f64>> {
+        project(engine, &self.shapes, momentum)
+    }
+
+    /// The modes' shares of a rate of displacement.
+    pub(super) fn of_rate<E: Engine>(&self, engine: &E, rate: &[f64]) -> Result<Vec<f64>> {
+        project(engine, &self.momenta, rate)
+    }
+
+    /// Takes the damping of these shares from a force.
+    pub(super) fn resist(&self, shares: impl Iterator<Item = f64>, force: &mut [f64]) {
+        for ((rate, momentum), share) in self.rates.iter().zip(&self.momenta).zip(shares) {
+            force.iter_mut().zip(momentum).for_each(|(force, m)| *force -= rate * share * m);
+        }
+    }
+}
+
+/// Products with each of some vectors over all processes.
+fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f64>> {
+    let own: Vec<f64> = onto.iter().map(|y| x.iter().zip(y).map(|(x, y)| x * y).sum()).collect();
+    let (all, _) = engine.concatenate(&own)?;
+    Ok((0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect())
+}
+
+/// What changes with time, and what acts on single modes. With several processes each calls both at the same instants.
 #[derive(Default)]
 pub struct Drive {
     /// The load beyond the constant one.
     pub load: Option<Box<LoadOfTime>>,
     /// Where the obstacles are.
     pub bounds: Option<Box<BoundsOfTime>>,
+    /// Damping of single modes.
+    pub modal: Option<ModalDamping>,
 }
 
 impl Drive {
-    /// Whether nothing changes.
-    pub fn is_none(&self) -> bool {
-        self.load.is_none() && self.bounds.is_none()
+    /// Whether loads or obstacles change.
+    pub fn varies(&self) -> bool {
+        self.load.is_some() || self.bounds.is_some()
+    }
+
+    /// Refuses the damping of single modes for a scheme.
+    pub(super) fn refuse_modal(&self, scheme: &str) -> Result<()> {
+        match self.modal {
+            None => Ok(()),
+            Some(_) => Err(Error::Usage(format!(
+                "time.scheme = \"{scheme}\" takes no damping.modal; set time.scheme = \"newmark\" or \"midpoint\""
+            ))),
+        }
     }
 }
 
 impl fmt::Debug for Drive {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let (load, bounds) = (self.load.is_some(), self.bounds.is_some());
-        f.debug_struct("Drive").field("load", &load).field("bounds", &bounds).finish()
+        let mut drive = f.debug_struct("Drive");
+        drive.field("load", &load).field("bounds", &bounds).field("modal", &self.modal).finish()
     }
 }
 

@@ -70,6 +70,8 @@ pub(super) struct HalfStep<'s, E: Engine> {
     /// What changes with time, at the end of the step, and the mean of both ends.
     end: Moment,
     mean: Moment,
+    /// Shares of V in the modes that are damped, of the last step.
+    shares: Option<Vec<f64>>,
     /// x.
     pub x: Vec<f64>,
     /// C^-1 B x: half the change of p.
@@ -91,6 +93,9 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     /// With a solver of [`HalfStep::sum`].
     pub fn new(system: &'s System<E>, dt: f64, solver: Box<dyn Solver<E>>) -> Result<HalfStep<'s, E>> {
         let System { engine, mass, bounds, drive, .. } = system;
+        if let Some(modal) = &drive.modal {
+            modal.check(dt)?;
+        }
         let sum = Self::sum(system, dt);
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let moment = Moment::new(drive, dofs, bounds);
@@ -103,6 +108,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             bounds: bounds.clone(),
             end: moment.clone(),
             mean: moment,
+            shares: None,
             x: vec![0.0; dofs],
             rate: vec![0.0; velocities],
             dv: vec![0.0; velocities],
@@ -127,15 +133,22 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     pub fn solve(&mut self, from: &State, time: f64) -> Result<Verdict> {
         let System { engine, mass, drive, .. } = self.system;
         let dt = self.dt;
-        if !drive.is_none() {
+        if drive.varies() {
             self.end.set(drive, time + dt)?;
             self.mean.combine(&from.moment, &self.end, |from, end| 0.5 * (from + end));
         }
         engine.momentum(mass, &from.v, &mut self.b)?;
+        let shares = self.shares()?;
         for (b, force) in self.b.iter_mut().zip(&from.force) {
             *b = 2.0 / dt * *b + force;
         }
         self.mean.push(&mut self.b);
+        if let (Some(modal), Some(now)) = (&drive.modal, &shares) {
+            let before = self.shares.as_ref().unwrap_or(now);
+            let middle = now.iter().zip(before).map(|(now, before)| 1.5 * now - 0.5 * before);
+            modal.resist(middle, &mut self.b);
+            self.shares = shares;
+        }
         let limits = self.mean.bounds(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| bound - from.u[dof]);
         let length = self.system.length(limits, &from.u)?;
@@ -147,6 +160,20 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             *dv = 4.0 / dt * rate - 2.0 * v;
         }
         Ok(verdict)
+    }
+
+    /// Shares of the momentum in b in the modes that are damped.
+    fn shares(&self) -> Result<Option<Vec<f64>>> {
+        let System { engine, drive, .. } = self.system;
+        drive.modal.as_ref().map(|modal| modal.of_momentum(engine, &self.b)).transpose()
+    }
+
+    /// Takes a state for that from which the last step went.
+    pub fn recall(&mut self, from: &State) -> Result<()> {
+        let System { engine, mass, .. } = self.system;
+        engine.momentum(mass, &from.v, &mut self.b)?;
+        self.shares = self.shares()?;
+        Ok(())
     }
 
     /// The bounds on U + x.
@@ -170,7 +197,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
 
     /// Work, in J, that what changes with time gives from a state to one on the line of this step.
     pub fn given(&self, from: &State, to: &State) -> Result<f64> {
-        if self.system.drive.is_none() {
+        if !self.system.drive.varies() {
             return Ok(0.0);
         }
         let load = self.mean.load.iter().flatten();

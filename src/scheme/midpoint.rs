@@ -13,7 +13,8 @@
 //! loads and obstacles that change with time a step knows the means of its two ends. They do as well as those of the middle, which
 //! they differ from by O(dt^2), and where the same nodes touch throughout they make the energy exact: it grows by
 //! \[ \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t, \]
-//! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries.
+//! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries. Damping of single modes
+//! ([`super::ModalDamping`]) acts on the extrapolated velocity \( \tfrac32 V^n - \tfrac12 V^{n-1} \).
 
 use super::half_step::{HalfStep, State};
 use super::{Approach, Potential, Scheme, Start, System};
@@ -47,6 +48,8 @@ pub struct Midpoint<'s, E: Engine> {
     n: u64,
     now: State,
     next: State,
+    /// G U^0.
+    start: Vec<f64>,
     /// Work of what changes with time, in J.
     given: f64,
     /// G U^{n-1/2} of the last step, and of the two before it.
@@ -106,11 +109,13 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         };
         let mut half = HalfStep::new(system, dt, solver)?;
         half.begin(&start.velocity, &now.moment)?;
+        let start = system.bounds.dofs.iter().map(|&dof| now.u[dof]).collect();
         Ok(Midpoint {
             system,
             half,
             potential,
             n: 0,
+            start,
             next: now.clone(),
             now,
             given: 0.0,
@@ -167,7 +172,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     }
 
     fn admissible(&self) -> &[f64] {
-        &self.admissible
+        if self.n == 0 { &self.start } else { &self.admissible }
     }
 
     fn limits(&self) -> &Bounds {
@@ -203,6 +208,12 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
             archive.vector(Over::Bounds, vector)?;
         }
         self.half.archive(archive)?;
+        if self.system.drive.modal.is_some() && self.n > 0 {
+            archive.vector(Over::Velocities, &mut self.next.v)?;
+            if !archive.saves() {
+                self.half.recall(&self.next)?;
+            }
+        }
         self.potential.as_mut().map_or(Ok(()), |potential| potential.archive(archive))
     }
 

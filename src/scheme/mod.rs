@@ -29,7 +29,7 @@ pub mod newmark;
 pub mod potential;
 
 pub use conserving::{Conserving, Relaxation};
-pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime};
+pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime, ModalDamping};
 pub use equilibrium::equilibrium;
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
@@ -205,6 +205,15 @@ pub trait Scheme {
     /// # Errors
     /// What the engine says.
     fn energies(&self) -> Result<Energies>;
+
+    /// The energy of the scheme's own theory, in J: what is constant in free flight, whatever the step. Unless the scheme has
+    /// another, the total of [`Scheme::energies`].
+    ///
+    /// # Errors
+    /// What the engine says.
+    fn invariant(&self) -> Result<f64> {
+        Ok(self.energies()?.total())
+    }
 
     /// What the last solve reached.
     fn verdict(&self) -> Verdict;

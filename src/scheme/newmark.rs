@@ -4,18 +4,26 @@
 //! \[ M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r . \]
 //! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
 //! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} . \]
-//! The start is second order: the ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact.
+//!
+//! # The start
+//!
+//! The ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact, and U^1 is that of half a trapezoidal step:
+//! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r . \]
+//! It is second order, sees v_0 through the momentum M v_0 alone, and gains no energy however rough that is (a clamped plate thrown as a
+//! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with \( A = M / \Delta t^2 + K / 2 \), no load and nothing touching,
+//! \[ H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
+//!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 . \]
 //!
 //! # Damping, loads and obstacles that change with time
 //!
 //! D = alpha M + beta_d K acts on the central velocity \((U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t\), d = U^n - U^{n-1}: the
-//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt. Once, at the start, where the velocity is v_0, that puts
-//! D x / (2 dt) too much on the left: U^1 is off by O(dt^3), which leaves the order.
+//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt; at the start it acts on \((U^1 - U^0) / \Delta t\).
 //!
 //! F is the beta-average of its instants too, and the obstacles are those of their own:
 //! \[ \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} . \]
 //! So the motion relative to the obstacle has the same law of restitution whatever the obstacle's speed; a plate and its obstacle
-//! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly.
+//! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly. Damping of single
+//! modes ([`super::ModalDamping`]) acts on the extrapolated velocity \((3 d - d_{before}) / 2 \Delta t\).
 //!
 //! The work that both give, with r at the obstacles that it touches (l stands for either),
 //! \[ w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n), \]
@@ -65,6 +73,8 @@ pub struct Newmark<'s, E: Engine> {
     elastic: f64,
     /// Where anything changes with time.
     varying: Option<Varying>,
+    /// Shares of U^n - U^{n-1} in the modes that are damped.
+    shares: Option<Vec<f64>>,
     verdict: Verdict,
 }
 
@@ -177,7 +187,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
     ) -> Result<Newmark<'s, E>> {
         let dofs = system.engine.dofs();
         let count = system.bounds.len();
-        let varying = if system.drive.is_none() { None } else { Some(Varying::new(system, parameters)?) };
+        let varying = if system.drive.varies() { Some(Varying::new(system, parameters)?) } else { None };
         let mut scheme = Newmark {
             system,
             sum: Self::sum(system, parameters),
@@ -195,31 +205,54 @@ impl<'s, E: Engine> Newmark<'s, E> {
             reaction: vec![0.0; count],
             elastic: 0.0,
             varying,
+            shares: None,
             verdict: Verdict::default(),
         };
-        // With U^{-1} = U^1 - 2 dt v_0: U^1 - U^0 = dt v_0 + x / 2 and U^{0,e} = U^0 + x / 2 + dt v_0 (1 - e) / (1 + e).
+        if let Some(modal) = &system.drive.modal {
+            modal.check(parameters.step)?;
+        }
+        // x = 2 (U^1 - U^0), and U^{0,e} = U^0 + x / 2 - 2 dt v_0 e / (1 + e).
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
-        let drift = |dof: usize| dt * start.velocity[dof] * (1.0 - e) / (1.0 + e);
-        scheme.solve(2.0, drift, &start.velocity, 1.0)?;
+        let drift = |dof: usize| -2.0 * dt * start.velocity[dof] * e / (1.0 + e);
+        let mut v = vec![0.0; system.engine.velocities(&system.mass)];
+        system.engine.velocity(&system.mass, &start.velocity, &mut v)?;
+        let mut momentum = vec![0.0; dofs];
+        system.engine.momentum(&system.mass, &v, &mut momentum)?;
+        momentum.iter_mut().for_each(|momentum| *momentum *= 2.0 / dt);
+        scheme.solve(2.0, drift, |_, b, _| {
+            b.iter_mut().zip(&momentum).for_each(|(b, momentum)| *b += momentum);
+            if let Some(modal) = &system.drive.modal {
+                modal.resist(modal.of_rate(&system.engine, &start.velocity)?.into_iter(), b);
+            }
+            Ok(())
+        })?;
         for ((d, d_next), (x, v)) in
             scheme.d.iter_mut().zip(&mut scheme.d_next).zip(scheme.x.iter().zip(&start.velocity))
         {
-            *d = dt * v - 0.5 * x;
-            *d_next = dt * v + 0.5 * x;
+            *d = 2.0 * dt * v - 0.5 * x;
+            *d_next = 0.5 * x;
+        }
+        if let Some(modal) = &system.drive.modal {
+            scheme.shares = Some(modal.of_rate(&system.engine, &scheme.d)?);
         }
         scheme.weigh()?;
         Ok(scheme)
     }
 
-    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift, and `weight` times `rate` is the velocity known to
-    /// be damped.
-    fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64, rate: &[f64], weight: f64) -> Result<()> {
+    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift; `push` adds what else there is to the forces, and has
+    /// room for a product.
+    fn solve(
+        &mut self,
+        stretch: f64,
+        drift: impl Fn(usize) -> f64,
+        push: impl FnOnce(&System<E>, &mut [f64], &mut [f64]) -> Result<()>,
+    ) -> Result<()> {
         let System { engine, .. } = self.system;
         self.elastic = self.system.force(&self.u, &mut self.b)?;
         if let Some(varying) = &self.varying {
             self.b.iter_mut().zip(varying.load(self.parameters.beta)).for_each(|(b, f)| *b += f);
         }
-        self.system.damp(rate, weight, &mut self.b, &mut self.product)?;
+        push(self.system, &mut self.b, &mut self.product)?;
         let limits = self.varying.as_ref().and_then(|varying| varying.limits.as_ref());
         let limits = limits.unwrap_or(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
@@ -285,8 +318,19 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         std::mem::swap(&mut self.d, &mut self.d_next);
         let d = std::mem::take(&mut self.d);
         let drift = (1.0 - e) / (1.0 + e);
-        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, &d, 1.0 / dt);
-        self.d = d;
+        let mut shares = self.shares.take();
+        let damp = |system: &System<E>, b: &mut [f64], product: &mut [f64]| {
+            system.damp(&d, 1.0 / dt, b, product)?;
+            if let Some(modal) = &system.drive.modal {
+                let now = modal.of_rate(&system.engine, &d)?;
+                let before = shares.as_ref().unwrap_or(&now);
+                modal.resist(now.iter().zip(before).map(|(now, before)| (1.5 * now - 0.5 * before) / dt), b);
+                shares = Some(now);
+            }
+            Ok(())
+        };
+        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, damp);
+        (self.d, self.shares) = (d, shares);
         for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
             *d_next = d + x;
         }
@@ -335,6 +379,10 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         Ok(Energies { kinetic, elastic: self.elastic, work })
     }
 
+    fn invariant(&self) -> Result<f64> {
+        Newmark::invariant(self)
+    }
+
     fn verdict(&self) -> Verdict {
         self.verdict
     }
@@ -355,7 +403,11 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         for vector in [&mut self.admissible, &mut self.reaction] {
             archive.vector(Over::Bounds, vector)?;
         }
-        self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
+        let System { engine, bounds, drive, .. } = self.system;
+        if let (Some(modal), false) = (&drive.modal, archive.saves()) {
+            self.shares = Some(modal.of_rate(engine, &self.d)?);
+        }
+        self.solver.state(engine, &self.sum, bounds, archive)
     }
 
     fn factorisations(&self) -> u64 {

@@ -10,9 +10,10 @@ use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::{Average, BARE, Block, Engine, Form, Native};
 use crate::mesh::{Mesh, Point};
+use crate::modes;
 use crate::obstacle::Bounds;
 use crate::scene::{self, Given, Mass, Scene, Side};
-use crate::scheme::{self, Damping, Drive, Start, System};
+use crate::scheme::{self, Damping, Drive, ModalDamping, Start, System};
 use crate::space::{Hold, PER_NODE, Place, Rigid, Space, Support};
 use crate::vi::Verdict;
 use std::rc::Rc;
@@ -278,6 +279,19 @@ impl<T: Team> Ground<'_, T> {
 
     /// The rigid motions that nothing holds, in words. Collective.
     pub fn mechanism(&self, foundations: &[(usize, Block)]) -> Result<Option<&'static str>> {
+        self.loose(foundations, &[])
+    }
+
+    /// The rigid motions that nothing holds, and that the singular mass does not feel either: the means over all cells vanish, as where a
+    /// single row of cells turns about its middle. Collective.
+    fn weightless(&self, foundations: &[(usize, Block)]) -> Result<Option<&'static str>> {
+        let masses = self.scene.masses.iter().map(|mass| mass.at.into());
+        let centres = (0..self.mesh.cells.len()).map(|cell| self.mesh.centroid(cell));
+        self.loose(foundations, &masses.chain(centres).collect::<Vec<_>>())
+    }
+
+    /// The rigid motions left by what holds the plate and by some points at rest.
+    fn loose(&self, foundations: &[(usize, Block)], at_rest: &[Point]) -> Result<Option<&'static str>> {
         let nodes = &self.mesh.nodes;
         let corner = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
         let corners = self.team.gather(&[corner(1.0, 0), corner(1.0, 1), corner(-1.0, 0), corner(-1.0, 1)]);
@@ -298,6 +312,7 @@ impl<T: Team> Ground<'_, T> {
         for (cell, _) in foundations {
             self.mesh.vertices(*cell).into_iter().for_each(|vertex| rigid.hold_deflection(vertex));
         }
+        at_rest.iter().for_each(|&point| rigid.hold_deflection(point));
         let all = self.team.gather(rigid.seen());
         let sum: Vec<f64> = (0..9).map(|k| all.iter().skip(k).step_by(9).sum()).collect();
         rigid.see(&sum);
@@ -324,6 +339,15 @@ where
     let riders = ground.riders()?;
     let foundations = ground.foundations()?;
     let mechanism = ground.mechanism(&foundations)?;
+    if scene.time.mass == Mass::Singular
+        && mechanism.is_some()
+        && let Some(motion) = ground.weightless(&foundations)?
+    {
+        return Err(Error::Singular(format!(
+            "a rigid motion has neither stiffness nor inertia: {motion}, and the mean velocity of no cell tells; \
+             take more rows of cells, hold the plate, or set time.mass = \"consistent\""
+        )));
+    }
     let burdens = ground.burdens(&riders)?;
     let stiffness = native(&engine).form(ground.stiffness(&foundations)?);
     let mass = match scene.time.mass {
@@ -359,6 +383,15 @@ where
             }
             Ok(())
         }));
+    }
+
+    if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
+        let loose = mechanism.is_some() || !scene.balls.is_empty();
+        let rigid = if loose { 3 + scene.balls.len() } else { 0 };
+        let System { engine, stiffness, mass, .. } = &system;
+        let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, loose)?;
+        modes.retain(|mode| mode.frequency > 0.0);
+        system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, ratios)?);
     }
 
     let reaches = reaches(ground)?;

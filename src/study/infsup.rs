@@ -15,9 +15,9 @@
 //! \[ \beta^{-2} = 1 + \lambda_{\max}\bigl(H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H, \; E\bigr), \]
 //! raw with K = 1 (E = 1, H = B_g). Nothing cancels, however small beta. Where H g is out of reach of B_s, beta is 0.
 
-use super::lanczos;
 use crate::error::Result;
 use crate::linalg::{Average, Cholesky, Factor, Form};
+use crate::modes::lanczos;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Par, Side};

@@ -1,11 +1,11 @@
 //! What can be said of a scene before it runs: [`inspect`] asks its matrices, [`check`] what a run will cost.
 
 use super::infsup::{self, InfSup};
-use super::modes;
 use crate::assembly::{self, CellArrays};
 use crate::error::Result;
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Mesh};
+use crate::modes;
 use crate::output::text::{Report, significant};
 use crate::scene::{EngineName, Given, Mass, Massless, Scene, Scheme, ViName};
 use crate::scheme::{self, System, exact};

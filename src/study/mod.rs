@@ -6,9 +6,8 @@ pub mod compare;
 pub mod figures;
 pub mod infsup;
 mod inspect;
-mod lanczos;
 mod matrices;
-pub mod modes;
+pub mod stability;
 
 pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, inspect};
 pub use matrices::write_matrices;

@@ -23,7 +23,7 @@
 //! dynamic method for constrained second order hyperbolic equations*, J. Comput. Appl. Math. 234, 2010).
 //!
 //! **Fact 3: energy is conserved.** *Proof.* d/dt (v^T C v / 2 + phi(p)) = v^T (C p'' + grad phi(p)) = 0, across changes of piece too, because phi is
-//! \(C^1\). ∎ An impact turns energy into vibration, all of which is kept; so do these formulas, to rounding, since each piece is
+//! \(C^1\). ∎ With damping alpha M, \( C (p'' + \alpha p') = -\nabla \varphi(p) \), whose right-hand side is as Lipschitz, it falls by alpha v^T C v. An impact turns energy into vibration, all of which is kept; so do these formulas, to rounding, since each piece is
 //! advanced by its exact solution.
 //!
 //! **Fact 4: what fails without inf-sup.** Take G and ker B with a reaction Q that no W in ker B feels. Then Q . G U is a function of p
@@ -38,7 +38,8 @@
 //! after it. What it costs: N^3 for each new active set of N cells, N times the bounded dofs for each interval certified and each instant
 //! looked at; and memory for the sets remembered ([`ExactOptions::memory`]).
 //!
-//! Loads are constant in time and there is no damping: with either the modes would need their particular solutions.
+//! Damping by mass is each mode's own alike, and exact; damping by stiffness, or loads and obstacles that change with time, are not: the
+//! massless part of U would have a rate of its own, and modes would need the particular solution of each load.
 
 mod frame;
 mod modes;
@@ -128,7 +129,7 @@ pub struct Exact<'s, E: Engine> {
 struct Shape {
     displacement: Vec<f64>,
     velocity: Vec<f64>,
-    /// v', which the judge needs.
+    /// v' + alpha v, which the judge needs.
     acceleration: Vec<f64>,
 }
 
@@ -137,7 +138,7 @@ impl<'s, E: Engine> Exact<'s, E> {
     ///
     /// # Errors
     /// [`Error::Singular`] where the mass is not singular, the inf-sup condition fails, or some motion has neither stiffness nor
-    /// inertia; [`Error::Usage`] where the matrices, which are dense, would be too large.
+    /// inertia; [`Error::Usage`] where the matrices, which are dense, would be too large, or the damping or the loads are not for this scheme.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Exact<'s, E>> {
         Exact::with_options(system, dt, start, ExactOptions::default())
     }
@@ -152,7 +153,20 @@ impl<'s, E: Engine> Exact<'s, E> {
         start: Start,
         options: ExactOptions,
     ) -> Result<Exact<'s, E>> {
-        let System { engine, stiffness, mass, bounds, .. } = system;
+        let System { engine, stiffness, mass, bounds, damping, drive, .. } = system;
+        if damping.stiffness != 0.0 {
+            return Err(Error::Usage(
+                "time.scheme = \"exact\" takes damping by mass, not damping.stiffness; set time.scheme = \"newmark\"".into(),
+            ));
+        }
+        drive.refuse_modal("exact")?;
+        if drive.varies() {
+            return Err(Error::Usage(
+                "time.scheme = \"exact\" takes loads and obstacles that do not change with time; \
+                 set time.scheme = \"conserving\" or \"newmark\""
+                    .into(),
+            ));
+        }
         let cells = engine.velocities(mass);
         let needed = memory(engine.dofs(), cells, bounds.len());
         if needed > LARGEST {
@@ -249,7 +263,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         })
     }
 
-    /// The relative residual of K U = F - B^T v' + G^T r and of the bounds.
+    /// The relative residual of K U = F - B^T (v' + alpha v) + G^T r and of the bounds.
     fn judge(&mut self) -> Result<()> {
         let System { engine, stiffness, mass, bounds, load, .. } = self.system;
         let Shape { displacement, acceleration, .. } = self.shape();
@@ -358,6 +372,10 @@ fn first_sides<E: Engine>(
     let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= roundings * f64::EPSILON * scale;
     let mut undecided = Vec::new();
     for i in 0..bounds.len() {
+        if bounds.holds(i) {
+            sides[i] = Side::Lower;
+            continue;
+        }
         let size: f64 = (0..state.nrows()).map(|k| (reduction.lift_at[(i, k)] * state[(k, 0)]).abs()).sum();
         let size = size + reduction.rest_at[(i, 0)].abs();
         match sides[i] {

@@ -2,7 +2,7 @@
 //!
 //! While the set A of touching nodes stays, their reactions hold them at their bounds g:
 //! \[ r = \rho - W z, \qquad W = S_{AA}^{-1} R_A, \quad \rho = S_{AA}^{-1} (g - G_A U_F), \]
-//! and the motion is linear, \( z'' = h - H_A z \) with \( H_A = H + R_A^T W \), \( h = h_F + R_A^T \rho \). In the eigenvectors V of
+//! and the motion is linear, \( z'' + \alpha z' = h - H_A z \) with \( H_A = H + R_A^T W \), \( h = h_F + R_A^T \rho \). In the eigenvectors V of
 //! H_A each coordinate of q = V^T z oscillates by itself.
 //!
 //! A dense eigenvalue solver leaves errors of a rounding of the largest eigenvalue, which is 10^6 to 10^12 times the lowest; and so
@@ -49,6 +49,8 @@ pub(super) struct Modes {
     pub frequencies: Vec<f64>,
     /// How many of those there are.
     pub rigid: usize,
+    /// alpha, in 1/s.
+    pub damping: f64,
     /// V, N x N.
     pub vectors: Mat<f64>,
     /// V^T h.
@@ -106,6 +108,7 @@ impl Modes {
             offset[(i, 0)] = rho[(k, 0)];
         }
         let limit = |i: usize| match sides[i] {
+            _ if bounds.holds(i) => [f64::NEG_INFINITY, f64::INFINITY],
             Side::Free => [bounds.lower[i], bounds.upper[i]],
             Side::Lower => [0.0, f64::INFINITY],
             Side::Upper => [f64::NEG_INFINITY, 0.0],
@@ -114,6 +117,7 @@ impl Modes {
             sides: sides.to_vec(),
             frequencies,
             rigid,
+            damping: system.damping.mass,
             force: (vectors.transpose() * h).col_as_slice(0).to_vec(),
             offset: offset.col_as_slice(0).to_vec(),
             rows: rows * &vectors,

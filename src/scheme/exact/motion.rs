@@ -1,8 +1,15 @@
 //! The motion of an active set: each mode by itself, in closed form.
 //!
-//! Along a grid of instants the sines are not taken anew: with s = sin wt, v = 1 - cos wt and the same of a step, s_h and v_h,
-//! \[ \sin w(t+h) = s + s_h - s v_h - v s_h, \qquad 1 - \cos w(t+h) = v + v_h - v v_h + s s_h. \]
-//! A step is a rotation: it passes errors on unchanged in size, and adds at most four roundings. Taken anew every [`ANCHOR`] instants,
+//! A mode's answers to a unit impulse and to a unit step of force, g and its integral from g(0) = 0, g'(0) = 1, make all its motions:
+//! \[ q = q_0 + q_0' g + (f - w^2 q_0) \int g, \qquad s = w g, \quad v = w^2 \int g, \quad g' = 1 - v - \tfrac{\alpha}{w} s . \]
+//! Without damping s = sin wt and v = 1 - cos wt. With a = alpha/2 < w and \( \omega^2 = w^2 - a^2 \)
+//! \[ g = e^{-at} \frac{\sin \omega t}{\omega}, \qquad v = 1 - e^{-at} + e^{-at} (1 - \cos \omega t) - a g, \]
+//! and with a >= w, \( \omega^2 = a^2 - w^2 \) and the slow rate \( \sigma = w^2 / (a + \omega) \), which loses no digit to a - omega,
+//! \[ g = e^{-\sigma t} \frac{1 - e^{-2 \omega t}}{2 \omega}, \qquad v = 1 - e^{-\sigma t} - \sigma g . \]
+//!
+//! Along a grid of instants these are not taken anew: with s_h and v_h of a step,
+//! \[ s(t+h) = s + s_h - s v_h - v s_h - \tfrac{\alpha}{w} s s_h, \qquad v(t+h) = v + v_h - v v_h + s s_h. \]
+//! A step is a rotation, or shrinks: it passes errors on no larger, and adds at most four roundings. Taken anew every [`ANCHOR`] instants,
 //! phases are right to 4 ANCHOR roundings, and to w times the rounding of the instants, as they are from sin and cos.
 
 use super::modes::Modes;
@@ -22,11 +29,11 @@ pub(super) struct Motion {
     pub modes: Rc<Modes>,
     /// When it began, in s; instants below count from there.
     pub start: f64,
-    /// q(0), then the factors of sin wt and 1 - cos wt; for rigid motions those of t and t^2.
+    /// q(0), then the factors of s and v; for rigid motions those of t and t^2, or what damping makes of these.
     place: Vec<f64>,
     sine: Vec<f64>,
     versine: Vec<f64>,
-    /// sin wt and 1 - cos wt at the last instant of the grid, and of one of its steps.
+    /// s and v at the last instant of the grid, and of one of its steps.
     phases: [Vec<f64>; 2],
     turn: [Vec<f64>; 2],
     /// Instants of the grid so far.
@@ -60,31 +67,45 @@ impl Motion {
         archive.value(&mut self.turn)
     }
 
-    /// Amplitude of a mode; 0 for a rigid motion.
+    /// A bound, for all time, of a mode's distance from its equilibrium: the motion without damping through the same start has it for
+    /// its amplitude, and more energy. Of a rigid motion, of its distance from what it tends to; 0 without damping.
     pub fn amplitude(&self, k: usize) -> f64 {
-        if k < self.modes.rigid { 0.0 } else { self.sine[k].hypot(self.versine[k]) }
+        match self.modes.damping {
+            _ if k >= self.modes.rigid => self.sine[k].hypot(self.versine[k]),
+            0.0 => 0.0,
+            damping => (self.sine[k] - 2.0 * self.versine[k] / damping).abs() / damping,
+        }
+    }
+
+    /// A bound of the growth of a mode's derivatives: the j-th is at most the amplitude times its j-th power. With y' = w z and
+    /// z' = -w y - alpha z it is the norm of that matrix.
+    pub fn pace(&self, k: usize) -> f64 {
+        let (w, decay) = (self.modes.frequencies[k], 0.5 * self.modes.damping);
+        if decay == 0.0 { w } else { decay + decay.hypot(w) }
     }
 
     /// A bound of what a mode's coordinate is made of (of a rigid motion's, at the start).
     pub fn magnitude(&self, k: usize) -> f64 {
-        self.place[k].abs() + 2.0 * self.amplitude(k)
+        let swing = if k < self.modes.rigid { 0.0 } else { 2.0 * self.amplitude(k) };
+        self.place[k].abs() + swing
     }
 
     /// q and q' (columns) at an instant.
     pub fn state(&self, at: f64, state: &mut Mat<f64>) {
         self.rigid_state(at, state);
+        let damping = self.modes.damping;
         for (k, &w) in self.modes.frequencies.iter().enumerate().skip(self.modes.rigid) {
-            let (sine, versine) = phase(w * at);
-            state[(k, 0)] = self.place[k] + self.sine[k] * sine + self.versine[k] * versine;
-            state[(k, 1)] = w * (self.sine[k] * (1.0 - versine) + self.versine[k] * sine);
+            let (s, v) = phase(w, damping, at);
+            state[(k, 0)] = self.place[k] + self.sine[k] * s + self.versine[k] * v;
+            state[(k, 1)] = w * (self.sine[k] * (1.0 - v - damping / w * s) + self.versine[k] * s);
         }
     }
 
     /// As [`Motion::state`], at the next instant of a grid of this step.
     pub fn walk(&mut self, at: f64, step: f64, state: &mut Mat<f64>) {
         let rigid = self.modes.rigid;
-        let frequencies = &self.modes.frequencies[rigid..];
-        let all = |time: f64| frequencies.iter().map(|w| phase(w * time)).unzip();
+        let (frequencies, damping) = (&self.modes.frequencies[rigid..], self.modes.damping);
+        let all = |time: f64| frequencies.iter().map(|w| phase(*w, damping, time)).unzip();
         if self.walked.is_multiple_of(ANCHOR) {
             self.phases = all(at).into();
         } else {
@@ -93,9 +114,10 @@ impl Motion {
             }
             let [sines, versines] = &mut self.phases;
             let [turn_sines, turn_versines] = &self.turn;
-            let turns = turn_sines.iter().zip(turn_versines);
-            for ((s, v), (sh, vh)) in sines.iter_mut().zip(versines).zip(turns) {
-                (*s, *v) = (*s + (sh - *s * vh - *v * sh), *v + (vh - *v * vh + *s * sh));
+            let turns = turn_sines.iter().zip(turn_versines).zip(frequencies);
+            for ((s, v), ((sh, vh), w)) in sines.iter_mut().zip(versines).zip(turns) {
+                let drag = damping / w * *s * sh;
+                (*s, *v) = (*s + (sh - *s * vh - *v * sh - drag), *v + (vh - *v * vh + *s * sh));
             }
         }
         self.walked += 1;
@@ -107,15 +129,20 @@ impl Motion {
         let state = places.iter_mut().zip(rates.iter_mut()).skip(rigid);
         for (((q, rate), ((s, v), w)), ((place, sine), versine)) in state.zip(phases).zip(factors) {
             *q = place + sine * s + versine * v;
-            *rate = w * (sine * (1.0 - v) + versine * s);
+            *rate = w * (sine * (1.0 - v - damping / w * s) + versine * s);
         }
     }
 
     /// The rigid motions' part of the state.
     fn rigid_state(&self, at: f64, state: &mut Mat<f64>) {
+        if self.modes.rigid == 0 {
+            return;
+        }
+        let (g, mean) = glide(self.modes.damping, at);
+        let left = 1.0 - self.modes.damping * g;
         for k in 0..self.modes.rigid {
-            state[(k, 0)] = self.place[k] + at * (self.sine[k] + at * self.versine[k]);
-            state[(k, 1)] = self.sine[k] + 2.0 * at * self.versine[k];
+            state[(k, 0)] = self.place[k] + g * (self.sine[k] + mean * self.versine[k]);
+            state[(k, 1)] = left * self.sine[k] + 2.0 * g * self.versine[k];
         }
     }
 
@@ -134,9 +161,52 @@ impl Motion {
 }
 
 /// sin and 1 - cos of an angle: the latter is 2 sin^2 of the half, which keeps its digits near 0.
-fn phase(angle: f64) -> (f64, f64) {
+fn turn(angle: f64) -> (f64, f64) {
     let (s, c) = (0.5 * angle).sin_cos();
     (2.0 * s * c, 2.0 * s * s)
+}
+
+/// s and v of a mode; see the [module page](self).
+fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
+    if damping == 0.0 {
+        return turn(w * at);
+    }
+    let decay = 0.5 * damping;
+    let square = (w - decay) * (w + decay);
+    let omega = square.abs().sqrt();
+    let (g, v) = if square > 0.0 {
+        let (sine, versine) = turn(omega * at);
+        let left = (-decay * at).exp();
+        let g = left * sine / omega;
+        (g, left * versine - (-decay * at).exp_m1() - decay * g)
+    } else {
+        let slow = w * w / (decay + omega);
+        let spread = 2.0 * omega;
+        let both = if spread * at == 0.0 { at } else { -(-spread * at).exp_m1() / spread };
+        let g = (-slow * at).exp() * both;
+        (g, -(-slow * at).exp_m1() - slow * g)
+    };
+    (w * g, v)
+}
+
+/// g of a rigid motion, and twice its integral over it: both t without damping.
+fn glide(damping: f64, at: f64) -> (f64, f64) {
+    let x = damping * at;
+    if x == 0.0 {
+        return (at, at);
+    }
+    let g = -(-x).exp_m1() / damping;
+    if x > 1.0 {
+        return (g, 2.0 * (at - g) / (damping * g));
+    }
+    // 2 sum_k (-x)^k / (k + 2)!: the difference would lose digits.
+    let (mut sum, mut term, mut k) = (1.0, 1.0, 3.0);
+    while f64::abs(term) > f64::EPSILON {
+        term *= -x / k;
+        sum += term;
+        k += 1.0;
+    }
+    (g, at * at * sum / g)
 }
 
 /// Columns of P taken together: fewer passes over the sums.

@@ -1,9 +1,9 @@
 //! The saddle point behind phi, solved once for all that a motion can ask of it.
 //!
-//! With z the coordinates of p in a [`Frame`] and \(\tilde B = Q^T C^{-1/2} B\), the displacement U and the acceleration z'' that go with a position z and
-//! forces f = F + G^T r on the structure solve
-//! \[ K U + \tilde B^T z'' = f, \qquad \tilde B U = z. \]
-//! Both are linear in (f, z), and the operator is symmetric: U = U_F + R z + S G^T r, z'' = h_F - H z + R^T G^T r.
+//! With z the coordinates of p in a [`Frame`] and \(\tilde B = Q^T C^{-1/2} B\), the displacement U and the acceleration a that go with a position z and
+//! forces f = F + G^T r on the structure, a = z'' + alpha z' where mass is damped, solve
+//! \[ K U + \tilde B^T a = f, \qquad \tilde B U = z. \]
+//! Both are linear in (f, z), and the operator is symmetric: U = U_F + R z + S G^T r, a = h_F - H z + R^T G^T r.
 
 use super::frame::Frame;
 use crate::error::{Error, Result};
@@ -27,6 +27,8 @@ const LEAST_SHIFT: f64 = 1e-6;
 pub(super) struct Reduction {
     /// Its N coordinates.
     pub frame: Frame,
+    /// alpha, in 1/s.
+    pub damping: f64,
     /// H, N x N: the stiffness that z feels where nothing touches.
     pub stiffness: Mat<f64>,
     /// h_F, N.
@@ -61,6 +63,7 @@ impl Reduction {
         let (push, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
         let at = |of: &Mat<f64>| Mat::from_fn(bounded, of.ncols(), |i, j| of[(bounds.dofs[i], j)]);
         let reduction = Reduction {
+            damping: system.damping.mass,
             stiffness: symmetric(&acceleration, -1.0),
             force,
             rest_at: at(&rest),
@@ -143,7 +146,7 @@ impl<'s, E: Engine> Saddle<'s, E> {
         Ok(Saddle { system, frame, shift, factor: factor.into(), columns, schur })
     }
 
-    /// U and z'' of forces (n x k) and positions (N x k).
+    /// U and a of forces (n x k) and positions (N x k).
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
         let System { engine, stiffness, .. } = self.system;
         let mut u = Mat::zeros(forces.nrows(), forces.ncols());

@@ -14,7 +14,8 @@
 //! Written in Bernstein's quartics the remainder touches one coefficient only, the middle one, by D/6 with D the sum of |P_k| A_k kappa:
 //! if all five stay inside the limit, so does y throughout, also where it starts on the limit. If not, and all three coefficients of
 //! h H' are below -D, y falls strictly and crosses the limit once: there the zero is found to the last digit. Else the
-//! interval is halved. Each interval costs one evaluation; after a certified one the next may be twice as long.
+//! interval is halved. Damping changes none of this: w is then a mode's pace, by which each derivative outgrows the one before at
+//! most, and rigid motions, which tend to an even one, have a remainder too. Each interval costs one evaluation; after a certified one the next may be twice as long.
 //!
 //! Limits are met to `roundings` times the rounding of y: a plate that rests on an obstacle does not chatter about it.
 
@@ -173,8 +174,7 @@ impl Search {
         }
         if !self.remainders.contains_key(&level) {
             let h = self.length(level);
-            let frequencies = &motion.modes.frequencies;
-            let remainder = weighted(motion, |k| motion.amplitude(k) * kappa(frequencies[k] * h));
+            let remainder = weighted(motion, |k| motion.amplitude(k) * kappa(motion.pace(k) * h));
             self.remainders.insert(level, remainder);
         }
         let mut crossings = Vec::new();

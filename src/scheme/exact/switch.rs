@@ -5,7 +5,7 @@
 //! undecided nodes solve, order by order,
 //! \[ U^{(k)}_c = R z^{(k)} + S r^{(k)}, \qquad 0 \le U^{(k)}_i \perp r^{(k)}_i \ge 0, \]
 //! a linear complementarity problem with one solution; nodes for which both vanish go on to the next order, whose
-//! \( z^{(k+2)} = -H z^{(k)} + R^T r^{(k)} \) is then known. So a touch that only grazes, several at once, a start at rest in contact: all are
+//! \( z^{(k+2)} = -H z^{(k)} - \alpha z^{(k+1)} + R^T r^{(k)} \) is then known. So a touch that only grazes, several at once, a start at rest in contact: all are
 //! decided by the same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM J. Control
 //! Optim. 44, 2005): events do not accumulate.
 
@@ -50,13 +50,15 @@ pub(super) fn next_sides(
             _ => upper[touching.len() + k] = f64::INFINITY,
         }
     }
-    let acceleration =
-        |position: &Mat<f64>, forces: &Mat<f64>| lift.transpose() * forces - &reduction.stiffness * position;
+    let acceleration = |position: &Mat<f64>, velocity: &Mat<f64>, forces: &Mat<f64>| {
+        let damped = velocity * faer::Scale(reduction.damping);
+        lift.transpose() * forces - &reduction.stiffness * position - damped
+    };
     let forces = Mat::from_fn(size, 1, |k, _| if k < touching.len() { reactions[places[k]] } else { 0.0 });
     let position = state.get(.., ..1).to_owned();
     // The derivative at hand, and the one after it.
     let mut derivative = state.get(.., 1..2).to_owned();
-    let mut following = acceleration(&position, &forces) + &reduction.force;
+    let mut following = acceleration(&position, &derivative, &forces) + &reduction.force;
     let mut open: Vec<usize> = (0..undecided.len()).collect();
     for _ in 0..ORDERS {
         if open.is_empty() {
@@ -87,7 +89,7 @@ pub(super) fn next_sides(
             false
         });
         let forces = Mat::from_fn(size, 1, |k, _| forces[k]);
-        let after = acceleration(&derivative, &forces);
+        let after = acceleration(&derivative, &following, &forces);
         derivative = std::mem::replace(&mut following, after);
     }
     next

@@ -17,10 +17,10 @@ mod report;
 pub mod trajectory;
 pub mod truth;
 
-use super::modes;
 use crate::error::{Error, Result};
 use crate::linalg::Native;
 use crate::mesh::Mesh;
+use crate::modes;
 use crate::scene::{Grid, Horizon, Mass, Probe, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
 use crate::space::Space;

@@ -1,14 +1,16 @@
-//! Natural frequencies: K x = (2 pi f)^2 M x, with the consistent or the singular mass, at any mesh size.
+//! Natural modes: K x = (2 pi f)^2 M x, with the consistent or the singular mass, at any mesh size.
 //!
-//! [`lowest`] is subspace iteration with a factored K. Rounding the entries of the assembled K spoils its low modes as h^-4;
+//! [`lowest`], on any engine, is subspace iteration with a factored K. Rounding the entries of the assembled K spoils its low modes as h^-4;
 //! here the assembled matrix only proposes directions: every solve is corrected once with the residual of the
 //! cell-by-cell operator, and the values are Rayleigh quotients of that operator. [`highest`] is Lanczos' method on a
 //! factored K + sigma M. Both see the finite modes only: the kernel of a singular mass moves at no cost of inertia.
 
-use super::lanczos::{self, dot, scatter};
+pub(crate) mod lanczos;
+
 use crate::error::{Error, Result};
-use crate::linalg::{Cholesky, Engine, Factor, Form, Native};
+use crate::linalg::{Engine, Factor, Form, Native};
 use faer::{Mat, Side};
+use lanczos::scatter;
 use std::f64::consts::TAU;
 
 /// Change of an eigenvalue, relative to it, at which subspace iteration stops. What is left is smaller: each iteration
@@ -27,22 +29,50 @@ const SHIFT_DRIFT: f64 = 100.0;
 /// An eigenvalue of a mechanism below this part of the block's largest is a rigid motion's: it is rounding.
 const RIGID: f64 = 1e-11;
 
+/// A natural mode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mode {
+    /// f, in Hz; 0 of a rigid motion.
+    pub frequency: f64,
+    /// x, of modal mass x^T M x = 1 kg.
+    pub shape: Vec<f64>,
+}
+
 /// The `count` lowest natural frequencies, in Hz, ascending and with their multiplicity; fewer if there are no more.
+///
+/// # Errors
+/// As [`shapes`].
+pub fn lowest<E: Engine>(
+    engine: &E,
+    stiffness: &E::Form,
+    mass: &E::Form,
+    count: usize,
+    mechanism: bool,
+) -> Result<Vec<f64>> {
+    let modes = shapes(engine, stiffness, mass, count, mechanism)?;
+    Ok(modes.into_iter().map(|mode| mode.frequency).collect())
+}
+
+/// The `count` lowest natural modes, ascending; fewer if there are no more. Shapes are right to some 1e-6.
 ///
 /// `mechanism` says that K is singular: the rigid motions come first, at exactly 0.
 ///
 /// # Errors
 /// [`Error::Singular`] where K is singular and was not said to be, or the iteration does not settle.
-pub fn lowest(
-    engine: &Native,
-    stiffness: &Form,
-    mass: &Form,
+pub fn shapes<E: Engine>(
+    engine: &E,
+    stiffness: &E::Form,
+    mass: &E::Form,
     count: usize,
     mechanism: bool,
-) -> Result<Vec<f64>> {
+) -> Result<Vec<Mode>> {
     let dofs = engine.dofs();
-    let width = (2 * count + 8).min(engine.velocities(mass)).min(dofs);
-    let mut block: Vec<Vec<f64>> = (0..width).map(|i| scatter(dofs, i as u64)).collect();
+    let (sizes, before) = engine.concatenate(&[dofs as f64, engine.velocities(mass) as f64])?;
+    let all = |which: usize| sizes.iter().skip(which).step_by(2).sum::<f64>() as usize;
+    let width = (2 * count + 8).min(all(1)).min(all(0));
+    // Each process scatters numbers of its own.
+    let seed = |i: usize| (i + width * before) as u64;
+    let mut block: Vec<Vec<f64>> = (0..width).map(|i| scatter(dofs, seed(i))).collect();
     let mut pencil = Pencil::new(engine, stiffness, mass);
     let mut values = pencil.rayleigh_ritz(&mut block)?;
     for _ in 0..MOST_ITERATIONS {
@@ -56,8 +86,9 @@ pub fn lowest(
         let rigid = if mechanism { RIGID * largest } else { 0.0 };
         let settled = |(new, old): (&f64, &f64)| *new <= rigid || (new - old).abs() <= SETTLED * new;
         if before.len() == values.len() && values.iter().zip(&before).take(count).all(settled) {
-            let frequency = |value: &f64| if *value <= rigid { 0.0 } else { value.sqrt() / TAU };
-            return Ok(values.iter().take(count).map(frequency).collect());
+            let frequency = |value: f64| if value <= rigid { 0.0 } else { value.sqrt() / TAU };
+            let modes = values.into_iter().zip(block).take(count);
+            return Ok(modes.map(|(value, shape)| Mode { frequency: frequency(value), shape }).collect());
         }
     }
     Err(Error::Singular(format!(
@@ -66,18 +97,18 @@ pub fn lowest(
 }
 
 /// K and M with what subspace iteration needs of them.
-struct Pencil<'e> {
-    engine: &'e Native,
-    stiffness: &'e Form,
-    mass: &'e Form,
+struct Pencil<'e, E: Engine> {
+    engine: &'e E,
+    stiffness: &'e E::Form,
+    mass: &'e E::Form,
     /// K + shift M, factored, and the shift.
-    factor: Option<(Cholesky, f64)>,
+    factor: Option<(E::Factor, f64)>,
     product: Vec<f64>,
     right: Vec<f64>,
 }
 
-impl<'e> Pencil<'e> {
-    fn new(engine: &'e Native, stiffness: &'e Form, mass: &'e Form) -> Pencil<'e> {
+impl<'e, E: Engine> Pencil<'e, E> {
+    fn new(engine: &'e E, stiffness: &'e E::Form, mass: &'e E::Form) -> Pencil<'e, E> {
         let zeros = || vec![0.0; engine.dofs()];
         Pencil { engine, stiffness, mass, factor: None, product: zeros(), right: zeros() }
     }
@@ -118,22 +149,25 @@ impl<'e> Pencil<'e> {
         for j in 0..size {
             reduced[(j, j)] = self.engine.multiply(self.stiffness, &block[j], &mut self.product)?;
             for i in j + 1..size {
-                reduced[(i, j)] = dot(&block[i], &self.product);
+                reduced[(i, j)] = self.engine.dot(&block[i], &self.product)?;
             }
         }
         let eigen = reduced
             .self_adjoint_eigen(Side::Lower)
             .map_err(|why| Error::Singular(format!("a Rayleigh-Ritz step failed: {why:?}")))?;
-        let (values, vectors) = (eigen.S(), eigen.U());
+        let mut values: Vec<f64> = (0..size).map(|i| eigen.S()[i]).collect();
+        let mut vectors: Vec<f64> = (0..size * size).map(|i| eigen.U()[(i / size, i % size)]).collect();
+        self.engine.agree(&mut values)?;
+        self.engine.agree(&mut vectors)?;
         let mut rotated = vec![vec![0.0; self.engine.dofs()]; size];
         for (j, new) in rotated.iter_mut().enumerate() {
             for (i, old) in block.iter().enumerate() {
-                let share = vectors[(i, j)];
+                let share = vectors[i * size + j];
                 new.iter_mut().zip(old).for_each(|(x, y)| *x += share * y);
             }
         }
         *block = rotated;
-        Ok((0..size).map(|i| values[i]).collect())
+        Ok(values)
     }
 
     /// Gram-Schmidt, twice, in the scalar product of M; directions that add nothing are dropped.
@@ -143,7 +177,7 @@ impl<'e> Pencil<'e> {
             let whole = self.engine.multiply(self.mass, &x, &mut self.product)?.sqrt();
             for _ in 0..2 {
                 for (v, dual) in basis.iter().zip(&duals) {
-                    let share = dot(&x, dual);
+                    let share = self.engine.dot(&x, dual)?;
                     x.iter_mut().zip(v).for_each(|(x, v)| *x -= share * v);
                 }
             }
