@@ -47,7 +47,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 
 test-long: setup ## the tests that take minutes, which make test leaves out
 	$(call say,long tests)
-	@cargo test --release --locked --test conserving --test exact -- --ignored
+	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun -- --ignored
 
 bench: setup ## time assembly, factorisation, one step, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)

@@ -1,9 +1,10 @@
 //! The energy ledger of a run, and the guard that stops it when energy appears from nowhere.
 
+use crate::archive::Archive;
 use crate::error::{Error, Result};
 
 /// Energies at one instant, in J.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Energies {
     /// Kinetic energy.
     pub kinetic: f64,
@@ -39,6 +40,15 @@ impl Guard {
             .into_iter()
             .fold(0.0, |scale: f64, part| scale.max(part.abs()));
         Guard { start: start.total(), scale, limit, advice }
+    }
+
+    /// Shows an archive what energies are measured against.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`].
+    pub fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.start)?;
+        archive.value(&mut self.scale)
     }
 
     /// Looks at the energy of a step.

@@ -89,6 +89,19 @@ pub enum Error {
         /// What the user can do.
         advice: &'static str,
     },
+    /// A checkpoint that cannot be gone on from.
+    #[error("{0}")]
+    Checkpoint(String),
+    /// A run that was asked to stop, and has written a checkpoint.
+    #[error(
+        "interrupted at step {step}, t = {time:.9} s; `rebond resume` with the run folder goes on from there"
+    )]
+    Interrupted {
+        /// Step at which it stopped.
+        step: u64,
+        /// Its time, in seconds.
+        time: f64,
+    },
     /// A file or folder that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
@@ -100,7 +113,8 @@ pub enum Error {
 }
 
 impl Error {
-    /// Exit code of the command: 2 scene or usage, 3 no convergence or a refusal of PETSc, 4 reading or writing, 5 energy guard.
+    /// Exit code of the command: 2 scene or usage, 3 no convergence or a refusal of PETSc, 4 reading or writing, 5 energy guard,
+    /// 130 interrupted.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) => 2,
@@ -109,8 +123,9 @@ impl Error {
             | Error::Events { .. }
             | Error::Unfinished(_)
             | Error::Petsc(_) => 3,
-            Error::Io { .. } => 4,
+            Error::Io { .. } | Error::Checkpoint(_) => 4,
             Error::EnergyGuard { .. } => 5,
+            Error::Interrupted { .. } => 130,
             Error::Elsewhere { code, .. } => *code,
         }
     }

@@ -10,6 +10,7 @@
 //! | module | is |
 //! |---|---|
 //! | [`error`] | the one error type and its exit codes |
+//! | [`archive`] | a state on its way into a checkpoint and back |
 //! | [`mesh`] | nodes, cells, their names; rectangles and Gmsh's files |
 //! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
@@ -56,6 +57,7 @@
 //! ```
 
 pub mod error;
+pub mod archive;
 pub mod mesh;
 pub mod field;
 pub mod element;

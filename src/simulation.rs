@@ -6,12 +6,15 @@ mod contacts;
 mod distributed;
 mod effects;
 mod fields;
+mod pause;
 
 pub use contacts::Contact;
 #[cfg(feature = "petsc")]
 pub use distributed::check_options;
 pub use fields::{Fields, Lattice, Snapshot};
+pub use pause::{Pause, Places};
 
+use crate::archive::Archive;
 use crate::assembly::{self, Probe};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
@@ -29,7 +32,7 @@ use body::{Alone, Body, Team};
 use contacts::Contacts;
 pub use effects::Matrices;
 use effects::{Effects, Ground, Lift};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -45,6 +48,8 @@ pub struct Model<E: Engine = Native> {
     frame: Frame,
     /// The deflections of this process, where they are; those that are bounded come in the order of the bounds.
     pub sites: Vec<Site>,
+    /// Where its dofs and velocities are.
+    pub places: Places,
     /// What samples snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
     /// Seconds spent on mesh and matrices, and on the static start.
@@ -155,7 +160,8 @@ where
         ground: &Ground<T>,
     ) -> Result<Model<E>> {
         let Ground { scene, .. } = *ground;
-        let Effects { system, start, lifts, sites, seconds } = effects::compose(engine, native, ground)?;
+        let Effects { system, start, lifts, sites, places, seconds } =
+            effects::compose(engine, native, ground)?;
         let probe = |probe: &scene::Probe| ground.own_probe(&format!("probe \"{}\"", probe.name), probe.at);
         let probes: Vec<Probe> = scene.output.probes.iter().map(probe).collect::<Result<_>>()?;
         let moved = |lift: &Lift| {
@@ -166,7 +172,7 @@ where
         let frame = Frame(lifts.iter().map(moved).collect::<Result<_>>()?);
         let fields = Fields::new(ground, &lifts)?;
         let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
-        Ok(Model { system, start, probes, frame, sites, fields, seconds })
+        Ok(Model { system, start, probes, frame, sites, places, fields, seconds })
     }
 }
 
@@ -349,6 +355,20 @@ pub trait Observer {
         Ok(())
     }
 
+    /// The whole state of the run, every `output.checkpoint_every` steps and before an interruption; on the first process only.
+    ///
+    /// # Errors
+    /// As [`Observer::row`].
+    fn pause(&mut self, pause: Pause) -> Result<()> {
+        let _ = pause;
+        Ok(())
+    }
+
+    /// Whether the run shall stop after this step; called often, must cost nothing.
+    fn interrupts(&self) -> bool {
+        false
+    }
+
     /// The end of a step; called often, must cost nothing.
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let _ = (step, contact_nodes);
@@ -367,7 +387,7 @@ pub struct NodeEvent {
 }
 
 /// The first touch of an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Impact {
     /// Time, in s: where the last free motion, extended, meets the obstacle; that of the event, if the scheme follows events.
     pub time: f64,
@@ -380,7 +400,7 @@ pub struct Impact {
 }
 
 /// Start, end and extremes of the energy over the rows, in J.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EnergySpan {
     /// At the start.
     pub start: f64,
@@ -469,6 +489,20 @@ impl Outcome {
             relaxation: None,
             seconds: Seconds { assembly, equilibrium, factor, stepping: 0.0 },
         })
+    }
+
+    /// Shows an archive what steps change; schemes know the rest.
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        for count in [&mut self.steps, &mut self.contact_steps, &mut self.vi_iterations, &mut self.retries] {
+            archive.value(count)?;
+        }
+        archive.value(&mut self.most_contact_nodes)?;
+        archive.value(&mut self.energy)?;
+        archive.value(&mut self.first_impact)?;
+        archive.value(&mut self.contacts)?;
+        archive.value(&mut self.worst_kkt)?;
+        archive.value(&mut self.worst_penetration)?;
+        archive.value(&mut self.seconds.stepping)
     }
 
     /// Takes note of what happened on the way to the present instant; returns whether anything did.
@@ -599,6 +633,23 @@ pub fn run<E: Engine>(
     follow(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
 }
 
+/// As [`run`], going on where a run of the same scene paused: nothing tells what follows from what would have.
+///
+/// # Errors
+/// As [`run`], and [`Error::Checkpoint`] for the pause of another scene.
+pub fn resume<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    solver: &SolverFactory<E>,
+    pause: Pause,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
+    let clock = Instant::now();
+    let scheme = model.scheme_with(scene, solver)?;
+    let part = Some(pause.part(model)?);
+    walk(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
+}
+
 /// As [`run`], with a scheme at its start, which took so many seconds to make.
 ///
 /// # Errors
@@ -606,18 +657,87 @@ pub fn run<E: Engine>(
 pub fn follow<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
-    mut scheme: Box<dyn Scheme + '_>,
+    scheme: Box<dyn Scheme + '_>,
     seconds: f64,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
+    walk(scene, model, scheme, seconds, None, observer)
+}
+
+/// As [`follow`], from the start or from where an archive was.
+fn walk<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    mut scheme: Box<dyn Scheme + '_>,
+    seconds: f64,
+    from: Option<Archive>,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
     let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
-    let clock = Instant::now();
-    let ended = march(scene, model, scheme.as_mut(), &mut outcome, observer);
+    let mut watch = Watch::new(scene, scheme.as_ref())?;
+    if let Some(mut archive) = from {
+        watch.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
+    }
+    let ended = march(scene, model, scheme.as_mut(), &mut outcome, &mut watch, observer);
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
     outcome.tally = scheme.tally();
-    outcome.seconds.stepping = clock.elapsed().as_secs_f64();
+    outcome.seconds.stepping = watch.seconds();
     Ok((outcome, ended))
+}
+
+/// What the main loop keeps from step to step.
+struct Watch {
+    guard: Guard,
+    /// Since the last row.
+    iterations: u64,
+    kkt: f64,
+    contacts: Contacts,
+    /// Whether the present step is one that a pause has seen.
+    seen: bool,
+    /// Seconds before the clock was started.
+    before: f64,
+    clock: Instant,
+}
+
+impl Watch {
+    fn new(scene: &Scene, scheme: &dyn Scheme) -> Result<Watch> {
+        Ok(Watch {
+            guard: Guard::new(scheme.energies()?, scene.solver.energy_guard, advice(scene)),
+            iterations: 0,
+            kkt: 0.0,
+            contacts: Contacts::default(),
+            seen: false,
+            before: 0.0,
+            clock: Instant::now(),
+        })
+    }
+
+    /// Seconds of all steps so far.
+    fn seconds(&self) -> f64 {
+        self.before + self.clock.elapsed().as_secs_f64()
+    }
+
+    /// Shows an archive the whole run between two steps.
+    fn archive<E: Engine>(
+        &mut self,
+        model: &Model<E>,
+        scheme: &mut dyn Scheme,
+        outcome: &mut Outcome,
+        archive: &mut Archive,
+    ) -> Result<()> {
+        scheme.state(archive)?;
+        self.guard.state(archive)?;
+        archive.value(&mut self.iterations)?;
+        archive.value(&mut self.kkt)?;
+        self.contacts.archive(model.system.bounds.len(), archive)?;
+        outcome.seconds.stepping = self.seconds();
+        outcome.archive(archive)?;
+        if !archive.saves() {
+            (self.seen, self.before, self.clock) = (true, outcome.seconds.stepping, Instant::now());
+        }
+        Ok(())
+    }
 }
 
 /// Shows a snapshot where one is due.
@@ -644,19 +764,21 @@ fn march<E: Engine>(
     model: &Model<E>,
     scheme: &mut dyn Scheme,
     outcome: &mut Outcome,
+    watch: &mut Watch,
     observer: &mut dyn Observer,
 ) -> Result<()> {
-    let mut guard = Guard::new(scheme.energies()?, scene.solver.energy_guard, advice(scene));
     let mut probes = vec![0.0; model.probes.len()];
-    let (mut iterations, mut kkt) = (0, 0.0_f64);
-    let mut contacts = Contacts::default();
+    if watch.seen {
+        scheme.advance().map_err(|error| locate(error, model))?;
+    }
     loop {
+        let Watch { guard, iterations, kkt, contacts, .. } = watch;
         let (step, time) = (scheme.step(), scheme.time());
         let events = outcome.note_events(scene, model, scheme, observer)?;
         let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, events)?;
         let verdict = scheme.verdict();
-        iterations += u64::from(verdict.iterations);
-        kkt = kkt.max(verdict.kkt);
+        *iterations += u64::from(verdict.iterations);
+        *kkt = kkt.max(verdict.kkt);
         judge(step, time, verdict.kkt, scene.solver.tolerance)?;
         let last = step == scene.time.steps();
         contacts.note(&model.sites, time, scene.time.step, scheme.reaction());
@@ -677,8 +799,8 @@ fn march<E: Engine>(
                 work: energies.work,
                 contact_nodes,
                 contact_force,
-                vi_iterations: iterations,
-                kkt,
+                vi_iterations: *iterations,
+                kkt: *kkt,
                 probes: &probes,
             };
             observer.row(&row)?;
@@ -692,14 +814,26 @@ fn march<E: Engine>(
                 observer.contacts(&ended)?;
             }
             observer.state(scheme)?;
-            (iterations, kkt) = (0, 0.0);
+            (*iterations, *kkt) = (0, 0.0);
         } else if step % GUARD_EVERY == 0 {
             guard.check(step, time, scheme.energies()?)?;
         }
         show_fields(scene, model, scheme, last, observer)?;
         observer.step(step, contact_nodes);
+        let asked = f64::from(u8::from(observer.interrupts()));
         if last {
             return Ok(());
+        }
+        // All processes stop after the same step.
+        let stops = model.system.engine.maximum(asked)? > 0.0;
+        let every = scene.output.checkpoint_every;
+        if stops || step > 0 && every.is_some_and(|every| step.is_multiple_of(every)) {
+            let pause =
+                Pause::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
+            pause.map_or(Ok(()), |pause| observer.pause(pause))?;
+        }
+        if stops {
+            return Err(Error::Interrupted { step, time });
         }
         scheme.advance().map_err(|error| locate(error, model))?;
     }

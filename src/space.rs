@@ -247,6 +247,11 @@ impl Space {
         self.count + self.extra
     }
 
+    /// Number of a dof of the mesh, if it is free.
+    pub fn dof(&self, of_mesh: usize) -> Option<usize> {
+        self.free[of_mesh]
+    }
+
     /// Number of the deflection of a node, if it is free.
     pub fn deflection(&self, node: usize) -> Option<usize> {
         self.free[PER_NODE * node]

@@ -5,7 +5,7 @@ mod command;
 
 use command::{assert_agree, assert_fails, comparison, history, mpirun, on, rebond, succeeds, summary, text};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// The paper's plate, coarse, bent down by its own pressure and pushed further onto an obstacle just beneath: contact at once.
@@ -219,6 +219,99 @@ fn a_killed_rank_ends_all() {
     while runs(ranks[0]) {
         assert!(start.elapsed() < Duration::from_secs(20), "rank 0 goes on");
         std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Starts a job, and asks its ranks to stop once it has written the checkpoint of a step; what it says.
+fn stopped(
+    folder: &Path,
+    ranks: usize,
+    arguments: &[&str],
+    run: &str,
+    checkpoint: &str,
+) -> std::process::Output {
+    let mut job = mpirun(folder, ranks, arguments);
+    let mut job = job.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while !folder.join(run).join(checkpoint).exists() {
+        assert!(start.elapsed() < Duration::from_secs(60) && job.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // One rank is asked, and tells the others.
+    let kill = format!("kill -TERM {}", children(job.id())[ranks - 1]);
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    job.wait_with_output().unwrap()
+}
+
+/// MUMPS on several ranks rounds in another way each time, and a factor of all on each rank does not.
+const SAME_EACH_TIME: [&str; 3] = ["--", "-pc_type", "redundant"];
+
+fn goes_on(cases: &[(usize, &str)]) {
+    for &(ranks, scheme) in cases {
+        let folder = folder(&format!("resumed-{ranks}-{scheme}"));
+        let scheme = format!("time.scheme={scheme}");
+        let run = |out| {
+            let run = ["run", "fall.toml", "--quiet", "--engine", "petsc", "--out", out, "--set", &scheme];
+            let output = [
+                "--set",
+                "output={ every = 7, fields_every = 200, checkpoint_every = 21, \
+                probes = [{ name = 'corner', at = [1.2, 0.0] }, { name = 'inside', at = [0.7, 0.15] }] }",
+            ];
+            [&run[..], &output, &["--set", "time.end=0.03"], &SAME_EACH_TIME].concat()
+        };
+        succeeds(&on(&folder, ranks, &run("whole")));
+        let whole = history(&folder.join("whole"));
+        assert!(touches(&whole));
+        let output = stopped(&folder, ranks, &run("same"), "same", "checkpoint-000000000042.bin");
+        assert_fails(&output, 130, &["interrupted at step"]);
+        for copy in ["fewer", "more"] {
+            let files = std::fs::read_dir(folder.join("same")).unwrap().map(|file| file.unwrap().path());
+            std::fs::create_dir(folder.join(copy)).unwrap();
+            for file in files.filter(|file| file.is_file()) {
+                std::fs::copy(&file, folder.join(copy).join(file.file_name().unwrap())).unwrap();
+            }
+        }
+        succeeds(&on(&folder, ranks, &["resume", "same", "--quiet"]));
+        let mut files = vec!["history.csv".to_owned(), "contacts.csv".into(), "fields.pvd".into()];
+        files.extend((0..ranks).map(|rank| format!("fields/step-000000300-{rank}.vtu")));
+        for file in files {
+            let read = |run: &str| std::fs::read(folder.join(run).join(&file)).unwrap();
+            assert!(read("same") == read("whole"), "{ranks} ranks, {scheme}: {file}");
+        }
+        for (run, ranks) in [("fewer", ranks - 1), ("more", ranks + 1)] {
+            succeeds(&on(&folder, ranks, &["resume", run, "--quiet"]));
+            assert_agree(&history(&folder.join(run)), &whole, &format!("{scheme} on {ranks} ranks"));
+        }
+    }
+}
+
+#[test]
+fn interrupted_ranks_go_on_to_the_same_bytes_and_others_to_the_same_numbers() {
+    goes_on(&[(2, "newmark"), (2, "conserving")]);
+}
+
+#[test]
+#[ignore = "two more, a minute"]
+fn three_ranks_and_the_midpoint_scheme_go_on() {
+    goes_on(&[(3, "newmark"), (2, "midpoint")]);
+}
+
+#[test]
+fn petscs_contact_solvers_go_on_to_the_same_bytes() {
+    let folder = folder("resumed-vi");
+    for vi in ["snes", "tao"] {
+        let run = |out| {
+            let run = ["run", "fall.toml", "--quiet", "--engine", "petsc", "--vi", vi, "--out", out];
+            [&run[..], &["--set", "output.checkpoint_every=20", "--set", "time.end=0.05"]].concat()
+        };
+        let (whole, part) = (format!("{vi}-whole"), format!("{vi}-part"));
+        succeeds(&on(&folder, 1, &run(&whole)));
+        assert!(touches(&history(&folder.join(&whole))));
+        let output = stopped(&folder, 1, &run(&part), &part, "checkpoint-000000000020.bin");
+        assert_fails(&output, 130, &["interrupted at step"]);
+        succeeds(&on(&folder, 1, &["resume", &part, "--quiet"]));
+        let read = |run: &str| std::fs::read(folder.join(run).join("history.csv")).unwrap();
+        assert!(read(&whole) == read(&part), "{vi}");
     }
 }
 

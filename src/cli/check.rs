@@ -1,6 +1,6 @@
 //! `rebond check` and `rebond inspect`.
 
-use super::{SceneArgs, launch};
+use super::{SceneArgs, launch, refuse_petsc_options};
 use crate::error::Result;
 use crate::study;
 use clap::Args;
@@ -27,9 +27,9 @@ impl Check {
     pub(super) fn execute(&self) -> Result<()> {
         launch::one_process("check runs")?;
         let scene = self.scene.load()?;
-        self.scene.refuse_petsc_options()?;
+        refuse_petsc_options(&self.scene.petsc)?;
         let check = study::check(&scene)?;
-        self.scene.print(&check, &check)
+        self.scene.voice.print(&check, &check)
     }
 }
 
@@ -37,11 +37,11 @@ impl Inspect {
     pub(super) fn execute(&self) -> Result<()> {
         launch::one_process("inspect runs")?;
         let scene = self.scene.load()?;
-        self.scene.refuse_petsc_options()?;
+        refuse_petsc_options(&self.scene.petsc)?;
         let inspection = study::inspect(&scene)?;
         if let Some(folder) = &self.matrices {
             study::write_matrices(&scene, folder)?;
         }
-        self.scene.print(&inspection, &inspection)
+        self.scene.voice.print(&inspection, &inspection)
     }
 }

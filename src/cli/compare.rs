@@ -2,7 +2,7 @@
 
 #[cfg(feature = "petsc")]
 use super::run::ended;
-use super::{SceneArgs, launch};
+use super::{SceneArgs, launch, refuse_petsc_options};
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
@@ -49,12 +49,12 @@ impl Compare {
             return self.on_petsc(&scene, &contenders);
         }
         launch::one_process("the native engine runs")?;
-        self.scene.refuse_petsc_options()?;
+        refuse_petsc_options(&self.scene.petsc)?;
         let mut comparison = Comparison::new(&scene, 1);
         for contender in &contenders {
             natively(&mut comparison, &scene, contender, Ok)?;
         }
-        self.scene.print(&comparison, &comparison)?;
+        self.scene.voice.print(&comparison, &comparison)?;
         comparison.verdict()
     }
 
@@ -78,7 +78,7 @@ impl Compare {
                 }
             }
             if context.rank() == 0 {
-                self.scene.print(&comparison, &comparison)?;
+                self.scene.voice.print(&comparison, &comparison)?;
             }
             comparison.verdict()
         };

@@ -5,7 +5,9 @@ mod compare;
 mod figures;
 pub mod launch;
 mod plot;
+mod resume;
 mod run;
+mod signal;
 mod stability;
 mod study;
 
@@ -31,6 +33,8 @@ pub struct Cli {
 enum Command {
     /// Simulate a scene; writes history.csv, contacts.csv, summary.json, fields and a picture into the run folder
     Run(run::Run),
+    /// Go on with a run that was interrupted, from its newest checkpoint, as if it had never stopped
+    Resume(resume::Resume),
     /// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
     Check(check::Check),
     /// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a scene
@@ -47,6 +51,33 @@ enum Command {
     Plot(plot::Plot),
 }
 
+/// What a command says.
+#[derive(Debug, Clone, Copy, Args)]
+struct Voice {
+    /// Machine output on standard output
+    #[arg(long)]
+    json: bool,
+    /// Print errors only
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+impl Voice {
+    /// Whether it says nothing on its way.
+    fn is_silent(self) -> bool {
+        self.json || self.quiet
+    }
+
+    /// Prints a report, or its value as JSON, unless asked to be quiet.
+    fn print(self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
+        match (self.json, self.quiet) {
+            (true, _) => print(&json(value)?),
+            (false, false) => print(&report.to_string()),
+            (false, true) => Ok(()),
+        }
+    }
+}
+
 /// Which scene, and what to change in it.
 #[derive(Debug, Args)]
 struct SceneArgs {
@@ -61,12 +92,8 @@ struct SceneArgs {
     /// Contact solver: condensed | snes | tao
     #[arg(long, value_name = "SOLVER")]
     vi: Option<String>,
-    /// Machine output on standard output
-    #[arg(long)]
-    json: bool,
-    /// Print errors only
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    voice: Voice,
     /// Options for PETSc, after --
     #[arg(last = true, value_name = "PETSC OPTIONS")]
     petsc: Vec<String>,
@@ -88,24 +115,13 @@ impl SceneArgs {
         let engine = if parallel { EngineName::Petsc } else { EngineName::Native };
         Scene::load_for(&self.scene, &overrides, engine)
     }
+}
 
-    /// Options that nobody will read are an error.
-    fn refuse_petsc_options(&self) -> Result<()> {
-        self.petsc.first().map_or(Ok(()), |option| {
-            Err(Error::Usage(format!(
-                "{option}: options after -- are for PETSc; choose it with --engine petsc"
-            )))
-        })
-    }
-
-    /// Prints a report, or its value as JSON, unless asked to be quiet.
-    fn print(&self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
-        match (self.json, self.quiet) {
-            (true, _) => print(&json(value)?),
-            (false, false) => print(&report.to_string()),
-            (false, true) => Ok(()),
-        }
-    }
+/// Options that nobody will read are an error.
+fn refuse_petsc_options(options: &[String]) -> Result<()> {
+    options.first().map_or(Ok(()), |option| {
+        Err(Error::Usage(format!("{option}: options after -- are for PETSc; choose it with --engine petsc")))
+    })
 }
 
 /// The command as it was typed, for the foot of a picture.
@@ -141,6 +157,7 @@ fn print(text: &str) -> Result<()> {
 pub fn execute(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Run(run) => run.execute(),
+        Command::Resume(resume) => resume.execute(),
         Command::Check(check) => check.execute(),
         Command::Inspect(inspect) => inspect.execute(),
         Command::Compare(compare) => compare.execute(),

@@ -1,21 +1,24 @@
 //! `rebond run`.
 
-use super::{SceneArgs, launch, print};
-use crate::error::Result;
+use super::{SceneArgs, Voice, launch, print, refuse_petsc_options, signal};
+use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::output::checkpoint::{self, Checkpoint, Identity, Outputs};
 use crate::output::contacts::{self, Contacts};
 use crate::output::events::{self, Events};
 use crate::output::history::{self, History};
 use crate::output::plot::{self, Obstacle};
 use crate::output::progress::{Progress, State};
-use crate::output::summary;
 use crate::output::text::{Report, significant};
 use crate::output::vtu::{self, Series};
+use crate::output::{Claim, summary, sweep};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene::{EngineName, Scene, Scheme, Side};
 use crate::scheme::Relaxation;
-use crate::simulation::{self, Contact, Model, NodeEvent, Observer, Outcome, Row, Snapshot, SolverFactory};
+use crate::simulation::{
+    self, Contact, Model, NodeEvent, Observer, Outcome, Pause, Row, Snapshot, SolverFactory,
+};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -28,6 +31,20 @@ pub struct Run {
     /// Run folder; default: runs/ and the scene file's name
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Start over where the run folder is that of an unfinished run
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// A run from its start, or from a checkpoint on.
+pub(super) struct Job {
+    pub scene: Scene,
+    pub file: PathBuf,
+    pub identity: Identity,
+    pub folder: PathBuf,
+    pub voice: Voice,
+    pub petsc: Vec<String>,
+    pub from: Option<Checkpoint>,
 }
 
 /// `summary.json`.
@@ -47,10 +64,9 @@ struct Summary<'s> {
 /// What records a run: rows to the history, contacts, and now and then a look for the terminal. Of several ranks, one
 /// records; but each writes its own fields.
 struct Recorder<'r> {
+    job: &'r Job,
     files: Option<Files>,
     fields: Series,
-    has_obstacles: bool,
-    step: f64,
     start: Option<f64>,
     energy_ratio: f64,
     check_options: &'r dyn Fn() -> Result<()>,
@@ -67,7 +83,8 @@ struct Files {
 
 impl Files {
     /// Starts the files of a run afresh; those of an earlier one go.
-    fn create(folder: &Path, scene: &Scene, quiet: bool) -> Result<Files> {
+    fn create(Job { scene, folder, voice, .. }: &Job) -> Result<Files> {
+        checkpoint::clear(folder)?;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes)?;
         vtu::clear(folder)?;
@@ -75,7 +92,38 @@ impl Files {
         let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
         events::clear(folder)?;
         let events = if scene.time.scheme == Scheme::Exact { Some(Events::create(folder)?) } else { None };
-        Ok(Files { history, contacts, events, progress: Progress::new(0, 0.0..scene.time.end, quiet) })
+        let progress = Progress::new(0, 0.0..scene.time.end, voice.is_silent());
+        Ok(Files { history, contacts, events, progress })
+    }
+
+    /// Puts the files back to where they were at a checkpoint.
+    fn resume(Job { scene, folder, voice, .. }: &Job, from: &Checkpoint) -> Result<Files> {
+        let Outputs { history, contacts, events, .. } = from.outputs;
+        let Pause { step, time, .. } = from.pause;
+        Ok(Files {
+            history: History::resume(folder, scene.output.probes.len(), history)?,
+            contacts: contacts.map(|length| Contacts::resume(folder, length)).transpose()?,
+            events: events.map(|length| Events::resume(folder, length)).transpose()?,
+            progress: Progress::new(step, time..scene.time.end, voice.is_silent()),
+        })
+    }
+
+    /// How far they have come, on the disk.
+    fn outputs(&mut self, fields: &Series) -> Result<Outputs> {
+        Ok(Outputs {
+            history: self.history.position()?,
+            contacts: self.contacts.as_mut().map(Contacts::position).transpose()?,
+            events: self.events.as_mut().map(Events::position).transpose()?,
+            snapshots: fields.snapshots().to_vec(),
+        })
+    }
+
+    /// Ends them; unlike a mere drop, says what could not be written.
+    fn finish(self) -> Result<()> {
+        self.progress.finish();
+        self.history.finish()?;
+        self.contacts.map_or(Ok(()), Contacts::finish)?;
+        self.events.map_or(Ok(()), Events::finish)
     }
 }
 
@@ -100,7 +148,8 @@ impl Observer for Recorder<'_> {
     }
 
     fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
-        if self.files.is_some() { self.fields.index(step, time, self.has_obstacles) } else { Ok(()) }
+        let has_obstacles = self.job.scene.has_contact();
+        if self.files.is_some() { self.fields.index(step, time, has_obstacles) } else { Ok(()) }
     }
 
     fn event(&mut self, event: &NodeEvent) -> Result<()> {
@@ -108,8 +157,20 @@ impl Observer for Recorder<'_> {
         events.map_or(Ok(()), |events| events.push(event))
     }
 
+    fn pause(&mut self, pause: Pause) -> Result<()> {
+        let Job { scene, file, identity, folder, petsc, .. } = self.job;
+        let Some(files) = &mut self.files else { return Ok(()) };
+        let outputs = files.outputs(&self.fields)?;
+        let (scene_file, identity, petsc) = (file.clone(), identity.clone(), petsc.clone());
+        Checkpoint { scene: scene.written(), scene_file, identity, petsc, pause, outputs }.write(folder)
+    }
+
+    fn interrupts(&self) -> bool {
+        signal::came()
+    }
+
     fn step(&mut self, step: u64, contact_nodes: usize) {
-        let (time, energy_ratio) = (step as f64 * self.step, self.energy_ratio);
+        let (time, energy_ratio) = (step as f64 * self.job.scene.time.step, self.energy_ratio);
         if let Some(Files { progress, .. }) = &mut self.files {
             progress.tick(step, || State { time, contact_nodes, energy_ratio });
         }
@@ -119,89 +180,131 @@ impl Observer for Recorder<'_> {
 impl Run {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
-        match scene.solver.engine {
+        let folder = self.folder();
+        if !self.overwrite && checkpoint::any(&folder)? {
+            let folder = folder.display();
+            return Err(Error::Usage(format!(
+                "{folder} has checkpoints of an unfinished run: `rebond resume {folder}` goes on with it, \
+                 --overwrite starts over"
+            )));
+        }
+        let file = std::path::absolute(&self.scene.scene).map_err(Error::io(&self.scene.scene))?;
+        let identity = Identity::of(&scene)?;
+        let (voice, petsc) = (self.scene.voice, self.scene.petsc.clone());
+        Job { scene, file, identity, folder, voice, petsc, from: None }.execute()
+    }
+
+    fn folder(&self) -> PathBuf {
+        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
+        self.out.clone().unwrap_or_else(|| Path::new("runs").join(stem()))
+    }
+}
+
+impl Job {
+    pub(super) fn execute(self) -> Result<()> {
+        match self.scene.solver.engine {
             #[cfg(feature = "petsc")]
-            EngineName::Petsc => self.on_petsc(&scene),
+            EngineName::Petsc => self.on_petsc(),
             #[cfg(not(feature = "petsc"))]
-            EngineName::Petsc => Model::new(&scene).map(drop), // says that this build has no such engine
+            EngineName::Petsc => Model::new(&self.scene).map(drop), // says that this build has no such engine
             EngineName::Native => {
                 launch::one_process("the native engine runs")?;
-                self.scene.refuse_petsc_options()?;
-                self.announce(&scene, "")?;
-                let model = Model::new(&scene)?;
-                self.simulate(&scene, &model, &simulation::condensed, [0, 1], &|| Ok(()))
+                refuse_petsc_options(&self.petsc)?;
+                self.announce("")?;
+                let model = Model::new(&self.scene)?;
+                self.simulate(&model, &simulation::condensed, [0, 1], &|| Ok(()))
             }
         }
     }
 
     /// Runs on all ranks; an error on any of them ends all.
     #[cfg(feature = "petsc")]
-    fn on_petsc(&self, scene: &Scene) -> Result<()> {
-        let context = Context::start(&self.scene.petsc)?;
+    fn on_petsc(self) -> Result<()> {
+        let context = Context::start(&self.petsc)?;
         let speaks = context.rank() == 0;
         let run = || {
             if speaks {
-                self.announce(scene, &format!("engine: petsc, {}\n", ranks(context.size())))?;
+                self.announce(&format!("engine: petsc, {}\n", ranks(context.size())))?;
             }
-            let model = Model::distributed(scene, &context)?;
-            let solver = model.solver(scene);
+            let model = Model::distributed(&self.scene, &context)?;
+            let solver = model.solver(&self.scene);
             let process = [context.rank(), context.size()];
-            self.simulate(scene, &model, &solver, process, &|| context.refuse_unused_options())
+            self.simulate(&model, &solver, process, &|| context.refuse_unused_options())
         };
         ended(&context, run())
     }
 
     /// Says what will be simulated.
-    fn announce(&self, scene: &Scene, engine: &str) -> Result<()> {
-        if self.scene.json || self.scene.quiet {
+    fn announce(&self, engine: &str) -> Result<()> {
+        if self.voice.is_silent() {
             return Ok(());
         }
-        print(&format!("{}\n{engine}effects: {}\n", scene.title, effects(scene)))
+        let from = self.from.as_ref().map_or(String::new(), |Checkpoint { pause, .. }| {
+            format!("resumed after step {}, t = {:.9} s\n", pause.step, pause.time)
+        });
+        print(&format!("{}\n{engine}effects: {}\n{from}", self.scene.title, effects(&self.scene)))
     }
 
     /// Simulates a model on one of several processes; the first writes and reports.
     fn simulate<E: Engine>(
-        &self,
-        scene: &Scene,
+        mut self,
         model: &Model<E>,
         solver: &SolverFactory<E>,
         [rank, ranks]: [usize; 2],
         check_options: &dyn Fn() -> Result<()>,
     ) -> Result<()> {
-        let folder = self.folder();
-        let quiet = self.scene.json || self.scene.quiet;
+        signal::listen()?;
+        let from = self.from.take();
+        let job = &self;
+        let Job { scene, folder, .. } = job;
         let mut recorder = Recorder {
-            files: if rank == 0 { Some(Files::create(&folder, scene, quiet)?) } else { None },
-            fields: Series::new(&folder, rank, ranks),
-            has_obstacles: scene.has_contact(),
-            step: scene.time.step,
+            job,
+            files: None,
+            fields: Series::new(folder, rank, ranks),
             start: None,
             energy_ratio: 1.0,
             check_options,
         };
-        let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
-        let Some(Files { history, events, progress, .. }) = recorder.files else { return ended };
-        progress.finish();
-        history.finish()?;
-        events.map_or(Ok(()), Events::finish)?;
+        let mut _claim = None;
+        if rank == 0 {
+            _claim = Some(Claim::new(folder)?);
+            sweep(folder)?;
+            recorder.files = Some(match &from {
+                None => Files::create(job)?,
+                Some(from) => Files::resume(job, from)?,
+            });
+            if let Some(Checkpoint { outputs, pause, .. }) = &from {
+                recorder.fields.resume(outputs.snapshots.clone(), pause.step)?;
+            }
+        }
+        let (outcome, ended) = match from {
+            None => simulation::run(scene, model, solver, &mut recorder)?,
+            Some(from) => simulation::resume(scene, model, solver, from.pause, &mut recorder)?,
+        };
+        let Some(files) = recorder.files else { return ended };
+        let status = ended.as_ref().err().map_or("done".into(), ToString::to_string);
+        // What ended the run speaks first.
+        let told = files.finish().and_then(|()| job.tell(&outcome, status));
+        ended.and(told)?;
+        // The run needs them no more.
+        checkpoint::clear(folder)
+    }
+
+    /// Writes the summary and the picture of a run, and prints its report.
+    fn tell(&self, outcome: &Outcome, status: String) -> Result<()> {
+        let Job { scene, folder, voice, .. } = self;
         let summary = Summary {
             program: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
-            status: ended.as_ref().err().map_or("done".into(), ToString::to_string),
+            status,
             scene_hash: scene.hash(),
             effects: scene.effects(),
-            outcome: &outcome,
+            outcome,
             scene,
         };
         summary::write_json(&folder.join("summary.json"), &summary)?;
-        draw(&folder, &scene.title, &obstacles(scene))?;
-        self.scene.print(&report(scene, &outcome, &folder), &summary)?;
-        ended
-    }
-
-    fn folder(&self) -> PathBuf {
-        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
-        self.out.clone().unwrap_or_else(|| Path::new("runs").join(stem()))
+        draw(folder, &scene.title, &obstacles(scene))?;
+        voice.print(&report(scene, outcome, folder), &summary)
     }
 }
 

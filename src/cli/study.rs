@@ -1,6 +1,6 @@
 //! `rebond study`.
 
-use super::{SceneArgs, launch, print};
+use super::{SceneArgs, launch, print, refuse_petsc_options};
 use crate::error::Result;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
@@ -136,14 +136,14 @@ impl Study {
             self.make(&scene, &study, &on_both)?;
             return context.refuse_unused_options();
         }
-        self.scene.refuse_petsc_options()?;
+        refuse_petsc_options(&self.scene.petsc)?;
         self.make(&scene, &study, &accuracy::natively)
     }
 
     fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {
         let folder = self.folder();
         fs::create_dir_all(&folder).map_err(crate::Error::io(&folder))?;
-        let quiet = self.scene.json || self.scene.quiet;
+        let quiet = self.scene.voice.is_silent();
         let (command, hash) = (super::command_line(), scene.hash());
         let known = match fs::read(folder.join("study.json")) {
             Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
@@ -158,7 +158,7 @@ impl Study {
         let accuracy = accuracy::study(scene, study, known, run, self.jobs.get(), &mut watch)?;
         watch.line.0.finish_and_clear();
         pictures::write(&accuracy, &folder.join("plots"), &command)?;
-        self.scene.print(&accuracy, &accuracy.summary(&command, &hash))?;
+        self.scene.voice.print(&accuracy, &accuracy.summary(&command, &hash))?;
         if !quiet {
             print(&format!("\nwritten to {}\n", folder.display()))?;
         }

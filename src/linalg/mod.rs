@@ -20,6 +20,7 @@ pub use cells::{Averages, CellForm, Form};
 pub use cholesky::Cholesky;
 pub use native::Native;
 
+use crate::archive::Archive;
 use crate::error::Result;
 use faer::Mat;
 
@@ -82,6 +83,11 @@ pub trait Engine: Sized {
     /// The values at all dofs of this process's cells, those that other processes own included, in the cells' numbering.
     fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
         Ok(x.to_vec())
+    }
+
+    /// The bytes of all processes, in their order, on the first; nothing on the others.
+    fn gather(&self, own: &[u8]) -> Result<Vec<Vec<u8>>> {
+        Ok(vec![own.to_vec()])
     }
 
     /// Gives all processes the values of the first, in arrays of the same length: their processors may round differently.
@@ -156,4 +162,13 @@ pub trait Factor {
     /// # Errors
     /// [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
+
+    /// Shows an archive what the way to its present candidates has left in the digits of the factor, which has these already.
+    ///
+    /// # Errors
+    /// [`crate::Error::Checkpoint`].
+    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        let _ = archive;
+        Ok(())
+    }
 }

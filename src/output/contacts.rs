@@ -1,11 +1,13 @@
 //! `contacts.csv`: when each node touches an obstacle, and how hard; a row a contact, written when it ends.
 
 use super::history::{malformed, number};
+use super::{Lines, remove};
 use crate::error::{Error, Result};
 pub use crate::simulation::Contact;
-use std::fs::{self, File};
-use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::fmt::Write as _;
+use std::fs;
+use std::io;
+use std::path::Path;
 
 /// Name of the file in the run folder.
 pub const FILE: &str = "contacts.csv";
@@ -15,37 +17,44 @@ const HEADER: &str = "node,x,y,begin,end,impulse";
 /// Writes `contacts.csv`.
 #[derive(Debug)]
 pub struct Contacts {
-    path: PathBuf,
-    file: File,
+    lines: Lines,
 }
 
 impl Contacts {
-    /// Starts `contacts.csv` afresh in a folder that exists.
+    /// Starts `contacts.csv` afresh in `folder`, which is created if need be.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`], as all below.
     pub fn create(folder: &Path) -> Result<Contacts> {
-        let path = folder.join(FILE);
-        let mut file = File::create(&path).map_err(Error::io(&path))?;
-        writeln!(file, "{HEADER}").map_err(Error::io(&path))?;
-        Ok(Contacts { path, file })
+        Ok(Contacts { lines: Lines::create(folder, FILE, HEADER)? })
     }
 
-    /// Adds rows, whole.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
+    /// Goes on with the first `length` bytes of what is there.
+    pub fn resume(folder: &Path, length: u64) -> Result<Contacts> {
+        Ok(Contacts { lines: Lines::resume(folder, FILE, length)? })
+    }
+
+    /// How many bytes have reached the disk: all.
+    pub fn position(&mut self) -> Result<u64> {
+        self.lines.position()
+    }
+
+    /// Adds rows.
     pub fn push(&mut self, contacts: &[Contact]) -> Result<()> {
-        let mut rows = String::new();
-        for &Contact { node, at: [x, y], begin, end, impulse } in contacts {
-            rows += &node.to_string();
-            for value in [x, y, begin, end, impulse] {
-                rows.push(',');
-                number(&mut rows, value);
-            }
-            rows.push('\n');
-        }
-        self.file.write_all(rows.as_bytes()).map_err(Error::io(&self.path))
+        contacts.iter().try_for_each(|&Contact { node, at: [x, y], begin, end, impulse }| {
+            self.lines.push(|line| {
+                write!(line, "{node}").expect("a string takes everything");
+                for value in [x, y, begin, end, impulse] {
+                    line.push(',');
+                    number(line, value);
+                }
+            })
+        })
+    }
+
+    /// Ends the file; unlike a mere drop, says when the last rows could not be written.
+    pub fn finish(mut self) -> Result<()> {
+        self.lines.flush()
     }
 }
 
@@ -67,11 +76,7 @@ pub fn read(folder: &Path) -> Result<Option<Vec<Contact>>> {
 /// # Errors
 /// [`Error::Io`].
 pub fn clear(folder: &Path) -> Result<()> {
-    let path = folder.join(FILE);
-    match fs::remove_file(&path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
-        _ => Ok(()),
-    }
+    remove(&folder.join(FILE))
 }
 
 fn parse(text: &str) -> io::Result<Vec<Contact>> {

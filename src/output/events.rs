@@ -1,11 +1,10 @@
 //! `events.csv`: every touch and leave of a node, from a scheme that follows them.
 
-use super::Lines;
-use crate::error::{Error, Result};
+use super::{Lines, remove};
+use crate::error::Result;
 use crate::scheme::Event;
 use crate::simulation::NodeEvent;
 use std::fmt::Write as _;
-use std::io::ErrorKind;
 use std::path::Path;
 
 /// Name of the file in the run folder.
@@ -27,6 +26,16 @@ impl Events {
         Ok(Events { lines: Lines::create(folder, FILE, "time,node,x,y,kind,velocity,reaction")? })
     }
 
+    /// Goes on with the first `length` bytes of what is there.
+    pub fn resume(folder: &Path, length: u64) -> Result<Events> {
+        Ok(Events { lines: Lines::resume(folder, FILE, length)? })
+    }
+
+    /// How many bytes have reached the disk: all.
+    pub fn position(&mut self) -> Result<u64> {
+        self.lines.position()
+    }
+
     /// Adds an event.
     pub fn push(&mut self, event: &NodeEvent) -> Result<()> {
         let NodeEvent { node, at: [x, y], event } = event;
@@ -46,9 +55,5 @@ impl Events {
 
 /// Removes the file of an earlier run.
 pub fn clear(folder: &Path) -> Result<()> {
-    let path = folder.join(FILE);
-    match std::fs::remove_file(&path) {
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(Error::io(path)(error)),
-        _ => Ok(()),
-    }
+    remove(&folder.join(FILE))
 }

@@ -42,6 +42,16 @@ impl History {
         Ok(History { lines: Lines::create(folder, FILE, &names.join(","))?, probes: probes.len() })
     }
 
+    /// Goes on with the first `length` bytes of what is there.
+    pub fn resume(folder: &Path, probes: usize, length: u64) -> Result<Self> {
+        Ok(History { lines: Lines::resume(folder, FILE, length)?, probes })
+    }
+
+    /// How many bytes have reached the disk: all.
+    pub fn position(&mut self) -> Result<u64> {
+        self.lines.position()
+    }
+
     /// Adds a row.
     ///
     /// # Panics

@@ -2,9 +2,10 @@
 //!
 //! Nothing here knows a plate, a mesh or a scheme.
 //!
-//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`events`] (`events.csv`), [`vtu`]
+//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`events`] (`events.csv`), [`checkpoint`] (`checkpoint-*.bin`), [`vtu`]
 //! (`fields.pvd` and its snapshots), [`summary`] (`summary.json`), [`plot`] (`plots/*.svg` and `.png`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
 
+pub mod checkpoint;
 pub mod contacts;
 pub mod events;
 pub mod history;
@@ -17,8 +18,8 @@ pub mod vtu;
 
 use crate::error::{Error, Result};
 use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -48,6 +49,31 @@ impl Lines {
         let mut lines = Lines { path, file, pending: format!("{head}\n"), flushed: Instant::now() };
         lines.flush()?;
         Ok(lines)
+    }
+
+    /// Opens the file of a run that goes on, and forgets what was written after its first `length` bytes.
+    fn resume(folder: &Path, name: &str, length: u64) -> Result<Lines> {
+        let path = folder.join(name);
+        let attempt = || -> io::Result<File> {
+            let mut file = File::options().write(true).open(&path)?;
+            let found = file.metadata()?.len();
+            if found < length {
+                let wrong = format!("it has {found} bytes, and had {length} at the checkpoint");
+                return Err(io::Error::new(io::ErrorKind::InvalidData, wrong));
+            }
+            file.set_len(length)?;
+            file.seek(SeekFrom::End(0))?;
+            Ok(file)
+        };
+        let file = attempt().map_err(Error::io(&path))?;
+        Ok(Lines { path, file, pending: String::new(), flushed: Instant::now() })
+    }
+
+    /// How many bytes the file has, all of which have reached the disk.
+    fn position(&mut self) -> Result<u64> {
+        self.flush()?;
+        let synced = self.file.sync_data().and_then(|()| self.file.stream_position());
+        synced.map_err(Error::io(&self.path))
     }
 
     /// Adds a line, without its end.
@@ -86,12 +112,64 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
         let mut file = File::create(&temporary)?;
         file.write_all(bytes)?;
         file.sync_all()?;
-        fs::rename(&temporary, path)
+        fs::rename(&temporary, path)?;
+        // The name reaches the disk with its folder. Not every file system lets a folder be asked.
+        let _ = path.parent().map(|folder| File::open(folder).and_then(|folder| folder.sync_all()));
+        Ok(())
     };
     attempt().map_err(|error| {
         let _ = fs::remove_file(&temporary);
         Error::io(path)(error)
     })
+}
+
+/// A run folder that this process alone writes into.
+#[derive(Debug)]
+pub struct Claim {
+    /// Its history, locked: the system unlocks it whichever way the process ends.
+    _file: File,
+}
+
+impl Claim {
+    /// Claims a folder, which is created if need be.
+    ///
+    /// # Errors
+    /// [`Error::Io`], also where another process has it.
+    pub fn new(folder: &Path) -> Result<Claim> {
+        fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        let path = folder.join(history::FILE);
+        let file = File::options().create(true).append(true).open(&path).map_err(Error::io(&path))?;
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => {
+                Err(Error::io(folder)(io::Error::new(io::ErrorKind::WouldBlock, "another run writes here")))
+            }
+            // Not every file system has locks.
+            _ => Ok(Claim { _file: file }),
+        }
+    }
+}
+
+/// Removes the temporary files that killed processes have left in a folder, if there is one.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn sweep(folder: &Path) -> Result<()> {
+    let Ok(entries) = fs::read_dir(folder) else { return Ok(()) };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with('.') && name.ends_with(".tmp") {
+            remove(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a file, if it is there.
+fn remove(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
+        _ => Ok(()),
+    }
 }
 
 /// `folder/.name.<process id>.tmp` for `folder/name`: hidden, and not shared with another process.

@@ -20,7 +20,7 @@
 //!
 //! `gap` and `reaction` are there where the scene has obstacles.
 
-use super::write_atomic;
+use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::simulation::Snapshot;
 use std::fmt::Write as _;
@@ -55,6 +55,30 @@ impl Series {
         Series { folder: folder.to_owned(), rank, ranks, times: Vec::new() }
     }
 
+    /// Goes on with the series of which these are the snapshots, with their times (s); removes those after `step`. Rank 0 alone does.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn resume(&mut self, snapshots: Vec<(f64, String)>, step: u64) -> Result<()> {
+        self.times = snapshots;
+        if self.times.is_empty() {
+            remove(&self.folder.join(FILE))?;
+        } else {
+            self.write_index()?;
+        }
+        for (of, path) in pieces(&self.folder)? {
+            if of > step {
+                remove(&path)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Times (s) and files of the snapshots so far.
+    pub fn snapshots(&self) -> &[(f64, String)] {
+        &self.times
+    }
+
     /// Writes this rank's piece of a snapshot, whole or not at all.
     ///
     /// # Errors
@@ -83,6 +107,10 @@ impl Series {
             }
         };
         self.times.push((time, format!("{FOLDER}/{name}")));
+        self.write_index()
+    }
+
+    fn write_index(&self) -> Result<()> {
         let mut index = format!("{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n");
         for (time, file) in &self.times {
             line(&mut index, format_args!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>"));
@@ -101,19 +129,22 @@ impl Series {
 /// # Errors
 /// [`Error::Io`].
 pub fn clear(folder: &Path) -> Result<()> {
-    let remove = |path: &Path| match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
-        _ => Ok(()),
-    };
     remove(&folder.join(FILE))?;
-    let Ok(entries) = fs::read_dir(folder.join(FOLDER)) else { return Ok(()) };
-    for path in entries.flatten().map(|entry| entry.path()) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if name.starts_with("step-") && (name.ends_with(".vtu") || name.ends_with(".pvtu")) {
-            remove(&path)?;
-        }
-    }
-    Ok(())
+    pieces(folder)?.iter().try_for_each(|(_, path)| remove(path))
+}
+
+/// Steps and files of all snapshots in a run folder; what killed processes left is swept away.
+fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
+    let folder = folder.join(FOLDER);
+    sweep(&folder)?;
+    let Ok(entries) = fs::read_dir(folder) else { return Ok(Vec::new()) };
+    let piece = |path: PathBuf| {
+        let name = path.file_name()?.to_str()?;
+        let name = name.strip_suffix(".vtu").or(name.strip_suffix(".pvtu"))?.strip_prefix("step-")?;
+        let step = name.split('-').next()?.parse().ok()?;
+        Some((step, path))
+    };
+    Ok(entries.flatten().filter_map(|entry| piece(entry.path())).collect())
 }
 
 /// An array of a grid: its name, type, components and bytes.

@@ -172,17 +172,29 @@ impl Context {
     pub fn gather<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<T> {
         let mut counts = vec![0 as c_int; self.size()];
         self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
-        let starts: Vec<c_int> = counts
-            .iter()
-            .scan(0, |sum, &count| {
-                let start = *sum;
-                *sum += count;
-                Some(start)
-            })
-            .collect();
+        let starts = starts(&counts);
         let mut all = vec![T::default(); counts.iter().sum::<c_int>() as usize];
         self.world.all_gather_varcount_into(mine, &mut PartitionMut::new(&mut all[..], counts, starts));
         all
+    }
+
+    /// The arrays of all ranks, in their order, on rank 0; nothing on the others. Collective.
+    pub fn gather_to_first<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<Vec<T>> {
+        let mut counts = vec![0 as c_int; self.size()];
+        self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
+        let first = self.world.process_at_rank(0);
+        if self.rank() > 0 {
+            first.gather_varcount_into(mine);
+            return Vec::new();
+        }
+        let starts = starts(&counts);
+        let mut all = vec![T::default(); counts.iter().sum::<c_int>() as usize];
+        first.gather_varcount_into_root(mine, &mut PartitionMut::new(&mut all[..], &counts[..], &starts[..]));
+        counts
+            .iter()
+            .zip(starts)
+            .map(|(&count, start)| all[start as usize..][..count as usize].to_vec())
+            .collect()
     }
 
     /// Whether it holds on every rank: how ranks agree to go on or give up together. Collective.
@@ -298,6 +310,18 @@ impl Drop for Context {
         unsafe { sys::PetscFinalize() };
         drop(self.universe.take());
     }
+}
+
+/// Where parts of these lengths begin, one after the other.
+fn starts(counts: &[c_int]) -> Vec<c_int> {
+    counts
+        .iter()
+        .scan(0, |sum, &count| {
+            let start = *sum;
+            *sum += count;
+            Some(start)
+        })
+        .collect()
 }
 
 /// Ends all ranks when one panics, even inside a callback: the others would wait for it for ever.

@@ -5,6 +5,7 @@
 
 use super::plate::Part;
 use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
+use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::{Engine, Factor, Form, Native, Sum};
 use faer::Mat;
@@ -174,6 +175,10 @@ impl Engine for Distributed {
         let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;
         Ok(xl.clone())
+    }
+
+    fn gather(&self, own: &[u8]) -> Result<Vec<Vec<u8>>> {
+        Ok(self.context.gather_to_first(own))
     }
 
     fn agree(&self, values: &mut [f64]) -> Result<()> {
@@ -346,6 +351,12 @@ impl DistributedFactor {
             (block[(i, j)], block[(j, i)]) = (value, value);
         }
         self.flexibility = block;
+        self.invert()
+    }
+
+    /// Makes the Schur complement that goes with the flexibility.
+    fn invert(&mut self) -> Result<()> {
+        let count = self.flexibility.nrows();
         self.schur = Mat::zeros(0, 0);
         if count > 0 {
             let llt = self.flexibility.llt(faer::Side::Lower).map_err(|_| {
@@ -483,6 +494,18 @@ impl Factor for DistributedFactor {
             held.zero_rows_columns(&rows, 1.0)?;
             held.set_positive_definite()?;
             self.pinned = Some(solver(&self.context, &held)?);
+        }
+        Ok(())
+    }
+
+    /// The flexibility, whose columns came in lots.
+    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        let count = self.flexibility.nrows();
+        let mut columns: Vec<f64> =
+            (0..count).flat_map(|j| self.flexibility.col_as_slice(j).to_vec()).collect();
+        if archive.value_of_same(&mut columns)? && !archive.saves() {
+            self.flexibility = Mat::from_fn(count, count, |i, j| columns[count * j + i]);
+            self.invert()?;
         }
         Ok(())
     }

@@ -376,6 +376,8 @@ pub struct Output {
     pub every: u64,
     /// Snapshots of the plate; `None` costs nothing.
     pub fields: Option<Snapshots>,
+    /// Steps between checkpoints; `None`: only where a run is interrupted.
+    pub checkpoint_every: Option<u64>,
     /// Points whose deflection is a column of the history.
     pub probes: Vec<Probe>,
 }
@@ -433,6 +435,11 @@ impl Scene {
     /// The scene as TOML with every default filled in. It reads back to an equal scene.
     pub fn resolved(&self) -> String {
         resolved::text(self, true)
+    }
+
+    /// As [`Scene::resolved`], with files named as they were written: it reads back as an equal scene where the scene's file is.
+    pub fn written(&self) -> String {
+        resolved::text(self, false)
     }
 
     /// What `rebond study` compares.

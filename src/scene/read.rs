@@ -691,7 +691,7 @@ fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
 }
 
 fn output(doc: &Document, plate: &Panel, mesh: &Grid) -> Result<Output> {
-    doc.allow("output", &["every", "fields_every", "subdivide", "probes"])?;
+    doc.allow("output", &["every", "fields_every", "subdivide", "checkpoint_every", "probes"])?;
     let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
     let mut probes: Vec<Probe> = Vec::new();
     for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
@@ -703,7 +703,8 @@ fn output(doc: &Document, plate: &Panel, mesh: &Grid) -> Result<Output> {
         }
         probes.push(probe);
     }
-    Ok(Output { every, fields: snapshots(doc, mesh)?, probes })
+    let checkpoint_every = doc.optional_count("output.checkpoint_every", "a number of steps", 1)?;
+    Ok(Output { every, checkpoint_every, fields: snapshots(doc, mesh)?, probes })
 }
 
 fn probe(doc: &Document, table: &str, plate: &Panel) -> Result<Probe> {

@@ -239,6 +239,9 @@ fn output(output: &Output) -> Vec<Row> {
         rows.push(("fields_every", fields.every.to_string(), "steps between snapshots"));
         rows.push(("subdivide", fields.subdivide.to_string(), "parts of each edge in snapshots"));
     }
+    if let Some(every) = output.checkpoint_every {
+        rows.push(("checkpoint_every", every.to_string(), "steps between checkpoints"));
+    }
     rows
 }
 

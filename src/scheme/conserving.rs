@@ -75,6 +75,7 @@ use super::drive::Moment;
 use super::half_step::{HalfStep, State};
 use super::potential::Line;
 use super::{Approach, Potential, Scheme, Start, System};
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
@@ -97,7 +98,7 @@ const ROUNDING: Range<f64> = 0.9..1.1;
 const MOST_TRIALS: usize = 60;
 
 /// What it took to keep the energy.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Relaxation {
     /// Steps, of any length, that the scheme took between the instants of its grid.
     pub states: u64,
@@ -416,6 +417,31 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
 
     fn approach(&self, bound: usize) -> Approach {
         self.free[bound]
+    }
+
+    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        for value in [&mut self.start, &mut self.given, &mut self.span, &mut self.ahead] {
+            archive.value(value)?;
+        }
+        archive.value(&mut self.n)?;
+        archive.value(&mut self.last)?;
+        archive.value(&mut self.verdict)?;
+        archive.value(&mut self.relaxation)?;
+        self.now.archive(archive)?;
+        self.before.archive(archive)?;
+        self.limits.archive(archive)?;
+        archive.vector(Over::Dofs, &mut self.u)?;
+        for vector in [&mut self.admissible, &mut self.reaction, &mut self.rates] {
+            archive.vector(Over::Bounds, vector)?;
+        }
+        Approach::archive(&mut self.free, archive)?;
+        let mut halves = self.halves.len();
+        archive.value(&mut halves)?;
+        while self.halves.len() < halves {
+            self.add_half(0.5 * self.halves[self.halves.len() - 1].dt)?;
+        }
+        self.halves.iter_mut().try_for_each(|half| half.archive(archive))?;
+        self.potential.archive(archive)
     }
 
     fn factorisations(&self) -> u64 {

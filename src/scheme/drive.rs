@@ -3,6 +3,7 @@
 //! Each is absent unless a scene has it, and then costs a step one test. The schemes hold loads and bounds of the instants of a step
 //! only: two of the midpoint rule, three of Newmark.
 
+use crate::archive::{Archive, Over};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::modes::Mode;
@@ -186,6 +187,18 @@ impl Moment {
             each(&mut to.lower, &a.lower, &b.lower);
             each(&mut to.upper, &a.upper, &b.upper);
         }
+    }
+
+    /// Shows an archive all of it.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        if let Some(load) = &mut self.load {
+            archive.vector(Over::Dofs, load)?;
+        }
+        if let Some(Bounds { lower, upper, .. }) = &mut self.bounds {
+            archive.vector(Over::Bounds, lower)?;
+            archive.vector(Over::Bounds, upper)?;
+        }
+        Ok(())
     }
 
     /// Takes what another moment has.

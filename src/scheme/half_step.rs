@@ -2,6 +2,7 @@
 
 use super::System;
 use super::drive::Moment;
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
@@ -36,6 +37,16 @@ impl State {
         let mut state = State { u, v, reaction, force, moment, energies: Energies::default() };
         state.weigh(system)?;
         Ok(state)
+    }
+
+    /// Shows an archive all of it.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.energies)?;
+        self.moment.archive(archive)?;
+        archive.vector(Over::Dofs, &mut self.u)?;
+        archive.vector(Over::Dofs, &mut self.force)?;
+        archive.vector(Over::Velocities, &mut self.v)?;
+        archive.vector(Over::Bounds, &mut self.reaction)
     }
 
     /// Sets force and energies to those of U and V.
@@ -127,10 +138,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             self.mean.combine(&from.moment, &self.end, |from, end| 0.5 * (from + end));
         }
         engine.momentum(mass, &from.v, &mut self.b)?;
-        let shares = match &drive.modal {
-            None => None,
-            Some(modal) => Some(modal.of_momentum(engine, &self.b)?),
-        };
+        let shares = self.shares()?;
         for (b, force) in self.b.iter_mut().zip(&from.force) {
             *b = 2.0 / dt * *b + force;
         }
@@ -152,6 +160,20 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             *dv = 4.0 / dt * rate - 2.0 * v;
         }
         Ok(verdict)
+    }
+
+    /// Shares of the momentum in b in the modes that are damped.
+    fn shares(&self) -> Result<Option<Vec<f64>>> {
+        let System { engine, drive, .. } = self.system;
+        drive.modal.as_ref().map(|modal| modal.of_momentum(engine, &self.b)).transpose()
+    }
+
+    /// Takes a state for that from which the last step went.
+    pub fn recall(&mut self, from: &State) -> Result<()> {
+        let System { engine, mass, .. } = self.system;
+        engine.momentum(mass, &from.v, &mut self.b)?;
+        self.shares = self.shares()?;
+        Ok(())
     }
 
     /// The bounds on U + x.
@@ -202,6 +224,14 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         for (to, (v, dv)) in to.v.iter_mut().zip(from.v.iter().zip(&self.dv)) {
             *to = v + gamma * dv;
         }
+    }
+
+    /// Shows an archive what remains of the last solution, and the solver.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.mean.archive(archive)?;
+        archive.vector(Over::Dofs, &mut self.x)?;
+        archive.vector(Over::Bounds, &mut self.reaction)?;
+        self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
     /// Numeric factorisations so far.

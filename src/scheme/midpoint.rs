@@ -18,6 +18,7 @@
 
 use super::half_step::{HalfStep, State};
 use super::{Approach, Potential, Scheme, Start, System};
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
@@ -196,6 +197,24 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         let dt = self.half.dt;
         let velocity = (self.earlier[bound] - self.earliest[bound]) / dt;
         Approach { time: (self.n as f64 - 1.5) * dt, deflection: self.earlier[bound], velocity }
+    }
+
+    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.n)?;
+        archive.value(&mut self.given)?;
+        archive.value(&mut self.verdict)?;
+        self.now.archive(archive)?;
+        for vector in [&mut self.admissible, &mut self.earlier, &mut self.earliest] {
+            archive.vector(Over::Bounds, vector)?;
+        }
+        self.half.archive(archive)?;
+        if self.system.drive.modal.is_some() && self.n > 0 {
+            archive.vector(Over::Velocities, &mut self.next.v)?;
+            if !archive.saves() {
+                self.half.recall(&self.next)?;
+            }
+        }
+        self.potential.as_mut().map_or(Ok(()), |potential| potential.archive(archive))
     }
 
     fn factorisations(&self) -> u64 {

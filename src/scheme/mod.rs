@@ -36,6 +36,7 @@ pub use midpoint::{Massless, Midpoint};
 pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
@@ -130,8 +131,20 @@ pub struct Approach {
     pub velocity: f64,
 }
 
+impl Approach {
+    /// Shows an archive approaches, one a bound.
+    fn archive(approaches: &mut [Approach], archive: &mut Archive) -> Result<()> {
+        archive.items(
+            Over::Bounds,
+            approaches,
+            |of| [of.time, of.deflection, of.velocity],
+            |[time, deflection, velocity]| Approach { time, deflection, velocity },
+        )
+    }
+}
+
 /// A node that touches an obstacle, or leaves it, at an instant of its own.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Event {
     /// Instant, in s.
     pub time: f64,
@@ -146,7 +159,7 @@ pub struct Event {
 }
 
 /// What a scheme that follows events has done so far.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Tally {
     /// Touches and leaves of single nodes.
     pub events: u64,
@@ -207,6 +220,12 @@ pub trait Scheme {
 
     /// A bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
+
+    /// Shows an archive all that the next steps depend on, down to the last digit. Restores a scheme at its start.
+    ///
+    /// # Errors
+    /// [`crate::Error::Checkpoint`], and what the solver says.
+    fn state(&mut self, archive: &mut Archive) -> Result<()>;
 
     /// Numeric factorisations so far; diagonalisations for a modal scheme.
     fn factorisations(&self) -> u64;

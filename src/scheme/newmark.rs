@@ -32,6 +32,7 @@
 
 use super::drive::Moment;
 use super::{Approach, Scheme, Start, System};
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
@@ -99,6 +100,18 @@ impl Varying {
         let mut varying = Varying { limits: now.bounds.clone(), before, now, next, work: 0.0, given: 0.0 };
         varying.limit(parameters.restitution);
         Ok(varying)
+    }
+
+    /// Shows an archive all of it.
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.work)?;
+        archive.value(&mut self.given)?;
+        for moment in [&mut self.before, &mut self.now, &mut self.next] {
+            moment.archive(archive)?;
+        }
+        let Some(Bounds { lower, upper, .. }) = &mut self.limits else { return Ok(()) };
+        archive.vector(Over::Bounds, lower)?;
+        archive.vector(Over::Bounds, upper)
     }
 
     /// Goes to the instant whose next one is given.
@@ -377,6 +390,24 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     fn approach(&self, bound: usize) -> Approach {
         let dof = self.system.bounds.dofs[bound];
         Approach { time: self.time(), deflection: self.u[dof], velocity: self.d[dof] / self.parameters.step }
+    }
+
+    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.n)?;
+        archive.value(&mut self.elastic)?;
+        self.varying.as_mut().map_or(Ok(()), |varying| varying.archive(archive))?;
+        archive.value(&mut self.verdict)?;
+        for vector in [&mut self.u, &mut self.d, &mut self.d_next] {
+            archive.vector(Over::Dofs, vector)?;
+        }
+        for vector in [&mut self.admissible, &mut self.reaction] {
+            archive.vector(Over::Bounds, vector)?;
+        }
+        let System { engine, bounds, drive, .. } = self.system;
+        if let (Some(modal), false) = (&drive.modal, archive.saves()) {
+            self.shares = Some(modal.of_rate(engine, &self.d)?);
+        }
+        self.solver.state(engine, &self.sum, bounds, archive)
     }
 
     fn factorisations(&self) -> u64 {

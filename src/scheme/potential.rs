@@ -32,6 +32,7 @@
 use super::System;
 use super::drive::Moment;
 use super::half_step::{HalfStep, State};
+use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
@@ -254,6 +255,11 @@ impl<'s, E: Engine> Potential<'s, E> {
         let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
         verdict.kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
         Ok(verdict)
+    }
+
+    /// Shows an archive the solver: each answer begins anew.
+    pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
     /// Numeric factorisations so far.

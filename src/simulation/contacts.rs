@@ -1,6 +1,8 @@
 //! When each node touches an obstacle, and how hard.
 
 use super::Site;
+use crate::archive::{Archive, Over};
+use crate::error::Result;
 
 /// A node's contact with an obstacle, from its first to its last step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +66,28 @@ impl Contacts {
             }
             _ => true,
         });
+    }
+
+    /// Shows an archive the contacts of all bounds.
+    pub fn archive(&mut self, bounds: usize, archive: &mut Archive) -> Result<()> {
+        // The place of each among those open, or -1, then its state.
+        let mut all = vec![[-1.0; 4]; bounds];
+        for (place, &bound) in self.open.iter().enumerate() {
+            if let Some([begin, end, impulse]) = self.state[bound] {
+                all[bound] = [place as f64, begin, end, impulse];
+            }
+        }
+        archive.items(Over::Bounds, &mut all, |&of| of, |of| of)?;
+        archive.list(&mut self.ended)?;
+        if !archive.saves() {
+            let is_open = |&bound: &usize| all[bound][0] >= 0.0;
+            self.open = (0..bounds).filter(is_open).collect();
+            self.open.sort_by(|&a, &b| all[a][0].total_cmp(&all[b][0]));
+            let contact =
+                |[place, begin, end, impulse]: [f64; 4]| (place >= 0.0).then_some([begin, end, impulse]);
+            self.state = all.into_iter().map(contact).collect();
+        }
+        Ok(())
     }
 
     /// What ended since the last call, in groups of [`NUMBERS`].

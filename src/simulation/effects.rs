@@ -4,8 +4,8 @@
 //! *lift*. In that frame supports stand still, obstacles move by less the lift, and inertia is a load (the pseudo-static
 //! decomposition of earthquake engineering: Clough and Penzien, *Dynamics of Structures*, section 26-1).
 
-use super::Site;
 use super::body::{self, Team};
+use super::{Places, Site};
 use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::error::{Error, Result};
 use crate::linalg::{Average, BARE, Block, Engine, Form, Native};
@@ -87,6 +87,7 @@ pub(super) struct Effects<E: Engine> {
     pub lifts: Vec<Lift>,
     /// The engine's deflections; the bounded ones come first, in the order of the bounds.
     pub sites: Vec<Site>,
+    pub places: Places,
     /// Seconds that the static start took.
     pub seconds: f64,
 }
@@ -411,7 +412,9 @@ where
     }
     let clock = Instant::now();
     let start = start(&system, &native, ground, mechanism, &riders, &lifts)?;
-    Ok(Effects { system, start, lifts, sites, seconds: clock.elapsed().as_secs_f64() })
+    let carried = burdens.iter().map(|burden| burden.at);
+    let places = Places::new(ground, system.engine.dofs(), carried);
+    Ok(Effects { system, start, lifts, sites, places, seconds: clock.elapsed().as_secs_f64() })
 }
 
 /// A mass where a node can be stopped has a velocity that must jump.

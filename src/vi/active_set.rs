@@ -4,13 +4,15 @@
 //! that it has tried, single exchanges of the last such index follow until fewer break than ever (Murty 1974; Júdice and
 //! Pires 1994): finite for every symmetric positive definite matrix, however degenerate.
 
+use crate::archive::{Archive, Over};
+use crate::error::Result;
 use crate::linalg::Factor;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side as Triangle};
 use std::collections::HashSet;
 
 /// Where a bounded dof is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub enum Side {
     /// Between its bounds.
     #[default]
@@ -25,6 +27,11 @@ impl Side {
     /// The side of a number made by `side as u8`.
     pub(super) fn from_code(code: f64) -> Side {
         [Side::Free, Side::Lower, Side::Upper][code as usize % 3]
+    }
+
+    /// Shows an archive sides, one a bound.
+    pub(super) fn archive(sides: &mut [Side], archive: &mut Archive) -> Result<()> {
+        archive.items(Over::Bounds, sides, |&side| [f64::from(side as u8)], |[code]| Side::from_code(code))
     }
 
     /// This side if there is a bound on it, else free: a bound may have gone since the last step.

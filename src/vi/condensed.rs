@@ -8,6 +8,7 @@
 
 use super::Solver;
 use super::active_set::{self, Exchange, Move, Side};
+use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::{Engine, Factor, Sum};
 use crate::obstacle::Bounds;
@@ -259,6 +260,33 @@ impl<E: Engine> Solver<E> for Condensed<E> {
 
     fn factorisations(&self) -> u64 {
         self.factorisations
+    }
+
+    fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.factorisations)?;
+        Side::archive(&mut self.sides, archive)?;
+        let mut pins = matches!(self.method, Method::Pinned { .. });
+        archive.value(&mut pins)?;
+        // The sides pinned, or any side but free for a candidate.
+        let mut marks = vec![Side::Free; bounds.len()];
+        match &self.method {
+            Method::Dense { candidates } => candidates.iter().for_each(|&i| marks[i] = Side::Lower),
+            Method::Pinned { pinned } => marks.copy_from_slice(pinned),
+        }
+        Side::archive(&mut marks, archive)?;
+        if !archive.saves() {
+            let marked: Vec<usize> = (0..bounds.len()).filter(|&i| marks[i] != Side::Free).collect();
+            let dofs: Vec<usize> = marked.iter().map(|&i| bounds.dofs[i]).collect();
+            // A factor is made from its matrix and these alone, whatever way led there.
+            self.method = if pins {
+                self.factor.pin(&dofs)?;
+                Method::Pinned { pinned: marks }
+            } else {
+                engine.change_candidates(&mut self.factor, sum, &dofs)?;
+                Method::Dense { candidates: marked }
+            };
+        }
+        self.factor.state(archive)
     }
 }
 

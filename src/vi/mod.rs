@@ -18,9 +18,11 @@ pub mod tao;
 pub use active_set::{Side, dense};
 pub use condensed::Condensed;
 
+use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
+use serde::{Deserialize, Serialize};
 
 /// A solver of the bound-constrained problem, warm-started from its last answer.
 pub trait Solver<E: Engine> {
@@ -40,6 +42,12 @@ pub trait Solver<E: Engine> {
 
     /// Numeric factorisations so far.
     fn factorisations(&self) -> u64;
+
+    /// Shows an archive all that its next answer depends on, down to the last digit. Restores a solver that has not solved anything yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Checkpoint`], and where a matrix cannot be factored.
+    fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()>;
 
     /// Residual above which an answer is worth another attempt with [`Solver::retry`].
     fn tolerance(&self) -> f64 {
@@ -69,7 +77,7 @@ pub trait Solver<E: Engine> {
 pub type SolverFactory<E> = dyn Fn(&E, &Sum<E>, usize) -> Result<Box<dyn Solver<E>>>;
 
 /// What a solved step has to say.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Verdict {
     /// Iterations of the solver; 0 where nothing touched.
     pub iterations: u32,
@@ -136,5 +144,13 @@ impl<E: Engine> Step<E> {
     /// Numeric factorisations so far.
     pub fn factorisations(&self) -> u64 {
         self.solver.factorisations()
+    }
+
+    /// As [`Solver::state`].
+    ///
+    /// # Errors
+    /// As [`Solver::state`].
+    pub fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()> {
+        self.solver.state(engine, sum, bounds, archive)
     }
 }

@@ -10,6 +10,7 @@
 
 use super::kkt::{Judge, Residual};
 use super::{Condensed, Side, Solver};
+use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, Sum};
 use crate::obstacle::Bounds;
@@ -343,6 +344,23 @@ impl Solver<Distributed> for Bounded {
 
     fn factorisations(&self) -> u64 {
         self.factorisations + self.condensed.as_ref().map_or(0, Solver::factorisations)
+    }
+
+    fn state(
+        &mut self,
+        engine: &Distributed,
+        sum: &Sum<Distributed>,
+        bounds: &Bounds,
+        archive: &mut Archive,
+    ) -> Result<()> {
+        archive.value(&mut self.factorisations)?;
+        Side::archive(&mut self.sides, archive)?;
+        let mut has_retried = self.condensed.is_some();
+        archive.value(&mut has_retried)?;
+        if has_retried && self.condensed.is_none() {
+            self.condensed = Some(Condensed::new(engine, sum, bounds.len())?);
+        }
+        self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.state(engine, sum, bounds, archive))
     }
 
     fn tolerance(&self) -> f64 {

@@ -49,6 +49,7 @@ mod search;
 mod switch;
 
 use super::{Approach, Event, Scheme, Start, System, Tally};
+use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -466,6 +467,31 @@ impl<E: Engine> Scheme for Exact<'_, E> {
 
     fn approach(&self, bound: usize) -> Approach {
         self.touches[bound]
+    }
+
+    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.n)?;
+        archive.value(&mut self.verdict)?;
+        archive.value(&mut self.tally)?;
+        archive.value(&mut self.events)?;
+        Approach::archive(&mut self.touches, archive)?;
+        let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
+        archive.value(&mut state)?;
+        let mut sides = self.motion.modes.sides.clone();
+        archive.value(&mut sides)?;
+        if !archive.saves() {
+            self.state = Mat::from_fn(self.state.nrows(), 2, |k, j| state[j][k]);
+            let modes = self.cache.get(self.system, &self.reduction, &sides)?;
+            self.motion = Motion::new(modes, 0.0, &self.state);
+        }
+        self.cache.archive(archive)?;
+        self.motion.archive(archive)?;
+        if !archive.saves() {
+            let ExactOptions { stride, roundings, .. } = self.options;
+            self.search = Search::new(&self.motion, stride, roundings, 0);
+            self.watch();
+        }
+        self.search.archive(&self.motion, archive)
     }
 
     fn factorisations(&self) -> u64 {

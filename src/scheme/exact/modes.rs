@@ -11,6 +11,7 @@
 //! few times, does the rest. V stays orthogonal to rounding throughout: the state goes from one set's modes to the next's as V V^T z.
 
 use super::reduction::Reduction;
+use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::scheme::System;
@@ -211,7 +212,8 @@ pub(super) fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, E
 /// Modes of the active sets met so far, the longest unused of which make room for new ones.
 #[derive(Debug)]
 pub(super) struct Cache {
-    sets: HashMap<Vec<Side>, (Rc<Modes>, u64)>,
+    /// Modes, not yet computed again for those of an archive, and when they were last used.
+    sets: HashMap<Vec<Side>, (Option<Rc<Modes>>, u64)>,
     limit: usize,
     bytes: usize,
     clock: u64,
@@ -240,18 +242,44 @@ impl Cache {
         self.clock += 1;
         if let Some((modes, used)) = self.sets.get_mut(sides) {
             *used = self.clock;
-            return Ok(modes.clone());
+            let known = match modes.take() {
+                Some(known) => known,
+                None => Rc::new(Modes::new(system, reduction, sides)?),
+            };
+            return Ok(modes.insert(known).clone());
         }
         let modes = Rc::new(Modes::new(system, reduction, sides)?);
         self.computed += 1;
         self.bytes += modes.bytes();
         while self.bytes > self.limit && !self.sets.is_empty() {
             let oldest = self.sets.iter().min_by_key(|(_, (_, used))| *used).map(|(sides, _)| sides.clone());
-            let Some((evicted, _)) = oldest.and_then(|sides| self.sets.remove(&sides)) else { break };
-            self.bytes -= evicted.bytes();
+            oldest.and_then(|sides| self.sets.remove(&sides));
+            // All sets are of one size.
+            self.bytes -= modes.bytes();
         }
         self.peak = self.peak.max(self.bytes);
-        self.sets.insert(sides.to_vec(), (modes.clone(), self.clock));
+        self.sets.insert(sides.to_vec(), (Some(modes.clone()), self.clock));
         Ok(modes)
+    }
+
+    /// Shows an archive which sets are known: their modes follow from the sets.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        let used = |(sides, (_, used)): (&Vec<Side>, &(_, u64))| (*used, sides.clone());
+        let mut sets: Vec<(u64, Vec<Side>)> = self.sets.iter().map(used).collect();
+        sets.sort_unstable_by_key(|(used, _)| *used);
+        archive.value(&mut sets)?;
+        archive.value(&mut self.clock)?;
+        archive.value(&mut self.computed)?;
+        archive.value(&mut self.bytes)?;
+        archive.value(&mut self.peak)?;
+        if !archive.saves() {
+            let mut known = std::mem::take(&mut self.sets);
+            let set = |(used, sides)| {
+                let modes = known.remove(&sides).and_then(|(modes, _)| modes);
+                (sides, (modes, used))
+            };
+            self.sets = sets.into_iter().map(set).collect();
+        }
+        Ok(())
     }
 }

@@ -13,6 +13,8 @@
 //! phases are right to 4 ANCHOR roundings, and to w times the rounding of the instants, as they are from sin and cos.
 
 use super::modes::Modes;
+use crate::archive::Archive;
+use crate::error::Result;
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 use std::rc::Rc;
@@ -52,6 +54,17 @@ impl Motion {
         let place = state.col_as_slice(0).to_vec();
         let (phases, turn) = Default::default();
         Motion { modes, start, place, sine, versine, phases, turn, walked: 0, arch: Arch::new() }
+    }
+
+    /// Shows an archive all but the modes.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.start)?;
+        archive.value(&mut self.walked)?;
+        for vector in [&mut self.place, &mut self.sine, &mut self.versine] {
+            archive.value(vector)?;
+        }
+        archive.value(&mut self.phases)?;
+        archive.value(&mut self.turn)
     }
 
     /// A bound, for all time, of a mode's distance from its equilibrium: the motion without damping through the same start has it for

@@ -20,6 +20,8 @@
 //! Limits are met to `roundings` times the rounding of y: a plate that rests on an obstacle does not chatter about it.
 
 use super::motion::Motion;
+use crate::archive::Archive;
+use crate::error::Result;
 use crate::vi::Side;
 use faer::Mat;
 use std::collections::HashMap;
@@ -96,6 +98,23 @@ impl Search {
             search.slack[i] = search.slack[i].max(2.0 * missed);
         }
         search
+    }
+
+    /// Shows an archive how far the search has come along its motion; samples are taken again.
+    pub fn archive(&mut self, motion: &Motion, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.next)?;
+        archive.value(&mut self.level)?;
+        let mut pending: Vec<(f64, i32)> = self.pending.iter().map(|(of, level)| (of.at, *level)).collect();
+        let (mut certified, mut evaluations) = (self.certified.at, self.evaluations);
+        archive.value(&mut certified)?;
+        archive.value(&mut pending)?;
+        archive.value(&mut evaluations)?;
+        if !archive.saves() {
+            self.certified = self.sample(motion, certified);
+            self.pending = pending.into_iter().map(|(at, level)| (self.sample(motion, at), level)).collect();
+            self.evaluations = evaluations;
+        }
+        Ok(())
     }
 
     fn sample(&mut self, motion: &Motion, at: f64) -> Sample {

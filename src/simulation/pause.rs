@@ -1,0 +1,147 @@
+//! A run between two steps, as it goes into a checkpoint and comes back, on any number of processes.
+
+use super::Model;
+use super::body::Team;
+use super::effects::Ground;
+use crate::archive::{self, Archive, Entry, Numbering, Numbers};
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::scene::Mass;
+use crate::scheme::System;
+use crate::space::PER_NODE;
+use serde::{Deserialize, Serialize};
+
+/// Positions nearer than this share of the plate are the same.
+const SAME: f64 = 1e-9;
+
+/// The whole state of a run between two steps: the scheme's and the main loop's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Pause {
+    /// Number of the last step made.
+    pub step: u64,
+    /// Its time, in s.
+    pub time: f64,
+    /// How many processes made it: as many go on to the last digit as if there had been no pause.
+    pub processes: usize,
+    entries: Vec<Entry>,
+}
+
+/// Where the dofs and velocities of a process are: what numbers them whatever process has them.
+#[derive(Debug, Clone, Default)]
+pub struct Places {
+    /// Position, in m, and which dof of its node.
+    dofs: Vec<[f64; 3]>,
+    /// Centres of the cells and what is carried, in m, or the dofs again.
+    velocities: Vec<[f64; 3]>,
+}
+
+impl Places {
+    /// Those of a process's part of a plate, with the engine's number of dofs there, and of the masses that it carries.
+    pub(super) fn new<T: Team>(
+        ground: &Ground<T>,
+        count: usize,
+        carried: impl Iterator<Item = [f64; 2]>,
+    ) -> Places {
+        let Ground { scene, mesh, space, own, .. } = *ground;
+        let mut dofs = vec![[0.0; 3]; count];
+        let mut put = |dof: Option<usize>, [x, y]: [f64; 2], which: usize| {
+            if let Some(dof) = dof.and_then(own) {
+                dofs[dof] = [x, y, which as f64];
+            }
+        };
+        for (number, &node) in mesh.nodes.iter().enumerate() {
+            (0..PER_NODE).for_each(|which| put(space.dof(PER_NODE * number + which), node.into(), which));
+        }
+        for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
+            put(*gap, ball.at, PER_NODE + number);
+        }
+        let centre = |cell: usize| {
+            let vertices = mesh.vertices(cell);
+            let mean = |axis: usize| vertices.iter().map(|at| at[axis]).sum::<f64>() / vertices.len() as f64;
+            [mean(0), mean(1), 0.0]
+        };
+        let velocities = match scene.time.mass {
+            Mass::Singular => {
+                (0..mesh.cells.len()).map(centre).chain(carried.map(|[x, y]| [x, y, 1.0])).collect()
+            }
+            Mass::Consistent => dofs.clone(),
+        };
+        Places { dofs, velocities }
+    }
+
+    /// The numbers of all that this process has. Collective.
+    fn numbering<E: Engine>(&self, engine: &E, bounded: &[usize]) -> Result<Numbering> {
+        let bounds: Vec<[f64; 3]> = bounded.iter().map(|&dof| self.dofs[dof]).collect();
+        Ok(Numbering {
+            dofs: numbers(engine, &self.dofs)?,
+            velocities: numbers(engine, &self.velocities)?,
+            bounds: numbers(engine, &bounds)?,
+        })
+    }
+}
+
+/// Numbers places by line, column and dof: which process has them does not matter. Collective.
+fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Result<Numbers> {
+    let (all, before) = engine.concatenate(own.as_flattened())?;
+    let (all, before) = (all.as_chunks::<3>().0, before / 3);
+    let extent = all.iter().fold(0.0, |extent: f64, [x, y, _]| extent.max(x.abs()).max(y.abs()));
+    let [columns, lines] = [0, 1].map(|axis| {
+        let values: Vec<f64> = all.iter().map(|place| place[axis]).collect();
+        ranks(&values, SAME * extent)
+    });
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by_key(|&i| (lines[i], columns[i], all[i][2] as usize));
+    let mut numbers = vec![0; all.len()];
+    for (number, &i) in order.iter().enumerate() {
+        numbers[i] = number;
+    }
+    Ok(Numbers { own: numbers[before..][..own.len()].to_vec(), total: all.len() })
+}
+
+/// Which of the different values each is, ascending.
+fn ranks(values: &[f64], same: f64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    let mut ranks = vec![0; values.len()];
+    for pair in order.windows(2) {
+        ranks[pair[1]] = ranks[pair[0]] + usize::from(values[pair[1]] - values[pair[0]] > same);
+    }
+    ranks
+}
+
+impl Pause {
+    /// Takes what `state` shows of a run after a step; only the first process gets it. Collective.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub(super) fn take<E: Engine>(
+        model: &Model<E>,
+        step: u64,
+        time: f64,
+        state: impl FnOnce(&mut Archive) -> Result<()>,
+    ) -> Result<Option<Pause>> {
+        let System { engine, bounds, .. } = &model.system;
+        let mut archive = Archive::Saves(Vec::new());
+        state(&mut archive)?;
+        let own = (archive.into_entries(), model.places.numbering(engine, &bounds.dofs)?);
+        let parts: Vec<_> = engine
+            .gather(&archive::to_bytes(&own)?)?
+            .iter()
+            .map(|part| archive::from_bytes(part))
+            .collect::<Result<_>>()?;
+        let processes = parts.len();
+        let first = processes > 0;
+        first.then(|| Ok(Pause { step, time, processes, entries: archive::join(parts)? })).transpose()
+    }
+
+    /// What restores this process's part of it. Collective.
+    ///
+    /// # Errors
+    /// [`crate::Error::Checkpoint`] where it is that of another model.
+    pub(super) fn part<E: Engine>(self, model: &Model<E>) -> Result<Archive> {
+        let System { engine, bounds, .. } = &model.system;
+        let (processes, rank) = engine.concatenate(&[0.0])?;
+        let numbering = model.places.numbering(engine, &bounds.dofs)?;
+        archive::part(self.entries, &numbering, rank, self.processes == processes.len())
+    }
+}

@@ -1,0 +1,187 @@
+//! A run that stops and goes on leaves what it would have left without the pause, to the last bit.
+
+use rebond::Result;
+use rebond::output::checkpoint::{Checkpoint, Identity, Outputs};
+use rebond::scene::Scene;
+use rebond::simulation::{self, Contact, Model, NodeEvent, Observer, Outcome, Pause, Row, Seconds, Snapshot};
+use std::path::PathBuf;
+
+/// A plate that falls on an obstacle close beneath: contact from the start on, chatter and rest.
+const FALL: &str = r#"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [4, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.02 }, { side = "above", height = 0.05 }]
+initial = { static_pressure = 3000, velocity = -0.5 }
+load = { pressure = -500 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.06 }
+output = { every = 7, fields_every = 50, checkpoint_every = 37, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#;
+
+/// All that a run says, with the number of the step at which it does.
+#[derive(Default)]
+struct Diary {
+    step: u64,
+    entries: Vec<(u64, String)>,
+    pauses: Vec<Pause>,
+}
+
+impl Diary {
+    fn note(&mut self, step: u64, what: String) -> Result<()> {
+        self.entries.push((step, what));
+        Ok(())
+    }
+}
+
+impl Observer for Diary {
+    // Numbers are printed with as many digits as tell them from all others.
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self.note(row.step, format!("{row:?}"))
+    }
+
+    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
+        self.note(self.step, format!("{ended:?}"))
+    }
+
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        let Snapshot { step, deflection, velocity, mean_velocity, reaction, .. } = snapshot;
+        self.note(*step, format!("{deflection:?} {velocity:?} {mean_velocity:?} {reaction:?}"))
+    }
+
+    fn event(&mut self, event: &NodeEvent) -> Result<()> {
+        self.note(self.step, format!("{event:?}"))
+    }
+
+    fn pause(&mut self, pause: Pause) -> Result<()> {
+        self.pauses.push(pause);
+        Ok(())
+    }
+
+    fn step(&mut self, step: u64, _: usize) {
+        self.step = step + 1;
+    }
+}
+
+fn scene(overrides: &[&str]) -> Scene {
+    let overrides: Vec<String> = overrides.iter().map(|of| (*of).into()).collect();
+    Scene::from_str(FALL, "fall.toml", &overrides).unwrap()
+}
+
+/// What a run was, but for the time that it took.
+fn timeless(outcome: Outcome) -> Outcome {
+    Outcome { seconds: Seconds::default(), ..outcome }
+}
+
+/// A pause through a file and back.
+fn through_bytes(pause: &Pause) -> Pause {
+    let checkpoint = Checkpoint {
+        scene: String::new(),
+        scene_file: PathBuf::new(),
+        identity: Identity::of(&scene(&[])).unwrap(),
+        petsc: Vec::new(),
+        pause: pause.clone(),
+        outputs: Outputs::default(),
+    };
+    let read = Checkpoint::from_bytes(&checkpoint.to_bytes().unwrap()).unwrap();
+    assert!(read == checkpoint);
+    read.pause
+}
+
+/// Runs a scene, and goes on from each of its pauses with everything made anew.
+fn goes_on(overrides: &[&str]) {
+    let scene = scene(&[&["solver.energy_guard=1e9"], overrides].concat());
+    let model = Model::new(&scene).unwrap();
+    let mut whole = Diary::default();
+    let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut whole).unwrap();
+    ended.unwrap();
+    assert!(outcome.contact_steps > 2 && outcome.steps == scene.time.steps(), "{outcome:?}");
+    assert_eq!(whole.pauses.len() as u64, (scene.time.steps() - 1) / scene.output.checkpoint_every.unwrap());
+    for pause in &whole.pauses {
+        let model = Model::new(&scene).unwrap();
+        let mut rest = Diary { step: pause.step + 1, ..Diary::default() };
+        let (resumed, ended) =
+            simulation::resume(&scene, &model, &simulation::condensed, through_bytes(pause), &mut rest)
+                .unwrap();
+        ended.unwrap();
+        let expected: Vec<_> = whole.entries.iter().filter(|(step, _)| *step > pause.step).collect();
+        assert!(
+            expected.iter().eq(&rest.entries.iter().collect::<Vec<_>>()),
+            "{overrides:?} from {}",
+            pause.step
+        );
+        assert_eq!(timeless(resumed), timeless(outcome.clone()), "{overrides:?} from {}", pause.step);
+    }
+}
+
+#[test]
+fn newmark_goes_on_with_either_mass_and_any_restitution() {
+    for mass in ["singular", "consistent"] {
+        for restitution in ["0", "0.5", "1"] {
+            goes_on(&[&format!("time.mass={mass}"), &format!("time.restitution={restitution}")]);
+        }
+    }
+}
+
+#[test]
+fn midpoint_goes_on_with_either_mass_and_massless_part() {
+    let midpoint = "time.scheme=midpoint";
+    goes_on(&[midpoint]);
+    goes_on(&[midpoint, "time.massless=reflected"]);
+    goes_on(&[midpoint, "time.mass=consistent"]);
+}
+
+#[test]
+fn conserving_goes_on() {
+    goes_on(&["time.scheme=conserving"]);
+    goes_on(&["time.scheme=conserving", "time.step=1e-3", "time.end=0.2", "mesh.element=hct"]);
+}
+
+#[test]
+fn exact_goes_on() {
+    goes_on(&["time.scheme=exact"]);
+    goes_on(&["time.scheme=exact", "damping.mass=2"]);
+    goes_on(&["time.scheme=exact", "time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]);
+}
+
+/// What changes with time is taken up where it was: a load, an obstacle and supports that move, a ball that rides, damping.
+#[test]
+fn what_changes_with_time_goes_on() {
+    let changes = [
+        "load.pressure='-500 + 800 * sin(90 * t)'",
+        "obstacle.0.height='-0.02 + 0.004 * sin(70 * t + 3 * x)'",
+        "support.0.motion='0.003 * sin(50 * t)'",
+        "damping.mass=0.5",
+    ];
+    let ball = "ball=[{ at = [0.9, 0.2], mass = 0.5, height = 0.032, velocity = -1 }]";
+    goes_on(&[&changes[..], &[ball]].concat());
+    goes_on(
+        &[&changes[..], &["time.restitution=0.5", "time.mass=consistent", "damping.stiffness=1e-5", ball]]
+            .concat(),
+    );
+    goes_on(&[&changes[..], &["time.scheme=midpoint"]].concat());
+    goes_on(
+        &[&changes[..], &["time.scheme=midpoint", "time.massless=reflected", "damping.stiffness=1e-5"]]
+            .concat(),
+    );
+    let modal = "damping={ modal = [0.02, 0.01] }";
+    goes_on(&[&changes[..3], &[modal]].concat());
+    goes_on(&[&changes[..3], &["time.scheme=midpoint", modal]].concat());
+    goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
+}
+
+/// More nodes touch at once than the dense problem of contact takes: active dofs are pinned in the factor.
+#[test]
+fn wide_contact_goes_on() {
+    let flat = [
+        "support=[]",
+        "initial={ velocity = -3 }",
+        "load.pressure=0",
+        "mesh.cells=[26, 20]",
+        "output.fields_every=9",
+    ];
+    let hit =
+        ["time.end=2e-3", "output.checkpoint_every=1", "obstacle=[{ side = 'below', height = -0.002 }]"];
+    for scheme in ["newmark", "conserving"] {
+        goes_on(&[&flat[..], &hit, &[&format!("time.scheme={scheme}")]].concat());
+    }
+}
