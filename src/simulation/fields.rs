@@ -145,7 +145,7 @@ impl Fields {
             let points = fields.opposite(&obstacle.region, mesh, team, &format!("obstacle.{number}"))?;
             fields.obstacles.push((obstacle.side, obstacle.height.clone(), points));
         }
-        for Lift { motion, shape } in lifts {
+        for Lift { motion, shape, .. } in lifts {
             let rows = [0, 1, 2].map(|row| {
                 let value = |&(cell, local): &(u32, u32)| {
                     let weights = &fields.tables[&cells[cell as usize].class][local as usize][row];
