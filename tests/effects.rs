@@ -152,7 +152,8 @@ fn springs_and_foundations_carry_a_raft() {
     // Heave, and two rotations: omega^2 = 12 k / m on springs at the corners; on a foundation all three alike.
     let lowest = inspect(&[RAFT, &grid("fvs", 4, 4), SPRINGS, STILL].concat()).consistent.lowest;
     for (value, expected) in lowest.iter().zip([10.0, 300_f64.sqrt(), 300_f64.sqrt()]) {
-        close("springs", TAU * value, expected, 1e-6);
+        // It bends a little: k a^2 / D = 3e-4.
+        close("springs", TAU * value, expected, 1e-3);
     }
     let lowest = inspect(&[RAFT, &grid("hct", 4, 4), FOUNDATION, STILL].concat()).consistent.lowest;
     for value in &lowest[..3] {
@@ -233,10 +234,11 @@ fn damped_heave() {
     ];
     for (scheme, mass, tolerance) in schemes {
         for (alpha, beta) in [(0.0, 0.0), (1.5, 0.0), (0.0, 0.01), (0.7, 0.02)] {
-            if beta > 0.0 && !matches!(scheme, "newmark" | "midpoint") {
+            let is_damped = alpha > 0.0 || beta > 0.0;
+            if scheme == "exact" && is_damped || scheme == "conserving" && beta > 0.0 {
                 continue;
             }
-            // Slow enough that a step of 1 ms follows it; the raft itself stays rigid to 1e-7.
+            // Heave is a mode of its own, however soft the raft.
             let raft = [RAFT, &grid("fvs", 2, 2), FOUNDATION].concat();
             let rest = format!(
                 "damping = {{ mass = {alpha:?}, stiffness = {beta:?} }}\n\
@@ -394,7 +396,7 @@ fn errors_name_the_key() {
             "obstacle = [{ side = \"below\", height = -1, line = [[0, 0.1], [1, 0.1]] }]",
             "obstacle.0.line: no node lies on it",
         ),
-        ("obstacle = [{ side = \"below\", height = \"-1/x\" }]", "obstacle.0.height: column 2: 1/x is"),
+        ("obstacle = [{ side = \"below\", height = \"-1/x\" }]", "obstacle.0.height: column 1: -1/x is"),
         (
             "obstacle = [{ side = \"below\", height = \"-1 + x\" }, { side = \"above\", height = \"y\" }]",
             "obstacle: at (1, 0) those below and above leave no room at t = 0.0 s",
