@@ -215,6 +215,7 @@ fn watched(scene: &Scene) -> Scene {
         let probe = |(x, y): ((&str, f64), (&str, f64))| Probe {
             name: format!("{} {}", y.0, x.0),
             at: [x.1 * scene.plate.length, y.1 * scene.plate.width],
+            ball: None,
         };
         scene.output.probes = places.iter().flat_map(|x| heights.iter().map(|y| probe((*x, *y)))).collect();
     }
