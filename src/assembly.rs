@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::linalg::{Average, BARE, Block};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::plate::{self, Sections};
-use crate::space::Space;
+use crate::space::{PER_NODE, Space};
 use nalgebra::{SMatrix, SVector, Vector3};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -58,6 +58,13 @@ impl CellArrays {
                 x[dof] += self.factors.as_ref().map_or(1.0, |factors| factors[i]) * value;
             }
         }
+    }
+
+    /// Adds the product of a local matrix, symmetric and row by row, with local values to a vector over the dofs.
+    pub fn add_product(&self, matrix: &[f64], values: &[f64], x: &mut [f64]) {
+        let dot = |row: &[f64]| row.iter().zip(values).map(|(a, value)| a * value).sum();
+        let product: Vec<f64> = matrix.chunks_exact(values.len()).map(dot).collect();
+        self.add(&product, x);
     }
 
     /// A local vector as function of the dofs.
@@ -298,22 +305,27 @@ impl Pressure {
         Ok(pressure)
     }
 
-    /// Where the pressure is asked, in m.
-    pub fn points(&self) -> &[Point] {
-        &self.points
-    }
-
-    /// Adds the load, in N, of a pressure (Pa, upward) given at the points.
-    pub fn add(&self, values: &[f64], load: &mut [f64]) {
-        let mut local = Vec::new();
+    /// The load over `dofs` free dofs, in N, of a pressure (Pa, upward) that fills in its values at points.
+    ///
+    /// # Errors
+    /// What the pressure says.
+    pub fn load(
+        &self,
+        dofs: usize,
+        pressure: impl FnOnce(&[Point], &mut [f64]) -> Result<()>,
+    ) -> Result<Vec<f64>> {
+        let mut values = vec![0.0; self.points.len()];
+        pressure(&self.points, &mut values)?;
+        let (mut load, mut local) = (vec![0.0; dofs], Vec::new());
         for (cell, first, weights) in &self.cells {
             local.clear();
             local.resize(cell.dofs.len(), 0.0);
             for (weights, value) in weights.chunks_exact(local.len()).zip(&values[*first..]) {
                 local.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
             }
-            cell.add(&local, load);
+            cell.add(&local, &mut load);
         }
+        Ok(load)
     }
 }
 
@@ -386,58 +398,66 @@ fn on_elements(
     fault.into_inner().map_or(Ok(integrals), Err)
 }
 
-/// The forces K U and the momenta of a displacement U that is given at all dofs of the mesh, held ones included (three a node), on the
-/// free dofs: what a motion of the supports does. `consistent`: by that mass, else by the singular one.
-pub fn on_shape(
-    mesh: &Mesh,
-    cells: &[CellArrays],
-    dofs: usize,
-    shape: &[f64],
-    consistent: bool,
-) -> [Vec<f64>; 2] {
-    let mut sums = [vec![0.0; dofs], vec![0.0; dofs]];
+/// Adds the forces K U, over the free dofs, of a displacement U given at all dofs of the mesh (three a node), held ones included.
+pub fn forces(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], force: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
-        let values: Vec<f64> =
-            of.nodes().iter().flat_map(|&node| shape[3 * node..3 * node + 3].iter().copied()).collect();
-        let Local { stiffness, mass, coupling, weight, arms, .. } = &*cell.local;
-        let product = |matrix: &[f64], x: &[f64]| -> Vec<f64> {
-            let dot = |row: &[f64]| row.iter().zip(x).map(|(a, x)| a * x).sum();
-            matrix.chunks_exact(x.len()).map(dot).collect()
-        };
         // The rigid motion of the first node, which bends nothing, is left out.
-        let (w, slope) = (values[0], [values[1], values[2]]);
-        let bent: Vec<f64> = values
-            .chunks_exact(3)
-            .zip(arms.iter())
-            .flat_map(|(node, arm)| {
-                let rigid = w + slope[0] * arm[0] + slope[1] * arm[1];
-                [node[0] - rigid, node[1] - slope[0], node[2] - slope[1]]
-            })
-            .collect();
-        cell.add(&product(stiffness, &bent), &mut sums[0]);
-        let momenta = if consistent {
-            product(mass, &values)
-        } else {
-            let velocity = coupling.iter().zip(&values).map(|(b, x)| b * x).sum::<f64>() / weight;
-            coupling.iter().map(|b| b * velocity).collect()
-        };
-        cell.add(&momenta, &mut sums[1]);
+        let mut bent = on_nodes(of, shape);
+        let [w, slope_x, slope_y] = [bent[0], bent[1], bent[2]];
+        for (node, [x, y]) in bent.chunks_exact_mut(PER_NODE).zip(&*cell.local.arms) {
+            node[0] -= w + slope_x * x + slope_y * y;
+            node[1] -= slope_x;
+            node[2] -= slope_y;
+        }
+        cell.add_product(&cell.local.stiffness, &bent, force);
     }
-    sums
 }
 
-/// The deflection at a point, as a sum over free dofs.
-#[derive(Debug, Clone, PartialEq)]
+/// Adds the momenta M_r V, over the free dofs, of velocities V given as in [`forces`].
+pub fn consistent_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        cell.add_product(&cell.local.mass, &on_nodes(of, shape), momentum);
+    }
+}
+
+/// Adds the momenta of the singular mass, over the free dofs, of velocities given as in [`forces`].
+pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        let Local { coupling, weight, .. } = &*cell.local;
+        let velocity = coupling.iter().zip(on_nodes(of, shape)).map(|(b, v)| b * v).sum::<f64>() / weight;
+        let local: Vec<f64> = coupling.iter().map(|b| b * velocity).collect();
+        cell.add(&local, momentum);
+    }
+}
+
+/// What is given at all dofs of the mesh, at those of a cell.
+fn on_nodes(cell: &Cell, shape: &[f64]) -> Vec<f64> {
+    cell.nodes().iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]).copied().collect()
+}
+
+/// The deflection at a point, as a sum over dofs.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Probe {
     weights: Vec<(usize, f64)>,
 }
 
+/// A basis function smaller than this at a point, in units of the cell's largest there, is zero: the point is a node.
+const ROUNDING: f64 = 1e-14;
+
 impl Probe {
-    /// The deflection at a point of the mesh.
+    /// The deflection at a point of the mesh, over the free dofs of a space.
     ///
     /// # Errors
     /// [`Error::Mesh`] for a point outside.
     pub fn new(mesh: &Mesh, space: &Space, point: Point) -> Result<Probe> {
+        Ok(Probe::of_shape(mesh, point)?.within(space))
+    }
+
+    /// The deflection at a point of the mesh over all of its deflections and slopes, three a node, held or not.
+    ///
+    /// # Errors
+    /// As [`Probe::new`].
+    pub fn of_shape(mesh: &Mesh, point: Point) -> Result<Probe> {
         let outside = || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
         let cell = mesh.cells[mesh.locate(point).ok_or_else(outside)?];
         let values: Vec<f64> = match cell {
@@ -450,14 +470,18 @@ impl Probe {
                 element.basis_at(point).value.iter().copied().collect()
             }
         };
-        let factors = space.factors_of(cell.nodes()).unwrap_or_else(|| vec![1.0; values.len()]);
-        let weights = space
-            .dofs_of(cell.nodes())
-            .zip(values.iter().zip(factors))
-            .filter_map(|(dof, (value, factor))| Some((dof?, value * factor)))
-            .filter(|(_, weight)| *weight != 0.0)
-            .collect();
-        Ok(Probe { weights })
+        let zero = ROUNDING * values.iter().fold(0.0, |m: f64, value| m.max(value.abs()));
+        let dofs = cell.nodes().iter().flat_map(|node| (0..PER_NODE).map(move |k| PER_NODE * node + k));
+        Ok(Probe { weights: dofs.zip(values).filter(|(_, value)| value.abs() > zero).collect() })
+    }
+
+    /// The same over the free dofs of a space.
+    pub fn within(&self, space: &Space) -> Probe {
+        let free = |&(of_shape, weight): &(usize, f64)| {
+            let (dof, factor) = space.dof(of_shape)?;
+            Some((dof, factor * weight))
+        };
+        Probe { weights: self.weights.iter().filter_map(free).collect() }
     }
 
     /// The probe that multiplies each dof by a weight.
@@ -466,10 +490,10 @@ impl Probe {
         Probe { weights: nonzero.collect() }
     }
 
-    /// Adds the weight of each dof.
-    pub fn add_weights(&self, weights: &mut [f64]) {
+    /// Adds a force at the point, in N, to a load.
+    pub fn push(&self, force: f64, load: &mut [f64]) {
         for &(dof, weight) in &self.weights {
-            weights[dof] += weight;
+            load[dof] += force * weight;
         }
     }
 
@@ -477,6 +501,7 @@ impl Probe {
     pub fn deflection(&self, u: &[f64]) -> f64 {
         self.weights.iter().map(|&(dof, weight)| weight * u[dof]).sum()
     }
+
     /// The dofs and their weights.
     pub fn weights(&self) -> &[(usize, f64)] {
         &self.weights

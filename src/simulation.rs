@@ -18,7 +18,7 @@ use crate::archive::Archive;
 use crate::assembly::{self, Probe};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Form, Native, Sum};
+use crate::linalg::{Engine, Native, Sum};
 use crate::mesh::{Mesh, Point};
 use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
@@ -31,7 +31,7 @@ pub use body::mesh;
 use body::{Alone, Body, Team};
 use contacts::Contacts;
 pub use effects::Matrices;
-use effects::{Effects, Ground, Lift};
+use effects::{Effects, Ground, OfCells};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use std::time::Instant;
@@ -88,7 +88,7 @@ pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
 /// # Errors
 /// As [`Model::new`].
 pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
-    on_ground(scene, mesh, &holds(scene, mesh)?, |ground| ground.mechanism(&ground.foundations()?))
+    on_ground(scene, mesh, &holds(scene, mesh)?, effects::mechanism)
 }
 
 /// The matrices of a scene on its mesh: over all dofs, or over those that the supports leave free.
@@ -97,7 +97,7 @@ pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
 /// As [`Model::new`].
 pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices> {
     let holds = if supported { holds(scene, mesh)? } else { vec![Hold::default(); mesh.nodes.len()] };
-    on_ground(scene, mesh, &holds, |ground| ground.matrices())
+    on_ground(scene, mesh, &holds, effects::matrices)
 }
 
 /// What a scene's supports hold at each node.
@@ -144,36 +144,26 @@ impl Model {
         let mesh = mesh(scene)?;
         on_ground(scene, &mesh, &holds(scene, &mesh)?, |ground| {
             let engine = Native::with_layout(ground.space.layout(&mesh));
-            Model::compose(clock, engine, |engine| engine, ground)
+            compose(clock, engine, ground)
         })
     }
 }
 
-impl<E: Engine<Form = Form> + 'static> Model<E>
-where
-    E::Factor: 'static,
-{
-    fn compose<T: Team>(
-        clock: Instant,
-        engine: E,
-        native: impl Fn(&E) -> &Native + Copy,
-        ground: &Ground<T>,
-    ) -> Result<Model<E>> {
-        let Ground { scene, .. } = *ground;
-        let Effects { system, start, lifts, sites, places, seconds } =
-            effects::compose(engine, native, ground)?;
-        let probe = |probe: &scene::Probe| ground.own_probe(&format!("probe \"{}\"", probe.name), probe.at);
-        let probes: Vec<Probe> = scene.output.probes.iter().map(probe).collect::<Result<_>>()?;
-        let moved = |lift: &Lift| {
-            let at = |probe: &scene::Probe| ground.share_at(&lift.shape, probe.at);
-            let at_probes = scene.output.probes.iter().map(at).collect::<Result<_>>()?;
-            Ok((lift.motion.clone(), at_probes))
-        };
-        let frame = Frame(lifts.iter().map(moved).collect::<Result<_>>()?);
-        let fields = Fields::new(ground, &lifts)?;
-        let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
-        Ok(Model { system, start, probes, frame, sites, places, fields, seconds })
+/// Composes what the scene calls for. Collective.
+fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -> Result<Model<E>> {
+    let Effects { system, start, lifts, sites, places, seconds } = effects::compose(engine, ground)?;
+    let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
+    let (mut probes, mut lifted) = (Vec::new(), vec![Vec::new(); lifts.len()]);
+    for probe in &ground.scene.output.probes {
+        let (probe, of_lifts) = ground.probe(probe, &shapes)?;
+        probes.push(probe);
+        lifted.iter_mut().zip(of_lifts).for_each(|(lifted, of)| lifted.push(of));
     }
+    let motions = lifts.iter().map(|lift| lift.motion.clone());
+    let frame = Frame(motions.zip(lifted).collect());
+    let fields = Fields::new(ground, &lifts)?;
+    let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
+    Ok(Model { system, start, probes, frame, sites, places, fields, seconds })
 }
 
 impl<E: Engine + 'static> Model<E>

@@ -31,6 +31,11 @@ impl Support {
             Support::Guided => [false, false, true],
         }
     }
+
+    /// Whether it holds the deflection.
+    pub fn holds_deflection(self) -> bool {
+        self.holds()[0]
+    }
 }
 
 /// Where a support stands.
@@ -54,6 +59,9 @@ pub struct Hold {
 /// Edges that meet at less than 45 degrees are one smooth edge, of their mean direction: this is the ratio of the tensor's eigenvalues
 /// there. To hold the slope along both would clamp the nodes of a curved edge (Babuska's paradox).
 const SMOOTH: f64 = 0.17;
+
+/// A direction that is this near to an axis is that of the axis.
+const ALONG_AXIS: f64 = 1e-12;
 
 impl Hold {
     /// Adds what a support holds, in the direction of an edge; of none at a node.
@@ -84,12 +92,16 @@ impl Hold {
     /// What becomes of the slopes.
     fn slope(&self) -> Slope {
         let [xx, xy, yy] = self.slopes;
-        if xy == 0.0 {
-            return Slope::Axes([xx > 0.0, yy > 0.0]);
-        }
         let (mean, radius) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
-        if mean - radius > SMOOTH * (mean + radius) {
+        let (least, most) = (mean - radius, mean + radius);
+        if most == 0.0 {
+            return Slope::Axes([false, false]);
+        }
+        if least > SMOOTH * most {
             return Slope::Axes([true, true]);
+        }
+        if xy.abs() <= ALONG_AXIS * most {
+            return Slope::Axes([xx > yy, yy > xx]);
         }
         // The eigenvector of the larger eigenvalue is held; the slope goes on along the other.
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
@@ -206,10 +218,10 @@ impl Space {
     /// The dofs of a deflection with these slopes, given at all nodes (three a node); extra dofs are 0, and what supports hold is lost.
     pub fn interpolate(&self, shape: &[f64]) -> Vec<f64> {
         let mut x = vec![0.0; self.dofs()];
-        for (i, (free, value)) in self.free.iter().zip(shape).enumerate() {
-            if let Some(dof) = free {
+        for (i, value) in shape.iter().enumerate() {
+            if let Some((dof, factor)) = self.dof(i) {
                 // Of a slope askew the part in the free direction.
-                x[*dof] += self.factors.get(&i).copied().unwrap_or(1.0) * value;
+                x[dof] += factor * value;
             }
         }
         x
@@ -217,10 +229,7 @@ impl Space {
 
     /// Deflection and slopes at all nodes, three a node; 0 where held.
     pub fn shape(&self, x: &[f64]) -> Vec<f64> {
-        let value = |(i, free): (usize, &Option<usize>)| {
-            free.map_or(0.0, |dof| self.factors.get(&i).copied().unwrap_or(1.0) * x[dof])
-        };
-        self.free.iter().enumerate().map(value).collect()
+        (0..self.free.len()).map(|i| self.dof(i).map_or(0.0, |(dof, factor)| factor * x[dof])).collect()
     }
 
     /// The space with so many extra dofs after those of the nodes.
@@ -247,14 +256,14 @@ impl Space {
         self.count + self.extra
     }
 
-    /// Number of a dof of the mesh, if it is free.
-    pub fn dof(&self, of_mesh: usize) -> Option<usize> {
-        self.free[of_mesh]
-    }
-
     /// Number of the deflection of a node, if it is free.
     pub fn deflection(&self, node: usize) -> Option<usize> {
         self.free[PER_NODE * node]
+    }
+
+    /// The free dof of one of all dofs of the mesh (three a node), and the factor that makes the latter of it.
+    pub fn dof(&self, of_shape: usize) -> Option<(usize, f64)> {
+        Some((self.free[of_shape]?, self.factors.get(&of_shape).copied().unwrap_or(1.0)))
     }
 
     /// Numbers of all dofs of some nodes, node by node.

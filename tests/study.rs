@@ -31,7 +31,7 @@ impl Watch for Silent {
 
 fn study(text: &str) -> Accuracy {
     let scene = Scene::from_str(text, "study.toml", &[]).unwrap();
-    accuracy::study(&scene, &scene.study(), None, &accuracy::natively, &mut Silent).unwrap()
+    accuracy::study(&scene, &scene.study(), None, &accuracy::natively, 1, &mut Silent).unwrap()
 }
 
 /// Without contact every scheme is of second order, with either mass, once the fastest of its few modes is resolved.
@@ -108,10 +108,11 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let support = all_round(Support::SimplySupported);
     let matrices = Matrices::new(mesh, plate, &support);
     let Matrices { mesh, space, engine, stiffness, .. } = &matrices;
-    let mut load = vec![0.0; space.dofs()];
-    let points = assembly::Pressure::new(mesh, &matrices.cells).unwrap();
-    let values: Vec<f64> = points.points().iter().map(|&at| pressure(at)).collect();
-    points.add(&values, &mut load);
+    let fill = |points: &[Point], values: &mut [f64]| {
+        values.iter_mut().zip(points).for_each(|(value, &at)| *value = pressure(at));
+        Ok(())
+    };
+    let mut load = assembly::Pressure::new(mesh, &matrices.cells).unwrap().load(space.dofs(), fill).unwrap();
     engine.factor(&[(1.0, stiffness)], &[]).unwrap().solve(&mut load).unwrap();
     let points = Points::new(mesh).unwrap();
     let jet = |p: &Point| -> Jet {
@@ -354,11 +355,24 @@ impl Watch for Stopping {
 }
 
 #[test]
+fn runs_at_once_have_the_same_errors() {
+    let scene = Scene::from_str(FALL, "study.toml", &[]).unwrap();
+    let study =
+        |jobs| accuracy::study(&scene, &scene.study(), None, &accuracy::natively, jobs, &mut Silent).unwrap();
+    let (alone, at_once) = (study(1), study(3));
+    let errors =
+        |of: &Accuracy| of.runs.iter().map(|run| (run.case.to_string(), run.time_error)).collect::<Vec<_>>();
+    assert_eq!(errors(&alone), errors(&at_once));
+    assert!(!alone.to_string().contains("at once"));
+    assert!(at_once.to_string().contains("3 runs were made at once"), "{at_once}");
+}
+
+#[test]
 fn a_study_that_was_stopped_goes_on() {
     let scene = Scene::from_str(FALL, "study.toml", &[]).unwrap();
     let run = |known, left| {
         let mut watch = Stopping { left, known: None, parts: 0 };
-        let ended = accuracy::study(&scene, &scene.study(), known, &accuracy::natively, &mut watch);
+        let ended = accuracy::study(&scene, &scene.study(), known, &accuracy::natively, 1, &mut watch);
         (ended, watch)
     };
     // Reference, limit, nine runs.

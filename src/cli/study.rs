@@ -31,6 +31,9 @@ pub struct Study {
     /// Start anew, even where the folder holds a part of this very study
     #[arg(long)]
     fresh: bool,
+    /// Runs to make at once, on the native engine; their times are then marked as unreliable
+    #[arg(long, value_name = "N", default_value = "1")]
+    jobs: std::num::NonZeroUsize,
     #[command(flatten)]
     lists: Lists,
 }
@@ -152,7 +155,7 @@ impl Study {
         }
         let mut watch =
             Files { folder: &folder, command: &command, hash: &hash, line: Line::new(quiet), quiet };
-        let accuracy = accuracy::study(scene, study, known, run, &mut watch)?;
+        let accuracy = accuracy::study(scene, study, known, run, self.jobs.get(), &mut watch)?;
         watch.line.0.finish_and_clear();
         pictures::write(&accuracy, &folder.join("plots"), &command)?;
         self.scene.voice.print(&accuracy, &accuracy.summary(&command, &hash))?;

@@ -20,9 +20,9 @@ fn product(slope: f64, motion: f64) -> f64 {
 }
 
 impl Jet {
-    /// The time t itself.
-    pub(super) fn time(t: f64) -> Jet {
-        Jet { value: t, first: 1.0, second: 0.0 }
+    /// The variable itself, by which derivatives are taken: the time, unless said otherwise.
+    pub(super) fn moving(value: f64) -> Jet {
+        Jet { value, first: 1.0, second: 0.0 }
     }
 
     pub(super) fn is_finite(&self) -> bool {

@@ -175,6 +175,26 @@ impl Field {
         self.jet_with(&mut Vec::new(), at, t)
     }
 
+    /// The value and its derivatives along x and y, at a point (m) and a time (s).
+    ///
+    /// At a jump or a kink they are those of the side that the value belongs to.
+    pub fn gradient(&self, at: Point, t: f64) -> Result<[f64; 3], Fault> {
+        let value = self.value(at, t)?;
+        let mut stack = Vec::new();
+        let mut along = |axis: Name| {
+            let jet = code::run(&self.code, &mut stack, |name| match variable(at, t)(name) {
+                value if name == axis => Jet::moving(value),
+                value => Jet::constant(value),
+            });
+            if jet.first.is_finite() {
+                return Ok(jet.first);
+            }
+            let wrong = format!("no slope along {}{}", axis.word(), self.describe(at, t));
+            Err(Fault::new(&self.text, 0, format!("{wrong}; expected a smooth formula")))
+        };
+        Ok([value, along(Name::X)?, along(Name::Y)?])
+    }
+
     /// The values and their derivatives at a time (s), one a point (m).
     pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Jet]) -> Result<(), Fault> {
         let mut stack = Vec::new();
@@ -186,7 +206,7 @@ impl Field {
 
     fn jet_with(&self, stack: &mut Vec<Jet>, at: Point, t: f64) -> Result<Jet, Fault> {
         let jet = code::run(&self.code, stack, |name| match name {
-            Name::T => Jet::time(t),
+            Name::T => Jet::moving(t),
             place => Jet::constant(variable(at, t)(place)),
         });
         self.finite(at, t, jet.value)?;

@@ -55,8 +55,8 @@ pub struct Part {
 pub type Supports<'s> = dyn Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's;
 
 impl Part {
-    /// A grid, shared out, refined and supported; no rank ever holds the whole. Each of some points has an extra dof, in the cell where
-    /// it lies. Collective.
+    /// A grid, shared out, refined and supported; no rank ever holds the whole. Each of some points, named for messages, has an
+    /// extra dof, in the cell where it lies. Collective.
     ///
     /// # Errors
     /// [`Error::Petsc`], what `supports` says, and [`Error::Mesh`] for a point outside.
@@ -65,7 +65,7 @@ impl Part {
         grid: &Grid,
         refinements: u32,
         supports: &Supports,
-        extra: &[Point],
+        extra: &[(String, Point)],
     ) -> Result<Part> {
         let mut plex = share(context, grid)?;
         for (value, points) in (1..).zip(&sides(&plex, grid)?) {
@@ -84,7 +84,7 @@ impl Part {
         read: impl FnOnce() -> Result<Mesh>,
         refinements: u32,
         supports: &Supports,
-        extra: &[Point],
+        extra: &[(String, Point)],
     ) -> Result<Part> {
         let whole = context.together(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
         let names = context.share(&Names::of(&whole))?;
@@ -99,7 +99,7 @@ impl Part {
         names: &Names,
         refinements: u32,
         supports: &Supports,
-        extra: &[Point],
+        extra: &[(String, Point)],
     ) -> Result<Part> {
         plex = plex.distribute()?;
         for _ in 0..refinements {
@@ -143,16 +143,17 @@ impl Part {
 }
 
 /// The cells of this rank that have an extra dof, ascending, and whose that is. Collective.
-fn extra_cells(context: &Context, mesh: &Mesh, points: &[Point]) -> Result<Vec<(usize, usize)>> {
+fn extra_cells(context: &Context, mesh: &Mesh, points: &[(String, Point)]) -> Result<Vec<(usize, usize)>> {
     let mut mine = Vec::new();
-    for (number, &point) in points.iter().enumerate() {
-        let cell = mesh.locate(point);
+    for (number, (name, point)) in points.iter().enumerate() {
+        let cell = mesh.locate(*point);
         match context.gather(&[u8::from(cell.is_some())]).iter().position(|&here| here == 1) {
             Some(first) => mine.extend(cell.filter(|_| first == context.rank()).map(|cell| (cell, number))),
             None => {
+                let Point { coords } = point;
                 return Err(Error::Mesh(format!(
-                    "the point ({}, {}) lies outside the plate",
-                    point.x, point.y
+                    "{name}: the point ({}, {}) lies outside the plate",
+                    coords.x, coords.y
                 )));
             }
         }

@@ -1,6 +1,6 @@
 //! What a scene calls for beyond the plate's own elasticity and inertia: each thing named costs, and what is not named does not.
 
-use super::{Given, Initial, Scene, Scheme, Side};
+use super::{Given, Initial, Load, Region, Scene, Scheme, Side};
 
 impl Scene {
     /// What acts on the plate beyond its own elasticity and inertia, in words.
@@ -11,8 +11,7 @@ impl Scene {
                 effects.push(name.to_owned());
             }
         };
-        let varies = |plate: Option<&Given>| plate.is_some();
-        add(varies(self.plate.thickness.as_ref()), "varying thickness");
+        add(self.plate.thickness.is_some(), "varying thickness");
         add(self.plate.plate.orthotropy.is_some(), "orthotropic material");
         add(!self.parts.is_empty(), "parts of other material or thickness");
         add(!self.foundations.is_empty(), "elastic foundation");
@@ -25,15 +24,11 @@ impl Scene {
             let moving = if moves { ", moving" } else { "" };
             add(of_side().next().is_some(), &format!("contact {name}{moving}"));
         }
-        add(self.supports.iter().any(|support| support.motion.is_some()), "moving supports");
+        add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
-            let pushes: Vec<&Given> = std::iter::once(&load.pressure)
-                .chain(load.forces.iter().map(|force| &force.value))
-                .filter(|given| !given.is_zero())
-                .collect();
             add(load.gravity != 0.0, "gravity");
-            add(pushes.iter().any(|given| !given.changes()), "constant load");
-            add(pushes.iter().any(|given| given.changes()), "load in time");
+            add(load.fields().any(|given| !given.is_zero() && !given.changes()), "constant load");
+            add(load.fields().any(Given::changes), "load in time");
         }
         if let Some(damping) = &self.damping {
             add(damping.mass != 0.0, "damping by mass");
@@ -57,24 +52,26 @@ impl Scene {
         !self.obstacles.is_empty() || !self.balls.is_empty()
     }
 
-    /// Whether loads, obstacles or supports change with time; one of the keys that say so.
-    pub fn changes(&self) -> Option<String> {
-        let loads = self.load.iter().flat_map(|load| {
-            std::iter::once(&load.pressure).chain(load.forces.iter().map(|force| &force.value))
-        });
+    /// What the scene may give as a function of time: loads, heights of obstacles, motions of supports.
+    pub(super) fn of_time(&self) -> impl Iterator<Item = &Given> {
+        let loads = self.load.iter().flat_map(Load::fields);
         let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
-        let motions = self.supports.iter().filter_map(|support| support.motion.as_ref());
-        loads
-            .chain(heights)
-            .find(|given| given.changes())
-            .or(motions.into_iter().next())
-            .map(|given| given.key.clone())
+        loads.chain(heights).chain(self.motions())
+    }
+
+    fn motions(&self) -> impl Iterator<Item = &Given> {
+        self.supports.iter().filter_map(|support| support.motion.as_ref())
+    }
+
+    /// Whether loads or obstacles change with time, or supports move: one of the keys that say so.
+    pub fn changes(&self) -> Option<String> {
+        self.of_time().find(|given| given.changes()).or(self.motions().next()).map(|given| given.key.clone())
     }
 
     /// The height of an obstacle that lies under or over the whole plate at rest, if it is the only one on its side.
     pub fn plane(&self, side: Side) -> Option<f64> {
         let mut of_side = self.obstacles.iter().filter(|obstacle| obstacle.side == side);
-        let first = of_side.next().filter(|obstacle| obstacle.region == super::Region::All)?;
+        let first = of_side.next().filter(|obstacle| obstacle.region == Region::All)?;
         if of_side.next().is_some() { None } else { first.height.number() }
     }
 }

@@ -73,6 +73,18 @@ impl Given {
         }
     }
 
+    /// Its value at a place (m) and its slopes along x and y; at time 0, if that matters.
+    ///
+    /// # Errors
+    /// As [`Given::at`], and where the formula is not smooth.
+    pub fn gradient(&self, at: Point) -> Result<[f64; 3]> {
+        let of = |field: &Field| field.gradient(at, 0.0).map_err(|fault| self.fault(&fault));
+        match &self.value {
+            Value::Formula(field) => of(field),
+            Value::Table { table, shape, .. } => Ok(of(shape)?.map(|value| table.value(0.0) * value)),
+        }
+    }
+
     /// Its values at a time (s), one a place (m).
     ///
     /// # Errors

@@ -398,6 +398,8 @@ pub struct Probe {
     pub name: String,
     /// Its x and y, m.
     pub at: [f64; 2],
+    /// The ball there, by its number, whose height is told in place of the plate's.
+    pub ball: Option<usize>,
 }
 
 impl Serialize for Scene {
@@ -447,9 +449,17 @@ impl Scene {
         self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
     }
 
-    /// The FNV-1a hash of [`Scene::resolved`], of files as they were written and of the values in its tables, 64 bits in 16 hexadecimal digits: the same on every machine.
+    /// The FNV-1a hash of [`Scene::resolved`] with the names of files as they were written, and of the values in its tables: 64 bits in
+    /// 16 hexadecimal digits, the same on every machine.
     pub fn hash(&self) -> String {
         format!("{:016x}", resolved::fnv1a(resolved::identity(self).as_bytes()))
+    }
+}
+
+impl Load {
+    /// Its fields.
+    pub fn fields(&self) -> impl Iterator<Item = &Given> {
+        std::iter::once(&self.pressure).chain(self.forces.iter().map(|force| &force.value))
     }
 }
 

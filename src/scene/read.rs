@@ -8,10 +8,11 @@ use super::words::SchemeName;
 use super::{
     Ball, Damping, Diagonal, ElementKind, EngineName, Force, Foundation, Given, Grid, HISTORY_COLUMNS,
     Initial, Load, Mass, Massless, MeshFile, Obstacle, Output, Panel, Part, Plate, PointMass, Probe, Region,
-    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, Study, Support, Time, ViName, study,
+    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, Study, Support, SupportKind, Time, ViName, study,
 };
 use crate::error::{Error, Result};
 use crate::field::Names;
+use crate::mesh::Point;
 use crate::plate::Orthotropy;
 
 /// The most rectangles of a mesh, after refinement.
@@ -93,6 +94,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
     let file = mesh_file(doc)?;
     let plate = panel(doc, file.is_some())?;
     let (mesh, time, solver) = (grid(doc, file.is_some())?, time(doc)?, solver(doc, engine)?);
+    let balls = balls(doc, &plate)?;
     let scene = Scene {
         title,
         parts: parts(doc, &plate)?,
@@ -102,10 +104,10 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         foundations: foundations(doc)?,
         springs: springs(doc, &plate)?,
         masses: masses(doc, &plate)?,
-        balls: balls(doc, &plate)?,
         damping: damping(doc)?,
         initial: initial(doc)?,
-        output: output(doc, &plate, &mesh)?,
+        output: output(doc, &plate, &mesh, &balls)?,
+        balls,
         study: study(doc, &mesh, &time, &solver)?,
         plate,
         mesh,
@@ -167,10 +169,11 @@ fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate,
     let key = format!("{table}.thickness");
     let given = doc.given(&key, &THICKNESS, Names::XY)?.or(base.and_then(|base| base.thickness.clone()));
     let (thickness, field) = match given {
-        Some(given) if given.number().is_none() => {
-            (given.at(crate::mesh::Point::origin(), 0.0)?, Some(given))
-        }
-        Some(given) => (given.number().unwrap_or_default(), None),
+        Some(given) => match given.number() {
+            Some(thickness) => (thickness, None),
+            // Where the plate has no origin, nothing is asked of the formula there.
+            None => (given.at(Point::origin(), 0.0).unwrap_or(0.0), Some(given)),
+        },
         None => (number("thickness", &THICKNESS, |plate| plate.thickness)?, None),
     };
     let youngs_modulus = number("youngs_modulus", &YOUNGS_MODULUS, |plate| plate.youngs_modulus)?;
@@ -341,11 +344,15 @@ fn supports(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
     for index in 0..doc.entries("support", "expected tables [[support]] with edge and kind")? {
         let table = format!("support.{index}");
         doc.allow(&table, &["edge", "where", "at", "point", "kind", "motion"])?;
-        let support = Support {
-            stand: stand(doc, &table, has_file)?,
-            kind: doc.choice(&format!("{table}.kind"))?,
-            motion: motion(doc, &format!("{table}.motion"))?,
-        };
+        let kind: SupportKind = doc.choice(&format!("{table}.kind"))?;
+        let key = format!("{table}.motion");
+        if !kind.holds_deflection() {
+            doc.forbid(
+                &key,
+                format!("contradicts kind = \"{}\", which leaves the plate free to move", kind.word()),
+            )?;
+        }
+        let support = Support { stand: stand(doc, &table, has_file)?, kind, motion: motion(doc, &key)? };
         let whole = |support: &Support| matches!(support.stand, Stand::Edge { part: None, .. });
         if let Some(first) =
             supports.iter().position(|earlier| earlier.stand == support.stand && whole(&support))
@@ -415,10 +422,8 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
             let expected = "expected where, group, at or line, for an obstacle opposite to a part of it";
             return Err(doc.fault(&side, format!("{wrong}; {expected}")));
         }
-        if let Some(other) = obstacles.iter().find_map(|other| leaves_no_room(other, &obstacle)) {
-            let wrong =
-                format!("{:?} leaves no room beside the obstacle at {other:?} m", obstacle.height.number());
-            let wrong = wrong.replace("Some(", "").replacen(')', "", 1);
+        if let Some([own, other]) = obstacles.iter().find_map(|other| no_room(&obstacle, other)) {
+            let wrong = format!("{own:?} leaves no room beside the obstacle at {other:?} m");
             return Err(
                 doc.fault(&height, format!("{wrong}; expected the one below lower than the one above"))
             );
@@ -428,15 +433,15 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
-/// The height of the first of two planes on opposite sides that cross.
-fn leaves_no_room(one: &Obstacle, other: &Obstacle) -> Option<f64> {
+/// The heights of two planes on opposite sides that cross.
+fn no_room(one: &Obstacle, other: &Obstacle) -> Option<[f64; 2]> {
     let all = one.region == Region::All && other.region == Region::All;
-    let (first, second) = (one.height.number()?, other.height.number()?);
+    let heights = [one.height.number()?, other.height.number()?];
     let crossed = match one.side {
-        Side::Below => first > second,
-        Side::Above => second > first,
+        Side::Below => heights[0] > heights[1],
+        Side::Above => heights[0] < heights[1],
     };
-    (all && one.side != other.side && crossed).then_some(first)
+    (all && one.side != other.side && crossed).then_some(heights)
 }
 
 fn load(doc: &Document, plate: &Panel) -> Result<Option<Load>> {
@@ -690,12 +695,12 @@ fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
     Ok(Some(Snapshots { every, subdivide: subdivide as usize }))
 }
 
-fn output(doc: &Document, plate: &Panel, mesh: &Grid) -> Result<Output> {
+fn output(doc: &Document, plate: &Panel, mesh: &Grid, balls: &[Ball]) -> Result<Output> {
     doc.allow("output", &["every", "fields_every", "subdivide", "checkpoint_every", "probes"])?;
     let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
     let mut probes: Vec<Probe> = Vec::new();
     for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
-        let probe = probe(doc, &format!("output.probes.{index}"), plate)?;
+        let probe = probe(doc, &format!("output.probes.{index}"), plate, balls)?;
         if let Some(first) = probes.iter().position(|earlier| earlier.name == probe.name) {
             let wrong =
                 format!("{} is already output.probes.{first}; expected unique names", quote(&probe.name));
@@ -707,10 +712,19 @@ fn output(doc: &Document, plate: &Panel, mesh: &Grid) -> Result<Output> {
     Ok(Output { every, checkpoint_every, fields: snapshots(doc, mesh)?, probes })
 }
 
-fn probe(doc: &Document, table: &str, plate: &Panel) -> Result<Probe> {
-    doc.allow(table, &["name", "at"])?;
+fn probe(doc: &Document, table: &str, plate: &Panel, balls: &[Ball]) -> Result<Probe> {
+    doc.allow(table, &["name", "at", "ball"])?;
     let (name, at) = (probe_name(doc, &format!("{table}.name"))?, format!("{table}.at"));
-    Ok(Probe { name, at: point_on(doc, &at, plate)? })
+    let key = format!("{table}.ball");
+    let Some(number) = doc.optional_count(&key, "the number of a ball, from 0,", 0)? else {
+        return Ok(Probe { name, at: point_on(doc, &at, plate)?, ball: None });
+    };
+    doc.forbid(&at, format!("contradicts {key}: a ball is where its own table says"))?;
+    let number = usize::try_from(number).unwrap_or(usize::MAX);
+    let ball = balls.get(number).ok_or_else(|| {
+        doc.fault(&key, format!("{number} is no ball; the scene has {} of them, counted from 0", balls.len()))
+    })?;
+    Ok(Probe { name, at: ball.at, ball: Some(number) })
 }
 
 /// A name that can head a column of the history.
@@ -792,7 +806,8 @@ fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
 /// A plate that starts flat must not start beyond an obstacle.
 fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
     let Initial { static_pressure, equilibrium, deflection, .. } = &scene.initial;
-    if *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
+    let moves = scene.supports.iter().any(|support| support.motion.is_some());
+    if moves || *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
         return Ok(());
     }
     for (index, Obstacle { side, height, .. }) in scene.obstacles.iter().enumerate() {

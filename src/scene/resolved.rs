@@ -3,7 +3,7 @@
 use super::typed::Choice;
 use super::words::SchemeName;
 use super::{
-    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Region, Scene, Scheme, Solver, Stand, Study,
+    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Probe, Region, Scene, Scheme, Solver, Stand, Study,
     Support, Time, Value,
 };
 use crate::field::Field;
@@ -82,13 +82,7 @@ pub(super) fn identity(scene: &Scene) -> String {
         Value::Table { table, .. } => format!("{table:?}\n"),
         Value::Formula(_) => String::new(),
     };
-    let loads = scene
-        .load
-        .iter()
-        .flat_map(|load| std::iter::once(&load.pressure).chain(load.forces.iter().map(|force| &force.value)));
-    let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
-    let motions = scene.supports.iter().filter_map(|support| support.motion.as_ref());
-    text(scene, false) + &loads.chain(heights).chain(motions).map(values).collect::<String>()
+    text(scene, false) + &scene.of_time().map(values).collect::<String>()
 }
 
 /// FNV-1a, 64 bits.
@@ -249,9 +243,14 @@ fn probes(output: &Output) -> String {
     if output.probes.is_empty() {
         return "probes = []\n".to_owned();
     }
-    let row =
-        |[x, y]: [f64; 2], name| format!("  {{ name = {name}, at = [{}, {}] }},\n", number(x), number(y));
-    let rows: String = output.probes.iter().map(|probe| row(probe.at, string(&probe.name))).collect();
+    let row = |probe: &Probe| {
+        let place = match probe.ball {
+            Some(ball) => format!("ball = {ball}"),
+            None => format!("at = {}", numbers(&probe.at)),
+        };
+        format!("  {{ name = {}, {place} }},\n", string(&probe.name))
+    };
+    let rows: String = output.probes.iter().map(row).collect();
     format!("probes = [ # m\n{rows}]\n")
 }
 

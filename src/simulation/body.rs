@@ -1,6 +1,7 @@
 //! From a scene to a body: mesh, sections and supports.
 
 use crate::error::{Error, Result};
+use crate::field::Condition;
 use crate::mesh::{Diagonal, Mesh, Point};
 use crate::plate::{Plate, Section, Sections};
 use crate::scene::{Given, Part, Region, Scene, Stand, SupportKind};
@@ -113,7 +114,8 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
     Ok(supports)
 }
 
-fn holds(condition: &crate::field::Condition, at: Point, key: &str) -> Result<bool> {
+/// Whether a table's condition holds at a place.
+pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool> {
     condition.holds(at, 0.0).map_err(|fault| Error::Scene(format!("{key}.where: {fault}")))
 }
 
@@ -150,10 +152,9 @@ pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
     match region {
         Region::All => Ok(nodes.collect()),
         Region::Where(condition) => {
-            let choose =
-                |node: usize| holds(condition, mesh.nodes[node], key).map(|chosen| chosen.then_some(node));
-            let chosen: Result<Vec<_>> = nodes.map(choose).filter_map(Result::transpose).collect();
-            let chosen = team.together(chosen)?;
+            let choose = |node: usize| Ok(holds(condition, mesh.nodes[node], key)?.then_some(node));
+            let chosen: Vec<usize> =
+                team.together(nodes.map(choose).filter_map(Result::transpose).collect())?;
             require(team, !chosen.is_empty(), || format!("{key}.where: it holds at no node"))?;
             Ok(chosen)
         }

@@ -57,7 +57,8 @@ impl Model<Distributed> {
         }
         let ranks = Ranks { context, plex: None };
         let supports = |mesh: &Mesh| body::supports(scene, mesh, &ranks);
-        let balls: Vec<Point> = scene.balls.iter().map(|ball| ball.at.into()).collect();
+        let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
+        let balls: Vec<(String, Point)> = scene.balls.iter().enumerate().map(name).collect();
         let grid = scene.mesh;
         let part = match &scene.file {
             Some(file) => {
@@ -91,7 +92,7 @@ impl Model<Distributed> {
             add_up: Rc::new(engine.adder()?),
             owns: &|node| part.owns[node],
         };
-        let mut model = Model::compose(clock, engine, Distributed::cells, &ground)?;
+        let mut model = super::compose(clock, engine, &ground)?;
         // Nodes in the order of the ranks and of their dofs.
         let counts = context.gather(&[model.sites.len() as u64]);
         let before = counts[..context.rank()].iter().sum::<u64>() as usize;

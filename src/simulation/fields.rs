@@ -145,7 +145,7 @@ impl Fields {
             let points = fields.opposite(&obstacle.region, mesh, team, &format!("obstacle.{number}"))?;
             fields.obstacles.push((obstacle.side, obstacle.height.clone(), points));
         }
-        for Lift { motion, shape } in lifts {
+        for Lift { motion, shape, .. } in lifts {
             let rows = [0, 1, 2].map(|row| {
                 let value = |&(cell, local): &(u32, u32)| {
                     let weights = &fields.tables[&cells[cell as usize].class][local as usize][row];
@@ -166,9 +166,11 @@ impl Fields {
         match region {
             Region::All => Ok(points.collect()),
             Region::Where(condition) => {
-                let holds =
-                    |&point: &usize| condition.holds(self.lattice.points[point].into(), 0.0).unwrap_or(false);
-                Ok(points.filter(holds).collect())
+                let inside = |point: usize| {
+                    let at = self.lattice.points[point].into();
+                    Ok(body::holds(condition, at, key)?.then_some(point))
+                };
+                team.together(points.map(inside).filter_map(Result::transpose).collect())
             }
             Region::Group(_) => {
                 let inside = body::cells_in(region, mesh, team, key)?;

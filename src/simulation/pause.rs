@@ -50,7 +50,9 @@ impl Places {
             }
         };
         for (number, &node) in mesh.nodes.iter().enumerate() {
-            (0..PER_NODE).for_each(|which| put(space.dof(PER_NODE * number + which), node.into(), which));
+            for which in 0..PER_NODE {
+                put(space.dof(PER_NODE * number + which).map(|(dof, _)| dof), node.into(), which);
+            }
         }
         for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
             put(*gap, ball.at, PER_NODE + number);

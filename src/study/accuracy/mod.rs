@@ -21,7 +21,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Native;
 use crate::mesh::Mesh;
 use crate::modes;
-use crate::scene::{Grid, Horizon, Mass, Probe, Scene, Study};
+use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
 use crate::space::Space;
 use norms::{Jet, Metric, Norms, Points, Sampler};
@@ -202,6 +202,8 @@ pub struct Accuracy {
     /// Combinations left out.
     #[serde(skip_deserializing)]
     pub dropped: Vec<Dropped>,
+    /// Most runs made at once; from 2 on their times are not to be relied on.
+    pub at_once: usize,
 }
 
 /// A scene without probes is watched at its corners, the middles of its edges, and its centre.
@@ -213,6 +215,7 @@ fn watched(scene: &Scene) -> Scene {
         let probe = |(x, y): ((&str, f64), (&str, f64))| Probe {
             name: format!("{} {}", y.0, x.0),
             at: [x.1 * scene.plate.length, y.1 * scene.plate.width],
+            ball: None,
         };
         scene.output.probes = places.iter().flat_map(|x| heights.iter().map(|y| probe((*x, *y)))).collect();
     }
@@ -283,7 +286,8 @@ fn first_period(base: &Scene) -> Result<f64> {
     Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }
 
-/// Makes a study: every case of its plan on the runner of its engine, but for what is known of the same study already.
+/// Makes a study: every case of its plan on the runner of its engine, but for what is known of the same study already. With several
+/// `jobs` as many cases run at once, if all are on the native engine: their times are then not to be relied on.
 ///
 /// # Errors
 /// What ends the motion that all are measured against, and what the watch says. A run that fails is told, and the study goes on.
@@ -292,8 +296,10 @@ pub fn study(
     study: &Study,
     known: Option<Accuracy>,
     run: &Runner,
+    jobs: usize,
     watch: &mut dyn Watch,
 ) -> Result<Accuracy> {
+    let jobs = if study.engines == [EngineName::Native] { jobs.max(1) } else { 1 };
     let base = &watched(scene);
     let plan = Plan::new(base, study);
     let interval = study.interval(base.time.end).ok_or_else(|| {
@@ -326,8 +332,10 @@ pub fn study(
         runs: Vec::new(),
         failures: Vec::new(),
         dropped: Vec::new(),
+        at_once: 1,
     });
     accuracy.dropped = plan.dropped;
+    accuracy.at_once = accuracy.at_once.max(jobs);
     if let Some(Reference { truth, .. }) = &reference {
         accuracy.until = match (study.until, truth.impacts.len()) {
             (Horizon::SecondImpact, 0..2) | (Horizon::FirstImpact, 0) => Horizon::End,
@@ -362,31 +370,41 @@ pub fn study(
             }
             watch.done(&accuracy)?;
         }
-        for case in todo.cases.iter().filter(|case| case.grid == grid) {
-            watch.starts(&case.to_string());
-            let family = Family::of(&case.method);
-            let truth = truths.iter().find(|(own, _)| *own == family);
-            let measured = match truth.zip(accuracy.limit(&grid, family)) {
-                Some(((_, truth), limit)) => {
-                    let space_error = limit.space.probes;
-                    measure(base, study, case, interval, truth, &metric, run).map(|mut measured| {
-                        let horizon = |parts: Parts<Deviation>| parts.at(study.until).rms / scales.deflection;
-                        let own = horizon(truth.error.probes);
-                        measured.time_error = horizon(measured.time.probes);
-                        measured.space_error = horizon(space_error);
-                        measured.at_floor = measured.time_error < FLOOR * own;
-                        measured
-                    })
-                }
-                None => Err(Error::Usage("the motion that it tends to could not be computed".into())),
+        let cases: Vec<&Case> = todo.cases.iter().filter(|case| case.grid == grid).collect();
+        for together in cases.chunks(jobs) {
+            together.iter().for_each(|case| watch.starts(&case.to_string()));
+            let taken = match together {
+                [case] => vec![take(base, study, case, interval, run)],
+                _ => take_at_once(base, study, together, interval),
             };
-            match measured {
-                Ok(run) => accuracy.runs.push(run),
-                Err(error) => {
-                    accuracy.failures.push(Failure { what: case.to_string(), why: error.to_string() })
+            for (case, taken) in together.iter().zip(taken) {
+                let family = Family::of(&case.method);
+                let truth = truths.iter().find(|(own, _)| *own == family);
+                let measured = match truth.zip(accuracy.limit(&grid, family)) {
+                    Some(((_, truth), limit)) => {
+                        let space_error = limit.space.probes;
+                        taken.and_then(|taken| measure(study, case, taken, truth, &metric)).map(
+                            |mut measured| {
+                                let horizon =
+                                    |parts: Parts<Deviation>| parts.at(study.until).rms / scales.deflection;
+                                let own = horizon(truth.error.probes);
+                                measured.time_error = horizon(measured.time.probes);
+                                measured.space_error = horizon(space_error);
+                                measured.at_floor = measured.time_error < FLOOR * own;
+                                measured
+                            },
+                        )
+                    }
+                    None => Err(Error::Usage("the motion that it tends to could not be computed".into())),
+                };
+                match measured {
+                    Ok(run) => accuracy.runs.push(run),
+                    Err(error) => {
+                        accuracy.failures.push(Failure { what: case.to_string(), why: error.to_string() })
+                    }
                 }
+                watch.done(&accuracy)?;
             }
-            watch.done(&accuracy)?;
         }
     }
     accuracy.complete = true;
@@ -459,28 +477,20 @@ fn limit(base: &Scene, truth: &Truth, dofs: usize, scales: Scales, space: Distan
     }
 }
 
-/// Runs a case once to measure its errors, then to measure its time.
-fn measure(
-    base: &Scene,
-    study: &Study,
-    case: &Case,
-    interval: f64,
-    truth: &Truth,
-    metric: &Metric,
-    run: &Runner,
-) -> Result<Run> {
-    let mut scene = case.scene(base, interval);
-    let keep_fields = scene.solver.engine == crate::scene::EngineName::Native;
-    let (trajectory, outcome) = run(&scene, keep_fields)?;
-    let reference = &truth.trajectory;
-    let norms: Option<Vec<Norms>> = keep_fields
-        .then(|| {
-            let pairs = trajectory.fields.iter().zip(&reference.fields);
-            pairs.map(|(a, b)| metric.distance(a, b)).collect::<Result<_>>()
-        })
-        .transpose()?;
-    let time = Distance::new(&trajectory, reference, &truth.impacts, norms.as_deref(), &study.at);
+/// A case that was run.
+struct Taken {
+    trajectory: Trajectory,
+    outcome: Outcome,
+    keep_fields: bool,
+    /// Least seconds of set-up and of stepping.
+    seconds: [f64; 2],
+}
 
+/// Runs a case: once for its motion, then for the time that it takes.
+fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -> Result<Taken> {
+    let mut scene = case.scene(base, interval);
+    let keep_fields = scene.solver.engine == EngineName::Native;
+    let (trajectory, outcome) = run(&scene, keep_fields)?;
     scene.output.every = u64::MAX;
     let (mut set_up_seconds, mut stepping_seconds, mut spent) = (f64::INFINITY, f64::INFINITY, 0.0);
     for _ in 0..study.repeat {
@@ -494,6 +504,32 @@ fn measure(
             break;
         }
     }
+    Ok(Taken { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] })
+}
+
+/// As [`take`], cases side by side on the native engine.
+fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> Vec<Result<Taken>> {
+    std::thread::scope(|scope| {
+        let start = |case| scope.spawn(move || take(base, study, case, interval, &natively));
+        let running: Vec<_> = cases.iter().copied().map(start).collect();
+        running
+            .into_iter()
+            .map(|run| run.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    })
+}
+
+/// How far a case is from the motion that it tends to.
+fn measure(study: &Study, case: &Case, taken: Taken, truth: &Truth, metric: &Metric) -> Result<Run> {
+    let Taken { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] } = taken;
+    let reference = &truth.trajectory;
+    let norms: Option<Vec<Norms>> = keep_fields
+        .then(|| {
+            let pairs = trajectory.fields.iter().zip(&reference.fields);
+            pairs.map(|(a, b)| metric.distance(a, b)).collect::<Result<_>>()
+        })
+        .transpose()?;
+    let time = Distance::new(&trajectory, reference, &truth.impacts, norms.as_deref(), &study.at);
     let touch = outcome.first_impact.map(|impact| impact.time);
     Ok(Run {
         case: *case,

@@ -120,7 +120,15 @@ impl Accuracy {
         writeln!(
             f,
             "    * on the front of error in time against seconds   ~ not told from the limit's own error"
-        )
+        )?;
+        if self.at_once > 1 {
+            writeln!(
+                f,
+                "    {} runs were made at once: the seconds, and the front, are not to be relied on",
+                self.at_once
+            )?;
+        }
+        Ok(())
     }
 
     fn write_orders(&self, f: &mut fmt::Formatter) -> fmt::Result {

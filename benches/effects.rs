@@ -1,0 +1,90 @@
+//! What effects cost: the time of a step with each, beside that of the bare plate; and that those which a scene does not have cost nothing.
+//!
+//! All scenes take turns, a few steps each, so that whatever slows the machine slows them alike; the least of many turns counts. Not
+//! covered: set-up, output, PETSc.
+
+use rebond::scene::Scene;
+use rebond::simulation::Model;
+use std::time::{Duration, Instant};
+
+const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
+
+/// Steps of a turn.
+const STEPS: u32 = 16;
+
+const WATCH: Duration = Duration::from_secs(8);
+
+/// What an absent effect may cost.
+const NOTHING: f64 = 0.02;
+
+/// A scene's name, what it has, and whether that is as good as nothing.
+const SCENES: [(&str, &str, bool); 12] = [
+    ("bare", "", true),
+    ("bare, again", "", true),
+    ("no load", "load = { pressure = 0, gravity = 0 }", true),
+    ("no damping", "damping = { mass = 0, stiffness = 0 }", true),
+    ("no motion", "support = [{ edge = \"left\", kind = \"clamped\", motion = 0 }]", true),
+    ("constant load", "load.pressure = \"-1e-3*x\"", false),
+    ("load in time", "load.pressure = \"-1e-3*x*sin(9*t)\"", false),
+    ("travelling load", "load.pressure = \"-1e-3*exp(x - t)\"", false),
+    ("damping", "damping = { mass = 1, stiffness = 1e-6 }", false),
+    ("obstacle out of reach", "obstacle = [{ side = \"below\", height = -1e3 }]", false),
+    ("stop out of reach", "obstacle = [{ side = \"below\", height = -1e3, at = [1.2, 0] }]", false),
+    ("contact", "obstacle = [{ side = \"below\", height = -0.2 }]\nload.pressure = -14600", false),
+];
+
+fn scene(mesh: &str, more: &str) -> Scene {
+    let support =
+        if more.contains("support") { "" } else { "support = [{ edge = \"left\", kind = \"clamped\" }]" };
+    let pressure = if more.contains("-0.2") { -14600.0 } else { 1.0 };
+    let text = format!(
+        r#"
+        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        mesh = {{ element = "fvs", cells = {mesh} }}
+        initial = {{ static_pressure = {pressure:?} }}
+        {support}
+        {more}
+        time = {{ scheme = "newmark", mass = "singular", step = 1e-5, end = 1 }}
+        "#
+    );
+    Scene::from_str(&text, "bench", &[]).expect("a valid scene")
+}
+
+fn main() {
+    println!("{:<24}{:>14}{:>14}   (time of a step, in units of the bare plate's)", "", MESHES[0], MESHES[1]);
+    let columns = MESHES.map(|mesh| {
+        let scenes = SCENES.map(|(_, more, _)| scene(mesh, more));
+        let models: Vec<Model> =
+            scenes.iter().map(|scene| Model::new(scene).expect("a sound model")).collect();
+        let mut schemes: Vec<_> = models
+            .iter()
+            .zip(&scenes)
+            .map(|(model, scene)| model.scheme(scene).expect("a sound start"))
+            .collect();
+        let mut least = [f64::INFINITY; SCENES.len()];
+        let clock = Instant::now();
+        while clock.elapsed() < WATCH {
+            for (scheme, least) in schemes.iter_mut().zip(&mut least) {
+                let turn = Instant::now();
+                for _ in 0..STEPS {
+                    scheme.advance().expect("a sound step");
+                }
+                *least = least.min(turn.elapsed().as_secs_f64());
+            }
+        }
+        least.map(|seconds| seconds / least[0])
+    });
+    for (row, (name, _, _)) in SCENES.iter().enumerate() {
+        println!("{name:<24}{:>14.3}{:>14.3}", columns[0][row], columns[1][row]);
+    }
+    let absent = |row: &usize| SCENES[*row].2;
+    let most =
+        columns.iter().flat_map(|column| (0..SCENES.len()).filter(absent).map(|row| column[row] - 1.0));
+    let most = most.fold(0.0, f64::max);
+    println!(
+        "\nabsent effects cost at most {:.1} % of a step; {:.0} % is the limit",
+        100.0 * most,
+        100.0 * NOTHING
+    );
+    assert!(std::env::args().any(|word| word == "--report") || most < NOTHING, "absent effects cost {most}");
+}

@@ -1,0 +1,221 @@
+//! What is attached to the plate: foundations, springs, masses and balls; and the forms of all together.
+
+use super::ground::{Ground, Spot, Team};
+use crate::assembly::{self, CellArrays, Probe};
+use crate::error::{Error, Result};
+use crate::linalg::{Average, BARE, Block};
+use crate::mesh::Point;
+use crate::obstacle::Bounds;
+use crate::scene;
+use crate::simulation::body;
+use crate::space::{PER_NODE, Rigid};
+
+/// A spring (N/m) or a mass (kg) at a point.
+pub(super) struct Lump {
+    pub amount: f64,
+    pub at: Point,
+    pub spot: Spot,
+}
+
+/// A ball, in the dofs.
+pub(super) struct Rider<'s> {
+    /// Which of the scene's balls it is.
+    pub number: usize,
+    pub ball: &'s scene::Ball,
+    /// The point of the plate under it.
+    pub spot: Spot,
+    /// The dof of its gap: its height over the plate.
+    pub gap: usize,
+}
+
+/// What is attached to this process's part of the plate.
+pub(super) struct Attached<'s> {
+    /// Contributions to K, each with its cell.
+    foundations: Vec<(usize, Block)>,
+    springs: Vec<Lump>,
+    /// Masses fixed on the plate, then balls: `spot.free` is what moves with them.
+    masses: Vec<Lump>,
+    pub balls: Vec<Rider<'s>>,
+    /// The first class that no cell of a form has.
+    first_class: usize,
+}
+
+impl<'s> Attached<'s> {
+    /// Finds where everything is. Collective.
+    pub fn new<T: Team>(ground: &Ground<'s, T>) -> Result<Attached<'s>> {
+        let scene = ground.scene;
+        let lump = |key: String, at: [f64; 2], amount: f64| {
+            let spot = ground.spot(&format!("{key}.at"), at)?;
+            Ok::<_, Error>(spot.map(|spot| Lump { amount, at: at.into(), spot }))
+        };
+        let (mut springs, mut masses, mut balls) = (Vec::new(), Vec::new(), Vec::new());
+        for (number, spring) in scene.springs.iter().enumerate() {
+            springs.extend(lump(format!("spring.{number}"), spring.at, spring.stiffness)?);
+        }
+        for (number, mass) in scene.masses.iter().enumerate() {
+            masses.extend(lump(format!("mass.{number}"), mass.at, mass.mass)?);
+        }
+        for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
+            let lump = lump(format!("ball.{number}"), ball.at, ball.mass)?;
+            if let Some((Lump { amount, at, spot }, gap)) = lump.zip(*gap) {
+                let rides = Spot { free: spot.free.clone().with(gap, 1.0), of_shape: spot.of_shape.clone() };
+                masses.push(Lump { amount, at, spot: rides });
+                balls.push(Rider { number, ball, spot, gap });
+            }
+        }
+        let first_class = BARE + 2 * ground.cells.len();
+        Ok(Attached { foundations: foundations(ground)?, springs, masses, balls, first_class })
+    }
+
+    /// K: the plate, foundations and springs.
+    pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<Block> {
+        let mut blocks = assembly::stiffness(cells);
+        blocks.extend(self.foundations.iter().map(|(_, block)| block.clone()));
+        blocks.extend(self.forms(&self.springs));
+        blocks
+    }
+
+    /// K with a spring of 1 N/m in each ball's gap, which holds it where nothing pulls at it.
+    pub fn stiffness_that_holds_balls(&self, cells: &[CellArrays]) -> Vec<Block> {
+        let mut blocks = self.stiffness(cells);
+        let first = self.first_class + self.springs.len();
+        let gap = |(k, ball): (usize, &Rider)| Probe::default().with(ball.gap, 1.0).spring(1.0, first + k);
+        blocks.extend(self.balls.iter().enumerate().map(gap));
+        blocks
+    }
+
+    /// M_r: the plate and what it carries.
+    pub fn consistent_mass(&self, cells: &[CellArrays]) -> Vec<Block> {
+        let mut blocks = assembly::consistent_mass(cells);
+        blocks.extend(self.forms(&self.masses));
+        blocks
+    }
+
+    /// B and C: the plate and what it carries.
+    pub fn singular_mass(&self, cells: &[CellArrays]) -> Vec<Average> {
+        let mut rows = assembly::singular_mass(cells);
+        let row = |(k, mass): (usize, &Lump)| mass.spot.free.rider(mass.amount, self.first_class + k);
+        rows.extend(self.masses.iter().enumerate().map(row));
+        rows
+    }
+
+    fn forms<'l>(&'l self, lumps: &'l [Lump]) -> impl Iterator<Item = Block> + 'l {
+        let form = |(k, lump): (usize, &Lump)| lump.spot.free.spring(lump.amount, self.first_class + k);
+        lumps.iter().enumerate().map(form)
+    }
+
+    /// Adds the weight of masses and balls under a gravity, downward.
+    pub fn weigh(&self, gravity: f64, load: &mut [f64]) {
+        self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
+    }
+
+    /// Adds the forces of foundations and springs under a shape, three numbers a node, to those that bend the plate.
+    pub fn add_forces<T: Team>(&self, ground: &Ground<T>, shape: &[f64], force: &mut [f64]) {
+        for (cell, block) in &self.foundations {
+            let nodes = ground.mesh.cells[*cell].nodes();
+            let values = nodes.iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]);
+            let values: Vec<f64> = values.copied().collect();
+            ground.cells[*cell].add_product(&block.matrix, &values, force);
+        }
+        for Lump { amount, spot, .. } in &self.springs {
+            spot.free.push(amount * spot.of_shape.deflection(shape), force);
+        }
+    }
+
+    /// Adds the momenta of masses and balls at a velocity of this shape.
+    pub fn add_momenta(&self, shape: &[f64], momentum: &mut [f64]) {
+        for Lump { amount, spot, .. } in &self.masses {
+            spot.free.push(amount * spot.of_shape.deflection(shape), momentum);
+        }
+    }
+
+    /// Where masses and balls are, in the order of their rows of B.
+    pub fn carried(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.masses.iter().map(|mass| mass.at.into())
+    }
+
+    /// The rigid motions that nothing holds, in words. Collective.
+    pub fn mechanism<T: Team>(&self, ground: &Ground<T>) -> Option<&'static str> {
+        self.loose(ground, &[])
+    }
+
+    /// An error where nothing holds a rigid motion and the singular mass does not feel it either: the means over all cells vanish, as
+    /// where a single row of cells turns about its middle. Collective.
+    pub fn refuse_weightless<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
+        let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
+        let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
+        match self.loose(ground, &fixed.chain(centres).collect::<Vec<_>>()) {
+            None => Ok(()),
+            Some(motion) => Err(Error::Singular(format!(
+                "a rigid motion has neither stiffness nor inertia: {motion}, and the mean velocity of no cell tells; \
+                 take more rows of cells, hold the plate, or set time.mass = \"consistent\""
+            ))),
+        }
+    }
+
+    /// The rigid motions left by what holds the plate and by some points at rest. Collective.
+    fn loose<T: Team>(&self, ground: &Ground<T>, at_rest: &[Point]) -> Option<&'static str> {
+        let nodes = &ground.mesh.nodes;
+        let farthest = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
+        let sides =
+            ground.team.gather(&[farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)]);
+        let [right, top, left, bottom] =
+            std::array::from_fn(|k| sides.iter().skip(k).step_by(4).copied().fold(f64::MIN, f64::max));
+        let centre = Point::new(0.5 * (right - left), 0.5 * (top - bottom));
+        let mut rigid = Rigid::new(centre, 0.5 * (right + left).hypot(top + bottom));
+        for (node, hold) in ground.holds.iter().enumerate().filter(|(_, hold)| hold.is_any()) {
+            if (ground.owns)(node) {
+                rigid.hold(nodes[node], hold);
+            }
+        }
+        self.springs.iter().for_each(|spring| rigid.hold_deflection(spring.at));
+        for (cell, _) in &self.foundations {
+            ground.mesh.vertices(*cell).into_iter().for_each(|vertex| rigid.hold_deflection(vertex));
+        }
+        at_rest.iter().for_each(|&point| rigid.hold_deflection(point));
+        let all = ground.team.gather(rigid.seen());
+        let count = rigid.seen().len();
+        let sum: Vec<f64> = (0..count).map(|k| all.iter().skip(k).step_by(count).sum()).collect();
+        rigid.see(&sum);
+        rigid.mechanism()
+    }
+
+    /// An error where a mass sits on a node that can be stopped: its velocity would jump. Collective.
+    pub fn refuse_stopped<T: Team>(&self, ground: &Ground<T>, bounds: &Bounds) -> Result<()> {
+        let stops = |dof: usize| (ground.own)(dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok());
+        let stopped = |mass: &Lump| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
+        let any = f64::from(u8::from(self.masses.iter().any(stopped)));
+        if ground.team.gather(&[any]).contains(&1.0) {
+            return Err(Error::Usage(format!(
+                "time.scheme = \"{}\" needs velocities that do not jump, and a [[mass]] sits on a node that an obstacle can \
+                 stop; set time.scheme = \"newmark\"",
+                ground.scene.time.scheme.name()
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// The foundations' contributions to K, each with its cell. Collective.
+fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
+    let foundations = &ground.scene.foundations;
+    if foundations.is_empty() {
+        return Ok(Vec::new());
+    }
+    let reach = |(number, of): (usize, &scene::Foundation)| {
+        body::cells_in(&of.region, ground.mesh, ground.team, &format!("foundation.{number}"))
+    };
+    let reaches: Vec<Vec<bool>> = foundations.iter().enumerate().map(reach).collect::<Result<_>>()?;
+    ground.team.together(assembly::foundation(ground.mesh, ground.cells, &|cell, at| {
+        let mut sum = 0.0;
+        for (of, _) in foundations.iter().zip(&reaches).filter(|(_, reach)| reach[cell]) {
+            let stiffness = of.stiffness.at(at, 0.0)?;
+            if stiffness < 0.0 {
+                let wrong = format!("{stiffness:?} N/m3 at ({}, {}); expected at least 0", at.x, at.y);
+                return Err(Error::Scene(format!("{}: {wrong}", of.stiffness.key)));
+            }
+            sum += stiffness;
+        }
+        Ok(sum)
+    }))
+}

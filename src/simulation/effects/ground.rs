@@ -1,0 +1,105 @@
+//! Where a model is built.
+
+pub(in crate::simulation) use super::super::body::Team;
+use crate::assembly::{self, CellArrays, Pressure, Probe};
+use crate::error::{Error, Result};
+use crate::mesh::{Mesh, Point};
+use crate::scene::{self, Given, Scene};
+use crate::space::{Hold, PER_NODE, Space};
+use std::rc::Rc;
+
+/// Adds up what all processes have over their spaces, on the engine's dofs. Collective.
+pub(in crate::simulation) type AddUp = dyn Fn(&[f64]) -> Result<Vec<f64>>;
+
+/// Where a model is built: this process's part of the mesh, and how it and the engine's dofs belong together.
+pub(in crate::simulation) struct Ground<'g, T: Team> {
+    pub scene: &'g Scene,
+    pub team: &'g T,
+    pub mesh: &'g Mesh,
+    /// What supports hold at the nodes.
+    pub holds: &'g [Hold],
+    /// Dofs of the part of the mesh, and the gaps of balls.
+    pub space: &'g Space,
+    /// The dof of each ball's gap, on the process that has it.
+    pub gaps: &'g [Option<usize>],
+    pub cells: &'g [CellArrays],
+    /// The engine's number of one of the space's dofs, if this process owns it.
+    pub own: &'g dyn Fn(usize) -> Option<usize>,
+    /// See there.
+    pub add_up: Rc<AddUp>,
+    /// Whether this process owns each node.
+    pub owns: &'g dyn Fn(usize) -> bool,
+}
+
+/// A point of this process's part of the plate.
+#[derive(Clone)]
+pub(super) struct Spot {
+    /// Its deflection as a sum over the space's dofs.
+    pub free: Probe,
+    /// Its deflection as a sum over all deflections and slopes of the part, three a node.
+    pub of_shape: Probe,
+}
+
+impl<T: Team> Ground<'_, T> {
+    /// A point of the plate on the process that speaks for it; `None` on the others. Collective.
+    pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<Spot>> {
+        let at = Point::new(x, y);
+        let here = self.mesh.locate(at).is_some();
+        let ranks = self.team.gather(&[f64::from(u8::from(here))]);
+        match ranks.iter().position(|&here| here == 1.0) {
+            Some(first) if first == self.team.rank() => {
+                let of_shape = Probe::of_shape(self.mesh, at)?;
+                Ok(Some(Spot { free: of_shape.within(self.space), of_shape }))
+            }
+            Some(_) => Ok(None),
+            None => Err(Error::Mesh(format!("{key}: the point ({x}, {y}) lies outside the plate"))),
+        }
+    }
+
+    /// What a probe sees, over the engine's dofs, and this process's part of what it sees of shapes. Collective.
+    pub fn probe(&self, probe: &scene::Probe, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
+        let spot = self.spot(&format!("probe \"{}\"", probe.name), probe.at)?;
+        let mut local = vec![0.0; self.space.dofs()];
+        if let Some(spot) = &spot {
+            spot.free.push(1.0, &mut local);
+        }
+        if let Some(gap) = probe.ball.and_then(|ball| self.gaps[ball]) {
+            local[gap] += 1.0;
+        }
+        let of = |shape: &&[f64]| spot.as_ref().map_or(0.0, |spot| spot.of_shape.deflection(shape));
+        Ok((Probe::from_weights(&(self.add_up)(&local)?), shapes.iter().map(of).collect()))
+    }
+
+    /// Deflection and slopes of a formula of place at all nodes, three a node.
+    pub(super) fn shape_of(&self, given: &Given) -> Result<Vec<f64>> {
+        let mut shape = Vec::with_capacity(PER_NODE * self.mesh.nodes.len());
+        for &node in &self.mesh.nodes {
+            shape.extend(given.gradient(node)?);
+        }
+        Ok(shape)
+    }
+
+    /// Values over the space's dofs as those of the engine's that this process owns.
+    pub(super) fn owned(&self, local: &[f64], dofs: usize) -> Vec<f64> {
+        let mut own = vec![0.0; dofs];
+        for (dof, value) in local.iter().enumerate() {
+            if let Some(dof) = (self.own)(dof) {
+                own[dof] = *value;
+            }
+        }
+        own
+    }
+
+    /// The load of a pressure that does not change with time, on the space's dofs. Collective.
+    pub(super) fn pressed(&self, pressure: &Given) -> Result<Vec<f64>> {
+        let dofs = self.space.dofs();
+        if let Some(pressure) = pressure.number() {
+            return Ok(assembly::uniform_load(self.cells, dofs, pressure));
+        }
+        let integral = || {
+            Pressure::new(self.mesh, self.cells)?
+                .load(dofs, |points, values| pressure.values(points, 0.0, values))
+        };
+        self.team.together(integral())
+    }
+}

@@ -1,0 +1,162 @@
+//! Where the obstacles are, as bounds on deflections.
+
+use super::Lift;
+use super::attached::Rider;
+use super::ground::{Ground, Team};
+use crate::error::{Error, Result};
+use crate::mesh::Point;
+use crate::obstacle::Bounds;
+use crate::scene::{self, Given, Side};
+use crate::simulation::{Site, body};
+use crate::space::PER_NODE;
+use std::rc::Rc;
+
+/// The nodes of this process that each obstacle is opposite to. Collective.
+pub(super) fn opposite<T: Team>(ground: &Ground<T>) -> Result<Vec<Vec<usize>>> {
+    let nodes = |(number, obstacle): (usize, &scene::Obstacle)| {
+        body::nodes_in(&obstacle.region, ground.mesh, ground.team, &format!("obstacle.{number}"))
+    };
+    ground.scene.obstacles.iter().enumerate().map(nodes).collect()
+}
+
+/// The engine's deflections: first those that something bounds, ascending dofs, then the others; and how many are bounded. The gap of
+/// ball k goes as that of a node, the k-th past the mesh's last.
+pub(super) fn sites<T: Team>(
+    ground: &Ground<T>,
+    opposite: &[Vec<usize>],
+    balls: &[Rider],
+) -> (Vec<Site>, usize) {
+    let mesh = ground.mesh;
+    let mut is_free = vec![true; mesh.nodes.len()];
+    opposite.iter().flatten().for_each(|&node| is_free[node] = false);
+    let site = |node: usize| {
+        let dof = (ground.own)(ground.space.deflection(node)?)?;
+        Some((is_free[node], Site { dof, node, at: mesh.nodes[node].into() }))
+    };
+    let mut sites: Vec<(bool, Site)> = (0..mesh.nodes.len()).filter_map(site).collect();
+    for Rider { number, ball, gap, .. } in balls {
+        let node = mesh.nodes.len() + number;
+        sites.extend((ground.own)(*gap).map(|dof| (false, Site { dof, node, at: ball.at })));
+    }
+    sites.sort_by_key(|(is_free, site)| (*is_free, site.dof));
+    let bounded = sites.iter().filter(|(is_free, _)| !is_free).count();
+    (sites.into_iter().map(|(_, site)| site).collect(), bounded)
+}
+
+/// An obstacle, the bounds that it concerns, and where these are.
+struct Opposite {
+    side: Side,
+    height: Given,
+    bounds: Vec<usize>,
+    points: Vec<Point>,
+}
+
+/// Where the obstacles are at the bounded dofs of this process.
+pub(super) struct Heights {
+    /// Bounds by what stands still: obstacles, and 0 at the gaps of balls.
+    still: Bounds,
+    /// Obstacles that move.
+    moving: Vec<Opposite>,
+    /// Motions of the supports, with their lift at each bound; none at the gaps.
+    lifts: Vec<(Rc<Given>, Vec<f64>)>,
+    places: Vec<[f64; 2]>,
+}
+
+impl Heights {
+    /// Asks once for what stands still. Collective.
+    pub fn new<T: Team>(
+        ground: &Ground<T>,
+        opposite: &[Vec<usize>],
+        bounded: &[Site],
+        lifts: &[Lift],
+    ) -> Result<Heights> {
+        let Ground { scene, mesh, .. } = ground;
+        let nodes = mesh.nodes.len();
+        let dofs = bounded.iter().map(|site| site.dof).collect();
+        let mut still = Bounds::uniform(dofs, f64::NEG_INFINITY, f64::INFINITY);
+        // A gap is small as long as the ball lies on the plate.
+        let falls = scene.balls.iter().map(|ball| ball.height.abs().max(scene.plate.plate.thickness));
+        still.size = falls.fold(0.0, f64::max);
+        let mut bound_of = vec![None; nodes];
+        for (bound, site) in bounded.iter().enumerate() {
+            match site.node.checked_sub(nodes).map(|ball| scene.balls[ball].side) {
+                None => bound_of[site.node] = Some(bound),
+                Some(Side::Above) => still.lower[bound] = 0.0,
+                Some(Side::Below) => still.upper[bound] = 0.0,
+            }
+        }
+        let mut moving = Vec::new();
+        let mut found = Ok(());
+        for (obstacle, opposite) in scene.obstacles.iter().zip(opposite) {
+            let bounds: Vec<usize> = opposite.iter().filter_map(|&node| bound_of[node]).collect();
+            let points = bounds.iter().map(|&bound| bounded[bound].at.into()).collect();
+            let opposite = Opposite { side: obstacle.side, height: obstacle.height.clone(), bounds, points };
+            if obstacle.height.changes() {
+                moving.push(opposite);
+            } else {
+                found = found.and_then(|()| opposite.narrow(0.0, &mut still));
+            }
+        }
+        ground.team.together(found)?;
+        let lift = |lift: &Lift| {
+            let at = |site: &Site| lift.shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
+            (lift.motion.clone(), bounded.iter().map(at).collect())
+        };
+        Ok(Heights {
+            still,
+            moving,
+            lifts: lifts.iter().map(lift).collect(),
+            places: bounded.iter().map(|site| site.at).collect(),
+        })
+    }
+
+    /// Whether any bound changes with time.
+    pub fn vary(&self) -> bool {
+        !self.moving.is_empty() || !self.lifts.is_empty()
+    }
+
+    /// The bounds of the first instant.
+    pub fn at_start(&self) -> Result<Bounds> {
+        let mut bounds = self.still.clone();
+        self.set(0.0, &mut bounds)?;
+        Ok(bounds)
+    }
+
+    /// Sets the bounds of an instant, in the frame of the supports.
+    pub fn set(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
+        bounds.lower.copy_from_slice(&self.still.lower);
+        bounds.upper.copy_from_slice(&self.still.upper);
+        for opposite in &self.moving {
+            opposite.narrow(t, bounds)?;
+        }
+        for (motion, lift) in &self.lifts {
+            let moved = motion.at(Point::origin(), t)?;
+            for ((lower, upper), lift) in bounds.lower.iter_mut().zip(&mut bounds.upper).zip(lift) {
+                *lower -= lift * moved;
+                *upper -= lift * moved;
+            }
+        }
+        let crossed = bounds.lower.iter().zip(&bounds.upper).position(|(lower, upper)| lower > upper);
+        crossed.map_or(Ok(()), |bound| {
+            let [x, y] = self.places[bound];
+            Err(Error::Scene(format!(
+                "obstacle: at ({x}, {y}) those below and above leave no room at t = {t:?} s"
+            )))
+        })
+    }
+}
+
+impl Opposite {
+    /// Leaves no more room than this obstacle does at an instant: of several on a side the nearest counts.
+    fn narrow(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
+        let mut heights = vec![0.0; self.points.len()];
+        self.height.values(&self.points, t, &mut heights)?;
+        for (&bound, height) in self.bounds.iter().zip(heights) {
+            match self.side {
+                Side::Below => bounds.lower[bound] = bounds.lower[bound].max(height),
+                Side::Above => bounds.upper[bound] = bounds.upper[bound].min(height),
+            }
+        }
+        Ok(())
+    }
+}

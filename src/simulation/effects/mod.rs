@@ -1,0 +1,174 @@
+//! What a scene calls for, composed once into the semi-discrete problem: forms, loads, bounds, and what of them changes with time.
+//!
+//! Supports that move carry the plate's frame with them: U is the deflection beyond the one that their motion makes by itself, the
+//! *lift*. In that frame supports stand still, obstacles move by less the lift, and inertia is a load (the pseudo-static
+//! decomposition of earthquake engineering: Clough and Penzien, *Dynamics of Structures*, section 26-1).
+
+mod attached;
+mod ground;
+mod heights;
+mod loads;
+mod motion;
+mod start;
+
+pub(super) use ground::Ground;
+pub(super) use motion::Lift;
+
+use super::{Places, Site};
+use crate::error::Result;
+use crate::linalg::{Average, Block, Engine, Form, Native};
+use crate::modes;
+use crate::obstacle::Bounds;
+use crate::scene::{Mass, Scheme};
+use crate::scheme::{Damping, Drive, ModalDamping, Start, System};
+use attached::Attached;
+use ground::Team;
+use heights::Heights;
+use loads::Loads;
+use motion::Frames;
+use start::Statics;
+use std::time::Instant;
+
+/// An engine whose forms the native one makes, of this process's cells.
+pub(super) trait OfCells: Engine<Form = Form, Factor: 'static> + 'static {
+    /// The native engine.
+    fn native(&self) -> &Native;
+}
+
+impl OfCells for Native {
+    fn native(&self) -> &Native {
+        self
+    }
+}
+
+#[cfg(feature = "petsc")]
+impl OfCells for crate::petsc::Distributed {
+    fn native(&self) -> &Native {
+        self.cells()
+    }
+}
+
+/// The matrices of a scene, piece by piece.
+pub struct Matrices {
+    /// K.
+    pub stiffness: Vec<Block>,
+    /// M_r.
+    pub consistent: Vec<Block>,
+    /// The rows of B and entries of C.
+    pub singular: Vec<Average>,
+    /// F of `initial.static_pressure` or, where that is 0, of what does not change with time in `[load]`, in N.
+    pub load: Vec<f64>,
+    /// Dofs that something bounds, ascending.
+    pub bounded: Vec<usize>,
+}
+
+/// What a scene's effects make of a plate.
+pub(super) struct Effects<E: Engine> {
+    pub system: System<E>,
+    pub start: Start,
+    pub lifts: Vec<Lift>,
+    /// The engine's deflections; the bounded ones come first, in the order of the bounds.
+    pub sites: Vec<Site>,
+    pub places: Places,
+    /// Seconds that the static start took.
+    pub seconds: f64,
+}
+
+/// All matrices of a scene.
+///
+/// # Errors
+/// What the scene's formulas and regions say of the mesh.
+pub(super) fn matrices<T: Team>(ground: &Ground<T>) -> Result<Matrices> {
+    let attached = Attached::new(ground)?;
+    let initial = &ground.scene.initial.static_pressure;
+    let load = if initial.is_zero() {
+        Loads::new(ground, &attached)?.constant
+    } else {
+        Some(ground.pressed(initial)?)
+    };
+    let (sites, bounded) = heights::sites(ground, &heights::opposite(ground)?, &attached.balls);
+    Ok(Matrices {
+        stiffness: attached.stiffness(ground.cells),
+        consistent: attached.consistent_mass(ground.cells),
+        singular: attached.singular_mass(ground.cells),
+        load: load.unwrap_or_else(|| vec![0.0; ground.space.dofs()]),
+        bounded: sites[..bounded].iter().map(|site| site.dof).collect(),
+    })
+}
+
+/// The rigid motions that nothing holds, in words. Collective.
+///
+/// # Errors
+/// As [`matrices`].
+pub(super) fn mechanism<T: Team>(ground: &Ground<T>) -> Result<Option<&'static str>> {
+    Ok(Attached::new(ground)?.mechanism(ground))
+}
+
+/// Composes the problem of a scene. Collective.
+///
+/// # Errors
+/// What the scene's formulas and regions say of the mesh; [`Singular`](crate::Error::Singular) where a static start is asked of a mechanism.
+pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Result<Effects<E>> {
+    let Ground { scene, cells, .. } = *ground;
+    let attached = Attached::new(ground)?;
+    let mechanism = attached.mechanism(ground);
+    if scene.time.mass == Mass::Singular && mechanism.is_some() {
+        attached.refuse_weightless(ground)?;
+    }
+    let stiffness = engine.native().form(attached.stiffness(cells));
+    let mass = match scene.time.mass {
+        Mass::Singular => engine.native().averages(attached.singular_mass(cells)),
+        Mass::Consistent => engine.native().form(attached.consistent_mass(cells)),
+    };
+    let damping = scene
+        .damping
+        .as_ref()
+        .map_or(Damping::default(), |of| Damping { mass: of.mass, stiffness: of.stiffness });
+    let loads = Loads::new(ground, &attached)?;
+    let mut system = System {
+        engine,
+        stiffness,
+        mass,
+        damping,
+        load: loads.constant.clone(),
+        bounds: Bounds::default(),
+        drive: Drive::default(),
+    };
+
+    let statics = Statics { ground, attached: &attached, mechanism };
+    let lifts = motion::lifts(&system, &statics)?;
+    let frames = Frames::new(ground, &attached, &lifts)?;
+
+    if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
+        // Rigid motions, which come first, do not count.
+        let loose = mechanism.is_some() || !scene.balls.is_empty();
+        let rigid = if loose { 3 + scene.balls.len() } else { 0 };
+        let System { engine, stiffness, mass, .. } = &system;
+        let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, loose)?;
+        modes.retain(|mode| mode.frequency > 0.0);
+        system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, ratios)?);
+    }
+
+    let opposite = heights::opposite(ground)?;
+    let (sites, bounded) = heights::sites(ground, &opposite, &attached.balls);
+    let heights = Heights::new(ground, &opposite, &sites[..bounded], &lifts)?;
+    system.bounds = ground.team.together(heights.at_start())?;
+    if matches!(scene.time.scheme, Scheme::Conserving | Scheme::Exact) {
+        attached.refuse_stopped(ground, &system.bounds)?;
+    }
+
+    let clock = Instant::now();
+    let start = start::start(&system, &statics, &loads, &frames, &lifts)?;
+    let seconds = clock.elapsed().as_secs_f64();
+    if loads.vary() || frames.push() {
+        system.drive.load = Some(Box::new(move |t, load: &mut [f64]| {
+            loads.add(t, load)?;
+            frames.add(t, load)
+        }));
+    }
+    if heights.vary() && !ground.team.gather(&[bounded as f64]).iter().all(|&count| count == 0.0) {
+        system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
+    }
+    let places = Places::new(ground, system.engine.dofs(), attached.carried());
+    Ok(Effects { system, start, lifts, sites, places, seconds })
+}

@@ -1,0 +1,147 @@
+//! Supports that move, and what that does in their frame.
+
+use super::OfCells;
+use super::attached::Attached;
+use super::ground::{Ground, Team};
+use super::start::Statics;
+use crate::assembly;
+use crate::error::{Error, Result};
+use crate::mesh::Point;
+use crate::obstacle::Bounds;
+use crate::scene::{Given, Mass};
+use crate::scheme::System;
+use crate::simulation::body;
+use crate::space::Place;
+use std::rc::Rc;
+
+/// How supports move, and the deflection and slopes that a motion of 1 m makes at each node (three a node of this process).
+#[derive(Debug, Clone)]
+pub(in crate::simulation) struct Lift {
+    pub motion: Rc<Given>,
+    pub shape: Vec<f64>,
+    /// Whether the plate moves rigidly; else its shape is in equilibrium.
+    is_rigid: bool,
+}
+
+/// How the supports move: each motion with its lift. Collective.
+pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T>) -> Result<Vec<Lift>> {
+    let Ground { scene, mesh, team, .. } = *statics.ground;
+    // Guided edges follow the plate, not the other way round.
+    let motions: Vec<Option<&Given>> = scene.supports.iter().map(|support| support.motion.as_ref()).collect();
+    let holding = || scene.supports.iter().filter(|support| support.kind.holds_deflection());
+    let mut different: Vec<&Given> = Vec::new();
+    for motion in motions.iter().flatten() {
+        if different.iter().all(|known| known.value != motion.value) {
+            different.push(motion);
+        }
+    }
+    if different.is_empty() {
+        return Ok(Vec::new());
+    }
+    if let ([motion], true) = (&different[..], holding().all(|support| support.motion.is_some())) {
+        let shape = [1.0, 0.0, 0.0].repeat(mesh.nodes.len());
+        return Ok(vec![Lift { motion: Rc::new((*motion).clone()), shape, is_rigid: true }]);
+    }
+    if let Some(loose) = statics.mechanism {
+        return Err(Error::Singular(format!(
+            "{}: supports that move differently must hold the plate, and it is a mechanism: {loose}",
+            different[0].key
+        )));
+    }
+    let places = body::supports(scene, mesh, team)?;
+    let lift = |motion: &Given| {
+        // The plate bends statically from held nodes that move to those that stand still.
+        let mut moved = vec![0.0; mesh.nodes.len()];
+        for ((place, _), _) in
+            places.iter().zip(&motions).filter(|(_, own)| own.is_some_and(|own| own.value == motion.value))
+        {
+            match place {
+                Place::Edges(edges) => edges.as_flattened().iter().for_each(|&node| moved[node] = 1.0),
+                Place::Nodes(nodes) => nodes.iter().for_each(|&node| moved[node] = 1.0),
+            }
+        }
+        let moved = team.spread(&moved)?;
+        let steps: Vec<f64> = moved.iter().flat_map(|&w| [w.min(1.0), 0.0, 0.0]).collect();
+        let mut load = statics.forces(&steps)?;
+        load.iter_mut().for_each(|f| *f = -*f);
+        let u = statics.equilibrium(system, &load, &Bounds::default())?;
+        let bent = statics.ground.space.shape(&system.engine.on_cells(&u)?);
+        let shape = steps.iter().zip(bent).map(|(step, bent)| step + bent).collect();
+        Ok(Lift { motion: Rc::new(motion.clone()), shape, is_rigid: false })
+    };
+    different.into_iter().map(lift).collect()
+}
+
+/// A lift's forces and momenta, on the engine's dofs, for a motion of 1 m.
+struct Frame {
+    motion: Rc<Given>,
+    /// What pulls at the plate: nothing where the lift is in equilibrium.
+    force: Option<Vec<f64>>,
+    momentum: Vec<f64>,
+}
+
+/// What motions of the supports do in their frame.
+pub(super) struct Frames(Vec<Frame>);
+
+impl Frames {
+    /// Forces and momenta of each lift. Collective.
+    pub fn new<T: Team>(ground: &Ground<T>, attached: &Attached, lifts: &[Lift]) -> Result<Frames> {
+        let Ground { scene, mesh, cells, space, add_up, .. } = ground;
+        let frame = |Lift { motion, shape, is_rigid }: &Lift| {
+            let mut momentum = vec![0.0; space.dofs()];
+            match scene.time.mass {
+                Mass::Singular => assembly::singular_momenta(mesh, cells, shape, &mut momentum),
+                Mass::Consistent => assembly::consistent_momenta(mesh, cells, shape, &mut momentum),
+            }
+            attached.add_momenta(shape, &mut momentum);
+            let force = is_rigid.then(|| {
+                let mut force = vec![0.0; space.dofs()];
+                attached.add_forces(ground, shape, &mut force);
+                add_up(&force)
+            });
+            let any = |force: &Vec<f64>| {
+                ground.team.gather(&[f64::from(u8::from(force.iter().any(|f| *f != 0.0)))]).contains(&1.0)
+            };
+            let force = force.transpose()?.filter(any);
+            Ok(Frame { motion: motion.clone(), force, momentum: add_up(&momentum)? })
+        };
+        lifts.iter().map(frame).collect::<Result<_>>().map(Frames)
+    }
+
+    /// Whether anything moves.
+    pub fn push(&self) -> bool {
+        !self.0.is_empty()
+    }
+
+    /// Adds what the lifts of an instant pull at the plate, at rest.
+    pub fn pull(&self, t: f64, load: &mut [f64]) -> Result<()> {
+        for Frame { motion, force, .. } in &self.0 {
+            if let Some(force) = force {
+                let moved = motion.at(Point::origin(), t)?;
+                load.iter_mut().zip(force).for_each(|(load, f)| *load -= moved * f);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds that and the lifts' inertia.
+    pub fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
+        self.pull(t, load)?;
+        for Frame { motion, momentum, .. } in &self.0 {
+            let acceleration = motion.jet(t)?.second;
+            load.iter_mut().zip(momentum).for_each(|(load, m)| *load -= acceleration * m);
+        }
+        Ok(())
+    }
+}
+
+impl<T: Team> Statics<'_, T> {
+    /// What a shape, three numbers a node, pulls at the plate: K of it, on the engine's dofs. Collective.
+    fn forces(&self, shape: &[f64]) -> Result<Vec<f64>> {
+        let Ground { mesh, cells, space, add_up, .. } = self.ground;
+        let mut force = vec![0.0; space.dofs()];
+        assembly::forces(mesh, cells, shape, &mut force);
+        self.attached.add_forces(self.ground, shape, &mut force);
+        add_up(&force)
+    }
+}
