@@ -79,6 +79,7 @@ energy_guard = 1e3
 [output]
 every = 20
 fields_every = 2000
+checkpoint_every = 30000
 subdivide = 3
 probes = [{ name = "corner", at = [1.2, 0] }, { name = "côté # libre", at = [0.1, 0.4] }]
 "#;
@@ -169,6 +170,7 @@ fn every_key_is_read() {
     assert_eq!(scene.time.mass, Mass::Singular);
     assert_eq!(scene.time.steps(), 100_000);
     assert_eq!(scene.output.fields, Some(Snapshots { every: 2000, subdivide: 3 }));
+    assert_eq!(scene.output.checkpoint_every, Some(30_000));
     assert_eq!(scene.output.probes[1].name, "côté # libre");
     let effects = [
         "contact below",

@@ -21,7 +21,7 @@ impl Events {
     /// Starts `events.csv` afresh in `folder`, which is created if need be.
     ///
     /// # Errors
-    /// [`Error::Io`], as all below.
+    /// [`crate::Error::Io`], as all below.
     pub fn create(folder: &Path) -> Result<Events> {
         Ok(Events { lines: Lines::create(folder, FILE, "time,node,x,y,kind,velocity,reaction")? })
     }
