@@ -37,6 +37,8 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@scripts/check_vtk.sh
 	$(call say,energies of the paper at steps down to 1e-5 s)
 	@$(CARGO_RUN) --example csma2013_table -- 1e-5
+	$(call say,what effects cost)
+	@cargo bench --locked --quiet --bench effects -- --report
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
 	$(call say,tests without default features)
@@ -49,7 +51,7 @@ test-long: setup ## the tests that take minutes, which make test leaves out
 	$(call say,long tests)
 	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun -- --ignored
 
-bench: setup ## time assembly, factorisation, one step, a whole scene; fine meshes on PETSc with 1 and 2 ranks
+bench: setup ## time assembly, factorisation, one step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)
 	@cargo bench --locked
 	$(call say,PETSc on fine meshes)

@@ -305,27 +305,27 @@ impl Pressure {
         Ok(pressure)
     }
 
-    /// The load over `dofs` free dofs, in N, of a pressure (Pa, upward) that fills in its values at points.
+    /// Adds the load, in N, of a pressure (Pa, upward) that fills in its values at points.
     ///
     /// # Errors
     /// What the pressure says.
     pub fn load(
         &self,
-        dofs: usize,
         pressure: impl FnOnce(&[Point], &mut [f64]) -> Result<()>,
-    ) -> Result<Vec<f64>> {
+        load: &mut [f64],
+    ) -> Result<()> {
         let mut values = vec![0.0; self.points.len()];
         pressure(&self.points, &mut values)?;
-        let (mut load, mut local) = (vec![0.0; dofs], Vec::new());
+        let mut local = Vec::new();
         for (cell, first, weights) in &self.cells {
             local.clear();
             local.resize(cell.dofs.len(), 0.0);
             for (weights, value) in weights.chunks_exact(local.len()).zip(&values[*first..]) {
                 local.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
             }
-            cell.add(&local, &mut load);
+            cell.add(&local, load);
         }
-        Ok(load)
+        Ok(())
     }
 }
 

@@ -128,6 +128,7 @@ fn on_ground<R>(
         cells: &cells,
         own: &Some,
         add_up: Rc::new(|local| Ok(local.to_vec())),
+        agree: Rc::new(|mine| mine),
         owns: &|_| true,
     })
 }
@@ -385,7 +386,7 @@ pub struct Impact {
     pub node: usize,
     /// Its position, in m.
     pub at: [f64; 2],
-    /// Its velocity, in m/s, upward.
+    /// Its velocity, in m/s, upward, in the frame of supports that move.
     pub velocity: f64,
 }
 

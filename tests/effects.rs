@@ -151,6 +151,7 @@ const FOUNDATION: &str = "foundation = [{ stiffness = 60 }, { stiffness = 40, wh
 fn springs_and_foundations_carry_a_raft() {
     // Heave, and two rotations: omega^2 = 12 k / m on springs at the corners; on a foundation all three alike.
     let lowest = inspect(&[RAFT, &grid("fvs", 4, 4), SPRINGS, STILL].concat()).consistent.lowest;
+    assert_eq!(lowest.len(), 6);
     for (value, expected) in lowest.iter().zip([10.0, 300_f64.sqrt(), 300_f64.sqrt()]) {
         // It bends a little: k a^2 / D = 3e-4.
         close("springs", TAU * value, expected, 1e-3);
@@ -398,7 +399,7 @@ fn errors_name_the_key() {
         ),
         ("obstacle = [{ side = \"below\", height = \"-1/x\" }]", "obstacle.0.height: column 1: -1/x is"),
         (
-            "obstacle = [{ side = \"below\", height = \"-1 + x\" }, { side = \"above\", height = \"y\" }]",
+            "obstacle = [{ side = \"below\", height = \"-0.9 + x\" }, { side = \"above\", height = \"y\" }]",
             "obstacle: at (1, 0) those below and above leave no room at t = 0.0 s",
         ),
         ("part = [{ where = \"x > 5\", thickness = 1 }]", "part.0.where: it holds at the centre of no cell"),
@@ -430,20 +431,6 @@ fn errors_name_the_key() {
     }
     let taper = plate.replace("thickness = 1", "thickness = \"0.5 - x\"");
     assert!(refusal(&taper).to_string().starts_with("plate.thickness: "));
-    for (rest, words) in [
-        (
-            "support = [{ edge = \"left\", kind = \"guided\", motion = \"t\" }]",
-            "support.0.motion: contradicts kind = \"guided\"",
-        ),
-        ("output.probes = [{ name = \"ball\", ball = 0 }]", "output.probes.0.ball: 0 is no ball"),
-        (
-            "output.probes = [{ name = \"ball\", ball = 0, at = [0, 0] }]",
-            "output.probes.0.at: contradicts output.probes.0.ball",
-        ),
-    ] {
-        let error = refusal(&format!("{plate}{rest}\n")).to_string();
-        assert!(error.contains(words), "{error}\nexpected {words}");
-    }
     // Nothing moves where all is held.
     let held = format!("{UNIT}{}{}{STILL}", grid("fvs", 1, 1), all_round("clamped"));
     assert!(refusal(&held).to_string().contains("nothing can move"));

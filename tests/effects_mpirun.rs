@@ -24,7 +24,7 @@ fn rows(folder: &Path, ranks: usize) -> Vec<Vec<f64>> {
     history(&folder.join(out))
 }
 
-/// Asserts that two ranks and one process agree: the probes to 1e-10 of their largest value, the energy to 1e-9 of its own.
+/// Asserts that two ranks and one process agree: energies and deflections to 1e-8 of the largest, for impacts amplify rounding.
 fn agree(test: &str, scene: &str, touches: bool) {
     let folder = folder(test, scene);
     let (native, two) = (rows(&folder, 0), rows(&folder, 2));
@@ -33,7 +33,7 @@ fn agree(test: &str, scene: &str, touches: bool) {
     for column in (2..6).chain(10..native[0].len()) {
         let largest =
             native.iter().fold(0.0, |m: f64, row| row[if column < 6 { 2 } else { column }].abs().max(m));
-        let tolerance = if column < 6 { 1e-8 } else { 1e-10 } * largest;
+        let tolerance = 1e-8 * largest;
         assert!(largest > 0.0, "column {column}");
         for (a, b) in native.iter().zip(&two) {
             assert_eq!((a[0], a[1], a[6]), (b[0], b[1], b[6]), "step, time, nodes in contact");
@@ -84,7 +84,7 @@ fn a_ball_and_all_that_is_attached() {
             mass = [{{ at = [0.75, 0.35], mass = 2 }}]
             foundation = [{{ stiffness = "2e4*x", where = "y < 0.2" }}]
             time = {{ scheme = "newmark", mass = "singular", step = 2e-4, end = 0.08 }}
-            output = {{ every = 10, probes = [{{ name = "centre", at = [0.6, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}
+            output = {{ probes = [{{ name = "centre", at = [0.6, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}
             "#
         ),
         true,
@@ -129,7 +129,7 @@ fn a_disc_over_a_point() {
             obstacle = [{{ side = "below", height = -1e-3, at = [0, 0] }}]
             initial = {{ deflection = "2e-3*(1 - x^2 - y^2)", velocity = "0.1*(1 - x^2 - y^2)" }}
             load = {{ pressure = "-2000*(1 + x)*cos(50*t)" }}
-            time = {{ scheme = "conserving", mass = "singular", step = 5e-4, end = 0.05 }}
+            time = {{ scheme = "newmark", mass = "consistent", restitution = 0.5, step = 5e-4, end = 0.05 }}
             output = {{ every = 2, probes = [{{ name = "centre", at = [0, 0] }}, {{ name = "in", at = [0.5, 0.3] }}] }}
             "#
         ),

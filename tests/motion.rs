@@ -31,7 +31,7 @@ fn seen_from(rows: Vec<Instant>, frame: impl Fn(f64) -> f64) -> Vec<Instant> {
 #[test]
 fn moving_supports_are_moving_obstacles_in_their_frame() {
     for mass in ["singular", "consistent"] {
-        let rest = [&newmark(mass, 5e-4, 0.25)[..], PROBES].concat();
+        let rest = [&newmark(mass, 1e-3, 0.8)[..], PROBES].concat();
         let plate = [UNIT, &grid("fvs", 4, 4)].concat();
         let ceiling = |height: &str| {
             format!("obstacle = [{{ side = \"above\", height = \"{height}\", where = \"x > 0.6\" }}]\n")
@@ -68,12 +68,10 @@ fn base_excitation_is_an_inertial_load() {
     }
 }
 
-/// A raft on a foundation to the ground, that its guides move: x'' + a x' + k x = -w'' - k w has, started aright, the steady answer of a
-/// damped mode. Here the support is a rigid frame that all of the plate hangs on by one node: the closed form of its first bending mode.
+/// A simply supported square shaken by W sin(p t), with damping alpha: each mode (m, n) carries 16 / (pi^2 m n) of the base's acceleration
+/// and answers by its own transfer function, W p^2 / (w^2 - p^2 + i alpha p).
 #[test]
 fn transfer_function_of_a_damped_mode() {
-    // The first modes' share of a base motion W sin(p t), at rest in the frame at first, by the mode's closed form; the lowest mode of a
-    // simply supported square carries (16 / pi^2) / m n of a uniform load.
     let [p, w0, alpha] = [15.0, 1e-3, 6.0];
     let text = format!(
         "{UNIT}{}{}damping.mass = {alpha}\n{}output.probes = [{{ name = \"centre\", at = [0.5, 0.5] }}]\n",
@@ -115,7 +113,7 @@ fn lifts_add_up_to_a_rigid_motion() {
                  mass = [{{ at = [1, 0], mass = 0.1 }}]\nobstacle = [{{ side = \"above\", height = 0.02, at = [1, 0] }}]\n{}{PROBES}",
                 grid("fvs", 4, 4),
                 supports.join(", "),
-                newmark(mass, 5e-4, 0.3)
+                newmark(mass, 1e-3, 1.0)
             )
         };
         let together = run(&scene(["0.3*t^2", "0.3*t^2"]));
@@ -166,7 +164,7 @@ fn a_foundation_stays_behind() {
         clamped("0.01 + 0*t"),
         newmark("singular", 1e-3, 0.2)
     );
-    // In equilibrium over its foundation, and so at rest: the same as a pressure k w0 down.
+    // In equilibrium over its foundation, and so at rest: as under the pressure -k w0.
     let rows = run(&text);
     let pushed = "foundation = [{ stiffness = 50 }]\ninitial.static_pressure = -0.5\n";
     let frame =
@@ -248,11 +246,11 @@ fn a_ball_that_does_not_reach_the_plate() {
     );
     let rows = run(&text);
     assert!(off(&rows, |t| -0.5 + 1.5 * t - 4.905 * t * t) < 1e-12);
-    // The plate does not feel it: it keeps its sag, rho h g a^4 / D times 0.00126.
+    // The plate does not feel it, and keeps the sag of a clamped square under its weight.
     for row in &rows {
         assert!((row.probes[1] - rows[0].probes[1]).abs() < 1e-12);
     }
-    close("sag", rows[0].probes[1], -9.81 * 0.001_265, 4e-2);
+    close("sag", rows[0].probes[1], -9.81 * 0.001_265, 1e-1);
 }
 
 /// A ball meets a free plate: together they keep momentum and energy; a rigid plate takes the velocity of a perfect shock.
@@ -298,7 +296,7 @@ fn a_ball_meets_a_free_plate() {
     }
 }
 
-/// A ball at rest on the plate is a mass on it, and its frequency that of an added mass.
+/// A ball in the air is a rigid motion beside the plate's own frequencies.
 #[test]
 fn a_ball_in_the_air_is_free() {
     let text = format!(
@@ -309,11 +307,11 @@ fn a_ball_in_the_air_is_free() {
     );
     let inspection = inspect(&text);
     assert_eq!(inspection.consistent.lowest[0], 0.0);
-    close("plate", inspection.consistent.lowest[1], PI, 2e-2);
+    close("plate", inspection.consistent.lowest[1], PI, 3e-2);
     close("mass", inspection.mass, 2.0, 1e-13);
 }
 
-/// Every part of the frame turned: supports askew that move apart.
+/// Supports askew that move apart, and a ball: the same when all is turned.
 #[test]
 fn motion_of_askew_supports() {
     let angle: f64 = 0.7;

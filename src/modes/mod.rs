@@ -16,6 +16,9 @@ use std::f64::consts::TAU;
 /// Change of an eigenvalue, relative to it, at which subspace iteration stops. What is left is smaller: each iteration
 /// gains a digit or two.
 const SETTLED: f64 = 1e-11;
+
+/// What rounding leaves of an eigenvalue, relative to the block's largest.
+const ROUNDING: f64 = 1e-14;
 const MOST_ITERATIONS: usize = 200;
 
 /// A direction that keeps less than this of its length when those before it are taken out adds none.
@@ -84,7 +87,8 @@ pub fn shapes<E: Engine>(
         let before = std::mem::replace(&mut values, pencil.rayleigh_ritz(&mut block)?);
         let largest = values.last().copied().unwrap_or(0.0);
         let rigid = if mechanism { RIGID * largest } else { 0.0 };
-        let settled = |(new, old): (&f64, &f64)| *new <= rigid || (new - old).abs() <= SETTLED * new;
+        let enough = |new: f64| SETTLED * new + ROUNDING * largest;
+        let settled = |(new, old): (&f64, &f64)| *new <= rigid || (new - old).abs() <= enough(*new);
         if before.len() == values.len() && values.iter().zip(&before).take(count).all(settled) {
             let frequency = |value: f64| if value <= rigid { 0.0 } else { value.sqrt() / TAU };
             let modes = values.into_iter().zip(block).take(count);

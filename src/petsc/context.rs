@@ -208,8 +208,11 @@ impl Context {
     /// # Errors
     /// This rank's own, or [`Error::Elsewhere`].
     pub fn together<T>(&self, mine: Result<T>) -> Result<T> {
+        if self.all(mine.is_ok()) {
+            return mine;
+        }
         let codes = self.gather(&[mine.as_ref().err().map_or(0, Error::exit_code)]);
-        let Some(first) = codes.iter().position(|&code| code != 0) else { return mine };
+        let first = codes.iter().position(|&code| code != 0).unwrap_or(0);
         let own = mine.err().filter(|_| self.rank() == first);
         let words = self.gather(own.as_ref().map(Error::to_string).unwrap_or_default().as_bytes());
         let words = String::from_utf8_lossy(&words).into_owned();

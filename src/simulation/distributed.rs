@@ -90,6 +90,10 @@ impl Model<Distributed> {
             cells: &cells,
             own: &|local| own[local],
             add_up: Rc::new(engine.adder()?),
+            agree: Rc::new({
+                let context = context.clone();
+                move |mine| context.together(mine)
+            }),
             owns: &|node| part.owns[node],
         };
         let mut model = super::compose(clock, engine, &ground)?;

@@ -11,6 +11,10 @@ use std::rc::Rc;
 /// Adds up what all processes have over their spaces, on the engine's dofs. Collective.
 pub(in crate::simulation) type AddUp = dyn Fn(&[f64]) -> Result<Vec<f64>>;
 
+/// Makes an error of one process that of all, in the midst of a run too: one that left alone would wait for the others to take
+/// down with it what they own together. Collective.
+pub(in crate::simulation) type Agree = dyn Fn(Result<()>) -> Result<()>;
+
 /// Where a model is built: this process's part of the mesh, and how it and the engine's dofs belong together.
 pub(in crate::simulation) struct Ground<'g, T: Team> {
     pub scene: &'g Scene,
@@ -27,6 +31,8 @@ pub(in crate::simulation) struct Ground<'g, T: Team> {
     pub own: &'g dyn Fn(usize) -> Option<usize>,
     /// See there.
     pub add_up: Rc<AddUp>,
+    /// See there.
+    pub agree: Rc<Agree>,
     /// Whether this process owns each node.
     pub owns: &'g dyn Fn(usize) -> bool,
 }
@@ -97,8 +103,10 @@ impl<T: Team> Ground<'_, T> {
             return Ok(assembly::uniform_load(self.cells, dofs, pressure));
         }
         let integral = || {
-            Pressure::new(self.mesh, self.cells)?
-                .load(dofs, |points, values| pressure.values(points, 0.0, values))
+            let mut load = vec![0.0; dofs];
+            let points = Pressure::new(self.mesh, self.cells)?;
+            points.load(|points, values| pressure.values(points, 0.0, values), &mut load)?;
+            Ok(load)
         };
         self.team.together(integral())
     }

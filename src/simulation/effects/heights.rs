@@ -2,7 +2,7 @@
 
 use super::Lift;
 use super::attached::Rider;
-use super::ground::{Ground, Team};
+use super::ground::{Agree, Ground, Team};
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
@@ -60,6 +60,7 @@ pub(super) struct Heights {
     /// Motions of the supports, with their lift at each bound; none at the gaps.
     lifts: Vec<(Rc<Given>, Vec<f64>)>,
     places: Vec<[f64; 2]>,
+    agree: Rc<Agree>,
 }
 
 impl Heights {
@@ -107,6 +108,7 @@ impl Heights {
             moving,
             lifts: lifts.iter().map(lift).collect(),
             places: bounded.iter().map(|site| site.at).collect(),
+            agree: ground.agree.clone(),
         })
     }
 
@@ -115,15 +117,21 @@ impl Heights {
         !self.moving.is_empty() || !self.lifts.is_empty()
     }
 
-    /// The bounds of the first instant.
+    /// The bounds of the first instant. Collective.
     pub fn at_start(&self) -> Result<Bounds> {
         let mut bounds = self.still.clone();
-        self.set(0.0, &mut bounds)?;
+        (self.agree)(self.place(0.0, &mut bounds))?;
         Ok(bounds)
     }
 
-    /// Sets the bounds of an instant, in the frame of the supports.
+    /// Sets the bounds of an instant, in the frame of the supports. Collective.
     pub fn set(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
+        let placed = self.place(t, bounds);
+        // Motions of supports alone are the same on all processes.
+        if self.moving.is_empty() { placed } else { (self.agree)(placed) }
+    }
+
+    fn place(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         bounds.lower.copy_from_slice(&self.still.lower);
         bounds.upper.copy_from_slice(&self.still.upper);
         for opposite in &self.moving {

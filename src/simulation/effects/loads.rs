@@ -1,7 +1,7 @@
 //! What pushes the plate: pressure, point forces, gravity.
 
 use super::attached::Attached;
-use super::ground::{AddUp, Ground, Team};
+use super::ground::{AddUp, Agree, Ground, Team};
 use crate::assembly::{self, Pressure};
 use crate::error::Result;
 use crate::mesh::Point;
@@ -24,12 +24,13 @@ struct Wave {
     /// Dofs of the space.
     dofs: usize,
     add_up: Rc<AddUp>,
+    agree: Rc<Agree>,
 }
 
 impl Loads {
     /// Integrates what can be integrated once. Collective.
     pub fn new<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Loads> {
-        let Ground { scene, mesh, cells, space, add_up, .. } = ground;
+        let Ground { scene, mesh, cells, space, add_up, agree, .. } = ground;
         let dofs = space.dofs();
         let mut loads = Loads { constant: None, terms: Vec::new(), wave: None };
         let Some(load) = &scene.load else { return Ok(loads) };
@@ -50,7 +51,8 @@ impl Loads {
             }
         } else {
             let points = ground.team.together(Pressure::new(mesh, cells))?;
-            loads.wave = Some(Wave { pressure: load.pressure.clone(), points, dofs, add_up: add_up.clone() });
+            let (add_up, agree) = (add_up.clone(), agree.clone());
+            loads.wave = Some(Wave { pressure: load.pressure.clone(), points, dofs, add_up, agree });
         }
         for (number, force) in load.forces.iter().enumerate() {
             let mut unit = vec![0.0; dofs];
@@ -78,8 +80,9 @@ impl Loads {
         for (factor, of) in &self.terms {
             add(factor.at(Point::origin(), t)?, of, load);
         }
-        if let Some(Wave { pressure, points, dofs, add_up }) = &self.wave {
-            let local = points.load(*dofs, |points, values| pressure.values(points, t, values))?;
+        if let Some(Wave { pressure, points, dofs, add_up, agree }) = &self.wave {
+            let mut local = vec![0.0; *dofs];
+            agree(points.load(|points, values| pressure.values(points, t, values), &mut local))?;
             add(1.0, &add_up(&local)?, load);
         }
         Ok(())

@@ -152,7 +152,7 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     let opposite = heights::opposite(ground)?;
     let (sites, bounded) = heights::sites(ground, &opposite, &attached.balls);
     let heights = Heights::new(ground, &opposite, &sites[..bounded], &lifts)?;
-    system.bounds = ground.team.together(heights.at_start())?;
+    system.bounds = heights.at_start()?;
     if matches!(scene.time.scheme, Scheme::Conserving | Scheme::Exact) {
         attached.refuse_stopped(ground, &system.bounds)?;
     }
