@@ -46,7 +46,7 @@ pub struct Deflection {
     pub at: [f64; 2],
     /// At the start, under `initial.static_pressure`; `None` for a mechanism under pressure.
     pub start: Option<f64>,
-    /// At rest under `[load]`; `None` without load and for a mechanism.
+    /// At rest under `[load]`; `None` without load, for a mechanism and with balls.
     pub loaded: Option<f64>,
 }
 
@@ -185,8 +185,10 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let (engine, stiffness) = (&system.engine, &system.stiffness);
     let Matrices { consistent, singular: rows, .. } = simulation::matrices(scene, &mesh, true)?;
 
-    let loaded = match (&system.load, mechanism) {
-        (Some(load), None) => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
+    // A ball moves at no cost of elastic energy.
+    let is_loose = mechanism.is_some() || !scene.balls.is_empty();
+    let loaded = match (&system.load, is_loose) {
+        (Some(load), false) => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
         _ => None,
     };
     let deflection = |(probe, at): (&assembly::Probe, &crate::scene::Probe)| Deflection {
@@ -202,13 +204,13 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     } else {
         system.bounds.dofs.clone()
     };
-    let inf_sup = infsup::constants(engine.dofs(), stiffness, mechanism.is_some(), &rows, &bounded)?;
+    let inf_sup = infsup::constants(engine.dofs(), stiffness, is_loose, &rows, &bounded)?;
     let masses: Vec<f64> = rows.iter().map(|row| row.mass).collect();
     let (plate_mass, mass) = (masses[..mesh.cells.len()].iter().sum(), masses.iter().sum());
     let singular = engine.averages(rows);
     let consistent = engine.form(consistent);
-    let singular = frequencies(&model, &singular, INSPECTED, mechanism.is_some());
-    let consistent = frequencies(&model, &consistent, INSPECTED, mechanism.is_some());
+    let singular = frequencies(&model, &singular, INSPECTED, is_loose);
+    let consistent = frequencies(&model, &consistent, INSPECTED, is_loose);
     let own = if scene.time.mass == Mass::Singular { &singular } else { &consistent };
     let advised_step = advised_for(scene, own);
     let mut warnings = warnings(scene, mechanism, advised_step);
@@ -242,7 +244,8 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let Model { system, .. } = &model;
     let mesh = simulation::mesh(scene)?;
     let mechanism = simulation::mechanism(scene, &mesh)?;
-    let frequencies = frequencies(&model, &system.mass, CHECKED, mechanism.is_some());
+    let is_loose = mechanism.is_some() || !scene.balls.is_empty();
+    let frequencies = frequencies(&model, &system.mass, CHECKED, is_loose);
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
         system.engine.factor(&[(inertia, &system.mass), (1.0, &system.stiffness)], &[])?.entries();
