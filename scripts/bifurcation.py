@@ -13,7 +13,9 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from math import ceil, floor, log10
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -48,25 +50,39 @@ def section(args, value):
     return rows[int(args.skip * len(rows)):]
 
 
-def svg(points, name, width=560, height=320, margin=48):
+def ticks(low, high, wanted=5):
+    """Round numbers from low to high."""
+    rough = (high - low) / wanted or 1.0
+    power = 10.0 ** floor(log10(rough))
+    step = next(digit * power for digit in (1, 2, 5, 10) if digit * power >= rough)
+    return [round(i * step, 12) for i in range(ceil(low / step), floor(high / step) + 1)]
+
+
+def svg(points, name, width=560, height=320):
     """The points (parameter, deflection in m) as a picture."""
+    left, right, top, bottom = 56, width - 12, 12, height - 44
     xs, ws = [x for x, _ in points], [1e3 * w for _, w in points]
     (x0, x1), (w0, w1) = (min(xs), max(xs)), (min(ws), max(ws))
-    right, bottom = width - margin / 2, height - margin
-    across = lambda x: margin + (right - margin) * (x - x0) / (x1 - x0 or 1)
-    up = lambda w: bottom - (bottom - margin / 2) * (w - w0) / (w1 - w0 or 1)
-    dots = "".join(f"M{across(x):.2f} {up(w):.2f}h.01" for x, w in zip(xs, ws))
-    text = lambda x, y, what, more="": f'<text x="{x}" y="{y}" text-anchor="middle"{more}>{what}</text>'
-    middle = (margin / 2 + bottom) / 2
-    ticks = [text(across(x), bottom + 16, f"{x:.4g}") for x in (x0, (x0 + x1) / 2, x1)]
-    ticks += [text(margin / 2 + 4, up(w) + 4, f"{w:.3g}") for w in (w0, (w0 + w1) / 2, w1)]
+    pad = 0.04 * (w1 - w0) or 1.0
+    w0, w1 = w0 - pad, w1 + pad
+    across = lambda x: left + (right - left) * (x - x0) / (x1 - x0 or 1.0)
+    up = lambda w: bottom - (bottom - top) * (w - w0) / (w1 - w0)
+    places = sorted({(round(across(x), 1), round(up(w), 1)) for x, w in zip(xs, ws)})
+    dots = "".join(f"M{x} {y}h.01" for x, y in places)
+    text = lambda x, y, what, more='text-anchor="middle"': f'<text x="{x:.1f}" y="{y:.1f}" {more}>{escape(what)}</text>'
+    labels = [text(across(x), bottom + 15, f"{x:g}") for x in ticks(x0, x1)]
+    labels += [text(left - 5, up(w) + 4, f"{w:g}", 'text-anchor="end"') for w in ticks(w0, w1)]
+    marks = "".join(f"M{across(x):.1f} {bottom}v-4" for x in ticks(x0, x1))
+    marks += "".join(f"M{left} {up(w):.1f}h4" for w in ticks(w0, w1))
+    middle = 0.5 * (top + bottom)
     return "\n".join([
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="11">',
         f'<rect width="{width}" height="{height}" fill="#fff"/>',
-        f'<path d="{dots}" stroke="#0072b2" stroke-width="1.1" stroke-linecap="round" fill="none"/>',
-        f'<path d="M{margin} {margin / 2}V{bottom}H{right}" stroke="#000" fill="none"/>', *ticks,
-        text((margin + right) / 2, height - 10, name),
-        text(12, middle, "deflection once a period (mm)", f' transform="rotate(-90 12 {middle})"'), "</svg>\n"])
+        f'<path d="{dots}" stroke="#0072b2" stroke-width="1.2" stroke-linecap="round" fill="none"/>',
+        f'<path d="M{left} {top}V{bottom}H{right}{marks}" stroke="#000" fill="none"/>', *labels,
+        text(0.5 * (left + right), height - 8, name.replace("{}", "\u2026")),
+        text(14, middle, "deflection once a period (mm)", f'text-anchor="middle" transform="rotate(-90 14 {middle})"'),
+        "</svg>\n"])
 
 
 def main():
