@@ -112,7 +112,8 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
         values.iter_mut().zip(points).for_each(|(value, &at)| *value = pressure(at));
         Ok(())
     };
-    let mut load = assembly::Pressure::new(mesh, &matrices.cells).unwrap().load(space.dofs(), fill).unwrap();
+    let mut load = vec![0.0; space.dofs()];
+    assembly::Pressure::new(mesh, &matrices.cells).unwrap().load(fill, &mut load).unwrap();
     engine.factor(&[(1.0, stiffness)], &[]).unwrap().solve(&mut load).unwrap();
     let points = Points::new(mesh).unwrap();
     let jet = |p: &Point| -> Jet {

@@ -3,7 +3,8 @@
 use super::print;
 use crate::error::{Error, Result};
 use crate::output::plot::{Obstacle, perspective, run};
-use crate::output::{contacts, history, vtu};
+use crate::output::vtu::{self, Surface};
+use crate::output::{contacts, history};
 use clap::Args;
 use serde_json::Value;
 use std::io;
@@ -24,8 +25,14 @@ impl Plot {
         let title = scene["title"].as_str().unwrap_or_default();
         let obstacles = obstacles(scene);
         let table = history::read(folder)?;
-        let side = |name| scene["plate"][name].as_f64().filter(|side| *side > 0.0).unwrap_or(1.0);
-        let sides = [side("length"), side("width")];
+        let index = vtu::read_index(folder)?;
+        let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
+        let snapshots: Vec<(f64, Surface)> =
+            perspective::chosen(&index).into_iter().map(read).collect::<Result<_>>()?;
+        let outline = match snapshots.first() {
+            Some((_, surface)) => surface.outline(),
+            None => rectangle(scene),
+        };
 
         let mut figures = vec![
             ("history", run::history(&table, title, &obstacles)),
@@ -34,10 +41,10 @@ impl Plot {
         let mut absent = Vec::new();
         match contacts::read(folder)? {
             Some(contacts) if !contacts.is_empty() => {
-                figures.push(("contacts", run::contacts(&contacts, &table, title, sides)));
+                figures.push(("contacts", run::contacts(&contacts, &table, title, outline)));
             }
             Some(_) => absent.push("no contacts: nothing touched"),
-            None => absent.push("no contacts: the scene has no obstacle"),
+            None => absent.push("no contacts: the scene has neither obstacles nor balls"),
         }
         if table.probes().next().is_some() {
             figures.push(("phase", run::phase(&table, title, &obstacles)));
@@ -45,14 +52,10 @@ impl Plot {
         } else {
             absent.push("no phase portraits and spectra: the scene has no probes (output.probes)");
         }
-        let index = vtu::read_index(folder)?;
-        if index.is_empty() {
+        if snapshots.is_empty() {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");
         } else {
-            let chosen = perspective::chosen(&index);
-            let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
-            let snapshots = chosen.into_iter().map(read).collect::<Result<Vec<_>>>()?;
-            figures.push(("snapshots", perspective::snapshots(snapshots, title, &obstacles)));
+            figures.push(("snapshots", perspective::snapshots(snapshots, title)));
         }
         let mut report = String::new();
         for (name, figure) in figures {
@@ -74,11 +77,28 @@ impl Plot {
     }
 }
 
-/// The obstacles of a resolved scene.
-fn obstacles(scene: &Value) -> Vec<Obstacle> {
-    let obstacle = |obstacle: &Value| {
-        let height = obstacle["height"].as_f64()?;
-        Some(if obstacle["side"] == "below" { Obstacle::Below(height) } else { Obstacle::Above(height) })
-    };
-    scene["obstacle"].as_array().into_iter().flatten().filter_map(obstacle).collect()
+/// The obstacles of a resolved scene that stand still at one height, each once.
+pub(super) fn obstacles(scene: &Value) -> Vec<Obstacle> {
+    let mut obstacles = Vec::new();
+    for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
+        let Some(height) = obstacle["height"].as_f64() else { continue };
+        let is_part = ["where", "group", "at", "line"].iter().any(|key| !obstacle[key].is_null());
+        let obstacle = match (is_part, obstacle["side"] == "below") {
+            (true, _) => Obstacle::Part(height),
+            (false, true) => Obstacle::Below(height),
+            (false, false) => Obstacle::Above(height),
+        };
+        if !obstacles.contains(&obstacle) {
+            obstacles.push(obstacle);
+        }
+    }
+    obstacles
+}
+
+/// The sides of a resolved scene's rectangle, in m; none where a file gives the mesh.
+fn rectangle(scene: &Value) -> Vec<[[f64; 2]; 2]> {
+    let side = |name| scene["plate"][name].as_f64().filter(|side| *side > 0.0);
+    let (Some(length), Some(width)) = (side("length"), side("width")) else { return Vec::new() };
+    let corners = [[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]];
+    (0..4).map(|i| [corners[i], corners[(i + 1) % 4]]).collect()
 }

@@ -166,7 +166,10 @@ impl fmt::Display for Table {
 
 /// Five significant digits without idle zeros; an exponent outside 0.001 to a million.
 pub fn significant(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
+    if value == 0.0 {
+        return "0".into(); // which -0.0 is too
+    }
+    if !value.is_finite() {
         return value.to_string();
     }
     let magnitude = value.abs().log10().floor();

@@ -9,7 +9,8 @@
 //! | `slope` | w_x, w_y |
 //! | `velocity` | rate of w, m/s |
 //! | `displacement` | (0, 0, w), m |
-//! | `gap` | room to the nearest obstacle, m |
+//! | `gap` | room to the nearest obstacle, m; not a number where none is opposite, as the two that follow |
+//! | `floor`, `ceiling` | height of the nearest obstacle below, and above, m |
 //! | `reaction` | force of the obstacles on a node, upward, N; zero at points that are not nodes |
 //!
 //! | of cells | is |
@@ -18,11 +19,12 @@
 //! | `cell` | number of the mesh's cell, on its rank |
 //! | `rank` | rank that computes it |
 //!
-//! `gap` and `reaction` are there where the scene has obstacles.
+//! `gap`, `floor`, `ceiling` and `reaction` are there where the scene has obstacles.
 
 use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::simulation::Snapshot;
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::io;
@@ -187,6 +189,10 @@ fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
         values.as_ref().map(|values| Array::floats(name, 1, values.iter().copied()))
     };
     of_points.extend(if_any("gap", &snapshot.gap));
+    for (side, name) in ["floor", "ceiling"].into_iter().enumerate() {
+        let heights = snapshot.obstacles.as_ref().map(|heights| heights[side].iter().copied());
+        of_points.extend(heights.map(|heights| Array::floats(name, 1, heights)));
+    }
     of_points.extend(if_any("reaction", &snapshot.reaction));
     let mean = lattice.parents.iter().map(|&cell| snapshot.mean_velocity[cell]);
     let sections = [
@@ -267,9 +273,11 @@ fn parallel(pieces: &[String], has_obstacles: bool) -> String {
         float("velocity", 1),
         float("displacement", 3),
         float("gap", 1),
+        float("floor", 1),
+        float("ceiling", 1),
         float("reaction", 1),
     ];
-    section("PointData", &of_points[..if has_obstacles { 6 } else { 4 }]);
+    section("PointData", &of_points[..if has_obstacles { 8 } else { 4 }]);
     section("CellData", &[float("mean_velocity", 1), ("cell", "Int64", 1), ("rank", "Int64", 1)]);
     section("Points", &[float("position", 3)]);
     for piece in pieces {
@@ -294,6 +302,30 @@ pub struct Surface {
     pub deflection: Vec<f64>,
     /// Force on each point, in N; empty without obstacles.
     pub reaction: Vec<f64>,
+    /// Height of the nearest obstacle below, and above, in m, NaN where none is opposite; empty without obstacles.
+    pub obstacles: [Vec<f64>; 2],
+    /// The mesh's cell in which each small cell lies, unique among all ranks.
+    pub parents: Vec<usize>,
+}
+
+impl Surface {
+    /// The pairs of points that only one small cell has as a side, in the order of their first points.
+    pub fn boundary(&self, cells: &[&Vec<usize>]) -> Vec<[usize; 2]> {
+        let mut sides: BTreeMap<[usize; 2], usize> = BTreeMap::new();
+        for face in cells {
+            for (i, &a) in face.iter().enumerate() {
+                let b = face[(i + 1) % face.len()];
+                *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
+            }
+        }
+        sides.into_iter().filter(|(_, cells)| *cells == 1).map(|(side, _)| side).collect()
+    }
+
+    /// The edges of the plate, from point to point, in m.
+    pub fn outline(&self) -> Vec<[[f64; 2]; 2]> {
+        let sides = self.boundary(&self.cells.iter().collect::<Vec<_>>());
+        sides.into_iter().map(|side| side.map(|point| self.points[point])).collect()
+    }
 }
 
 /// Times (s) and files of the snapshots in a run folder; none where it has no index.
@@ -323,8 +355,12 @@ pub fn read(path: &Path) -> Result<Surface> {
         let text = String::from_utf8_lossy(&bytes);
         let mut all = Surface::default();
         for piece in tags(&text, "Piece").filter_map(|tag| attribute(tag, "Source")) {
-            let Surface { points, cells, deflection, reaction } = read(&path.with_file_name(piece))?;
+            let Surface { points, cells, deflection, reaction, obstacles, parents } =
+                read(&path.with_file_name(piece))?;
             let before = all.points.len();
+            let parents_before = all.parents.iter().max().map_or(0, |last| last + 1);
+            all.parents.extend(parents.into_iter().map(|parent| parent + parents_before));
+            all.obstacles.iter_mut().zip(obstacles).for_each(|(all, piece)| all.extend(piece));
             all.cells.extend(cells.into_iter().map(|cell| cell.iter().map(|point| point + before).collect()));
             all.points.extend(points);
             all.deflection.extend(deflection);
@@ -367,9 +403,15 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
         cells: cells.collect::<Option<_>>().ok_or("cells that do not fit")?,
         deflection: floats("deflection")?.ok_or("no deflection")?,
         reaction: floats("reaction")?.unwrap_or_default(),
+        obstacles: [floats("floor")?.unwrap_or_default(), floats("ceiling")?.unwrap_or_default()],
+        parents: integers("cell")?,
     };
     let points = surface.points.len();
-    let fits = surface.deflection.len() == points && corners.iter().all(|&corner| corner < points);
+    let of_points = [&surface.reaction, &surface.obstacles[0], &surface.obstacles[1]];
+    let fits = surface.deflection.len() == points
+        && of_points.iter().all(|values| values.is_empty() || values.len() == points)
+        && surface.parents.len() == surface.cells.len()
+        && corners.iter().all(|&corner| corner < points);
     fits.then_some(surface).ok_or("arrays that do not fit")
 }
 

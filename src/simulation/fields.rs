@@ -45,6 +45,8 @@ pub struct Snapshot<'f> {
     pub velocity: Vec<f64>,
     /// Room to the nearest obstacle, in m, NaN where none is opposite; `None` without obstacles.
     pub gap: Option<Vec<f64>>,
+    /// Height of the nearest obstacle below, and above, in m, NaN where none is opposite; `None` without obstacles.
+    pub obstacles: Option<[Vec<f64>; 2]>,
     /// Force of the obstacles on each node, upward, in N: zero at points that are not nodes of the mesh. `None` without obstacles.
     pub reaction: Option<Vec<f64>>,
     /// Mean velocity of each cell of the mesh, in m/s, in the frame of the supports; with the singular mass the velocity of the paper.
@@ -188,23 +190,23 @@ impl Fields {
         }
     }
 
-    /// Room to the nearest obstacle at an instant, in m: NaN where none is opposite.
-    fn gaps(&self, time: f64, deflection: &[f64]) -> Result<Vec<f64>> {
-        let mut gaps = vec![f64::NAN; deflection.len()];
+    /// Heights of the nearest obstacle below, and above, at an instant, in m: NaN where none is opposite.
+    fn heights(&self, time: f64) -> Result<[Vec<f64>; 2]> {
+        let nowhere = || vec![f64::NAN; self.lattice.points.len()];
+        let [mut floor, mut ceiling] = [nowhere(), nowhere()];
         for (side, height, opposite) in &self.obstacles {
             let points: Vec<Point> =
                 opposite.iter().map(|&point| self.lattice.points[point].into()).collect();
             let mut heights = vec![0.0; points.len()];
             height.values(&points, time, &mut heights)?;
             for (&point, height) in opposite.iter().zip(heights) {
-                let gap = match side {
-                    Side::Below => deflection[point] - height,
-                    Side::Above => height - deflection[point],
-                };
-                gaps[point] = gaps[point].min(gap);
+                match side {
+                    Side::Below => floor[point] = height.max(floor[point]),
+                    Side::Above => ceiling[point] = height.min(ceiling[point]),
+                }
             }
         }
-        Ok(gaps)
+        Ok([floor, ceiling])
     }
 
     /// The state of a scheme. Collective.
@@ -223,9 +225,12 @@ impl Fields {
             add(&mut velocity, jet.first, &lift[0]);
         }
         let [deflection, slope_x, slope_y] = rows;
-        let (mut gap, mut reaction) = (None, None);
+        let (mut gap, mut obstacles, mut reaction) = (None, None, None);
         if !self.obstacles.is_empty() {
-            gap = Some(self.gaps(scheme.time(), &deflection)?);
+            let [floor, ceiling] = self.heights(scheme.time())?;
+            let room = |((w, floor), ceiling): ((&f64, &f64), &f64)| (w - floor).min(ceiling - w);
+            gap = Some(deflection.iter().zip(&floor).zip(&ceiling).map(room).collect());
+            obstacles = Some([floor, ceiling]);
             let mut force = vec![0.0; engine.dofs()];
             bounds.add_transposed(scheme.reaction(), &mut force);
             let force = engine.on_cells(&force)?;
@@ -243,6 +248,7 @@ impl Fields {
             slope: slope_x.into_iter().zip(slope_y).map(|(x, y)| [x, y]).collect(),
             velocity,
             gap,
+            obstacles,
             reaction,
             mean_velocity: self.cells.iter().map(|cell| mean(cell, &rate)).collect(),
         })

@@ -208,7 +208,7 @@ impl Comparison {
         recover: impl Fn(Error) -> Result<Error>,
     ) -> Result<Option<Error>> {
         let engine = &model.system.engine;
-        let pairs = reference.pairs(scene, &model.sites)?;
+        let pairs = reference.pairs(&model.sites)?;
         let mut truth = reference.model.scheme(&reference.scene)?;
         let clock = Instant::now();
         let mut scheme = match model.scheme_with(scene, solver) {
@@ -294,36 +294,46 @@ fn touches(scheme: &dyn Scheme) -> bool {
 struct Reference {
     scene: Scene,
     model: Model,
-    /// The deflection dof at each place, on a fine grid.
-    places: HashMap<[i64; 2], usize>,
+    /// The deflection dof at each place, on a grid far finer than any mesh; none where a ball has one too.
+    places: HashMap<[i64; 2], Option<usize>>,
+    /// Of that grid, in m.
+    spacing: f64,
 }
 
 impl Reference {
     fn new(scene: &Scene) -> Result<Reference> {
         let scene = Contender::reference().scene(scene);
         let model = Model::new(&scene)?;
-        let places = model.sites.iter().map(|site| (place(&scene, site.at), site.dof)).collect();
-        Ok(Reference { scene, model, places })
+        let size = |axis: usize| {
+            let places = || model.sites.iter().map(|site| site.at[axis]);
+            places().fold(f64::NEG_INFINITY, f64::max) - places().fold(f64::INFINITY, f64::min)
+        };
+        let spacing = 1e-8 * size(0).max(size(1)).max(f64::MIN_POSITIVE);
+        let mut places = HashMap::new();
+        for site in &model.sites {
+            let dof = places.entry(place(spacing, site.at)).or_insert(Some(site.dof));
+            *dof = dof.filter(|dof| *dof == site.dof);
+        }
+        Ok(Reference { scene, model, places, spacing })
     }
 
     /// The dofs of the contender's deflections, each with the reference's at the same node.
-    fn pairs(&self, scene: &Scene, sites: &[Site]) -> Result<Vec<(usize, usize)>> {
+    fn pairs(&self, sites: &[Site]) -> Result<Vec<(usize, usize)>> {
         let pair = |site: &Site| {
-            let [x, y] = place(scene, site.at);
+            let [x, y] = place(self.spacing, site.at);
             // A rounding apart may be a grid line apart.
             let near = (0..9).find_map(|k| self.places.get(&[x + k % 3 - 1, y + k / 3 - 1]));
             let [x, y] = site.at;
             let missing = || Error::Mesh(format!("the reference has no free node at ({x}, {y})"));
-            Ok((site.dof, *near.ok_or_else(missing)?))
+            Ok(near.ok_or_else(missing)?.map(|dof| (site.dof, dof)))
         };
-        sites.iter().map(pair).collect()
+        sites.iter().map(pair).filter_map(Result::transpose).collect()
     }
 }
 
-/// A position on a grid far finer than any mesh.
-fn place(scene: &Scene, at: [f64; 2]) -> [i64; 2] {
-    let quantum = 1e-8 * scene.plate.length.min(scene.plate.width);
-    at.map(|x| (x / quantum).round() as i64)
+/// A position on a grid.
+fn place(spacing: f64, at: [f64; 2]) -> [i64; 2] {
+    at.map(|x| (x / spacing).round() as i64)
 }
 
 impl fmt::Display for Comparison {

@@ -27,6 +27,8 @@ pub struct Axis {
     per: f64,
     /// Room at both ends, as a share of the range.
     pad: f64,
+    /// Whether it counts things.
+    is_whole: bool,
 }
 
 impl Axis {
@@ -40,6 +42,7 @@ impl Axis {
             shown: Vec::new(),
             per: 1.0,
             pad: 0.06,
+            is_whole: false,
         }
     }
 
@@ -62,6 +65,11 @@ impl Axis {
     /// The same axis, whose curves reach its ends.
     pub fn tight(self) -> Axis {
         Axis { pad: 0.0, ..self }
+    }
+
+    /// The same axis, with ticks at whole numbers only.
+    pub fn whole(self) -> Axis {
+        Axis { is_whole: true, ..self }
     }
 
     /// The same axis counted in multiples of `unit` of the data.
@@ -107,6 +115,9 @@ impl Axis {
             if count(step) < 3.0 {
                 step = round_step(0.4 * step);
             }
+        }
+        if self.is_whole {
+            step = step.max(1.0 / unit);
         }
         let decimals = (-step.log10() - slack).ceil().max(0.0) as usize;
         let ticks = ((first / step - slack).ceil() as i64..=(last / step + slack).floor() as i64).map(|i| {

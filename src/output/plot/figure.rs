@@ -139,20 +139,22 @@ impl Curve {
     }
 }
 
-/// A rigid obstacle, drawn as a hatched band.
+/// A rigid obstacle, drawn as a hatched band, or as a line if only a part of the plate meets it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Obstacle {
     /// The plate stays above this height, m.
     Below(f64),
     /// The plate stays below this height, m.
     Above(f64),
+    /// Opposite to a part of the plate, at this height, m.
+    Part(f64),
 }
 
 impl Obstacle {
     /// Its height, in m.
     pub fn height(self) -> f64 {
         match self {
-            Obstacle::Below(height) | Obstacle::Above(height) => height,
+            Obstacle::Below(height) | Obstacle::Above(height) | Obstacle::Part(height) => height,
         }
     }
 }
@@ -327,20 +329,25 @@ impl Panel {
 enum Key<'p> {
     Curve(&'p Curve),
     Obstacle,
+    Part,
     Ramp(&'p Ramp),
 }
 
 impl Key<'_> {
     fn all(panel: &Panel) -> Vec<Key<'_>> {
         let curves = panel.curves.iter().filter(|curve| !curve.name.is_empty()).map(Key::Curve);
-        let obstacle = (!panel.near_obstacles().is_empty()).then_some(Key::Obstacle);
-        curves.chain(obstacle).chain(panel.ramp.as_ref().map(Key::Ramp)).collect()
+        let (parts, whole): (Vec<_>, Vec<_>) =
+            panel.near_obstacles().into_iter().partition(|of| matches!(of, Obstacle::Part(_)));
+        let obstacle = (!whole.is_empty()).then_some(Key::Obstacle);
+        let part = (!parts.is_empty()).then_some(Key::Part);
+        curves.chain(obstacle).chain(part).chain(panel.ramp.as_ref().map(Key::Ramp)).collect()
     }
 
     fn name(&self) -> &str {
         match self {
             Key::Curve(curve) => &curve.name,
             Key::Obstacle => "obstacle",
+            Key::Part => "partial obstacle",
             Key::Ramp(ramp) => &ramp.label,
         }
     }
@@ -369,6 +376,7 @@ impl Key<'_> {
                 }
             }
             Key::Obstacle => draw_solid(paper, [x, y - 0.5 * HATCH], [end, y + 0.5 * HATCH], HATCH),
+            Key::Part => paper.line([x, y], [end, y], RULE),
             Key::Ramp(ramp) => {
                 paper.text(&ramp.ends[0], [x, y], KEY, Anchor::Start);
                 let start = x + KEY.width(&ramp.ends[0]) + 3.0;
@@ -590,6 +598,7 @@ impl Panel {
                 match obstacle {
                     Obstacle::Below(_) => draw_solid(paper, [left, y], [right, bottom], HATCH),
                     Obstacle::Above(_) => draw_solid(paper, [left, y], [right, top], -HATCH),
+                    Obstacle::Part(_) => paper.line([left, y], [right, y], RULE),
                 }
             }
             for bar in &self.bars {

@@ -3,10 +3,9 @@
 use super::axis::is_near;
 use super::figure::Frame;
 use super::paper::{Anchor, Color, Paper, Pen, Type, blend};
-use super::{Figure, Obstacle, Panel, Ramp, short};
+use super::{Figure, Panel, Ramp, short};
 use crate::output::vtu::Surface;
-use std::collections::HashMap;
-use std::rc::Rc;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Snapshots of one figure.
 const MOST: usize = 6;
@@ -25,6 +24,8 @@ const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
 const REMARK: Type = Type::new(6.5);
 /// Height of the line that tells the time.
 const BAND: f64 = 10.0;
+/// Height of a peg.
+const PEG: f64 = 4.0;
 
 type Space = [f64; 3];
 
@@ -35,50 +36,57 @@ pub fn chosen<T>(all: &[T]) -> Vec<&T> {
 }
 
 /// Draws snapshots (time in s, surface) side by side at one scale, coloured by deflection.
-pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str, obstacles: &[Obstacle]) -> Figure {
-    let snapshots: Vec<(f64, Surface)> =
+pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
+    let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
-    let deflections = || snapshots.iter().flat_map(|(_, surface)| surface.deflection.iter().copied());
-    let obstacles: Vec<Obstacle> =
-        obstacles.iter().copied().filter(|of| is_near(of.height(), deflections())).collect();
     let range = |values: &mut dyn Iterator<Item = f64>| {
         values
             .filter(|value| value.is_finite())
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
     };
-    let [low, high] = range(&mut deflections());
+    let deflections = |(_, surface): &(f64, Surface)| surface.deflection.clone();
+    let [low, high] = range(&mut snapshots.iter().flat_map(deflections));
+    // An obstacle far away would leave no picture to the plate.
+    let heights = snapshots.iter_mut().flat_map(|(_, surface)| surface.obstacles.iter_mut().flatten());
+    heights.filter(|height| !is_near(**height, [low, high].into_iter())).for_each(|far| *far = f64::NAN);
+
     let points = || snapshots.iter().flat_map(|(_, surface)| surface.points.iter());
     let sides = [0, 1].map(|axis| range(&mut points().map(|point| point[axis])));
     let size = sides.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
-    let heights = range(&mut deflections().chain(obstacles.iter().map(|of| of.height())).chain([0.0]));
+    let heights = snapshots.iter().flat_map(|(_, surface)| surface.obstacles.iter().flatten().copied());
+    let heights = range(&mut heights.chain([low, high, 0.0]));
     let scale = exaggeration(RELIEF * size / (heights[1] - heights[0]));
 
     let view = View { sides, size, scale };
-    let walls: Vec<[Space; 4]> = obstacles.iter().map(|of| view.plane(of.height())).collect();
+    let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
+    let walls: Vec<[Wall; 2]> = snapshots.iter().map(wall).collect();
     // One window for all.
     let mut window = Window::default();
     for (_, Surface { points, deflection, .. }) in &snapshots {
         points.iter().zip(deflection).for_each(|(&[x, y], &w)| window.show(view.see([x, y, w])));
     }
-    walls.iter().flatten().for_each(|&corner| window.show(view.see(corner)));
+    for Wall { faces, stops, .. } in walls.iter().flatten() {
+        faces.iter().flatten().chain(stops).for_each(|&corner| window.show(view.see(corner)));
+    }
 
+    // What is next to nothing beside the others is rounding.
+    let end = |w: f64| short(if w.abs() < 1e-4 * (high - low) { 0.0 } else { w });
     let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
     let label =
         if scale == 1.0 { "deflection (m)".to_owned() } else { format!("deflection (m), drawn ×{scale}") };
     let mut figure =
-        Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(short), color: depth });
-    let (walls, obstacles) = (Rc::new(walls), Rc::new(obstacles));
-    for (time, surface) in snapshots {
-        let (walls, obstacles) = (walls.clone(), obstacles.clone());
+        Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(end), color: depth });
+    for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let height = (108.0 * window.height() / window.width()).clamp(20.0, 120.0) + BAND;
         let draw = move |paper: &mut Paper, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
             let at = |point: Space| window.at(below, view.see(point));
-            for (wall, of) in walls.iter().zip(&*obstacles) {
-                if let Obstacle::Below(_) = of {
-                    paper.polygon(&wall.map(at), Color::SHADE, Some(OUTLINE));
-                }
+            for face in &floor.faces {
+                let corners: Vec<_> = face.iter().map(|&corner| at(corner)).collect();
+                paper.polygon(&corners, Color::SHADE, Some(Pen::solid(Color::SHADE, 0.3)));
             }
+            floor.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), OUTLINE));
+            floor.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), 1.0));
             for face in view.sorted(&surface) {
                 let corners: Vec<_> = face.iter().map(|&point| at(surface.place(point))).collect();
                 let mean = face.iter().map(|&p| surface.deflection[p]).sum::<f64>() / face.len() as f64;
@@ -88,18 +96,55 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str, obstacles: &[Obsta
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
                 paper.circle(at(surface.place(point)), 0.9, Color(213, 94, 0), None);
             }
-            for (wall, of) in walls.iter().zip(&*obstacles) {
-                let [a, b, c, d] = wall.map(at);
-                if let Obstacle::Above(_) = of {
-                    paper.polyline(&[a, b, c, d, a], HIDDEN);
-                }
-            }
+            ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), HIDDEN));
+            ceiling.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), -1.0));
             let text = format!("t = {} s", crate::output::text::significant(time));
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };
         figure = figure.panel(Panel::drawing(draw).height(height));
     }
     figure
+}
+
+/// An obstacle that is met at single points: a peg that stands under the plate, or hangs above it.
+fn draw_stop(paper: &mut Paper, [x, y]: [f64; 2], down: f64) {
+    let base = y + down * PEG;
+    paper.polygon(&[[x, y], [x + 0.4 * PEG, base], [x - 0.4 * PEG, base]], Color::SHADE, Some(OUTLINE));
+}
+
+/// What an obstacle looks like.
+struct Wall {
+    faces: Vec<Vec<Space>>,
+    /// Where faces end.
+    edges: Vec<[Space; 2]>,
+    /// Points opposite to no face.
+    stops: Vec<Space>,
+}
+
+impl Wall {
+    /// The obstacle below (side 0) or above (1) a surface: if it is level and under all of it, a little larger.
+    fn of(surface: &Surface, side: usize, view: &View) -> Wall {
+        let heights = &surface.obstacles[side];
+        let place = |point: usize| [surface.points[point][0], surface.points[point][1], heights[point]];
+        let mut of_faces = surface.cells.iter().flatten().map(|&point| heights.get(point).copied());
+        if let Some(Some(height)) = of_faces.next()
+            && of_faces.all(|other| other == Some(height))
+        {
+            let [a, b, c, d] = view.plane(height);
+            let edges = vec![[a, b], [b, c], [c, d], [d, a]];
+            return Wall { faces: vec![vec![a, b, c, d]], edges, stops: Vec::new() };
+        }
+        let is_wall = |point: &usize| heights.get(*point).is_some_and(|height| height.is_finite());
+        let faces: Vec<&Vec<usize>> = surface.cells.iter().filter(|face| face.iter().all(is_wall)).collect();
+        let mut is_met = vec![false; surface.points.len()];
+        faces.iter().copied().flatten().for_each(|&point| is_met[point] = true);
+        let stops = (0..heights.len()).filter(|point| is_wall(point) && !is_met[*point]);
+        Wall {
+            stops: stops.map(place).collect(),
+            edges: surface.boundary(&faces).into_iter().map(|side| side.map(place)).collect(),
+            faces: faces.into_iter().map(|face| face.iter().map(|&point| place(point)).collect()).collect(),
+        }
+    }
 }
 
 /// The largest of 1, 2, 5, 10, ... that is not more.
@@ -210,10 +255,44 @@ impl Window {
     }
 }
 
-/// A surface of many faces on a coarser grid: each of its points takes the nearest value.
+/// A surface of many faces with a face for each of the mesh's cells.
+fn merged(mut surface: Surface) -> Surface {
+    // A corner of a cell is a corner of just one of its small cells.
+    let mut corners: BTreeMap<usize, BTreeMap<usize, usize>> = BTreeMap::new();
+    for (face, &parent) in surface.cells.iter().zip(&surface.parents) {
+        let of_parent = corners.entry(parent).or_default();
+        face.iter().for_each(|&point| *of_parent.entry(point).or_default() += 1);
+    }
+    surface.parents = corners.keys().copied().collect();
+    let points = &surface.points;
+    let around = |faces: BTreeMap<usize, usize>| {
+        let mut face: Vec<usize> =
+            faces.into_iter().filter(|(_, faces)| *faces == 1).map(|(point, _)| point).collect();
+        let middle =
+            [0, 1].map(|axis| face.iter().map(|&p| points[p][axis]).sum::<f64>() / face.len() as f64);
+        let angle = |point: usize| (points[point][1] - middle[1]).atan2(points[point][0] - middle[0]);
+        face.sort_by(|&a, &b| angle(a).total_cmp(&angle(b)));
+        face
+    };
+    surface.cells = corners.into_values().map(around).collect();
+    let mut is_corner = vec![false; surface.points.len()];
+    surface.cells.iter().flatten().for_each(|&point| is_corner[point] = true);
+    for heights in &mut surface.obstacles {
+        let others = heights.iter_mut().zip(&is_corner).filter(|(_, is_corner)| !**is_corner);
+        others.for_each(|(height, _)| *height = f64::NAN);
+    }
+    surface
+}
+
+/// A surface of many faces with fewer: those of the mesh, or if that has many too, those of a grid whose points take the
+/// nearest values.
 fn coarsened(surface: Surface) -> Surface {
     if surface.cells.len() <= MOST_FACES {
         return surface;
+    }
+    let cells = surface.parents.iter().collect::<HashSet<_>>().len();
+    if cells <= MOST_FACES {
+        return merged(surface);
     }
     let ends = |axis: usize| {
         let values = surface.points.iter().map(|point| point[axis]);
@@ -241,6 +320,9 @@ fn coarsened(surface: Surface) -> Surface {
         numbers.insert((i, j), coarse.points.len());
         coarse.points.push([left + dx * i as f64, front + dy * j as f64]);
         coarse.deflection.push(surface.deflection[point]);
+        for (coarse, fine) in coarse.obstacles.iter_mut().zip(&surface.obstacles) {
+            coarse.extend(fine.get(point));
+        }
     }
     for j in 0..ny {
         for i in 0..nx {
@@ -258,6 +340,7 @@ fn coarsened(surface: Surface) -> Surface {
             coarse.points.push(at);
             coarse.deflection.push(w);
             coarse.reaction.push(r);
+            coarse.obstacles.iter_mut().for_each(|heights| heights.push(f64::NAN));
         }
     }
     coarse

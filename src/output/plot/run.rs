@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 const MOST_PROBES: usize = 4;
 /// Bars that a contact map has at most, about.
 const MOST_BARS: f64 = 10_000.0;
+/// A start with less than this share of the largest energy is no measure of it.
+const LEAST_START: f64 = 0.05;
 
 /// Deflection of the probes with the obstacles above, the energies over their start below.
 pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
@@ -60,8 +62,8 @@ pub fn energy(table: &Table, title: &str) -> Figure {
 
 /// Which node touches when, in the order of their places along the plate; and where they are.
 ///
-/// `sides` are the plate's length and width, in m.
-pub fn contacts(contacts: &[Contact], table: &Table, title: &str, [length, width]: [f64; 2]) -> Figure {
+/// `outline` are the plate's edges, from point to point, in m.
+pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[[f64; 2]; 2]>) -> Figure {
     let mut nodes: Vec<&Contact> = contacts.iter().collect();
     nodes.sort_by(|a, b| {
         a.at[0].total_cmp(&b.at[0]).then(a.at[1].total_cmp(&b.at[1])).then(a.node.cmp(&b.node))
@@ -83,7 +85,7 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, [length, width
         let y = place[&node] as f64;
         Bar { x, y: [y + 0.55, y + 1.45], color: heat(share(impulse)) }
     };
-    let map = Panel::new(time(table), Axis::linear("contact node", "").within(0.5, rows + 0.5))
+    let map = Panel::new(time(table), Axis::linear("contact node", "").whole().within(0.5, rows + 0.5))
         .height((7.0 * rows).clamp(60.0, 150.0))
         .bars(bars.iter().map(bar))
         .ramp(Ramp {
@@ -92,15 +94,26 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, [length, width
             color: heat,
         });
     let most = total.iter().copied().fold(0.0, f64::max);
+    let range = |axis: usize| {
+        let places = outline.iter().flatten().chain(nodes.iter().map(|contact| &contact.at));
+        places
+            .map(|at| at[axis])
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    let [[left, right], [front, back]] = [range(0), range(1)];
+    let size = (right - left).max(back - front);
+    let [length, width] =
+        [right - left, back - front].map(|side| side.max(0.1 * size).max(f64::MIN_POSITIVE));
     let plan_height = (200.0 * width / length).clamp(30.0, 200.0);
     let mut plan = Panel::new(
-        Axis::linear("x", "m").within(-0.03 * length, 1.03 * length),
-        Axis::linear("y", "m").within(-0.06 * width, 1.06 * width),
+        Axis::linear("x", "m").within(left - 0.03 * length, right + 0.03 * length),
+        Axis::linear("y", "m").within(front - 0.06 * width, back + 0.06 * width),
     )
     .heading("Where the nodes are; impulse of the whole run:")
     .height(plan_height);
-    let outline = [[0.0, 0.0], [length, 0.0], [length, width], [0.0, width], [0.0, 0.0]];
-    plan = plan.curve(Curve::new("", outline.to_vec()).color(Color::GREY).width(0.6));
+    // What is not a number lifts the pen.
+    let edges = outline.iter().flat_map(|&[a, b]| [a, b, [f64::NAN; 2]]).collect();
+    plan = plan.curve(Curve::new("", edges).color(Color::GREY).width(0.6));
     for (contact, impulse) in nodes.iter().zip(&total) {
         let size = (impulse / most).sqrt().max(0.25);
         plan = plan.curve(Curve::new("", vec![contact.at]).palette(1).marks(0).size(size).scattered());
@@ -232,7 +245,7 @@ fn start(table: &Table) -> Option<f64> {
     let largest =
         energies.filter(|e| e.is_finite()).fold(0.0, |largest: f64, energy| largest.max(energy.abs()));
     let start = column(table, "energy").iter().copied().find(|energy| energy.is_finite())?;
-    (start > 1e-9 * largest && start < 1e100 && start > 1e-100).then_some(start)
+    (start > LEAST_START * largest && start < 1e100 && start > 1e-100).then_some(start)
 }
 
 fn is_any(table: &Table, name: &str) -> bool {
