@@ -193,6 +193,15 @@ pub trait Scheme {
     /// What the engine says.
     fn energies(&self) -> Result<Energies>;
 
+    /// The energy of the scheme's own theory, in J: what is constant in free flight, whatever the step. Unless the scheme has
+    /// another, the total of [`Scheme::energies`].
+    ///
+    /// # Errors
+    /// What the engine says.
+    fn invariant(&self) -> Result<f64> {
+        Ok(self.energies()?.total())
+    }
+
     /// What the last solve reached.
     fn verdict(&self) -> Verdict;
 

@@ -4,13 +4,20 @@
 //! \[ M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r . \]
 //! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
 //! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} . \]
-//! The start is second order: the ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact.
+//!
+//! # The start
+//!
+//! The ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact, and U^1 is that of half a trapezoidal step:
+//! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r . \]
+//! It is second order, sees v_0 through the momentum M v_0 alone, and gains no energy however rough that is (a clamped plate thrown as a
+//! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with \( A = M / \Delta t^2 + K / 2 \), no load and nothing touching,
+//! \[ H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
+//!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 . \]
 //!
 //! # Damping, loads and obstacles that change with time
 //!
 //! D = alpha M + beta_d K acts on the central velocity \((U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t\), d = U^n - U^{n-1}: the
-//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt. Once, at the start, where the velocity is v_0, that puts
-//! D x / (2 dt) too much on the left: U^1 is off by O(dt^3), which leaves the order.
+//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt; at the start it acts on \((U^1 - U^0) / \Delta t\).
 //!
 //! F is the beta-average of its instants too, and the obstacles are those of their own:
 //! \[ \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} . \]
@@ -184,29 +191,42 @@ impl<'s, E: Engine> Newmark<'s, E> {
             varying,
             verdict: Verdict::default(),
         };
-        // With U^{-1} = U^1 - 2 dt v_0: U^1 - U^0 = dt v_0 + x / 2 and U^{0,e} = U^0 + x / 2 + dt v_0 (1 - e) / (1 + e).
+        // x = 2 (U^1 - U^0), and U^{0,e} = U^0 + x / 2 - 2 dt v_0 e / (1 + e).
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
-        let drift = |dof: usize| dt * start.velocity[dof] * (1.0 - e) / (1.0 + e);
-        scheme.solve(2.0, drift, &start.velocity, 1.0)?;
+        let drift = |dof: usize| -2.0 * dt * start.velocity[dof] * e / (1.0 + e);
+        let mut v = vec![0.0; system.engine.velocities(&system.mass)];
+        system.engine.velocity(&system.mass, &start.velocity, &mut v)?;
+        let mut momentum = vec![0.0; dofs];
+        system.engine.momentum(&system.mass, &v, &mut momentum)?;
+        momentum.iter_mut().for_each(|momentum| *momentum *= 2.0 / dt);
+        scheme.solve(2.0, drift, |_, b, _| {
+            b.iter_mut().zip(&momentum).for_each(|(b, momentum)| *b += momentum);
+            Ok(())
+        })?;
         for ((d, d_next), (x, v)) in
             scheme.d.iter_mut().zip(&mut scheme.d_next).zip(scheme.x.iter().zip(&start.velocity))
         {
-            *d = dt * v - 0.5 * x;
-            *d_next = dt * v + 0.5 * x;
+            *d = 2.0 * dt * v - 0.5 * x;
+            *d_next = 0.5 * x;
         }
         scheme.weigh()?;
         Ok(scheme)
     }
 
-    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift, and `weight` times `rate` is the velocity known to
-    /// be damped.
-    fn solve(&mut self, stretch: f64, drift: impl Fn(usize) -> f64, rate: &[f64], weight: f64) -> Result<()> {
+    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift; `push` adds what else there is to the forces, and has
+    /// room for a product.
+    fn solve(
+        &mut self,
+        stretch: f64,
+        drift: impl Fn(usize) -> f64,
+        push: impl FnOnce(&System<E>, &mut [f64], &mut [f64]) -> Result<()>,
+    ) -> Result<()> {
         let System { engine, .. } = self.system;
         self.elastic = self.system.force(&self.u, &mut self.b)?;
         if let Some(varying) = &self.varying {
             self.b.iter_mut().zip(varying.load(self.parameters.beta)).for_each(|(b, f)| *b += f);
         }
-        self.system.damp(rate, weight, &mut self.b, &mut self.product)?;
+        push(self.system, &mut self.b, &mut self.product)?;
         let limits = self.varying.as_ref().and_then(|varying| varying.limits.as_ref());
         let limits = limits.unwrap_or(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
@@ -272,7 +292,9 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         std::mem::swap(&mut self.d, &mut self.d_next);
         let d = std::mem::take(&mut self.d);
         let drift = (1.0 - e) / (1.0 + e);
-        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, &d, 1.0 / dt);
+        let damp =
+            |system: &System<E>, b: &mut [f64], product: &mut [f64]| system.damp(&d, 1.0 / dt, b, product);
+        let solved = self.solve(1.0 + e, |dof| d[dof] * drift, damp);
         self.d = d;
         for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
             *d_next = d + x;
@@ -320,6 +342,10 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let kinetic = 0.5 * engine.vis_viva(mass, &v)?;
         let work = self.system.work(&self.u)? + self.given();
         Ok(Energies { kinetic, elastic: self.elastic, work })
+    }
+
+    fn invariant(&self) -> Result<f64> {
+        Newmark::invariant(self)
     }
 
     fn verdict(&self) -> Verdict {
