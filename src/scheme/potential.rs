@@ -48,6 +48,8 @@ const POWERS: usize = 6;
 
 /// Error of p, relative to the way it goes, at which the rounds end.
 const CLOSE: f64 = 1e-12;
+/// Error of p, likewise, that no rounding makes: there is no such U. Met are some 1e-7 by one round, where inf-sup holds.
+const MISSED: f64 = 1e-6;
 /// The first round leaves what its solve rounds off, the second does not.
 const ROUNDS: std::ops::RangeInclusive<u32> = 2..=40;
 
@@ -204,13 +206,14 @@ impl<'s, E: Engine> Potential<'s, E> {
         })
     }
 
-    /// Moves the last answer to U(p + lack) at a moment; `way` is the length, in the norm of C, that p goes in all.
+    /// Moves the last answer to U(p + lack) at a moment, which exists wherever the inf-sup condition holds; `way` is the length, in
+    /// the norm of C, that p goes in all.
     fn reach(&mut self, way: f64, moment: &Moment) -> Result<Verdict> {
         let System { engine, mass, bounds, .. } = self.system;
         let bounds = moment.bounds(bounds);
         let length = self.system.length(bounds, &self.u)?;
         let mut verdict = Verdict::default();
-        let mut distance = f64::INFINITY;
+        let (mut distance, mut farthest) = (f64::INFINITY, way);
         for round in 1..=*ROUNDS.end() {
             for (pull, (multiplier, lack)) in self.pull.iter_mut().zip(self.multiplier.iter().zip(&self.lack))
             {
@@ -232,10 +235,18 @@ impl<'s, E: Engine> Potential<'s, E> {
                 *lack -= moved;
                 *multiplier += self.penalty * *lack;
             }
+            farthest = farthest.max(engine.vis_viva(mass, &self.moved)?.sqrt());
             let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &self.lack)?.sqrt());
             if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
                 break;
             }
+        }
+        if distance > MISSED * farthest {
+            return Err(Error::Singular(
+                "no deflection between the obstacles has the means over cells that the motion leads to: the inf-sup \
+                 condition fails on this mesh; set time.scheme = \"newmark\", or take quadrilaterals, or a finer mesh"
+                    .into(),
+            ));
         }
         // K U = F + B^T λ + G^T r within the bounds.
         engine.momentum(mass, &self.multiplier, &mut self.b)?;
