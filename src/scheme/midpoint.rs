@@ -46,6 +46,8 @@ pub struct Midpoint<'s, E: Engine> {
     n: u64,
     now: State,
     next: State,
+    /// G U^0.
+    start: Vec<f64>,
     /// Work of what changes with time, in J.
     given: f64,
     /// G U^{n-1/2} of the last step, and of the two before it.
@@ -105,11 +107,13 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         };
         let mut half = HalfStep::new(system, dt, solver)?;
         half.begin(&start.velocity, &now.moment)?;
+        let start = system.bounds.dofs.iter().map(|&dof| now.u[dof]).collect();
         Ok(Midpoint {
             system,
             half,
             potential,
             n: 0,
+            start,
             next: now.clone(),
             now,
             given: 0.0,
@@ -166,7 +170,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     }
 
     fn admissible(&self) -> &[f64] {
-        &self.admissible
+        if self.n == 0 { &self.start } else { &self.admissible }
     }
 
     fn limits(&self) -> &Bounds {
