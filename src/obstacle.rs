@@ -30,6 +30,11 @@ impl Bounds {
         self.dofs.is_empty()
     }
 
+    /// Whether two obstacles hold a dof between them: it cannot leave, and its reaction has any sign.
+    pub fn holds(&self, bound: usize) -> bool {
+        self.lower[bound] == self.upper[bound]
+    }
+
     /// Sets the bounds, of the same dofs, to what becomes of others: `map` of each dof and its bound.
     pub fn shift(&mut self, others: &Bounds, map: impl Fn(usize, f64) -> f64) {
         for (i, &dof) in others.dofs.iter().enumerate() {

@@ -428,13 +428,13 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
-/// The height of the first of two planes on opposite sides that have no gap between them.
+/// The height of the first of two planes on opposite sides that cross.
 fn leaves_no_room(one: &Obstacle, other: &Obstacle) -> Option<f64> {
     let all = one.region == Region::All && other.region == Region::All;
     let (first, second) = (one.height.number()?, other.height.number()?);
     let crossed = match one.side {
-        Side::Below => first >= second,
-        Side::Above => second >= first,
+        Side::Below => first > second,
+        Side::Above => second > first,
     };
     (all && one.side != other.side && crossed).then_some(first)
 }

@@ -357,6 +357,10 @@ fn first_sides<E: Engine>(
     let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= roundings * f64::EPSILON * scale;
     let mut undecided = Vec::new();
     for i in 0..bounds.len() {
+        if bounds.holds(i) {
+            sides[i] = Side::Lower;
+            continue;
+        }
         let size: f64 = (0..state.nrows()).map(|k| (reduction.lift_at[(i, k)] * state[(k, 0)]).abs()).sum();
         let size = size + reduction.rest_at[(i, 0)].abs();
         match sides[i] {
