@@ -9,7 +9,7 @@ use crate::linalg::{Average, BARE, Block};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::plate::{self, Sections};
 use crate::space::Space;
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector, Vector3};
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -152,9 +152,11 @@ fn arrays<const N: usize>(
     let arms = vertices.iter().map(|v| [v.x - vertices[0].x, v.y - vertices[0].y]).collect();
     let first = sections.section(number, vertices[0])?;
     if sections.kind(number).is_some() {
+        let stiffness = first.stiffness(element);
+        check_digits(number, vertices, &stiffness, first.bending.diagonal() * area)?;
         return Ok(Local {
             // Symmetric, so that column by column is row by row.
-            stiffness: flat(first.stiffness(element)),
+            stiffness: flat(stiffness),
             mass: flat(first.consistent_mass(element)),
             moments: moments.as_slice().into(),
             coupling: (moments * first.density).as_slice().into(),
@@ -170,14 +172,18 @@ fn arrays<const N: usize>(
         })
     };
     let density = |at: Point| section(at).density;
-    let mut weight = 0.0;
+    let (mut weight, mut bending) = (0.0, Vector3::zeros());
     for (piece, of) in element.pieces.iter().enumerate() {
         for (barycentric, share) in quadrature::DEGREE_6 {
-            weight += share * of.area() * density(element.point(piece, barycentric));
+            let section = section(element.point(piece, barycentric));
+            weight += share * of.area() * section.density;
+            bending += share * of.area() * section.bending.diagonal();
         }
     }
+    let stiffness = plate::stiffness(element, &quadrature::DEGREE_6, section);
+    check_digits(number, vertices, &stiffness, bending)?;
     let local = Local {
-        stiffness: flat(plate::stiffness(element, &quadrature::DEGREE_6, section)),
+        stiffness: flat(stiffness),
         mass: flat(plate::mass(element, density)),
         moments: moments.as_slice().into(),
         coupling: plate::load(element, density).as_slice().into(),
@@ -185,6 +191,38 @@ fn arrays<const N: usize>(
         arms,
     };
     fault.into_inner().map_or(Ok(local), Err)
+}
+
+/// Relative error of the energy of a bent cell beyond which its stiffness is rounding.
+const LOST: f64 = 1e-3;
+
+/// Checks the stiffness of a cell on x^2/2, xy and y^2/2, which every cell contains: `energies` are twice theirs. A cell of aspect ratio a is
+/// a^4 times stiffer across than along, and the soft direction sees the roundings of the stiff one.
+fn check_digits<const N: usize>(
+    number: usize,
+    vertices: &[Point],
+    stiffness: &SMatrix<f64, N, N>,
+    energies: Vector3<f64>,
+) -> Result<()> {
+    let mut bent = [SVector::<f64, N>::zeros(); 3];
+    for (k, vertex) in vertices.iter().enumerate() {
+        let [x, y]: [f64; 2] = (vertex - vertices[0]).into();
+        for (bent, dofs) in bent.iter_mut().zip([[0.5 * x * x, x, 0.0], [x * y, y, x], [0.5 * y * y, 0.0, y]])
+        {
+            bent.fixed_rows_mut::<3>(3 * k).copy_from_slice(&dofs);
+        }
+    }
+    let error =
+        |(bent, energy): (&SVector<f64, N>, &f64)| (bent.dot(&(stiffness * bent)) / energy - 1.0).abs();
+    let worst = bent.iter().zip(energies.iter()).map(error).fold(0.0, |a: f64, b| if a > b { a } else { b });
+    if worst <= LOST {
+        return Ok(());
+    }
+    let list: Vec<String> = vertices.iter().map(|p| format!("({}, {})", p.x, p.y)).collect();
+    Err(Error::Mesh(format!(
+        "cell {number} is too flat: rounding takes its stiffness apart; its vertices are {}",
+        list.join(", ")
+    )))
 }
 
 /// The contributions to the stiffness K.

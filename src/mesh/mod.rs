@@ -72,6 +72,18 @@ impl Mesh {
         quality::area(&self.vertices(cell))
     }
 
+    /// The centre of gravity of a cell.
+    pub fn centroid(&self, cell: usize) -> Point {
+        let vertices = self.vertices(cell);
+        let (mut area, mut moment) = (0.0, nalgebra::Vector2::zeros());
+        for pair in vertices.windows(2).skip(1) {
+            let (a, b) = (pair[0] - vertices[0], pair[1] - vertices[0]);
+            area += a.perp(&b);
+            moment += (a + b) * (a.perp(&b) / 3.0);
+        }
+        vertices[0] + moment / area
+    }
+
     /// The first cell that contains a point, its boundary included, or `None` outside the mesh.
     ///
     /// A point within 1e-10 of the cell's longest edge from the cell counts as inside.

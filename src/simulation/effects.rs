@@ -277,6 +277,19 @@ impl<T: Team> Ground<'_, T> {
 
     /// The rigid motions that nothing holds, in words. Collective.
     pub fn mechanism(&self, foundations: &[(usize, Block)]) -> Result<Option<&'static str>> {
+        self.loose(foundations, &[])
+    }
+
+    /// The rigid motions that nothing holds, and that the singular mass does not feel either: the means over all cells vanish, as where a
+    /// single row of cells turns about its middle. Collective.
+    fn weightless(&self, foundations: &[(usize, Block)]) -> Result<Option<&'static str>> {
+        let masses = self.scene.masses.iter().map(|mass| mass.at.into());
+        let centres = (0..self.mesh.cells.len()).map(|cell| self.mesh.centroid(cell));
+        self.loose(foundations, &masses.chain(centres).collect::<Vec<_>>())
+    }
+
+    /// The rigid motions left by what holds the plate and by some points at rest.
+    fn loose(&self, foundations: &[(usize, Block)], at_rest: &[Point]) -> Result<Option<&'static str>> {
         let nodes = &self.mesh.nodes;
         let corner = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
         let corners = self.team.gather(&[corner(1.0, 0), corner(1.0, 1), corner(-1.0, 0), corner(-1.0, 1)]);
@@ -297,6 +310,7 @@ impl<T: Team> Ground<'_, T> {
         for (cell, _) in foundations {
             self.mesh.vertices(*cell).into_iter().for_each(|vertex| rigid.hold_deflection(vertex));
         }
+        at_rest.iter().for_each(|&point| rigid.hold_deflection(point));
         let all = self.team.gather(rigid.seen());
         let sum: Vec<f64> = (0..9).map(|k| all.iter().skip(k).step_by(9).sum()).collect();
         rigid.see(&sum);
@@ -323,6 +337,15 @@ where
     let riders = ground.riders()?;
     let foundations = ground.foundations()?;
     let mechanism = ground.mechanism(&foundations)?;
+    if scene.time.mass == Mass::Singular
+        && mechanism.is_some()
+        && let Some(motion) = ground.weightless(&foundations)?
+    {
+        return Err(Error::Singular(format!(
+            "a rigid motion has neither stiffness nor inertia: {motion}, and the mean velocity of no cell tells; \
+             take more rows of cells, hold the plate, or set time.mass = \"consistent\""
+        )));
+    }
     let burdens = ground.burdens(&riders)?;
     let stiffness = native(&engine).form(ground.stiffness(&foundations)?);
     let mass = match scene.time.mass {
