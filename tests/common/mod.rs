@@ -2,7 +2,8 @@
 
 #![allow(dead_code)]
 
-use rebond::linalg::{Block, Form, Native};
+use rebond::linalg::{Block, Engine, Form, Native};
+use rebond::scheme::System;
 
 /// SplitMix64: small, seeded, the same on every machine.
 pub struct Random(u64);
@@ -126,4 +127,29 @@ pub fn largest(values: &[f64]) -> f64 {
 pub fn difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     largest(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>())
+}
+
+/// Some W with C^-1 B W = v: the least by the mass, found from the normal equations by conjugate gradients.
+pub fn lift(system: &System<Native>, v: &[f64]) -> Vec<f64> {
+    let System { engine, mass, .. } = system;
+    let (mut x, mut r) = (vec![0.0; v.len()], v.to_vec());
+    let mut d = r.clone();
+    let (mut u, mut image) = (vec![0.0; engine.dofs()], vec![0.0; v.len()]);
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut rho = dot(&r, &r);
+    for _ in 0..20 * v.len() {
+        if rho <= 1e-32 * dot(v, v) {
+            break;
+        }
+        engine.momentum(mass, &d, &mut u).unwrap();
+        engine.velocity(mass, &u, &mut image).unwrap();
+        let alpha = rho / dot(&d, &image);
+        x.iter_mut().zip(&d).for_each(|(x, d)| *x += alpha * d);
+        r.iter_mut().zip(&image).for_each(|(r, i)| *r -= alpha * i);
+        let next = dot(&r, &r);
+        d.iter_mut().zip(&r).for_each(|(d, r)| *d = r + next / rho * *d);
+        rho = next;
+    }
+    engine.momentum(mass, &x, &mut u).unwrap();
+    u
 }
