@@ -566,7 +566,7 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme) -> Result<Opti
 }
 
 /// What a user can do when energy appears from nowhere.
-fn advice(scene: &Scene) -> &'static str {
+pub(crate) fn advice(scene: &Scene) -> &'static str {
     match (scene.time.scheme, scene.time.mass) {
         (scene::Scheme::Midpoint { .. }, Mass::Consistent) => {
             "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""

@@ -6,6 +6,7 @@ mod figures;
 pub mod launch;
 mod plot;
 mod run;
+mod stability;
 mod study;
 
 use crate::error::{Error, Result};
@@ -38,6 +39,8 @@ enum Command {
     Compare(compare::Compare),
     /// What accuracy costs in time: errors against seconds for schemes, masses, steps and meshes
     Study(Box<study::Study>),
+    /// Put every method to hard scenes: what happens to energy, residual and penetration, and a verdict on each
+    Stability(stability::Stable),
     /// The six figures of CSMA 2013, and a verdict on each of the paper's claims
     Figures(figures::Figures),
     /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and PNG
@@ -142,6 +145,7 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Inspect(inspect) => inspect.execute(),
         Command::Compare(compare) => compare.execute(),
         Command::Study(study) => study.execute(),
+        Command::Stability(stability) => stability.execute(),
         Command::Figures(figures) => figures.execute(),
         Command::Plot(plot) => plot.execute(),
     }

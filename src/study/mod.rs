@@ -9,6 +9,7 @@ mod inspect;
 mod lanczos;
 mod matrices;
 pub mod modes;
+pub mod stability;
 
 pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, inspect};
 pub use matrices::write_matrices;

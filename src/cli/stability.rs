@@ -1,0 +1,104 @@
+//! `rebond stability`.
+
+use super::{json, launch, print};
+use crate::error::{Error, Result};
+#[cfg(feature = "petsc")]
+use crate::petsc::Context;
+#[cfg(feature = "petsc")]
+use crate::scene::EngineName;
+use crate::scene::Scene;
+#[cfg(feature = "petsc")]
+use crate::simulation::Model;
+use crate::study::accuracy::plan::Method;
+use crate::study::compare::Contender;
+use crate::study::stability::{self, Case, Stability, Trial};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// Put every method to hard scenes.
+#[derive(Debug, Args)]
+pub struct Stable {
+    /// Scene files, or folders of them
+    #[arg(value_name = "SCENES", default_value = "scenes/hard")]
+    scenes: Vec<PathBuf>,
+    /// Change a key of every scene, such as time.step=1e-6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the latter two also with one of
+    /// PETSc's types, as in petsc:tao:bnls
+    #[arg(long = "with", value_name = "NAMES", value_delimiter = ',', default_value = "native")]
+    with: Vec<String>,
+    /// Machine output on standard output
+    #[arg(long)]
+    json: bool,
+    /// Print errors only
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+impl Stable {
+    pub(super) fn execute(&self) -> Result<()> {
+        launch::one_process("stability runs")?;
+        let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
+        let mut scenes = Vec::new();
+        for path in &self.scenes {
+            for file in files(path)? {
+                let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                scenes.push((name, Scene::load(&file, &self.overrides)?));
+            }
+        }
+        #[cfg(feature = "petsc")]
+        if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {
+            let context = Context::start(&[])?;
+            return self.report(scenes, &contenders, |contender, scene, method| match contender.engine {
+                EngineName::Native => Ok(stability::natively(scene, method)),
+                EngineName::Petsc => context.with_option(contender.option(), || {
+                    let model = Model::distributed(scene, &context);
+                    Ok(stability::attempt(scene, method, model, |model| model.solver(scene)))
+                }),
+            });
+        }
+        self.report(scenes, &contenders, |_, scene, method| Ok(stability::natively(scene, method)))
+    }
+
+    /// Tries all, and reports.
+    fn report(
+        &self,
+        scenes: Vec<(String, Scene)>,
+        contenders: &[Contender],
+        attempt: impl Fn(&Contender, &Scene, Method) -> Result<Trial>,
+    ) -> Result<()> {
+        let mut stability = Stability::default();
+        for (name, scene) in scenes {
+            let mut case = Case { name, title: scene.title.clone(), trials: Vec::new() };
+            for contender in contenders {
+                for (scene, method) in stability::variants(&scene, contender.engine, contender.vi) {
+                    case.trials.push(attempt(contender, &scene, method)?);
+                }
+            }
+            stability.cases.push(case);
+        }
+        match (self.json, self.quiet) {
+            (true, _) => print(&json(&stability)?)?,
+            (false, false) => print(&stability.to_string())?,
+            (false, true) => {}
+        }
+        stability.verdict()
+    }
+}
+
+/// A scene's file; those of a folder by name.
+fn files(path: &Path) -> Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let entries = std::fs::read_dir(path).and_then(Iterator::collect::<std::io::Result<Vec<_>>>);
+    let mut files: Vec<PathBuf> =
+        entries.map_err(Error::io(path))?.iter().map(|entry| entry.path()).collect();
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "toml"));
+    files.sort();
+    if files.is_empty() {
+        return Err(Error::Usage(format!("{}: no scene in this folder", path.display())));
+    }
+    Ok(files)
+}

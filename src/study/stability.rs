@@ -1,0 +1,452 @@
+//! What hard scenes do to each method: the work behind `rebond stability`.
+//!
+//! A *trial* is a scene on an element with a method: a scheme with its parameters, a mass, an engine and a contact solver. It runs to
+//! its end, every step judged by its KKT residual, and is held to what its scheme promises:
+//!
+//! | scheme | promise |
+//! |---|---|
+//! | newmark, beta = 1/2, e = 0 | the invariant \(H^{n+1/2}\) of [`crate::scheme::Newmark`] never rises above what it was, nor the energy of the start |
+//! | conserving, exact | the energy is that of the start |
+//! | the others | none: energy comes and goes at impacts, the less the smaller the step |
+//!
+//! A scheme without a promise that gains energy is no failure of the program, but the user's business: the table tells how much,
+//! and what to do.
+
+use super::accuracy::plan::{Method, mesh_name};
+use crate::energy::Energies;
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::output::text::{Table, grouped};
+use crate::scene::{ElementKind, EngineName, Mass, Massless, Scene, Scheme, ViName};
+use crate::scheme;
+use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
+use serde::Serialize;
+use std::fmt;
+use std::time::Instant;
+
+/// The energy over its start at which a trial is stopped.
+const GUARD: f64 = 10.0;
+
+/// A promised energy is kept if to this part of the start's, and drifts if to that.
+const KEPT: f64 = 1e-9;
+const DRIFTS: f64 = 1e-4;
+
+/// Energy gained beyond this part of the start's is worth a word.
+const GAINED: f64 = 0.01;
+
+/// Cells up to which the exact scheme is tried: its matrices are dense.
+const MOST_EXACT_CELLS: usize = 640;
+
+/// What became of a trial.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "is", content = "why")]
+pub enum Ending {
+    /// It reached its end, and its energy did what the scheme promises; a scheme without a promise gained none to speak of.
+    Holds,
+    /// It reached its end, but rounding moved the energy that its scheme promises by more than 1e-9 of the start's; how far.
+    Drifts(String),
+    /// It reached its end with more energy than it started with, as its scheme may; what the user can do.
+    Gains(String),
+    /// Its energy, about which its scheme promises nothing, ran into the guard; what that said.
+    Guarded(String),
+    /// It was refused, before it began or where it could not go on; why.
+    Refused(String),
+    /// What must not happen.
+    Fails(String),
+}
+
+impl Ending {
+    /// In a word.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Ending::Holds => "holds",
+            Ending::Drifts(_) => "drifts",
+            Ending::Gains(_) => "gains",
+            Ending::Guarded(_) => "guard",
+            Ending::Refused(_) => "refused",
+            Ending::Fails(_) => "FAILS",
+        }
+    }
+
+    /// The program's own words, if there are any.
+    pub fn why(&self) -> Option<&str> {
+        match self {
+            Ending::Holds => None,
+            Ending::Drifts(why)
+            | Ending::Gains(why)
+            | Ending::Guarded(why)
+            | Ending::Refused(why)
+            | Ending::Fails(why) => Some(why),
+        }
+    }
+}
+
+/// A scene on an element with a method, and how it did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Trial {
+    /// Element and cells.
+    pub mesh: String,
+    /// The method.
+    #[serde(flatten)]
+    pub method: Method,
+    /// What became of it.
+    pub ending: Ending,
+    /// Its figures; none if it did not begin.
+    #[serde(flatten)]
+    pub figures: Option<Figures>,
+}
+
+/// The figures of a trial.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Figures {
+    /// Steps made.
+    pub steps: u64,
+    /// Those in which something touched.
+    pub contact_steps: u64,
+    /// Most nodes in contact at once.
+    pub most_contact_nodes: usize,
+    /// Least energy over its start; where it starts from next to nothing, 1 plus its change over its largest part.
+    pub energy_min: f64,
+    /// Largest energy, likewise.
+    pub energy_max: f64,
+    /// Largest departure from the scheme's promise over the energy of the start; `None` without a promise.
+    pub broken: Option<f64>,
+    /// Worst relative KKT residual.
+    pub worst_kkt: f64,
+    /// Largest violation of a bound over the largest deflection.
+    pub penetration: f64,
+    /// Iterations of the contact solver.
+    pub vi_iterations: u64,
+    /// Steps solved again in a safer way.
+    pub retries: u64,
+    /// Seconds a step.
+    pub seconds_a_step: f64,
+}
+
+/// What a scheme promises of its energy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Promise {
+    Constant,
+    NeverRises,
+    Nothing,
+}
+
+fn promise(scheme: Scheme) -> Promise {
+    match scheme {
+        Scheme::Conserving | Scheme::Exact => Promise::Constant,
+        Scheme::Newmark { beta: 0.5, restitution: 0.0 } => Promise::NeverRises,
+        Scheme::Newmark { .. } | Scheme::Midpoint { .. } => Promise::Nothing,
+    }
+}
+
+/// The methods that an engine and a contact solver are tried with.
+pub fn methods(engine: EngineName, vi: ViName) -> Vec<Method> {
+    let newmark = |restitution| Scheme::Newmark { beta: 0.5, restitution };
+    let midpoint = |massless| Scheme::Midpoint { massless };
+    let singular = [
+        newmark(0.0),
+        newmark(0.5),
+        newmark(1.0),
+        midpoint(Massless::Equilibrium),
+        midpoint(Massless::Reflected),
+        Scheme::Conserving,
+        Scheme::Exact,
+    ];
+    let consistent = [newmark(0.0), newmark(0.5), newmark(1.0), midpoint(Massless::Reflected)];
+    let with = |mass| move |scheme| Method { scheme, mass, engine, vi };
+    let all = singular.map(with(Mass::Singular)).into_iter().chain(consistent.map(with(Mass::Consistent)));
+    all.filter(|method| engine == EngineName::Native || method.scheme != Scheme::Exact).collect()
+}
+
+/// The scenes that a scene stands for: on both elements, with every method of an engine and a contact solver.
+pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Method)> {
+    let mut variants = Vec::new();
+    for element in [ElementKind::Fvs, ElementKind::Hct] {
+        let mesh = scene.mesh.with(element, scene.mesh.cells, scene.mesh.refine);
+        let rectangles = (mesh.cells[0] * mesh.cells[1]) << (2 * mesh.refine);
+        let cells = if element == ElementKind::Hct { 2 * rectangles } else { rectangles };
+        for method in methods(engine, vi) {
+            if method.scheme == Scheme::Exact && cells > MOST_EXACT_CELLS {
+                continue;
+            }
+            let mut scene = Scene { mesh, ..scene.clone() };
+            (scene.time.scheme, scene.time.mass) = (method.scheme, method.mass);
+            (scene.solver.engine, scene.solver.vi) = (engine, vi);
+            scene.solver.energy_guard = scene.solver.energy_guard.min(GUARD);
+            (scene.output.every, scene.output.fields) = (1, None);
+            variants.push((scene, method));
+        }
+    }
+    variants
+}
+
+/// Watches a trial: the extremes of its energies, and how far its promise is broken.
+#[derive(Debug)]
+struct Witness {
+    promise: Promise,
+    start: Option<Energies>,
+    /// Largest magnitude of a part of the energy, at the start and ever.
+    parts: [f64; 2],
+    least: f64,
+    most: f64,
+    /// What the invariant is held to, its start or its least so far, and the most that it departed from that, in J.
+    lowest: f64,
+    broken: f64,
+    /// Largest deflection, in m.
+    length: f64,
+}
+
+impl Witness {
+    fn new(promise: Promise) -> Witness {
+        let [least, most] = [f64::INFINITY, f64::NEG_INFINITY];
+        Witness {
+            promise,
+            start: None,
+            parts: [0.0; 2],
+            least,
+            most,
+            lowest: least,
+            broken: 0.0,
+            length: 0.0,
+        }
+    }
+
+    /// What energies are relative to: the largest part of the start's, or of any if that has next to none.
+    fn scale(&self) -> f64 {
+        let [first, ever] = self.parts;
+        if first > 1e-6 * ever { first } else { ever }
+    }
+
+    /// An energy over its start.
+    fn relative(&self, energy: f64) -> f64 {
+        let (start, scale) = (self.start.unwrap_or_default().total(), self.scale());
+        if scale == 0.0 { 1.0 } else { 1.0 + (energy - start) / scale }
+    }
+}
+
+impl Observer for Witness {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        let now = Energies { kinetic: row.kinetic, elastic: row.elastic, work: row.work };
+        let part = now.kinetic.abs().max(now.elastic.abs()).max(now.work.abs());
+        if self.start.is_none() {
+            (self.start, self.parts[0], self.lowest) = (Some(now), part, row.energy);
+        }
+        self.parts[1] = self.parts[1].max(part);
+        self.least = self.least.min(row.energy);
+        self.most = self.most.max(row.energy);
+        Ok(())
+    }
+
+    fn state(&mut self, scheme: &dyn scheme::Scheme) -> Result<()> {
+        let largest = scheme.displacement().iter().chain(scheme.admissible());
+        self.length = largest.fold(self.length, |length, u| length.max(u.abs()));
+        let above = scheme.invariant()? - self.lowest;
+        match self.promise {
+            Promise::Constant => self.broken = self.broken.max(above.abs()),
+            Promise::NeverRises => {
+                self.broken = self.broken.max(above);
+                self.lowest += above.min(0.0);
+            }
+            Promise::Nothing => {}
+        }
+        Ok(())
+    }
+}
+
+/// Runs a trial on a model of its scene. Whatever goes wrong is told in the trial.
+pub fn attempt<E: Engine>(
+    scene: &Scene,
+    method: Method,
+    model: Result<Model<E>>,
+    solver: impl FnOnce(&Model<E>) -> Box<SolverFactory<E>>,
+) -> Trial {
+    let mut witness = Witness::new(promise(method.scheme));
+    let clock = Instant::now();
+    let ran = model.and_then(|model| {
+        let solver = solver(&model);
+        simulation::run(scene, &model, &*solver, &mut witness)
+    });
+    let seconds = clock.elapsed().as_secs_f64();
+    let mesh = mesh_name(&scene.mesh);
+    let (outcome, ended) = match ran {
+        Ok(ran) => ran,
+        Err(why) => {
+            let told = why.exit_code() == 2;
+            let why = why.to_string();
+            let ending = if told { Ending::Refused(why) } else { Ending::Fails(why) };
+            return Trial { mesh, method, ending, figures: None };
+        }
+    };
+    let figures = figures(&witness, &outcome, seconds);
+    let ending = match ended {
+        Err(why @ Error::EnergyGuard { .. }) if witness.promise == Promise::Nothing => {
+            Ending::Guarded(why.to_string())
+        }
+        Err(why) if why.exit_code() == 2 => Ending::Refused(why.to_string()),
+        Err(why) => Ending::Fails(why.to_string()),
+        Ok(()) => match figures.broken {
+            Some(broken) if broken <= KEPT => Ending::Holds,
+            Some(broken) => {
+                let why = format!(
+                    "the energy departs by {broken:.0e} of the start's from what the scheme promises"
+                );
+                if broken <= DRIFTS { Ending::Drifts(why) } else { Ending::Fails(why) }
+            }
+            None if figures.energy_max > 1.0 + GAINED => Ending::Gains(simulation::advice(scene).into()),
+            _ => Ending::Holds,
+        },
+    };
+    Trial { mesh, method, ending, figures: Some(figures) }
+}
+
+/// Runs a trial on the native engine.
+pub fn natively(scene: &Scene, method: Method) -> Trial {
+    attempt(scene, method, Model::new(scene), |_| Box::new(simulation::condensed))
+}
+
+fn figures(witness: &Witness, outcome: &Outcome, seconds: f64) -> Figures {
+    let over = |value: f64, scale: f64| if value == 0.0 { 0.0 } else { value / scale };
+    Figures {
+        steps: outcome.steps,
+        contact_steps: outcome.contact_steps,
+        most_contact_nodes: outcome.most_contact_nodes,
+        energy_min: witness.relative(witness.least),
+        energy_max: witness.relative(witness.most),
+        broken: (witness.promise != Promise::Nothing).then(|| over(witness.broken, witness.scale())),
+        worst_kkt: outcome.worst_kkt,
+        penetration: over(outcome.worst_penetration, witness.length),
+        vi_iterations: outcome.vi_iterations,
+        retries: outcome.retries,
+        seconds_a_step: over(seconds, outcome.steps as f64),
+    }
+}
+
+/// A hard scene and its trials.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Case {
+    /// The scene's name: its file's, without the extension.
+    pub name: String,
+    /// Its title.
+    pub title: String,
+    /// Its trials.
+    pub trials: Vec<Trial>,
+}
+
+/// Hard scenes and their trials.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Stability {
+    /// One a scene.
+    pub cases: Vec<Case>,
+}
+
+impl Stability {
+    /// Whether nothing failed.
+    ///
+    /// # Errors
+    /// [`Error::Unfinished`] naming what did.
+    pub fn verdict(&self) -> Result<()> {
+        let all = self.cases.iter().flat_map(|case| case.trials.iter().map(move |trial| (case, trial)));
+        let failed = all.clone().filter(|(_, trial)| matches!(trial.ending, Ending::Fails(_)));
+        let failed: Vec<String> = failed
+            .map(|(case, Trial { mesh, method, ending, .. })| {
+                format!("{}, {mesh}, {method}: {}", case.name, ending.why().unwrap_or_default())
+            })
+            .collect();
+        match failed.len() {
+            0 => Ok(()),
+            some => Err(Error::Unfinished(format!(
+                "{some} of {} trials fail: {}",
+                all.count(),
+                failed.join("; ")
+            ))),
+        }
+    }
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "{}: {}", self.name, self.title)?;
+        let heads =
+            ["mesh, method", "steps", "in\ncontact", "most\nnodes", "energy over\nstart, least", "most"];
+        let more = ["promise\nbroken by", "worst KKT\nresidual", "pene-\ntration", "VI itera-\ntions"];
+        let last = ["solved\nagain", "us a\nstep", "verdict"];
+        let mut table = Table::new(&[&heads[..], &more, &last].concat());
+        let mut said: Vec<&str> = Vec::new();
+        for trial in &self.trials {
+            table.row(trial.cells());
+            if let Some(why) = trial.ending.why()
+                && !said.contains(&why)
+            {
+                said.push(why);
+                table.note(why);
+            }
+        }
+        write!(f, "{table}")
+    }
+}
+
+impl Trial {
+    fn cells(&self) -> Vec<String> {
+        let name = format!("{}, {}", self.mesh, self.method);
+        let small = |value: f64| if value == 0.0 { "0".into() } else { format!("{value:.0e}") };
+        let Some(figures) = &self.figures else {
+            let mut cells = vec![String::new(); 13];
+            (cells[0], cells[12]) = (name, self.ending.word().into());
+            return cells;
+        };
+        vec![
+            name,
+            grouped(figures.steps),
+            grouped(figures.contact_steps),
+            grouped(figures.most_contact_nodes as u64),
+            format!("{:.4}", figures.energy_min),
+            format!("{:.4}", figures.energy_max),
+            figures.broken.map_or("-".into(), small),
+            small(figures.worst_kkt),
+            small(figures.penetration),
+            grouped(figures.vi_iterations),
+            grouped(figures.retries),
+            format!("{:.0}", 1e6 * figures.seconds_a_step),
+            self.ending.word().into(),
+        ]
+    }
+
+    /// What a table of many cases has room for.
+    fn word(&self) -> String {
+        match (&self.ending, &self.figures) {
+            (Ending::Gains(_), Some(figures)) => format!("x{:.2}", figures.energy_max),
+            (ending, _) => ending.word().into(),
+        }
+    }
+}
+
+impl fmt::Display for Stability {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for case in &self.cases {
+            writeln!(f, "{case}")?;
+        }
+        let mut methods: Vec<String> = Vec::new();
+        for trial in self.cases.iter().flat_map(|case| &case.trials) {
+            let name = trial.method.to_string();
+            if !methods.contains(&name) {
+                methods.push(name);
+            }
+        }
+        let heads: Vec<String> = methods.iter().map(|name| name.replace(' ', "\n")).collect();
+        let heads: Vec<&str> = std::iter::once("fvs | hct").chain(heads.iter().map(String::as_str)).collect();
+        let mut table = Table::new(&heads);
+        for case in &self.cases {
+            let of = |name: &String| {
+                let words: Vec<String> =
+                    case.trials.iter().filter(|t| t.method.to_string() == *name).map(Trial::word).collect();
+                match &words[..] {
+                    [] => "-".into(),
+                    [one, other] if one == other => one.clone(),
+                    words => words.join(" | "),
+                }
+            };
+            table.row(std::iter::once(case.name.clone()).chain(methods.iter().map(of)));
+        }
+        write!(f, "{table}")
+    }
+}
