@@ -130,7 +130,7 @@ fn follow(bytes: &[u8]) -> Result<()> {
     let resolved = scene.resolved();
     let again = Scene::from_str(&resolved, "spoilt.toml", &[])?;
     assert!(again == scene, "it does not read back:\n{resolved}");
-    let cells = scene.mesh.cells[0] * scene.mesh.cells[1] << (2 * scene.mesh.refine.min(8));
+    let cells = (scene.mesh.cells[0] * scene.mesh.cells[1]) << (2 * scene.mesh.refine.min(8));
     if scene.file.is_some() || cells > MOST_CELLS {
         return Ok(());
     }
