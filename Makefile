@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-long bench table accuracy clean
+.PHONY: help setup run test test-long stability bench table accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -49,7 +49,10 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 
 test-long: setup ## the tests that take minutes, which make test leaves out
 	$(call say,long tests)
-	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun -- --ignored
+	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun --test hard_properties --test hard_fuzz --test hard_long -- --ignored
+
+stability: setup ## put every method to the hard scenes, as docs/stability.md shows
+	@$(CARGO_RUN) -- stability
 
 bench: setup ## time assembly, factorisation, one step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)

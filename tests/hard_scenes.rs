@@ -84,11 +84,11 @@ macro_rules! scenes {
 }
 
 scenes! {
-    all_in_contact "all-in-contact", chatter "chatter", closed_gap "closed-gap", dropped_flat "dropped-flat", fine "fine",
+    all_in_contact "all-in-contact", chatter "chatter", closed_at_a_point "closed-at-a-point", closed_gap "closed-gap", dropped_flat "dropped-flat", fine "fine",
     flat_cells "flat-cells", gap_zero "gap-zero", grazing "grazing", incompatible_start "incompatible-start",
-    kilometre "kilometre", micrometre "micrometre", no_inf_sup "no-inf-sup", poisson_0 "poisson-0",
-    poisson_0_499 "poisson-0.499", preload "preload", resting "resting", slender "slender", soft "soft", step_1 "step-1",
-    step_1e_8 "step-1e-8", stiff "stiff", thick "thick", thin "thin", thrown_into "thrown-into", tight_gap "tight-gap",
+    kilometre "kilometre", micrometre "micrometre", no_inf_sup "no-inf-sup", one_node "one-node", point_obstacle "point-obstacle", poisson_0 "poisson-0",
+    poisson_0_499 "poisson-0.499", preload "preload", resting "resting", slender "slender", soft "soft", step_1 "step-1", step_obstacle "step-obstacle",
+    step_1e_8 "step-1e-8", stiff "stiff", thick "thick", thin "thin", thrown_into "thrown-into", tight_gap "tight-gap", wedge "wedge",
 }
 
 #[test]

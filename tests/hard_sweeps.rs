@@ -12,6 +12,7 @@ use rebond::scene::{EngineName, Scene, Scheme as Name, ViName};
 use rebond::scheme::{
     Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
 };
+use rebond::simulation::Model;
 use rebond::space::Space;
 use rebond::study::stability::{Ending, natively, variants};
 
@@ -255,4 +256,28 @@ fn triangles_and_quadrilaterals_together() {
     let start = Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
     let broken = broken(&system, &start, 5e-4, 200);
     assert!(broken.iter().all(|broken| *broken <= 1e-10), "{broken:?}");
+}
+
+/// Two triangles on a guided edge know rigid motions alone: their eigenvalues are all rounding, and the impact comes when it must.
+#[test]
+fn all_motions_are_rigid() {
+    let text = r#"
+        plate = { length = 1, width = 0.3, thickness = 0.005, youngs_modulus = 1e7, poissons_ratio = 0, density = 1 }
+        mesh = { element = "hct", cells = [1, 1] }
+        support = [{ edge = "bottom", kind = "guided" }]
+        obstacle = [{ side = "below", height = -0.02 }]
+        initial = { velocity = -1 }
+        time = { scheme = "exact", mass = "singular", step = 1e-3, end = 0.05 }
+    "#;
+    let scene = Scene::from_str(text, "rigid", &[]).unwrap();
+    let model = Model::new(&scene).unwrap();
+    let mut scheme = model.scheme(&scene).unwrap();
+    let start = scheme.energies().unwrap().total();
+    let mut first = None;
+    for _ in 0..scene.time.steps() {
+        scheme.advance().unwrap();
+        first = first.or(scheme.take_events().first().map(|event| event.time));
+        assert!((scheme.energies().unwrap().total() / start - 1.0).abs() <= 1e-10);
+    }
+    assert!((first.unwrap() - 0.02).abs() <= 1e-12, "{first:?}");
 }

@@ -19,6 +19,10 @@ pub const DENSE_LIMIT: usize = 512;
 /// Candidates taken at least when a node comes into reach.
 const FIRST_LOT: usize = 4;
 
+/// Residual above which an answer is sought again with the active dofs pinned: the Schur complement of neighbours that are found from
+/// their flexibility, as on PETSc, may lose that many digits.
+const SUSPECT: f64 = 1e-11;
+
 /// The condensed solver; see the [module page](self).
 #[derive(Debug)]
 pub struct Condensed<E: Engine> {
@@ -287,6 +291,31 @@ impl<E: Engine> Solver<E> for Condensed<E> {
             };
         }
         self.factor.state(archive)
+    }
+
+    fn tolerance(&self) -> f64 {
+        SUSPECT
+    }
+
+    fn retry(
+        &mut self,
+        _: u32,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<Option<u32>> {
+        let touched = f64::from(u8::from(reaction.iter().any(|r| *r != 0.0)));
+        if matches!(self.method, Method::Pinned { .. }) || engine.maximum(touched)? == 0.0 {
+            return Ok(None);
+        }
+        let factored = engine.change_candidates(&mut self.factor, sum, &[])?;
+        self.factorisations += u64::from(factored);
+        self.method = Method::Pinned { pinned: vec![Side::Free; bounds.len()] };
+        self.sides.fill(Side::Free);
+        self.solve(engine, sum, b, bounds, x, reaction).map(Some)
     }
 }
 

@@ -28,6 +28,8 @@ use std::rc::Rc;
 
 /// An eigenvalue below this many roundings of the largest is that of a rigid motion.
 const RIGID: f64 = 4.0;
+/// Where all motions are rigid the largest is rounding itself: then it is this part of what |K| gives of the shapes.
+const STIFF: f64 = 1e-4;
 
 /// Modes coupled by less than this share of their energies are left as they are: of pairs of fast modes, that is rounding.
 const COUPLING: f64 = 1e-12;
@@ -93,8 +95,8 @@ impl Modes {
         let h = force + lift_active.transpose() * rho;
         let mut vectors = eigenvectors(&matrix).map_err(|_| failed("they do not converge"))?;
         let push_active = Mat::from_fn(push.nrows(), active.len(), |i, k| push[(i, active[k])]);
-        let values = polish(system, &(lift - push_active * w), &mut vectors)?;
-        let largest = values.iter().copied().fold(0.0, f64::max);
+        let (values, magnitude) = polish(system, &(lift - push_active * w), &mut vectors)?;
+        let largest = values.iter().copied().fold(STIFF * magnitude, f64::max);
         let floor = RIGID * f64::EPSILON * largest;
         let rigid = values.iter().take_while(|value| **value <= floor).count();
         let frequencies =
@@ -134,17 +136,25 @@ impl Modes {
     }
 }
 
-/// Improves the eigenvectors of the energy of z -> shape z; returns the eigenvalues. See the [module page](self).
-fn polish<E: Engine>(system: &System<E>, shape: &Mat<f64>, vectors: &mut Mat<f64>) -> Result<Vec<f64>> {
+/// Improves the eigenvectors of the energy of z -> shape z; returns the eigenvalues, and the largest |x|^T |K| |x| of a shape x. See the
+/// [module page](self).
+fn polish<E: Engine>(
+    system: &System<E>,
+    shape: &Mat<f64>,
+    vectors: &mut Mat<f64>,
+) -> Result<(Vec<f64>, f64)> {
     let System { engine, stiffness, .. } = system;
     let shapes = shape * &*vectors;
     let mut forces = Mat::zeros(shapes.nrows(), shapes.ncols());
+    let (mut sizes, mut largest) = (vec![0.0; shapes.nrows()], 0.0_f64);
     for k in 0..shapes.ncols() {
-        engine.multiply(stiffness, shapes.col_as_slice(k), forces.col_as_slice_mut(k))?;
+        let (x, force) = (shapes.col_as_slice(k), forces.col_as_slice_mut(k));
+        engine.multiply_with_magnitude(&[(1.0, stiffness)], x, force, &mut sizes)?;
+        largest = largest.max(x.iter().zip(&sizes).map(|(x, size)| x.abs() * size).sum());
     }
     let mut energies = shapes.transpose() * forces;
     diagonalise(&mut energies, vectors);
-    Ok((0..energies.nrows()).map(|k| energies[(k, k)].max(0.0)).collect())
+    Ok(((0..energies.nrows()).map(|k| energies[(k, k)].max(0.0)).collect(), largest))
 }
 
 /// Turns the vectors until the matrix, which is symmetric and nearly diagonal, is diagonal: all pairs at once, to first order, with

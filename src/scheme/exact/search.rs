@@ -136,8 +136,8 @@ impl Search {
             match side {
                 Side::Free if y <= lower + slack => found.push((i, Side::Lower)),
                 Side::Free if y >= upper - slack => found.push((i, Side::Upper)),
-                Side::Lower if y <= slack => found.push((i, Side::Lower)),
-                Side::Upper if y >= -slack => found.push((i, Side::Upper)),
+                Side::Lower if y <= lower + slack => found.push((i, Side::Lower)),
+                Side::Upper if y >= upper - slack => found.push((i, Side::Upper)),
                 _ => {}
             }
         }

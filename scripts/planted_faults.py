@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+"""Proves that the tests can fail: plants faults, one at a time, in a copy of the sources and demands that the suite of each turns red.
+
+    scripts/planted_faults.py            # all, about a minute each
+    scripts/planted_faults.py restitution bound   # those whose names contain a word
+
+A fault is a change of source text that occurs once, so that the script breaks, rather than lies, when the sources move on.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Name, file, text, faulty text, test suite, name of a test in it (a part; empty: all).
+FAULTS = [
+    ("1 % in the stiffness", "src/plate.rs", "(stiffness + stiffness.transpose()) / 2.0",
+     "(stiffness + stiffness.transpose()) / 1.98", "statics", ""),
+    ("1 % in the slopes of the basis", "src/element/mod.rs", "ordinate[3 * i + 1] = vector.x / 3.0;",
+     "ordinate[3 * i + 1] = vector.x / 3.03;", "elements", ""),
+    ("1 % in the consistent mass", "src/plate.rs", "(mass + mass.transpose()) / 2.0",
+     "(mass + mass.transpose()) / 1.98", "frequencies", ""),
+    ("1 % in the rows of B", "src/assembly.rs", "coupling: (moments * first.density).as_slice().into(),",
+     "coupling: (moments * (1.01 * first.density)).as_slice().into(),", "exact", ""),
+    ("restitution ignored", "src/scheme/newmark.rs", "let drift = (1.0 - e) / (1.0 + e);", "let drift = 1.0;",
+     "bouncing_ball", ""),
+    ("time step 1 % long in the mass", "src/scheme/newmark.rs", "(1.0 / (dt * dt) + half_rate * damping.mass, mass)",
+     "(1.01 / (dt * dt) + half_rate * damping.mass, mass)", "energy", ""),
+    ("half the velocity at the start", "src/scheme/newmark.rs", "*momentum *= 2.0 / dt", "*momentum *= 1.0 / dt",
+     "bouncing_ball", ""),
+    ("bound shifted by a millionth", "src/obstacle.rs", "self.lower[i] = map(dof, others.lower[i]);",
+     "self.lower[i] = map(dof, others.lower[i]) + 1e-6;", "hard_scenes", "gap_zero"),
+    ("reactions of the wrong sign", "src/vi/condensed.rs", "reaction[i] = forces[first + k];",
+     "reaction[i] = -forces[first + k];", "vi", ""),
+    ("contact that never opens", "src/vi/active_set.rs",
+     "Side::Lower if reaction[i] < -rounding && lower[i] < upper[i] => Side::Free,", "", "vi", ""),
+    ("a judge that sees no penetration", "src/vi/kkt.rs",
+     "let outside = larger(0.0, larger(-below, -above));", "let outside = 0.0;", "vi", ""),
+    ("time not relaxed with gamma", "src/scheme/conserving.rs", "self.span = gamma * half.dt;", "self.span = half.dt;",
+     "conserving", "order_2"),
+    ("energy kept to 1e-6 only", "src/scheme/conserving.rs", "const KEPT: f64 = 4.0 * f64::EPSILON;",
+     "const KEPT: f64 = 1e-6;", "conserving", "energy"),
+    ("midpoint velocities 1 % off", "src/scheme/half_step.rs", "*dv = 4.0 / dt * rate - 2.0 * v;",
+     "*dv = 4.04 / dt * rate - 2.0 * v;", "energy", ""),
+    ("reactions of exact mirrored", "src/scheme/exact/modes.rs", "rows.row_mut(i).copy_from(-w.row(k));",
+     "rows.row_mut(i).copy_from(w.row(k));", "exact", ""),
+    ("an absolute tolerance", "src/scheme/potential.rs", "distance <= CLOSE * way", "distance <= 1e-9",
+     "hard_invariance", "powers_of_four"),
+]
+
+
+def main():
+    words = sys.argv[1:]
+    chosen = [fault for fault in FAULTS if not words or any(word in fault[0] for word in words)]
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "rebond"
+        shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns("target", ".git", "runs"))
+        unseen = [fault[0] for fault in chosen if not is_seen(copy, *fault)]
+    print(f"{len(chosen) - len(unseen)} of {len(chosen)} faults seen")
+    return 1 if unseen else 0
+
+
+def is_seen(copy, name, path, text, fault, suite, test):
+    """Whether the suite is red with the fault."""
+    source = (copy / path).read_text()
+    if source.count(text) != 1:
+        sys.exit(f"{name}: {path} has {source.count(text)} times {text!r}; expected once")
+    (copy / path).write_text(source.replace(text, fault))
+    environment = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target" / "planted_faults")}
+    call = ["cargo", "test", "--release", "--locked", "--quiet", "--no-default-features", "--test", suite]
+    built = subprocess.run([*call, "--no-run"], cwd=copy, env=environment, capture_output=True, text=True)
+    if built.returncode != 0:
+        sys.exit(f"{name}: it does not build\n{built.stderr}")
+    ran = subprocess.run([*call, test], cwd=copy, env=environment, capture_output=True, text=True)
+    (copy / path).write_text(source)
+    red = ran.returncode != 0
+    print(f"{'seen' if red else 'NOT SEEN':9} {name} ({suite}{' ' + test if test else ''})", flush=True)
+    return red
+
+
+if __name__ == "__main__":
+    sys.exit(main())
