@@ -136,6 +136,7 @@ def check_native(rebond, scene, triangles, static):
                 near(velocity[corner], rate, 1e-9, "velocity of the corner")
             expect(all(d == (0.0, 0.0, value) for d, value in zip(displacement, w)), "displacement is (0, 0, w)")
             expect(all(g == value - HEIGHT for g, value in zip(gap, w)), "gap is w less the obstacle's height")
+            expect(all(z == HEIGHT for z in array(grid.GetPointData(), "floor")), "the obstacle is the floor")
             near(sum(reaction), row["contact_force"], 1e-9 * max(1.0, row["contact_force"]), "sum of reactions")
             expect(sum(r != 0.0 for r in reaction) == row["contact_nodes"], "nodes in contact")
             touched += row["contact_nodes"] > 0
