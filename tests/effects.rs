@@ -423,6 +423,10 @@ fn errors_name_the_key() {
             "support = [{ edge = \"left\", kind = \"simply_supported\", motion = \"t\" }, { edge = \"left\", where = \"y < 0.3\", kind = \"simply_supported\" }]",
             "support.0.motion: supports that move differently must hold the plate",
         ),
+        (
+            "support = [{ edge = \"left\", kind = \"clamped\", motion = \"t\" }, { edge = \"top\", kind = \"clamped\" }]",
+            "support.0.motion: the node at (0, 1) is also held by a support that moves otherwise",
+        ),
     ];
     for (rest, words) in cases {
         let error = refusal(&format!("{plate}{rest}\n"));

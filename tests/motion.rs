@@ -108,10 +108,10 @@ fn lifts_add_up_to_a_rigid_motion() {
     for (more, tolerance) in [(stop, 1e-10), (springs, 1e-6)] {
         for mass in ["singular", "consistent"] {
             let scene = |motions: [&str; 2]| {
-                let support = |(edge, motion)| {
-                    format!("{{ edge = \"{edge}\", kind = \"clamped\", motion = \"{motion}\" }}")
-                };
-                let supports: Vec<String> = [("left", motions[0]), ("top", motions[1])].map(support).into();
+                let supports = [
+                    format!("{{ edge = \"left\", kind = \"clamped\", motion = \"{}\" }}", motions[0]),
+                    format!("{{ at = [1, 1], kind = \"simply_supported\", motion = \"{}\" }}", motions[1]),
+                ];
                 format!(
                     "{UNIT}{}support = [{}]\nmass = [{{ at = [1, 0.2], mass = 0.1 }}]\n{more}{}{PROBES}",
                     grid("fvs", 4, 4),
