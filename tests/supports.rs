@@ -44,11 +44,12 @@ fn nafems_rhombus() {
             "plate = { thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
         frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &all_round("clamped"), STILL].concat())
     };
-    for (triangles, tolerance) in [(false, 1.5e-2), (true, 3e-2)] {
+    // Triangles as acute as these are far from their limit in the higher modes.
+    for (triangles, modes) in [(false, 6), (true, 2)] {
         let (coarse, fine) = (of(10, triangles), of(20, triangles));
-        for ((coarse, fine), published) in coarse.iter().zip(&fine).zip(published) {
+        for ((coarse, fine), published) in coarse.iter().zip(&fine).zip(published).take(modes) {
             assert!(fine < coarse, "{triangles}: {coarse}, {fine}, published {published}");
-            close("FV15", (4.0 * fine - coarse) / 3.0, published, tolerance);
+            close("FV15", (4.0 * fine - coarse) / 3.0, published, 1.5e-2);
         }
     }
 }
