@@ -110,8 +110,11 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let Matrices { mesh, space, engine, stiffness, .. } = &matrices;
     let mut load = vec![0.0; space.dofs()];
     let points = assembly::Pressure::new(mesh, &matrices.cells).unwrap();
-    let values: Vec<f64> = points.points().iter().map(|&at| pressure(at)).collect();
-    points.add(&values, &mut load);
+    let fill = |points: &[Point], values: &mut [f64]| {
+        values.iter_mut().zip(points).for_each(|(value, &at)| *value = pressure(at));
+        Ok(())
+    };
+    points.load(fill, &mut load).unwrap();
     engine.factor(&[(1.0, stiffness)], &[]).unwrap().solve(&mut load).unwrap();
     let points = Points::new(mesh).unwrap();
     let jet = |p: &Point| -> Jet {
