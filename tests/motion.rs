@@ -84,7 +84,7 @@ fn transfer_function_of_a_damped_mode() {
         let mut sum = w0 * (p * t).sin();
         for (m, n) in (1..40).step_by(2).flat_map(|m| (1..40).step_by(2).map(move |n| (m, n))) {
             let mode = (PI * PI * f64::from(m * m + n * n)).powi(2);
-            let sign = f64::from([1, -1][(m + n) as usize / 2 % 2 ^ 1]);
+            let sign = if (m + n) % 4 == 2 { 1.0 } else { -1.0 };
             let share = sign * 16.0 / (PI * PI * f64::from(m * n)) * w0 * p * p;
             let (real, imaginary) = (mode - p * p, alpha * p);
             sum += share * (real * (p * t).sin() - imaginary * (p * t).cos())
