@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
 
 /// Steps of a turn.
-const STEPS: u32 = 16;
+const STEPS: u32 = 64;
 
 /// How long each mesh is watched, and how long for a report, which no time fails.
 const WATCH: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(2)];

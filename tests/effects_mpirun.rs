@@ -7,7 +7,6 @@ mod scenes;
 use command::{assert_fails, history, on, rebond, succeeds};
 use scenes::Drawing;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 const STEEL: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 
@@ -145,7 +144,7 @@ fn a_fault_of_one_rank_ends_all() {
         ("load.pressure = \"exp(x - t)*sqrt(1.25 - x - t)\"", &["load.pressure: "]),
         ("load.pressure = \"t*exp(-sqrt(1.1 - x))\"", &["load.pressure: "]),
         (
-            "obstacle = [{ side = \"below\", height = \"-1 + x + 30*t\" }, { side = \"above\", height = 0.3, at = [1.2, 0.4] }]",
+            "obstacle = [{ side = \"below\", height = \"-1.3 + x + 30*t\" }, { side = \"above\", height = 0.3, at = [1.2, 0.4] }]",
             &["obstacle: at (1.2, 0.4) those below and above leave no room at t = "],
         ),
         (
@@ -169,8 +168,6 @@ fn a_fault_of_one_rank_ends_all() {
     );
     for (number, (more, words)) in cases.into_iter().enumerate() {
         let folder = folder(&format!("fault-{number}"), &format!("{scene}{more}\n"));
-        let clock = Instant::now();
         assert_fails(&on(&folder, 2, &["run", "fall.toml"]), 2, words);
-        assert!(clock.elapsed() < Duration::from_secs(60), "{more}");
     }
 }

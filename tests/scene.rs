@@ -166,7 +166,7 @@ fn every_key_is_read() {
     assert_eq!(scene.supports[1], support("top", SupportKind::SimplySupported));
     let height = Given::constant("obstacle.0.height", -0.1);
     assert_eq!(scene.obstacles[0], Obstacle { side: Side::Below, height, region: Region::All });
-    assert_eq!(scene.plane(Side::Above), Some(0.3333333333333333));
+    assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);
     assert_eq!(scene.time.steps(), 100_000);
     assert_eq!(scene.output.fields, Some(Snapshots { every: 2000, subdivide: 3 }));
@@ -249,7 +249,7 @@ fn overrides_change_add_and_append() {
     assert_eq!(scene.time.steps(), 250_000);
     assert_eq!(scene.time.mass, Mass::Consistent);
     assert_eq!(scene.title, "two words");
-    assert_eq!(scene.plane(Side::Below), Some(-0.2));
+    assert_eq!(scene.obstacles[0].height.number(), Some(-0.2));
     assert_eq!(scene.output.probes[0].name, "tip");
     assert_eq!(scene.output.probes[2].at, [0.5, 0.2]);
     assert_eq!(scene.supports[2], support("right", SupportKind::Guided));

@@ -67,11 +67,4 @@ impl Scene {
     pub fn changes(&self) -> Option<String> {
         self.of_time().find(|given| given.changes()).or(self.motions().next()).map(|given| given.key.clone())
     }
-
-    /// The height of an obstacle that lies under or over the whole plate at rest, if it is the only one on its side.
-    pub fn plane(&self, side: Side) -> Option<f64> {
-        let mut of_side = self.obstacles.iter().filter(|obstacle| obstacle.side == side);
-        let first = of_side.next().filter(|obstacle| obstacle.region == Region::All)?;
-        if of_side.next().is_some() { None } else { first.height.number() }
-    }
 }

@@ -70,6 +70,8 @@ pub struct Newmark<'s, E: Engine> {
     bounds: Bounds,
     admissible: Vec<f64>,
     reaction: Vec<f64>,
+    /// G v_0.
+    arriving: Vec<f64>,
     elastic: f64,
     /// Where anything changes with time.
     varying: Option<Varying>,
@@ -203,6 +205,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
             bounds: system.bounds.clone(),
             admissible: vec![0.0; count],
             reaction: vec![0.0; count],
+            arriving: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
             elastic: 0.0,
             varying,
             shares: None,
@@ -389,7 +392,9 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn approach(&self, bound: usize) -> Approach {
         let dof = self.system.bounds.dofs[bound];
-        Approach { time: self.time(), deflection: self.u[dof], velocity: self.d[dof] / self.parameters.step }
+        // U^0 - U^{-1} is no way that was gone.
+        let velocity = if self.n == 0 { self.arriving[bound] } else { self.d[dof] / self.parameters.step };
+        Approach { time: self.time(), deflection: self.u[dof], velocity }
     }
 
     fn state(&mut self, archive: &mut Archive) -> Result<()> {

@@ -11,7 +11,7 @@ use crate::obstacle::Bounds;
 use crate::scene::{Given, Mass};
 use crate::scheme::System;
 use crate::simulation::body;
-use crate::space::Place;
+use crate::space::{Place, Support};
 use std::rc::Rc;
 
 /// How supports move, and the deflection and slopes that a motion of 1 m makes at each node (three a node of this process).
@@ -31,7 +31,7 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
     let holding = || scene.supports.iter().filter(|support| support.kind.holds_deflection());
     let mut different: Vec<&Given> = Vec::new();
     for motion in motions.iter().flatten() {
-        if different.iter().all(|known| known.value != motion.value) {
+        if !different.iter().any(|known| same(Some(known), Some(motion))) {
             different.push(motion);
         }
     }
@@ -49,18 +49,27 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
         )));
     }
     let places = body::supports(scene, mesh, team)?;
-    let lift = |motion: &Given| {
-        // The plate bends statically from held nodes that move to those that stand still.
-        let mut moved = vec![0.0; mesh.nodes.len()];
-        for ((place, _), _) in
-            places.iter().zip(&motions).filter(|(_, own)| own.is_some_and(|own| own.value == motion.value))
-        {
+    // The nodes that supports of one motion hold, or those that stand still, on whatever process. Collective.
+    let nodes_of = |motion: Option<&Given>| {
+        let mut nodes = vec![0.0; mesh.nodes.len()];
+        let of = |((_, kind), own): &(&(Place, Support), &Option<&Given>)| {
+            kind.holds_deflection() && same(**own, motion)
+        };
+        for ((place, _), _) in places.iter().zip(&motions).filter(of) {
             match place {
-                Place::Edges(edges) => edges.as_flattened().iter().for_each(|&node| moved[node] = 1.0),
-                Place::Nodes(nodes) => nodes.iter().for_each(|&node| moved[node] = 1.0),
+                Place::Edges(edges) => edges.as_flattened().iter().for_each(|&node| nodes[node] = 1.0),
+                Place::Nodes(at) => at.iter().for_each(|&node| nodes[node] = 1.0),
             }
         }
-        let moved = team.spread(&moved)?;
+        team.spread(&nodes)
+    };
+    let mut taken = nodes_of(None)?;
+    let lift = |motion: &Given| {
+        // The plate bends statically from held nodes that move to those that stand still.
+        let moved = nodes_of(Some(motion))?;
+        let torn = (0..taken.len()).find(|&node| moved[node] > 0.0 && taken[node] > 0.0);
+        team.together(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
+        taken.iter_mut().zip(&moved).for_each(|(taken, moved)| *taken += moved);
         let steps: Vec<f64> = moved.iter().flat_map(|&w| [w.min(1.0), 0.0, 0.0]).collect();
         let mut load = statics.forces(&steps)?;
         load.iter_mut().for_each(|f| *f = -*f);
@@ -70,6 +79,16 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
         Ok(Lift { motion: Rc::new(motion.clone()), shape, is_rigid: false })
     };
     different.into_iter().map(lift).collect()
+}
+
+fn same(one: Option<&Given>, other: Option<&Given>) -> bool {
+    one.map(|given| &given.value) == other.map(|given| &given.value)
+}
+
+/// The error of a node that is to move in two ways at once.
+fn tears(motion: &Given, at: Point) -> Error {
+    let wrong = format!("the node at ({}, {}) is also held by a support that moves otherwise", at.x, at.y);
+    Error::Scene(format!("{}: {wrong}; expected them apart, as by where", motion.key))
 }
 
 /// A lift's forces and momenta, on the engine's dofs, for a motion of 1 m.
