@@ -1,6 +1,6 @@
 //! What a scene calls for beyond the plate's own elasticity and inertia: each thing named costs, and what is not named does not.
 
-use super::{Given, Initial, Load, Region, Scene, Scheme, Side};
+use super::{Given, Initial, Load, Scene, Scheme, Side};
 
 impl Scene {
     /// What acts on the plate beyond its own elasticity and inertia, in words.
