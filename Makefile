@@ -41,8 +41,8 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo bench --locked --quiet --bench effects -- --report
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
-	$(call say,tests without default features)
-	@cargo test --release $(NATIVE) --locked
+	$(call say,the command without default features)
+	@cargo test --release $(NATIVE) --locked --test cli --test scene --test energy
 	$(call say,documentation)
 	@RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --locked
 	$(call say,all passed)
