@@ -41,13 +41,13 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo bench --locked --quiet --bench effects -- --report
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
-	$(call say,the command without default features)
-	@cargo test --release $(NATIVE) --locked --test cli --test scene --test energy
 	$(call say,documentation)
 	@RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --locked
 	$(call say,all passed)
 
-test-long: setup ## the tests that take minutes, which make test leaves out
+test-long: setup ## the tests that take minutes, and all without default features, which make test leaves out
+	$(call say,tests without default features)
+	@cargo test --release $(NATIVE) --locked
 	$(call say,long tests)
 	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun --test hard_properties --test hard_fuzz --test hard_long -- --ignored
 

@@ -234,7 +234,7 @@ fn a_tapered_strip() {
     let same = STRIP.replace("thickness = 1", "thickness = \"1 + 0*x\"");
     pushed_strip(&same, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
     // Thickness and density make the mass: 3/4 of it here.
-    let inspection = inspect(&[&plate, &grid("fvs", 4, 1)[..], STILL].concat());
+    let inspection = inspect(&[&plate, &grid("fvs", 4, 2)[..], STILL].concat());
     close("mass", inspection.mass, 0.075, 1e-13);
 }
 
