@@ -139,7 +139,7 @@ impl Space {
     /// The dofs that supports on named edges leave free.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for an edge that the mesh does not have.
+    /// [`Mesh`](crate::Error::Mesh) for an edge that the mesh does not have.
     pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
         Ok(Space::of(&Space::holds(mesh, &Space::on_edges(mesh, supports)?)))
     }
