@@ -49,7 +49,7 @@ test-long: setup ## the tests that take minutes, and all without default feature
 	$(call say,tests without default features)
 	@cargo test --release $(NATIVE) --locked
 	$(call say,long tests)
-	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun --test hard_properties --test hard_fuzz --test hard_long -- --ignored
+	@cargo test --release --locked --tests -- --ignored
 
 stability: setup ## put every method to the hard scenes, as docs/stability.md shows
 	@$(CARGO_RUN) -- stability

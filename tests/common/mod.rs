@@ -1,6 +1,12 @@
-//! What several tests share: seeded random numbers, forms from dense matrices, and a dense Cholesky solver of its own.
+//! What several tests share: seeded random numbers, forms from dense matrices, a dense Cholesky solver of its own; plates, scenes, the
+//! command, ranks.
+#![allow(dead_code, unused_imports)] // Each program uses its part.
 
-#![allow(dead_code)]
+pub mod command;
+pub mod plates;
+#[cfg(feature = "petsc")]
+pub mod ranks;
+pub mod scenes;
 
 use rebond::linalg::{Block, Engine, Form, Native};
 use rebond::scheme::System;

@@ -1,0 +1,227 @@
+//! The command as a user meets it: exit codes, messages, files.
+
+use crate::common::command;
+use crate::common::command::{comparison, rebond, text};
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+const SCENE: &str = r#"
+title = "a short fall"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [4, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.1 }]
+initial = { static_pressure = 14600 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
+output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#;
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("cli-{test}"), SCENE)
+}
+
+/// Asserts an exit code and one line of message, nothing else, with some words.
+fn assert_fails(output: &Output, code: i32, words: &[&str]) {
+    assert_eq!(text(&output.stderr).lines().count(), 1, "{}", text(&output.stderr));
+    command::assert_fails(output, code, words);
+}
+
+#[test]
+fn a_run_writes_history_summary_and_picture() {
+    let folder = folder("run");
+    let output = rebond(&folder, &["run", "fall.toml"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).is_empty(), "no progress line without a terminal");
+    let report = text(&output.stdout);
+    for words in ["a short fall", "contact below", "first impact", "runs/fall"] {
+        assert!(report.contains(words), "no {words:?} in:\n{report}");
+    }
+    let history = std::fs::read_to_string(folder.join("runs/fall/history.csv")).unwrap();
+    assert_eq!(history.lines().count(), 1 + 81);
+    assert!(history.lines().next().unwrap().ends_with(",kkt,corner"));
+    let summary = command::summary(&folder.join("runs/fall"));
+    assert_eq!(summary["status"], "done");
+    assert_eq!(summary["steps"], 800);
+    assert!(summary["first_impact"]["time"].as_f64().unwrap() > 0.05);
+    assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10);
+    let picture = std::fs::read_to_string(folder.join("runs/fall/plots/history.svg")).unwrap();
+    assert!(picture.contains("<svg") && picture.contains("a short fall"));
+}
+
+#[test]
+fn the_same_run_twice_writes_the_same_bytes() {
+    let folder = folder("twice");
+    for out in ["one", "two"] {
+        assert!(rebond(&folder, &["run", "fall.toml", "--quiet", "--out", out]).status.success());
+    }
+    let history = |out: &str| std::fs::read(folder.join(out).join("history.csv")).unwrap();
+    assert_eq!(history("one"), history("two"));
+}
+
+#[test]
+fn quiet_prints_nothing_and_json_prints_json() {
+    let folder = folder("quiet");
+    let output = rebond(&folder, &["run", "fall.toml", "--quiet"]);
+    assert!(output.status.success() && output.stdout.is_empty() && output.stderr.is_empty());
+    let output = rebond(&folder, &["run", "fall.toml", "--json", "--set", "time.end=0.01"]);
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["scene"]["time"]["end"], 0.01);
+    assert_eq!(summary["first_impact"], serde_json::Value::Null);
+}
+
+#[test]
+fn plot_draws_again_what_a_run_left() {
+    let folder = folder("plot");
+    assert!(rebond(&folder, &["run", "fall.toml", "--quiet"]).status.success());
+    let picture = folder.join("runs/fall/plots/history.svg");
+    let first = std::fs::read(&picture).unwrap();
+    std::fs::remove_file(&picture).unwrap();
+    assert!(rebond(&folder, &["plot", "runs/fall"]).status.success());
+    assert_eq!(std::fs::read(&picture).unwrap(), first);
+    assert_fails(&rebond(&folder, &["plot", "nowhere"]), 4, &["nowhere"]);
+}
+
+#[test]
+fn a_bad_scene_exits_2_and_writes_nothing() {
+    let folder = folder("bad");
+    let set = |key: &str| rebond(&folder, &["run", "fall.toml", "--set", key]);
+    assert_fails(&set("plate.thickness=-1"), 2, &["plate.thickness", "greater than 0"]);
+    assert_fails(&set("plate.thicknes=1"), 2, &["thicknes", "thickness"]);
+    assert_fails(&set("support=[]"), 2, &["static_pressure", "nothing holds it"]);
+    if cfg!(not(feature = "petsc")) {
+        assert_fails(&set("solver.engine=petsc"), 2, &["petsc", "native"]);
+    }
+    assert_fails(&set("solver.vi=tao"), 2, &["tao", "condensed"]);
+    assert_fails(
+        &rebond(&folder, &["run", "fall.toml", "--", "-ksp_type", "cg"]),
+        2,
+        &["-ksp_type", "PETSc"],
+    );
+    assert!(!folder.join("runs").exists());
+}
+
+#[test]
+fn compare_puts_solvers_side_by_side() {
+    let folder = folder("compare");
+    let compare = |arguments: &[&str]| rebond(&folder, &[&["compare", "fall.toml"], arguments].concat());
+    let table = text(&compare(&[]).stdout);
+    for words in ["a short fall: 36 dofs, 1 rank", "up to", "impact 1", "native", "impacts at 0.0"] {
+        assert!(table.contains(words), "no {words:?} in:\n{table}");
+    }
+    // What cannot run is a row of its own, and is named at the end.
+    let output = compare(&["--json", "--with", "native,native:snes"]);
+    assert_fails(&output, 3, &["1 of 2", "native:snes", "no \"snes\""]);
+    let value = comparison(&output);
+    let [native, other] = value["entries"].as_array().unwrap().as_slice() else { unreachable!() };
+    assert_eq!((&native["steps"], &native["difference"]), (&800.into(), &0.0.into()));
+    assert_eq!(native["retries"], 0);
+    assert_eq!(
+        native["difference_up_to_impact"].as_array().unwrap().len(),
+        value["impacts"].as_array().unwrap().len()
+    );
+    assert!(native["seconds"]["contact_step"].as_f64().unwrap() > 0.0);
+    assert!(other["failure"].as_str().unwrap().contains("snes"), "{other}");
+    // So is what stops on the way.
+    let stopped = compare(&["--set", "solver.tolerance=1e-18", "--with", "native"]);
+    assert_eq!(stopped.status.code(), Some(3), "the reference itself cannot start");
+    assert!(compare(&["--quiet"]).stdout.is_empty());
+    for wrong in ["abacus", "petsc:condensed:tron", "petsc:tao:tron:twice"] {
+        assert_fails(&compare(&["--with", wrong]), 2, &[wrong, "petsc:snes"]);
+    }
+    assert_fails(&compare(&["--vi", "snes"]), 2, &["--with"]);
+}
+
+#[test]
+fn a_wrong_command_line_exits_2() {
+    let folder = folder("usage");
+    assert_eq!(rebond(&folder, &["fly"]).status.code(), Some(2));
+    assert_eq!(rebond(&folder, &["run"]).status.code(), Some(2));
+    assert!(rebond(&folder, &["--help"]).status.success());
+    assert!(rebond(&folder, &["--version"]).status.success());
+}
+
+#[test]
+fn an_impossible_tolerance_exits_3_and_keeps_what_was_written() {
+    let folder = folder("tolerance");
+    let output = rebond(&folder, &["run", "fall.toml", "--quiet", "--set", "solver.tolerance=1e-18"]);
+    assert_fails(&output, 3, &["KKT", "1.0e-18"]);
+    let output = rebond(
+        &folder,
+        &[
+            "run",
+            "fall.toml",
+            "--quiet",
+            "--set",
+            "solver.tolerance=1e-18",
+            "--set",
+            "initial.static_pressure=0",
+            "--set",
+            "initial.velocity=-3",
+        ],
+    );
+    assert_fails(&output, 3, &["KKT"]);
+    assert!(folder.join("runs/fall/summary.json").exists());
+}
+
+#[test]
+fn what_cannot_be_read_or_written_exits_4() {
+    let folder = folder("files");
+    assert_fails(&rebond(&folder, &["run", "no.toml"]), 4, &["no.toml"]);
+    let output = rebond(&folder, &["run", "fall.toml", "--quiet", "--out", "fall.toml/run"]);
+    assert_fails(&output, 4, &["fall.toml"]);
+}
+
+#[test]
+fn the_guard_exits_5_and_keeps_what_was_written() {
+    let folder = folder("guard");
+    let output = rebond(
+        &folder,
+        &[
+            "run",
+            "fall.toml",
+            "--quiet",
+            "--set",
+            "solver.energy_guard=1.0001",
+            "--set",
+            "time.restitution=1",
+            "--set",
+            "time.step=1e-3",
+        ],
+    );
+    assert_fails(&output, 5, &["energy", "1.0001"]);
+    let summary = std::fs::read_to_string(folder.join("runs/fall/summary.json")).unwrap();
+    assert!(summary.contains("past the guard"), "{summary}");
+    assert!(std::fs::read_to_string(folder.join("runs/fall/history.csv")).unwrap().lines().count() > 2);
+}
+
+#[test]
+fn a_closed_pipe_is_no_panic() {
+    let folder = folder("pipe");
+    let shell = format!("{} check fall.toml | true", env!("CARGO_BIN_EXE_rebond"));
+    let output = Command::new("sh").current_dir(&folder).args(["-c", &shell]).output().unwrap();
+    assert!(!text(&output.stderr).contains("panicked"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn the_exact_scheme_lists_its_events() {
+    let folder = folder("exact");
+    let output = rebond(&folder, &["run", "fall.toml", "--set", "time.scheme=exact", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("active sets"));
+    let events = std::fs::read_to_string(folder.join("out/events.csv")).unwrap();
+    let mut rows = events.lines();
+    assert_eq!(rows.next(), Some("time,node,x,y,kind,velocity,reaction"));
+    let summary: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("out/summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["events"].as_u64(), Some(rows.clone().count() as u64));
+    assert!(summary["active_sets"].as_u64() > Some(1) && summary["cached_bytes"].as_u64() > Some(0));
+    let first: Vec<&str> = rows.next().unwrap().split(',').collect();
+    assert_eq!(first[0].parse::<f64>().ok(), summary["first_impact"]["time"].as_f64());
+    assert_eq!(first[4], "closes");
+    assert_eq!(first[5].parse::<f64>().ok(), summary["first_impact"]["velocity"].as_f64());
+    // A run that follows no events leaves none of an earlier one.
+    let output = rebond(&folder, &["run", "fall.toml", "--out", "out"]);
+    assert!(output.status.success() && !folder.join("out/events.csv").exists());
+    let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
+    assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
+}

@@ -1,0 +1,371 @@
+//! The scenes of `scenes/gallery`, run as a user runs them: each gives the number that theory gives it.
+
+use crate::common::command;
+use crate::common::command::{rebond, succeeds};
+use serde_json::Value;
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+
+const GALLERY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery");
+const G: f64 = 9.81;
+
+/// What a run left.
+struct Run {
+    summary: Value,
+    names: Vec<String>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Run {
+    fn read(folder: &Path) -> Run {
+        let text = std::fs::read_to_string(folder.join("history.csv")).unwrap();
+        let names = text.lines().next().unwrap().split(',').map(str::to_owned).collect();
+        Run { summary: command::summary(folder), names, rows: command::history(folder) }
+    }
+
+    fn column(&self, name: &str) -> Vec<f64> {
+        let index = self.names.iter().position(|other| other == name).unwrap();
+        self.rows.iter().map(|row| row[index]).collect()
+    }
+
+    /// Instants and values of a column.
+    fn curve(&self, name: &str) -> Vec<(f64, f64)> {
+        self.column("time").into_iter().zip(self.column(name)).collect()
+    }
+
+    /// A value at an instant that has a row.
+    fn at(&self, time: f64, name: &str) -> f64 {
+        let near = |(t, value): (f64, f64)| ((t - time).abs() < 1e-9).then_some(value);
+        self.curve(name).into_iter().find_map(near).unwrap()
+    }
+
+    /// Time and velocity of the first impact.
+    fn first_impact(&self) -> [f64; 2] {
+        let impact = &self.summary["first_impact"];
+        ["time", "velocity"].map(|name| impact[name].as_f64().unwrap())
+    }
+}
+
+fn scene(name: &str) -> String {
+    format!("{GALLERY}/{name}.toml")
+}
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("gallery-{test}"), "")
+}
+
+/// Runs a scene of the gallery with some settings.
+fn run(name: &str, settings: &[&str]) -> Run {
+    let test = [&[name], settings].concat().join("-").replace(|c: char| !c.is_ascii_alphanumeric(), "_");
+    let folder = folder(&test);
+    let set: Vec<String> = settings.iter().map(|setting| format!("--set={setting}")).collect();
+    let scene = scene(name);
+    let mut arguments = vec!["run", &scene, "--quiet", "--out", "out"];
+    arguments.extend(set.iter().map(String::as_str));
+    succeeds(&rebond(&folder, &arguments));
+    Run::read(&folder.join("out"))
+}
+
+#[track_caller]
+fn assert_near(value: f64, expected: f64, part: f64) {
+    assert!((value / expected - 1.0).abs() <= part, "{value} is not {expected} to {part}");
+}
+
+/// The modes of a cantilever, scaled to a mean square of 1: the numbers beta L, and the frequencies in rad/s.
+struct Cantilever {
+    length: f64,
+    modes: Vec<(f64, f64)>,
+}
+
+impl Cantilever {
+    /// `wave` is sqrt(E I / (rho A)), in m2/s.
+    fn new(length: f64, wave: f64) -> Cantilever {
+        let roots =
+            [1.875_104_068_711_961, 4.694_091_132_974_175, 7.854_757_438_237_613, 10.995_540_734_875_467];
+        Cantilever { length, modes: roots.map(|root| (root, (root / length).powi(2) * wave)).to_vec() }
+    }
+
+    /// A mode at a share of the length.
+    fn shape(root: f64, share: f64) -> f64 {
+        let sigma = (root.cosh() + root.cos()) / (root.sinh() + root.sin());
+        let z = root * share;
+        z.cosh() - z.cos() - sigma * (z.sinh() - z.sin())
+    }
+
+    /// The integral of a mode over a part of the beam, over its length.
+    fn share(&self, root: f64, from: f64, to: f64) -> f64 {
+        let parts = 2000;
+        let h = (to - from) / f64::from(parts);
+        let at = |i: i32| Self::shape(root, (from + (f64::from(i) + 0.5) * h) / self.length);
+        (0..parts).map(at).sum::<f64>() * h / self.length
+    }
+
+    /// The tip's deflection after each step under accelerations a(t) of the part between two places, from rest, damped by
+    /// mass: the central difference scheme, mode by mode.
+    fn tip(&self, step: f64, steps: usize, damping: f64, part: [f64; 2], a: impl Fn(f64) -> f64) -> Vec<f64> {
+        let mut tip = vec![0.0; steps];
+        for &(root, omega) in &self.modes {
+            let (share, end) = (self.share(root, part[0], part[1]), Self::shape(root, 1.0));
+            let (mut last, mut q) = (0.0, 0.0);
+            for (i, tip) in tip.iter_mut().enumerate() {
+                let force = share * a(i as f64 * step) - omega * omega * q;
+                let next = (step * step * force + 2.0 * q - last * (1.0 - 0.5 * damping * step))
+                    / (1.0 + 0.5 * damping * step);
+                (last, q) = (q, next);
+                *tip += end * q;
+            }
+        }
+        tip
+    }
+}
+
+/// Time and velocity where a curve first passes a height.
+fn passes(curve: &[f64], step: f64, is_past: impl Fn(f64) -> bool) -> [f64; 2] {
+    let i = curve.iter().position(|&w| is_past(w)).unwrap();
+    [i as f64 * step, (curve[i] - curve[i - 1]) / step]
+}
+
+#[test]
+fn every_scene_is_told_and_pinned() {
+    let pinned =
+        ["ball", "chaos", "disc", "plywood", "rattle", "reed", "stack", "strip", "struck", "vibrating"];
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(GALLERY).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+            let text = std::fs::read_to_string(&path).unwrap();
+            assert!(text.starts_with("# "), "{name} has no story");
+            assert!(
+                text.contains(&format!("rebond run scenes/gallery/{name}.toml")),
+                "{name} has no command"
+            );
+            succeeds(&rebond(&folder(&format!("check-{name}")), &["check", &scene(&name)]));
+            found.push(name);
+        }
+    }
+    found.sort();
+    assert_eq!(found, pinned);
+}
+
+#[test]
+fn a_vibrating_beam_meets_its_stop_when_its_modes_say() {
+    // Seen from the support, which starts at once at the velocity a W, each mode starts at rest minus that.
+    let (amplitude, drive) = (2e-3, 2.0 * PI * 5.832);
+    let beam = Cantilever::new(1.2, 0.01 * (210e9_f64 / (12.0 * 7770.0)).sqrt());
+    let shares: Vec<f64> = beam.modes.iter().map(|&(root, _)| beam.share(root, 0.0, 1.2)).collect();
+    let tip = |t: f64| {
+        let mode = |(&(root, omega), share): (&(f64, f64), &f64)| {
+            let part = share * amplitude * drive;
+            let forced = part * drive / (omega * omega - drive * drive);
+            let free = forced * drive / omega + part / omega;
+            Cantilever::shape(root, 1.0) * (forced * (drive * t).sin() - free * (omega * t).sin())
+        };
+        amplitude * (drive * t).sin() + beam.modes.iter().zip(&shares).map(mode).sum::<f64>()
+    };
+    let curve: Vec<f64> = (0..50_000).map(|i| tip(f64::from(i) * 1e-5)).collect();
+    let [time, velocity] = passes(&curve, 1e-5, |w| w.abs() >= 0.022);
+
+    let [first, speed] = run("vibrating", &["time.end=0.45"]).first_impact();
+    assert!((first - time).abs() < 1e-3, "{first} s is not {time} s");
+    assert_near(speed, velocity, 0.05);
+}
+
+#[test]
+fn a_ball_slows_down_as_on_an_infinite_plate() {
+    let run = run("ball", &["time.end=5e-4"]);
+    let stiffness = 210e9 * 4e-3_f64.powi(3) / (12.0 * (1.0 - 0.3 * 0.3));
+    let tau = 0.5 / (8.0 * (stiffness * 7800.0 * 4e-3).sqrt());
+    // It touches after 0.1 ms.
+    let sunk = -0.626 * tau * (1.0 - (-4e-4 / tau).exp());
+    let [time, velocity] = run.first_impact();
+    assert!((time - 1e-4).abs() < 1e-7 && (velocity + 0.626).abs() < 1e-6, "{time} s, {velocity} m/s");
+    assert_near(run.at(5e-4, "centre"), sunk, 0.02);
+    assert_near(run.at(5e-4, "contact_force"), 0.626 * 0.5 / tau * (-4e-4 / tau).exp(), 0.05);
+}
+
+#[test]
+fn a_disc_rests_on_its_ball_with_the_force_of_theory() {
+    let stiffness = 210e9 * 2e-3_f64.powi(3) / (12.0 * (1.0 - 0.3 * 0.3));
+    let free = 8000.0 * 0.2_f64.powi(4) / (64.0 * stiffness);
+    let force = 16.0 * PI * stiffness * (free - 5e-4) / 0.2_f64.powi(2);
+    assert_near(run("disc", &["time.end=1e-3"]).at(0.0, "contact_force"), force, 0.01);
+}
+
+#[test]
+fn a_loose_cover_takes_off_where_gravity_no_longer_holds_it() {
+    let (a, w) = (4e-3, 2.0 * PI * 10.0);
+    let floor = |t: f64| a * (1.0 - (w * t).cos());
+    let off = (-G / (a * w * w)).acos() / w;
+    let flight = |t: f64| {
+        let t = t - off;
+        floor(off) + a * w * (w * off).sin() * t - 0.5 * G * t * t
+    };
+    let landing = (1..).map(|i| off + 1e-5 * f64::from(i)).find(|&t| t > off + 0.01 && flight(t) <= floor(t));
+
+    // The cover is no rigid body: it leaves and lands some milliseconds late, one side after the other.
+    let contacts = run("rattle", &["time.end=0.12"]).summary["contacts"].clone();
+    let end = |contact: usize, end: usize| contacts[contact][end].as_f64().unwrap();
+    assert!((end(0, 1) - off).abs() < 3e-3, "leaves at {} s, not {off} s", end(0, 1));
+    let landing = landing.unwrap();
+    assert!((end(1, 0) - landing).abs() < 5e-3, "lands at {} s, not {landing} s", end(1, 0));
+}
+
+#[test]
+fn a_stroke_at_a_corner_meets_a_seventh_of_the_mass() {
+    let (mass, omega, duration) = (2400.0 * 0.05 * 0.36, (5e6_f64 / (2400.0 * 0.05)).sqrt(), 0.01);
+    // The Fourier transform of half a sine of 1 kN.
+    let rate = PI / duration;
+    let transform = 1000.0 * rate * 2.0 * (0.5 * omega * duration).cos() / (rate * rate - omega * omega);
+    let run = run("struck", &["time.end=0.03"]);
+    assert_near(run.at(0.03, "work"), 3.5 * transform * transform / mass, 0.02);
+}
+
+#[test]
+fn a_machine_on_springs_meets_its_stops_as_a_rigid_body() {
+    let (mass, stiffness) = (40.0 + 0.8 * 0.6 * 0.02 * 2700.0, 8e4_f64);
+    let (sag, omega) = (mass * G / stiffness, (stiffness / mass).sqrt());
+    let phase = (1.0 - 0.015 / sag).acos();
+    let run = run("stack", &["time.end=0.3"]);
+    let [time, velocity] = run.first_impact();
+    assert_near(time, phase / omega, 0.02);
+    assert_near(velocity, -sag * omega * phase.sin(), 0.05);
+    assert!(run.summary["contact_steps"].as_u64().unwrap() > 100);
+    let most = run.column("elastic").into_iter().fold(0.0, f64::max);
+    assert!(run.column("energy").into_iter().all(|energy| energy.abs() < 1e-9 * most));
+}
+
+#[test]
+fn a_strip_bounces_as_one_with_half_its_period() {
+    let omega = PI * PI * 2e-3 * (210e9_f64 / (12.0 * 7800.0)).sqrt();
+    for (t, w) in run("strip", &[]).curve("middle") {
+        let exact = 1e-2 * (omega * t).cos().abs();
+        assert!((w - exact).abs() < 2e-4, "{t} s: {w} m, not {exact} m");
+    }
+}
+
+#[test]
+fn plywood_rings_and_dies_away() {
+    let output = succeeds(&rebond(&folder("plywood-inspect"), &["inspect", &scene("plywood"), "--json"]));
+    let inspection: Value = serde_json::from_str(&output).unwrap();
+    let (h, nu) = (0.012_f64, 0.1);
+    let plate = h.powi(3) / (12.0 * (1.0 - nu * nu * 0.4));
+    let [d1, d2, d66] = [10e9 * plate, 4e9 * plate, 0.7e9 * h.powi(3) / 12.0];
+    let exact = |m: f64, n: f64| {
+        let (x, y) = (m / 1.2, n / 0.8);
+        let sum = d1 * x.powi(4) + 2.0 * (nu * d2 + 2.0 * d66) * (x * y).powi(2) + d2 * y.powi(4);
+        0.5 * PI * (sum / (600.0 * h)).sqrt()
+    };
+    for (i, (m, n)) in [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0)].into_iter().enumerate() {
+        let found = inspection["consistent"]["lowest"][i].as_f64().unwrap();
+        assert!((1.0..1.01).contains(&(found / exact(m, n))), "{found} Hz, not {} Hz", exact(m, n));
+    }
+    let energies = run("plywood", &[]).column("energy");
+    let left = energies.last().unwrap() / energies[0];
+    assert_near(left.ln(), -5.0 * 0.5, 0.03);
+}
+
+#[test]
+fn a_reed_meets_its_stop_as_a_beam_does() {
+    let beam = Cantilever::new(0.03, 3e-4 * (210e9_f64 / (12.0 * 7700.0)).sqrt());
+    let pressure = |t: f64| 4e4 * (100.0 * PI * t).sin() - 2e3;
+    // Until the pressure turns, the seat holds the reed.
+    let a = |t: f64| pressure(t).max(0.0) / (7700.0 * 3e-4);
+    let tip = beam.tip(1e-7, 20_000, 50.0, [0.018, 0.027], a);
+    let [time, velocity] = passes(&tip, 1e-7, |w| w >= 1.5e-3);
+    let short = run("reed", &["time.end=2e-3", "output.every=1"]);
+    let curve = short.curve("tip");
+    let i = curve.iter().position(|(_, w)| *w >= 1.5e-3).unwrap();
+    assert_near(curve[i].0, time, 0.03);
+    let speed = (curve[i - 1].1 - curve[i - 11].1) / (curve[i - 1].0 - curve[i - 11].0);
+    assert_near(speed, velocity, 0.05);
+}
+
+#[test]
+fn a_reed_closes_alike_with_two_schemes() {
+    let closes = |settings: &[&str]| {
+        let contacts = run("reed", &[settings, &["time.end=0.011"]].concat()).summary["contacts"].clone();
+        let mut begins = contacts.as_array().unwrap().iter().map(|contact| contact[0].as_f64().unwrap());
+        begins.find(|&begin| begin > 9e-3).unwrap()
+    };
+    let [newmark, conserving] = [closes(&[]), closes(&["time.scheme=conserving"])];
+    assert_near(conserving, newmark, 0.01);
+}
+
+#[test]
+fn a_driven_cantilever_grazes_its_walls_where_its_modes_say() {
+    let beam = Cantilever::new(0.2, 1e-3 * (210e9_f64 / (12.0 * 7800.0)).sqrt());
+    let drive = 2.0 * PI * 40.0;
+    let (mut re, mut im) = (0.0, 0.0);
+    for &(root, omega) in &beam.modes {
+        let force = beam.share(root, 0.0, 0.2) * Cantilever::shape(root, 1.0) / (7800.0 * 1e-3);
+        let (stiff, damped) = (omega * omega - drive * drive, drive * (8.0 + 1e-5 * omega * omega));
+        let size = stiff * stiff + damped * damped;
+        re += force * stiff / size;
+        im -= force * damped / size;
+    }
+    let grazing = 1e-3 / f64::hypot(re, im);
+    // Slowly driven up, so that no start makes it touch.
+    let touches = |pressure: f64| {
+        let load = format!("load.pressure=\"{pressure}*min(1, t)*sin(2*pi*40*t)\"");
+        let run = run("chaos", &[&load, "time.end=2.5"]);
+        run.summary["contact_steps"].as_u64().unwrap() > 0
+    };
+    assert!(!touches(0.96 * grazing), "touches below {grazing} Pa");
+    assert!(touches(1.04 * grazing), "does not touch above {grazing} Pa");
+}
+
+#[test]
+fn all_commands_take_meshes_from_files_and_balls() {
+    let folder = folder("commands");
+    for (name, settings, rigid) in [
+        ("rattle", ["time.end=0.02", "output.fields_every=100"], 3),
+        ("ball", ["time.end=4e-4", "mesh.cells=[8, 8]"], 1),
+    ] {
+        let scene = scene(name);
+        let [one, other] = settings.map(|setting| format!("--set={setting}"));
+        let call = |command: &str, more: &[&str]| {
+            succeeds(&rebond(&folder, &[&[command, &scene, &one, &other], more].concat()))
+        };
+        let inspection: Value = serde_json::from_str(&call("inspect", &["--json"])).unwrap();
+        let lowest = inspection["singular"]["lowest"].as_array().unwrap();
+        assert_eq!(lowest.iter().filter(|f| **f == 0.0).count(), rigid, "{name}: {lowest:?}");
+        let comparison: Value =
+            serde_json::from_str(&call("compare", &["--with", "native", "--json"])).unwrap();
+        assert_eq!(comparison["entries"][0]["difference"], 0.0, "{name}: {comparison}");
+        call("run", &["--quiet", "--out", name]);
+        let said = succeeds(&rebond(&folder, &["plot", name]));
+        for picture in ["history", "contacts", "snapshots"] {
+            assert!(said.contains(picture), "{name}: {said}");
+            assert!(folder.join(name).join("plots").join(picture).with_extension("svg").exists());
+        }
+    }
+}
+
+/// Every row's deflections alike, to a part of the largest.
+#[cfg(feature = "petsc")]
+fn same_on_two_ranks(name: &str, settings: &[&str]) {
+    let native = run(name, settings);
+    let folder = folder(&format!("petsc-{name}"));
+    let set: Vec<String> = settings.iter().map(|setting| format!("--set={setting}")).collect();
+    let scene = scene(name);
+    let mut arguments = vec!["run", &scene, "--quiet", "--out", "out"];
+    arguments.extend(set.iter().map(String::as_str));
+    succeeds(&command::on(&folder, 2, &arguments));
+    let petsc = Run::read(&folder.join("out"));
+    assert_eq!((petsc.rows.len(), &petsc.names), (native.rows.len(), &native.names));
+    let largest = native.rows.iter().flat_map(|row| &row[10..]).fold(0.0, |most: f64, w| most.max(w.abs()));
+    for (a, b) in native.rows.iter().zip(&petsc.rows) {
+        for (a, b) in a[10..].iter().zip(&b[10..]) {
+            assert!((a - b).abs() <= 1e-7 * largest, "{name}: {a} or {b} m");
+        }
+    }
+}
+
+#[test]
+#[cfg(feature = "petsc")]
+fn scenes_move_the_same_on_two_ranks() {
+    same_on_two_ranks("rattle", &["time.end=4e-3"]);
+    same_on_two_ranks("struck", &["time.end=5e-3"]);
+    same_on_two_ranks("ball", &["time.end=2e-4", "mesh.cells=[12, 12]"]);
+}

@@ -1,0 +1,108 @@
+//! What is said of a scene before it runs.
+
+use crate::common::plates::close;
+use rebond::scene::Scene;
+use rebond::study::{self, Frequencies, advised_step};
+
+fn scene(figure: u32, overrides: &[&str]) -> Scene {
+    let path = format!("{}/scenes/csma2013/fig{figure}.toml", env!("CARGO_MANIFEST_DIR"));
+    Scene::load(path, &overrides.iter().map(|o| o.to_string()).collect::<Vec<_>>()).unwrap()
+}
+
+/// Figure 4: quadrilaterals, Newmark with e = 0 and the singular mass.
+#[test]
+fn the_plate_of_the_paper() {
+    let inspection = study::inspect(&scene(4, &[])).unwrap();
+    let sizes = [inspection.nodes, inspection.cells, inspection.dofs, inspection.bounded_dofs];
+    assert_eq!(sizes, [55, 40, 150, 50]);
+    close("mass", inspection.mass, 37.296, 1e-13);
+    close("mass of the plate", inspection.plate_mass, 37.296, 1e-13);
+    close("E_0", inspection.initial_energy.unwrap(), 289.36622567, 1e-9);
+    assert_eq!(inspection.deflections[0].probe, "corner");
+    close("corner", inspection.deflections[0].start.unwrap(), 0.2076308761, 1e-9);
+    assert_eq!(inspection.deflections[0].loaded, None);
+    assert_eq!(inspection.singular.lowest.len(), 6);
+    close("f1, singular", inspection.singular.lowest[0], 5.965529775, 1e-9);
+    close("f1, consistent", inspection.consistent.lowest[0], 5.953822665, 1e-9);
+    close("highest, singular", inspection.singular.highest.unwrap(), 9142.18, 1e-6);
+    close("inf-sup", inspection.inf_sup.raw.unwrap(), 5.6393574385e-3, 1e-8);
+    // The paper's own step.
+    assert_eq!(inspection.advised_step, Some(5e-6));
+    assert!(inspection.warnings.is_empty() && inspection.mechanism.is_none());
+
+    let report = inspection.to_string();
+    assert!(
+        report.lines().any(|line| line.split_whitespace().eq(["initial", "energy", "289.37", "J"])),
+        "{report}"
+    );
+    let json = serde_json::to_value(&inspection).unwrap();
+    assert_eq!(json["inf_sup"]["raw"], inspection.inf_sup.raw.unwrap());
+}
+
+#[test]
+fn a_constant_load_has_its_own_equilibrium() {
+    let inspection = study::inspect(&scene(4, &["load.pressure=7300", "obstacle=[]"])).unwrap();
+    let corner = &inspection.deflections[0];
+    close("half the pressure", corner.loaded.unwrap(), 0.5 * corner.start.unwrap(), 1e-12);
+    // Elastic energy E, less the work of half the load that made it: E - E.
+    assert!(inspection.initial_energy.unwrap().abs() < 1e-9);
+}
+
+#[test]
+fn a_mechanism_is_named_and_has_no_statics() {
+    let inspection = study::inspect(&scene(4, &["support=[]"])).unwrap();
+    assert_eq!(inspection.mechanism, Some("nothing holds it"));
+    assert_eq!((inspection.initial_energy, inspection.deflections[0].start), (None, None));
+    assert_eq!(inspection.consistent.lowest[..3], [0.0; 3]);
+    assert_eq!(inspection.singular.lowest[..3], [0.0; 3]);
+    assert_eq!(inspection.inf_sup.energy, None);
+    assert!(inspection.warnings[0].contains("nothing holds it"), "{:?}", inspection.warnings);
+}
+
+#[test]
+fn warnings_say_what_will_go_wrong() {
+    let said = |figure, overrides: &[&str], words: &str| {
+        let warnings = study::inspect(&scene(figure, overrides)).unwrap().warnings;
+        assert!(warnings.iter().any(|warning| warning.contains(words)), "{words}: {warnings:?}");
+    };
+    said(4, &["time.step=1e-3"], "5e-6 s is advised");
+    said(4, &["time.mass=\"consistent\""], "does not vanish with the step");
+    said(6, &["time.mass=\"consistent\""], "unstable");
+    // One free node for eight triangles, clamped all round.
+    let clamped = r#"support=[{edge="left",kind="clamped"},{edge="right",kind="clamped"},{edge="top",kind="clamped"},{edge="bottom",kind="clamped"}]"#;
+    said(3, &["mesh.cells=[2,2]", clamped], "inf-sup condition fails");
+}
+
+#[test]
+fn a_check_resolves_the_scene_and_tells_its_cost() {
+    let scene = scene(3, &[]);
+    let check = study::check(&scene).unwrap();
+    assert_eq!(Scene::from_str(&check.scene, "resolved", &[]).unwrap(), scene);
+    assert_eq!(check.effects, scene.effects());
+    assert_eq!((check.dofs, check.steps, check.step), (150, 100_000, 5e-6));
+    assert_eq!(check.frequencies.lowest.len(), 3);
+    close("f1", check.frequencies.lowest[0], 5.977992778, 1e-9);
+    assert!(check.factor_entries >= 150 && check.memory > 8 * check.factor_entries);
+    assert!(check.expected_seconds >= 1e5 * check.seconds_per_step && check.seconds_per_step > 0.0);
+    assert_eq!(check.advised_step, Some(5e-7));
+    let text = check.to_string();
+    assert!(text.starts_with(&check.scene) && text.contains("expected time"), "{text}");
+}
+
+/// A run that could not start fails its check.
+#[test]
+fn a_check_refuses_what_a_run_would() {
+    let error = study::check(&scene(4, &["support=[]"])).unwrap_err();
+    assert!(error.to_string().contains("mechanism"), "{error}");
+}
+
+#[test]
+fn advised_steps_are_round_and_bounded() {
+    let advise =
+        |highest, obstacles| advised_step(&Frequencies { lowest: vec![0.0, 5.0, 40.0], highest }, obstacles);
+    assert_eq!(advise(Some(9142.0), true), Some(5e-6));
+    assert_eq!(advise(Some(50.0), true), Some(1e-3));
+    assert_eq!(advise(Some(1e9), true), Some(2e-7));
+    assert_eq!(advise(None, true), None);
+    assert_eq!(advise(Some(9142.0), false), Some(1e-3));
+}

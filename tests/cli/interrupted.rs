@@ -1,0 +1,380 @@
+//! Whatever stops a run, nothing is lost: it goes on to the files that it would have written undisturbed, byte for byte.
+
+use crate::common::Random;
+use crate::common::command;
+use crate::common::command::{assert_fails, rebond, succeeds, summary, text};
+use rebond::output::checkpoint::Checkpoint;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// A plate that chatters on an obstacle, with all that a run can write.
+const FALL: &str = r#"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [4, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.01 }]
+initial = { static_pressure = 3000, velocity = -0.5 }
+time = { scheme = "newmark", mass = "singular", step = 1e-5, end = 0.2 }
+output = { every = 3, fields_every = 2000, checkpoint_every = 700, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#;
+
+const EXACT: [&str; 4] = ["--set", "time.scheme=exact", "--set", "time.step=2e-5"];
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("interrupted-{test}"), FALL)
+}
+
+/// Starts the command.
+fn start(folder: &Path, arguments: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_rebond"))
+        .args(arguments)
+        .arg("--quiet")
+        .current_dir(folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Runs the scene to its end, undisturbed, into `whole`.
+fn whole(folder: &Path, overrides: &[&str]) {
+    let run = ["run", "fall.toml", "--quiet", "--out", "whole"];
+    succeeds(&rebond(folder, &[&run[..], overrides].concat()));
+}
+
+/// Names and bytes of all that a run leaves, except pictures, and its summary without what time it took.
+fn results(run: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    for part in [run, &run.join("fields")] {
+        for entry in fs::read_dir(part).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.strip_prefix(run).unwrap().to_str().unwrap().to_owned();
+            if path.is_file() && name != "summary.json" {
+                found.push((name, fs::read(&path).unwrap()));
+            }
+        }
+    }
+    let mut summary = summary(run);
+    summary.as_object_mut().unwrap().remove("seconds");
+    found.push(("summary.json".into(), summary.to_string().into()));
+    found.sort();
+    found
+}
+
+fn assert_same(folder: &Path, run: &str) {
+    let (whole, resumed) = (results(&folder.join("whole")), results(&folder.join(run)));
+    assert!(whole.len() > 4);
+    let names = |of: &[(String, Vec<u8>)]| of.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&whole), names(&resumed));
+    for ((name, one), (_, other)) in whole.iter().zip(&resumed) {
+        assert!(one == other, "{name} is not the same");
+    }
+}
+
+fn has_checkpoint(run: &Path) -> bool {
+    !checkpoints(run).is_empty()
+}
+
+/// Kills a run again and again, at random moments, and goes on from what is there.
+fn survives_kills(test: &str, overrides: &[&str], kills: usize) {
+    let folder = folder(test);
+    let clock = Instant::now();
+    whole(&folder, overrides);
+    let length = clock.elapsed();
+    let run = [&["run", "fall.toml", "--overwrite", "--out", "killed"], overrides].concat();
+    let resume = ["resume", "killed"];
+    let mut random = Random::new(kills as u64);
+    let (mut killed, mut resumed) = (0, 0);
+    loop {
+        let goes_on = has_checkpoint(&folder.join("killed"));
+        resumed += usize::from(goes_on);
+        let mut job = start(&folder, if goes_on { &resume } else { &run });
+        if killed < kills {
+            std::thread::sleep(length.mul_f64(0.5 * random.unit()));
+            job.kill().unwrap();
+        }
+        let status = job.wait().unwrap();
+        killed += usize::from(!status.success());
+        if status.success() {
+            assert_same(&folder, "killed");
+            if killed >= kills {
+                break;
+            }
+        } else {
+            assert!(status.code().is_none(), "{status}: {}", text(&job.wait_with_output().unwrap().stderr));
+        }
+    }
+    assert!(2 * resumed > kills, "{resumed} of {killed}");
+}
+
+#[test]
+fn a_run_survives_twenty_kills() {
+    survives_kills("kills", &[], 20);
+}
+
+#[test]
+#[ignore = "minutes"]
+fn runs_of_every_scheme_survive_two_hundred_kills() {
+    for scheme in ["newmark", "midpoint", "conserving"] {
+        survives_kills(&format!("kills-{scheme}"), &["--set", &format!("time.scheme={scheme}")], 200);
+    }
+    survives_kills("kills-exact", &EXACT, 200);
+}
+
+/// Sends a signal with the shell's own kill: a bare system has no other.
+fn send(signal: &str, job: &Child) {
+    let kill = format!("kill -{signal} {}", job.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+/// Starts a run, sends a signal once it writes, and waits for it to end.
+fn signalled(folder: &Path, signal: &str, arguments: &[&str]) -> (ExitStatus, String) {
+    let mut job = start(folder, arguments);
+    let clock = Instant::now();
+    while !folder.join("run/history.csv").exists() {
+        assert!(clock.elapsed() < Duration::from_secs(60) && job.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    send(signal, &job);
+    let output = job.wait_with_output().unwrap();
+    (output.status, text(&output.stderr))
+}
+
+#[test]
+fn a_signal_finishes_the_step_and_leaves_a_checkpoint() {
+    for (signal, overrides) in [("INT", &[][..]), ("TERM", &EXACT)] {
+        let folder = folder(&format!("signal-{signal}"));
+        whole(&folder, overrides);
+        // Without periodic ones too.
+        let run = ["run", "fall.toml", "--out", "run", "--set", "output.checkpoint_every=100000000"];
+        let (status, said) = signalled(&folder, signal, &[&run[..], overrides].concat());
+        assert_eq!(status.code(), Some(130), "{said}");
+        assert!(said.starts_with("rebond: interrupted at step ") && said.lines().count() == 1, "{said}");
+        let before = summary(&folder.join("run"));
+        assert!(before["status"].as_str().unwrap().starts_with("interrupted at step"), "{before}");
+        assert!(
+            before["steps"].as_u64().unwrap() < summary(&folder.join("whole"))["steps"].as_u64().unwrap()
+        );
+        succeeds(&rebond(&folder, &["resume", "run", "--quiet"]));
+        assert_eq!(summary(&folder.join("run"))["status"], "done");
+        let files = ["history.csv", "contacts.csv", "fields.pvd"];
+        for file in files.iter().chain(if overrides.is_empty() { &[][..] } else { &["events.csv"] }) {
+            let read = |run: &str| fs::read(folder.join(run).join(file)).unwrap();
+            assert!(read("whole") == read("run"), "{file} is not the same");
+        }
+        assert!(!has_checkpoint(&folder.join("run")));
+    }
+}
+
+/// Runs until it is killed after a few checkpoints; the folder of the run.
+fn unfinished(folder: &Path) -> PathBuf {
+    let run = folder.join("run");
+    let mut job = start(folder, &["run", "fall.toml", "--out", "run", "--set", "time.end=1000"]);
+    let clock = Instant::now();
+    while !run.join("checkpoint-000000001400.bin").exists() {
+        assert!(clock.elapsed() < Duration::from_secs(60) && job.try_wait().unwrap().is_none());
+    }
+    job.kill().unwrap();
+    job.wait().unwrap();
+    run
+}
+
+/// Paths of the checkpoints of a run, the newest first.
+fn checkpoints(run: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(run).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut found: Vec<PathBuf> =
+        entries.filter(|path| path.extension().is_some_and(|extension| extension == "bin")).collect();
+    found.sort();
+    found.reverse();
+    found
+}
+
+#[test]
+fn damage_is_never_taken_for_a_checkpoint() {
+    let folder = folder("damage");
+    let run = unfinished(&folder);
+    let [newest, before] = &checkpoints(&run)[..] else { unreachable!("two are kept") };
+    let bytes = fs::read(before).unwrap();
+    let content = bytes.len() - 4;
+    assert!(bytes.starts_with(b"rebond checkpoint, format ") && Checkpoint::from_bytes(&bytes).is_ok());
+    for i in 0..bytes.len() {
+        assert!(Checkpoint::from_bytes(&bytes[..i]).is_err(), "cut at {i}");
+        for mask in [1 << (i % 8), 0xff] {
+            let mut flipped = bytes.clone();
+            flipped[i] ^= mask;
+            assert!(Checkpoint::from_bytes(&flipped).is_err(), "byte {i}");
+            // Even bytes that someone has signed are read without a panic.
+            let sum = crc32fast::hash(&flipped[..content]);
+            flipped[content..].copy_from_slice(&sum.to_le_bytes());
+            let _ = Checkpoint::from_bytes(&flipped);
+        }
+    }
+    let mut longer = bytes.clone();
+    longer.push(0);
+    assert!(Checkpoint::from_bytes(&longer).is_err());
+
+    // The one before serves.
+    fs::write(newest, &bytes[..bytes.len() / 2]).unwrap();
+    let (read, damaged) = Checkpoint::newest(&run).unwrap();
+    assert_eq!((read, damaged.len()), (Checkpoint::from_bytes(&bytes).unwrap(), 1));
+    let output = start(&folder, &["resume", "run"]);
+    let clock = Instant::now();
+    while newest.metadata().unwrap().len() <= bytes.len() as u64 / 2 {
+        assert!(clock.elapsed() < Duration::from_secs(60), "it is written again");
+    }
+    send("INT", &output);
+    let said = text(&output.wait_with_output().unwrap().stderr);
+    let name = newest.file_name().unwrap().to_str().unwrap();
+    assert!(
+        said.contains(&format!("{name}: damaged")) && said.contains("going on from the one before"),
+        "{said}"
+    );
+
+    // Without any there is nothing to go on from, and nothing is touched.
+    for path in checkpoints(&run) {
+        fs::write(path, b"").unwrap();
+    }
+    let files = results(&run);
+    assert_fails(&rebond(&folder, &["resume", "run"]), 4, &["run: no checkpoint to go on from", "damaged"]);
+    assert_eq!(results(&run), files);
+    fs::remove_dir_all(&run).unwrap();
+    assert_fails(
+        &rebond(&folder, &["resume", "run"]),
+        4,
+        &["run: no checkpoint", "not the folder of an unfinished run"],
+    );
+}
+
+#[test]
+fn a_checkpoint_of_another_version_is_named() {
+    let folder = folder("version");
+    let run = unfinished(&folder);
+    for path in checkpoints(&run) {
+        let bytes = fs::read(&path).unwrap();
+        let end = bytes.iter().position(|&byte| byte == b'\n').unwrap();
+        let mut other = b"rebond checkpoint, format 0, version 0.0.1\n".to_vec();
+        other.extend(&bytes[end + 1..bytes.len() - 4]);
+        other.extend(crc32fast::hash(&other).to_le_bytes());
+        fs::write(path, other).unwrap();
+    }
+    let output = rebond(&folder, &["resume", "run"]);
+    assert_fails(
+        &output,
+        4,
+        &["format 0, version 0.0.1", "this program goes on from", env!("CARGO_PKG_VERSION")],
+    );
+}
+
+#[test]
+fn outputs_that_have_lost_bytes_are_not_gone_on_with() {
+    let folder = folder("outputs");
+    let run = unfinished(&folder);
+    let before = checkpoints(&run);
+    fs::write(run.join("history.csv"), "step,time\n").unwrap();
+    assert_fails(&rebond(&folder, &["resume", "run"]), 4, &["history.csv: it has 10 bytes, and had "]);
+    assert_eq!(checkpoints(&run), before);
+}
+
+#[test]
+fn files_that_a_scene_names_are_found_again_unless_they_changed() {
+    let folder = folder("files");
+    fs::create_dir_all(folder.join("scenes")).unwrap();
+    fs::rename(folder.join("fall.toml"), folder.join("scenes/fall.toml")).unwrap();
+    let table = folder.join("scenes/push.csv");
+    fs::write(&table, "time,pressure\n0,0\n0.1,-400\n0.2,300\n").unwrap();
+    let arguments = [
+        "run",
+        "scenes/fall.toml",
+        "--quiet",
+        "--set",
+        "load.pressure={ table = 'push.csv', interpolation = 'spline' }",
+        "--out",
+    ];
+    succeeds(&rebond(&folder, &[&arguments[..], &["whole"]].concat()));
+    let limited = [&arguments[..], &["run", "--set", "output.fields_every=100000"]].concat();
+    assert_fails(&with_little_room(&folder, 300, &limited), 4, &["history.csv: File too large"]);
+    let resume = ["resume", "../run", "--quiet"];
+    let before = fs::read(&table).unwrap();
+    fs::write(&table, "time,pressure\n0,0\n0.1,-401\n0.2,300\n").unwrap();
+    assert_fails(
+        &rebond(&folder.join("scenes"), &resume),
+        4,
+        &["../run: ", "has changed since the run began"],
+    );
+    fs::write(&table, before).unwrap();
+    succeeds(&rebond(&folder.join("scenes"), &resume));
+    let history = |run: &str| fs::read(folder.join(run).join("history.csv")).unwrap();
+    assert!(history("whole") == history("run"));
+}
+
+#[test]
+fn an_unfinished_run_is_not_overwritten_unasked() {
+    let folder = folder("overwrite");
+    let run = unfinished(&folder);
+    let arguments = ["run", "fall.toml", "--out", "run", "--quiet", "--set", "time.end=1e-3"];
+    let files = checkpoints(&run);
+    assert_fails(&rebond(&folder, &arguments), 2, &["unfinished run", "`rebond resume run`", "--overwrite"]);
+    assert_eq!(checkpoints(&run), files);
+    succeeds(&rebond(&folder, &[&arguments[..], &["--overwrite"]].concat()));
+    assert!(!has_checkpoint(&run));
+    // A finished run is.
+    succeeds(&rebond(&folder, &arguments));
+}
+
+#[test]
+fn two_runs_never_write_into_one_folder() {
+    let folder = folder("claimed");
+    let arguments = ["run", "fall.toml", "--out", "run"];
+    let mut first = start(&folder, &[&arguments[..], &["--set", "time.end=1000"]].concat());
+    let clock = Instant::now();
+    while checkpoints(&folder.join("run")).is_empty() {
+        assert!(clock.elapsed() < Duration::from_secs(60) && first.try_wait().unwrap().is_none());
+    }
+    for second in [&[&arguments[..], &["--overwrite"]].concat()[..], &["resume", "run"]] {
+        assert_fails(&rebond(&folder, second), 4, &["run: another run writes here"]);
+    }
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert!(!checkpoints(&folder.join("run")).is_empty());
+    succeeds(&rebond(&folder, &[&arguments[..], &["--overwrite", "--quiet"]].concat()));
+}
+
+/// Calls the command where files may grow to so many KiB, as if the disk were full then.
+fn with_little_room(folder: &Path, kib: usize, arguments: &[&str]) -> std::process::Output {
+    // Without the signal's default, which is to kill. The shell counts in halves of a KiB.
+    let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", 2 * kib);
+    Command::new("sh")
+        .args(["-c", &script, "sh", env!("CARGO_BIN_EXE_rebond")])
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn a_full_disk_loses_nothing() {
+    let folder = folder("full");
+    whole(&folder, &[]);
+    let run = folder.join("run");
+    let arguments = ["run", "fall.toml", "--quiet", "--out", "run"];
+    // The history grows into the limit.
+    assert_fails(&with_little_room(&folder, 300, &arguments), 4, &["history.csv: File too large"]);
+    let kept = checkpoints(&run);
+    assert_eq!(kept.len(), 2);
+    // Nothing fits any more.
+    assert_fails(&with_little_room(&folder, 1, &["resume", "run", "--quiet"]), 4, &["File too large"]);
+    assert_eq!(checkpoints(&run), kept);
+    let names = fs::read_dir(&run).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    assert!(names.into_iter().all(|name| !name.ends_with(".tmp")), "no temporary file stays");
+    succeeds(&rebond(&folder, &["resume", "run", "--quiet"]));
+    assert_same(&folder, "run");
+
+    // A checkpoint is the first thing that does not fit.
+    let large = ["--set", "mesh.cells=[10, 4]", "--set", "output={ every = 1000, checkpoint_every = 700 }"];
+    let output = with_little_room(&folder, 4, &[&arguments[..], &large, &["--overwrite"]].concat());
+    assert_fails(&output, 4, &["checkpoint-000000000700.bin: File too large"]);
+    assert!(!has_checkpoint(&run));
+    // Nor can a folder be where a file is.
+    assert_fails(&rebond(&folder, &["run", "fall.toml", "--out", "fall.toml/run"]), 4, &["fall.toml"]);
+}

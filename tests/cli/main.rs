@@ -1,0 +1,13 @@
+//! The command as a user calls it, and what it writes.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod commands;
+mod fields;
+mod gallery;
+mod inspect;
+mod interrupted;
+mod output;
+mod resume;
+mod study;

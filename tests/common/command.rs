@@ -1,0 +1,97 @@
+//! The built command as a user calls it: in a folder of its own, alone or under mpirun.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::{Mutex, PoisonError};
+
+/// A folder of its own for a test, with nothing in it but a scene, `fall.toml`.
+pub fn folder(test: &str, scene: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("fall.toml"), scene).unwrap();
+    folder
+}
+
+/// Calls the command in one process.
+pub fn rebond(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rebond"))
+        .args(arguments)
+        .env_remove("PETSC_OPTIONS")
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+/// The command under mpirun; root may, as in a container. A busy machine may take minutes for what takes seconds.
+pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
+    let mut command = Command::new("mpirun");
+    command
+        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "900", "-n"])
+        .arg(ranks.to_string())
+        .arg(env!("CARGO_BIN_EXE_rebond"))
+        .args(arguments)
+        .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
+        .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
+        .env_remove("PETSC_OPTIONS")
+        .current_dir(folder);
+    command
+}
+
+/// Calls the command on some ranks, one job at a time: its ranks already share the cores.
+pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
+    static TURN: Mutex<()> = Mutex::new(());
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    mpirun(folder, ranks, arguments).output().unwrap()
+}
+
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Asserts success; what was printed.
+pub fn succeeds(output: &Output) -> String {
+    assert!(output.status.success(), "{}{}", text(&output.stdout), text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// Asserts an exit code and one message, on one line, with some words. Where mpirun adds its own lines, ours is the one that
+/// begins with the command's name.
+pub fn assert_fails(output: &Output, code: i32, words: &[&str]) {
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{}{said}", text(&output.stdout));
+    let ours: Vec<&str> = said.lines().filter(|line| line.starts_with("rebond: ")).collect();
+    assert_eq!(ours.len(), 1, "{said}");
+    for word in words {
+        assert!(ours[0].contains(word), "no {word:?} in: {said}");
+    }
+    assert!(!said.contains("panicked"), "{said}");
+}
+
+/// The rows of a run's history.
+pub fn history(run: &Path) -> Vec<Vec<f64>> {
+    let text = std::fs::read_to_string(run.join("history.csv")).unwrap();
+    text.lines().skip(1).map(|line| line.split(',').map(|number| number.parse().unwrap()).collect()).collect()
+}
+
+/// A run's summary.
+pub fn summary(run: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(run.join("summary.json")).unwrap()).unwrap()
+}
+
+/// What a comparison says as JSON.
+pub fn comparison(output: &Output) -> serde_json::Value {
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Asserts the same rows, with deflections (from column 10 on) to 1e-8 m and energies to 1e-8 of the start.
+pub fn assert_agree(one: &[Vec<f64>], other: &[Vec<f64>], name: &str) {
+    assert_eq!(one.len(), other.len(), "{name}");
+    for (a, b) in one.iter().zip(other) {
+        assert_eq!((a[0], a[1], a[6]), (b[0], b[1], b[6]), "{name}: step, time, nodes in contact");
+        assert!((a[2] - b[2]).abs() <= 1e-8 * one[0][2].abs(), "{name}: energy {} or {}", a[2], b[2]);
+        for (a, b) in a[10..].iter().zip(&b[10..]) {
+            assert!((a - b).abs() <= 1e-8, "{name}: {a} or {b} m");
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Cases that run on several ranks: each test starts `mpirun` on its very program, with the case's name in the
+//! environment; the child runs the case's body on every rank.
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use rebond::Result;
+use std::process::{Command, ExitCode, Output};
+use std::time::Instant;
+
+/// Names the case to a child.
+const CASE: &str = "REBOND_PETSC_CASE";
+
+pub type Body = fn(&[String]) -> Result<()>;
+
+/// What mpirun must show of a case.
+pub enum Expect {
+    /// Exit code 0.
+    Success,
+    /// This exit code, and this text once on its standard error, before long.
+    Failure(i32, &'static str),
+}
+pub use Expect::{Failure, Success};
+
+pub struct Case {
+    pub name: &'static str,
+    pub ranks: &'static [usize],
+    pub arguments: &'static [&'static str],
+    pub body: Body,
+    pub expect: Expect,
+}
+
+pub const fn case(name: &'static str, ranks: &'static [usize], body: Body) -> Case {
+    Case { name, ranks, arguments: &[], body, expect: Success }
+}
+
+/// Runs the cases, or one of them where mpirun asks for it.
+pub fn main(cases: impl Iterator<Item = &'static Case>) -> ExitCode {
+    if let Ok(name) = std::env::var(CASE) {
+        return child(cases, &name);
+    }
+    let mut trials = Vec::new();
+    for case in cases {
+        for &ranks in case.ranks {
+            let trial = Trial::test(format!("{}::on_{ranks}", case.name), move || parent(case, ranks));
+            trials.push(trial);
+        }
+    }
+    let mut arguments = Arguments::from_args();
+    // The ranks of one case already share the cores.
+    arguments.test_threads.get_or_insert(2);
+    libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+fn child(mut cases: impl Iterator<Item = &'static Case>, name: &str) -> ExitCode {
+    let case = cases.find(|case| case.name == name).expect("the parent names a case");
+    let arguments: Vec<_> = case.arguments.iter().map(ToString::to_string).collect();
+    match (case.body)(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
+    let program = std::env::current_exe()?;
+    let start = Instant::now();
+    let Output { status, stdout, stderr } = Command::new("mpirun")
+        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "60", "-n"])
+        .arg(ranks.to_string())
+        .arg(program)
+        .env(CASE, case.name)
+        .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
+        .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
+        .env_remove("PETSC_OPTIONS")
+        .output()?;
+    let said = format!("{}{}", String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    let Some(code) = status.code() else { return Err(format!("{status}\n{said}").into()) };
+    match case.expect {
+        Success if code == 0 && said.is_empty() => Ok(()),
+        Success => Err(format!("exit code {code}\n{said}").into()),
+        Failure(expected, text) => {
+            let seconds = start.elapsed().as_secs_f64();
+            let times = said.matches(text).count();
+            if code != expected || times != 1 || seconds > 20.0 {
+                return Err(
+                    format!("exit code {code}, {times} times `{text}`, {seconds:.1} s\n{said}").into()
+                );
+            }
+            Ok(())
+        }
+    }
+}

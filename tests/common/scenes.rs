@@ -1,0 +1,220 @@
+//! Scenes for tests: written as a user writes them, run in this process.
+
+use rebond::scene::Scene;
+use rebond::simulation::{self, Model, Observer, Outcome, Row};
+use rebond::study::{self, Inspection};
+use rebond::{Error, Result};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// A plate on the unit square with D = 1 N m, a mass of 1 kg and nu = 0.3.
+pub const UNIT: &str = "plate = { length = 1, width = 1, thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\n";
+
+/// A strip, 1 m x 0.1 m, of rigidity E h^3 / 12 = 1 N m (nu = 0), 1 kg/m2.
+pub const STRIP: &str = "plate = { length = 1, width = 0.1, thickness = 1, youngs_modulus = 12, poissons_ratio = 0, density = 1 }\n";
+
+/// All edges of a rectangle.
+pub fn all_round(kind: &str) -> String {
+    let support = |edge| format!("{{ edge = \"{edge}\", kind = \"{kind}\" }}");
+    format!("support = [{}]\n", ["left", "right", "bottom", "top"].map(support).join(", "))
+}
+
+pub fn grid(element: &str, nx: usize, ny: usize) -> String {
+    format!("mesh = {{ element = \"{element}\", cells = [{nx}, {ny}] }}\n")
+}
+
+/// A time table that no test of statics minds.
+pub const STILL: &str = "time = { scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 1e-3 }\n";
+
+pub fn newmark(mass: &str, step: f64, end: f64) -> String {
+    format!("time = {{ scheme = \"newmark\", mass = \"{mass}\", step = {step:?}, end = {end:?} }}\n")
+}
+
+pub fn read(text: &str) -> Result<Scene> {
+    // Files that it names are sought beside this one.
+    Scene::from_str(text, concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/scene.toml"), &[])
+}
+
+#[track_caller]
+pub fn scene(text: &str) -> Scene {
+    read(text).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+#[track_caller]
+pub fn model(text: &str) -> Model {
+    Model::new(&scene(text)).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+#[track_caller]
+pub fn inspect(text: &str) -> Inspection {
+    study::inspect(&scene(text)).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+/// What reading or building a scene says.
+#[track_caller]
+pub fn refusal(text: &str) -> Error {
+    match read(text).and_then(|scene| Model::new(&scene)) {
+        Err(error) => error,
+        Ok(_) => panic!("accepted:\n{text}"),
+    }
+}
+
+/// The deflections at the probes at the start.
+#[track_caller]
+pub fn start(text: &str) -> Vec<f64> {
+    run(text)[0].probes.clone()
+}
+
+/// An instant of a run.
+#[derive(Debug, Clone)]
+pub struct Instant {
+    pub time: f64,
+    pub energy: f64,
+    pub contact_force: f64,
+    pub probes: Vec<f64>,
+}
+
+#[derive(Default)]
+struct Rows(Vec<Instant>);
+
+impl Observer for Rows {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        let Row { time, energy, contact_force, probes, .. } = *row;
+        self.0.push(Instant { time, energy, contact_force, probes: probes.to_vec() });
+        Ok(())
+    }
+}
+
+#[track_caller]
+pub fn run(text: &str) -> Vec<Instant> {
+    run_to_end(text).0
+}
+
+#[track_caller]
+pub fn run_to_end(text: &str) -> (Vec<Instant>, Outcome) {
+    let scene = scene(text);
+    let model = Model::new(&scene).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let mut rows = Rows::default();
+    let ran = simulation::run(&scene, &model, &simulation::condensed, &mut rows);
+    let (outcome, ended) = ran.unwrap_or_else(|error| panic!("{error}\n{text}"));
+    ended.unwrap_or_else(|error| panic!("{error}\n{text}"));
+    (rows.0, outcome)
+}
+
+/// Largest difference of the first probe's deflection from a function of time, at all rows.
+pub fn off(rows: &[Instant], expected: impl Fn(f64) -> f64) -> f64 {
+    rows.iter().fold(0.0, |m, row| (row.probes[0] - expected(row.time)).abs().max(m))
+}
+
+/// Asserts that two runs agree at all probes.
+#[track_caller]
+pub fn same(one: &[Instant], other: &[Instant], tolerance: f64) {
+    assert_eq!(one.len(), other.len());
+    for (one, other) in one.iter().zip(other) {
+        for (a, b) in one.probes.iter().zip(&other.probes) {
+            assert!((a - b).abs() <= tolerance, "t = {}: {a:e}, {b:e}, off {:e}", one.time, a - b);
+        }
+    }
+}
+
+#[track_caller]
+pub fn close(what: &str, value: f64, expected: f64, tolerance: f64) {
+    let error = (value / expected - 1.0).abs();
+    assert!(error <= tolerance, "{what}: {value:.15e}, expected {expected:.15e}: relative error {error:.1e}");
+}
+
+/// A mesh to write as Gmsh 2.2 text: nodes, cells of three or four, named lines.
+pub struct Drawing {
+    pub nodes: Vec<[f64; 2]>,
+    pub cells: Vec<Vec<usize>>,
+    pub lines: Vec<(&'static str, Vec<[usize; 2]>)>,
+}
+
+impl Drawing {
+    /// A grid on [0, length] x [0, width] with a map of its points; triangles cut along "/".
+    pub fn grid(
+        [nx, ny]: [usize; 2],
+        [length, width]: [f64; 2],
+        triangles: bool,
+        map: impl Fn(f64, f64) -> [f64; 2],
+    ) -> Drawing {
+        let number = |i: usize, j: usize| j * (nx + 1) + i;
+        let place = |k: usize| {
+            let (i, j) = (k % (nx + 1), k / (nx + 1));
+            map(length * i as f64 / nx as f64, width * j as f64 / ny as f64)
+        };
+        let mut cells = Vec::new();
+        for (i, j) in (0..nx * ny).map(|k| (k % nx, k / nx)) {
+            let [a, b, c, d] = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)];
+            if triangles {
+                cells.extend([vec![a, b, c], vec![a, c, d]]);
+            } else {
+                cells.push(vec![a, b, c, d]);
+            }
+        }
+        let along = |j: usize| (0..nx).map(|i| [number(i, j), number(i + 1, j)]).collect();
+        let up = |i: usize| (0..ny).map(|j| [number(i, j), number(i, j + 1)]).collect();
+        let lines = vec![("left", up(0)), ("right", up(nx)), ("bottom", along(0)), ("top", along(ny))];
+        Drawing { nodes: (0..(nx + 1) * (ny + 1)).map(place).collect(), cells, lines }
+    }
+
+    /// A disc of radius 1 in rings of triangles: six around the centre, six more nodes in each ring.
+    pub fn disc(rings: usize) -> Drawing {
+        let first = |ring: usize| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
+        let node = |ring: usize, k: usize| first(ring) + if ring == 0 { 0 } else { k % (6 * ring) };
+        let mut nodes = vec![[0.0, 0.0]];
+        let mut cells = Vec::new();
+        for ring in 1..=rings {
+            let count = 6 * ring;
+            for k in 0..count {
+                let angle = std::f64::consts::TAU * k as f64 / count as f64;
+                let radius = ring as f64 / rings as f64;
+                nodes.push([radius * angle.cos(), radius * angle.sin()]);
+            }
+            for sector in 0..6 {
+                for k in 0..ring {
+                    let (outer, inner) = (sector * ring + k, sector * (ring - 1) + k);
+                    cells.push(vec![node(ring, outer), node(ring, outer + 1), node(ring - 1, inner)]);
+                    if k + 1 < ring {
+                        cells.push(vec![
+                            node(ring, outer + 1),
+                            node(ring - 1, inner + 1),
+                            node(ring - 1, inner),
+                        ]);
+                    }
+                }
+            }
+        }
+        let rim = (0..6 * rings).map(|k| [node(rings, k), node(rings, k + 1)]).collect();
+        Drawing { nodes, cells, lines: vec![("rim", rim)] }
+    }
+
+    /// Writes the mesh; its file's name.
+    pub fn write(&self, name: &str) -> String {
+        let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n");
+        let _ = writeln!(text, "{}", self.lines.len() + 1);
+        for (tag, (name, _)) in self.lines.iter().enumerate() {
+            let _ = writeln!(text, "1 {} \"{name}\"", tag + 1);
+        }
+        let _ = writeln!(text, "2 99 \"plate\"\n$EndPhysicalNames\n$Nodes\n{}", self.nodes.len());
+        for (node, [x, y]) in self.nodes.iter().enumerate() {
+            let _ = writeln!(text, "{} {x:?} {y:?} 0", node + 1);
+        }
+        let sides = self
+            .lines
+            .iter()
+            .enumerate()
+            .flat_map(|(tag, (_, sides))| sides.iter().map(move |side| (1, tag + 1, side.to_vec())));
+        let cells = self.cells.iter().map(|cell| (cell.len() - 1, 99, cell.clone()));
+        let elements: Vec<_> = sides.chain(cells).collect();
+        let _ = writeln!(text, "$EndNodes\n$Elements\n{}", elements.len());
+        for (number, (kind, tag, nodes)) in elements.into_iter().enumerate() {
+            let nodes: Vec<String> = nodes.iter().map(|node| (node + 1).to_string()).collect();
+            let _ = writeln!(text, "{} {kind} 2 {tag} {tag} {}", number + 1, nodes.join(" "));
+        }
+        text += "$EndElements\n";
+        let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_string_lossy().into_owned()
+    }
+}

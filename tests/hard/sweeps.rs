@@ -1,0 +1,280 @@
+//! Numbers through all magnitudes, and meshes that no one would draw: nothing fails, and what a scheme promises of its energy holds.
+
+use crate::common::Random;
+use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL};
+use rebond::assembly;
+use rebond::mesh::{Cell, Mesh, Point};
+use rebond::obstacle::Bounds;
+use rebond::scene::{EngineName, Scene, Scheme as Name, ViName};
+use rebond::scheme::{
+    Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+};
+use rebond::simulation::Model;
+use rebond::space::Space;
+use rebond::study::stability::{Ending, natively, variants};
+
+/// The paper's plate in small, a hundred steps of 1 ms, with keys changed: no method fails, and those that promise something of their
+/// energy keep it.
+fn holds(changes: &[String]) {
+    let text = r#"
+        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+        mesh = { element = "fvs", cells = [4, 2] }
+        support = [{ edge = "left", kind = "clamped" }]
+        obstacle = [{ side = "below", height = -0.1 }]
+        initial = { static_pressure = 14600 }
+        time = { scheme = "newmark", mass = "singular", step = 1e-3, end = 0.1 }
+    "#;
+    let scene = Scene::from_str(text, "sweep", changes).unwrap();
+    for (scene, method) in variants(&scene, EngineName::Native, ViName::Condensed) {
+        let trial = natively(&scene, method);
+        let what = format!("{changes:?}, {}, {method}: {trial:?}", trial.mesh);
+        let promises = match method.scheme {
+            Name::Newmark { restitution, .. } => restitution == 0.0,
+            scheme => matches!(scheme, Name::Conserving | Name::Exact),
+        };
+        assert!(!matches!(trial.ending, Ending::Fails(_) | Ending::Refused(_)), "{what}");
+        assert!(!promises || trial.ending == Ending::Holds, "{what}");
+        assert!(trial.figures.unwrap().penetration <= 1e-12, "{what}");
+    }
+}
+
+fn set(pairs: &[(&str, f64)]) -> Vec<String> {
+    pairs.iter().map(|(key, value)| format!("{key}={value:e}")).collect()
+}
+
+#[test]
+fn steps_from_1e_8_to_1_s() {
+    for step in (-8..=0).map(|power| 10f64.powi(power)) {
+        holds(&set(&[("time.step", step), ("time.end", 100.0 * step), ("initial.velocity", -1.0)]));
+    }
+}
+
+#[test]
+fn moduli_from_1_to_1e12_pa() {
+    for modulus in (0..=12).map(|power| 10f64.powi(power)) {
+        let faster = (modulus / 210e9).sqrt();
+        let pressure = 14600.0 * modulus / 210e9;
+        holds(&set(&[
+            ("plate.youngs_modulus", modulus),
+            ("initial.static_pressure", pressure),
+            ("time.step", 1e-3 / faster),
+            ("time.end", 0.1 / faster),
+        ]));
+    }
+}
+
+#[test]
+fn plates_from_a_foil_to_a_block() {
+    for thickness in [1e-6, 1e-5, 1e-4, 1e-3, 0.03, 0.1, 0.4] {
+        let thinner: f64 = thickness / 0.01;
+        holds(&set(&[
+            ("plate.thickness", thickness),
+            ("initial.static_pressure", 14600.0 * thinner.powi(3)),
+            ("time.step", 1e-3 / thinner),
+            ("time.end", 0.1 / thinner),
+        ]));
+    }
+}
+
+#[test]
+fn gaps_down_to_no_width() {
+    for gap in [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-15, 0.0] {
+        let gap = format!(
+            r#"obstacle=[{{ side = "below", height = -{gap:e} }}, {{ side = "above", height = {gap:e} }}]"#
+        );
+        let mut changes = set(&[("initial.static_pressure", 0.0), ("initial.velocity", 0.1)]);
+        changes.extend(set(&[("time.step", 1e-5), ("time.end", 1e-3)]));
+        changes.push(gap);
+        holds(&changes);
+    }
+}
+
+#[test]
+fn poissons_ratios_up_to_the_limits() {
+    for ratio in [-0.99, -0.5, 0.0, 0.25, 0.49, 0.499, 0.4999999] {
+        holds(&set(&[("plate.poissons_ratio", ratio), ("initial.static_pressure", 5000.0)]));
+    }
+}
+
+/// How much the energy moves that a scheme promises to keep, or not to raise, over its start.
+fn broken(system: &System<rebond::linalg::Native>, start: &Start, step: f64, steps: usize) -> [f64; 3] {
+    let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step };
+    let schemes: [Box<dyn Scheme + '_>; 3] = [
+        Box::new(Newmark::new(system, parameters, start.clone()).unwrap()),
+        Box::new(Conserving::new(system, step, start.clone()).unwrap()),
+        Box::new(Exact::new(system, step, start.clone()).unwrap()),
+    ];
+    let mut touched = 0;
+    let broken = schemes.map(|mut scheme| {
+        let energy = scheme.energies().unwrap().total();
+        let (mut least, mut rise, mut moved) = (energy, 0.0f64, 0.0f64);
+        for _ in 0..steps {
+            scheme.advance().unwrap();
+            let kkt = scheme.verdict().kkt;
+            assert!(kkt <= 1e-9, "step {}: {kkt:e}", scheme.step());
+            touched += u32::from(scheme.reaction().iter().any(|r| *r != 0.0));
+            let now = scheme.invariant().unwrap();
+            (rise, moved) = (rise.max(now - least), moved.max((now - energy).abs()));
+            least = least.min(now);
+        }
+        [rise / energy, moved / energy]
+    });
+    assert!(touched > 0);
+    [broken[0][0], broken[1][1], broken[2][1]]
+}
+
+fn system(mesh: Mesh, height: f64) -> (System<rebond::linalg::Native>, Matrices) {
+    let plate = Matrices::new(mesh.clone(), STEEL, CLAMPED_LEFT);
+    let bounds = Bounds::uniform(plate.deflections(), height, f64::INFINITY);
+    let Matrices { engine, stiffness, singular: mass, .. } = Matrices::new(mesh, STEEL, CLAMPED_LEFT);
+    let (damping, drive) = Default::default();
+    (System { engine, stiffness, mass, damping, load: None, bounds, drive }, plate)
+}
+
+/// One interior node of a small mesh moved to within a share of flattening a cell.
+fn pinched(kind: &str, share: f64) -> Mesh {
+    let element = if kind == "needles" { Hct } else { Fvs };
+    let mut mesh = Mesh::rectangle(1.2, 0.4, [4, 2], element, Right).unwrap();
+    let node = mesh.nodes.iter().position(|p| (p - Point::new(0.6, 0.2)).norm() < 1e-9).unwrap();
+    mesh.nodes[node] = match kind {
+        // Triangles with one angle of almost pi: two of its neighbours are (0.3, 0) and (0.9, 0.4).
+        "needles" => Point::new(0.6, 0.2 - 0.2 * (1.0 - share)),
+        // The quadrilateral above and to the right: its corners (0.6, 0.4) and (0.9, 0.2) and this one come into line.
+        "nearly not convex" => Point::new(0.75 - 0.15 * share, 0.3 - 0.1 * share),
+        // The quadrilateral above becomes a sliver.
+        _ => Point::new(0.6, 0.4 - 0.2 * share),
+    };
+    mesh.check().unwrap();
+    mesh
+}
+
+#[test]
+fn cells_that_are_nearly_flat() {
+    for kind in ["needles", "nearly not convex", "slivers"] {
+        // A cell of aspect ratio a loses a^4 roundings: a needle here is 1.5 / share times longer than wide.
+        for (share, kept) in [(1e-1, 1e-11), (3e-2, 1e-9), (1e-2, 1e-7)] {
+            let (system, plate) = system(pinched(kind, share), -0.1);
+            let start =
+                Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
+            let broken = broken(&system, &start, 5e-4, 200);
+            println!("{kind}, {share}: newmark, conserving, exact broken by {broken:?}");
+            assert!(broken.iter().all(|broken| *broken <= kept), "{kind}, {share}: {broken:?}");
+        }
+    }
+}
+
+/// Beyond what rounding allows, the message names the cell: no answer that is wrong.
+#[test]
+fn cells_that_are_too_flat() {
+    for (kind, share) in [("needles", 1e-3), ("needles", 1e-6), ("slivers", 1e-4), ("slivers", 1e-6)] {
+        let mesh = pinched(kind, share);
+        let error = assembly::cells(&mesh, &Space::unsupported(&mesh), &STEEL).unwrap_err().to_string();
+        assert!(error.starts_with("cell ") && error.contains("too flat"), "{kind}, {share}: {error}");
+    }
+}
+
+/// All inner nodes moved at random, up to cells that are nearly flat.
+#[test]
+fn jitter() {
+    let mut random = Random::new(11);
+    for (element, diagonal) in [(Fvs, Right), (Hct, Right), (Hct, Left), (Hct, Alternating)] {
+        for _ in 0..4 {
+            let mut mesh = Mesh::rectangle(1.2, 0.4, [6, 4], element, diagonal).unwrap();
+            for node in 0..mesh.nodes.len() {
+                let at = mesh.nodes[node];
+                if at.x <= 0.0 || at.x >= 1.2 - 1e-9 || at.y <= 0.0 || at.y >= 0.4 - 1e-9 {
+                    continue;
+                }
+                // As far as the cells allow.
+                let [dx, dy] = [0.15 * random.signed(), 0.08 * random.signed()];
+                for share in [1.0, 0.5, 0.25, 0.0] {
+                    mesh.nodes[node] = Point::new(at.x + share * dx, at.y + share * dy);
+                    if mesh.check().is_ok() {
+                        break;
+                    }
+                }
+            }
+            let (system, plate) = system(mesh, -0.1);
+            let start =
+                Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
+            let broken = broken(&system, &start, 5e-4, 150);
+            println!("{element:?} {diagonal:?}: {broken:?}");
+            assert!(broken.iter().all(|broken| *broken <= 1e-7), "{element:?} {diagonal:?}: {broken:?}");
+        }
+    }
+}
+
+/// One node displaced, or struck: all that the mesh can carry of high frequencies, in contact from the start.
+#[test]
+fn one_node_displaced_or_struck() {
+    for (element, diagonal) in [(Fvs, Right), (Hct, Right), (Hct, Alternating)] {
+        let mesh = Mesh::rectangle(1.2, 0.4, [6, 3], element, diagonal).unwrap();
+        let (system, plate) = system(mesh, -1e-4);
+        let dofs = plate.space.dofs();
+        for which in [3, plate.deflections().len() - 1] {
+            let dof = plate.deflections()[which];
+            let mut unit = vec![0.0; dofs];
+            unit[dof] = 1e-3;
+            let struck = unit.iter().map(|u| 1e3 * u).collect();
+            for start in [
+                Start { displacement: unit.clone(), velocity: vec![0.0; dofs] },
+                Start { displacement: vec![0.0; dofs], velocity: struck },
+            ] {
+                let broken = broken(&system, &start, 1e-4, 200);
+                assert!(broken.iter().all(|broken| *broken <= 1e-9), "{element:?}: {broken:?}");
+                // The midpoint rule may gain energy; it must not lose its way.
+                for massless in [Massless::Equilibrium, Massless::Reflected] {
+                    let mut midpoint = Midpoint::new(&system, 1e-4, massless, start.clone()).unwrap();
+                    for _ in 0..200 {
+                        midpoint.advance().unwrap();
+                        assert!(midpoint.verdict().kkt <= 1e-10);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Kinds of cells side by side, some needles: what Gmsh's recombination leaves.
+#[test]
+fn triangles_and_quadrilaterals_together() {
+    let mut mesh = Mesh::rectangle(1.2, 0.4, [6, 2], Fvs, Right).unwrap();
+    let cells = std::mem::take(&mut mesh.cells);
+    for (number, cell) in cells.into_iter().enumerate() {
+        match cell {
+            Cell::Quadrilateral([a, b, c, d]) if number % 3 != 0 => {
+                mesh.cells.extend([Cell::Triangle([a, b, c]), Cell::Triangle([a, c, d])]);
+            }
+            cell => mesh.cells.push(cell),
+        }
+    }
+    mesh.check().unwrap();
+    let (system, plate) = system(mesh, -0.1);
+    let start = Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
+    let broken = broken(&system, &start, 5e-4, 200);
+    assert!(broken.iter().all(|broken| *broken <= 1e-10), "{broken:?}");
+}
+
+/// Two triangles on a guided edge know rigid motions alone: their eigenvalues are all rounding, and the impact comes when it must.
+#[test]
+fn all_motions_are_rigid() {
+    let text = r#"
+        plate = { length = 1, width = 0.3, thickness = 0.005, youngs_modulus = 1e7, poissons_ratio = 0, density = 1 }
+        mesh = { element = "hct", cells = [1, 1] }
+        support = [{ edge = "bottom", kind = "guided" }]
+        obstacle = [{ side = "below", height = -0.02 }]
+        initial = { velocity = -1 }
+        time = { scheme = "exact", mass = "singular", step = 1e-3, end = 0.05 }
+    "#;
+    let scene = Scene::from_str(text, "rigid", &[]).unwrap();
+    let model = Model::new(&scene).unwrap();
+    let mut scheme = model.scheme(&scene).unwrap();
+    let start = scheme.energies().unwrap().total();
+    let mut first = None;
+    for _ in 0..scene.time.steps() {
+        scheme.advance().unwrap();
+        first = first.or(scheme.take_events().first().map(|event| event.time));
+        assert!((scheme.energies().unwrap().total() / start - 1.0).abs() <= 1e-10);
+    }
+    assert!((first.unwrap() - 0.02).abs() <= 1e-12, "{first:?}");
+}

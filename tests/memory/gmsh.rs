@@ -1,0 +1,96 @@
+//! Spoilt Gmsh files: the answer is a sound mesh or an error, within a second and in memory proportional to the file.
+
+use std::path::Path;
+use std::time::Instant;
+
+use crate::MEMORY;
+use proptest::prelude::*;
+use proptest::sample::Index;
+use proptest::test_runner::{Config, RngSeed, TestRunner};
+use rebond::{Error, mesh::Mesh};
+
+/// Bytes of memory a byte of a file may cost.
+const COST: usize = 64;
+
+#[derive(Clone, Debug)]
+enum Spoil {
+    Truncate(Index),
+    Byte(Index, u8),
+    /// Numbers that counts and indices do not like.
+    Number(Index, u64),
+    Remove(Index, usize),
+    Repeat(Index, Index, usize),
+}
+
+fn spoil() -> impl Strategy<Value = Spoil> {
+    let at = || any::<Index>();
+    prop_oneof![
+        1 => at().prop_map(Spoil::Truncate),
+        4 => (at(), prop_oneof![any::<u8>(), b'0'..=b'9', Just(b' '), Just(b'-')]).prop_map(|(i, b)| Spoil::Byte(i, b)),
+        2 => (at(), prop_oneof![Just(u64::MAX), Just(i64::MAX as u64), 0..100_000_u64]).prop_map(|(i, n)| Spoil::Number(i, n)),
+        1 => (at(), 1..64_usize).prop_map(|(i, n)| Spoil::Remove(i, n)),
+        1 => (at(), at(), 1..64_usize).prop_map(|(i, j, n)| Spoil::Repeat(i, j, n)),
+    ]
+}
+
+fn apply(bytes: &mut Vec<u8>, spoil: &Spoil) {
+    if bytes.is_empty() {
+        return;
+    }
+    let length = bytes.len();
+    match spoil {
+        Spoil::Truncate(at) => bytes.truncate(at.index(length)),
+        Spoil::Byte(at, byte) => *at.get_mut(bytes) = *byte,
+        Spoil::Number(at, number) => {
+            let at = at.index(length);
+            // A whole word of text, or the eight bytes here.
+            let word = bytes[at..].iter().take_while(|byte| byte.is_ascii_digit()).count();
+            let new = if word > 0 { number.to_string().into_bytes() } else { number.to_le_bytes().to_vec() };
+            let old = if word > 0 { word } else { 8.min(length - at) };
+            bytes.splice(at..at + old, new);
+        }
+        Spoil::Remove(at, count) => {
+            let at = at.index(length);
+            bytes.drain(at..length.min(at + count));
+        }
+        Spoil::Repeat(from, to, count) => {
+            let from = from.index(length);
+            let piece = bytes[from..length.min(from + count)].to_vec();
+            let to = to.index(length);
+            bytes.splice(to..to, piece);
+        }
+    }
+}
+
+fn judge(bytes: &[u8]) -> Result<(), TestCaseError> {
+    let before = MEMORY.current_usage();
+    MEMORY.reset_peak_usage();
+    let clock = Instant::now();
+    let answer = Mesh::from_gmsh(bytes, "spoilt.msh");
+    let (seconds, memory) = (clock.elapsed().as_secs_f64(), MEMORY.peak_usage() - before);
+    prop_assert!(seconds < 1.0, "{seconds} s");
+    prop_assert!(memory <= COST * bytes.len() + 4096, "{memory} bytes for a file of {}", bytes.len());
+    match answer {
+        Ok(mesh) => prop_assert!(mesh.check().is_ok()),
+        Err(error) => prop_assert!(matches!(error, Error::Mesh(_)), "{error}"),
+    }
+    Ok(())
+}
+
+#[test]
+fn spoilt_files_are_harmless() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh");
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "msh"));
+    files.sort();
+    let files: Vec<Vec<u8>> = files.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    let strategy = (0..files.len(), prop::collection::vec(spoil(), 0..4));
+    let config =
+        Config { cases: 5_000, rng_seed: RngSeed::Fixed(41), failure_persistence: None, ..Config::default() };
+    let outcome = TestRunner::new(config).run(&strategy, |(file, spoils)| {
+        let mut bytes = files[file].clone();
+        spoils.iter().for_each(|spoil| apply(&mut bytes, spoil));
+        judge(&bytes)
+    });
+    outcome.unwrap();
+}

@@ -1,0 +1,81 @@
+//! A million steps of the paper's plate: the energy does what theory says to the last, and memory does not grow.
+
+use crate::MEMORY;
+use rebond::scene::Scene;
+use rebond::simulation::Model;
+
+const STEPS: u64 = 1_000_000;
+
+/// Bytes that a run may come to hold between its first tenth and its end.
+const GROWTH: usize = 1 << 20;
+
+/// What a scheme promises of its energy.
+#[derive(Clone, Copy, PartialEq)]
+enum Promise {
+    /// Never above what it was, but for this part of the start's.
+    NeverRises(f64),
+    /// Within this part of the start's.
+    Constant(f64),
+    /// Below this many times the start's.
+    Bounded(f64),
+}
+
+fn run(time: &str, promise: Promise) {
+    let text = format!(
+        r#"
+        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        mesh = {{ element = "fvs", cells = [10, 4] }}
+        support = [{{ edge = "left", kind = "clamped" }}]
+        obstacle = [{{ side = "below", height = -0.1 }}]
+        initial = {{ static_pressure = 14600 }}
+        time = {{ {time}, step = 5e-6, end = 5 }}
+        "#
+    );
+    let scene = Scene::from_str(&text, "long", &[]).unwrap();
+    assert_eq!(scene.time.steps(), STEPS);
+    let model = Model::new(&scene).unwrap();
+    let mut scheme = model.scheme(&scene).unwrap();
+    let start = scheme.energies().unwrap().total();
+    let (mut least, mut contact_steps, mut held) = (start, 0_u64, 0);
+    for step in 1..=STEPS {
+        scheme.advance().unwrap();
+        contact_steps += u64::from(scheme.reaction().iter().any(|r| *r != 0.0));
+        drop(scheme.take_events());
+        assert!(scheme.verdict().kkt <= 1e-10, "step {step}");
+        if step % 16 == 0 {
+            let now = scheme.invariant().unwrap();
+            match promise {
+                Promise::NeverRises(share) => {
+                    assert!(now <= least + share * start, "step {step}: {least} J to {now} J")
+                }
+                Promise::Constant(share) => {
+                    assert!((now - start).abs() <= share * start, "step {step}: {now} J")
+                }
+                Promise::Bounded(times) => assert!(now <= times * start, "step {step}: {now} J"),
+            }
+            least = least.min(now);
+        }
+        if step == STEPS / 10 {
+            held = MEMORY.current_usage();
+        }
+    }
+    let grown = MEMORY.current_usage().saturating_sub(held);
+    println!(
+        "{time}: {contact_steps} steps in contact, energy {} of its start, {grown} bytes more",
+        least / start
+    );
+    assert!(contact_steps > 1000 && grown <= GROWTH, "{contact_steps} steps in contact, {grown} bytes more");
+}
+
+/// One after the other: they share the count of memory.
+#[test]
+#[ignore = "ten minutes"]
+fn a_million_steps() {
+    run(r#"scheme = "newmark", mass = "singular", restitution = 0"#, Promise::NeverRises(1e-10));
+    run(r#"scheme = "newmark", mass = "consistent", restitution = 0"#, Promise::NeverRises(1e-10));
+    run(r#"scheme = "newmark", mass = "singular", restitution = 0.5"#, Promise::Bounded(1.5));
+    run(r#"scheme = "newmark", mass = "singular", restitution = 1"#, Promise::Bounded(10.0));
+    run(r#"scheme = "midpoint", mass = "singular""#, Promise::Bounded(1.5));
+    run(r#"scheme = "conserving", mass = "singular""#, Promise::Constant(1e-10));
+    run(r#"scheme = "exact", mass = "singular""#, Promise::Constant(1e-9));
+}

@@ -1,0 +1,170 @@
+//! Effects on two ranks: the same numbers as on the native engine, and one message where one rank alone finds a fault.
+
+use crate::common::command;
+use crate::common::command::{assert_fails, history, on, rebond, succeeds};
+use crate::common::scenes::Drawing;
+use std::path::{Path, PathBuf};
+
+const STEEL: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
+
+fn folder(test: &str, scene: &str) -> PathBuf {
+    command::folder(&format!("effects-{test}"), scene)
+}
+
+fn rows(folder: &Path, ranks: usize) -> Vec<Vec<f64>> {
+    let out = format!("on-{ranks}");
+    let engine = if ranks == 0 { "native" } else { "petsc" };
+    let arguments = ["run", "fall.toml", "--quiet", "--engine", engine, "--out", &out];
+    let output = if ranks == 0 { rebond(folder, &arguments) } else { on(folder, ranks, &arguments) };
+    succeeds(&output);
+    history(&folder.join(out))
+}
+
+/// Asserts that two ranks and one process agree: energies and deflections to 1e-8 of the largest, for impacts amplify rounding.
+fn agree(test: &str, scene: &str, touches: bool) {
+    let folder = folder(test, scene);
+    let (native, two) = (rows(&folder, 0), rows(&folder, 2));
+    assert_eq!(native.len(), two.len());
+    assert_eq!(native.iter().any(|row| row[6] > 0.0), touches, "contact");
+    for column in (2..6).chain(10..native[0].len()) {
+        let largest =
+            native.iter().fold(0.0, |m: f64, row| row[if column < 6 { 2 } else { column }].abs().max(m));
+        let tolerance = 1e-8 * largest;
+        assert!(largest > 0.0, "column {column}");
+        for (a, b) in native.iter().zip(&two) {
+            assert_eq!((a[0], a[1], a[6]), (b[0], b[1], b[6]), "step, time, nodes in contact");
+            assert!(
+                (a[column] - b[column]).abs() <= tolerance,
+                "t = {}, column {column}: {:e}, {:e}",
+                a[1],
+                a[column],
+                b[column]
+            );
+        }
+    }
+}
+
+#[test]
+fn shaken_between_stops() {
+    agree(
+        "shaken",
+        &format!(
+            r#"
+            {STEEL}
+            mesh = {{ element = "fvs", cells = [10, 4] }}
+            support = [{{ edge = "left", kind = "clamped", motion = "2e-3*sin(2*pi*5.5*t)" }}]
+            obstacle = [{{ side = "below", height = -0.0015, where = "x > 1.1" }}, {{ side = "above", height = 0.002, line = [[1.2, 0], [1.2, 0.4]] }}]
+            load = {{ gravity = 0.1, force = [{{ at = [0.61, 0.2], value = "3*t" }}] }}
+            damping = {{ mass = 0.5, stiffness = 1e-5 }}
+            time = {{ scheme = "newmark", mass = "singular", step = 5e-4, end = 0.2 }}
+            output = {{ every = 10, probes = [{{ name = "corner", at = [1.2, 0.0] }}, {{ name = "root", at = [0.0, 0.2] }}, {{ name = "in", at = [0.6, 0.33] }}] }}
+            "#
+        ),
+        true,
+    );
+}
+
+#[test]
+fn a_ball_and_all_that_is_attached() {
+    agree(
+        "ball",
+        &format!(
+            r#"
+            {STEEL}
+            mesh = {{ element = "hct", cells = [4, 2], refine = 1, diagonal = "alternating" }}
+            support = [{{ edge = "left", kind = "simply_supported", motion = "1e-3*sin(30*t)" }}, {{ edge = "right", kind = "simply_supported" }}, {{ edge = "top", where = "x < 0.5", kind = "guided" }}]
+            ball = [{{ at = [0.6, 0.2], mass = 5.0, height = 2e-3 }}, {{ at = [0.93, 0.11], side = "below", mass = 0.2, height = -5e-3, velocity = 0.4 }}]
+            load = {{ gravity = 9.81 }}
+            initial = {{ equilibrium = true }}
+            spring = [{{ at = [0.25, 0.25], stiffness = 1e4 }}]
+            mass = [{{ at = [0.75, 0.35], mass = 2 }}]
+            foundation = [{{ stiffness = "2e4*x", where = "y < 0.2" }}]
+            time = {{ scheme = "newmark", mass = "singular", step = 2e-4, end = 0.08 }}
+            output = {{ probes = [{{ name = "centre", at = [0.6, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}
+            "#
+        ),
+        true,
+    );
+}
+
+/// A mixed mesh with groups, read by rank 0 alone.
+#[test]
+fn a_mesh_of_groups() {
+    let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh/square_41_text.msh");
+    let mesh = mesh.display();
+    agree(
+        "groups",
+        &format!(
+            r#"
+            plate = {{ thickness = "0.01 + 0.002*x", youngs_modulus = 12e9, youngs_modulus_across = 1e9, shear_modulus = 0.7e9, poissons_ratio = 0.35, density = 500, grain = 30 }}
+            mesh = {{ file = "{mesh}" }}
+            part = [{{ group = "steel", thickness = 0.008, grain = 0 }}]
+            support = [{{ edge = "left", kind = "clamped" }}]
+            obstacle = [{{ side = "below", height = "-0.001*(1 + y) + 0.0004*sin(40*t)", group = "rubber" }}, {{ side = "below", height = -0.004 }}]
+            load = {{ pressure = "-40*exp(x - t)*(1 + y)" }}
+            foundation = [{{ stiffness = 1e3, group = "steel" }}]
+            time = {{ scheme = "midpoint", mass = "consistent", step = 5e-4, end = 0.1 }}
+            output = {{ every = 5, probes = [{{ name = "corner", at = [1, 1] }}, {{ name = "in", at = [0.4, 0.3] }}] }}
+            "#
+        ),
+        true,
+    );
+}
+
+/// Hinges askew all round a disc, let go from a deflection over a point.
+#[test]
+fn a_disc_over_a_point() {
+    let file = Drawing::disc(4).write("disc-on-ranks.msh");
+    agree(
+        "disc",
+        &format!(
+            r#"
+            plate = {{ thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+            mesh.file = "{file}"
+            support = [{{ edge = "rim", kind = "simply_supported" }}]
+            obstacle = [{{ side = "below", height = -1e-3, at = [0, 0] }}]
+            initial = {{ deflection = "2e-3*(1 - x^2 - y^2)", velocity = "0.1*(1 - x^2 - y^2)" }}
+            load = {{ pressure = "-2000*(1 + x)*cos(50*t)" }}
+            time = {{ scheme = "newmark", mass = "consistent", restitution = 0.5, step = 5e-4, end = 0.05 }}
+            output = {{ every = 2, probes = [{{ name = "centre", at = [0, 0] }}, {{ name = "in", at = [0.5, 0.3] }}] }}
+            "#
+        ),
+        true,
+    );
+}
+
+/// Formulas that fail on a part of the plate, which one rank may have alone, and later than at the start.
+#[test]
+fn a_fault_of_one_rank_ends_all() {
+    let cases = [
+        ("load.pressure = \"sqrt(1.1 - x)\"", &["load.pressure: column 1: sqrt(1.1 - x) is NaN"][..]),
+        ("load.pressure = \"exp(x - t)*sqrt(1.25 - x - t)\"", &["load.pressure: "]),
+        ("load.pressure = \"t*exp(-sqrt(1.1 - x))\"", &["load.pressure: "]),
+        (
+            "obstacle = [{ side = \"below\", height = \"-1.3 + x + 30*t\" }, { side = \"above\", height = 0.3, at = [1.2, 0.4] }]",
+            &["obstacle: at (1.2, 0.4) those below and above leave no room at t = "],
+        ),
+        (
+            "ball = [{ at = [0.6, 0.2], mass = 1, height = 0.1 }]\nspring = [{ at = [0.1, 0.1], stiffness = 1 }]\nfoundation = [{ stiffness = \"1.1 - x\" }]",
+            &["foundation.0.stiffness: -"],
+        ),
+        ("initial.deflection = \"x^2*sqrt(1.1 - x)\"", &["initial.deflection: "]),
+        (
+            "initial.deflection = \"0.01 - y\"",
+            &["initial.deflection: ", "where a support holds the plate at 0"],
+        ),
+        ("part = [{ where = \"x > 1\", thickness = \"1.1 - x\" }]", &["part.0.thickness: "]),
+        (
+            "obstacle = [{ side = \"below\", height = -1, where = \"sqrt(1.1 - x) > 0\" }]",
+            &["obstacle.0.where: "],
+        ),
+    ];
+    let scene = format!(
+        "{STEEL}mesh = {{ element = \"fvs\", cells = [6, 2] }}\nsupport = [{{ edge = \"left\", kind = \"clamped\" }}]\n\
+         time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 0.1 }}\n"
+    );
+    for (number, (more, words)) in cases.into_iter().enumerate() {
+        let folder = folder(&format!("fault-{number}"), &format!("{scene}{more}\n"));
+        assert_fails(&on(&folder, 2, &["run", "fall.toml"]), 2, words);
+    }
+}

@@ -1,0 +1,8 @@
+//! The command under mpirun, and with PETSc's solvers.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod effects;
+mod runs;
+mod vi;

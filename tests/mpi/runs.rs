@@ -1,0 +1,339 @@
+//! The command under mpirun: the same numbers as in one process, one voice, and an end to everything.
+
+use crate::common::command;
+use crate::common::command::{
+    assert_agree, assert_fails, comparison, history, mpirun, on, rebond, succeeds, summary, text,
+};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// The paper's plate, coarse, bent down by its own pressure and pushed further onto an obstacle just beneath: contact at once.
+const PUSHED: &str = r#"
+title = "a short push"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [4, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.211 }]
+initial = { static_pressure = -14600 }
+load = { pressure = -1e5 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.01 }
+output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "inside", at = [0.7, 0.15] }] }
+"#;
+
+/// The paper's scenes with each element.
+const FVS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/csma2013/fig2.toml");
+const HCT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/csma2013/fig1.toml");
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("mpirun-{test}"), PUSHED)
+}
+
+/// Runs natively in one process, and returns its history.
+fn natively(folder: &Path, arguments: &[&str]) -> Vec<Vec<f64>> {
+    let arguments = [&["run"], arguments, &["--quiet", "--engine", "native", "--out", "native"]].concat();
+    succeeds(&rebond(folder, &arguments));
+    history(&folder.join("native"))
+}
+
+/// Whether a node is in contact in some row.
+fn touches(history: &[Vec<f64>]) -> bool {
+    history.iter().any(|row| row[6] > 0.0)
+}
+
+/// Runs on some ranks, and returns the history.
+fn run_on(folder: &Path, ranks: usize, arguments: &[&str]) -> Vec<Vec<f64>> {
+    let out = format!("on-{ranks}");
+    let arguments = [&["run"], arguments, &["--quiet", "--engine", "petsc", "--out", &out]].concat();
+    succeeds(&on(folder, ranks, &arguments));
+    history(&folder.join(out))
+}
+
+/// Asserts that the native engine's numbers are those on some ranks.
+fn assert_same_on(folder: &Path, ranks: usize, arguments: &[&str]) {
+    assert_agree(&run_on(folder, ranks, arguments), &natively(folder, arguments), &format!("{ranks} ranks"));
+}
+
+/// To the second impact, past 0.06 s.
+fn any_number_of_ranks(test: &str, scene: &str) {
+    let folder = folder(test);
+    let arguments = [scene, "--set", "time.step=1e-4", "--set", "time.end=0.063", "--set", "output.every=5"];
+    let native = natively(&folder, &arguments);
+    assert!(touches(&native));
+    for ranks in [2, 3, 4] {
+        assert_agree(&run_on(&folder, ranks, &arguments), &native, &format!("{ranks} ranks"));
+    }
+}
+
+#[test]
+fn quadrilaterals_move_the_same_on_any_number_of_ranks() {
+    any_number_of_ranks("fvs", FVS);
+}
+
+#[test]
+fn triangles_move_the_same_on_any_number_of_ranks() {
+    any_number_of_ranks("hct", HCT);
+}
+
+#[test]
+fn the_energy_is_kept_on_any_number_of_ranks() {
+    let folder = folder("conserving");
+    for (ranks, element) in [(2, "mesh.element=fvs"), (2, "mesh.element=hct"), (3, "mesh.element=hct")] {
+        let arguments =
+            ["fall.toml", "--set", "time.scheme=conserving", "--set", "time.step=1e-3", "--set", element];
+        let rows = run_on(&folder, ranks, &[&arguments[..], &["--set", "output.every=1"]].concat());
+        assert!(touches(&rows));
+        for row in &rows {
+            assert!((row[2] / rows[0][2] - 1.0).abs() <= 1e-9, "t = {}: {} J", row[1], row[2]);
+        }
+        let summary = summary(&folder.join(format!("on-{ranks}")));
+        assert!(summary["relaxation"]["relaxed_steps"].as_u64().unwrap() > 0, "{summary}");
+    }
+}
+
+#[test]
+fn one_rank_twice_writes_the_same_bytes() {
+    let folder = folder("twice");
+    let bytes = || {
+        run_on(&folder, 1, &["fall.toml"]);
+        std::fs::read(folder.join("on-1/history.csv")).unwrap()
+    };
+    assert_eq!(bytes(), bytes());
+}
+
+#[test]
+fn rank_0_speaks_and_writes_alone() {
+    let folder = folder("voice");
+    // A scene that names no engine runs on PETSc where there are several processes.
+    let said = succeeds(&on(&folder, 2, &["run", "fall.toml"]));
+    for words in ["a short push", "engine: petsc, 2 ranks", "effects:", "first impact", "written to"] {
+        assert_eq!(said.matches(words).count(), 1, "{words:?} in:\n{said}");
+    }
+    let native = natively(&folder, &["fall.toml"]);
+    assert!(touches(&native));
+    assert_agree(&history(&folder.join("runs/fall")), &native, "2 ranks");
+    let summary = command::summary(&folder.join("runs/fall"));
+    assert_eq!((&summary["status"], &summary["dofs"]), (&"done".into(), &36.into()));
+}
+
+#[test]
+fn some_ranks_may_have_nothing() {
+    let folder = folder("nothing");
+    for cells in ["mesh.cells=[1, 1]", "mesh.cells=[2, 1]"] {
+        for element in ["mesh.element=fvs", "mesh.element=hct"] {
+            let arguments = ["fall.toml", "--set", cells, "--set", element];
+            assert_same_on(&folder, 4, &arguments);
+        }
+    }
+    let free = ["fall.toml", "--set", "obstacle=[]"];
+    assert_same_on(&folder, 4, &free);
+}
+
+#[test]
+fn meshes_refined_in_parallel_move_the_same() {
+    let folder = folder("refined");
+    for element in ["mesh.element=fvs", "mesh.element=hct"] {
+        let arguments = ["fall.toml", "--set", "mesh.refine=1", "--set", element];
+        assert_same_on(&folder, 2, &arguments);
+    }
+}
+
+#[test]
+fn compare_measures_the_difference_on_any_number_of_ranks() {
+    let folder = folder("compare");
+    for ranks in [1, 2, 4] {
+        let arguments = ["compare", "fall.toml", "--with", "native,petsc", "--json"];
+        let output = on(&folder, ranks, &arguments);
+        succeeds(&output);
+        let value = comparison(&output);
+        assert_eq!(value["ranks"], ranks);
+        for entry in value["entries"].as_array().unwrap() {
+            assert_eq!((&entry["steps"], &entry["failure"]), (&100.into(), &serde_json::Value::Null));
+            assert!(entry["difference"].as_f64().unwrap() < 1e-12, "{entry}");
+            assert_eq!(
+                entry["difference_up_to_impact"].as_array().unwrap().len(),
+                value["impacts"].as_array().unwrap().len()
+            );
+            assert!(entry["worst_kkt"].as_f64().unwrap() < 1e-10, "{entry}");
+        }
+    }
+    // A contender that fails is a row with its reason, and is named at the end.
+    let arguments = ["compare", "fall.toml", "--with", "native,petsc", "--", "-pc_type", "nosuch"];
+    let output = on(&folder, 2, &arguments);
+    let reason = "PCSetType(): Unable to find requested PC type nosuch";
+    assert_fails(&output, 3, &["1 of 2", "petsc (", reason]);
+    assert!(text(&output.stdout).contains(reason), "{}", text(&output.stdout));
+}
+
+#[test]
+fn what_all_ranks_find_wrong_is_said_once() {
+    let folder = folder("wrong");
+    let run = |ranks, arguments: &[&str]| on(&folder, ranks, &[&["run", "fall.toml"], arguments].concat());
+    for ranks in [2, 4] {
+        assert_fails(
+            &run(ranks, &["--set", "plate.thickness=-1"]),
+            2,
+            &["plate.thickness", "greater than 0"],
+        );
+        assert_fails(&run(ranks, &["--set", "support=[]"]), 2, &["static_pressure", "mechanism"]);
+        assert_fails(&run(ranks, &["--engine", "native"]), 2, &["one process", "--engine petsc"]);
+        assert_fails(&run(ranks, &["--", "-pc_typ", "lu"]), 2, &["`-pc_typ`", "did you mean `-pc_type`?"]);
+        assert_fails(&run(ranks, &["--", "-pc_type", "nosuch"]), 3, &["PCSetType()", "nosuch"]);
+        assert_fails(&run(ranks, &["--set", "solver.tolerance=1e-18"]), 3, &["KKT", "1.0e-18"]);
+    }
+    assert_fails(&on(&folder, 2, &["check", "fall.toml"]), 2, &["check", "one process"]);
+    let wrong = on(&folder, 2, &["run"]);
+    assert_eq!((wrong.status.code(), text(&wrong.stderr).matches("Usage:").count()), (Some(2), 1));
+    // Only rank 0 writes, and only it can fail to.
+    assert_fails(&run(2, &["--out", "fall.toml/run"]), 4, &["fall.toml"]);
+}
+
+#[test]
+fn a_killed_rank_ends_all() {
+    let folder = folder("killed");
+    let mut job =
+        mpirun(&folder, 2, &["run", "fall.toml", "--quiet", "--set", "time.end=1000"]).spawn().unwrap();
+    let start = Instant::now();
+    // Its rows are buffered: the file's presence says that the run has begun.
+    while !folder.join("runs/fall/history.csv").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60) && job.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let ranks = children(job.id());
+    assert_eq!(ranks.len(), 2);
+    // The shell's own kill: a bare system has no other.
+    let kill = format!("kill -9 {}", ranks[1]);
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = job.try_wait().unwrap() {
+            break status;
+        }
+        if start.elapsed() > Duration::from_secs(20) {
+            job.kill().unwrap();
+            unreachable!("the others go on");
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    assert!(!status.success());
+    while runs(ranks[0]) {
+        assert!(start.elapsed() < Duration::from_secs(20), "rank 0 goes on");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Starts a job, and asks its ranks to stop once it has written the checkpoint of a step; what it says.
+fn stopped(
+    folder: &Path,
+    ranks: usize,
+    arguments: &[&str],
+    run: &str,
+    checkpoint: &str,
+) -> std::process::Output {
+    let mut job = mpirun(folder, ranks, arguments);
+    let mut job = job.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while !folder.join(run).join(checkpoint).exists() {
+        assert!(start.elapsed() < Duration::from_secs(60) && job.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // One rank is asked, and tells the others.
+    let kill = format!("kill -TERM {}", children(job.id())[ranks - 1]);
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    job.wait_with_output().unwrap()
+}
+
+/// MUMPS on several ranks rounds in another way each time, and a factor of all on each rank does not.
+const SAME_EACH_TIME: [&str; 3] = ["--", "-pc_type", "redundant"];
+
+fn goes_on(cases: &[(usize, &str)]) {
+    for &(ranks, scheme) in cases {
+        let folder = folder(&format!("resumed-{ranks}-{scheme}"));
+        let scheme = format!("time.scheme={scheme}");
+        let run = |out| {
+            let run = ["run", "fall.toml", "--quiet", "--engine", "petsc", "--out", out, "--set", &scheme];
+            let output = [
+                "--set",
+                "output={ every = 7, fields_every = 200, checkpoint_every = 21, \
+                probes = [{ name = 'corner', at = [1.2, 0.0] }, { name = 'inside', at = [0.7, 0.15] }] }",
+            ];
+            [&run[..], &output, &["--set", "time.end=0.03"], &SAME_EACH_TIME].concat()
+        };
+        succeeds(&on(&folder, ranks, &run("whole")));
+        let whole = history(&folder.join("whole"));
+        assert!(touches(&whole));
+        let output = stopped(&folder, ranks, &run("same"), "same", "checkpoint-000000000042.bin");
+        assert_fails(&output, 130, &["interrupted at step"]);
+        for copy in ["fewer", "more"] {
+            let files = std::fs::read_dir(folder.join("same")).unwrap().map(|file| file.unwrap().path());
+            std::fs::create_dir(folder.join(copy)).unwrap();
+            for file in files.filter(|file| file.is_file()) {
+                std::fs::copy(&file, folder.join(copy).join(file.file_name().unwrap())).unwrap();
+            }
+        }
+        succeeds(&on(&folder, ranks, &["resume", "same", "--quiet"]));
+        let mut files = vec!["history.csv".to_owned(), "contacts.csv".into(), "fields.pvd".into()];
+        files.extend((0..ranks).map(|rank| format!("fields/step-000000300-{rank}.vtu")));
+        for file in files {
+            let read = |run: &str| std::fs::read(folder.join(run).join(&file)).unwrap();
+            assert!(read("same") == read("whole"), "{ranks} ranks, {scheme}: {file}");
+        }
+        for (run, ranks) in [("fewer", ranks - 1), ("more", ranks + 1)] {
+            succeeds(&on(&folder, ranks, &["resume", run, "--quiet"]));
+            assert_agree(&history(&folder.join(run)), &whole, &format!("{scheme} on {ranks} ranks"));
+        }
+    }
+}
+
+#[test]
+fn interrupted_ranks_go_on_to_the_same_bytes_and_others_to_the_same_numbers() {
+    goes_on(&[(2, "newmark"), (2, "conserving")]);
+}
+
+#[test]
+#[ignore = "two more, a minute"]
+fn three_ranks_and_the_midpoint_scheme_go_on() {
+    goes_on(&[(3, "newmark"), (2, "midpoint")]);
+}
+
+#[test]
+fn petscs_contact_solvers_go_on_to_the_same_bytes() {
+    let folder = folder("resumed-vi");
+    for vi in ["snes", "tao"] {
+        let run = |out| {
+            let run = ["run", "fall.toml", "--quiet", "--engine", "petsc", "--vi", vi, "--out", out];
+            [&run[..], &["--set", "output.checkpoint_every=20", "--set", "time.end=0.05"]].concat()
+        };
+        let (whole, part) = (format!("{vi}-whole"), format!("{vi}-part"));
+        succeeds(&on(&folder, 1, &run(&whole)));
+        assert!(touches(&history(&folder.join(&whole))));
+        let output = stopped(&folder, 1, &run(&part), &part, "checkpoint-000000000020.bin");
+        assert_fails(&output, 130, &["interrupted at step"]);
+        succeeds(&on(&folder, 1, &["resume", &part, "--quiet"]));
+        let read = |run: &str| std::fs::read(folder.join(run).join("history.csv")).unwrap();
+        assert!(read(&whole) == read(&part), "{vi}");
+    }
+}
+
+/// State and parent of a process.
+fn state(process: u32) -> Option<(String, u32)> {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    // They come after the name in parentheses.
+    let mut words = stat.rsplit(')').next()?.split_whitespace();
+    Some((words.next()?.into(), words.next()?.parse().ok()?))
+}
+
+/// Whether a process is there and not a zombie.
+fn runs(process: u32) -> bool {
+    state(process).is_some_and(|(state, _)| state != "Z" && state != "X")
+}
+
+/// The processes that a process started.
+fn children(parent: u32) -> Vec<u32> {
+    let is_child = |&process: &u32| state(process).is_some_and(|(_, of)| of == parent);
+    let all = std::fs::read_dir("/proc").unwrap();
+    let mut found: Vec<u32> =
+        all.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok()).filter(is_child).collect();
+    found.sort_unstable();
+    found
+}

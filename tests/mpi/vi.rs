@@ -1,0 +1,215 @@
+//! PETSc's contact solvers through the command, under mpirun: they agree with the native one, or say why not.
+
+use crate::common::command;
+use crate::common::command::{assert_agree, assert_fails, comparison, history, on, rebond, succeeds, text};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+/// The paper's plate on 40 quadrilaterals, bent down and pushed further onto an obstacle just beneath.
+const PUSHED: &str = r#"
+title = "a push"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [10, 4] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.2085 }]
+initial = { static_pressure = -14600 }
+load = { pressure = -1e5 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.02 }
+output = { every = 5, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "middle", at = [1.2, 0.2] }] }
+"#;
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("vi-petsc-{test}"), PUSHED)
+}
+
+/// Runs the scene on some ranks; 0 without mpirun.
+fn run(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
+    let arguments = [&["run", "fall.toml"], arguments].concat();
+    if ranks == 0 { rebond(folder, &arguments) } else { on(folder, ranks, &arguments) }
+}
+
+/// A run's history and summary.
+fn result(folder: &Path, name: &str, ranks: usize, arguments: &[&str]) -> (Vec<Vec<f64>>, Value) {
+    succeeds(&run(folder, ranks, &[&["--out", name, "--quiet"], arguments].concat()));
+    (history(&folder.join(name)), command::summary(&folder.join(name)))
+}
+
+const SOLVERS: [(&str, &[&str]); 4] = [
+    ("snes", &["--set", "solver.vi=snes"]),
+    ("tron", &["--set", "solver.vi=tao"]),
+    ("bnls", &["--set", "solver.vi=tao", "--", "-tao_type", "bnls"]),
+    ("gpcg", &["--set", "solver.vi=tao", "--", "-tao_type", "gpcg"]),
+];
+
+/// All side by side on the paper's scenes, to just beyond the first impact.
+#[test]
+fn they_agree_with_the_native_solver_at_every_step() {
+    let folder = folder("compare");
+    for (scene, title) in [("fig2", "fvs"), ("fig1", "hct")] {
+        let scene = format!("{}/scenes/csma2013/{scene}.toml", env!("CARGO_MANIFEST_DIR"));
+        let set = ["--set", "time.step=1e-5", "--set", "time.end=0.0555", "--json"];
+        let output = rebond(&folder, &[&["compare", &scene][..], &set].concat());
+        succeeds(&output);
+        let value = comparison(&output);
+        assert!(
+            value["title"].as_str().unwrap().contains(title) && value["impacts"][0].is_number(),
+            "{value}"
+        );
+        let names = ["native", "petsc", "petsc:snes:vinewtonrsls", "petsc:tao:tron", "petsc:tao:bnls"];
+        let entries = value["entries"].as_array().unwrap();
+        assert_eq!(entries.len(), names.len());
+        for (entry, name) in entries.iter().zip(names) {
+            assert_eq!((&entry["name"], &entry["steps"]), (&name.into(), &5550.into()));
+            assert!(entry["contact_steps"].as_u64().unwrap() > 20, "{entry}");
+            assert!(entry["difference"].as_f64().unwrap() <= 1e-8, "{entry}");
+            assert!(entry["worst_kkt"].as_f64().unwrap() <= 1e-9, "{entry}");
+            assert_eq!(entry["retries"], 0, "{entry}");
+        }
+    }
+}
+
+#[test]
+fn they_agree_with_the_native_solver_on_two_ranks() {
+    let folder = folder("agree");
+    let step = ["--set", "time.step=1e-5", "--set", "time.end=0.005"];
+    let (native, summary) = result(&folder, "native", 0, &step);
+    assert!(summary["contact_steps"].as_u64().unwrap() > 20, "{summary}");
+    for (name, arguments) in SOLVERS {
+        let all = [&["--engine", "petsc"], &step[..], arguments].concat();
+        let (rows, summary) = result(&folder, name, 2, &all);
+        assert_agree(&rows, &native, name);
+        assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10, "{name}: {summary}");
+        assert_eq!(summary["retries"], 0, "{name}");
+    }
+}
+
+/// The type in a contender's name goes before the option, and leaves nothing behind.
+#[test]
+fn contenders_name_their_types() {
+    let folder = folder("types");
+    let compare = |with: &str, options: &[&str]| {
+        let arguments = ["compare", "fall.toml", "--json", "--with", with, "--"];
+        rebond(&folder, &[&arguments[..], options].concat())
+    };
+    // BNTR alone needs a Krylov method, and only the untyped contender is GPCG, which makes more iterations than BNLS.
+    let output = compare("petsc:tao:bntr,petsc:tao:bnls,petsc:tao", &["-tao_type", "gpcg"]);
+    succeeds(&output);
+    let value = comparison(&output);
+    let iterations: Vec<u64> =
+        (0..3).map(|k| value["entries"][k]["vi_iterations"].as_u64().unwrap()).collect();
+    assert!(iterations[2] > iterations[1], "{iterations:?}");
+    assert_fails(&compare("native,petsc:tao:bqpip", &["-log_view"]), 2, &["-tao_type bqpip", "wrong"]);
+    // Before anything is compared.
+    for (with, option) in [("petsc:tao:tron,petsc:snes", "-tao_type"), ("petsc,petsc:snes", "-snes_rtoll")] {
+        let output = compare(with, &[option, "tron"]);
+        assert_fails(&output, 2, &["nothing used", option]);
+        assert!(output.stdout.is_empty(), "{}", text(&output.stdout));
+    }
+}
+
+#[test]
+fn a_small_mesh_on_four_ranks() {
+    let folder = folder("four");
+    let small = ["--set", "mesh.cells=[4,2]"];
+    let (native, _) = result(&folder, "native", 0, &small);
+    for (name, arguments) in SOLVERS {
+        let mut all = small.to_vec();
+        all.extend(["--engine", "petsc"]);
+        all.extend(arguments);
+        let (rows, summary) = result(&folder, name, 4, &all);
+        assert_agree(&rows, &native, name);
+        assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10, "{name}");
+    }
+}
+
+#[test]
+fn what_a_method_cannot_solve_is_solved_again_and_counted() {
+    let folder = folder("retries");
+    let all = ["--engine", "petsc", "--set", "solver.vi=snes", "--", "-snes_max_it", "1"];
+    let all = [&all[..], &["-snes_linesearch_type", "bt", "-safe_snes_max_it", "1", "-snes_atol", "1e-30"]]
+        .concat();
+    let output = run(&folder, 1, &all);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said.matches("SNES ended a step with DIVERGED_").count(), 1, "{said}");
+    let (native, _) = result(&folder, "native", 0, &[]);
+    let (rows, summary) = result(&folder, "again", 2, &all);
+    assert_agree(&rows, &native, "again");
+    assert_eq!(summary["retries"], summary["contact_steps"]);
+    assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10);
+}
+
+#[test]
+fn every_step_can_be_left_to_the_method() {
+    let folder = folder("always");
+    let short = [
+        "--engine",
+        "petsc",
+        "--set",
+        "time.step=1e-5",
+        "--set",
+        "time.end=0.001",
+        "--set",
+        "solver.vi=snes",
+    ];
+    for (always, iterations) in [(&[][..], 0), (&["--", "-rebond_always_iterate"][..], 101)] {
+        let (_, summary) = result(&folder, "always", 0, &[&short[..], always].concat());
+        assert!(summary["vi_iterations"].as_u64().unwrap() >= iterations);
+        assert_eq!(summary["vi_iterations"] == 0, iterations == 0);
+    }
+}
+
+#[test]
+fn options_reach_the_solver() {
+    let folder = folder("options");
+    let all = ["--engine", "petsc", "--set", "solver.vi=snes", "--", "-snes_monitor"];
+    for ranks in [0, 2] {
+        let output = run(&folder, ranks, &all);
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && said.contains("1 SNES Function norm"), "{said}");
+    }
+    // Conjugate gradients in place of the factor.
+    for vi in ["condensed", "snes"] {
+        let solver = format!("solver.vi={vi}");
+        let all = ["--engine", "petsc", "--set", &solver];
+        let all = [&all[..], &["--", "-ksp_type", "cg", "-pc_type", "jacobi"]].concat();
+        let (rows, _) = result(&folder, vi, 1, &all);
+        assert_agree(&rows, &result(&folder, "native", 0, &[]).0, vi);
+    }
+    // A view is no typo, even if no step needs the solver.
+    let all = ["--engine", "petsc", "--set", "time.end=1e-4", "--set", "solver.vi=snes", "--", "-snes_view"];
+    assert!(run(&folder, 1, &all).status.success());
+}
+
+#[test]
+fn what_cannot_work_is_refused_by_name() {
+    let folder = folder("refused");
+    let cases: [(&[&str], i32, &[&str]); 11] = [
+        (&["--set", "solver.vi=tao", "--", "-tao_type", "bqpip"], 2, &["bqpip", "wrong"]),
+        (&["--set", "solver.vi=tao", "--", "-tao_type", "ssils"], 2, &["ssils", "constraints"]),
+        (&["--set", "solver.vi=tao", "--", "-tao_type", "almm"], 2, &["almm", "constraints"]),
+        (&["--set", "solver.vi=tao", "--", "-tao_type", "lmvm"], 2, &["lmvm", "no bounds"]),
+        (&["--set", "solver.vi=snes", "--", "-snes_type", "newtonls"], 2, &["newtonls", "vinewtonrsls"]),
+        (&["--set", "solver.vi=snes", "--", "-snes_linesearch_type", "nleqerr"], 2, &["nleqerr", "Jacobian"]),
+        (&["--set", "solver.vi=snes", "--", "-safe_snes_linesearch_type", "l3"], 2, &["l3", "l2, basic"]),
+        (&["--set", "solver.vi=snes", "--", "-snes_atol", "nan"], 2, &["`-snes_atol nan`", "not a number"]),
+        (&["--", "-pc_factor_mat_solver_type", "superlu_dist"], 2, &["superlu_dist", "memory"]),
+        (
+            &["--set", "solver.vi=snes", "--", "-snes_linesearch_typ", "l2"],
+            2,
+            &["did you mean `-snes_linesearch_type`"],
+        ),
+        (&["--set", "solver.vi=snes", "--set", "solver.tolerance=1e-30"], 3, &["asked for 1.0e-30"]),
+    ];
+    for ranks in [0, 2] {
+        for (arguments, code, words) in cases {
+            let output = run(&folder, ranks, &[&["--engine", "petsc"][..], arguments].concat());
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+            for word in words {
+                assert!(said.contains(word), "{arguments:?}: no {word:?} in {said}");
+            }
+        }
+    }
+}

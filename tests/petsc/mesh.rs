@@ -1,0 +1,282 @@
+//! Gmsh's meshes over 1 to 4 ranks: their parts add up to the whole, the plate on them is the native engine's, and an error
+//! is one on all ranks.
+
+use crate::common::plates::{Matrices, unit};
+use crate::common::ranks::{Case, case};
+use rebond::assembly;
+use rebond::linalg::{Engine, Factor, Form};
+use rebond::mesh::{Cell, Mesh, Point};
+use rebond::modes;
+use rebond::obstacle::Bounds;
+use rebond::petsc::{Context, Distributed, Part};
+use rebond::scheme::equilibrium;
+use rebond::space::{PER_NODE, Place, Space, Support};
+use rebond::{Error, Result};
+use serde_json::Value;
+use std::f64::consts::TAU;
+use std::path::PathBuf;
+use std::rc::Rc;
+
+pub const CASES: &[Case] = &[
+    case("parts_of_triangles_and_quadrilaterals_add_up", &[1, 2, 3], |_| parts("square")),
+    case("parts_of_triangles_add_up", &[2, 3], |_| parts("hole")),
+    case("parts_of_quadrilaterals_without_names_add_up", &[2, 3], |_| parts("quads")),
+    case("every_node_and_edge_has_one_owner", &[2, 3], every_node_and_edge_has_one_owner),
+    case("the_plate_is_the_native_one", &[1, 2, 3], the_plate_is_the_native_one),
+    case("refined_it_still_is", &[2, 3], refined_it_still_is),
+    case("a_file_on_more_ranks_than_cells", &[2, 4], more_ranks_than_cells),
+    case("an_error_of_rank_0_is_that_of_all", &[1, 2, 3], an_error_of_rank_0_is_that_of_all),
+    case("an_error_of_some_rank_is_that_of_all", &[1, 2, 3], an_error_of_some_rank_is_that_of_all),
+];
+
+fn path(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh").join(name)
+}
+
+/// Supports on all of named edges.
+fn on_edges<'s>(supports: &'s [(&str, Support)]) -> impl Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's {
+    move |mesh| Space::on_edges(mesh, supports.iter().copied())
+}
+
+/// Counts, measures and places as Gmsh gives them (`expected.json`), and what refinement makes of them.
+fn parts(name: &str) -> Result<()> {
+    let context = Context::start(&[])?;
+    let expected: Value = serde_json::from_slice(&std::fs::read(path("expected.json")).unwrap()).unwrap();
+    let expected = &expected[name];
+    let counted = |key: &str| expected[key].as_u64().unwrap() as usize;
+    let (triangles, quadrilaterals) = (counted("triangles"), counted("quadrilaterals"));
+    for refinements in [0, 2] {
+        let read = || Mesh::load_gmsh(path(&format!("{name}_41_binary.msh")));
+        let Part { mesh, owns, .. } = Part::of_mesh(&context, read, refinements, &on_edges(&[]), &[])?;
+        mesh.check()?;
+        let mine = mesh.cells.iter().filter(|cell| matches!(cell, Cell::Triangle(_))).count();
+        assert_eq!(context.sum_count(mine), triangles << (2 * refinements));
+        assert_eq!(context.sum_count(mesh.cells.len() - mine), quadrilaterals << (2 * refinements));
+        let nodes = owns.iter().filter(|&&owns| owns).count();
+        if refinements == 0 {
+            assert_eq!(context.sum_count(nodes), counted("nodes"));
+        }
+        let assert_names = |found: Vec<(&String, usize, f64)>, expected: &Value, growth: u32| {
+            assert_eq!(found.len(), expected.as_object().unwrap().len());
+            for (name, count, measure) in found {
+                let count = context.sum_count(count);
+                assert_eq!(expected[name][0].as_u64().unwrap() << (growth * refinements), count as u64);
+                let (measure, exact) = (context.sum(measure), expected[name][1].as_f64().unwrap());
+                assert!((measure / exact - 1.0).abs() <= 1e-13, "{name}: {measure}, not {exact}");
+            }
+        };
+        let area = |cells: &Vec<usize>| cells.iter().map(|&cell| mesh.area(cell)).sum();
+        let groups = mesh.groups.iter().map(|(name, cells)| (name, cells.len(), area(cells)));
+        assert_names(groups.collect(), &expected["groups"], 2);
+        let length = |[a, b]: &[usize; 2]| (mesh.nodes[*b] - mesh.nodes[*a]).norm();
+        let edges = mesh.edges.iter();
+        let edges = edges.map(|(name, edges)| (name, edges.len(), edges.iter().map(length).sum()));
+        assert_names(edges.collect(), &expected["edges"], 1);
+        assert_eq!(mesh.points.len(), expected["points"].as_object().unwrap().len());
+        for (name, nodes) in &mesh.points {
+            assert!(nodes.iter().all(|&node| owns[node]));
+            let places: Vec<f64> =
+                nodes.iter().flat_map(|&node| <[f64; 2]>::from(mesh.nodes[node])).collect();
+            let places: Vec<Value> = context.gather(&places).chunks(2).map(|at| at.to_vec().into()).collect();
+            assert_eq!(Value::Array(places), expected["points"][name], "{name}");
+        }
+        // With a cell of this rank on the left.
+        let sides: Vec<[usize; 2]> = mesh.cells.iter().flat_map(Cell::edges).collect();
+        assert!(mesh.edges.values().flatten().all(|edge| sides.contains(edge)));
+    }
+    Ok(())
+}
+
+/// By names for all of them, in a mesh without holes: it has one edge less than nodes and cells (Euler).
+fn every_node_and_edge_has_one_owner(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    let read = || {
+        let mut mesh = square();
+        let mut edges: Vec<[usize; 2]> = mesh.cells.iter().flat_map(Cell::edges).collect();
+        edges.sort_by_key(|&[a, b]| [a.min(b), a.max(b)]);
+        edges.dedup_by_key(|&mut [a, b]| [a.min(b), a.max(b)]);
+        mesh.edges.insert("each".into(), edges);
+        mesh.points.insert("each".into(), (0..mesh.nodes.len()).collect());
+        Ok(mesh)
+    };
+    let part = Part::of_mesh(&context, read, 0, &on_edges(&[]), &[])?;
+    let Part { mesh, owns, .. } = part;
+    let (nodes, cells) = (square().nodes, context.sum_count(mesh.cells.len()));
+    assert_eq!(context.sum_count(mesh.edges["each"].len()), nodes.len() + cells - 1);
+    assert_eq!(mesh.points["each"].len(), owns.iter().filter(|&&owns| owns).count());
+    assert!(context.sum_count(mesh.nodes.len()) > nodes.len());
+    let own: Vec<f64> = mesh.points["each"].iter().flat_map(|&n| <[f64; 2]>::from(mesh.nodes[n])).collect();
+    let mut found: Vec<[f64; 2]> = context.gather(&own).chunks(2).map(|at| [at[0], at[1]]).collect();
+    let mut expected: Vec<[f64; 2]> = nodes.into_iter().map(Into::into).collect();
+    for places in [&mut found, &mut expected] {
+        places.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    }
+    assert_eq!(found, expected);
+    Ok(())
+}
+
+/// A plate natively and over all ranks, and the pairs of dofs that are one.
+struct Both {
+    native: Matrices,
+    engine: Distributed,
+    stiffness: Form,
+    masses: [Form; 2],
+    load: Vec<f64>,
+    /// (own, native)
+    pairs: Vec<(usize, usize)>,
+}
+
+impl Both {
+    fn new(
+        context: &Rc<Context>,
+        mesh: Mesh,
+        refinements: u32,
+        supports: &[(&str, Support)],
+    ) -> Result<Both> {
+        let part = Part::of_mesh(context, || Ok(mesh.clone()), refinements, &on_edges(supports), &[])?;
+        let native = Matrices::new((0..refinements).fold(mesh, |mesh, _| mesh.refine()), unit(0.3), supports);
+        let engine = Distributed::new(&part)?;
+        let cells = assembly::cells(&part.mesh, &part.space, &unit(0.3))?;
+        let stiffness = engine.cells().form(assembly::stiffness(&cells));
+        let consistent = engine.cells().form(assembly::consistent_mass(&cells));
+        let singular = engine.cells().averages(assembly::singular_mass(&cells));
+        let mut load = vec![0.0; engine.dofs()];
+        engine.add_up(&assembly::uniform_load(&cells, part.space.dofs(), 1.0), &mut load)?;
+        let mut pairs = Vec::new();
+        for (node, place) in part.mesh.nodes.iter().enumerate().filter(|(node, _)| part.owns[*node]) {
+            let near = |twin: &usize| (native.mesh.nodes[*twin] - place).norm() <= 1e-14;
+            let twin = (0..native.mesh.nodes.len()).find(near).expect("the node of the whole");
+            for (k, dof) in native.space.dofs_of(&[twin]).enumerate() {
+                let own = engine.own_dof(PER_NODE * node + k);
+                assert_eq!(own.is_some(), dof.is_some(), "dof {k} at {place}");
+                pairs.extend(own.zip(dof));
+            }
+        }
+        assert_eq!(context.sum_count(pairs.len()), native.space.dofs());
+        assert_eq!(pairs.len(), engine.dofs());
+        Ok(Both { native, engine, stiffness, masses: [consistent, singular], load, pairs })
+    }
+
+    /// This rank's part of a native vector.
+    fn own(&self, native: &[f64]) -> Vec<f64> {
+        let mut own = vec![0.0; self.engine.dofs()];
+        self.pairs.iter().for_each(|&(dof, twin)| own[dof] = native[twin]);
+        own
+    }
+
+    #[track_caller]
+    fn assert_same(&self, own: &[f64], native: &[f64], tolerance: f64) {
+        let scale = native.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        for &(dof, twin) in &self.pairs {
+            let error = (own[dof] - native[twin]).abs() / scale;
+            assert!(error <= tolerance, "{:e}, not {:e}: {error:e}", own[dof], native[twin]);
+        }
+    }
+
+    /// Products, an equilibrium, the lowest frequency.
+    fn agree(&self) -> Result<()> {
+        let Both { native, engine, .. } = self;
+        let x: Vec<f64> = (0..native.space.dofs()).map(|dof| (1.0 + 0.7 * dof as f64).sin()).collect();
+        let [consistent, singular] = &self.masses;
+        let forms = [
+            (&self.stiffness, &native.stiffness),
+            (consistent, &native.consistent),
+            (singular, &native.singular),
+        ];
+        for (form, twin) in forms {
+            let (mut y, mut z) = (vec![0.0; engine.dofs()], vec![0.0; x.len()]);
+            let value = engine.multiply(form, &self.own(&x), &mut y)?;
+            let exact = native.engine.multiply(twin, &x, &mut z)?;
+            assert!((value / exact - 1.0).abs() <= 1e-13);
+            self.assert_same(&y, &z, 1e-14);
+        }
+        let (u, _, _) = equilibrium(engine, &self.stiffness, &self.load, &Bounds::default())?;
+        self.assert_same(&u, &native.statics(1.0), 1e-12);
+
+        let lowest = modes::lowest(&native.engine, &native.stiffness, &native.consistent, 1, false)?[0];
+        let mut factor = engine.factor(&[(1.0, &self.stiffness)], &[])?;
+        let (mut u, mut y) = (u, vec![0.0; engine.dofs()]);
+        let mut found = 0.0;
+        for _ in 0..40 {
+            let stretch = engine.multiply(&self.stiffness, &u, &mut y)?;
+            let inertia = engine.multiply(consistent, &u, &mut y)?;
+            found = (stretch / inertia).sqrt() / TAU;
+            y.iter_mut().for_each(|y| *y /= inertia.sqrt());
+            factor.solve(&mut y)?;
+            u.copy_from_slice(&y);
+        }
+        assert!((found / lowest - 1.0).abs() <= 1e-11, "{found} Hz, not {lowest}");
+        Ok(())
+    }
+}
+
+fn square() -> Mesh {
+    Mesh::load_gmsh(path("square_41_binary.msh")).unwrap()
+}
+
+fn the_plate_is_the_native_one(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    use Support::{Clamped, Guided, SimplySupported};
+    // The joint lies inside the plate: ranks share its edges.
+    for supports in [
+        &[("left", Clamped)][..],
+        &[("left", SimplySupported), ("right", Guided), ("bottom", SimplySupported)],
+        &[("joint", Clamped), ("left", SimplySupported)],
+    ] {
+        Both::new(&context, square(), 0, supports)?.agree()?;
+    }
+    Ok(())
+}
+
+fn refined_it_still_is(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    Both::new(&context, square(), 2, &[("joint", Support::Clamped), ("right", Support::SimplySupported)])?
+        .agree()
+}
+
+fn more_ranks_than_cells(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    let nodes = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [2.0, 0.5]].map(Point::from).to_vec();
+    let cells = vec![Cell::Quadrilateral([0, 1, 2, 3]), Cell::Triangle([1, 4, 2])];
+    let edges = [("wall".into(), vec![[3, 0]])].into();
+    let mesh = Mesh { nodes, cells, edges, ..Mesh::default() };
+    mesh.check()?;
+    for refinements in [0, 1] {
+        Both::new(&context, mesh.clone(), refinements, &[("wall", Support::Clamped)])?.agree()?;
+    }
+    Ok(())
+}
+
+/// The error of a part, which all ranks must have in the same words.
+fn error_of(
+    context: &Rc<Context>,
+    read: impl FnOnce() -> Result<Mesh>,
+    supports: &[(&str, Support)],
+) -> Error {
+    let error = Part::of_mesh(context, read, 1, &on_edges(supports), &[]).err().expect("an error");
+    let words = error.to_string();
+    let all = context.gather(words.as_bytes());
+    assert_eq!(String::from_utf8(all).unwrap(), words.repeat(context.size()));
+    assert!(context.maximum(error.exit_code().into()) == f64::from(error.exit_code()));
+    error
+}
+
+fn an_error_of_rank_0_is_that_of_all(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    for (name, code) in [("second_order.msh", 2), ("expected.json", 2), ("nowhere.msh", 4)] {
+        let read = || Mesh::load_gmsh(path(name));
+        let error = error_of(&context, read, &[]);
+        assert_eq!((error.to_string(), error.exit_code()), (read().unwrap_err().to_string(), code));
+    }
+    // Ranks go on after it.
+    Part::of_mesh(&context, || Ok(square()), 0, &on_edges(&[]), &[]).map(drop)
+}
+
+fn an_error_of_some_rank_is_that_of_all(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    let read = || Mesh::load_gmsh(path("hole_41_text.msh"));
+    let unknown = [("right", Support::Clamped)];
+    let error = error_of(&context, read, &unknown);
+    assert_eq!(error.to_string(), Space::new(&read()?, unknown).unwrap_err().to_string());
+    Ok(())
+}

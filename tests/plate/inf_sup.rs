@@ -1,0 +1,119 @@
+//! The inf-sup constant against an independent program, and where it must vanish.
+
+use crate::common::plates::{Alternating, Fvs, Hct, Matrices, Right, all_round, close};
+use rebond::linalg::{Average, Block, Form, Native};
+use rebond::space::Support;
+use rebond::study::infsup::{self, InfSup};
+use std::rc::Rc;
+
+fn rows(mass: &Form) -> &[Average] {
+    match mass {
+        Form::Averages(averages) => averages.rows(),
+        Form::Cells(_) => panic!("not a singular mass"),
+    }
+}
+
+fn plate_constants(plate: &Matrices, bounded: &[usize]) -> InfSup {
+    let (dofs, rows) = (plate.space.dofs(), rows(&plate.singular));
+    infsup::constants(dofs, &plate.stiffness, false, rows, bounded).unwrap()
+}
+
+/// Smallest singular value of G on ker B at 10 x 4: numpy, from GetFEM's matrices.
+#[test]
+fn the_plate_of_the_paper() {
+    let cases =
+        [(Fvs, Right, 5.6393574385e-3), (Hct, Right, 2.6213284729e-3), (Hct, Alternating, 3.5665192684e-3)];
+    for (element, diagonal, expected) in cases {
+        let plate = Matrices::paper([10, 4], element, diagonal);
+        let constants = plate_constants(&plate, &plate.deflections());
+        close("raw", constants.raw.unwrap(), expected, 1e-8);
+    }
+}
+
+/// A bar of unit length, stiffness and mass on (0, 1), held at 1, with an obstacle at 0: displacements of a degree, a constant
+/// velocity a cell.
+fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
+    let h = 1.0 / cells as f64;
+    let dofs = degree * cells;
+    let engine = Native::new(dofs);
+    let (stiffness, moments): (Vec<f64>, Vec<f64>) = match degree {
+        1 => (vec![1.0, -1.0, -1.0, 1.0], vec![0.5, 0.5]),
+        _ => (
+            [7.0, -8.0, 1.0, -8.0, 16.0, -8.0, 1.0, -8.0, 7.0].map(|k| k / 3.0).to_vec(),
+            vec![1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0],
+        ),
+    };
+    let matrix: Rc<[f64]> = stiffness.iter().map(|k| k / h).collect();
+    let row: Rc<[f64]> = moments.iter().map(|b| b * h).collect();
+    let dofs_of = |cell: usize| -> Rc<[Option<usize>]> {
+        (0..=degree).map(|i| Some(degree * cell + i).filter(|&dof| dof < dofs)).collect()
+    };
+    let block = |cell| Block { dofs: dofs_of(cell), matrix: matrix.clone(), arms: None, class: 0 };
+    let average = |cell| Average { dofs: dofs_of(cell), row: row.clone(), mass: h, class: 0 };
+    let stiffness = engine.form((0..cells).map(block).collect());
+    let mass = engine.averages((0..cells).map(average).collect());
+    (dofs, stiffness, mass)
+}
+
+/// P1 displacements see every P0 velocity: ker B is trivial and nothing carries a reaction. P2 displacements leave one dof a cell
+/// to ker B, and the constant does not depend on the mesh: 0.9717 in Euclidean norms.
+#[test]
+fn bars() {
+    for cells in [1, 2, 10, 100, 1000] {
+        let (dofs, stiffness, mass) = bar(cells, 1);
+        let linear = infsup::constants(dofs, &stiffness, false, rows(&mass), &[0]).unwrap();
+        assert_eq!(linear.raw, Some(0.0), "{cells} cells");
+        assert_eq!(linear.energy, Some(0.0), "{cells} cells");
+
+        let (dofs, stiffness, mass) = bar(cells, 2);
+        let raw = infsup::constants(dofs, &stiffness, false, rows(&mass), &[0]).unwrap().raw.unwrap();
+        assert!((0.970..0.972).contains(&raw), "{cells} cells: {raw}");
+    }
+}
+
+/// A bar with a cell of P2, by hand: w = (1, -1/4) is in ker B, so that the raw constant is 1 / |w|; its energy is 4 times that of
+/// the straight line.
+#[test]
+fn one_quadratic_cell() {
+    let (dofs, stiffness, mass) = bar(1, 2);
+    let constants = infsup::constants(dofs, &stiffness, false, rows(&mass), &[0]).unwrap();
+    close("raw", constants.raw.unwrap(), 4.0 / 17.0_f64.sqrt(), 1e-14);
+    close("energy", constants.energy.unwrap(), 0.5, 1e-14);
+}
+
+/// Clamped all round with one free node: eight cells leave nothing to ker B.
+#[test]
+fn too_many_cells_for_the_free_dofs() {
+    let plate = Matrices::square(2, Hct, &all_round(Support::Clamped));
+    let constants = plate_constants(&plate, &plate.deflections());
+    assert_eq!((constants.raw, constants.energy), (Some(0.0), Some(0.0)));
+}
+
+/// Shrinks as h^2 on quadrilaterals, the same by dense (to 1500 dofs) and by sparse matrices.
+#[test]
+fn refinement() {
+    for n in [10, 20, 30, 40, 80] {
+        let plate = Matrices::paper([n, 2 * n / 5], Fvs, Right);
+        let constants = plate_constants(&plate, &plate.deflections());
+        let scaled = constants.raw.unwrap() * (n * n) as f64;
+        assert!((0.56..0.66).contains(&scaled), "{n}: {scaled}");
+        assert_eq!(constants.energy.is_some(), plate.space.dofs() <= infsup::DENSE_LIMIT);
+        assert!(constants.energy.is_none_or(|beta| 0.0 < beta && beta < 1.0));
+    }
+}
+
+/// An obstacle under a part of the plate only: fewer reactions, none harder to carry.
+#[test]
+fn fewer_reactions_are_easier_to_carry() {
+    let plate = Matrices::paper([10, 4], Hct, Right);
+    let all = plate_constants(&plate, &plate.deflections());
+    let edge: Vec<usize> = plate
+        .mesh
+        .edge_nodes("right")
+        .unwrap()
+        .iter()
+        .filter_map(|&node| plate.space.deflection(node))
+        .collect();
+    let some = plate_constants(&plate, &edge);
+    assert!(some.raw > all.raw && some.energy > all.energy, "{some:?} against {all:?}");
+}

@@ -1,0 +1,14 @@
+//! The plate at rest and in free vibration: elements, meshes, matrices.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod elements;
+mod frequencies;
+mod gmsh;
+mod inf_sup;
+mod matrices;
+mod mesh;
+mod mixed_cells;
+mod obstacle_plate;
+mod statics;

@@ -1,0 +1,297 @@
+//! Supports, shapes and sections of plates: published frequencies, exact beams, and the same plate in another position.
+
+use crate::common::scenes::{
+    Drawing, STILL, STRIP, UNIT, all_round, close, grid, inspect, refusal, run, same, start,
+};
+use std::f64::consts::{PI, TAU};
+
+/// The lowest frequencies with the consistent mass, rigid motions left out, in Hz.
+fn frequencies(text: &str) -> Vec<f64> {
+    inspect(text).consistent.lowest.into_iter().filter(|f| *f > 0.0).collect()
+}
+
+/// NAFEMS, *The Standard NAFEMS Benchmarks*, TNSB rev. 3, 1990: free plate FV12, cantilever FV16, and the simply supported square;
+/// 10 x 10 x 0.05 m. Conforming elements with the consistent mass come from above.
+#[test]
+fn nafems_squares() {
+    let steel = "plate = { length = 10, width = 10, thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
+    let cases = [
+        ("", &[1.622, 2.360, 2.922, 4.233, 4.233][..]),
+        (
+            "support = [{ edge = \"left\", kind = \"clamped\" }]\n",
+            &[0.421, 1.029, 2.582, 3.306, 3.753, 6.555],
+        ),
+        (&all_round("simply_supported"), &[2.377, 5.942, 5.942, 9.507, 11.884, 11.884]),
+    ];
+    for (supports, published) in cases {
+        let values = frequencies(&[steel, &grid("fvs", 20, 20), supports, STILL].concat());
+        for (value, published) in values.iter().zip(published) {
+            // Published to three decimals; those of FV12 and FV16 are Ritz bounds up to 0.8 % high.
+            assert!((-9e-3..6e-3).contains(&(value / published - 1.0)), "{value}, published {published}");
+        }
+    }
+}
+
+/// NAFEMS FV15: a rhombus of 45 degrees, all edges clamped, two of them askew.
+#[test]
+fn nafems_rhombus() {
+    let shear = |x: f64, y: f64| [x + y * (PI / 4.0).cos(), y * (PI / 4.0).sin()];
+    let published = [7.938, 12.835, 17.941, 19.133, 24.009, 27.922];
+    let of = |count: usize, triangles: bool| {
+        let mesh = Drawing::grid([count; 2], [10.0; 2], triangles, shear);
+        let file = mesh.write(&format!("rhombus-{count}-{triangles}.msh"));
+        let plate =
+            "plate = { thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
+        frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &all_round("clamped"), STILL].concat())
+    };
+    // Triangles as acute as these are far from their limit in the higher modes.
+    for (triangles, modes) in [(false, 6), (true, 2)] {
+        let (coarse, fine) = (of(10, triangles), of(20, triangles));
+        for ((coarse, fine), published) in coarse.iter().zip(&fine).zip(published).take(modes) {
+            assert!(fine < coarse, "{triangles}: {coarse}, {fine}, published {published}");
+            close("FV15", (4.0 * fine - coarse) / 3.0, published, 1.5e-2);
+        }
+    }
+}
+
+/// Whatever holds a plate and however its grain lies, it vibrates, bends and rebounds the same when turned with all that is about it.
+#[test]
+fn a_turned_plate_is_the_same_plate() {
+    let angle: f64 = 0.4;
+    let turn = |x: f64, y: f64| [x * angle.cos() - y * angle.sin(), x * angle.sin() + y * angle.cos()];
+    let supports = [
+        all_round("simply_supported"),
+        "support = [{ edge = \"left\", kind = \"simply_supported\" }, { edge = \"right\", kind = \"guided\" }]\n".into(),
+        "support = [{ edge = \"left\", kind = \"guided\" }, { edge = \"bottom\", kind = \"simply_supported\" }, { edge = \"top\", kind = \"clamped\" }]\n".into(),
+    ];
+    let sides = [1.2, 0.8];
+    for triangles in [false, true] {
+        for (number, supports) in supports.iter().enumerate() {
+            let scene = |turned: bool| {
+                let file =
+                    Drawing::grid([6, 4], sides, triangles, |x, y| if turned { turn(x, y) } else { [x, y] })
+                        .write(&format!("turned-{triangles}-{number}-{turned}.msh"));
+                let grain = 20.0 + if turned { angle.to_degrees() } else { 0.0 };
+                let [x, y] = if turned { turn(0.7, 0.3) } else { [0.7, 0.3] };
+                format!(
+                    r#"
+                    plate = {{ thickness = 0.01, youngs_modulus = 12e9, youngs_modulus_across = 1e9, shear_modulus = 0.7e9,
+                              poissons_ratio = 0.35, density = 500, grain = {grain:?} }}
+                    mesh.file = '{file}'
+                    {supports}
+                    obstacle = [{{ side = "below", height = -2e-3 }}]
+                    load = {{ pressure = -2000 }}
+                    time = {{ scheme = "newmark", mass = "singular", step = 1e-4, end = 0.02 }}
+                    output.probes = [{{ name = "inside", at = [{x:?}, {y:?}] }}]
+                    "#
+                )
+            };
+            let (straight, turned) = (scene(false), scene(true));
+            for (a, b) in frequencies(&straight).iter().zip(frequencies(&turned)) {
+                close(&format!("{triangles} {supports}"), b, *a, 1e-9);
+            }
+            let (straight, turned) = (run(&straight), run(&turned));
+            assert!(straight.iter().any(|row| row.contact_force > 0.0));
+            same(&straight, &turned, 1e-11);
+        }
+    }
+}
+
+/// Leissa, *Vibration of Plates*, NASA SP-160, 1969, table 2.2: omega R^2 sqrt(rho h / D) = 4.935 for nu = 0.3. To hold both slopes of
+/// the polygon's corners would make it a clamped plate's 10.216 (Babuska's paradox).
+#[test]
+fn a_simply_supported_disc_is_no_clamped_one() {
+    let value = |rings: usize, kind: &str| {
+        let file = Drawing::disc(rings).write(&format!("disc-{rings}-{kind}.msh"));
+        let plate = "plate = { thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\n";
+        let support = format!("support = [{{ edge = \"rim\", kind = \"{kind}\" }}]\n");
+        TAU * frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &support, STILL].concat())[0]
+    };
+    // The roots of J1/J0 + I1/I0 = 2 l / (1 - nu) and J0 I1 + I0 J1 = 0.
+    let errors = [4, 8, 16].map(|rings| (value(rings, "simply_supported") / 4.935_149_04 - 1.0).abs());
+    assert!(errors[0] < 1e-4 && errors[1] < errors[0] && errors[2] < 1e-5, "{errors:?}");
+    let errors = [4, 8, 16].map(|rings| value(rings, "clamped") / 10.215_826_23 - 1.0);
+    assert!(errors[1] < errors[0] / 3.0 && errors[2] < errors[1] / 3.0 && errors[2] > 0.0, "{errors:?}");
+}
+
+/// A square on point supports at its corners (Leissa 1973: omega a^2 sqrt(rho h / D) = 7.11 for nu = 0.3), and the part of an edge.
+#[test]
+fn points_and_parts_of_edges() {
+    let corners = [[0, 0], [1, 0], [0, 1], [1, 1]];
+    let supports: Vec<String> =
+        corners.iter().map(|at| format!("{{ at = {at:?}, kind = \"simply_supported\" }}")).collect();
+    let supports = format!("support = [{}]\n", supports.join(", "));
+    let value = TAU * frequencies(&[UNIT, &grid("fvs", 16, 16), &supports, STILL].concat())[0];
+    close("corners", value, 7.11, 3e-3);
+
+    // Parts that make up an edge are that edge.
+    let whole = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
+    let parts = r#"support = [{ edge = "left", where = "y <= 0.5", kind = "clamped" }, { edge = "left", where = "y >= 0.5", kind = "clamped" }]
+"#;
+    let of = |supports: &str| frequencies(&[UNIT, &grid("hct", 8, 8), supports, STILL].concat());
+    assert_eq!(of(whole), of(parts));
+    let part = "support = [{ edge = \"left\", where = \"y <= 0.5\", kind = \"clamped\" }]\n";
+    assert!(of(part)[0] < 0.9 * of(whole)[0]);
+}
+
+/// What is not held is named.
+#[test]
+fn mechanisms_are_named() {
+    let hinge = "support = [{ edge = \"left\", kind = \"simply_supported\" }]\n";
+    let guided =
+        "support = [{ edge = \"left\", kind = \"guided\" }, { edge = \"bottom\", kind = \"guided\" }]\n";
+    let slide = "support = [{ edge = \"left\", kind = \"guided\" }]\n";
+    let cases = [
+        (hinge, "it can turn about a line"),
+        (guided, "it can move up and down"),
+        (slide, "it can move up and down and turn about a line"),
+        ("", "nothing holds it"),
+    ];
+    for (supports, words) in cases {
+        for initial in [
+            "initial = { static_pressure = 1 }\n",
+            "initial = { equilibrium = true }\nload = { gravity = 1 }\n",
+        ] {
+            let error = refusal(&[UNIT, &grid("fvs", 4, 4), supports, initial, STILL].concat());
+            assert_eq!(error.exit_code(), 2);
+            let key = if initial.contains("static") {
+                "initial.static_pressure: "
+            } else {
+                "initial.equilibrium: "
+            };
+            let error = error.to_string();
+            assert!(error.starts_with(key) && error.ends_with(words), "{error}");
+        }
+        // It moves all the same, and what holds it up makes it a structure.
+        run(&[UNIT, &grid("fvs", 4, 4), supports, "load = { gravity = 1 }\n", STILL].concat());
+        let under = "foundation = [{ stiffness = 1 }]\ninitial = { static_pressure = 1 }\n";
+        run(&[UNIT, &grid("fvs", 4, 4), supports, under, STILL].concat());
+    }
+}
+
+/// A clamped strip whose other end is pushed up by 1 m, with no moment there: w'' = F (1 - x) / EI.
+fn pushed_strip(plate: &str, expected: impl Fn(f64) -> f64, tolerances: [f64; 2]) {
+    for (element, tolerance) in ["fvs", "hct"].into_iter().zip(tolerances) {
+        let places: Vec<f64> = (1..10).map(|k| 0.1 * f64::from(k)).collect();
+        let probes: Vec<String> =
+            places.iter().map(|x| format!("{{ name = \"{x:.1}\", at = [{x:?}, 0.03] }}")).collect();
+        let text = format!(
+            "{plate}{}{STILL}output.probes = [{}]\n\
+             support = [{{ edge = \"left\", kind = \"clamped\" }}, {{ edge = \"right\", kind = \"simply_supported\", motion = 1 }}]\n",
+            grid(element, 10, 1),
+            probes.join(", ")
+        );
+        for (x, w) in places.iter().zip(start(&text)) {
+            assert!(
+                (w - expected(*x)).abs() <= tolerance,
+                "{element}: {w} at {x}, expected {}",
+                expected(*x)
+            );
+        }
+    }
+}
+
+/// Cubic pieces, which quadrilaterals hold, exactly, and triangles do not.
+#[test]
+fn strips_of_one_and_two_thicknesses() {
+    pushed_strip(STRIP, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
+    // Half as thick from the middle on: EI is 1, then 1/8. Inside triangles thickness must jump along an edge.
+    let thick = |x: f64| x * x / 2.0 - x.powi(3) / 6.0;
+    let moved = |x: f64| {
+        if x <= 0.5 {
+            return thick(x);
+        }
+        let (w, slope) = (thick(0.5), 0.5 - 0.125);
+        // The second integral of 8 (1 - x) from 0.5 on.
+        let s = x - 0.5;
+        w + slope * s + 8.0 * (0.25 * s * s - s.powi(3) / 6.0)
+    };
+    let plate = |region: &str| format!("{STRIP}part = [{{ {region}, thickness = 0.5 }}]\n");
+    pushed_strip(&plate("where = \"x > 0.5\""), |x| moved(x) / moved(1.0), [1e-9, 5e-3]);
+    // Of several parts in one place the last counts; the same again changes nothing.
+    let twice = format!(
+        "{STRIP}part = [{{ where = \"x > 0.2\", thickness = 2 }}, {{ where = \"x < 2\", thickness = 1 }}]\n"
+    );
+    pushed_strip(&twice, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
+}
+
+/// EI = (1 - x / 2)^3: w'' = F (1 - x) / (1 - x/2)^3, integrated twice by Simpson's rule.
+#[test]
+fn a_tapered_strip() {
+    let plate = STRIP.replace("thickness = 1", "thickness = \"1 - x/2\"");
+    let curvature = |s: f64| (1.0 - s) / (1.0 - s / 2.0).powi(3);
+    let w = |x: f64| {
+        let n = 200;
+        let term = |k: usize| {
+            let s = x * k as f64 / f64::from(n);
+            let weight = if k == 0 || k == n as usize { 1.0 } else { 2.0 + 2.0 * (k % 2) as f64 };
+            weight * (x - s) * curvature(s)
+        };
+        (0..=n as usize).map(term).sum::<f64>() * x / (3.0 * f64::from(n))
+    };
+    pushed_strip(&plate, |x| w(x) / w(1.0), [3e-4, 3e-3]);
+    // A formula that is a number is that number.
+    let same = STRIP.replace("thickness = 1", "thickness = \"1 + 0*x\"");
+    pushed_strip(&same, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
+    // Thickness and density make the mass: 3/4 of it here.
+    let inspection = inspect(&[&plate, &grid("fvs", 4, 2)[..], STILL].concat());
+    close("mass", inspection.mass, 0.075, 1e-13);
+}
+
+/// Lekhnitskii, *Anisotropic Plates*, 1968: simply supported, omega^2 rho h = D1 a^4 + 2 (D1 nu21 + 2 Dk) a^2 b^2 + D2 b^4, with
+/// a = m pi / length, b = n pi / width.
+#[test]
+fn an_orthotropic_plate() {
+    let (e1, e2, g, nu, h, rho) = (12e9, 1e9, 0.7e9, 0.35, 0.01, 500.0);
+    let [length, width] = [1.2, 0.8];
+    let plate = |e1: f64, e2: f64, nu: f64, grain: f64| {
+        format!(
+            "plate = {{ length = {length}, width = {width}, thickness = {h}, youngs_modulus = {e1:?}, youngs_modulus_across = {e2:?}, \
+             shear_modulus = {g:?}, poissons_ratio = {nu:?}, density = {rho:?}, grain = {grain:?} }}\n"
+        )
+    };
+    let of = |plate: &str| {
+        frequencies(&[plate, &grid("fvs", 24, 16), &all_round("simply_supported"), STILL].concat())
+    };
+    let cube = h * h * h / 12.0;
+    let ratio: f64 = 1.0 - nu * nu * e2 / e1;
+    let [d1, d2] = [e1, e2].map(|e| e * cube / ratio);
+    let both = nu * d2 + 2.0 * g * cube;
+    let mut exact: Vec<f64> = Vec::new();
+    for (m, n) in (1..8).flat_map(|m| (1..8).map(move |n| (f64::from(m), f64::from(n)))) {
+        let [a, b] = [m * PI / length, n * PI / width].map(|k| k * k);
+        exact.push(((d1 * a * a + 2.0 * both * a * b + d2 * b * b) / (rho * h)).sqrt() / TAU);
+    }
+    exact.sort_by(f64::total_cmp);
+    for (value, exact) in of(&plate(e1, e2, nu, 0.0)).iter().zip(exact) {
+        assert!((0.0..2e-2).contains(&(value / exact - 1.0)), "{value}, exact {exact}");
+    }
+    // Turned by a right angle, what was along is across.
+    for (a, b) in of(&plate(e1, e2, nu, 90.0)).iter().zip(of(&plate(e2, e1, nu * e2 / e1, 0.0))) {
+        close("grain", *a, b, 1e-9);
+    }
+    // One modulus for all is an isotropic plate.
+    let isotropic = format!(
+        "plate = {{ length = {length}, width = {width}, thickness = {h}, youngs_modulus = {e1:?}, poissons_ratio = {nu}, density = {rho:?} }}\n"
+    );
+    let equal = plate(e1, e1, nu, 33.0)
+        .replace("shear_modulus = 700000000.0", &format!("shear_modulus = {:?}", e1 / 2.7));
+    for (a, b) in of(&isotropic).iter().zip(of(&equal)) {
+        close("isotropic", *a, b, 1e-9);
+    }
+}
+
+/// Equal parts, by condition and by group, are the whole; triangles and quadrilaterals mix.
+#[test]
+fn parts_of_a_mixed_mesh() {
+    let plate = "plate = { thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\nmesh.file = 'gmsh/square_41_text.msh'\n";
+    let supports = all_round("clamped");
+    let part = |group| format!("{{ group = \"{group}\", thickness = 1 }}");
+    let parts = format!("part = [{}]\n", ["steel", "rubber", "whole"].map(part).join(", "));
+    let of = |parts: &str| frequencies(&[plate, &supports, parts, STILL].concat());
+    let whole = of("");
+    for (a, b) in whole.iter().zip(of(&parts)) {
+        close("groups", *a, b, 1e-11);
+    }
+    close("CCCC", TAU * whole[0], 35.985, 3e-2);
+}

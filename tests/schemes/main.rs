@@ -1,0 +1,13 @@
+//! The schemes in time.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod bouncing_ball;
+mod conserving;
+mod damping;
+mod energy;
+mod exact;
+mod forced;
+mod moving;
+mod period_three_bar;
