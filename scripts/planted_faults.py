@@ -70,7 +70,7 @@ def is_seen(copy, name, path, text, fault, suite, test):
     if source.count(text) != 1:
         sys.exit(f"{name}: {path} has {source.count(text)} times {text!r}; expected once")
     (copy / path).write_text(source.replace(text, fault))
-    environment = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target" / "planted_faults")}
+    environment = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target" / "planted_faults"), "CARGO_INCREMENTAL": "1"}
     call = ["cargo", "test", "--release", "--locked", "--quiet", "--no-default-features", "--test", suite]
     built = subprocess.run([*call, "--no-run"], cwd=copy, env=environment, capture_output=True, text=True)
     if built.returncode != 0:

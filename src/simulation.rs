@@ -20,6 +20,7 @@ use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native, Sum};
 use crate::mesh::{Mesh, Point};
+use crate::plate::Sections;
 use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
     Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System, Tally,
@@ -81,6 +82,14 @@ struct Frame(Vec<(Rc<Given>, Vec<f64>)>);
 /// [`Error::Mesh`] where a support stands nowhere.
 pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
     Ok(Space::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
+}
+
+/// What the plate is, cell by cell.
+///
+/// # Errors
+/// As [`Model::new`].
+pub fn sections<'s>(scene: &'s Scene, mesh: &Mesh) -> Result<impl Sections + use<'s>> {
+    Body::new(scene, mesh, &Alone)
 }
 
 /// The rigid motions that nothing holds, in words; `None` where there is none.

@@ -464,9 +464,15 @@ impl Load {
 }
 
 impl Grid {
+    /// Whether a file gives the mesh that is refined.
+    pub fn is_of_file(&self) -> bool {
+        self.cells == [0, 0]
+    }
+
     /// A mesh of the same kind with other cells.
     pub fn with(&self, element: ElementKind, cells: [usize; 2], refine: u32) -> Grid {
-        let diagonal = (element == ElementKind::Hct).then(|| self.diagonal.unwrap_or_default());
+        let diagonal =
+            (element == ElementKind::Hct && cells != [0, 0]).then(|| self.diagonal.unwrap_or_default());
         Grid { element, cells, diagonal, refine }
     }
 }

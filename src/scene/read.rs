@@ -745,11 +745,19 @@ fn probe_name(doc: &Document, key: &str) -> Result<String> {
 
 fn study(doc: &Document, mesh: &Grid, time: &Time, solver: &Solver) -> Result<Option<Study>> {
     let keys = ["schemes", "masses", "restitutions", "steps", "elements", "cells", "refinements", "engines"];
-    doc.allow("study", &[&keys[..], &["vi", "reference_cells", "at", "until", "repeat"]].concat())?;
+    let others = ["vi", "reference_cells", "reference_refine", "at", "until", "repeat"];
+    doc.allow("study", &[&keys[..], &others].concat())?;
     if doc.get("study").is_none() {
         return Ok(None);
     }
-    doc.forbid("mesh.file", "contradicts [study], which compares meshes of a rectangle")?;
+    let is_of_file = mesh.is_of_file();
+    if is_of_file {
+        for key in ["study.elements", "study.cells", "study.reference_cells"] {
+            doc.forbid(key, "contradicts mesh.file, whose cells are given; expected study.refinements")?;
+        }
+    } else {
+        doc.forbid("study.reference_refine", "is for a mesh from a file; expected study.reference_cells")?;
+    }
     let usual = Study::of(mesh, time, solver);
     let cells = doc.list("study.cells", |key| cells(doc, key))?.unwrap_or(usual.cells);
     let count = |key: &str| doc.count(key, "a number of uniform refinements", 0);
@@ -757,8 +765,15 @@ fn study(doc: &Document, mesh: &Grid, time: &Time, solver: &Solver) -> Result<Op
     let refinements =
         refinements.unwrap_or_else(|| usual.refinements.iter().copied().map(u64::from).collect());
     let most = refinements.iter().copied().max().unwrap_or(0);
-    if let Some(cells) = cells.iter().find(|cells| self::refinements(**cells, most).is_none()) {
-        return Err(too_many(doc, "study.refinements", *cells, most));
+    let reference_refine =
+        doc.optional_count("study.reference_refine", "a number of uniform refinements", 0)?;
+    let reference_refine = reference_refine.unwrap_or(if is_of_file { most.saturating_add(1) } else { 0 });
+    let sized = |cells: &[usize; 2]| if is_of_file { [1, 1] } else { *cells };
+    for (key, times) in [("study.refinements", most), ("study.reference_refine", reference_refine)] {
+        if let Some(cells) = cells.iter().map(sized).find(|cells| self::refinements(*cells, times).is_none())
+        {
+            return Err(too_many(doc, key, cells, times));
+        }
     }
     let refinements: Vec<u32> = refinements.into_iter().map(|refine| refine as u32).collect();
     let reference_cells = match doc.get("study.reference_cells") {
@@ -778,6 +793,7 @@ fn study(doc: &Document, mesh: &Grid, time: &Time, solver: &Solver) -> Result<Op
         engines: doc.list("study.engines", |key| doc.choice(key))?.unwrap_or(usual.engines),
         vi: doc.list("study.vi", |key| doc.choice(key))?.unwrap_or(usual.vi),
         reference_cells,
+        reference_refine: reference_refine as u32,
         at: doc.list("study.at", |key| instant(doc, key, time))?.unwrap_or(usual.at),
         until: doc.optional_choice("study.until")?.unwrap_or(usual.until),
         repeat: doc

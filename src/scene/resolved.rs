@@ -263,13 +263,18 @@ fn study(study: &Study) -> Vec<Row> {
         ("masses", words(&study.masses), ""),
         ("restitutions", numbers(&study.restitutions), "newmark"),
         ("steps", numbers(&study.steps), "s"),
-        ("elements", words(&study.elements), ""),
-        ("cells", format!("[{}]", cells.join(", ")), ""),
         ("refinements", format!("[{}]", refinements.join(", ")), ""),
         ("engines", words(&study.engines), ""),
         ("vi", words(&study.vi), ""),
-        ("reference_cells", format!("[{nx}, {ny}]"), "mesh that measures the error in space"),
     ];
+    let measures = "mesh that measures the error in space";
+    if study.reference_cells == [0, 0] {
+        rows.push(("reference_refine", study.reference_refine.to_string(), measures));
+    } else {
+        rows.push(("elements", words(&study.elements), ""));
+        rows.push(("cells", format!("[{}]", cells.join(", ")), ""));
+        rows.push(("reference_cells", format!("[{nx}, {ny}]"), measures));
+    }
     if !study.at.is_empty() {
         rows.push(("at", numbers(&study.at), "s, instants at which errors of the deflection are told"));
     }

@@ -30,8 +30,10 @@ pub struct Study {
     pub engines: Vec<EngineName>,
     /// Contact solvers.
     pub vi: Vec<ViName>,
-    /// Rectangles of the mesh on which the error in space is measured.
+    /// Rectangles of the mesh on which the error in space is measured; none where a file gives the mesh.
     pub reference_cells: [usize; 2],
+    /// Uniform refinements of that mesh: of the file's; 0 for a rectangle.
+    pub reference_refine: u32,
     /// Instants at which errors of the whole deflection are told, s.
     pub at: Vec<f64>,
     /// How long runs are compared when they are ranked.
@@ -72,6 +74,7 @@ impl Study {
             engines: vec![solver.engine],
             vi: vec![solver.vi],
             reference_cells: finer(&[mesh.cells], &[mesh.refine]),
+            reference_refine: if mesh.is_of_file() { mesh.refine.saturating_add(1) } else { 0 },
             at: vec![],
             until: Horizon::SecondImpact,
             repeat: 3,

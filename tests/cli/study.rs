@@ -8,9 +8,10 @@ use rebond::assembly;
 use rebond::linalg::{Engine, Factor};
 use rebond::mesh::{Mesh, Point};
 use rebond::scene::Scene;
+use rebond::simulation;
 use rebond::space::Support;
 use rebond::study::accuracy::front::{Axis, front, slope};
-use rebond::study::accuracy::norms::{Jet, Points, Sampler};
+use rebond::study::accuracy::norms::{Jet, Metric, Points, Sampler};
 use rebond::study::accuracy::plan::Plan;
 use rebond::study::accuracy::{self, Accuracy, Run, Watch};
 use std::f64::consts::PI;
@@ -97,6 +98,62 @@ fn a_study_reads_the_orders_in_space() {
     }
 }
 
+/// A mesh from a file is refined; a plate of two thicknesses has the norms of both.
+#[test]
+fn a_study_of_a_mesh_from_a_file_refines_it() {
+    let text = r#"
+        plate = { thickness = "0.01 + 0.01*x", youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+        mesh = { file = "square_41_text.msh" }
+        support = [{ edge = "left", kind = "clamped" }]
+        initial = { static_pressure = 1000 }
+        time = { scheme = "midpoint", mass = "consistent", step = 1e-5, end = 2e-4 }
+        study = { schemes = ["midpoint"], masses = ["consistent"], steps = [1e-5], refinements = [0, 1], repeat = 1 }
+        "#;
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/study.toml");
+    let scene = Scene::from_str(text, beside, &[]).unwrap();
+    assert_eq!(scene.study().reference_refine, 2);
+    let accuracy =
+        accuracy::study(&scene, &scene.study(), None, &accuracy::natively, 1, &mut Silent).unwrap();
+    assert!(accuracy.complete && accuracy.failures.is_empty(), "{accuracy}");
+    assert_eq!(accuracy.probes.len(), 9);
+    let singular: Vec<_> = accuracy.limits.iter().filter(|limit| limit.family == "singular").collect();
+    let meshes: Vec<&str> = singular.iter().map(|limit| limit.mesh.as_str()).collect();
+    assert_eq!(meshes, ["file", "file refine 1"]);
+    let [coarse, fine] = [0, 1].map(|i| singular[i].space.energy.unwrap().end.rms);
+    assert!(0.0 < fine && fine < 0.8 * coarse, "{coarse} {fine}");
+    assert!((singular[0].size / singular[1].size - 2.0).abs() < 1e-12);
+
+    for (key, value) in [("cells", "[[4, 4]]"), ("elements", "[\"fvs\"]"), ("reference_cells", "[8, 8]")] {
+        let error = Scene::from_str(text, beside, &[format!("study.{key}={value}")]).unwrap_err().to_string();
+        assert!(error.contains(key) && error.contains("study.refinements"), "{error}");
+    }
+}
+
+/// On one mesh the norms by matrices are those by quadrature, thickness and material changing within and between cells.
+#[test]
+fn norms_are_those_of_the_scenes_sections() {
+    let text = r#"
+        plate = { length = 1, width = 1, thickness = "0.01 + 0.01*x", youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+        mesh = { element = "hct", cells = [3, 2] }
+        part = [{ where = "y > 0.5", youngs_modulus = 70e9, density = 2700 }]
+        support = [{ edge = "left", kind = "clamped" }]
+        time = { scheme = "midpoint", mass = "consistent", step = 1e-5, end = 1e-4 }
+        "#;
+    let scene = Scene::from_str(text, "norms", &[]).unwrap();
+    let mesh = simulation::mesh(&scene).unwrap();
+    let space = simulation::space(&scene, &mesh).unwrap();
+    let sections = simulation::sections(&scene, &mesh).unwrap();
+    let metric = Metric::new(&mesh, &space, &sections).unwrap();
+    let points = Points::new(&mesh, &sections).unwrap();
+    let sampler = Sampler::new(&mesh, &space, points.at()).unwrap();
+    let mut random = Random::new(7);
+    let [a, b]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..space.dofs()).map(|_| random.signed()).collect());
+    let by_matrices = metric.distance(&a, &b).unwrap();
+    let by_points = points.distance(&sampler.jets(&a), &sampler.jets(&b));
+    assert!((by_points.energy / by_matrices.energy - 1.0).abs() < 1e-3, "{by_points:?} {by_matrices:?}");
+    assert!((by_points.l2 / by_matrices.l2 - 1.0).abs() < 0.02, "{by_points:?} {by_matrices:?}");
+}
+
 /// The unit square, simply supported, D = 1, under 4 pi^4 sin(pi x) sin(pi y): w = sin(pi x) sin(pi y).
 fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let exact = |p: Point| (PI * p.x).sin() * (PI * p.y).sin();
@@ -112,14 +169,14 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let mut load = vec![0.0; space.dofs()];
     assembly::Pressure::new(mesh, &matrices.cells).unwrap().load(fill, &mut load).unwrap();
     engine.factor(&[(1.0, stiffness)], &[]).unwrap().solve(&mut load).unwrap();
-    let points = Points::new(mesh).unwrap();
+    let points = Points::new(mesh, &plate).unwrap();
     let jet = |p: &Point| -> Jet {
         let mixed = PI * PI * (PI * p.x).cos() * (PI * p.y).cos();
         [exact(*p), -PI * PI * exact(*p), mixed, -PI * PI * exact(*p)]
     };
     let expected: Vec<Jet> = points.at().iter().map(jet).collect();
     let own = Sampler::new(mesh, space, points.at()).unwrap().jets(&load);
-    let norms = points.distance(&plate, &own, &expected);
+    let norms = points.distance(&own, &expected);
     [norms.l2, norms.energy]
 }
 

@@ -19,7 +19,7 @@ pub mod truth;
 
 use crate::error::{Error, Result};
 use crate::linalg::Native;
-use crate::mesh::Mesh;
+use crate::mesh::{Cell, Mesh, Point};
 use crate::modes;
 use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
@@ -102,7 +102,7 @@ pub struct Limit {
     pub refused: Vec<String>,
     /// Free dofs.
     pub dofs: usize,
-    /// Side of a square as large as a rectangle of the mesh, in m.
+    /// Side of a square as large as a cell on average, two triangles counted as one, in m.
     pub size: f64,
     /// When its impacts begin, in s.
     pub impacts: Vec<f64>,
@@ -206,20 +206,33 @@ pub struct Accuracy {
     pub at_once: usize,
 }
 
-/// A scene without probes is watched at its corners, the middles of its edges, and its centre.
-fn watched(scene: &Scene) -> Scene {
+/// A scene without probes is watched at its corners, the middles of its edges, and its centre; on a mesh from a file, at the nodes nearest
+/// to those of the rectangle about it.
+fn watched(scene: &Scene) -> Result<Scene> {
     let mut scene = scene.clone();
     if scene.output.probes.is_empty() {
+        let mesh = simulation::mesh(&scene)?;
+        let extremes = |of: fn(&Point) -> f64| {
+            mesh.nodes
+                .iter()
+                .map(of)
+                .fold([f64::MAX, f64::MIN], |[least, most], x| [least.min(x), most.max(x)])
+        };
+        let (x, y) = (extremes(|node| node.x), extremes(|node| node.y));
+        let between = |[least, most]: [f64; 2], part: f64| (1.0 - part) * least + part * most;
         let places = [("left", 0.0), ("middle", 0.5), ("right", 1.0)];
         let heights = [("bottom", 0.0), ("middle", 0.5), ("top", 1.0)];
-        let probe = |(x, y): ((&str, f64), (&str, f64))| Probe {
-            name: format!("{} {}", y.0, x.0),
-            at: [x.1 * scene.plate.length, y.1 * scene.plate.width],
-            ball: None,
+        let probe = |(across, up): ((&str, f64), (&str, f64))| {
+            let at = Point::new(between(x, across.1), between(y, up.1));
+            let away = |node: &&Point| (**node - at).norm();
+            let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&at);
+            let at = if scene.file.is_some() { *node } else { at };
+            Probe { name: format!("{} {}", up.0, across.0), at: [at.x, at.y], ball: None }
         };
-        scene.output.probes = places.iter().flat_map(|x| heights.iter().map(|y| probe((*x, *y)))).collect();
+        let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
+        scene.output.probes = pairs.map(probe).collect();
     }
-    scene
+    Ok(scene)
 }
 
 /// The motion on the reference mesh, at its quadrature points.
@@ -232,16 +245,16 @@ struct Reference {
 impl Reference {
     fn new(base: &Scene, truth: Truth) -> Result<Reference> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
-        let points = Points::new(&mesh)?;
+        let points = Points::new(&mesh, &simulation::sections(base, &mesh)?)?;
         let sampler = Sampler::new(&mesh, &space, points.at())?;
         let jets = truth.trajectory.fields.iter().map(|u| sampler.jets(u)).collect();
         Ok(Reference { truth, points, jets })
     }
 
-    fn scales(&self, base: &Scene) -> Scales {
+    fn scales(&self) -> Scales {
         let zeros = vec![[0.0; 4]; self.points.at().len()];
         let largest = self.jets.iter().fold(Norms::default(), |largest, jets| {
-            let norms = self.points.distance(&base.plate.plate, jets, &zeros);
+            let norms = self.points.distance(jets, &zeros);
             Norms { l2: largest.l2.max(norms.l2), energy: largest.energy.max(norms.energy) }
         });
         Scales { deflection: self.truth.trajectory.scale(), l2: largest.l2, energy: largest.energy }
@@ -251,13 +264,12 @@ impl Reference {
     fn distance(&self, base: &Scene, truth: &Truth, instants: &[f64]) -> Result<Distance> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
         let sampler = Sampler::new(&mesh, &space, self.points.at())?;
-        let plate = &base.plate.plate;
         let norms: Vec<Norms> = truth
             .trajectory
             .fields
             .iter()
             .zip(&self.jets)
-            .map(|(u, reference)| self.points.distance(plate, &sampler.jets(u), reference))
+            .map(|(u, reference)| self.points.distance(&sampler.jets(u), reference))
             .collect();
         let finest = &self.truth;
         Ok(Distance::new(&truth.trajectory, &finest.trajectory, &finest.impacts, Some(&norms), instants))
@@ -300,13 +312,13 @@ pub fn study(
     watch: &mut dyn Watch,
 ) -> Result<Accuracy> {
     let jobs = if study.engines == [EngineName::Native] { jobs.max(1) } else { 1 };
-    let base = &watched(scene);
+    let base = &watched(scene)?;
     let plan = Plan::new(base, study);
     let interval = study.interval(base.time.end).ok_or_else(|| {
         Error::Usage("the steps of the study have no common multiple short enough to compare runs".into())
     })?;
     let smallest = study.steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let finest = base.mesh.with(study.elements[0], study.reference_cells, 0);
+    let finest = base.mesh.with(study.elements[0], study.reference_cells, study.reference_refine);
     let todo = Todo::new(&plan, known.as_ref());
     let parts = usize::from(todo.reference) + todo.limits.len() + todo.cases.len();
     watch.begins(parts, foretell(base, study, &todo, finest, interval, run));
@@ -343,14 +355,14 @@ pub fn study(
         };
         let refused: String = truth.refused.iter().map(|why| format!("; not by {why}")).collect();
         accuracy.reference = format!("{}, {}{refused}", mesh_name(&finest), truth.source);
-        accuracy.scales = reference.as_ref().map(|reference| reference.scales(base)).unwrap_or_default();
+        accuracy.scales = reference.as_ref().map(Reference::scales).unwrap_or_default();
         watch.done(&accuracy)?;
     }
     let scales = accuracy.scales;
 
     for &grid in &plan.grids {
         let (mesh, space) = mesh_and_space(base, grid)?;
-        let metric = Metric::new(&mesh, &space, &base.plate.plate)?;
+        let metric = Metric::new(&mesh, &space, &simulation::sections(base, &mesh)?)?;
         let mut truths: Vec<(Family, Rc<Truth>)> = Vec::new();
         for (_, family) in todo.limits.iter().filter(|(own, _)| *own == grid) {
             let step = LIMIT_STEP * smallest;
@@ -359,7 +371,7 @@ pub fn study(
                 Ok(truth) => {
                     if let (None, Some(reference)) = (accuracy.limit(&grid, *family), &reference) {
                         let space_error = reference.distance(base, &truth, &study.at)?;
-                        accuracy.limits.push(limit(base, &truth, space.dofs(), scales, space_error));
+                        accuracy.limits.push(limit(&mesh, &truth, space.dofs(), scales, space_error));
                     }
                     truths.push((*family, Rc::new(truth)));
                 }
@@ -455,8 +467,7 @@ impl Todo {
     }
 }
 
-fn limit(base: &Scene, truth: &Truth, dofs: usize, scales: Scales, space: Distance) -> Limit {
-    let rectangles: usize = truth.grid.cells.iter().map(|count| count << truth.grid.refine).product();
+fn limit(mesh: &Mesh, truth: &Truth, dofs: usize, scales: Scales, space: Distance) -> Limit {
     let relative =
         |d: Deviation| Deviation { rms: d.rms / scales.deflection, max: d.max / scales.deflection };
     Limit {
@@ -469,12 +480,20 @@ fn limit(base: &Scene, truth: &Truth, dofs: usize, scales: Scales, space: Distan
         source: truth.source.clone(),
         refused: truth.refused.clone(),
         dofs,
-        size: (base.plate.length * base.plate.width / rectangles as f64).sqrt(),
+        size: size(mesh),
         impacts: truth.impacts.clone(),
         first_impact: truth.first_impact,
         own_error: truth.error.probes.map(relative),
         space,
     }
+}
+
+/// Side of a square as large as a cell on average, in m; two triangles count as one.
+fn size(mesh: &Mesh) -> f64 {
+    let area = |cell| mesh.area(cell);
+    let parts = |cell: &Cell| if cell.nodes().len() == 3 { 0.5 } else { 1.0 };
+    let rectangles: f64 = mesh.cells.iter().map(parts).sum();
+    ((0..mesh.cells.len()).map(area).sum::<f64>() / rectangles).sqrt()
 }
 
 /// A case that was run.
@@ -566,7 +585,7 @@ fn foretell(base: &Scene, study: &Study, todo: &Todo, finest: Grid, interval: f6
     };
     let smallest = study.steps.iter().copied().fold(f64::INFINITY, f64::min);
     let truth = |grid: Grid, family: Family, step: f64| {
-        let (first, last) = family.methods(&grid);
+        let (first, last) = family.methods(truth::cells(base, grid).unwrap_or(usize::MAX));
         let method = first.first().copied().unwrap_or(last);
         // Twice exactly; else with the step, and with twice that.
         let (step, again) = if method.scheme.name().has_step() { (step, 0.5) } else { (interval, 1.0) };

@@ -3,12 +3,14 @@
 //! Deflections on two meshes are compared as the C1 functions they are: value and second derivatives of both, through their
 //! elements, at the quadrature points of a third, fine mesh.
 
+use nalgebra::{Matrix3, Vector3};
+
 use crate::assembly;
 use crate::element::{Element, fvs, hct, quadrature};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Mesh, Point};
-use crate::plate::Plate;
+use crate::plate::{Section, Sections};
 use crate::space::Space;
 
 /// Norms of a deflection w.
@@ -16,7 +18,7 @@ use crate::space::Space;
 pub struct Norms {
     /// L2: the root of the integral of w^2, in m2.
     pub l2: f64,
-    /// Energy: the root of a(w, w), twice the elastic energy, in J^(1/2).
+    /// Energy: the root of a(w, w), twice the energy of bending, in J^(1/2).
     pub energy: f64,
 }
 
@@ -24,21 +26,20 @@ pub struct Norms {
 pub struct Metric {
     engine: Native,
     stiffness: Form,
-    mass: Form,
-    density: f64,
+    square: Form,
 }
 
 impl Metric {
     /// The norms over the free dofs of a space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] naming a cell that cannot carry its element.
-    pub fn new(mesh: &Mesh, space: &Space, plate: &Plate) -> Result<Metric> {
-        let cells = assembly::cells(mesh, space, plate)?;
+    /// [`Error::Mesh`] naming a cell that cannot carry its element; what the sections say.
+    pub fn new(mesh: &Mesh, space: &Space, sections: &impl Sections) -> Result<Metric> {
+        let cells = assembly::cells(mesh, space, &OfUnitDensity(sections))?;
         let engine = Native::with_layout(space.layout(mesh));
         let stiffness = engine.form(assembly::stiffness(&cells));
-        let mass = engine.form(assembly::consistent_mass(&cells));
-        Ok(Metric { engine, stiffness, mass, density: plate.surface_density() })
+        let square = engine.form(assembly::consistent_mass(&cells));
+        Ok(Metric { engine, stiffness, square })
     }
 
     /// The norms of the difference of two displacements.
@@ -49,8 +50,21 @@ impl Metric {
         let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
         let mut product = vec![0.0; difference.len()];
         let elastic = self.engine.multiply(&self.stiffness, &difference, &mut product)?;
-        let mass = self.engine.multiply(&self.mass, &difference, &mut product)?;
-        Ok(Norms { l2: (mass / self.density).max(0.0).sqrt(), energy: elastic.max(0.0).sqrt() })
+        let square = self.engine.multiply(&self.square, &difference, &mut product)?;
+        Ok(Norms { l2: square.max(0.0).sqrt(), energy: elastic.max(0.0).sqrt() })
+    }
+}
+
+/// Sections with a mass of 1 kg/m2: their consistent mass is the form of the L2 norm.
+struct OfUnitDensity<'s, S>(&'s S);
+
+impl<S: Sections> Sections for OfUnitDensity<'_, S> {
+    fn kind(&self, cell: usize) -> Option<usize> {
+        self.0.kind(cell)
+    }
+
+    fn section(&self, cell: usize, at: Point) -> Result<Section> {
+        Ok(Section { density: 1.0, ..self.0.section(cell, at)? })
     }
 }
 
@@ -62,29 +76,27 @@ pub struct Points {
     at: Vec<Point>,
     /// Areas, in m2.
     weights: Vec<f64>,
+    /// Moments per length of the curvatures, in N m.
+    bending: Vec<Matrix3<f64>>,
 }
 
 impl Points {
     /// Six points on each piece of each cell.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a cell that cannot carry its element.
-    pub fn new(mesh: &Mesh) -> Result<Points> {
-        fn add<const N: usize>(points: &mut Points, element: &Element<N>) {
-            for (number, piece) in element.pieces.iter().enumerate() {
-                for (barycentric, weight) in quadrature::DEGREE_3 {
-                    points.at.push(element.point(number, barycentric));
-                    points.weights.push(weight * piece.area());
-                }
-            }
-        }
-        let mut points = Points { at: Vec::new(), weights: Vec::new() };
-        for cell in &mesh.cells {
-            match *cell {
-                Cell::Triangle(nodes) => add(&mut points, &hct::element(nodes.map(|node| mesh.nodes[node]))?),
-                Cell::Quadrilateral(nodes) => {
-                    add(&mut points, &fvs::element(nodes.map(|node| mesh.nodes[node]))?);
-                }
+    /// [`Error::Mesh`] for a cell that cannot carry its element; what the sections say.
+    pub fn new(mesh: &Mesh, sections: &impl Sections) -> Result<Points> {
+        let mut points = Points { at: Vec::new(), weights: Vec::new(), bending: Vec::new() };
+        let mut add = |cell: usize, at: Point, area: f64| -> Result<()> {
+            points.at.push(at);
+            points.weights.push(area);
+            points.bending.push(sections.section(cell, at)?.bending);
+            Ok(())
+        };
+        for cell in 0..mesh.cells.len() {
+            match Basis::of(mesh, cell)? {
+                Basis::Hct(element) => nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?,
+                Basis::Fvs(element) => nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?,
             }
         }
         Ok(points)
@@ -96,17 +108,24 @@ impl Points {
     }
 
     /// The norms of the difference of two deflections, given at these points.
-    pub fn distance(&self, plate: &Plate, a: &[Jet], b: &[Jet]) -> Norms {
-        let nu = plate.poissons_ratio;
-        let (mut square, mut bending) = (0.0, 0.0);
-        for ((weight, a), b) in self.weights.iter().zip(a).zip(b) {
-            let [w, xx, xy, yy] = std::array::from_fn(|i| a[i] - b[i]);
+    pub fn distance(&self, a: &[Jet], b: &[Jet]) -> Norms {
+        let (mut square, mut energy) = (0.0, 0.0);
+        for (((weight, bending), a), b) in self.weights.iter().zip(&self.bending).zip(a).zip(b) {
+            let [w, curvatures @ ..]: Jet = std::array::from_fn(|i| a[i] - b[i]);
+            let curvatures = Vector3::from(curvatures);
             square += weight * w * w;
-            let trace = xx + yy;
-            bending += weight * ((1.0 - nu) * (xx * xx + 2.0 * xy * xy + yy * yy) + nu * trace * trace);
+            energy += weight * curvatures.dot(&(bending * curvatures));
         }
-        Norms { l2: square.sqrt(), energy: (plate.rigidity() * bending).sqrt() }
+        Norms { l2: square.sqrt(), energy: energy.max(0.0).sqrt() }
     }
+}
+
+/// Quadrature points of an element and their areas, in m2.
+fn nodes<const N: usize>(element: &Element<N>) -> impl Iterator<Item = (Point, f64)> {
+    element.pieces.iter().enumerate().flat_map(move |(number, piece)| {
+        let node = move |(barycentric, weight)| (element.point(number, barycentric), weight * piece.area());
+        quadrature::DEGREE_3.into_iter().map(node)
+    })
 }
 
 /// Evaluates the displacements of a space at some points.

@@ -39,8 +39,13 @@ impl fmt::Display for Method {
     }
 }
 
-/// A mesh by name, as `fvs 10x4`; its rectangles after refinement.
+/// A mesh by name, as `fvs 10x4`, its rectangles after refinement, or `file refine 1`.
 pub fn mesh_name(grid: &Grid) -> String {
+    match (grid.is_of_file(), grid.refine) {
+        (true, 0) => return "file".into(),
+        (true, times) => return format!("file refine {times}"),
+        (false, _) => {}
+    }
     let [nx, ny] = grid.cells.map(|count| count << grid.refine);
     let element = format!("{:?}", grid.element).to_lowercase();
     let diagonal = grid.diagonal.map_or(String::new(), |diagonal| match diagonal {

@@ -7,9 +7,9 @@ use super::plan::{Case, Method};
 use super::trajectory::{Distance, Trajectory};
 use super::{Runner, natively};
 use crate::error::Result;
-use crate::scene::{ElementKind, EngineName, Grid, Mass, Massless, Scene, Scheme, ViName};
+use crate::scene::{EngineName, Grid, Mass, Massless, Scene, Scheme, ViName};
 use crate::scheme::{Exact, ExactOptions};
-use crate::simulation::{Model, Outcome};
+use crate::simulation::{self, Model, Outcome};
 use std::fmt;
 
 /// Cells up to which the exact scheme is tried: each active set costs their number cubed.
@@ -36,14 +36,14 @@ impl Family {
         }
     }
 
-    /// The methods that compute it on a mesh: those to try first, in turn, and the one that is left.
-    pub(super) fn methods(self, grid: &Grid) -> (Vec<Method>, Method) {
+    /// The methods that compute it on a mesh of so many cells: those to try first, in turn, and the one that is left.
+    pub(super) fn methods(self, cells: usize) -> (Vec<Method>, Method) {
         let native =
             |scheme, mass| Method { scheme, mass, engine: EngineName::Native, vi: ViName::Condensed };
         let midpoint = |massless| native(Scheme::Midpoint { massless }, Mass::Singular);
         match self {
             Family::Singular => {
-                let exact = (cells(grid) <= EXACT_CELLS).then(|| native(Scheme::Exact, Mass::Singular));
+                let exact = (cells <= EXACT_CELLS).then(|| native(Scheme::Exact, Mass::Singular));
                 let first = exact.into_iter().chain([midpoint(Massless::Equilibrium)]).collect();
                 (first, midpoint(Massless::Reflected))
             }
@@ -53,12 +53,9 @@ impl Family {
 }
 
 /// Cells of a mesh.
-fn cells(grid: &Grid) -> usize {
-    let rectangles: usize = grid.cells.iter().map(|count| count << grid.refine).product();
-    match grid.element {
-        ElementKind::Fvs => rectangles,
-        ElementKind::Hct => 2 * rectangles,
-    }
+pub(super) fn cells(base: &Scene, grid: Grid) -> Result<usize> {
+    let scene = Scene { mesh: grid, ..base.clone() };
+    Ok(simulation::mesh(&scene)?.cells.len())
 }
 
 impl fmt::Display for Family {
@@ -122,9 +119,10 @@ impl Truth {
             let source = if exact { method.to_string() } else { format!("{method}, {step:e} s") };
             Ok((source, fine, outcome, coarse))
         };
-        let (first, last) = family.methods(&grid);
+        let cells = cells(base, grid)?;
+        let (first, last) = family.methods(cells);
         let mut refused = match family {
-            Family::Singular if cells(&grid) > EXACT_CELLS => {
+            Family::Singular if cells > EXACT_CELLS => {
                 vec![format!("exact: more than {EXACT_CELLS} cells")]
             }
             _ => vec![],
