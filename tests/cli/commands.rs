@@ -225,3 +225,26 @@ fn the_exact_scheme_lists_its_events() {
     let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
     assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
 }
+
+/// What a run writes grows with the rows asked for and with its impacts, not with its steps.
+#[test]
+#[ignore = "minutes"]
+fn a_million_steps_write_small_files() {
+    let folder = folder("million");
+    let fall = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/csma2013/fig4.toml");
+    for scheme in ["newmark", "midpoint", "conserving", "exact"] {
+        let scheme = format!("time.scheme={scheme}");
+        let settings =
+            [&scheme, "time.step=5e-6", "time.end=5", "output.every=1000", "output.checkpoint_every=1000"];
+        let mut arguments = vec!["run", fall, "--quiet", "--out", "long"];
+        settings.iter().for_each(|setting| arguments.extend(["--set", setting]));
+        let output = rebond(&folder, &arguments);
+        assert!(output.status.success(), "{scheme}: {}", text(&output.stderr));
+        let history = std::fs::read_to_string(folder.join("long/history.csv")).unwrap();
+        assert_eq!(history.lines().count(), 1 + 1001, "{scheme}");
+        let files =
+            std::fs::read_dir(folder.join("long")).unwrap().map(|entry| entry.unwrap().metadata().unwrap());
+        let bytes: u64 = files.filter(|file| file.is_file()).map(|file| file.len()).sum();
+        assert!(bytes < 500_000, "{scheme}: {bytes} bytes");
+    }
+}

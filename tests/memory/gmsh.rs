@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use crate::MEMORY;
+use crate::{MEMORY, alone};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, RngSeed, TestRunner};
@@ -79,6 +79,17 @@ fn judge(bytes: &[u8]) -> Result<(), TestCaseError> {
 
 #[test]
 fn spoilt_files_are_harmless() {
+    spoilt_files(5_000, 41);
+}
+
+#[test]
+#[ignore = "minutes"]
+fn a_million_spoilt_files_are_harmless() {
+    spoilt_files(1_000_000, 42);
+}
+
+fn spoilt_files(cases: u32, seed: u64) {
+    let _alone = alone();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh");
     let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.retain(|path| path.extension().is_some_and(|extension| extension == "msh"));
@@ -86,7 +97,7 @@ fn spoilt_files_are_harmless() {
     let files: Vec<Vec<u8>> = files.iter().map(|path| std::fs::read(path).unwrap()).collect();
     let strategy = (0..files.len(), prop::collection::vec(spoil(), 0..4));
     let config =
-        Config { cases: 5_000, rng_seed: RngSeed::Fixed(41), failure_persistence: None, ..Config::default() };
+        Config { cases, rng_seed: RngSeed::Fixed(seed), failure_persistence: None, ..Config::default() };
     let outcome = TestRunner::new(config).run(&strategy, |(file, spoils)| {
         let mut bytes = files[file].clone();
         spoils.iter().for_each(|spoil| apply(&mut bytes, spoil));

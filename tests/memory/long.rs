@@ -1,6 +1,6 @@
 //! A million steps of the paper's plate: the energy does what theory says to the last, and memory does not grow.
 
-use crate::MEMORY;
+use crate::{MEMORY, alone};
 use rebond::scene::Scene;
 use rebond::simulation::Model;
 
@@ -67,10 +67,10 @@ fn run(time: &str, promise: Promise) {
     assert!(contact_steps > 1000 && grown <= GROWTH, "{contact_steps} steps in contact, {grown} bytes more");
 }
 
-/// One after the other: they share the count of memory.
 #[test]
 #[ignore = "ten minutes"]
 fn a_million_steps() {
+    let _alone = alone();
     run(r#"scheme = "newmark", mass = "singular", restitution = 0"#, Promise::NeverRises(1e-10));
     run(r#"scheme = "newmark", mass = "consistent", restitution = 0"#, Promise::NeverRises(1e-10));
     run(r#"scheme = "newmark", mass = "singular", restitution = 0.5"#, Promise::Bounded(1.5));

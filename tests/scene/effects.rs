@@ -294,6 +294,30 @@ fn a_start_in_a_mode_stays_in_it() {
     }
 }
 
+/// A plate in its first mode, of 2 pi^2 rad/s, dies away with the ratio that `damping.modal` gives it; the second mode's is another's.
+#[test]
+fn a_damping_ratio_is_the_modes_own() {
+    let (w, ratio) = (TAU * PI, 0.05);
+    let turns = w * (1.0_f64 - ratio * ratio).sqrt();
+    // What the mesh's own frequency is off, less with the consistent mass.
+    for (scheme, mass, tolerance) in
+        [("newmark", "consistent", 1e-5), ("newmark", "singular", 3e-5), ("midpoint", "consistent", 1e-5)]
+    {
+        let text = format!(
+            "{UNIT}{}{}initial.deflection = \"1e-3*sin(pi*x)*sin(pi*y)\"\ndamping.modal = [{ratio}, 0.5]\n\
+             time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = 1e-4, end = 0.5 }}\n\
+             output.probes = [{{ name = \"centre\", at = [0.5, 0.5] }}]\n",
+            grid("fvs", 16, 16),
+            all_round("simply_supported"),
+        );
+        let damped = |t: f64| {
+            1e-3 * (-ratio * w * t).exp() * ((turns * t).cos() + ratio * w / turns * (turns * t).sin())
+        };
+        let error = off(&run(&text), damped);
+        assert!(error < tolerance, "{scheme} {mass}: {error:e}");
+    }
+}
+
 /// A plate that starts in equilibrium under its loads stays there, on its obstacle too.
 #[test]
 fn equilibrium_stays() {
