@@ -244,7 +244,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     fn rounds(&mut self, way: f64, length: f64, moment: &Moment) -> Result<(Verdict, bool)> {
         let System { engine, mass, bounds, .. } = self.system;
         let bounds = moment.bounds(bounds);
-        let mut verdict = Verdict::default();
+        let mut verdict = Verdict { kkt: f64::INFINITY, ..Verdict::default() };
         let (mut distance, mut farthest) = (f64::INFINITY, way);
         for round in 1..=*ROUNDS.end() {
             for (pull, (multiplier, lack)) in self.pull.iter_mut().zip(self.multiplier.iter().zip(&self.lack))
@@ -269,15 +269,22 @@ impl<'s, E: Engine> Potential<'s, E> {
             }
             farthest = farthest.max(engine.vis_viva(mass, &self.moved)?.sqrt());
             let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &self.lack)?.sqrt());
-            if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
+            let reached = distance <= CLOSE * way || distance > 0.5 * before;
+            if round < *ROUNDS.start() || !reached && round < *ROUNDS.end() {
+                continue;
+            }
+            // K U = F + B^T λ + G^T r within the bounds.
+            engine.momentum(mass, &self.multiplier, &mut self.b)?;
+            let [load, varying] =
+                [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
+            let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
+            let kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
+            let last = std::mem::replace(&mut verdict.kkt, kkt);
+            // Where cells differ much in size, p is reached before U is in equilibrium.
+            if kkt <= self.solver.tolerance() || kkt.is_nan() || kkt > 0.5 * last {
                 break;
             }
         }
-        // K U = F + B^T λ + G^T r within the bounds.
-        engine.momentum(mass, &self.multiplier, &mut self.b)?;
-        let [load, varying] = [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
-        let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
-        verdict.kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
         Ok((verdict, distance > MISSED * farthest))
     }
 
