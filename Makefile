@@ -51,7 +51,7 @@ test-long: setup ## the tests that take minutes, and all without default feature
 	$(call say,long tests)
 	@cargo test --release --locked --test conserving --test exact --test interrupted --test mpirun --test hard_properties --test hard_fuzz --test hard_long -- --ignored
 
-stability: setup ## put every method to the hard scenes again, natively and on PETSc, for docs/stability.md (40 min)
+stability: setup ## put every method to the hard scenes again, natively and on PETSc, for docs/stability.md (20 min)
 	$(call say,native)
 	@$(CARGO_RUN) -- stability > docs/stability/table.txt
 	$(call say,PETSc with each contact solver)
