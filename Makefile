@@ -51,8 +51,11 @@ test-long: setup ## the tests that take minutes, and all without default feature
 	$(call say,long tests)
 	@cargo test --release --locked --tests -- --ignored
 
-stability: setup ## put every method to the hard scenes, as docs/stability.md shows
-	@$(CARGO_RUN) -- stability
+stability: setup ## put every method to the hard scenes again, natively and on PETSc, for docs/stability.md (20 min)
+	$(call say,native)
+	@$(CARGO_RUN) -- stability > docs/stability/table.txt
+	$(call say,PETSc with each contact solver)
+	@for with in petsc petsc:snes petsc:tao; do $(CARGO_RUN) -- stability --with $$with || exit; echo; done > docs/stability/petsc.txt
 
 bench: setup ## time assembly, factorisation, one step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)

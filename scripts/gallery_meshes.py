@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes the meshes of scenes/gallery in Gmsh's format 4.1, without Gmsh: python3 scripts/gallery_meshes.py"""
+"""Makes the meshes of scenes/gallery and scenes/hard in Gmsh's format 4.1, without Gmsh: python3 scripts/gallery_meshes.py"""
 from math import atan2, cos, hypot, pi, sin
 from pathlib import Path
 
-FOLDER = Path(__file__).parent.parent / "scenes/gallery"
+FOLDER = Path(__file__).parent.parent / "scenes"
 LINE, TRIANGLE, QUADRANGLE = 1, 2, 3  # Gmsh's numbers of element types
 
 
@@ -60,7 +60,7 @@ def disc(radius, rings):
                 if i < ring - 1:
                     triangles.append((node(ring - 1, inner), node(ring, outer + 1), node(ring - 1, inner + 1)))
     rim = [(node(rings, i), node(rings, i + 1)) for i in range(6 * rings)]
-    write("disc.msh", nodes, [("rim", LINE, rim)], [("disc", TRIANGLE, triangles)])
+    write("gallery/disc.msh", nodes, [("rim", LINE, rim)], [("disc", TRIANGLE, triangles)])
 
 
 def cover(length, width, hole, cells, rings):
@@ -89,9 +89,86 @@ def cover(length, width, hole, cells, rings):
     corner = lambda place: [(rings * count + place,)]
     corners = [("front left", 15, corner(0)), ("front right", 15, corner(nx)),
                ("back right", 15, corner(nx + ny)), ("back left", 15, corner(2 * nx + ny))]
-    write("cover.msh", nodes, [("hole", LINE, loop(0)), ("outer", LINE, loop(rings))],
+    write("gallery/cover.msh", nodes, [("hole", LINE, loop(0)), ("outer", LINE, loop(rings))],
           [("collar", QUADRANGLE, inner), ("sheet", QUADRANGLE, middle), ("sheet", TRIANGLE, edge)], corners)
+
+
+def jitter(number):
+    """Numbers between -1 and 1 without order."""
+    return 2 * (number * 0.6180339887498949 % 1) - 1
+
+
+def plate(cells, place=lambda i, j: (i, j)):
+    """Nodes, quadrangles and left edge of a plate of 1.2 m x 0.4 m, its nodes at place(i, j) in units of cells."""
+    nx, ny = cells
+    at = lambda i, j: j * (nx + 1) + i
+    nodes = [(1.2 * x / nx, 0.4 * y / ny) for x, y in (place(i, j) for j in range(ny + 1) for i in range(nx + 1))]
+    quadrangles = [(at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)) for j in range(ny) for i in range(nx)]
+    return nodes, quadrangles, [(at(0, j), at(0, j + 1)) for j in range(ny)]
+
+
+def cut(quadrangles):
+    return [half for a, b, c, d in quadrangles for half in ((c, a, b), (a, c, d))]
+
+
+def hard(name, nodes, quadrangles, triangles, left):
+    """A plate for scenes/hard."""
+    cells = [("plate", kind, of) for kind, of in ((QUADRANGLE, quadrangles), (TRIANGLE, triangles)) if of]
+    write(f"hard/{name}.msh", nodes, [("left", LINE, left)], cells)
+
+
+def needles():
+    """Triangles fifteen to forty-five times longer than wide."""
+    nodes, quadrangles, left = plate((3, 30), lambda i, j: (i + 0.5 * (j % 2) * (0 < i < 3), j))
+    hard("needles", nodes, [], cut(quadrangles), left)
+
+
+def caps(flatness):
+    """Triangles with a corner of nearly 180 degrees: one on either side of each diagonal."""
+    nodes, quadrangles, left = plate((6, 2))
+    triangles = []
+    for p, q, r in cut(quadrangles):
+        (px, py), (qx, qy), (rx, ry) = nodes[p], nodes[q], nodes[r]
+        near = len(nodes)
+        nodes.append(tuple((1 - flatness) * (p + q) / 2 + flatness * r for p, q, r in ((px, qx, rx), (py, qy, ry))))
+        triangles += [(p, q, near), (q, r, near), (r, p, near)]
+    hard("caps", nodes, [], triangles, left)
+
+
+def dented(depth):
+    """Quadrangles with a corner of nearly 180 degrees: this share of a diagonal off the other one."""
+    dent = 0.5 - depth
+    nodes, quadrangles, left = plate((6, 4), lambda i, j: (i - dent, j - dent) if i % 2 and j % 2 else (i, j))
+    hard("dented", nodes, quadrangles, [], left)
+
+
+def graded(ratio):
+    """Cells that grow by a ratio from one to the next, with jittered corners; whole, and cut."""
+    nx, ny = cells = 12, 6
+
+    def grown(k, n, number):
+        k += 0.2 * jitter(number) if 0 < k < n else 0
+        return n * (ratio**k - 1) / (ratio**n - 1)
+
+    nodes, quadrangles, left = plate(cells, lambda i, j: (grown(i, nx, 7 * i + 13 * j), grown(j, ny, 7 * i + 13 * j + 5)))
+    hard("graded", nodes, quadrangles, [], left)
+    hard("graded-cut", nodes, [], cut(quadrangles), left)
+
+
+def turned(angle):
+    """Quadrangles and triangles mixed, turned, away from the origin, their nodes numbered without order."""
+    nodes, quadrangles, left = plate((6, 2))
+    order = sorted(range(len(nodes)), key=jitter)
+    number = {old: new for new, old in enumerate(order)}
+    nodes = [(3 + cos(angle) * x - sin(angle) * y, sin(angle) * x + cos(angle) * y - 2) for x, y in (nodes[old] for old in order)]
+    renumber = lambda elements: [tuple(number[node] for node in element) for element in elements]
+    hard("turned", nodes, renumber(quadrangles[::2]), renumber(cut(quadrangles[1::2])), renumber(left))
 
 
 disc(radius=0.2, rings=6)
 cover(length=0.6, width=0.4, hole=0.06, cells=(12, 8), rings=4)
+needles()
+caps(flatness=0.06)
+dented(depth=1e-3)
+graded(ratio=1.4)
+turned(angle=0.5)

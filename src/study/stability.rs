@@ -84,7 +84,7 @@ impl Ending {
 /// A scene on an element with a method, and how it did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trial {
-    /// Element and cells.
+    /// Element and cells, or the mesh's file.
     pub mesh: String,
     /// The method.
     #[serde(flatten)]
@@ -158,18 +158,24 @@ pub fn methods(engine: EngineName, vi: ViName) -> Vec<Method> {
     all.filter(|method| engine == EngineName::Native || method.scheme != Scheme::Exact).collect()
 }
 
-/// The scenes that a scene stands for: on both elements, with every method of an engine and a contact solver.
+/// The scenes that a scene stands for: on both elements, or on those of its mesh file, with every method of an engine and a contact solver.
 pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Method)> {
     let mut variants = Vec::new();
-    for element in [ElementKind::Fvs, ElementKind::Hct] {
-        let mesh = scene.mesh.with(element, scene.mesh.cells, scene.mesh.refine);
-        let rectangles = (mesh.cells[0] * mesh.cells[1]) << (2 * mesh.refine);
-        let cells = if element == ElementKind::Hct { 2 * rectangles } else { rectangles };
+    let both = [ElementKind::Fvs, ElementKind::Hct];
+    let elements = if scene.file.is_some() { &both[..1] } else { &both };
+    for &element in elements {
+        let mesh = match scene.file {
+            Some(_) => scene.mesh,
+            None => scene.mesh.with(element, scene.mesh.cells, scene.mesh.refine),
+        };
+        let variant = Scene { mesh, ..scene.clone() };
+        // A mesh that cannot be made is told by the trials.
+        let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
         for method in methods(engine, vi) {
             if method.scheme == Scheme::Exact && cells > MOST_EXACT_CELLS {
                 continue;
             }
-            let mut scene = Scene { mesh, ..scene.clone() };
+            let mut scene = variant.clone();
             (scene.time.scheme, scene.time.mass) = (method.scheme, method.mass);
             (scene.solver.engine, scene.solver.vi) = (engine, vi);
             scene.solver.energy_guard = scene.solver.energy_guard.min(GUARD);
@@ -267,7 +273,7 @@ pub fn attempt<E: Engine>(
         simulation::run(scene, &model, &*solver, &mut witness)
     });
     let seconds = clock.elapsed().as_secs_f64();
-    let mesh = mesh_name(&scene.mesh);
+    let mesh = scene.file.as_ref().map_or_else(|| mesh_name(&scene.mesh), |file| file.file.clone());
     let (outcome, ended) = match ran {
         Ok(ran) => ran,
         Err(why) => {
@@ -420,25 +426,25 @@ impl Trial {
     }
 }
 
-impl fmt::Display for Stability {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        for case in &self.cases {
-            writeln!(f, "{case}")?;
+impl Stability {
+    /// All cases in words: scenes down, methods across, of one engine and contact solver.
+    fn overview(&self, engine: EngineName, vi: ViName) -> Table {
+        let methods = methods(engine, vi);
+        let mut heads = vec!["fvs | hct".to_owned()];
+        for method in &methods {
+            let alone = Method { engine: EngineName::Native, vi: ViName::Condensed, ..*method };
+            heads.push(alone.to_string().replace(' ', "\n"));
         }
-        let mut methods: Vec<String> = Vec::new();
-        for trial in self.cases.iter().flat_map(|case| &case.trials) {
-            let name = trial.method.to_string();
-            if !methods.contains(&name) {
-                methods.push(name);
-            }
+        match (engine, vi) {
+            (EngineName::Native, _) => {}
+            (engine, ViName::Condensed) => heads[0].insert_str(0, &format!("{engine}\n")),
+            (engine, vi) => heads[0].insert_str(0, &format!("{engine}:{vi}\n")),
         }
-        let heads: Vec<String> = methods.iter().map(|name| name.replace(' ', "\n")).collect();
-        let heads: Vec<&str> = std::iter::once("fvs | hct").chain(heads.iter().map(String::as_str)).collect();
-        let mut table = Table::new(&heads);
+        let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
         for case in &self.cases {
-            let of = |name: &String| {
+            let of = |method: &Method| {
                 let words: Vec<String> =
-                    case.trials.iter().filter(|t| t.method.to_string() == *name).map(Trial::word).collect();
+                    case.trials.iter().filter(|t| t.method == *method).map(Trial::word).collect();
                 match &words[..] {
                     [] => "-".into(),
                     [one, other] if one == other => one.clone(),
@@ -447,6 +453,23 @@ impl fmt::Display for Stability {
             };
             table.row(std::iter::once(case.name.clone()).chain(methods.iter().map(of)));
         }
-        write!(f, "{table}")
+        table
+    }
+}
+
+impl fmt::Display for Stability {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for case in &self.cases {
+            writeln!(f, "{case}")?;
+        }
+        let mut contenders: Vec<(EngineName, ViName)> = Vec::new();
+        for Trial { method: Method { engine, vi, .. }, .. } in self.cases.iter().flat_map(|case| &case.trials)
+        {
+            if !contenders.contains(&(*engine, *vi)) {
+                contenders.push((*engine, *vi));
+            }
+        }
+        let tables = contenders.iter().map(|&(engine, vi)| self.overview(engine, vi).to_string());
+        f.write_str(&tables.collect::<Vec<_>>().join("\n"))
     }
 }

@@ -9,7 +9,7 @@
 use super::Solver;
 use super::active_set::{self, Exchange, Move, Side};
 use crate::archive::Archive;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, Sum};
 use crate::obstacle::Bounds;
 
@@ -72,19 +72,42 @@ impl<E: Engine> Condensed<E> {
         gaps.sort_by(f64::total_cmp);
         let broken = gaps.iter().take_while(|&&gap| gap < 0.0).count();
         let known = engine.concatenate(&vec![0.0; candidates.len()])?.0.len();
-        let dofs: Vec<usize> = if known + broken > DENSE_LIMIT {
-            self.method = Method::Pinned { pinned: vec![Side::Free; bounds.len()] };
-            Vec::new()
-        } else {
-            let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
-            let near = gaps[lot - 1];
-            candidates.extend(others.into_iter().filter(|&i| gap(i) <= near));
-            candidates.sort_unstable();
-            candidates.iter().map(|&i| bounds.dofs[i]).collect()
-        };
-        let factored = engine.change_candidates(&mut self.factor, sum, &dofs)?;
-        self.factorisations += u64::from(factored);
+        if known + broken > DENSE_LIMIT {
+            return self.pin(engine, sum);
+        }
+        let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
+        let near = gaps[lot - 1];
+        candidates.extend(others.into_iter().filter(|&i| gap(i) <= near));
+        candidates.sort_unstable();
+        let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
+        match engine.change_candidates(&mut self.factor, sum, &dofs) {
+            Ok(factored) => self.factorisations += u64::from(factored),
+            // The matrix itself has a factor: rounding took the Schur complement's.
+            Err(Error::Singular(_)) => self.pin(engine, sum)?,
+            Err(why) => return Err(why),
+        }
         Ok(())
+    }
+
+    /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
+    fn pin(&mut self, engine: &E, sum: &Sum<E>) -> Result<()> {
+        let factored = engine.change_candidates(&mut self.factor, sum, &[])?;
+        self.factorisations += u64::from(factored);
+        self.method = Method::Pinned { pinned: vec![Side::Free; self.sides.len()] };
+        Ok(())
+    }
+
+    /// Pins active dofs, after an answer that lost digits; whether it did not do so already.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub fn distrust(&mut self, engine: &E, sum: &Sum<E>) -> Result<bool> {
+        let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
+        if dense {
+            self.pin(engine, sum)?;
+            self.sides.fill(Side::Free);
+        }
+        Ok(dense)
     }
 
     fn solve_dense(
@@ -308,13 +331,9 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         reaction: &mut [f64],
     ) -> Result<Option<u32>> {
         let touched = f64::from(u8::from(reaction.iter().any(|r| *r != 0.0)));
-        if matches!(self.method, Method::Pinned { .. }) || engine.maximum(touched)? == 0.0 {
+        if engine.maximum(touched)? == 0.0 || !self.distrust(engine, sum)? {
             return Ok(None);
         }
-        let factored = engine.change_candidates(&mut self.factor, sum, &[])?;
-        self.factorisations += u64::from(factored);
-        self.method = Method::Pinned { pinned: vec![Side::Free; bounds.len()] };
-        self.sides.fill(Side::Free);
         self.solve(engine, sum, b, bounds, x, reaction).map(Some)
     }
 }

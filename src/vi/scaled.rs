@@ -405,7 +405,11 @@ impl Solver<Distributed> for Bounded {
                 }
                 Ok(Some(iterations))
             }
-            _ => Ok(None),
+            // And in its own safer way.
+            _ => match &mut self.condensed {
+                Some(condensed) => condensed.retry(attempt - 2, engine, sum, b, bounds, x, reaction),
+                None => Ok(None),
+            },
         }
     }
 }

@@ -18,12 +18,12 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("snes_atol", RESIDUAL),
     ("snes_rtol", "0"),
     ("snes_stol", "0"),
-    ("snes_max_it", "100"),
+    ("snes_max_it", "50"),
     ("snes_vi_zero_tolerance", "1e-12"),
 ];
 
-/// Those of the method that retries, from nothing, where they differ: another line search.
-const SAFE_DEFAULTS: &[(&str, &str)] = &[("snes_linesearch_type", "basic"), ("snes_max_it", "50")];
+/// Those of the method that retries, from nothing, where they differ: a line search that lets no set of active bounds come back.
+const SAFE_DEFAULTS: &[(&str, &str)] = &[("snes_linesearch_type", "bt")];
 
 /// The methods between bounds.
 const REDUCED: &str = "vinewtonrsls";

@@ -18,8 +18,12 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("tao_gatol", RESIDUAL),
     ("tao_grtol", "0"),
     ("tao_gttol", "0"),
-    ("tao_max_it", "100"),
+    ("tao_tron_maxgpits", "50"),
+    ("tao_max_it", "50"),
 ];
+
+/// Those of the method that retries, from nothing, where they differ.
+const SAFE_DEFAULTS: &[(&str, &str)] = &[("tao_type", "bnls")];
 
 /// The method of the default.
 const TRUST_REGION: &str = "tron";
@@ -62,6 +66,9 @@ fn kind(context: &Context, prefix: &str) -> Result<String> {
 }
 
 fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Result<Box<dyn Method>> {
+    if prefix == SAFE {
+        set_defaults(context, prefix, SAFE_DEFAULTS)?;
+    }
     set_defaults(context, prefix, DEFAULTS)?;
     let kind = kind(context, prefix)?;
     let mut solver = Tao::new(context, Comm::World, prefix)?;

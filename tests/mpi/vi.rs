@@ -123,6 +123,17 @@ fn a_small_mesh_on_four_ranks() {
     }
 }
 
+/// Two obstacles that leave no gap or next to none: every scheme, element and solver.
+#[test]
+fn narrow_gaps_hold_with_every_scheme() {
+    let folder = folder("hard");
+    for scene in ["closed-gap", "tight-gap"] {
+        let scene = format!("{}/scenes/hard/{scene}.toml", env!("CARGO_MANIFEST_DIR"));
+        let with = ["--with", "petsc,petsc:snes,petsc:tao", "--set", "time.end=3e-4", "--quiet"];
+        succeeds(&rebond(&folder, &[&["stability", &scene][..], &with].concat()));
+    }
+}
+
 #[test]
 fn what_a_method_cannot_solve_is_solved_again_and_counted() {
     let folder = folder("retries");
