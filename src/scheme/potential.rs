@@ -216,6 +216,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         let length = self.system.length(bounds, &self.u)?;
         let mut verdict = Verdict::default();
         let (mut distance, mut farthest) = (f64::INFINITY, way);
+        let least = ROUNDS.start() + self.solver.corrections();
         for round in 1..=*ROUNDS.end() {
             for (pull, (multiplier, lack)) in self.pull.iter_mut().zip(self.multiplier.iter().zip(&self.lack))
             {
@@ -239,7 +240,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             }
             farthest = farthest.max(engine.vis_viva(mass, &self.moved)?.sqrt());
             let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &self.lack)?.sqrt());
-            if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
+            if round >= least && (distance <= CLOSE * way || distance > 0.5 * before) {
                 break;
             }
         }
