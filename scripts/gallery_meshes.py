@@ -142,8 +142,8 @@ def dented(depth):
     hard("dented", nodes, quadrangles, [], left)
 
 
-def graded(ratio):
-    """Cells that grow by a ratio from one to the next, with jittered corners; whole, and cut."""
+def graded(name, ratio, is_cut):
+    """Cells that grow by a ratio from one to the next, with jittered corners; whole or cut."""
     nx, ny = cells = 12, 6
 
     def grown(k, n, number):
@@ -151,8 +151,7 @@ def graded(ratio):
         return n * (ratio**k - 1) / (ratio**n - 1)
 
     nodes, quadrangles, left = plate(cells, lambda i, j: (grown(i, nx, 7 * i + 13 * j), grown(j, ny, 7 * i + 13 * j + 5)))
-    hard("graded", nodes, quadrangles, [], left)
-    hard("graded-cut", nodes, [], cut(quadrangles), left)
+    hard(name, nodes, [] if is_cut else quadrangles, cut(quadrangles) if is_cut else [], left)
 
 
 def turned(angle):
@@ -168,7 +167,8 @@ def turned(angle):
 disc(radius=0.2, rings=6)
 cover(length=0.6, width=0.4, hole=0.06, cells=(12, 8), rings=4)
 needles()
-caps(flatness=0.06)
+caps(flatness=0.03)
 dented(depth=1e-3)
-graded(ratio=1.4)
+graded("graded", ratio=1.5, is_cut=False)
+graded("graded-cut", ratio=1.4, is_cut=True)
 turned(angle=0.5)

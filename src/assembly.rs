@@ -5,11 +5,11 @@
 
 use crate::element::{Element, Piece, fvs, hct, quadrature};
 use crate::error::{Error, Result};
-use crate::linalg::{Average, BARE, Block};
+use crate::linalg::{Average, BARE, Bending, Block};
 use crate::mesh::{Cell, Mesh, Point};
-use crate::plate::{self, Sections};
+use crate::plate::{self, Section, Sections};
 use crate::space::{PER_NODE, Space};
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{DVector, SMatrix, Vector3};
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -27,8 +27,8 @@ pub struct Local {
     pub coupling: Rc<[f64]>,
     /// The entry of C: the mass of the cell, in kg.
     pub weight: f64,
-    /// Positions of the nodes relative to the first, in m.
-    pub arms: Rc<[[f64; 2]]>,
+    /// K as the square of its root.
+    pub bending: Rc<Bending>,
 }
 
 /// A cell in the numbering of a space.
@@ -76,15 +76,15 @@ impl CellArrays {
     }
 
     /// A local matrix as form of the dofs.
-    fn block(&self, matrix: &Rc<[f64]>, arms: Option<&Rc<[[f64; 2]]>>) -> Block {
+    fn block(&self, matrix: &Rc<[f64]>, bending: Option<&Rc<Bending>>) -> Block {
         let (dofs, class) = (self.dofs.clone(), self.class);
         match &self.factors {
-            None => Block { dofs, matrix: matrix.clone(), arms: arms.cloned(), class },
+            None => Block { dofs, matrix: matrix.clone(), bending: bending.cloned(), class },
             Some(factors) => {
                 let size = factors.len();
                 let entry = |(k, value): (usize, &f64)| value * factors[k / size] * factors[k % size];
                 let matrix = matrix.iter().enumerate().map(entry).collect();
-                Block { dofs, matrix, arms: None, class }
+                Block { dofs, matrix, bending: None, class }
             }
         }
     }
@@ -156,19 +156,17 @@ fn arrays<const N: usize>(
     let flat = |matrix: SMatrix<f64, N, N>| matrix.as_slice().into();
     let moments = plate::moments(element);
     let area: f64 = element.pieces.iter().map(Piece::area).sum();
-    let arms = vertices.iter().map(|v| [v.x - vertices[0].x, v.y - vertices[0].y]).collect();
     let first = sections.section(number, vertices[0])?;
     if sections.kind(number).is_some() {
-        let stiffness = first.stiffness(element);
-        check_digits(number, vertices, &stiffness, first.bending.diagonal() * area)?;
+        let energies = first.bending.diagonal() * area;
         return Ok(Local {
             // Symmetric, so that column by column is row by row.
-            stiffness: flat(stiffness),
+            stiffness: flat(first.stiffness(element)),
+            bending: bending(element, vertices, number, &quadrature::DEGREE_2, |_| first, energies)?,
             mass: flat(first.consistent_mass(element)),
             moments: moments.as_slice().into(),
             coupling: (moments * first.density).as_slice().into(),
             weight: first.density * area,
-            arms,
         });
     }
     let fault = RefCell::new(None);
@@ -179,23 +177,24 @@ fn arrays<const N: usize>(
         })
     };
     let density = |at: Point| section(at).density;
-    let (mut weight, mut bending) = (0.0, Vector3::zeros());
+    let (mut weight, mut energies) = (0.0, Vector3::zeros());
     for (piece, of) in element.pieces.iter().enumerate() {
         for (barycentric, share) in quadrature::DEGREE_6 {
             let section = section(element.point(piece, barycentric));
             weight += share * of.area() * section.density;
-            bending += share * of.area() * section.bending.diagonal();
+            energies += share * of.area() * section.bending.diagonal();
         }
     }
     let stiffness = plate::stiffness(element, &quadrature::DEGREE_6, section);
-    check_digits(number, vertices, &stiffness, bending)?;
+    let bending = bending(element, vertices, number, &quadrature::DEGREE_6, section, energies);
+    fault.take().map_or(Ok(()), Err)?;
     let local = Local {
         stiffness: flat(stiffness),
+        bending: bending?,
         mass: flat(plate::mass(element, density)),
         moments: moments.as_slice().into(),
         coupling: plate::load(element, density).as_slice().into(),
         weight,
-        arms,
     };
     fault.into_inner().map_or(Ok(local), Err)
 }
@@ -203,27 +202,29 @@ fn arrays<const N: usize>(
 /// Relative error of the energy of a bent cell beyond which its stiffness is rounding.
 const LOST: f64 = 1e-3;
 
-/// Checks the stiffness of a cell on x^2/2, xy and y^2/2, which every cell contains: `energies` are twice theirs. A cell of aspect ratio a is
-/// a^4 times stiffer across than along, and the soft direction sees the roundings of the stiff one.
-fn check_digits<const N: usize>(
-    number: usize,
+/// The stiffness of a cell as the square of its root, checked on x^2/2, xy and y^2/2, which every cell contains: `energies` are twice theirs.
+/// A cell of aspect ratio a is a^2 times stiffer across than along, and the soft direction sees the roundings of the stiff one.
+fn bending<const N: usize>(
+    element: &Element<N>,
     vertices: &[Point],
-    stiffness: &SMatrix<f64, N, N>,
+    number: usize,
+    rule: &[quadrature::Node],
+    section: impl Fn(Point) -> Section,
     energies: Vector3<f64>,
-) -> Result<()> {
-    let mut bent = [SVector::<f64, N>::zeros(); 3];
-    for (k, vertex) in vertices.iter().enumerate() {
-        let [x, y]: [f64; 2] = (vertex - vertices[0]).into();
-        for (bent, dofs) in bent.iter_mut().zip([[0.5 * x * x, x, 0.0], [x * y, y, x], [0.5 * y * y, 0.0, y]])
-        {
-            bent.fixed_rows_mut::<3>(3 * k).copy_from_slice(&dofs);
-        }
-    }
-    let error =
-        |(bent, energy): (&SVector<f64, N>, &f64)| (bent.dot(&(stiffness * bent)) / energy - 1.0).abs();
-    let worst = bent.iter().zip(energies.iter()).map(error).fold(0.0, |a: f64, b| if a > b { a } else { b });
-    if worst <= LOST {
-        return Ok(());
+) -> Result<Rc<Bending>> {
+    let Some(root) = plate::stiffness_root(element, rule, section) else {
+        let what = "its stiffness against bending is not positive definite";
+        return Err(Error::Mesh(format!("cell {number}: {what}")));
+    };
+    let arms: Vec<[f64; 2]> = vertices[1..].iter().map(|v| (v - vertices[0]).into()).collect();
+    let bent = |[x, y]: [f64; 2]| [[0.5 * x * x, x, 0.0], [x * y, y, x], [0.5 * y * y, 0.0, y]];
+    let error = |shape: usize| {
+        let dofs = DVector::from_iterator(N - 3, arms.iter().flat_map(|&arm| bent(arm)[shape]));
+        ((&root * dofs).norm_squared() / energies[shape] - 1.0).abs()
+    };
+    if (0..3).map(error).fold(0.0, |a: f64, b| if a > b { a } else { b }) <= LOST {
+        // Row by row is column by column of the transpose.
+        return Ok(Rc::new(Bending { arms, root: root.transpose().as_slice().into() }));
     }
     let list: Vec<String> = vertices.iter().map(|p| format!("({}, {})", p.x, p.y)).collect();
     Err(Error::Mesh(format!(
@@ -234,7 +235,7 @@ fn check_digits<const N: usize>(
 
 /// The contributions to the stiffness K.
 pub fn stiffness(cells: &[CellArrays]) -> Vec<Block> {
-    cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.arms))).collect()
+    cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.bending))).collect()
 }
 
 /// The contributions to the consistent mass M_r.
@@ -401,15 +402,7 @@ fn on_elements(
 /// Adds the forces K U, over the free dofs, of a displacement U given at all dofs of the mesh (three a node), held ones included.
 pub fn forces(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], force: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
-        // The rigid motion of the first node, which bends nothing, is left out.
-        let mut bent = on_nodes(of, shape);
-        let [w, slope_x, slope_y] = [bent[0], bent[1], bent[2]];
-        for (node, [x, y]) in bent.chunks_exact_mut(PER_NODE).zip(&*cell.local.arms) {
-            node[0] -= w + slope_x * x + slope_y * y;
-            node[1] -= slope_x;
-            node[2] -= slope_y;
-        }
-        cell.add_product(&cell.local.stiffness, &bent, force);
+        cell.add(&cell.local.bending.product(&on_nodes(of, shape)), force);
     }
 }
 
@@ -517,7 +510,7 @@ impl Probe {
     /// its own: those up to twice the number of cells are taken.
     pub fn spring(&self, k: f64, class: usize) -> Block {
         let entries = self.weights.iter().flat_map(|(_, a)| self.weights.iter().map(move |(_, b)| k * a * b));
-        Block { dofs: self.dofs(), matrix: entries.collect(), arms: None, class }
+        Block { dofs: self.dofs(), matrix: entries.collect(), bending: None, class }
     }
 
     /// The velocity of a mass of m kg at the point, as one more row of B and entry of C.

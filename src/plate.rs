@@ -7,7 +7,7 @@
 //! Entry `i` of a vector and row `i` of a matrix belong to dof `i` of the cell: force (N) for a deflection, couple (N m)
 //! for a slope.
 
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector};
 
 use crate::element::{Element, quadrature};
 use crate::error::Result;
@@ -153,6 +153,27 @@ pub fn stiffness<const N: usize>(
         }
     }
     (stiffness + stiffness.transpose()) / 2.0
+}
+
+/// The root of the stiffness of a cell: R, upper triangular, (N - 3) x (N - 3), over the dofs d of the nodes after the first. |R d|^2 is
+/// `d . K d` where the first node's are zero, which fixes K, for it vanishes on rigid motions.
+///
+/// R comes from the strains at the points of the rule by Householder's reflections. In a cell of aspect ratio a rounding then takes a^2
+/// roundings of the energy of a bent shape; the entries of K, squares, lose a^4. `None` where a section is not positive definite.
+pub fn stiffness_root<const N: usize>(
+    element: &Element<N>,
+    rule: &[quadrature::Node],
+    section: impl Fn(Point) -> Section,
+) -> Option<DMatrix<f64>> {
+    let mut strains = DMatrix::zeros(3 * rule.len() * element.pieces.len(), N - 3);
+    for (number, piece) in element.pieces.iter().enumerate() {
+        for (k, &(barycentric, weight)) in rule.iter().enumerate() {
+            let bending = section(element.point(number, barycentric)).bending * (weight * piece.area());
+            let strain = bending.cholesky()?.l().tr_mul(&piece.basis(barycentric).hessian);
+            strains.rows_mut(3 * (number * rule.len() + k), 3).copy_from(&strain.columns(3, N - 3));
+        }
+    }
+    Some(strains.qr().r())
 }
 
 /// The form of a density d over the cell, `∫ d phi_i phi_j`, N by N, symmetric to the bit: of a mass per area the consistent mass; of

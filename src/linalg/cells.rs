@@ -4,7 +4,7 @@
 //! mesh reads its stiffness from the cache. All vectors over the dofs are laid out, see [`super::batch`].
 
 use super::batch::{Batch, Batches, LANES, Lanes};
-use super::{Average, Block};
+use super::{Average, Bending, Block};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -23,35 +23,63 @@ fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -
 #[derive(Debug, Clone)]
 struct Panel {
     matrix: Vec<Lanes>,
-    /// Node positions relative to the first node: x and y of the second node, of the third, ...
-    arms: Vec<[Lanes; 2]>,
+    /// How they are applied, if not as they are.
+    strains: Option<Strains>,
 }
 
-impl Panel {
-    fn new(cells: &[usize; LANES], blocks: &[Block]) -> Panel {
-        let size = blocks[cells[0]].dofs.len();
-        let nodes = blocks[cells[0]].arms.as_ref().map_or(0, |arms| arms.len() - 1);
-        let axis = |k: usize, axis: usize| {
-            Lanes(cells.map(|cell| blocks[cell].arms.as_ref().map_or(0.0, |arms| arms[k][axis])))
-        };
-        Panel {
-            matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
-            arms: (1..=nodes).map(|k| [axis(k, 0), axis(k, 1)]).collect(),
+/// [`Bending`] of eight cells.
+#[derive(Debug, Clone)]
+struct Strains {
+    arms: Vec<[Lanes; 2]>,
+    /// Three rows of the root after the other, column by column from the first of the three on.
+    root: Vec<[Lanes; 3]>,
+}
+
+impl Strains {
+    fn new(cells: [&Bending; LANES]) -> Strains {
+        let size = 3 * cells[0].arms.len();
+        let arm = |node: usize| [0, 1].map(|axis| Lanes(cells.map(|cell| cell.arms[node][axis])));
+        let entry = |row: usize, column: usize| Lanes(cells.map(|cell| cell.root[row * size + column]));
+        let rows = (0..size).step_by(3);
+        let root = rows.flat_map(|row| (row..size).map(move |column| [0, 1, 2].map(|k| (row + k, column))));
+        Strains {
+            arms: (0..cells[0].arms.len()).map(arm).collect(),
+            root: root.map(|entries| entries.map(|(row, column)| entry(row, column))).collect(),
         }
     }
 
     /// result = A local; `local` becomes the cells' deformation. Returns local^T A local.
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
-        // Of the deformation only the dofs after the first node's are left.
-        let first = if self.arms.is_empty() { 0 } else { 3 };
         remove_rigid_motion(local, &self.arms);
-        matrix_product::<S, false>(simd, &self.matrix, first, local, result);
+        let form = square_product(simd, &self.root, &local[3..], &mut result[3..]);
+        return_rigid_forces(result, &self.arms);
+        form
+    }
+}
+
+impl Panel {
+    fn new(cells: &[usize; LANES], blocks: &[Block]) -> Panel {
+        let size = blocks[cells[0]].dofs.len();
+        let bending = cells.map(|cell| blocks[cell].bending.as_deref());
+        Panel {
+            matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
+            // All cells of a panel have it, or none.
+            strains: bending[0].map(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
+        }
+    }
+
+    /// result = A local; `local` becomes the cells' deformation. Returns local^T A local.
+    #[inline(always)]
+    fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
+        if let Some(strains) = &self.strains {
+            return strains.apply(simd, local, result);
+        }
+        matrix_product::<S, false>(simd, &self.matrix, local, result);
         let mut form = Lanes::default();
-        for (value, force) in local[first..].iter().zip(&result[first..]) {
+        for (value, force) in local.iter().zip(result) {
             form += *value * *force;
         }
-        return_rigid_forces(result, &self.arms);
         form
     }
 
@@ -62,7 +90,7 @@ impl Panel {
         for (work, value) in work.iter_mut().zip(local) {
             *work = scale * value.abs();
         }
-        matrix_product::<S, true>(simd, &self.matrix, 0, work, result);
+        matrix_product::<S, true>(simd, &self.matrix, work, result);
         add(m, result);
         for (work, value) in work.iter_mut().zip(local) {
             *work = scale * *value;
@@ -80,31 +108,62 @@ fn add(sums: &mut [Lanes], terms: &[Lanes]) {
     }
 }
 
-/// result = matrix local, or |matrix| local, lane by lane, with the rows and columns from `first` on: the inner loop of
-/// every step.
+/// result = R^T R local, lane by lane, of a root as in [`Strains`]: the inner loop of every step. Returns |R local|^2.
+#[inline(always)]
+fn square_product<S: Simd>(simd: S, root: &[[Lanes; 3]], local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    let mut form = Lanes::default();
+    let mut rest = root;
+    result.fill(Lanes::default());
+    for first in (0..local.len()).step_by(3) {
+        let (rows, below) = rest.split_at(local.len() - first);
+        let (local, result) = (&local[first..], &mut result[first..]);
+        // Registers that make up the lanes.
+        for part in 0..LANES / S::F64_LANES {
+            let mut strains = [simd.splat_f64s(0.0); 3];
+            for (column, value) in rows.iter().zip(local) {
+                let value = S::as_simd_f64s(&value.0).0[part];
+                for (strain, entry) in strains.iter_mut().zip(column) {
+                    *strain = simd.mul_add_f64s(S::as_simd_f64s(&entry.0).0[part], value, *strain);
+                }
+            }
+            for (column, force) in rows.iter().zip(&mut *result) {
+                let force = &mut S::as_mut_simd_f64s(&mut force.0).0[part];
+                for (strain, entry) in strains.iter().zip(column) {
+                    *force = simd.mul_add_f64s(S::as_simd_f64s(&entry.0).0[part], *strain, *force);
+                }
+            }
+            let form = &mut S::as_mut_simd_f64s(&mut form.0).0[part];
+            for strain in strains {
+                *form = simd.mul_add_f64s(strain, strain, *form);
+            }
+        }
+        rest = below;
+    }
+    form
+}
+
+/// result = matrix local, or |matrix| local, lane by lane.
 #[inline(always)]
 fn matrix_product<S: Simd, const MAGNITUDE: bool>(
     simd: S,
     matrix: &[Lanes],
-    first: usize,
     local: &[Lanes],
     result: &mut [Lanes],
 ) {
     let width = local.len();
-    let (local, result) = (&local[first..], &mut result[first..]);
     // Several rows at once hide the latency of the sums.
     let (triples, singles) = result.as_chunks_mut::<3>();
-    let mut rows = &matrix[first * width..];
+    let mut rows = matrix;
     for result in triples {
         let (a, rest) = rows.split_at(width);
         let (b, rest) = rest.split_at(width);
         let (c, rest) = rest.split_at(width);
-        rows_product::<S, 3, MAGNITUDE>(simd, [&a[first..], &b[first..], &c[first..]], local, result);
+        rows_product::<S, 3, MAGNITUDE>(simd, [a, b, c], local, result);
         rows = rest;
     }
     for result in singles {
         let (a, rest) = rows.split_at(width);
-        rows_product::<S, 1, MAGNITUDE>(simd, [&a[first..]], local, std::array::from_mut(result));
+        rows_product::<S, 1, MAGNITUDE>(simd, [a], local, std::array::from_mut(result));
         rows = rest;
     }
 }
@@ -138,9 +197,6 @@ fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
 /// by differences of nearby values. The first node's own are then zero, and are not written.
 #[inline(always)]
 fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
-    if arms.is_empty() {
-        return;
-    }
     let (first, others) = local.split_at_mut(3);
     let [w, w_x, w_y] = [first[0], first[1], first[2]];
     for (node, arm) in others.chunks_exact_mut(3).zip(arms) {
@@ -153,9 +209,6 @@ fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
 /// Completes the forces on the deformation to those on the dofs, R^T f: the first node balances the others.
 #[inline(always)]
 fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
-    if arms.is_empty() {
-        return;
-    }
     let (first, others) = result.split_at_mut(3);
     let mut balance = [Lanes::default(); 3];
     for (node, arm) in others.chunks_exact(3).zip(arms) {

@@ -246,6 +246,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         let bounds = moment.bounds(bounds);
         let mut verdict = Verdict { kkt: f64::INFINITY, ..Verdict::default() };
         let (mut distance, mut farthest) = (f64::INFINITY, way);
+        let least = ROUNDS.start() + self.solver.corrections();
         for round in 1..=*ROUNDS.end() {
             for (pull, (multiplier, lack)) in self.pull.iter_mut().zip(self.multiplier.iter().zip(&self.lack))
             {
@@ -270,7 +271,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             farthest = farthest.max(engine.vis_viva(mass, &self.moved)?.sqrt());
             let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &self.lack)?.sqrt());
             let reached = distance <= CLOSE * way || distance > 0.5 * before;
-            if round < *ROUNDS.start() || !reached && round < *ROUNDS.end() {
+            if round < least || !reached && round < *ROUNDS.end() {
                 continue;
             }
             // K U = F + B^T λ + G^T r within the bounds.

@@ -6,8 +6,8 @@
 //! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are pinned in the sparse matrix
 //! instead, natively on the same symbolic analysis. Both are exact active-set methods.
 
-use super::Solver;
 use super::active_set::{self, Exchange, Move, Side};
+use super::{Solver, apply};
 use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, Sum};
@@ -31,7 +31,13 @@ pub struct Condensed<E: Engine> {
     /// Where each bounded dof was last.
     sides: Vec<Side>,
     factorisations: u64,
+    corrections: u32,
 }
+
+/// Error of an answer, in the norm of the energy, that needs no correction.
+const SPOILT: f64 = 3e-11;
+/// Error from which on corrections lead nowhere.
+const LOST: f64 = 0.1;
 
 #[derive(Debug)]
 enum Method {
@@ -47,8 +53,10 @@ impl<E: Engine> Condensed<E> {
     /// # Errors
     /// [`crate::Error::Singular`] where the sum is not positive definite.
     pub fn new(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Condensed<E>> {
+        let mut factor = engine.factor(sum, &[])?;
         Ok(Condensed {
-            factor: engine.factor(sum, &[])?,
+            corrections: corrections(engine, sum, &mut factor)?,
+            factor,
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![Side::Free; bounded],
             factorisations: 1,
@@ -245,18 +253,6 @@ impl<E: Engine> Condensed<E> {
     }
 }
 
-/// y = A x for a sum of forms.
-fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) -> Result<()> {
-    y.fill(0.0);
-    for (scale, form) in sum {
-        engine.multiply(form, x, product)?;
-        for (y, p) in y.iter_mut().zip(product.iter()) {
-            *y += scale * p;
-        }
-    }
-    Ok(())
-}
-
 impl<E: Engine> Solver<E> for Condensed<E> {
     fn solve(
         &mut self,
@@ -316,6 +312,10 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         self.factor.state(archive)
     }
 
+    fn corrections(&self) -> u32 {
+        self.corrections
+    }
+
     fn tolerance(&self) -> f64 {
         SUSPECT
     }
@@ -336,6 +336,21 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         }
         self.solve(engine, sum, b, bounds, x, reaction).map(Some)
     }
+}
+
+/// How many corrections bring answers of a factor to [`SPOILT`].
+fn corrections<E: Engine>(engine: &E, sum: &Sum<E>, factor: &mut E::Factor) -> Result<u32> {
+    let spoilt = engine.spoilt(sum, factor)?;
+    if spoilt <= SPOILT {
+        return Ok(0);
+    }
+    if spoilt > LOST || spoilt.is_nan() {
+        return Err(Error::Singular(format!(
+            "rounding takes the matrix of {} dofs apart: it is singular, or its cells are too small for what they make up",
+            engine.dofs()
+        )));
+    }
+    Ok(((SPOILT.ln() / spoilt.ln()).ceil() - 1.0) as u32)
 }
 
 /// 1 if something touches, else 0.

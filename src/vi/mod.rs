@@ -43,6 +43,11 @@ pub trait Solver<E: Engine> {
     /// Numeric factorisations so far.
     fn factorisations(&self) -> u64;
 
+    /// How often an answer is to be corrected by the residual it leaves: where rounding spoils the factored matrix.
+    fn corrections(&self) -> u32 {
+        0
+    }
+
     /// Shows an archive all that its next answer depends on, down to the last digit. Restores a solver that has not solved anything yet.
     ///
     /// # Errors
@@ -99,10 +104,32 @@ impl Verdict {
     }
 }
 
+/// y = A x for a sum of forms.
+fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) -> Result<()> {
+    y.fill(0.0);
+    for (scale, form) in sum {
+        engine.multiply(form, x, product)?;
+        for (y, p) in y.iter_mut().zip(product.iter()) {
+            *y += scale * p;
+        }
+    }
+    Ok(())
+}
+
 /// A solver and its judge.
 pub struct Step<E: Engine> {
     solver: Box<dyn Solver<E>>,
     judge: kkt::Judge,
+    correction: Correction,
+}
+
+/// What is left of a problem, and what it adds to the answer.
+#[derive(Debug, Default)]
+struct Correction {
+    product: Vec<f64>,
+    b: Vec<f64>,
+    bounds: Bounds,
+    x: Vec<f64>,
 }
 
 impl<E: Engine> Step<E> {
@@ -111,7 +138,7 @@ impl<E: Engine> Step<E> {
     /// # Errors
     /// What the engine says.
     pub fn new(solver: Box<dyn Solver<E>>, engine: &E, sum: &Sum<E>) -> Result<Step<E>> {
-        Ok(Step { solver, judge: kkt::Judge::new(engine, sum)? })
+        Ok(Step { solver, judge: kkt::Judge::new(engine, sum)?, correction: Correction::default() })
     }
 
     /// Solves and judges; where the solver knows safer ways, they follow until its tolerance is met. `length` is the scale of the deflection, in m, that gaps are measured against.
@@ -128,7 +155,10 @@ impl<E: Engine> Step<E> {
         x: &mut [f64],
         reaction: &mut [f64],
     ) -> Result<Verdict> {
-        let iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
+        let mut iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
+        for _ in 0..self.solver.corrections() {
+            iterations += self.correct(engine, sum, b, bounds, x, reaction)?;
+        }
         let kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         let mut verdict = Verdict { iterations, kkt, retries: 0 };
         while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
@@ -139,6 +169,27 @@ impl<E: Engine> Step<E> {
             verdict.kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         }
         Ok(verdict)
+    }
+
+    /// Solves for what x leaves of the problem, with A applied cell by cell, and adds it.
+    fn correct(
+        &mut self,
+        engine: &E,
+        sum: &Sum<E>,
+        b: &[f64],
+        bounds: &Bounds,
+        x: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<u32> {
+        let Correction { product, b: left, bounds: within, x: more } = &mut self.correction;
+        [&mut *product, left, more].into_iter().for_each(|v| v.resize(x.len(), 0.0));
+        apply(engine, sum, x, product, left)?;
+        left.iter_mut().zip(b).for_each(|(left, b)| *left = b - *left);
+        within.clone_from(bounds);
+        within.shift(bounds, |dof, bound| bound - x[dof]);
+        let iterations = self.solver.solve(engine, sum, left, within, more, reaction)?;
+        x.iter_mut().zip(more).for_each(|(x, more)| *x += *more);
+        Ok(iterations)
     }
 
     /// Numeric factorisations so far.

@@ -50,7 +50,7 @@ impl Random {
 /// A block of a form applied as it is; `None` in `dofs` holds a dof at zero.
 pub fn block(dofs: &[Option<usize>], matrix: &[f64], class: usize) -> Block {
     assert_eq!(matrix.len(), dofs.len() * dofs.len());
-    Block { dofs: dofs.into(), matrix: matrix.into(), arms: None, class }
+    Block { dofs: dofs.into(), matrix: matrix.into(), bending: None, class }
 }
 
 /// A dense matrix, row by row, as a form of one block.

@@ -8,15 +8,8 @@ use std::path::PathBuf;
 
 /// Schemes that promise something of their energy, and where that does not end in "holds".
 const EXCEPTIONS: &[(&str, &str, &str)] = &[
-    // Cells of aspect ratio a lose a^4 roundings.
-    ("slender", "newmark e=0 singular", "drifts"),
-    ("slender", "newmark e=0 consistent", "drifts"),
-    ("slender", "exact singular", "drifts"),
-    ("flat-cells", "newmark e=0 singular", "drifts"),
-    ("flat-cells", "newmark e=0 consistent", "drifts"),
-    ("flat-cells", "conserving singular", "drifts"),
-    ("flat-cells", "exact singular", "drifts"),
-    ("caps", "exact singular", "drifts"),
+    // The slowest motions are 1e8 times slower than those of a pair of triangles, which its dense matrices hold too.
+    ("flatter-cells", "hct 10x1, exact singular", "refused"),
     // Where U(p) does not exist there is nothing to follow.
     ("no-inf-sup", "midpoint singular", "refused"),
     ("no-inf-sup", "conserving singular", "refused"),
@@ -30,7 +23,9 @@ fn folder() -> PathBuf {
 /// What theory says of a trial that ended well.
 fn expected(scene: &str, trial: &Trial) -> Option<&'static str> {
     let method = trial.method.to_string();
-    let exception = EXCEPTIONS.iter().find(|(name, of, _)| *name == scene && *of == method);
+    let of_mesh = format!("{}, {method}", trial.mesh);
+    let of_method = |of: &str| of == method || of == of_mesh;
+    let exception = EXCEPTIONS.iter().find(|(name, of, _)| *name == scene && of_method(of));
     let promising = match trial.method.scheme {
         Scheme::Newmark { restitution, .. } => restitution == 0.0,
         Scheme::Midpoint { .. } => false,
@@ -87,7 +82,7 @@ macro_rules! scenes {
 
 scenes! {
     all_in_contact "all-in-contact", caps "caps", chatter "chatter", closed_at_a_point "closed-at-a-point", closed_gap "closed-gap", dented "dented", dropped_flat "dropped-flat", fine "fine",
-    flat_cells "flat-cells", gap_zero "gap-zero", graded "graded", graded_cut "graded-cut", grazing "grazing", incompatible_start "incompatible-start",
+    flat_cells "flat-cells", flatter_cells "flatter-cells", gap_zero "gap-zero", graded "graded", graded_cut "graded-cut", grazing "grazing", incompatible_start "incompatible-start",
     kilometre "kilometre", micrometre "micrometre", needles "needles", no_inf_sup "no-inf-sup", one_node "one-node", point_obstacle "point-obstacle", poisson_0 "poisson-0",
     poisson_0_499 "poisson-0.499", preload "preload", resting "resting", slender "slender", soft "soft", step_1 "step-1", step_obstacle "step-obstacle",
     step_1e_8 "step-1e-8", stiff "stiff", thick "thick", thin "thin", thrown_into "thrown-into", tight_gap "tight-gap", turned "turned", wedge "wedge",

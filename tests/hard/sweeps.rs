@@ -96,16 +96,25 @@ fn poissons_ratios_up_to_the_limits() {
     }
 }
 
-/// How much the energy moves that a scheme promises to keep, or not to raise, over its start.
+/// How much the energy moves that a scheme promises to keep, or not to raise, over its start. The exact scheme may refuse motions whose
+/// frequencies lie too far apart.
 fn broken(system: &System<rebond::linalg::Native>, start: &Start, step: f64, steps: usize) -> [f64; 3] {
     let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step };
-    let schemes: [Box<dyn Scheme + '_>; 3] = [
-        Box::new(Newmark::new(system, parameters, start.clone()).unwrap()),
-        Box::new(Conserving::new(system, step, start.clone()).unwrap()),
-        Box::new(Exact::new(system, step, start.clone()).unwrap()),
+    let exact = match Exact::new(system, step, start.clone()) {
+        Ok(exact) => Some(Box::new(exact) as Box<dyn Scheme + '_>),
+        Err(error) => {
+            assert!(error.to_string().contains("the slowest motions are lost"), "{error}");
+            None
+        }
+    };
+    let schemes: [Option<Box<dyn Scheme + '_>>; 3] = [
+        Some(Box::new(Newmark::new(system, parameters, start.clone()).unwrap())),
+        Some(Box::new(Conserving::new(system, step, start.clone()).unwrap())),
+        exact,
     ];
     let mut touched = 0;
-    let broken = schemes.map(|mut scheme| {
+    let broken = schemes.map(|scheme| {
+        let Some(mut scheme) = scheme else { return [0.0; 2] };
         let energy = scheme.energies().unwrap().total();
         let (mut least, mut rise, mut moved) = (energy, 0.0f64, 0.0f64);
         for _ in 0..steps {
@@ -151,8 +160,8 @@ fn pinched(kind: &str, share: f64) -> Mesh {
 #[test]
 fn cells_that_are_nearly_flat() {
     for kind in ["needles", "nearly not convex", "slivers"] {
-        // A cell of aspect ratio a loses a^4 roundings: a needle here is 1.5 / share times longer than wide.
-        for (share, kept) in [(1e-1, 1e-11), (3e-2, 1e-9), (1e-2, 1e-7)] {
+        // A needle here is 1.5 / share times longer than wide.
+        for (share, kept) in [(1e-1, 1e-11), (1e-2, 1e-11), (1e-3, 1e-10), (1e-4, 1e-9)] {
             let (system, plate) = system(pinched(kind, share), -0.1);
             let start =
                 Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
@@ -163,13 +172,40 @@ fn cells_that_are_nearly_flat() {
     }
 }
 
-/// Beyond what rounding allows, the message names the cell: no answer that is wrong.
+/// Beyond what rounding allows, a million times longer than wide, the message names the cell: no answer that is wrong.
 #[test]
 fn cells_that_are_too_flat() {
-    for (kind, share) in [("needles", 1e-3), ("needles", 1e-6), ("slivers", 1e-4), ("slivers", 1e-6)] {
-        let mesh = pinched(kind, share);
-        let error = assembly::cells(&mesh, &Space::unsupported(&mesh), &STEEL).unwrap_err().to_string();
-        assert!(error.starts_with("cell ") && error.contains("too flat"), "{kind}, {share}: {error}");
+    let mesh = pinched("needles", 1e-7);
+    let error = assembly::cells(&mesh, &Space::unsupported(&mesh), &STEEL).unwrap_err().to_string();
+    assert!(error.starts_with("cell ") && error.contains("too flat"), "{error}");
+}
+
+/// A strip in one row of cells a hundred and a thousand times longer than wide. With nu = 0 a couple at its end bends it to x^2/2, which every
+/// cell contains, and a pressure as a beam, to q L^4 / 8 D. Of steel it takes 10 000 steps against an obstacle.
+#[test]
+fn cells_a_thousand_times_longer_than_wide() {
+    for (element, aspect, kept) in [(Fvs, 1e2, 1e-11), (Hct, 1e2, 1e-11), (Fvs, 1e3, 1e-9), (Hct, 1e3, 1e-9)]
+    {
+        let width = 0.1 / aspect;
+        let mesh = Mesh::rectangle(1.0, width, [10, 1], element, Right).unwrap();
+        let plate = Matrices::new(mesh.clone(), plates::unit(0.0), CLAMPED_LEFT);
+        let mut couple = vec![0.0; plate.space.dofs()];
+        for node in mesh.edge_nodes("right").unwrap() {
+            let slope = plate.space.dofs_of(&[node]).nth(1).unwrap().unwrap();
+            couple[slope] = 0.5 * width;
+        }
+        let (u, _, _) =
+            rebond::scheme::equilibrium(&plate.engine, &plate.stiffness, &couple, &Bounds::default())
+                .unwrap();
+        let bent = (plate.at(&u, 1.0, 0.0) / 0.5 - 1.0).abs();
+        let beam = (plate.at(&plate.statics(1.0), 1.0, 0.0) * 8.0 - 1.0).abs();
+        let mesh = Mesh::rectangle(1.2, 1.2 * width, [10, 1], element, Right).unwrap();
+        let (system, plate) = system(mesh, -0.1);
+        let start = Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
+        let broken = broken(&system, &start, 5e-4, 10_000);
+        println!("{element:?} {aspect}: bent {bent:e}, beam {beam:e}, broken {broken:?}");
+        assert!(bent <= kept && beam <= 2e-3, "{element:?} {aspect}: {bent:e}, {beam:e}");
+        assert!(broken.iter().all(|broken| *broken <= 1e-9), "{element:?} {aspect}: {broken:?}");
     }
 }
 

@@ -48,7 +48,7 @@ fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     let dofs_of = |cell: usize| -> Rc<[Option<usize>]> {
         (0..=degree).map(|i| Some(degree * cell + i).filter(|&dof| dof < dofs)).collect()
     };
-    let block = |cell| Block { dofs: dofs_of(cell), matrix: matrix.clone(), arms: None, class: 0 };
+    let block = |cell| Block { dofs: dofs_of(cell), matrix: matrix.clone(), bending: None, class: 0 };
     let average = |cell| Average { dofs: dofs_of(cell), row: row.clone(), mass: h, class: 0 };
     let stiffness = engine.form((0..cells).map(block).collect());
     let mass = engine.averages((0..cells).map(average).collect());

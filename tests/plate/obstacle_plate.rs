@@ -11,10 +11,10 @@
 
 use nalgebra::SVector;
 use rebond::element::{Element, fvs, hct, quadrature};
-use rebond::linalg::{Block, Engine, Native};
+use rebond::linalg::{Bending, Block, Engine, Native};
 use rebond::mesh::{Cell, Diagonal, ElementKind, Mesh, Point};
 use rebond::obstacle::Bounds;
-use rebond::plate::Plate;
+use rebond::plate::{Plate, stiffness_root};
 use rebond::vi::{Condensed, Step};
 
 /// Cells a side, and the distance from the interpolant that an independent program found there.
@@ -88,10 +88,12 @@ fn stiffness<const N: usize>(
     class: usize,
 ) -> Block {
     let matrix = PLATE.section().stiffness(element);
-    let arms: Vec<[f64; 2]> =
-        nodes.iter().map(|&node| (mesh.nodes[node] - mesh.nodes[nodes[0]]).into()).collect();
+    let root = stiffness_root(element, &quadrature::DEGREE_2, |_| PLATE.section()).unwrap();
+    let arm = |&node: &usize| (mesh.nodes[node] - mesh.nodes[nodes[0]]).into();
+    let bending =
+        Bending { arms: nodes[1..].iter().map(arm).collect(), root: root.transpose().as_slice().into() };
     let dofs = nodes.iter().flat_map(|&node| free[3 * node..3 * node + 3].to_vec()).collect();
-    Block { dofs, matrix: matrix.as_slice().into(), arms: Some(arms.into()), class }
+    Block { dofs, matrix: matrix.as_slice().into(), bending: Some(bending.into()), class }
 }
 
 /// The square of the true error on a cell; each piece is cut in four.

@@ -58,7 +58,7 @@ use crate::vi::kkt::Judge;
 use crate::vi::{self, Side, Verdict};
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side as Triangle};
-use modes::Cache;
+use modes::{Cache, Modes};
 use motion::Motion;
 use reduction::Reduction;
 use search::Search;
@@ -184,6 +184,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let modes = cache.get(system, &reduction, &sides)?;
         let modal = modes.vectors.transpose() * &state;
         let motion = Motion::new(modes, 0.0, &modal);
+        check_rigid(system, &reduction, &motion.modes, &modal, &start.displacement)?;
         let search = Search::new(&motion, options.stride, options.roundings, 0);
         let before = |&dof: &usize| Approach {
             time: 0.0,
@@ -332,6 +333,39 @@ impl<'s, E: Engine> Exact<'s, E> {
     pub fn cell_velocity(&self) -> &[f64] {
         &self.shape().velocity
     }
+}
+
+/// Strain of a rigid motion relative to that of its parts: rounding.
+const RIGID_STRAIN: f64 = 1e-12;
+/// Part of the start's elastic energy that may hide in motions taken for rigid.
+const HIDDEN: f64 = 1e-6;
+
+/// Checks that what of a start goes into rigid motions bends nothing: the slowest motions of a strip ten thousand times longer than wide
+/// are lost in the rounding of the fastest.
+fn check_rigid<E: Engine>(
+    system: &System<E>,
+    reduction: &Reduction,
+    modes: &Modes,
+    state: &Mat<f64>,
+    start: &[f64],
+) -> Result<()> {
+    let System { engine, stiffness, .. } = system;
+    let rigid = modes.vectors.get(.., ..modes.rigid) * state.get(..modes.rigid, ..1);
+    let shape = &reduction.lift * rigid;
+    let x = shape.col_as_slice(0);
+    let (mut force, mut sizes) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+    engine.multiply_with_magnitude(&[(1.0, stiffness)], x, &mut force, &mut sizes)?;
+    let size = engine.dot(&sizes, &x.iter().map(|x| x.abs()).collect::<Vec<_>>())?;
+    let energy = engine.multiply(stiffness, x, &mut force)?;
+    let whole = engine.multiply(stiffness, start, &mut force)?;
+    if energy > RIGID_STRAIN.powi(2) * size && energy > HIDDEN * whole {
+        return Err(Error::Singular(
+            "time.scheme = \"exact\": the slowest motions are lost in the rounding of the fastest; \
+             set time.scheme = \"conserving\", or take cells that are less slender"
+                .into(),
+        ));
+    }
+    Ok(())
 }
 
 /// The active set at a start: that of the minimiser in phi(p), and where a node just touches, what it does next.

@@ -1,0 +1,189 @@
+//! Cholesky with twice the digits, for matrices that plain numbers cannot hold.
+//!
+//! The factor L of a matrix A has half of A's digits at stake: rounded in the end, L L^T is as far from A as the roundings of a root, while
+//! rounding A itself, or anything on the way, may leave a slow motion no stiffness at all.
+
+use super::cholesky::Supernode;
+use pulp::{Simd, WithSimd};
+use std::iter::Sum;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// A number as the sum of two, the lower one less than a rounding of the higher: some 32 decimal digits.
+///
+/// Sources: T. J. Dekker, *A floating-point technique for extending the available precision*, 1971; D. E. Knuth, *The Art of
+/// Computer Programming 2*, section 4.2.2.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Twice {
+    high: f64,
+    low: f64,
+}
+
+impl Twice {
+    /// The sum of a number and a much smaller one.
+    #[inline(always)]
+    fn new(high: f64, low: f64) -> Twice {
+        let sum = high + low;
+        Twice { high: sum, low: low - (sum - high) }
+    }
+
+    /// a b, exactly.
+    #[inline(always)]
+    pub fn product(a: f64, b: f64) -> Twice {
+        let high = a * b;
+        Twice { high, low: a.mul_add(b, -high) }
+    }
+
+    /// The nearest plain number.
+    #[inline(always)]
+    pub fn round(self) -> f64 {
+        self.high
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Twice {
+        let root = self.high.sqrt();
+        Twice::new(root, 0.5 * (self - Twice::product(root, root)).high / root)
+    }
+}
+
+impl From<f64> for Twice {
+    fn from(high: f64) -> Twice {
+        Twice { high, low: 0.0 }
+    }
+}
+
+impl Add for Twice {
+    type Output = Twice;
+
+    #[inline(always)]
+    fn add(self, other: Twice) -> Twice {
+        let sum = self.high + other.high;
+        let part = sum - self.high;
+        let rest = (self.high - (sum - part)) + (other.high - part);
+        Twice::new(sum, rest + (self.low + other.low))
+    }
+}
+
+impl Neg for Twice {
+    type Output = Twice;
+
+    #[inline(always)]
+    fn neg(self) -> Twice {
+        Twice { high: -self.high, low: -self.low }
+    }
+}
+
+impl Sub for Twice {
+    type Output = Twice;
+
+    #[inline(always)]
+    fn sub(self, other: Twice) -> Twice {
+        self + -other
+    }
+}
+
+impl Mul for Twice {
+    type Output = Twice;
+
+    #[inline(always)]
+    fn mul(self, other: Twice) -> Twice {
+        let Twice { high, low } = Twice::product(self.high, other.high);
+        Twice::new(high, low + (self.high * other.low + self.low * other.high))
+    }
+}
+
+impl Div for Twice {
+    type Output = Twice;
+
+    #[inline(always)]
+    fn div(self, other: Twice) -> Twice {
+        let ratio = self.high / other.high;
+        Twice::new(ratio, (self - other * ratio.into()).high / other.high)
+    }
+}
+
+impl Sum for Twice {
+    fn sum<I: Iterator<Item = Twice>>(terms: I) -> Twice {
+        terms.fold(Twice::default(), Add::add)
+    }
+}
+
+/// Factors the panels of a matrix in place. Returns whether it is positive definite.
+pub(super) struct Factor<'a> {
+    pub supernodes: &'a [Supernode],
+    pub patterns: &'a [u32],
+    /// Supernode of each place.
+    pub owner: &'a [u32],
+    pub values: &'a mut [Twice],
+}
+
+impl WithSimd for Factor<'_> {
+    type Output = bool;
+
+    /// Nothing here is done by hand: the widest registers come with the product that rounds once.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        let Factor { supernodes, patterns, owner, values } = self;
+        let mut row_of = vec![0; owner.len()];
+        let mut update = Vec::new();
+        for s in supernodes {
+            let (width, height) = (s.end - s.start, s.end - s.start + s.rows);
+            if !factor_panel(&mut values[s.values..][..width * height], width, height) {
+                return false;
+            }
+            // What each row below takes from its own column.
+            let pattern = &patterns[s.pattern..][..s.rows];
+            let mut last = None;
+            for (k, &column) in pattern.iter().enumerate() {
+                let target = supernodes[owner[column as usize] as usize];
+                if last.replace(target.start) != Some(target.start) {
+                    let below = patterns[target.pattern..][..target.rows].iter().map(|&row| row as usize);
+                    for (row, place) in (target.start..target.end).chain(below).enumerate() {
+                        row_of[place] = row;
+                    }
+                }
+                update.clear();
+                update.resize(s.rows, Twice::default());
+                for panel in values[s.values..][..width * height].chunks_exact(height) {
+                    let factor = -panel[width + k];
+                    for (sum, entry) in update.iter_mut().zip(&panel[width..]) {
+                        *sum = *sum + *entry * factor;
+                    }
+                }
+                let tall = target.end - target.start + target.rows;
+                let values = &mut values[target.values + (column as usize - target.start) * tall..][..tall];
+                for (&row, sum) in pattern.iter().zip(&update).filter(|(row, _)| **row >= column) {
+                    let entry = &mut values[row_of[row as usize]];
+                    *entry = *entry + *sum;
+                }
+            }
+        }
+        true
+    }
+}
+
+/// Factors the columns of one panel among themselves.
+#[inline(always)]
+fn factor_panel(panel: &mut [Twice], width: usize, height: usize) -> bool {
+    for j in 0..width {
+        let (done, rest) = panel.split_at_mut((j + 1) * height);
+        let column = &mut done[j * height..];
+        let pivot = column[j];
+        if !(pivot.high > 0.0 && pivot.high.is_finite()) {
+            return false;
+        }
+        let root = pivot.sqrt();
+        column[j] = root;
+        for entry in &mut column[j + 1..] {
+            *entry = *entry / root;
+        }
+        for (k, other) in rest.chunks_exact_mut(height).take(width - 1 - j).enumerate() {
+            let first = j + 1 + k;
+            let factor = -column[first];
+            for (sum, entry) in other[first..].iter_mut().zip(&column[first..]) {
+                *sum = *sum + *entry * factor;
+            }
+        }
+    }
+    true
+}
