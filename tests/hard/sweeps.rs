@@ -1,7 +1,7 @@
 //! Numbers through all magnitudes, and meshes that no one would draw: nothing fails, and what a scheme promises of its energy holds.
 
 use crate::common::Random;
-use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL};
+use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL, unit};
 use rebond::assembly;
 use rebond::mesh::{Cell, Mesh, Point};
 use rebond::obstacle::Bounds;
@@ -188,7 +188,7 @@ fn cells_a_thousand_times_longer_than_wide() {
     {
         let width = 0.1 / aspect;
         let mesh = Mesh::rectangle(1.0, width, [10, 1], element, Right).unwrap();
-        let plate = Matrices::new(mesh.clone(), plates::unit(0.0), CLAMPED_LEFT);
+        let plate = Matrices::new(mesh.clone(), unit(0.0), CLAMPED_LEFT);
         let mut couple = vec![0.0; plate.space.dofs()];
         for node in mesh.edge_nodes("right").unwrap() {
             let slope = plate.space.dofs_of(&[node]).nth(1).unwrap().unwrap();
