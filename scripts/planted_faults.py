@@ -31,7 +31,7 @@ FAULTS = [
     ("time step 1 % long in the mass", "src/scheme/newmark.rs", "(1.0 / (dt * dt) + half_rate * damping.mass, mass)",
      "(1.01 / (dt * dt) + half_rate * damping.mass, mass)", "schemes", "energy::"),
     ("half the velocity at the start", "src/scheme/newmark.rs", "*momentum *= 2.0 / dt", "*momentum *= 1.0 / dt",
-     "schemes", "bouncing_ball::"),
+     "scene", "damped_heave"),
     ("bound shifted by a millionth", "src/obstacle.rs", "self.lower[i] = map(dof, others.lower[i]);",
      "self.lower[i] = map(dof, others.lower[i]) + 1e-6;", "hard", "gap_zero"),
     ("reactions of the wrong sign", "src/vi/condensed.rs", "reaction[i] = forces[first + k];",
