@@ -78,14 +78,15 @@ impl<E: Engine> Condensed<E> {
         // All processes agree on how large a gap is near.
         let (mut gaps, _) = engine.concatenate(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>())?;
         gaps.sort_by(f64::total_cmp);
-        let broken = gaps.iter().take_while(|&&gap| gap < 0.0).count();
+        let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
         let known = engine.concatenate(&vec![0.0; candidates.len()])?.0.len();
         if known + broken > DENSE_LIMIT {
             return self.pin(engine, sum);
         }
         let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
         let near = gaps[lot - 1];
-        candidates.extend(others.into_iter().filter(|&i| gap(i) <= near));
+        // In the order that they were sorted in, which has a place for NaN too: each round adds some.
+        candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
         candidates.sort_unstable();
         let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
         match engine.change_candidates(&mut self.factor, sum, &dofs) {

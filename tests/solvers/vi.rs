@@ -460,6 +460,25 @@ fn membrane(side: usize, spring: f64) -> (Native, Form, Mat<f64>) {
     (engine, form, dense)
 }
 
+/// A problem that is no longer one of numbers ends, whatever its answer: the judge says what it is worth.
+#[test]
+fn infinities_and_nans_come_to_an_end() {
+    let size = 3;
+    let engine = Native::new(size);
+    let form = dense_form(&engine, size, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    let sum = [(1.0, &form)];
+    let bounds = Bounds::uniform((0..size).collect(), -1.0, 1.0);
+    for b in
+        [[f64::NEG_INFINITY, f64::NAN, 0.0], [f64::NAN; 3], [f64::INFINITY, -f64::NAN, f64::NEG_INFINITY]]
+    {
+        let mut step: Step<Native> =
+            Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
+        let (mut x, mut reaction) = ([0.0; 3], [0.0; 3]);
+        let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction);
+        assert!(verdict.is_err() || verdict.is_ok_and(|verdict| verdict.kkt.is_nan()), "{b:?}");
+    }
+}
+
 /// The answer of a dense problem by projected over-relaxation: slow, and nothing like an active set.
 fn relax(matrix: &Mat<f64>, b: &[f64], bounds: &Bounds, sweeps: usize) -> Vec<f64> {
     let size = b.len();
