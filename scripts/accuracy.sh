@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes again what docs/accuracy.md shows: the studies of the paper's plate, of the same refined, of a smooth problem and of the plate's free
-# flight, and the paper's figures. Reports and pictures go to docs/accuracy. Some MINUTES minutes on two idle cores; timings are the machine's.
+# flight, and the paper's figures. Reports and pictures go to docs/accuracy. Some ten minutes on an idle machine; timings are its own.
 #
 #   scripts/accuracy.sh
 set -eu
@@ -17,8 +17,11 @@ done
 "$rebond" figures --out "$work/figures" >docs/accuracy/claims.txt
 sed -i '/^written to/d' docs/accuracy/*.txt
 
+# Pictures tell the command that made them; where its output went is this script's affair.
+keep() { sed 's/ --out [^<]*//' "$work/$1" >"docs/accuracy/$2"; }
 for name in paper refined; do
     cp "$work/$name/study.csv" "docs/accuracy/$name.csv"
 done
-cp "$work/paper/plots/work-precision-fvs-10x4.svg" docs/accuracy/work-precision.svg
-cp "$work/paper/plots/orders-fvs-10x4.svg" docs/accuracy/orders.svg
+keep paper/plots/work-precision-fvs-10x4.svg work-precision.svg
+keep paper/plots/orders-fvs-10x4.svg orders.svg
+keep refined/plots/work-precision.svg refined.svg

@@ -258,8 +258,9 @@ fn variable(at: Point, t: f64) -> impl Fn(Name) -> f64 + Copy {
 }
 
 impl From<f64> for Field {
-    /// A constant, which must be finite.
+    /// A constant, which must be finite; zero has no sign.
     fn from(value: f64) -> Field {
+        let value = value + 0.0;
         let text = format!("{value:?}");
         let span = 0..text.len();
         Field { text, code: vec![Instruction::Constant(value)], spans: vec![span], names: Names::NONE }

@@ -18,7 +18,11 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
     let mut section = |header: &str, rows: &[Row]| section(&mut text, header, rows);
     section("[plate]", &plate(&scene.plate, found));
     for part in &scene.parts {
-        let material = material(&part.plate, part.thickness.as_ref(), found);
+        let mut material = material(&part.plate, part.thickness.as_ref(), found);
+        // The plate's own formula goes without saying: repeated here it would be the part's.
+        if part.thickness == scene.plate.thickness && part.thickness.is_some() {
+            material.retain(|(key, ..)| *key != "thickness");
+        }
         section("[[part]]", &[region(&part.region), material].concat());
     }
     section("[mesh]", &mesh(scene, found));

@@ -159,6 +159,8 @@ impl Document<'_> {
                 let wrong = format!("{} {}; {}", spell(number), quantity.range.fault, quantity.expected());
                 Err(self.fault(key, wrong))
             }
+            // As good as absent, however it is written.
+            Some(0.0) => Ok(0.0.into()),
             _ => Ok(field),
         }
     }

@@ -5,7 +5,7 @@ use super::plan::Method;
 use super::{Accuracy, Run, report};
 use crate::error::Result;
 use crate::output::plot::{Axis, Color, Curve, Figure, Panel};
-use crate::scene::Horizon;
+use crate::scene::{ElementKind, Horizon};
 use std::path::Path;
 
 /// The lower edge of a picture, over the least error of any step.
@@ -33,7 +33,7 @@ pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
     }
     if meshes.len() > 1 && !accuracy.runs.is_empty() {
         draw("work-precision", "Work and precision".into(), vec![whole(accuracy, &meshes)])?;
-        draw("cost", "Cost of a run".into(), vec![cost(accuracy)])?;
+        draw("cost", "Cost of a run".into(), cost(accuracy))?;
     }
     Ok(())
 }
@@ -162,21 +162,32 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
         .curves(meshes.iter().enumerate().map(of_mesh))
 }
 
-/// Seconds of all steps against dofs, at the smallest step.
-fn cost(accuracy: &Accuracy) -> Panel {
-    let curve = |(number, method): (usize, Method)| {
-        let own: Vec<&Run> = accuracy.runs.iter().filter(|run| run.case.method == method).collect();
-        let smallest = own.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
-        let mut points: Vec<[f64; 2]> = own
-            .iter()
-            .filter(|run| run.case.step == smallest)
-            .map(|run| [run.dofs as f64, run.stepping_seconds])
-            .collect();
-        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        Curve::new(short(&method), points).style(number).marks(number)
+/// Seconds of all steps against dofs, at the smallest step; a panel an element.
+fn cost(accuracy: &Accuracy) -> Vec<Panel> {
+    let mut elements: Vec<ElementKind> = accuracy.runs.iter().map(|run| run.case.grid.element).collect();
+    elements.sort_by_key(|element| *element as u8);
+    elements.dedup();
+    let methods = methods(&accuracy.runs);
+    let panel = |(place, &element): (usize, &ElementKind)| {
+        let curve = |(number, &method): (usize, &Method)| {
+            let of = |run: &&Run| run.case.method == method && run.case.grid.element == element;
+            let own: Vec<&Run> = accuracy.runs.iter().filter(of).collect();
+            let smallest = own.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
+            let mut points: Vec<[f64; 2]> = own
+                .iter()
+                .filter(|run| run.case.step == smallest)
+                .map(|run| [run.dofs as f64, run.stepping_seconds])
+                .collect();
+            points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            let name = if place == 0 { short(&method) } else { String::new() };
+            Curve::new(name, points).style(number).marks(number)
+        };
+        let several = elements.len() > 1;
+        let name = if several { format!("{element:?}, ").to_lowercase() } else { String::new() };
+        Panel::new(Axis::log("degrees of freedom", ""), Axis::log("time of all steps", "s"))
+            .heading(format!("{name}at the smallest step"))
+            .height(if several { 110.0 } else { 150.0 })
+            .curves(methods.iter().enumerate().map(curve))
     };
-    Panel::new(Axis::log("degrees of freedom", ""), Axis::log("time of all steps", "s"))
-        .heading("at the smallest step")
-        .height(150.0)
-        .curves(methods(&accuracy.runs).into_iter().enumerate().map(curve))
+    elements.iter().enumerate().map(panel).collect()
 }
