@@ -41,7 +41,7 @@ FAULTS = [
     ("a judge that sees no penetration", "src/vi/kkt.rs",
      "let outside = larger(0.0, larger(-below, -above));", "let outside = 0.0;", "solvers", "vi::"),
     ("time not relaxed with gamma", "src/scheme/conserving.rs", "self.span = gamma * half.dt;", "self.span = half.dt;",
-     "schemes", ""),
+     "schemes", "moving::"),
     ("energy kept to 1e-6 only", "src/scheme/conserving.rs", "const KEPT: f64 = 4.0 * f64::EPSILON;",
      "const KEPT: f64 = 1e-6;", "schemes", "conserving::energy"),
     ("midpoint velocities 1 % off", "src/scheme/half_step.rs", "*dv = 4.0 / dt * rate - 2.0 * v;",
