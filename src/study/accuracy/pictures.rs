@@ -33,7 +33,10 @@ pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
     }
     if meshes.len() > 1 && !accuracy.runs.is_empty() {
         draw("work-precision", "Work and precision".into(), vec![whole(accuracy, &meshes)])?;
-        draw("cost", "Cost of a run".into(), cost(accuracy))?;
+    }
+    let cost = cost(accuracy);
+    if !cost.is_empty() {
+        draw("cost", "Cost of a run".into(), cost)?;
     }
     Ok(())
 }
@@ -162,11 +165,17 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
         .curves(meshes.iter().enumerate().map(of_mesh))
 }
 
-/// Seconds of all steps against dofs, at the smallest step; a panel an element.
+/// Seconds of all steps against dofs, at the smallest step; a panel for each element that has several meshes.
 fn cost(accuracy: &Accuracy) -> Vec<Panel> {
     let mut elements: Vec<ElementKind> = accuracy.runs.iter().map(|run| run.case.grid.element).collect();
     elements.sort_by_key(|element| *element as u8);
     elements.dedup();
+    elements.retain(|element| {
+        let mut dofs =
+            accuracy.runs.iter().filter(|run| run.case.grid.element == *element).map(|run| run.dofs);
+        let first = dofs.next();
+        dofs.any(|dofs| Some(dofs) != first)
+    });
     let methods = methods(&accuracy.runs);
     let panel = |(place, &element): (usize, &ElementKind)| {
         let curve = |(number, &method): (usize, &Method)| {
