@@ -27,7 +27,7 @@ use std::time::Instant;
 /// The energy over its start at which a trial is stopped.
 const GUARD: f64 = 10.0;
 
-/// A promised energy is kept if to this part of the start's, and drifts if to that.
+/// A promised energy is kept if to this share of its largest part ever, and drifts if to that.
 const KEPT: f64 = 1e-9;
 const DRIFTS: f64 = 1e-4;
 
@@ -43,7 +43,7 @@ const MOST_EXACT_CELLS: usize = 640;
 pub enum Ending {
     /// It reached its end, and its energy did what the scheme promises; a scheme without a promise gained none to speak of.
     Holds,
-    /// It reached its end, but rounding moved the energy that its scheme promises by more than 1e-9 of the start's; how far.
+    /// It reached its end, but rounding moved the energy that its scheme promises by more than 1e-9 of its largest part; how far.
     Drifts(String),
     /// It reached its end with more energy than it started with, as its scheme may; what the user can do.
     Gains(String),
@@ -109,7 +109,7 @@ pub struct Figures {
     pub energy_min: f64,
     /// Largest energy, likewise.
     pub energy_max: f64,
-    /// Largest departure from the scheme's promise over the energy of the start; `None` without a promise.
+    /// Largest departure from the scheme's promise over the largest part of the energy ever, which rounding goes by; `None` without a promise.
     pub broken: Option<f64>,
     /// Worst relative KKT residual.
     pub worst_kkt: f64,
@@ -294,7 +294,7 @@ pub fn attempt<E: Engine>(
             Some(broken) if broken <= KEPT => Ending::Holds,
             Some(broken) => {
                 let why = format!(
-                    "the energy departs by {broken:.0e} of the start's from what the scheme promises"
+                    "the energy departs by {broken:.0e} of its largest part from what the scheme promises"
                 );
                 if broken <= DRIFTS { Ending::Drifts(why) } else { Ending::Fails(why) }
             }
@@ -318,7 +318,7 @@ fn figures(witness: &Witness, outcome: &Outcome, seconds: f64) -> Figures {
         most_contact_nodes: outcome.most_contact_nodes,
         energy_min: witness.relative(witness.least),
         energy_max: witness.relative(witness.most),
-        broken: (witness.promise != Promise::Nothing).then(|| over(witness.broken, witness.scale())),
+        broken: (witness.promise != Promise::Nothing).then(|| over(witness.broken, witness.parts[1])),
         worst_kkt: outcome.worst_kkt,
         penetration: over(outcome.worst_penetration, witness.length),
         vi_iterations: outcome.vi_iterations,
