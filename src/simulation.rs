@@ -784,7 +784,10 @@ fn march<E: Engine>(
         contacts.note(&model.sites, time, scene.time.step, scheme.reaction());
         if step % scene.output.every == 0 || last {
             let energies = scheme.energies()?;
-            guard.check(step, time, energies)?;
+            let guarded = guard.check(step, time, energies);
+            if let Err(Error::NotFinite { .. }) = guarded {
+                return guarded;
+            }
             let energy = energies.total();
             outcome.energy.end = energy;
             outcome.energy.min = outcome.energy.min.min(energy);
@@ -815,6 +818,7 @@ fn march<E: Engine>(
             }
             observer.state(scheme)?;
             (*iterations, *kkt) = (0, 0.0);
+            guarded?;
         } else if step % GUARD_EVERY == 0 {
             guard.check(step, time, scheme.energies()?)?;
         }

@@ -16,12 +16,12 @@
 //!    \tfrac12 |v|_C^2 = \tfrac12 |w|_C^2 - \tfrac12 w \cdot C\, dv + \tfrac18 |dv|_C^2 , \]
 //! so that \( E(p, v) \ge E(m, w) + \tfrac18 |dv|_C^2 \): at gamma = 1/2 the energy is below its value at gamma = 0. In gamma it is
 //! convex, piecewise quadratic, and tends to infinity with \( \gamma^2 |dv|_C^2 / 2 \): it comes back to E_0 once, at some gamma
-//! of at least 1/2. (If dv = 0 nothing acts, and gamma = 1 will do.) This holds at every step, however long: the scheme never gains nor
-//! loses energy. The root is found by Newton's method, with the curvature of the last two slopes (exact as soon as they lie in one
-//! piece) inside a bracket; each trial is one U(p).
+//! of at least 1/2. This holds at every step, however long: the scheme never gains nor loses energy. The root is found by Newton's
+//! method, with the curvature of the last two slopes (exact as soon as they lie in one piece) inside a bracket; each trial is one U(p).
 //!
-//! Above, gamma has no bound: a step that meets its middle in stiff contact and leaves in free flight comes out long. Past
-//! [`LONGEST`] it is done again with half the step, on a second factor that is kept.
+//! Above, gamma has no bound: a step that meets its middle in stiff contact and leaves in free flight comes out long; and one that leaves
+//! contact for a flight without force before its middle has dv = 0, and no root unless it meets another obstacle. Past [`LONGEST`] it is done
+//! again with half the step, on a factor that is kept. Of a step short enough the middle lies where the start does, and gamma is 1.
 //!
 //! # Damping, loads and obstacles that change with time
 //!
@@ -37,7 +37,8 @@
 //! to; a state is U(p) under the load and within the obstacles of its own instant. While the active bounds stay, U is affine in p, F
 //! and l together, and the middle is the mean of both ends: then this is the change of E at gamma = 1, exactly, and the step is a
 //! midpoint step at its cost. (The load of the middle's own instant would leave gamma - 1 of order dt in free flight.) Where contact
-//! changes nothing proves that a gamma exists; where none is found at the least step the target stays, and later steps make up for it.
+//! changes nothing proves that a gamma exists; where none is found after [`MOST_HALVINGS`] the target stays, and later steps make up
+//! for it.
 //!
 //! # Order
 //!
@@ -83,17 +84,21 @@ use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, SolverFactory, Verdict};
 use std::ops::Range;
 
-/// The longest step accepted, in dt, unless it has been halved [`MOST_HALVINGS`] times.
+/// The longest gamma accepted. After [`MOST_HALVINGS`] it is the longest step, in dt.
 pub const LONGEST: f64 = 2.5;
-/// Steps are halved at most so often; the last may then be as long as it comes out.
+/// Halvings that shorten a step which comes out long.
 pub const MOST_HALVINGS: usize = 3;
+/// Halvings where a gamma exists, but for rounding: contact that holds 1e-13 of the energy ends within 1e-7 of its own period.
+const ALL_HALVINGS: usize = 40;
 
 /// A step moves the energy if by more than this part of it: above what a step rounds off, far below what contact changes.
 const MOVED: f64 = 1e-13;
 /// The energy is kept if to this part of it.
 const KEPT: f64 = 4.0 * f64::EPSILON;
-/// What rounding alone has moved is put right within this range of gamma; what it cannot is left to a later step.
+/// What rounding alone has moved is put right within this range of gamma.
 const ROUNDING: Range<f64> = 0.9..1.1;
+/// Where that cannot, no force being at work, it is taken from the velocity if to this part of the kinetic energy, or left to a later step.
+const ROUNDED: f64 = 1e-10;
 /// Trials of gamma. Some four are enough; where rounding hides the root, bisection closes the bracket.
 const MOST_TRIALS: usize = 60;
 
@@ -243,12 +248,13 @@ impl<'s, E: Engine> Conserving<'s, E> {
             let mut line = self.potential.line(&self.before, half, time)?;
             line.at(1.0, &mut self.now)?;
             let straight = line.same_piece;
-            let last = straight || halvings == MOST_HALVINGS;
-            let range = match (straight, last) {
-                (true, _) => ROUNDING,
-                (false, false) => 0.5..LONGEST,
-                (false, true) => 0.5..f64::INFINITY,
+            let range = match halvings {
+                _ if straight => ROUNDING,
+                0..MOST_HALVINGS => 0.5..LONGEST,
+                _ => 0.5..LONGEST * f64::exp2(halvings as f64),
             };
+            let most = if self.system.drive.varies() { MOST_HALVINGS } else { ALL_HALVINGS };
+            let last = straight || halvings == most;
             let moved = excess(&line, target, 1.0, &self.now)?;
             let mut gamma = Some(1.0);
             if moved.abs() > MOVED * size(&self.now) {
@@ -256,6 +262,9 @@ impl<'s, E: Engine> Conserving<'s, E> {
                 if gamma.is_none() && last {
                     line.at(1.0, &mut self.now)?;
                     gamma = Some(1.0);
+                    if straight && moved.abs() <= ROUNDED * self.now.energies.kinetic {
+                        self.now.shed(moved);
+                    }
                 }
             }
             self.verdict = self.verdict.and(verdict).and(line.verdict);
@@ -302,10 +311,14 @@ fn keep_energy<E: Engine>(
     let (mut below, mut above) = (None, None);
     let mut gamma = 1.0;
     let mut last: Option<(f64, f64)> = None;
+    let mut best = (f64::INFINITY, gamma);
     for _ in 0..MOST_TRIALS {
         let excess = excess(line, target, gamma, to)?;
         if excess.abs() <= KEPT * size(to) {
             return Ok(Some(gamma));
+        }
+        if excess.abs() < best.0 {
+            best = (excess.abs(), gamma);
         }
         if gamma <= range.start && excess > 0.0 || gamma >= range.end && excess < 0.0 {
             return Ok(None);
@@ -321,21 +334,26 @@ fn keep_energy<E: Engine>(
         // The larger root of excess + slope h + curvature h^2 / 2.
         let root = (slope * slope - 2.0 * excess * curvature).max(0.0).sqrt();
         let mut next = gamma - 2.0 * excess / (slope + root);
+        let nearest = |next: f64| (next - gamma).abs() <= f64::EPSILON * gamma;
         let (low, high) = (below.unwrap_or(range.start), above.unwrap_or(range.end));
-        if !(low < next && next < high) {
+        if !(low < next && next < high || nearest(next)) {
             next = match (below, above) {
                 (None, _) => low,
                 (_, None) => high.min(2.0 * gamma),
                 _ => 0.5 * (low + high),
             };
         }
-        if (next - gamma).abs() <= f64::EPSILON * gamma {
-            return Ok(Some(gamma)); // No number lies nearer to the root.
+        if nearest(next) {
+            break;
         }
         gamma = next;
         line.at(gamma, to)?;
     }
-    Ok(None)
+    // No number lies nearer to the root, or rounding hides it.
+    if gamma != best.1 {
+        line.at(best.1, to)?;
+    }
+    Ok(Some(best.1))
 }
 
 impl<E: Engine> Scheme for Conserving<'_, E> {

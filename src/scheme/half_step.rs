@@ -56,6 +56,13 @@ impl State {
         self.energies = Energies { kinetic, elastic, work: system.work(&self.u)? };
         Ok(())
     }
+
+    /// Takes from V, without turning it, a little of its energy, in J.
+    pub fn shed(&mut self, energy: f64) {
+        let kept = 1.0 - energy / self.energies.kinetic;
+        self.v.iter_mut().for_each(|v| *v *= kept.sqrt());
+        self.energies.kinetic -= energy;
+    }
 }
 
 /// The implicit half of a step, from a state to the middle (U + x, V + dV/2).

@@ -47,6 +47,10 @@ const STIFF_ENOUGH: std::ops::Range<f64> = 1e3..1e6;
 const ATTEMPTS: usize = 8;
 const POWERS: usize = 6;
 
+/// Part of a rough displacement's quotient of stiffness and mass below which the motion is rigid: that of two cells may be no other. Any
+/// penalty will do then. Cells n times as long as wide have frequencies of n^-4 of that quotient, rounding is near 1e-30.
+const RIGID: f64 = 1e-20;
+
 /// Error of p, relative to the way it goes, at which the rounds end.
 const CLOSE: f64 = 1e-12;
 /// Error of p, likewise, that no rounding makes: there is no such U. Met are some 1e-7 by one round, where inf-sup holds, and 1e-6 where a
@@ -83,7 +87,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// Chooses the penalty and factors K + s M.
     ///
     /// # Errors
-    /// [`Error::Singular`] where that is not positive definite, or nothing oscillates: then no frequency is the fastest.
+    /// [`Error::Singular`] where that is not positive definite, or no estimate of the fastest frequency holds.
     /// [`Error::Usage`] for damping by stiffness.
     pub fn new(system: &'s System<E>) -> Result<Potential<'s, E>> {
         let System { engine, stiffness, mass, bounds, damping, .. } = system;
@@ -104,7 +108,8 @@ impl<'s, E: Engine> Potential<'s, E> {
             *x = if *d > 0.0 { rough(i) / d.sqrt() } else { 0.0 };
         }
         let elastic = engine.multiply(stiffness, &x, &mut b)?;
-        let mut fastest = elastic / engine.multiply(mass, &x, &mut b)?;
+        let guess = elastic / engine.multiply(mass, &x, &mut b)?;
+        let mut fastest = guess;
         let mut factorisations = 0;
         for _ in 0..ATTEMPTS {
             let penalty = STIFFNESS * fastest;
@@ -124,6 +129,9 @@ impl<'s, E: Engine> Potential<'s, E> {
             let mut largest = 0.0;
             for _ in 0..POWERS {
                 let norm = engine.vis_viva(mass, &pull)?.sqrt();
+                if norm == 0.0 {
+                    break;
+                }
                 pull.iter_mut().for_each(|v| *v /= norm);
                 apply(&pull, &mut moved)?;
                 pull.iter_mut().zip(&moved).for_each(|(v, m)| *v -= m);
@@ -131,10 +139,10 @@ impl<'s, E: Engine> Potential<'s, E> {
                 std::mem::swap(&mut pull, &mut moved);
                 largest = engine.vis_viva(mass, &pull)?.sqrt();
             }
-            // The smaller share w^2 / (w^2 + s) of which that is share (1 - share).
-            let share = 2.0 * largest / (1.0 + (1.0 - 4.0 * largest).max(0.0).sqrt());
-            fastest = penalty * share / (1.0 - share);
-            if STIFF_ENOUGH.contains(&(penalty / fastest)) {
+            // Rayleigh's quotient of the displacement that gave this velocity.
+            let elastic = engine.multiply(stiffness, &x, &mut b)?;
+            fastest = if largest > 0.0 { elastic * (penalty / largest).powi(2) } else { 0.0 };
+            if STIFF_ENOUGH.contains(&(penalty / fastest)) || fastest < RIGID * guess {
                 return Ok(Potential {
                     system,
                     penalty,
@@ -158,7 +166,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 break;
             }
         }
-        Err(Error::Singular("nothing oscillates: no natural frequency is the fastest".into()))
+        Err(Error::Singular("no estimate of the fastest natural frequency holds".into()))
     }
 
     /// Moves a displacement to U(p) of its own p = C^-1 B U at an instant; sets the reactions of the obstacles there.

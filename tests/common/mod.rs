@@ -135,27 +135,16 @@ pub fn difference(a: &[f64], b: &[f64]) -> f64 {
     largest(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>())
 }
 
-/// Some W with C^-1 B W = v: the least by the mass, found from the normal equations by conjugate gradients.
+/// The least W with C^-1 B W = v, up to rounding.
 pub fn lift(system: &System<Native>, v: &[f64]) -> Vec<f64> {
     let System { engine, mass, .. } = system;
-    let (mut x, mut r) = (vec![0.0; v.len()], v.to_vec());
-    let mut d = r.clone();
-    let (mut u, mut image) = (vec![0.0; engine.dofs()], vec![0.0; v.len()]);
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut rho = dot(&r, &r);
-    for _ in 0..20 * v.len() {
-        if rho <= 1e-32 * dot(v, v) {
-            break;
-        }
-        engine.momentum(mass, &d, &mut u).unwrap();
-        engine.velocity(mass, &u, &mut image).unwrap();
-        let alpha = rho / dot(&d, &image);
-        x.iter_mut().zip(&d).for_each(|(x, d)| *x += alpha * d);
-        r.iter_mut().zip(&image).for_each(|(r, i)| *r -= alpha * i);
-        let next = dot(&r, &r);
-        d.iter_mut().zip(&r).for_each(|(d, r)| *d = r + next / rho * *d);
-        rho = next;
+    let mut unit = vec![0.0; engine.dofs()];
+    let mut matrix = faer::Mat::zeros(v.len(), unit.len());
+    for dof in 0..unit.len() {
+        unit[dof] = 1.0;
+        engine.velocity(mass, &unit, matrix.col_as_slice_mut(dof)).unwrap();
+        unit[dof] = 0.0;
     }
-    engine.momentum(mass, &x, &mut u).unwrap();
-    u
+    let lifted = matrix.thin_svd().unwrap().pseudoinverse() * faer::ColRef::from_slice(v);
+    lifted.iter().copied().collect()
 }

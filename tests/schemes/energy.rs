@@ -103,7 +103,9 @@ fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
     assert_eq!(error.exit_code(), 5);
     assert!(error.to_string().contains("singular"), "{error}");
     assert!(outcome.steps < scene.time.steps());
-    assert_eq!(rows.0.len() as u64, outcome.steps, "every row before the guard was kept");
+    assert_eq!(rows.0.len() as u64, outcome.steps + 1, "every row was kept");
+    let [start, .., last] = &rows.0[..] else { panic!() };
+    assert!(last.total() > 2.0 * start.total(), "with that which the guard stopped at");
 }
 
 #[test]

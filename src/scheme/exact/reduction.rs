@@ -12,6 +12,8 @@ use crate::obstacle::Bounds;
 use crate::scheme::System;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side as Triangle};
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Corrections of the saddle point by its residual, K applied cell by cell.
 const CORRECTIONS: usize = 2;
@@ -26,7 +28,7 @@ const LEAST_SHIFT: f64 = 1e-6;
 #[derive(Debug)]
 pub(super) struct Reduction {
     /// Its N coordinates.
-    pub frame: Frame,
+    pub frame: Rc<Frame>,
     /// alpha, in 1/s.
     pub damping: f64,
     /// H, N x N: the stiffness that z feels where nothing touches.
@@ -49,10 +51,9 @@ impl Reduction {
     /// Solves for all columns.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the mass is not a singular one, leaves some rigid motion without inertia, or fails the inf-sup
-    /// condition with these bounds.
-    pub fn new<E: Engine>(system: &System<E>) -> Result<Reduction> {
-        let saddle = Saddle::new(system)?;
+    /// [`Error::Singular`] where the inf-sup condition fails with these bounds.
+    pub fn new<E: Engine>(saddle: &Saddle<E>) -> Result<Reduction> {
+        let system = saddle.system;
         let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
         let (cells, bounded) = (saddle.frame.size(), bounds.len());
         let load = Mat::from_fn(dofs, 1, |i, _| system.load.as_ref().map_or(0.0, |load| load[i]));
@@ -72,7 +73,7 @@ impl Reduction {
             rest,
             lift,
             push,
-            frame: saddle.frame,
+            frame: saddle.frame.clone(),
         };
         reduction.check_inf_sup(&unbound)?;
         Ok(reduction)
@@ -104,11 +105,11 @@ fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
 }
 
 /// The saddle point, by the factor of K + s M: definite where K and M share no rigid motion, and the same where B U is given.
-struct Saddle<'s, E: Engine> {
+pub(super) struct Saddle<'s, E: Engine> {
     system: &'s System<E>,
-    frame: Frame,
+    frame: Rc<Frame>,
     shift: f64,
-    factor: std::cell::RefCell<E::Factor>,
+    factor: RefCell<E::Factor>,
     /// (K + s M)^-1 B~^T, n x N.
     columns: Mat<f64>,
     /// B~ (K + s M)^-1 B~^T, N x N.
@@ -116,7 +117,11 @@ struct Saddle<'s, E: Engine> {
 }
 
 impl<'s, E: Engine> Saddle<'s, E> {
-    fn new(system: &'s System<E>) -> Result<Saddle<'s, E>> {
+    /// Factors it.
+    ///
+    /// # Errors
+    /// [`Error::Singular`] where the mass is not a singular one, or leaves some rigid motion without inertia.
+    pub fn new(system: &'s System<E>) -> Result<Saddle<'s, E>> {
         let System { engine, stiffness, mass, .. } = system;
         let mut frame = Frame::new(system)?;
         let (dofs, cells) = (engine.dofs(), frame.size());
@@ -143,11 +148,11 @@ impl<'s, E: Engine> Saddle<'s, E> {
         })?;
         // Each row of (K + s M)^-1 B~^T is one of velocities.
         let columns = frame.narrow(columns.transpose().to_owned()).transpose().to_owned();
-        Ok(Saddle { system, frame, shift, factor: factor.into(), columns, schur })
+        Ok(Saddle { system, frame: Rc::new(frame), shift, factor: factor.into(), columns, schur })
     }
 
     /// U and a of forces (n x k) and positions (N x k).
-    fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
+    pub fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
         let System { engine, stiffness, .. } = self.system;
         let mut u = Mat::zeros(forces.nrows(), forces.ncols());
         let mut acceleration = Mat::zeros(positions.nrows(), positions.ncols());
