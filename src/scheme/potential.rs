@@ -47,9 +47,9 @@ const STIFF_ENOUGH: std::ops::Range<f64> = 1e3..1e6;
 const ATTEMPTS: usize = 8;
 const POWERS: usize = 6;
 
-/// Part of a rough displacement's quotient of stiffness and mass below which the motion is rigid: that of two cells may be no other. Any
-/// penalty will do then. Cells n times as long as wide have frequencies of n^-4 of that quotient, rounding is near 1e-30.
-const RIGID: f64 = 1e-20;
+/// Strain over that of its parts below which a motion is rigid, as all that have inertia may be on a few cells: then no frequency is the
+/// fastest, and the first penalty will do. Cells n times as long as wide have motions of n^-2, rounding is below 1e-12.
+const RIGID: f64 = 1e-10;
 
 /// Error of p, relative to the way it goes, at which the rounds end.
 const CLOSE: f64 = 1e-12;
@@ -108,11 +108,10 @@ impl<'s, E: Engine> Potential<'s, E> {
             *x = if *d > 0.0 { rough(i) / d.sqrt() } else { 0.0 };
         }
         let elastic = engine.multiply(stiffness, &x, &mut b)?;
-        let guess = elastic / engine.multiply(mass, &x, &mut b)?;
-        let mut fastest = guess;
-        let mut factorisations = 0;
+        let first = STIFFNESS * elastic / engine.multiply(mass, &x, &mut b)?;
+        let (mut penalty, mut all_rigid) = (first, false);
+        let (mut sizes, mut factorisations) = (vec![0.0; dofs], 0);
         for _ in 0..ATTEMPTS {
-            let penalty = STIFFNESS * fastest;
             let sum = [(1.0, stiffness), (penalty, mass)];
             let mut solver = Condensed::new(engine, &sum, bounds.len())?;
             factorisations += 1;
@@ -140,9 +139,12 @@ impl<'s, E: Engine> Potential<'s, E> {
                 largest = engine.vis_viva(mass, &pull)?.sqrt();
             }
             // Rayleigh's quotient of the displacement that gave this velocity.
+            engine.multiply_with_magnitude(&sum[..1], &x, &mut b, &mut sizes)?;
             let elastic = engine.multiply(stiffness, &x, &mut b)?;
-            fastest = if largest > 0.0 { elastic * (penalty / largest).powi(2) } else { 0.0 };
-            if STIFF_ENOUGH.contains(&(penalty / fastest)) || fastest < RIGID * guess {
+            x.iter_mut().for_each(|x| *x = x.abs());
+            all_rigid |= elastic <= RIGID * RIGID * engine.dot(&x, &sizes)?;
+            let fastest = elastic * (penalty / largest).powi(2);
+            if all_rigid && penalty == first || STIFF_ENOUGH.contains(&(penalty / fastest)) {
                 return Ok(Potential {
                     system,
                     penalty,
@@ -162,7 +164,8 @@ impl<'s, E: Engine> Potential<'s, E> {
                     from: Default::default(),
                 });
             }
-            if !(fastest.is_finite() && fastest > 0.0) {
+            penalty = if all_rigid { first } else { STIFFNESS * fastest };
+            if !(penalty.is_finite() && penalty > 0.0) {
                 break;
             }
         }

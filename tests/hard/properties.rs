@@ -326,6 +326,30 @@ fn every_method_holds_on_plates_once_drawn() {
     }
 }
 
+/// All motions of a free column of three cells that have inertia are rigid, of cells that are no rectangles: to bend it is to turn it, for
+/// the cells' means. Drawn, as the plates above.
+#[test]
+fn every_method_holds_on_free_columns() {
+    for seed in [164, 356, 394] {
+        let column = Drawn {
+            element: "fvs",
+            diagonal: "right",
+            cells: [1, 3],
+            moved: Some(seed),
+            plate: [0.0687, 0.962, 0.013, 1.774e6, 0.499, 1.584],
+            supports: [None; 4],
+            below: Some(0.0),
+            above: None,
+            shape: Shape::Flat,
+            load: 0.72,
+            pressure: 0.0,
+            velocity: 0.0,
+            step: -2.29,
+        };
+        every_method_holds(&column.scene()).unwrap();
+    }
+}
+
 /// A plate whose bottom and top are held alike moves as its mirror image does.
 fn mirror_images_move_alike(mut drawn: Drawn) -> Result<(), TestCaseError> {
     (drawn.element, drawn.moved) = ("fvs", None);
