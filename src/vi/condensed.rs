@@ -34,11 +34,6 @@ pub struct Condensed<E: Engine> {
     corrections: u32,
 }
 
-/// Error of an answer, in the norm of the energy, that needs no correction.
-const SPOILT: f64 = 3e-11;
-/// Error from which on corrections lead nowhere.
-const LOST: f64 = 0.1;
-
 #[derive(Debug)]
 enum Method {
     /// A dense problem on these bounds (indices into them, ascending).
@@ -55,7 +50,7 @@ impl<E: Engine> Condensed<E> {
     pub fn new(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Condensed<E>> {
         let mut factor = engine.factor(sum, &[])?;
         Ok(Condensed {
-            corrections: corrections(engine, sum, &mut factor)?,
+            corrections: super::corrections(engine, sum, &mut factor)?,
             factor,
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![Side::Free; bounded],
@@ -323,7 +318,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
 
     fn retry(
         &mut self,
-        _: u32,
+        attempt: u32,
         engine: &E,
         sum: &Sum<E>,
         b: &[f64],
@@ -332,26 +327,16 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         reaction: &mut [f64],
     ) -> Result<Option<u32>> {
         let touched = f64::from(u8::from(reaction.iter().any(|r| *r != 0.0)));
-        if engine.maximum(touched)? == 0.0 || !self.distrust(engine, sum)? {
+        if engine.maximum(touched)? == 0.0 {
+            return Ok(None);
+        }
+        // An answer of pinned dofs is corrected in the same way.
+        let corrects = attempt == 0 && self.corrections > 0;
+        if !(self.distrust(engine, sum)? || corrects) {
             return Ok(None);
         }
         self.solve(engine, sum, b, bounds, x, reaction).map(Some)
     }
-}
-
-/// How many corrections bring answers of a factor to [`SPOILT`].
-fn corrections<E: Engine>(engine: &E, sum: &Sum<E>, factor: &mut E::Factor) -> Result<u32> {
-    let spoilt = engine.spoilt(sum, factor)?;
-    if spoilt <= SPOILT {
-        return Ok(0);
-    }
-    if spoilt > LOST || spoilt.is_nan() {
-        return Err(Error::Singular(format!(
-            "rounding takes the matrix of {} dofs apart: it is singular, or its cells are too small for what they make up",
-            engine.dofs()
-        )));
-    }
-    Ok(((SPOILT.ln() / spoilt.ln()).ceil() - 1.0) as u32)
 }
 
 /// 1 if something touches, else 0.

@@ -19,7 +19,7 @@ pub use active_set::{Side, dense};
 pub use condensed::Condensed;
 
 use crate::archive::Archive;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
@@ -104,6 +104,26 @@ impl Verdict {
     }
 }
 
+/// Error of an answer, in the norm of the energy, that needs no correction.
+const SPOILT: f64 = 3e-11;
+/// Error from which on corrections lead nowhere.
+const LOST: f64 = 0.1;
+
+/// How many corrections bring answers of a factor to [`SPOILT`].
+fn corrections<E: Engine>(engine: &E, sum: &Sum<E>, factor: &mut E::Factor) -> Result<u32> {
+    let spoilt = engine.spoilt(sum, factor)?;
+    if spoilt <= SPOILT {
+        return Ok(0);
+    }
+    if spoilt > LOST || spoilt.is_nan() {
+        return Err(Error::Singular(format!(
+            "rounding takes the matrix of {} dofs apart: it is singular, or its cells are too small for what they make up",
+            engine.dofs()
+        )));
+    }
+    Ok(((SPOILT.ln() / spoilt.ln()).ceil() - 1.0) as u32)
+}
+
 /// y = A x for a sum of forms.
 fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) -> Result<()> {
     y.fill(0.0);
@@ -157,23 +177,29 @@ impl<E: Engine> Step<E> {
     ) -> Result<Verdict> {
         let mut iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
         for _ in 0..self.solver.corrections() {
-            iterations += self.correct(engine, sum, b, bounds, x, reaction)?;
+            iterations += self.correct(None, engine, sum, b, bounds, x, reaction)?;
         }
         let kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         let mut verdict = Verdict { iterations, kkt, retries: 0 };
         while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
-            let retried = self.solver.retry(verdict.retries, engine, sum, b, bounds, x, reaction)?;
+            let attempt = verdict.retries;
+            let retried = self.solver.retry(attempt, engine, sum, b, bounds, x, reaction)?;
             let Some(iterations) = retried else { break };
             verdict.retries += 1;
             verdict.iterations += iterations;
+            for _ in 0..self.solver.corrections() {
+                verdict.iterations += self.correct(Some(attempt), engine, sum, b, bounds, x, reaction)?;
+            }
             verdict.kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
         }
         Ok(verdict)
     }
 
-    /// Solves for what x leaves of the problem, with A applied cell by cell, and adds it.
+    /// Solves for what x leaves of the problem, with A applied cell by cell, and adds it; in the way of an attempt, if x is its answer.
+    /// An answer that is none is left as it is.
     fn correct(
         &mut self,
+        attempt: Option<u32>,
         engine: &E,
         sum: &Sum<E>,
         b: &[f64],
@@ -185,9 +211,17 @@ impl<E: Engine> Step<E> {
         [&mut *product, left, more].into_iter().for_each(|v| v.resize(x.len(), 0.0));
         apply(engine, sum, x, product, left)?;
         left.iter_mut().zip(b).for_each(|(left, b)| *left = b - *left);
+        let is_answer = left.iter().all(|left| left.is_finite());
+        if engine.maximum(f64::from(u8::from(!is_answer)))? > 0.0 {
+            return Ok(0);
+        }
         within.clone_from(bounds);
         within.shift(bounds, |dof, bound| bound - x[dof]);
-        let iterations = self.solver.solve(engine, sum, left, within, more, reaction)?;
+        let solved = match attempt {
+            None => Some(self.solver.solve(engine, sum, left, within, more, reaction)?),
+            Some(attempt) => self.solver.retry(attempt, engine, sum, left, within, more, reaction)?,
+        };
+        let Some(iterations) = solved else { return Ok(0) };
         x.iter_mut().zip(more).for_each(|(x, more)| *x += *more);
         Ok(iterations)
     }

@@ -119,6 +119,7 @@ struct Bounded {
     sides: Vec<Side>,
     always: bool,
     factorisations: u64,
+    corrections: u32,
     tolerance: f64,
     /// Why the last attempt is no answer.
     complaint: String,
@@ -134,7 +135,8 @@ impl Bounded {
         tolerance: f64,
     ) -> Result<Bounded> {
         let context = engine.context();
-        let factor = engine.factor(sum, &[])?;
+        let mut factor = engine.factor(sum, &[])?;
+        let corrections = super::corrections(engine, sum, &mut factor)?;
         let scale: Vec<f64> = engine.diagonal(sum)?.iter().map(|a| 1.0 / a.sqrt()).collect();
         let mut matrix = factor.matrix().duplicate()?;
         let mut vector = engine.vector()?;
@@ -158,6 +160,7 @@ impl Bounded {
             sides: vec![Side::Free; bounded],
             always: context.option(ALWAYS)?.is_some(),
             factorisations: 1,
+            corrections,
             tolerance,
             complaint: String::new(),
             said: false,
@@ -361,6 +364,10 @@ impl Solver<Distributed> for Bounded {
             self.condensed = Some(Condensed::new(engine, sum, bounds.len())?);
         }
         self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.state(engine, sum, bounds, archive))
+    }
+
+    fn corrections(&self) -> u32 {
+        self.corrections
     }
 
     fn tolerance(&self) -> f64 {

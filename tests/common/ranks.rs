@@ -26,10 +26,17 @@ pub struct Case {
     pub arguments: &'static [&'static str],
     pub body: Body,
     pub expect: Expect,
+    /// Seconds that it may take; beyond a minute it is left out unless asked for.
+    pub seconds: u32,
 }
 
 pub const fn case(name: &'static str, ranks: &'static [usize], body: Body) -> Case {
-    Case { name, ranks, arguments: &[], body, expect: Success }
+    Case { name, ranks, arguments: &[], body, expect: Success, seconds: 60 }
+}
+
+/// A case that takes minutes.
+pub const fn long(name: &'static str, ranks: &'static [usize], body: Body) -> Case {
+    Case { seconds: 1200, ..case(name, ranks, body) }
 }
 
 /// Runs the cases, or one of them where mpirun asks for it.
@@ -41,7 +48,7 @@ pub fn main(cases: impl Iterator<Item = &'static Case>) -> ExitCode {
     for case in cases {
         for &ranks in case.ranks {
             let trial = Trial::test(format!("{}::on_{ranks}", case.name), move || parent(case, ranks));
-            trials.push(trial);
+            trials.push(trial.with_ignored_flag(case.seconds > 60));
         }
     }
     let mut arguments = Arguments::from_args();
@@ -63,8 +70,8 @@ fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
     let program = std::env::current_exe()?;
     let start = Instant::now();
     let Output { status, stdout, stderr } = Command::new("mpirun")
-        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "60", "-n"])
-        .arg(ranks.to_string())
+        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1"])
+        .args(["--timeout", &case.seconds.to_string(), "-n", &ranks.to_string()])
         .arg(program)
         .env(CASE, case.name)
         .env("OMPI_ALLOW_RUN_AS_ROOT", "1")

@@ -41,6 +41,7 @@ pub const CASES: &[Case] = &[
         arguments: &["-ksp_typ", "cg", "-ksp_rtol", "1e-12", "-options_left", "no"],
         body: unused_options,
         expect: Success,
+        seconds: 60,
     },
     Case {
         name: "words_that_are_no_options",
@@ -48,6 +49,7 @@ pub const CASES: &[Case] = &[
         arguments: &["-ksp_rtol", "-1e-3", "stray"],
         body: words_that_are_no_options,
         expect: Success,
+        seconds: 60,
     },
     Case {
         name: "panic_of_one_rank",
@@ -55,6 +57,7 @@ pub const CASES: &[Case] = &[
         arguments: &[],
         body: panic_of_one_rank,
         expect: Failure(101, "only rank 1 fails"),
+        seconds: 60,
     },
     Case {
         name: "killed_rank",
@@ -62,6 +65,7 @@ pub const CASES: &[Case] = &[
         arguments: &[],
         body: killed_rank,
         expect: Failure(137, "exited on signal 9"),
+        seconds: 60,
     },
     Case {
         name: "error_of_one_rank",
@@ -69,6 +73,7 @@ pub const CASES: &[Case] = &[
         arguments: &[],
         body: error_of_one_rank,
         expect: Failure(3, "rebond: PETSc: only rank 1 fails (rank 1 of "),
+        seconds: 60,
     },
     Case {
         name: "error_of_all_ranks",
@@ -76,6 +81,7 @@ pub const CASES: &[Case] = &[
         arguments: &[],
         body: error_of_all_ranks,
         expect: Failure(2, "rebond: the same on all"),
+        seconds: 60,
     },
 ];
 
