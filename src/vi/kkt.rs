@@ -72,7 +72,7 @@ impl Judge {
     }
 
     /// The worst part of the residual of (x, reaction) on all processes; see the [module page](self). b comes as the terms that it
-    /// is the sum of: each counts with its own magnitude.
+    /// is the sum of: each counts with its own magnitude. Where the deflection has no scale yet, at rest on obstacles at 0, it is that of x.
     ///
     /// # Errors
     /// What the engine says.
@@ -86,6 +86,10 @@ impl Judge {
         x: &[f64],
         reaction: &[f64],
     ) -> Result<f64> {
+        let length = match length {
+            0.0 => engine.maximum(largest(bounds.dofs.iter().map(|&dof| x[dof])))?,
+            length => length,
+        };
         engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
     }
 
