@@ -51,7 +51,7 @@ test-long: setup ## the tests that take minutes, and all without default feature
 	$(call say,long tests)
 	@cargo test --release --locked --tests -- --ignored
 
-stability: setup ## put every method to the hard scenes again, natively and on PETSc, for docs/stability.md (20 min)
+stability: setup ## put every method to the hard scenes again, natively and on PETSc, for docs/stability.md (25 min)
 	$(call say,native)
 	@$(CARGO_RUN) -- stability > docs/stability/table.txt
 	$(call say,PETSc with each contact solver)
