@@ -327,8 +327,12 @@ impl<'s, E: Engine> Exact<'s, E> {
         // Reactions that hold the active bounds: as definite as when the modes were found.
         let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != Side::Free).collect();
         let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
-        let llt =
-            block.llt(Triangle::Lower).map_err(|_| Error::Singular("a set of nodes in contact".into()))?;
+        let llt = block.llt(Triangle::Lower).map_err(|_| {
+            Error::Singular(format!(
+                "{} nodes in contact: their compliance is not positive definite",
+                active.len()
+            ))
+        })?;
         let held = llt.solve(&Mat::from_fn(active.len(), 1, |k, _| -du[(bounds.dofs[active[k]], 0)]));
         let mut forces = Mat::zeros(bounds.len(), 1);
         for (k, &i) in active.iter().enumerate() {
