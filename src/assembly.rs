@@ -406,6 +406,19 @@ pub fn forces(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], force: &mut [f64
     }
 }
 
+/// U^T K U and U^T M_r U, in N m and kg m2, of a displacement U (m) given as in [`forces`].
+pub fn squares(mesh: &Mesh, cells: &[CellArrays], shape: &[f64]) -> [f64; 2] {
+    let mut sums = [0.0; 2];
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        let values = on_nodes(of, shape);
+        let dot = |row: &[f64]| row.iter().zip(&values).map(|(a, value)| a * value).sum::<f64>();
+        let rows = cell.local.mass.chunks_exact(values.len());
+        sums[0] += dot(&cell.local.bending.product(&values));
+        sums[1] += rows.zip(&values).map(|(row, value)| value * dot(row)).sum::<f64>();
+    }
+    sums
+}
+
 /// Adds the momenta M_r V, over the free dofs, of velocities V given as in [`forces`].
 pub fn consistent_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {

@@ -28,8 +28,8 @@ use crate::scheme::{
 use crate::space::{Hold, Space};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
-pub use body::mesh;
 use body::{Alone, Body, Team};
+pub use body::{mesh, mesh_and_made};
 use contacts::Contacts;
 pub use effects::Matrices;
 use effects::{Effects, Ground, OfCells};

@@ -299,6 +299,9 @@ impl Space {
     }
 }
 
+/// A rigid motion of which less than this is held, in the square, is free.
+const HELD: f64 = 1e-9;
+
 /// The rigid motions that something holds: w = a + b x + c y, of the place relative to some point and size.
 #[derive(Debug, Clone, Copy)]
 pub struct Rigid {
@@ -346,10 +349,24 @@ impl Rigid {
         self.seen = Matrix3::from_column_slice(sum);
     }
 
+    /// The centre and the size (m) that the motions are relative to.
+    pub fn frame(&self) -> (Point, f64) {
+        (self.centre, self.size)
+    }
+
+    /// The rigid motions that are left, as a, b and c; orthonormal.
+    pub fn left(&self) -> Vec<Vector3<f64>> {
+        let eigen = SymmetricEigen::new(self.seen);
+        (0..3)
+            .filter(|&k| eigen.eigenvalues[k] < HELD)
+            .map(|k| eigen.eigenvectors.column(k).into_owned())
+            .collect()
+    }
+
     /// The rigid motions that are left, in words; `None` where there is none.
     pub fn mechanism(&self) -> Option<&'static str> {
         let eigen = SymmetricEigen::new(self.seen);
-        let loose = eigen.eigenvalues.iter().filter(|&&value| value < 1e-9).count();
+        let loose = eigen.eigenvalues.iter().filter(|&&value| value < HELD).count();
         match loose {
             0 => None,
             1 => {

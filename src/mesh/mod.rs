@@ -4,12 +4,15 @@
 //! says so, and the other methods rely on it: they panic on an index that is out of range.
 
 mod gmsh;
+mod insert;
 mod quality;
 mod rectangle;
 mod refine;
 
 use std::collections::BTreeMap;
 
+pub use insert::{Made, Mark};
+pub(crate) use insert::{NEAR, nearness};
 pub(crate) use quality::require_convex;
 pub use rectangle::{Diagonal, ElementKind, Grid};
 

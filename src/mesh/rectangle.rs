@@ -75,6 +75,11 @@ impl Grid {
         Point::new(division(length, number % (nx + 1), nx), division(width, number / (nx + 1), ny))
     }
 
+    /// Number of rectangles along x and y.
+    pub fn divisions(&self) -> [usize; 2] {
+        self.cells
+    }
+
     /// Number of rectangles.
     pub fn rectangles(&self) -> usize {
         self.cells[0] * self.cells[1]

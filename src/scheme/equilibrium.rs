@@ -1,13 +1,20 @@
 //! Static equilibrium, to the last digit.
 
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
+use crate::vi::kkt::Judge;
 use crate::vi::{Condensed, Step, Verdict};
 
 /// Corrections after the first solve. The first removes what rounding the entries of the factored K has spoilt
 /// (some 1e-16 h^-4); the second is there for the finest meshes.
 const CORRECTIONS: usize = 2;
+
+/// Proximal steps at most.
+const MOST_STEPS: u32 = 1000;
+
+/// Relative KKT residual below which proximal steps go on only as long as each halves it.
+const CLOSE: f64 = 1e-12;
 
 /// Equilibrium under a load within bounds: K U = F + G^T r. Returns U, r and what the solver reached.
 ///
@@ -25,26 +32,136 @@ where
     E::Factor: 'static,
 {
     let sum = [(1.0, stiffness)];
-    let dofs = engine.dofs();
-    let mut step: Step<E> = Step::new(Box::new(Condensed::new(engine, &sum, bounds.len())?), engine, &sum)?;
-    let mut u = vec![0.0; dofs];
-    let mut x = vec![0.0; dofs];
-    let mut b = vec![0.0; dofs];
-    let mut reaction = vec![0.0; bounds.len()];
-    let mut verdict = Verdict::default();
-    let mut left = bounds.clone();
+    let mut search = Search::new(engine, &sum, stiffness, load, bounds)?;
     for _ in 0..=CORRECTIONS {
-        engine.multiply(stiffness, &u, &mut b)?;
-        b.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b);
+        search.increment()?;
+        search.add(1.0);
+    }
+    Ok((search.u, search.reaction, search.verdict))
+}
+
+/// Equilibrium under a load within bounds of a structure that only the bounds hold: K is singular, and the minimum of
+/// U^T K U / 2 - F^T U within the bounds exists nevertheless. Returns U, r and what the solver reached.
+///
+/// Proximal steps: each solves the problem with K + c H, H a positive definite form such as a mass, for the increment of U, and goes
+/// on along it, within the bounds, to the least energy. What holds back the increment vanishes with it: the limit is the
+/// equilibrium itself, judged with K alone. Of several equilibria, as of a plate that balances on a ridge, it is one near U = 0.
+///
+/// # Errors
+/// [`crate::Error::Singular`] where K + c H is.
+pub fn equilibrium_on_bounds<E: Engine + 'static>(
+    engine: &E,
+    stiffness: &E::Form,
+    (c, hold): (f64, &E::Form),
+    load: &[f64],
+    bounds: &Bounds,
+) -> Result<(Vec<f64>, Vec<f64>, Verdict)>
+where
+    E::Factor: 'static,
+{
+    let held = [(1.0, stiffness), (c, hold)];
+    let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
+    let alone = [(1.0, stiffness)];
+    let mut judge = Judge::new(engine, &alone)?;
+    let mut last = f64::INFINITY;
+    for _ in 0..MOST_STEPS {
+        let length = search.increment()?;
+        let reach = search.reach()?;
+        search.add(reach);
+        let Search { u, reaction, .. } = &search;
+        let kkt = judge.residual(engine, &alone, &[load], bounds, length, u, reaction)?;
+        search.verdict.kkt = kkt;
+        // An answer as good as rounding allows gets no better.
+        if kkt.is_nan() || (kkt <= CLOSE && kkt > 0.5 * last) {
+            break;
+        }
+        last = kkt;
+    }
+    Ok((search.u, search.reaction, search.verdict))
+}
+
+/// A search for the equilibrium by increments, each from what the deflection so far leaves of the problem.
+struct Search<'s, E: Engine> {
+    engine: &'s E,
+    sum: &'s Sum<'s, E>,
+    stiffness: &'s E::Form,
+    load: &'s [f64],
+    bounds: &'s Bounds,
+    step: Step<E>,
+    u: Vec<f64>,
+    /// The last increment.
+    x: Vec<f64>,
+    /// F - K U before it.
+    b: Vec<f64>,
+    /// The bounds on it.
+    left: Bounds,
+    reaction: Vec<f64>,
+    verdict: Verdict,
+}
+
+impl<'s, E: Engine + 'static> Search<'s, E>
+where
+    E::Factor: 'static,
+{
+    /// Starts at U = 0, with increments from the matrix of a sum.
+    fn new(
+        engine: &'s E,
+        sum: &'s Sum<'s, E>,
+        stiffness: &'s E::Form,
+        load: &'s [f64],
+        bounds: &'s Bounds,
+    ) -> Result<Search<'s, E>> {
+        let zeros = || vec![0.0; engine.dofs()];
+        let solver = Box::new(Condensed::new(engine, sum, bounds.len())?);
+        Ok(Search {
+            engine,
+            sum,
+            stiffness,
+            load,
+            bounds,
+            step: Step::new(solver, engine, sum)?,
+            u: zeros(),
+            x: zeros(),
+            b: zeros(),
+            left: bounds.clone(),
+            reaction: vec![0.0; bounds.len()],
+            verdict: Verdict::default(),
+        })
+    }
+
+    /// Solves for the next increment. Returns the scale of the deflection, in m. Collective.
+    fn increment(&mut self) -> Result<f64> {
+        let Search { engine, sum, u, b, left, bounds, .. } = self;
+        engine.multiply(self.stiffness, u, b)?;
+        b.iter_mut().zip(self.load).for_each(|(b, f)| *b = f - *b);
         left.shift(bounds, |dof, bound| bound - u[dof]);
         let length = engine.maximum(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
-        let step = step.solve(engine, &sum, &b, &left, length, &mut x, &mut reaction)?;
-        verdict = Verdict {
-            iterations: verdict.iterations + step.iterations,
+        let step = self.step.solve(engine, sum, b, left, length, &mut self.x, &mut self.reaction)?;
+        self.verdict = Verdict {
+            iterations: self.verdict.iterations + step.iterations,
             kkt: step.kkt,
-            retries: verdict.retries + step.retries,
+            retries: self.verdict.retries + step.retries,
         };
-        u.iter_mut().zip(&x).for_each(|(u, x)| *u += x);
+        Ok(length)
     }
-    Ok((u, reaction, verdict))
+
+    /// How many times the last increment the deflection may go on, within the bounds, to the least energy; at least 1. Collective.
+    fn reach(&self) -> Result<f64> {
+        let Search { engine, x, b, left, .. } = self;
+        let room = |(i, &dof): (usize, &usize)| match x[dof] {
+            x if x > 0.0 => left.upper[i] / x,
+            x if x < 0.0 => left.lower[i] / x,
+            _ => f64::INFINITY,
+        };
+        let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
+        let room = -engine.maximum(-room)?;
+        let slope = engine.dot(b, x)?;
+        let curvature = engine.multiply(self.stiffness, x, &mut vec![0.0; x.len()])?;
+        let reach = room.min(slope / curvature);
+        Ok(if reach.is_finite() { reach.max(1.0) } else { 1.0 })
+    }
+
+    fn add(&mut self, reach: f64) {
+        self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += reach * x);
+    }
 }

@@ -30,7 +30,7 @@ pub mod potential;
 
 pub use conserving::{Conserving, Relaxation};
 pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime, ModalDamping};
-pub use equilibrium::equilibrium;
+pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
 pub use newmark::{Newmark, NewmarkParameters};

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::field::Condition;
-use crate::mesh::{Diagonal, Mesh, Point};
+use crate::mesh::{self, Diagonal, Made, Mark, Mesh, NEAR, Point};
 use crate::plate::{Plate, Section, Sections};
 use crate::scene::{Given, Part, Region, Scene, Stand, SupportKind};
 use crate::space::Place;
@@ -49,14 +49,41 @@ impl Team for Alone {
     }
 }
 
-/// A node counts as at a point if it is not farther from it than this part of the plate's size.
-const NEAR: f64 = 1e-6;
-
-/// The mesh of a scene.
+/// The mesh of a scene, with nodes at the points and along the lines of its obstacles and supports.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a mesh that cannot carry the elements; what reading its file says.
+/// [`Error::Mesh`] for a mesh that cannot carry the elements, and for a point that cannot be a node; what reading its file says.
 pub fn mesh(scene: &Scene) -> Result<Mesh> {
+    mesh_and_made(scene).map(|(mesh, _)| mesh)
+}
+
+/// The mesh of a scene, and the nodes that were moved or made for its obstacles and supports.
+///
+/// # Errors
+/// As [`mesh`].
+pub fn mesh_and_made(scene: &Scene) -> Result<(Mesh, Vec<Made>)> {
+    plain_mesh(scene)?.with_nodes(&marks(scene))
+}
+
+/// The points and lines where a scene's obstacles and supports need nodes, by key.
+pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
+    let obstacles = scene.obstacles.iter().enumerate().filter_map(|(number, obstacle)| {
+        let key = format!("obstacle.{number}");
+        match obstacle.region {
+            Region::At(at) => Some((format!("{key}.at"), Mark::At(at.into()))),
+            Region::Line(ends) => Some((format!("{key}.line"), Mark::Line(ends.map(Point::from)))),
+            _ => None,
+        }
+    });
+    let supports = scene.supports.iter().enumerate().filter_map(|(number, support)| match support.stand {
+        Stand::At(at) => Some((format!("support.{number}.at"), Mark::At(at.into()))),
+        _ => None,
+    });
+    obstacles.chain(supports).collect()
+}
+
+/// The mesh of a scene as it says, before nodes are made.
+fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     let grid = &scene.mesh;
     let mut mesh = match &scene.file {
         Some(file) => Mesh::load_gmsh(&file.path)?,
@@ -175,10 +202,8 @@ pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
                     ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 (p - (from + side * share)).norm()
             };
-            let farthest = mesh.nodes.iter().map(|p| (p - from).norm()).fold(0.0, f64::max);
-            let size = team.gather(&[farthest]).into_iter().fold(0.0, f64::max);
-            let chosen: Vec<usize> =
-                nodes.filter(|&node| distance(mesh.nodes[node]) <= NEAR * size).collect();
+            let near = team.gather(&[mesh::nearness(&mesh.nodes, from)]).into_iter().fold(0.0, f64::max);
+            let chosen: Vec<usize> = nodes.filter(|&node| distance(mesh.nodes[node]) <= near).collect();
             require(team, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
             Ok(chosen)
         }

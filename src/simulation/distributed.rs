@@ -6,7 +6,7 @@ use super::{Model, SolverFactory};
 use crate::assembly;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::mesh::{Diagonal, Grid, Mesh, Point};
+use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::{Context, Distributed, Part};
 use crate::scene::{self, EngineName, Scene, ViName};
 use crate::vi::{self, scaled::Family};
@@ -59,16 +59,18 @@ impl Model<Distributed> {
         let supports = |mesh: &Mesh| body::supports(scene, mesh, &ranks);
         let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
         let balls: Vec<(String, Point)> = scene.balls.iter().enumerate().map(name).collect();
-        let grid = scene.mesh;
-        let part = match &scene.file {
-            Some(file) => {
-                Part::of_mesh(context, || Mesh::load_gmsh(&file.path), grid.refine, &supports, &balls)?
-            }
+        let marks = body::marks(scene);
+        let rectangles = match scene.file {
+            Some(_) => None,
+            None => rectangles(scene, &marks)?,
+        };
+        let part = match rectangles {
+            Some(grid) => Part::new(context, &grid, scene.mesh.refine, &supports, &balls)?,
             None => {
-                let sides = [scene.plate.length, scene.plate.width];
-                let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
-                let rectangles = Grid::new(sides, grid.cells, grid.element, diagonal)?;
-                Part::new(context, &rectangles, grid.refine, &supports, &balls)?
+                let first = if context.rank() == 0 { whole(scene, &marks) } else { Ok((Mesh::default(), 0)) };
+                let (mesh, refine) = context.together(first)?;
+                let refine = context.share(&refine)?;
+                Part::of_mesh(context, || Ok(mesh), refine, &supports, &balls)?
             }
         };
         let ranks = Ranks { context, plex: Some(&part) };
@@ -104,6 +106,28 @@ impl Model<Distributed> {
         order.sort_by_key(|&site| model.sites[site].dof);
         order.into_iter().enumerate().for_each(|(number, site)| model.sites[site].node = before + number);
         Ok(model)
+    }
+}
+
+/// The grid of a scene without a file; `None` where nodes must be made in it.
+fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
+    let grid = scene.mesh;
+    let sides = [scene.plate.length, scene.plate.width];
+    let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
+    let rectangles = Grid::new(sides, grid.cells, grid.element, diagonal)?;
+    let fine = Grid::new(sides, grid.cells.map(|count| count << grid.refine), grid.element, diagonal)?;
+    Ok(fine.has_nodes(marks).then_some(rectangles))
+}
+
+/// The whole mesh of a scene, and how often it is still to be refined: not at all where nodes were made in it.
+fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
+    if let (Some(file), true) = (&scene.file, marks.is_empty()) {
+        return Ok((Mesh::load_gmsh(&file.path)?, scene.mesh.refine));
+    }
+    let (fine, made) = body::mesh_and_made(scene)?;
+    match &scene.file {
+        Some(file) if made.is_empty() => Ok((Mesh::load_gmsh(&file.path)?, scene.mesh.refine)),
+        _ => Ok((fine, 0)),
     }
 }
 

@@ -2,9 +2,9 @@
 
 use super::infsup::{self, InfSup};
 use crate::assembly::{self, CellArrays};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
-use crate::mesh::{Cell, Mesh};
+use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::modes;
 use crate::output::text::{Report, significant};
 use crate::scene::{EngineName, Given, Mass, Massless, Scene, Scheme, ViName};
@@ -25,6 +25,9 @@ const PART_OF_FIRST_PERIOD: f64 = 1e-6;
 /// An inf-sup constant (raw, where G has norm 1) below this is a failure: reactions are lost to rounding.
 const INF_SUP_FAILS: f64 = 1e-10;
 
+/// Nodes made that a check lists.
+const LISTED: usize = 10;
+
 /// How long a check watches real steps.
 const WATCH: Duration = Duration::from_millis(200);
 
@@ -44,7 +47,7 @@ pub struct Deflection {
     pub probe: String,
     /// Its position, in m.
     pub at: [f64; 2],
-    /// At the start, under `initial.static_pressure`; `None` for a mechanism under pressure.
+    /// At the start; `None` where a mechanism under load has no static one.
     pub start: Option<f64>,
     /// At rest under `[load]`; `None` without load, for a mechanism, and with balls in the air.
     pub loaded: Option<f64>,
@@ -69,7 +72,7 @@ pub struct Inspection {
     pub plate_mass: f64,
     /// The rigid motions that the supports leave, in words.
     pub mechanism: Option<&'static str>,
-    /// Energy E_0 at the start, in J; `None` for a mechanism under pressure.
+    /// Energy E_0 at the start, in J; `None` where a mechanism under load has no static one.
     pub initial_energy: Option<f64>,
     /// Static deflections at the probes.
     pub deflections: Vec<Deflection>,
@@ -98,6 +101,8 @@ pub struct Check {
     pub nodes: usize,
     /// Its cells.
     pub cells: usize,
+    /// Nodes that were moved or made for points and lines of obstacles and supports; empty where the mesh has them.
+    pub made_nodes: Vec<String>,
     /// Free dofs.
     pub dofs: usize,
     /// Those that an obstacle bounds.
@@ -175,12 +180,14 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mechanism = simulation::mechanism(scene, &mesh)?;
     let mut native = on_native_engine(scene);
     let is_static = scene.initial.equilibrium || !scene.initial.static_pressure.is_zero();
-    let no_start = mechanism.is_some() && is_static;
+    let mut model = Model::new(&native);
+    let no_start = mechanism.is_some() && is_static && matches!(model, Err(Error::Singular(_)));
     if no_start {
         native.initial.static_pressure = Given::constant("initial.static_pressure", 0.0);
         native.initial.equilibrium = false;
+        model = Model::new(&native);
     }
-    let model = Model::new(&native)?;
+    let model = model?;
     let Model { system, .. } = &model;
     let (engine, stiffness) = (&system.engine, &system.stiffness);
     let Matrices { consistent, singular: rows, .. } = simulation::matrices(scene, &mesh, true)?;
@@ -242,7 +249,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let native = on_native_engine(scene);
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
-    let mesh = simulation::mesh(scene)?;
+    let (mesh, made) = simulation::mesh_and_made(scene)?;
     let mechanism = simulation::mechanism(scene, &mesh)?;
     let is_loose = mechanism.is_some() || !scene.balls.is_empty();
     let frequencies = frequencies(&model, &system.mass, CHECKED, is_loose);
@@ -257,6 +264,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         effects: scene.effects(),
         nodes: mesh.nodes.len(),
         cells: mesh.cells.len(),
+        made_nodes: made.iter().map(told).collect(),
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
@@ -345,8 +353,9 @@ fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
 fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>) -> Vec<String> {
     let mut warnings = Vec::new();
     if let Some(motion) = mechanism {
-        warnings
-            .push(format!("the supports leave the plate a mechanism: {motion}; it has no static deflection"));
+        warnings.push(format!(
+            "the supports leave the plate a mechanism: {motion}; only obstacles can hold it at rest"
+        ));
     }
     let consistent = scene.time.mass == Mass::Consistent;
     let impacts = scene.has_contact();
@@ -372,6 +381,15 @@ fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>
             .push(format!("time.step = {step} s is too long to follow the {what}: {advised} s is advised"));
     }
     warnings
+}
+
+/// A node that was moved or made, in words.
+fn told(made: &Made) -> String {
+    let at = |p: Point| format!("({}, {})", significant(p.x), significant(p.y));
+    match made.moved_from {
+        Some(from) => format!("{} moved from {}", at(made.at), at(from)),
+        None => at(made.at),
+    }
 }
 
 /// What a failed inf-sup condition means, where it matters: obstacles and the singular mass.
@@ -445,6 +463,12 @@ impl fmt::Display for Check {
         let effects = if self.effects.is_empty() { "none".to_owned() } else { self.effects.join(", ") };
         report.text("effects", effects);
         sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
+        for made in self.made_nodes.iter().take(LISTED) {
+            report.text("node made", made);
+        }
+        if self.made_nodes.len() > LISTED {
+            report.count("nodes made", self.made_nodes.len() as u64, "in all");
+        }
         report.count("factor entries", self.factor_entries as u64, "");
         report.number("memory", self.memory as f64 / 1e6, "MB");
         report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));

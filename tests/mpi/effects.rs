@@ -133,6 +133,62 @@ fn a_disc_over_a_point() {
     );
 }
 
+/// A plate that nothing but stops and a rail hold, none of them at nodes of the grid, pushed up and let fall.
+#[test]
+fn a_cover_on_stops_between_nodes() {
+    agree(
+        "cover",
+        &format!(
+            r#"
+            {STEEL}
+            mesh = {{ element = "fvs", cells = [5, 2], refine = 1 }}
+            obstacle = [{{ side = "below", height = 0.002, at = [0.13, 0.17] }}, {{ side = "below", height = -0.0015, line = [[1.01, 0.03], [1.07, 0.36]] }}]
+            load = {{ gravity = 9.81, force = [{{ at = [1.1, 0.2], value = "200*max(0, sin(200*t))^2" }}] }}
+            initial = {{ equilibrium = true }}
+            time = {{ scheme = "newmark", mass = "singular", step = 2e-4, end = 0.04 }}
+            output = {{ every = 5, probes = [{{ name = "corner", at = [1.2, 0.0] }}, {{ name = "in", at = [0.6, 0.33] }}] }}
+            "#
+        ),
+        true,
+    );
+    let folder = folder(
+        "no-cover",
+        &format!(
+            r#"
+            {STEEL}
+            mesh = {{ element = "hct", cells = [5, 2] }}
+            obstacle = [{{ side = "below", height = 0, where = "x > 0.9" }}]
+            load = {{ gravity = 9.81 }}
+            initial = {{ equilibrium = true }}
+            time = {{ scheme = "newmark", mass = "singular", step = 2e-4, end = 0.04 }}
+            "#
+        ),
+    );
+    let words = ["initial.equilibrium: the plate has no equilibrium", "tip about the line through (0.96"];
+    assert_fails(&on(&folder, 2, &["run", "fall.toml"]), 2, &words);
+}
+
+/// A disc of a file whose stop and support lie between nodes, refined where it was read.
+#[test]
+fn a_disc_on_points_between_nodes() {
+    let file = Drawing::disc(2).write("disc-on-points.msh");
+    agree(
+        "points",
+        &format!(
+            r#"
+            plate = {{ thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+            mesh = {{ file = "{file}", refine = 1 }}
+            support = [{{ at = [0.11, 0.07], kind = "clamped" }}]
+            obstacle = [{{ side = "below", height = -2e-4, at = [0.52, -0.34] }}]
+            load = {{ pressure = "-200*(1 + x)*sin(50*t)" }}
+            time = {{ scheme = "newmark", mass = "singular", step = 5e-4, end = 0.05 }}
+            output = {{ every = 2, probes = [{{ name = "stop", at = [0.52, -0.34] }}, {{ name = "in", at = [0.5, 0.3] }}] }}
+            "#
+        ),
+        true,
+    );
+}
+
 /// Formulas that fail on a part of the plate, which one rank may have alone, and later than at the start.
 #[test]
 fn a_fault_of_one_rank_ends_all() {

@@ -7,6 +7,7 @@ mod elements;
 mod frequencies;
 mod gmsh;
 mod inf_sup;
+mod insertion;
 mod matrices;
 mod mesh;
 mod mixed_cells;

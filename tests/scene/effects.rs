@@ -400,8 +400,8 @@ fn errors_name_the_key() {
     let clamped = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
     let cases = [
         (
-            "support = [{ at = [0.3, 0.3], kind = \"clamped\" }]",
-            "support.0.at: no node lies at (0.3, 0.3); the nearest is at (0.25, 0.25)",
+            "support = [{ at = [1.3, 0.3], kind = \"clamped\" }]",
+            "support.0.at: the point (1.3, 0.3) lies outside the plate; the nearest node is at (1, 0.25)",
         ),
         (
             "support = [{ edge = \"left\", where = \"y > 5\", kind = \"clamped\" }]",
@@ -416,7 +416,7 @@ fn errors_name_the_key() {
             "obstacle.0.group: the mesh has no group named \"rubber\"",
         ),
         (
-            "obstacle = [{ side = \"below\", height = -1, line = [[0, 0.1], [1, 0.1]] }]",
+            "obstacle = [{ side = \"below\", height = -1, line = [[0, 1.1], [1, 1.1]] }]",
             "obstacle.0.line: no node lies on it",
         ),
         ("obstacle = [{ side = \"below\", height = \"-1/x\" }]", "obstacle.0.height: column 1: -1/x is"),

@@ -3,9 +3,11 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod bearing;
 mod documented;
 mod effects;
 mod field;
 mod motion;
+mod points;
 mod reading;
 mod supports;

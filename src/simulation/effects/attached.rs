@@ -136,7 +136,12 @@ impl<'s> Attached<'s> {
 
     /// The rigid motions that nothing holds, in words. Collective.
     pub fn mechanism<T: Team>(&self, ground: &Ground<T>) -> Option<&'static str> {
-        self.loose(ground, &[])
+        self.held(ground, &[]).mechanism()
+    }
+
+    /// The rigid motions that supports, springs and foundations hold. Collective.
+    pub fn rigid<T: Team>(&self, ground: &Ground<T>) -> Rigid {
+        self.held(ground, &[])
     }
 
     /// An error where nothing holds a rigid motion and the singular mass does not feel it either: the means over all cells vanish, as
@@ -144,7 +149,7 @@ impl<'s> Attached<'s> {
     pub fn refuse_weightless<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
         let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
         let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
-        match self.loose(ground, &fixed.chain(centres).collect::<Vec<_>>()) {
+        match self.held(ground, &fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
             None => Ok(()),
             Some(motion) => Err(Error::Singular(format!(
                 "a rigid motion has neither stiffness nor inertia: {motion}, and the mean velocity of no cell tells; \
@@ -153,8 +158,8 @@ impl<'s> Attached<'s> {
         }
     }
 
-    /// The rigid motions left by what holds the plate and by some points at rest. Collective.
-    fn loose<T: Team>(&self, ground: &Ground<T>, at_rest: &[Point]) -> Option<&'static str> {
+    /// The rigid motions that are held by what holds the plate and by some points at rest. Collective.
+    fn held<T: Team>(&self, ground: &Ground<T>, at_rest: &[Point]) -> Rigid {
         let nodes = &ground.mesh.nodes;
         let farthest = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
         let sides =
@@ -177,7 +182,7 @@ impl<'s> Attached<'s> {
         let count = rigid.seen().len();
         let sum: Vec<f64> = (0..count).map(|k| all.iter().skip(k).step_by(count).sum()).collect();
         rigid.see(&sum);
-        rigid.mechanism()
+        rigid
     }
 
     /// An error where a mass sits on a node that can be stopped: its velocity would jump. Collective.

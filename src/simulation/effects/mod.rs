@@ -5,6 +5,7 @@
 //! decomposition of earthquake engineering: Clough and Penzien, *Dynamics of Structures*, section 26-1).
 
 mod attached;
+mod bearing;
 mod ground;
 mod heights;
 mod loads;

@@ -2,6 +2,7 @@
 
 use super::OfCells;
 use super::attached::{Attached, Rider};
+use super::bearing;
 use super::ground::{Ground, Team};
 use super::loads::Loads;
 use super::motion::{Frames, Lift};
@@ -30,23 +31,28 @@ impl<T: Team> Statics<'_, T> {
         load: &[f64],
         bounds: &Bounds,
     ) -> Result<Vec<f64>> {
-        let Ground { scene, cells, .. } = *self.ground;
-        let held = (!scene.balls.is_empty())
-            .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)));
+        let held = self.held(system);
         let stiffness = held.as_ref().unwrap_or(&system.stiffness);
         let (u, _, verdict) = scheme::equilibrium(&system.engine, stiffness, load, bounds)?;
-        judge(0, 0.0, verdict.kkt, scene.solver.tolerance)?;
+        judge(0, 0.0, verdict.kkt, self.ground.scene.solver.tolerance)?;
         Ok(u)
+    }
+
+    /// The stiffness of the plate with balls that stay where they are; `None` where there are none.
+    fn held<E: OfCells>(&self, system: &System<E>) -> Option<E::Form> {
+        let Ground { scene, cells, .. } = *self.ground;
+        (!scene.balls.is_empty())
+            .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)))
     }
 
     /// The equilibrium that the scene starts from. Collective.
     fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads, frames: &Frames) -> Result<Vec<f64>> {
         let Ground { scene, own, add_up, .. } = self.ground;
         let initial = &scene.initial;
-        if let Some(motion) = self.mechanism {
-            let key = if initial.equilibrium { "equilibrium" } else { "static_pressure" };
+        let key = if initial.equilibrium { "initial.equilibrium" } else { "initial.static_pressure" };
+        if let (Some(motion), true) = (self.mechanism, scene.obstacles.is_empty()) {
             return Err(Error::Singular(format!(
-                "initial.{key}: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
+                "{key}: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
             )));
         }
         let mut load = add_up(&self.ground.pressed(&initial.static_pressure)?)?;
@@ -64,7 +70,12 @@ impl<T: Team> Statics<'_, T> {
                 (bounds.lower[i], bounds.upper[i]) = (f64::NEG_INFINITY, f64::INFINITY);
             }
         }
-        self.equilibrium(system, &load, &bounds)
+        if self.mechanism.is_none() {
+            return self.equilibrium(system, &load, &bounds);
+        }
+        let held = self.held(system);
+        let stiffness = held.as_ref().unwrap_or(&system.stiffness);
+        bearing::equilibrium(self, key, system, stiffness, &load, &bounds)
     }
 
     /// Takes what pulls at balls from a load: it is on their gaps, and on the plate under them, which carries none of it. Collective.

@@ -1,0 +1,593 @@
+//! Nodes where a scene asks for them: at points, and where lines cross the sides of cells.
+//!
+//! A point becomes a node by the best of several changes of the cells around it: a node near by moves there, or the cell (also
+//! together with neighbours) is cut into triangles that meet in the point. The best one is that whose worst new cell has the
+//! best angles. Boundaries, named edges and those between groups keep their shape: a point near one gets a second node opposite to it
+//! there, if that makes better angles.
+
+use std::collections::{HashMap, HashSet};
+
+use super::{Cell, Grid, Mesh, Point, quality};
+use crate::error::{Error, Result};
+
+/// A node counts as at a point if it is not farther from it than this part of the plate's size.
+pub(crate) const NEAR: f64 = 1e-6;
+
+/// A node moves by this part of the shortest side around it at most.
+const FARTHEST_MOVE: f64 = 0.25;
+
+/// The least quality of a cell that is made: angles from 0.03 to 177 degrees. Right-angled needles keep the elements' accuracy (the
+/// maximum angle condition), and rounding leaves them enough digits.
+const LEAST_QUALITY: f64 = 5e-4;
+
+/// A side this near to a point, relative to the side's length, may get a node opposite to it.
+const BESIDE: f64 = 0.5;
+
+/// Searches for sides that a line crosses, at most.
+const MOST_PASSES: usize = 100;
+
+/// Where nodes are to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Mark {
+    /// At a point.
+    At(Point),
+    /// At the ends of a line, where they lie in the plate, and where it crosses the sides of cells.
+    Line([Point; 2]),
+}
+
+/// A node that was made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Made {
+    /// Its position, in m.
+    pub at: Point,
+    /// Where it was before, in m; `None` for a new one.
+    pub moved_from: Option<Point>,
+}
+
+/// A segment, to measure along and across it.
+#[derive(Clone, Copy)]
+struct Segment {
+    from: Point,
+    along: nalgebra::Vector2<f64>,
+    length: f64,
+}
+
+impl Segment {
+    fn new([from, to]: [Point; 2]) -> Segment {
+        let side = to - from;
+        let length = side.norm();
+        Segment { from, along: if length > 0.0 { side / length } else { side }, length }
+    }
+
+    /// The place of a point along it, in m, and its distance to the left of the line.
+    fn measure(&self, point: Point) -> [f64; 2] {
+        let arm = point - self.from;
+        [arm.dot(&self.along), self.along.perp(&arm)]
+    }
+
+    fn distance(&self, point: Point) -> f64 {
+        let [along, _] = self.measure(point);
+        (point - (self.from + self.along * along.clamp(0.0, self.length))).norm()
+    }
+}
+
+/// How near a node must be to a place to count as there, in m.
+pub(crate) fn nearness(nodes: &[Point], place: Point) -> f64 {
+    NEAR * nodes.iter().map(|p| (p - place).norm()).fold(0.0, f64::max)
+}
+
+impl Mark {
+    /// The place that its nearness is measured from.
+    fn place(&self) -> Point {
+        match self {
+            Mark::At(at) => *at,
+            Mark::Line([from, _]) => *from,
+        }
+    }
+}
+
+impl Grid {
+    /// Whether a grid has nodes wherever marks ask for them; a line askew to it counts as one that has not.
+    pub fn has_nodes(&self, marks: &[(String, Mark)]) -> bool {
+        let end = self.node(self.nodes() - 1);
+        let corners = [Point::origin(), Point::new(end.x, 0.0), Point::new(0.0, end.y), end];
+        let [nx, ny] = self.divisions();
+        // The nearest line of nodes, if it is near enough.
+        let on = |axis: usize, value: f64, near: f64| {
+            let count = [nx, ny][axis] as f64;
+            let number = (value / end[axis] * count).round().clamp(0.0, count);
+            (value - end[axis] * number / count).abs() <= near
+        };
+        marks.iter().all(|(_, mark)| {
+            let near = nearness(&corners, mark.place()) * 0.5;
+            let is_node = |p: &Point| on(0, p.x, near) && on(1, p.y, near);
+            let is_outside = |p: &Point| (0..2).any(|axis| p[axis] < -near || p[axis] > end[axis] + near);
+            match mark {
+                Mark::At(at) => is_node(at),
+                Mark::Line([from, to]) => {
+                    let lies =
+                        |axis: usize| (to[axis] - from[axis]).abs() <= near && on(axis, from[axis], near);
+                    (lies(0) || lies(1)) && [from, to].into_iter().all(|p| is_node(p) || is_outside(p))
+                }
+            }
+        })
+    }
+}
+
+impl Mesh {
+    /// The mesh with nodes wherever marks, named for messages, ask for them, and the nodes that were moved or made for that. A
+    /// mesh that has them all stays as it is.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a point outside, and for one where a node would leave cells too flat.
+    pub fn with_nodes(self, marks: &[(String, Mark)]) -> Result<(Mesh, Vec<Made>)> {
+        if marks.iter().all(|(_, mark)| self.has(mark)) {
+            return Ok((self, Vec::new()));
+        }
+        let mut work = Work::new(self, marks);
+        for (key, mark) in marks {
+            let near = nearness(&work.mesh.nodes, mark.place());
+            match mark {
+                Mark::At(at) => work.place(key, *at, near)?,
+                Mark::Line(ends) => {
+                    for end in ends {
+                        // An end too near to an edge is none.
+                        if let Some(cell) = work.mesh.locate(*end) {
+                            work.settle(*end, cell, near);
+                        }
+                    }
+                }
+            }
+        }
+        for (key, mark) in marks {
+            if let Mark::Line(ends) = mark {
+                work.cross(key, *ends, nearness(&work.mesh.nodes, mark.place()))?;
+            }
+        }
+        work.finish()
+    }
+
+    /// Whether nodes are wherever a mark asks for them.
+    fn has(&self, mark: &Mark) -> bool {
+        let near = nearness(&self.nodes, mark.place());
+        let has_node = |at: &Point| self.nodes.iter().any(|node| (node - at).norm() <= near);
+        match mark {
+            Mark::At(at) => has_node(at),
+            Mark::Line(ends) => {
+                ends.iter().all(|end| has_node(end) || self.locate(*end).is_none())
+                    && self.crossed(&Segment::new(*ends), near).is_empty()
+            }
+        }
+    }
+
+    /// The sides of cells that a segment crosses away from nodes, in its order, each once, with a cell to their left.
+    fn crossed(&self, segment: &Segment, near: f64) -> Vec<([usize; 2], usize)> {
+        let mut found = Vec::new();
+        let mut seen = HashSet::new();
+        for (number, cell) in self.cells.iter().enumerate() {
+            for [a, b] in cell.edges() {
+                let [[from, left], [to, right]] = [a, b].map(|node| segment.measure(self.nodes[node]));
+                if left * right >= 0.0 || left.abs() <= near || right.abs() <= near {
+                    continue;
+                }
+                let along = from + (to - from) * (left / (left - right));
+                let inside = along >= -near && along <= segment.length + near;
+                if inside && seen.insert([a.min(b), a.max(b)]) {
+                    found.push((along, [a, b], number));
+                }
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found.into_iter().map(|(_, side, cell)| (side, cell)).collect()
+    }
+}
+
+/// A change of the mesh.
+struct Plan {
+    /// Positions of new nodes; the numbers go on from the mesh's.
+    nodes: Vec<Point>,
+    /// A node that moves, and where to.
+    moved: Option<(usize, Point)>,
+    /// Cells that go.
+    removed: Vec<usize>,
+    /// Cells that come, each with one that goes, whose groups it is in.
+    added: Vec<(Cell, usize)>,
+    /// Sides that are cut in two, and the new node on each.
+    cuts: Vec<([usize; 2], usize)>,
+    /// The least quality of the cells.
+    quality: f64,
+}
+
+/// A mesh that changes.
+struct Work {
+    mesh: Mesh,
+    /// The cell to the left of each side.
+    owners: HashMap<[usize; 2], usize>,
+    /// Sides with a name, ascending nodes.
+    named: HashSet<[usize; 2]>,
+    /// The groups that each cell is in.
+    groups: Vec<Vec<usize>>,
+    /// Nodes that stay where they are.
+    fixed: HashSet<usize>,
+    made: Vec<Made>,
+}
+
+fn ascending([a, b]: [usize; 2]) -> [usize; 2] {
+    [a.min(b), a.max(b)]
+}
+
+impl Work {
+    fn new(mesh: Mesh, marks: &[(String, Mark)]) -> Work {
+        let mut groups = vec![Vec::new(); mesh.cells.len()];
+        for (name, cells) in mesh.groups.values().enumerate() {
+            cells.iter().for_each(|&cell| groups[cell].push(name));
+        }
+        let mut fixed: HashSet<usize> = mesh.points.values().flatten().copied().collect();
+        for (_, mark) in marks {
+            let near = nearness(&mesh.nodes, mark.place());
+            let ends = match mark {
+                Mark::At(at) => [*at, *at],
+                Mark::Line(ends) => *ends,
+            };
+            let segment = Segment::new(ends);
+            let here = (0..mesh.nodes.len()).filter(|&node| segment.distance(mesh.nodes[node]) <= near);
+            fixed.extend(here);
+        }
+        let sides = mesh.cells.iter().enumerate();
+        Work {
+            owners: sides.flat_map(|(number, cell)| cell.edges().map(move |side| (side, number))).collect(),
+            named: mesh.edges.values().flatten().map(|side| ascending(*side)).collect(),
+            groups,
+            fixed,
+            made: Vec::new(),
+            mesh,
+        }
+    }
+
+    /// Makes a node at a point, unless there is one.
+    fn place(&mut self, key: &str, at: Point, near: f64) -> Result<()> {
+        let cell = match self.mesh.locate(at) {
+            Some(cell) => cell,
+            None => self.on_boundary(key, at, near)?,
+        };
+        if self.settle(at, cell, near) {
+            return Ok(());
+        }
+        let node = self.nearest(at);
+        Err(Error::Mesh(format!(
+            "{key}: a node at ({}, {}) would make cells of angles near 0 or 180 degrees; expected a point farther from the \
+             plate's edge and from other nodes that must stay, or on one, such as ({}, {})",
+            at.x, at.y, node.x, node.y
+        )))
+    }
+
+    /// Makes a node at a point of a cell, unless there is one. Returns whether there is one now.
+    fn settle(&mut self, at: Point, cell: usize, near: f64) -> bool {
+        if let Some(node) = self.mesh.nodes.iter().position(|node| (node - at).norm() <= near) {
+            self.fixed.insert(node);
+            return true;
+        }
+        let plan = self.best(at, cell, near);
+        let is_possible = plan.is_some();
+        plan.into_iter().for_each(|plan| self.apply(plan));
+        is_possible
+    }
+
+    fn nearest(&self, at: Point) -> Point {
+        let distance = |p: &&Point| (*p - at).norm();
+        self.mesh.nodes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).copied().unwrap_or(at)
+    }
+
+    /// The cell of a point that lies outside by no more than `near`.
+    fn on_boundary(&self, key: &str, at: Point, near: f64) -> Result<usize> {
+        for (number, cell) in self.mesh.cells.iter().enumerate() {
+            for side in cell.edges().filter(|[a, b]| !self.owners.contains_key(&[*b, *a])) {
+                let segment = self.segment(side);
+                if segment.distance(at) <= near {
+                    return Ok(number);
+                }
+            }
+        }
+        let node = self.nearest(at);
+        Err(Error::Mesh(format!(
+            "{key}: the point ({}, {}) lies outside the plate; the nearest node is at ({}, {})",
+            at.x, at.y, node.x, node.y
+        )))
+    }
+
+    /// Makes nodes where a segment crosses the sides of cells. Where that would leave cells too flat, the side stays whole.
+    fn cross(&mut self, key: &str, ends: [Point; 2], near: f64) -> Result<()> {
+        let segment = Segment::new(ends);
+        let mut left_whole = HashSet::new();
+        for _ in 0..MOST_PASSES {
+            let crossed = self.mesh.crossed(&segment, near);
+            if crossed.iter().all(|(side, _)| left_whole.contains(&ascending(*side))) {
+                return Ok(());
+            }
+            for ([a, b], _) in crossed {
+                let Some(&cell) =
+                    self.owners.get(&[a, b]).filter(|_| !left_whole.contains(&ascending([a, b])))
+                else {
+                    continue;
+                };
+                let [from, to] = [a, b].map(|node| self.mesh.nodes[node]);
+                let [[_, left], [_, right]] = [from, to].map(|p| segment.measure(p));
+                // Nodes may have moved onto the line since.
+                if left * right >= 0.0 || left.abs() <= near || right.abs() <= near {
+                    continue;
+                }
+                let at = from + (to - from) * (left / (left - right));
+                match self.best(at, cell, near) {
+                    Some(plan) => self.apply(plan),
+                    None => {
+                        left_whole.insert(ascending([a, b]));
+                    }
+                }
+            }
+        }
+        Err(Error::Mesh(format!("{key}: the cells cannot be cut along the line")))
+    }
+
+    fn segment(&self, side: [usize; 2]) -> Segment {
+        Segment::new(side.map(|node| self.mesh.nodes[node]))
+    }
+
+    /// The cell on the other side of a cell's side.
+    fn beyond(&self, [a, b]: [usize; 2]) -> Option<usize> {
+        self.owners.get(&[b, a]).copied()
+    }
+
+    /// Whether a side must keep its shape: one of the boundary, with a name, or between groups.
+    fn is_hard(&self, side: [usize; 2]) -> bool {
+        let own = self.owners.get(&side).map(|&cell| &self.groups[cell]);
+        let other = self.beyond(side).map(|cell| &self.groups[cell]);
+        own.is_none() || other.is_none() || own != other || self.named.contains(&ascending(side))
+    }
+
+    /// The cells around a node that may move, from one of them on.
+    fn around(&self, node: usize, first: usize) -> Option<Vec<usize>> {
+        if self.fixed.contains(&node) {
+            return None;
+        }
+        let mut cells = vec![first];
+        loop {
+            let cell = &self.mesh.cells[*cells.last()?];
+            let side = cell.edges().find(|[_, end]| *end == node)?;
+            if self.is_hard(side) {
+                return None;
+            }
+            let next = self.beyond(side)?;
+            if next == first {
+                return Some(cells);
+            }
+            if cells.contains(&next) {
+                return None;
+            }
+            cells.push(next);
+        }
+    }
+
+    /// The best change that makes a node at a point of a cell; `None` if each would leave cells too flat.
+    fn best(&self, at: Point, cell: usize, near: f64) -> Option<Plan> {
+        let sides: Vec<[usize; 2]> = self.mesh.cells[cell].edges().collect();
+        let distance = |side: &[usize; 2]| self.segment(*side).distance(at);
+        let nearest = sides.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let on = (distance(&nearest) <= near).then_some(nearest);
+        let on_hard = on.filter(|side| self.is_hard(*side));
+        let at = match on_hard {
+            // Rounding must not leave the boundary.
+            Some(side) => {
+                let segment = self.segment(side);
+                let [along, _] = segment.measure(at);
+                segment.from + segment.along * along
+            }
+            None => at,
+        };
+        let mut plans: Vec<Plan> = Vec::new();
+        let mut cells = vec![cell];
+        if on_hard.is_none() {
+            cells.extend(on.and_then(|side| self.beyond(side)));
+            for &of in &cells {
+                let nodes = self.mesh.cells[of].nodes();
+                plans.extend(nodes.iter().filter_map(|&node| self.moving(node, at, of)));
+            }
+        }
+        let soft = |side: &[usize; 2]| !self.is_hard(*side);
+        let neighbours: Vec<usize> =
+            sides.iter().filter(|side| soft(side)).filter_map(|side| self.beyond(*side)).collect();
+        let mut cavities = vec![cells.clone()];
+        for (k, &one) in neighbours.iter().enumerate() {
+            cavities.push([&cells[..], &[one]].concat());
+            cavities.extend(neighbours[k + 1..].iter().map(|&other| [&cells[..], &[one, other]].concat()));
+        }
+        let foot = |side: &[usize; 2]| {
+            let segment = self.segment(*side);
+            let [along, across] = segment.measure(at);
+            let inside = along > 0.0 && along < segment.length && across < BESIDE * segment.length;
+            (inside && Some(*side) != on && self.is_hard(*side))
+                .then(|| (*side, segment.from + segment.along * along))
+        };
+        let feet: Vec<([usize; 2], Point)> = sides.iter().filter_map(foot).collect();
+        let mut choices = vec![Vec::new()];
+        choices.extend(feet.iter().map(|foot| vec![*foot]));
+        if feet.len() > 1 {
+            choices.push(feet);
+        }
+        for cavity in &mut cavities {
+            let mut seen = HashSet::new();
+            cavity.retain(|cell| seen.insert(*cell));
+            plans.extend(choices.iter().filter_map(|feet| self.cut(cavity, at, on_hard, feet)));
+        }
+        let mut best: Option<Plan> = None;
+        for plan in plans {
+            if plan.quality > best.as_ref().map_or(LEAST_QUALITY, |best| best.quality) {
+                best = Some(plan);
+            }
+        }
+        best
+    }
+
+    /// The move of a node of a cell to a point.
+    fn moving(&self, node: usize, at: Point, cell: usize) -> Option<Plan> {
+        let around = self.around(node, cell)?;
+        let sides = around.iter().flat_map(|&cell| self.mesh.cells[cell].edges());
+        let touching = sides.filter(|side| side.contains(&node)).map(|side| self.segment(side).length);
+        let shortest = touching.fold(f64::INFINITY, f64::min);
+        if (self.mesh.nodes[node] - at).norm() > FARTHEST_MOVE * shortest {
+            return None;
+        }
+        let place = |n: &usize| if *n == node { at } else { self.mesh.nodes[*n] };
+        let qualities = around
+            .iter()
+            .map(|&cell| cell_quality(&self.mesh.cells[cell].nodes().iter().map(place).collect::<Vec<_>>()));
+        Some(Plan {
+            nodes: Vec::new(),
+            moved: Some((node, at)),
+            removed: Vec::new(),
+            added: Vec::new(),
+            cuts: Vec::new(),
+            quality: qualities.fold(f64::INFINITY, f64::min),
+        })
+    }
+
+    /// The cut of some cells into triangles that meet in a point, on one of their outer sides or inside, with nodes at its feet on others.
+    fn cut(
+        &self,
+        cavity: &[usize],
+        at: Point,
+        on: Option<[usize; 2]>,
+        feet: &[([usize; 2], Point)],
+    ) -> Option<Plan> {
+        let count = self.mesh.nodes.len();
+        let mut plan = Plan {
+            nodes: vec![at],
+            moved: None,
+            removed: cavity.to_vec(),
+            added: Vec::new(),
+            cuts: Vec::new(),
+            quality: f64::INFINITY,
+        };
+        let (mut inner, mut outer) = (HashSet::new(), HashSet::new());
+        for &cell in cavity {
+            inner.extend(self.mesh.cells[cell].nodes());
+            for side in self.mesh.cells[cell].edges() {
+                if self.beyond(side).is_some_and(|other| cavity.contains(&other)) {
+                    continue;
+                }
+                let [a, b] = side;
+                outer.extend([a, b]);
+                let foot = feet.iter().find(|(of, _)| *of == side);
+                let node = match foot {
+                    Some((_, foot)) => {
+                        plan.nodes.push(*foot);
+                        count + plan.nodes.len() - 1
+                    }
+                    None => count,
+                };
+                if foot.is_none() && on != Some(side) {
+                    plan.added.push((Cell::Triangle([a, b, count]), cell));
+                    continue;
+                }
+                if foot.is_some() {
+                    plan.added.push((Cell::Triangle([a, node, count]), cell));
+                    plan.added.push((Cell::Triangle([node, b, count]), cell));
+                }
+                plan.cuts.push((side, node));
+                let Some(other) = self.beyond(side) else { continue };
+                if plan.removed.contains(&other) {
+                    return None;
+                }
+                plan.removed.push(other);
+                let rest = self.mesh.cells[other].edges().filter(|rest| *rest != [b, a]);
+                plan.added.extend(rest.map(|[c, d]| (Cell::Triangle([c, d, node]), other)));
+            }
+        }
+        // A node inside the cavity would be lost.
+        if inner != outer || feet.iter().any(|(side, _)| !plan.cuts.iter().any(|(cut, _)| cut == side)) {
+            return None;
+        }
+        let place = |n: &usize| if *n < count { self.mesh.nodes[*n] } else { plan.nodes[*n - count] };
+        let quality =
+            |(cell, _): &(Cell, usize)| cell_quality(&cell.nodes().iter().map(place).collect::<Vec<_>>());
+        plan.quality = plan.added.iter().map(quality).fold(f64::INFINITY, f64::min);
+        Some(plan)
+    }
+
+    fn apply(&mut self, plan: Plan) {
+        let first = self.mesh.nodes.len();
+        if let Some((node, at)) = plan.moved {
+            let moved_from = Some(self.mesh.nodes[node]);
+            self.mesh.nodes[node] = at;
+            self.fixed.insert(node);
+            self.made.push(Made { at, moved_from });
+        }
+        for at in plan.nodes {
+            self.fixed.insert(self.mesh.nodes.len());
+            self.mesh.nodes.push(at);
+            self.made.push(Made { at, moved_from: None });
+        }
+        debug_assert!(plan.cuts.iter().all(|(_, node)| *node >= first));
+        for &cell in &plan.removed {
+            for side in self.mesh.cells[cell].edges() {
+                self.owners.remove(&side);
+            }
+        }
+        let groups: Vec<Vec<usize>> =
+            plan.added.iter().map(|(_, parent)| self.groups[*parent].clone()).collect();
+        let mut places = plan.removed.into_iter();
+        for ((cell, _), groups) in plan.added.into_iter().zip(groups) {
+            let number = match places.next() {
+                Some(number) => {
+                    (self.mesh.cells[number], self.groups[number]) = (cell, groups);
+                    number
+                }
+                None => {
+                    self.mesh.cells.push(cell);
+                    self.groups.push(groups);
+                    self.mesh.cells.len() - 1
+                }
+            };
+            self.owners.extend(cell.edges().map(|side| (side, number)));
+        }
+        for (side, node) in plan.cuts {
+            if !self.named.remove(&ascending(side)) {
+                continue;
+            }
+            self.named.extend(side.map(|end| ascending([end, node])));
+            for sides in self.mesh.edges.values_mut() {
+                let cut = |&[a, b]: &[usize; 2]| {
+                    let is_cut = ascending([a, b]) == ascending(side);
+                    if is_cut { vec![[a, node], [node, b]] } else { vec![[a, b]] }
+                };
+                *sides = sides.iter().flat_map(cut).collect();
+            }
+        }
+    }
+
+    fn finish(mut self) -> Result<(Mesh, Vec<Made>)> {
+        if self.made.is_empty() {
+            return Ok((self.mesh, self.made));
+        }
+        for (name, cells) in self.mesh.groups.values_mut().enumerate() {
+            *cells = (0..self.groups.len()).filter(|&cell| self.groups[cell].contains(&name)).collect();
+        }
+        self.mesh.check()?;
+        Ok((self.mesh, self.made))
+    }
+}
+
+/// How good the angles of a cell are: 1 for an equilateral triangle and a rectangle at most, 0 for a flat cell, less for an inverted one.
+fn cell_quality(vertices: &[Point]) -> f64 {
+    use std::f64::consts::PI;
+    let count = vertices.len();
+    let angle = |i: usize| {
+        let corner = vertices[i];
+        let (next, last) = (vertices[(i + 1) % count] - corner, vertices[(i + count - 1) % count] - corner);
+        next.perp(&last).atan2(next.dot(&last))
+    };
+    let angles = (0..count).map(angle);
+    let (least, most) = angles.fold((PI, 0.0_f64), |(least, most), a| (least.min(a), most.max(a)));
+    // Large angles are worse than small ones.
+    let (small, large) = if count == 3 { (3.0 / PI, 1.5 / PI) } else { (2.0 / PI, 2.0 / PI) };
+    if quality::area(vertices) <= 0.0 { -1.0 } else { (small * least).min((large * (PI - most)).powi(2)) }
+}

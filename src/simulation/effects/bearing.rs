@@ -1,0 +1,165 @@
+//! Equilibrium of a plate that supports leave a mechanism, and that obstacles keep in its place.
+//!
+//! It exists if and only if some reactions of the obstacles, none of which pulls, balance the load on the rigid motions that nothing
+//! else holds (Farkas); else there is a motion that no obstacle stops and that the load drives, and the message names it.
+
+use super::OfCells;
+use super::ground::Team;
+use super::start::Statics;
+use crate::assembly;
+use crate::error::{Error, Result};
+use crate::obstacle::Bounds;
+use crate::scheme::{self, System};
+use crate::simulation::judge;
+use crate::space::Rigid;
+use nalgebra::{DMatrix, Vector3};
+
+/// The stiffness of the proximal steps on the rigid motions, relative to that of the plate's slowest bending.
+const HOLD: f64 = 1e-4;
+
+/// The part of a load, relative to all of it, that may stay unbalanced: rounding.
+const BALANCED: f64 = 1e-10;
+
+/// A rigid motion whose slopes, times the plate's size, are below this part of it goes straight up or down.
+const STRAIGHT: f64 = 1e-3;
+
+/// Exchanges of reactions at most, in the search for those that balance a load.
+const MOST_EXCHANGES: usize = 1000;
+
+/// The equilibrium under a load of a plate that is a mechanism, within the bounds. Collective.
+///
+/// # Errors
+/// [`Error::Singular`] where nothing holds the plate down: `key` and the motion.
+pub(super) fn equilibrium<E: OfCells, T: Team>(
+    statics: &Statics<T>,
+    key: &str,
+    system: &System<E>,
+    stiffness: &E::Form,
+    load: &[f64],
+    bounds: &Bounds,
+) -> Result<Vec<f64>> {
+    let Statics { ground, attached, .. } = statics;
+    let engine = &system.engine;
+    let rigid = attached.rigid(ground);
+    if let Some(escape) = escape(statics, &rigid, system, load, bounds)? {
+        let loose = rigid.mechanism().unwrap_or_default();
+        return Err(Error::Singular(format!(
+            "{key}: the plate has no equilibrium, for its supports leave it a mechanism ({loose}), and no obstacle keeps its \
+             load from moving it: {}",
+            in_words(&rigid, escape)
+        )));
+    }
+    // The square of the angular frequency of a plate that bends to a bowl.
+    let (centre, size) = rigid.frame();
+    let bowl = ground.mesh.nodes.iter().flat_map(|node| {
+        let arm = (node - centre) / size;
+        [arm.norm_squared(), 2.0 * arm.x / size, 2.0 * arm.y / size]
+    });
+    let own = assembly::squares(ground.mesh, ground.cells, &bowl.collect::<Vec<_>>());
+    let all = ground.team.gather(&own);
+    let sum = |k: usize| all.iter().skip(k).step_by(2).sum::<f64>();
+    let mass = engine.native().form(assembly::consistent_mass(ground.cells));
+    let hold = (HOLD * sum(0) / sum(1), &mass);
+    let (u, _, verdict) = scheme::equilibrium_on_bounds(engine, stiffness, hold, load, bounds)?;
+    judge(0, 0.0, verdict.kkt, ground.scene.solver.tolerance)?;
+    Ok(u)
+}
+
+/// The rigid motion a + b x + c y along which a load drives the plate away from all bounds; `None` if reactions balance the load.
+/// Collective.
+fn escape<E: OfCells, T: Team>(
+    statics: &Statics<T>,
+    rigid: &Rigid,
+    system: &System<E>,
+    load: &[f64],
+    bounds: &Bounds,
+) -> Result<Option<Vector3<f64>>> {
+    let Statics { ground, .. } = statics;
+    let engine = &system.engine;
+    let (centre, size) = rigid.frame();
+    let motions = rigid.left();
+    let sizes: Vec<f64> = load.iter().map(|f| f.abs()).collect();
+    let mut shapes = Vec::new();
+    let (mut force, mut total) = (Vector3::zeros(), 0.0_f64);
+    for (k, motion) in motions.iter().enumerate() {
+        let shape = ground.mesh.nodes.iter().flat_map(|node| {
+            let arm = (node - centre) / size;
+            [motion.dot(&Vector3::new(1.0, arm.x, arm.y)), motion[1] / size, motion[2] / size]
+        });
+        let shape = ground.owned(&ground.space.interpolate(&shape.collect::<Vec<_>>()), engine.dofs());
+        force[k] = engine.dot(load, &shape)?;
+        let shape_sizes: Vec<f64> = shape.iter().map(|w| w.abs()).collect();
+        total = total.max(engine.dot(&sizes, &shape_sizes)?);
+        shapes.push(shape);
+    }
+    if total == 0.0 {
+        return Ok(None);
+    }
+    // What a unit reaction at a bound adds to the forces.
+    let at = |dof: usize| Vector3::from_fn(|k, _| shapes.get(k).map_or(0.0, |shape| shape[dof]));
+    let reactions = || {
+        bounds.dofs.iter().enumerate().flat_map(move |(i, &dof)| {
+            let up = bounds.lower[i].is_finite().then(|| at(dof));
+            let down = bounds.upper[i].is_finite().then(|| -at(dof));
+            up.into_iter().chain(down).filter(|reaction| reaction.norm() > 0.0)
+        })
+    };
+    // The reaction of all processes that takes most of what is left.
+    let most = |left: Vector3<f64>| {
+        let own = reactions().map(|reaction| reaction.normalize());
+        let best = own.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default();
+        let all = ground.team.gather(best.as_slice());
+        let all = all.chunks_exact(3).map(Vector3::from_column_slice);
+        all.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default()
+    };
+    let left = unbalanced(force / total, most);
+    let motion = || motions.iter().zip(left.iter()).map(|(motion, part)| motion * *part).sum();
+    Ok((left.norm() > BALANCED).then(motion))
+}
+
+/// The least that a sum of reactions, each times a number that is not negative, leaves of a force (Lawson and Hanson's NNLS). `most`
+/// finds the reaction that takes most of what is left.
+fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Vector3<f64> {
+    let mut taken: Vec<(Vector3<f64>, f64)> = Vec::new();
+    let mut left = force;
+    for _ in 0..MOST_EXCHANGES {
+        let reaction = most(left);
+        let is_taken = taken.iter().any(|(taken, _)| *taken == reaction);
+        if is_taken || reaction.dot(&left) >= -f64::EPSILON * force.norm() {
+            break;
+        }
+        taken.push((reaction, 0.0));
+        // Those that would have to pull go.
+        while !taken.is_empty() {
+            let columns: Vec<Vector3<f64>> = taken.iter().map(|(reaction, _)| *reaction).collect();
+            let svd = DMatrix::from_fn(3, columns.len(), |i, j| columns[j][i]).svd(true, true);
+            let Ok(wanted) = svd.solve(&DMatrix::from_fn(3, 1, |i, _| -force[i]), BALANCED) else { break };
+            let pulls = taken.iter().zip(wanted.iter()).filter(|(_, wanted)| **wanted <= 0.0);
+            let part = pulls.map(|((_, now), wanted)| now / (now - wanted)).fold(f64::INFINITY, f64::min);
+            let step = part.min(1.0);
+            taken.iter_mut().zip(wanted.iter()).for_each(|((_, now), wanted)| *now += step * (wanted - *now));
+            if part.is_infinite() {
+                break;
+            }
+            taken.retain(|(_, now)| *now > f64::EPSILON * force.norm());
+        }
+        let sum: Vector3<f64> = taken.iter().map(|(reaction, now)| reaction * *now).sum();
+        left = force + sum;
+    }
+    left
+}
+
+/// A rigid motion in words.
+fn in_words(rigid: &Rigid, motion: Vector3<f64>) -> String {
+    let (centre, size) = rigid.frame();
+    let slope = motion.yz();
+    if slope.norm() <= STRAIGHT * motion.x.abs() {
+        return format!("it would {} for ever", if motion.x > 0.0 { "rise" } else { "fall" });
+    }
+    let along = slope / slope.norm();
+    let on_line = centre - along * (size * motion.x / slope.norm());
+    format!(
+        "it would tip about the line through ({:.4}, {:.4}) along ({:.4}, {:.4})",
+        on_line.x, on_line.y, -along.y, along.x
+    )
+}

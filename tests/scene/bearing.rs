@@ -1,0 +1,196 @@
+//! Equilibrium of plates that rest on obstacles: reactions by moments, runs that stay at rest, and what cannot rest.
+
+use crate::common::scenes::{STILL, STRIP, UNIT, close, grid, model, off, refusal, run};
+use rebond::linalg::Engine;
+use rebond::simulation::Model;
+
+const REST: &str = "initial.equilibrium = true\nload.gravity = 2\n";
+
+/// Where the obstacles bear at the start, and with what force (N).
+fn reactions(model: &Model) -> Vec<([f64; 2], f64)> {
+    let system = &model.system;
+    let u = &model.start.displacement;
+    let mut force = vec![0.0; u.len()];
+    system.engine.multiply(&system.stiffness, u, &mut force).unwrap();
+    let load = system.load.as_ref().unwrap();
+    let of = |(i, &dof): (usize, &usize)| (model.sites[i].at, force[dof] - load[dof]);
+    system.bounds.dofs.iter().enumerate().map(of).collect()
+}
+
+/// Largest force that nothing balances, and largest distance beyond an obstacle.
+fn wrong(model: &Model) -> [f64; 2] {
+    let system = &model.system;
+    let u = &model.start.displacement;
+    let mut force = vec![0.0; u.len()];
+    system.engine.multiply(&system.stiffness, u, &mut force).unwrap();
+    let load = system.load.as_ref().unwrap();
+    let left = |dof: usize| match system.bounds.dofs.binary_search(&dof) {
+        Ok(i) if u[dof] - system.bounds.lower[i] <= 1e-9 => (load[dof] - force[dof]).max(0.0),
+        Ok(i) if system.bounds.upper[i] - u[dof] <= 1e-9 => (force[dof] - load[dof]).max(0.0),
+        _ => (force[dof] - load[dof]).abs(),
+    };
+    [(0..u.len()).map(left).fold(0.0, f64::max), system.bounds.violation(u)]
+}
+
+fn stop([x, y]: [f64; 2], height: f64) -> String {
+    format!("{{ side = \"below\", height = {height:?}, at = [{x:?}, {y:?}] }}")
+}
+
+/// 2 N on stops at two corners and the middle of the other side: half on the latter, wherever the stops are.
+#[test]
+fn three_stops_share_the_weight_by_moments() {
+    for element in ["fvs", "hct"] {
+        for heights in [[0.0; 3], [0.1, -0.4, 0.3], [-50.0, -50.0, -49.0]] {
+            let places = [[0.0, 0.0], [1.0, 0.0], [0.5, 1.0]];
+            let stops: Vec<String> = places.iter().zip(heights).map(|(at, h)| stop(*at, h)).collect();
+            let stops = format!("obstacle = [{}]\n", stops.join(", "));
+            let model = model(&[UNIT, &grid(element, 4, 4), &stops, REST, STILL].concat());
+            for ((at, force), height) in reactions(&model).into_iter().zip(heights) {
+                close("reaction", force, if at[1] > 0.5 { 1.0 } else { 0.5 }, 1e-9);
+                let bound = model.sites.iter().position(|site| site.at == at).unwrap();
+                let w = model.start.displacement[model.sites[bound].dof];
+                assert!((w - height).abs() <= 1e-12 * height.abs().max(1.0), "{w}, on a stop at {height}");
+            }
+        }
+    }
+}
+
+/// Stops anywhere, not at nodes: the same reactions by moments.
+#[test]
+fn stops_off_the_nodes_share_the_weight_too() {
+    for element in ["fvs", "hct"] {
+        let stops = [[0.13, 0.22], [0.81, 0.17], [0.44, 0.93]].map(|at| stop(at, 0.0)).join(", ");
+        let text = [UNIT, &grid(element, 4, 4), &format!("obstacle = [{stops}]\n"), REST, STILL].concat();
+        let found = reactions(&model(&text));
+        let moment = |arm: fn([f64; 2]) -> f64| found.iter().map(|(at, f)| f * arm(*at)).sum::<f64>();
+        close("sum", moment(|_| 1.0), 2.0, 1e-9);
+        close("moment in x", moment(|at| at[0]), 1.0, 1e-9);
+        close("moment in y", moment(|at| at[1]), 1.0, 1e-9);
+        assert!(found.len() == 3 && found.iter().all(|(_, f)| *f > 0.1), "{found:?}");
+    }
+}
+
+/// On a floor all nodes lie on it; in a bowl, far below, and between two obstacles every force is balanced and none pulls.
+#[test]
+fn floors_bowls_and_gaps() {
+    for height in [0.0, -3.0, 1e3] {
+        let floor = format!("obstacle = [{{ side = \"below\", height = {height:?} }}]\n");
+        let model = model(&[UNIT, &grid("fvs", 5, 4), &floor, REST, STILL].concat());
+        assert_eq!(model.system.bounds.len(), 30);
+        for site in &model.sites {
+            let w = model.start.displacement[site.dof];
+            assert!((w - height).abs() <= 1e-12 * height.abs().max(1.0), "{w} on a floor at {height}");
+        }
+        close("weight", reactions(&model).iter().map(|(_, f)| f).sum(), 2.0, 1e-9);
+    }
+    let bowls = [
+        "{ side = \"below\", height = \"0.3*((x-0.6)^2 + (y-0.4)^2) - 7\" }",
+        "{ side = \"below\", height = \"-3*(x - 0.5)^2 + y\", where = \"abs(x-0.5) > 0.2\" }, { side = \"above\", height = \"0.05 + 2*y\" }",
+        "{ side = \"below\", height = \"2*abs(x - 0.55) + 0.1*abs(y-0.3)\" }",
+    ];
+    for element in ["fvs", "hct"] {
+        for bowl in bowls {
+            let bowl = format!("obstacle = [{bowl}]\n");
+            let model = model(&[UNIT, &grid(element, 6, 5), &bowl, REST, STILL].concat());
+            let [force, beyond] = wrong(&model);
+            assert!(force <= 1e-9 && beyond <= 1e-12, "{bowl}: {force:e} N, {beyond:e} m");
+        }
+    }
+}
+
+/// A hinge and a stop, and a stop that holds a lever down: reactions by moments. A spring holds as a support does.
+#[test]
+fn levers_rest_on_supports_and_stops() {
+    let hinge = "support = [{ edge = \"left\", kind = \"simply_supported\" }]\n";
+    let tip = "obstacle = [{ side = \"below\", height = 0.01, line = [[1, 0], [1, 0.1]] }]\n";
+    let held = model(&[STRIP, &grid("fvs", 8, 2), hinge, tip, REST, STILL].concat());
+    close("half the weight", reactions(&held).iter().map(|(_, f)| f).sum(), 0.1, 1e-9);
+
+    let lever = "obstacle = [{ side = \"below\", height = 0, where = \"abs(x - 0.25) < 1e-6\" }, \
+                 { side = \"above\", height = 0.02, where = \"x < 1e-6\" }]\n";
+    let found = reactions(&model(&[STRIP, &grid("hct", 8, 2), lever, REST, STILL].concat()));
+    let sum = |x: f64| found.iter().filter(|(at, _)| at[0] == x).map(|(_, f)| f).sum::<f64>();
+    close("pivot", sum(0.25), 0.4, 1e-8);
+    close("held down", sum(0.0), -0.2, 1e-8);
+
+    // A spring at a corner, stops at two others: a half of the weight on each end of either diagonal's line.
+    let spring = "spring = [{ at = [0, 0], stiffness = 100 }]\n";
+    let stops = format!("obstacle = [{}, {}]\n", stop([1.0, 0.0], 0.0), stop([0.5, 1.0], 0.0));
+    let sprung = model(&[UNIT, &grid("fvs", 4, 4), spring, &stops, REST, STILL].concat());
+    let found = reactions(&sprung);
+    close("opposite", found.iter().find(|(at, _)| at[1] == 1.0).unwrap().1, 1.0, 1e-8);
+    close("beside", found.iter().find(|(at, _)| at[1] == 0.0).unwrap().1, 0.5, 1e-8);
+}
+
+/// Three stops almost in a line, and a plate that balances on a ridge.
+#[test]
+fn hardly_held_and_balanced() {
+    let near = [[0.0, 0.5], [1.0, 0.5], [0.5, 0.502]];
+    for offset in [0.0, 0.001] {
+        let stops = near.map(|[x, y]| stop([x, y - offset], 0.0)).join(", ");
+        let text = [UNIT, &grid("fvs", 4, 4), &format!("obstacle = [{stops}]\n"), REST, STILL].concat();
+        let model = model(&text);
+        let [force, beyond] = wrong(&model);
+        assert!(force <= 1e-8 && beyond <= 1e-12, "{offset}: {force:e} N, {beyond:e} m");
+    }
+    let ridge = "obstacle = [{ side = \"below\", height = 0, line = [[0.5, 0], [0.5, 1]] }]\n";
+    let model = model(&[UNIT, &grid("fvs", 4, 4), ridge, REST, STILL].concat());
+    let [force, beyond] = wrong(&model);
+    assert!(force <= 1e-9 && beyond <= 1e-12, "{force:e} N, {beyond:e} m");
+}
+
+/// What starts at rest stays there, with every scheme and mass.
+#[test]
+fn a_run_from_rest_stays_at_rest() {
+    let probes = "output.probes = [{ name = \"a\", at = [0.7, 0.6] }, { name = \"b\", at = [0, 1] }]\n";
+    let stops = [[0.1, 0.0], [1.0, 0.0], [0.5, 1.0]].map(|at| stop(at, -0.25)).join(", ");
+    for (scheme, mass) in [
+        ("newmark", "singular"),
+        ("newmark", "consistent"),
+        ("midpoint", "singular"),
+        ("midpoint", "consistent"),
+        ("conserving", "singular"),
+        ("exact", "singular"),
+    ] {
+        let time = format!("time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = 1e-3, end = 0.2 }}\n");
+        let text =
+            [UNIT, &grid("fvs", 4, 4), &format!("obstacle = [{stops}]\n"), REST, &time, probes].concat();
+        let rows = run(&text);
+        let start = rows[0].probes[0];
+        let moved = off(&rows, |_| start);
+        assert!((start + 0.25).abs() > 1e-3 && moved <= 1e-10, "{scheme}, {mass}: {moved:e}");
+    }
+}
+
+/// Balls stay where they are, also one that lies on the plate; static pressure and obstacles that move count at t = 0.
+#[test]
+fn balls_pressure_and_moving_obstacles() {
+    let floor = "obstacle = [{ side = \"below\", height = \"-1 + t\", where = \"x < 0.01 or x > 0.99\" }]\n";
+    let ball = "ball = [{ at = [0.5, 0.5], mass = 0.1, height = 5 }]\n";
+    let pressed = "initial.static_pressure = -2\n";
+    let model = model(&[UNIT, &grid("fvs", 4, 4), floor, ball, pressed, STILL].concat());
+    for site in model.sites.iter().filter(|site| site.at[0] == 0.0 && site.node < 25) {
+        assert!((model.start.displacement[site.dof] + 1.0).abs() <= 1e-12);
+    }
+}
+
+/// A motion that no obstacle stops is named, and so is the key.
+#[test]
+fn what_nothing_holds_is_refused() {
+    let cases = [
+        ("obstacle = [{ side = \"above\", height = 1 }]\n", "it would fall for ever"),
+        ("load.pressure = 9\nobstacle = [{ side = \"below\", height = 0 }]\n", "it would rise for ever"),
+        (
+            "obstacle = [{ side = \"below\", height = 0, where = \"x < 0.3\" }]\n",
+            "it would tip about the line through (0.25",
+        ),
+        ("obstacle = [{ side = \"below\", height = 0, at = [0.5, 0.25] }]\n", "it would tip about the line"),
+    ];
+    for (obstacles, words) in cases {
+        let error = refusal(&[UNIT, &grid("fvs", 4, 4), obstacles, REST, STILL].concat());
+        assert_eq!(error.exit_code(), 2);
+        let error = error.to_string();
+        assert!(error.starts_with("initial.equilibrium: ") && error.contains("mechanism"), "{error}");
+        assert!(error.contains(words), "{error}");
+    }
+}
