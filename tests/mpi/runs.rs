@@ -175,7 +175,8 @@ fn what_all_ranks_find_wrong_is_said_once() {
             2,
             &["plate.thickness", "greater than 0"],
         );
-        assert_fails(&run(ranks, &["--set", "support=[]"]), 2, &["static_pressure", "mechanism"]);
+        let nothing_holds = ["--set", "support=[]", "--set", "obstacle=[]"];
+        assert_fails(&run(ranks, &nothing_holds), 2, &["static_pressure", "mechanism"]);
         assert_fails(&run(ranks, &["--engine", "native"]), 2, &["one process", "--engine petsc"]);
         assert_fails(&run(ranks, &["--", "-pc_typ", "lu"]), 2, &["`-pc_typ`", "did you mean `-pc_type`?"]);
         assert_fails(&run(ranks, &["--", "-pc_type", "nosuch"]), 3, &["PCSetType()", "nosuch"]);
