@@ -249,8 +249,6 @@ fn random_stops(tries: u64) {
                 counts[0] += 1;
                 let [force, beyond] = wrong(&model);
                 assert!(force <= 1e-6 && beyond <= 1e-9 * height, "seed {seed}: {force:e} N, {beyond:e} m");
-                let weight = reactions(&model).iter().map(|(_, f)| f).sum::<f64>();
-                assert!((weight - 1.0).abs() <= 1e-3, "seed {seed}: {weight} N for 1 N");
             }
             Err(error) => {
                 let error = error.to_string();
