@@ -19,7 +19,7 @@ setup: ## install what the build needs and is missing
 
 run: setup ## build, simulate the paper's figure 4 to the second impact, compare with PETSc
 	$(call say,build)
-	@cargo build --release --locked --quiet
+	@cargo build --release --locked
 	$(call say,simulate $(FIGURE) to t = 0.25 s)
 	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25
 	$(call say,compare engines and contact solvers to t = 0.06 s)
@@ -32,13 +32,13 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,tests)
 	@cargo test --release --locked
-	@cargo build --release --locked --quiet
+	@cargo build --release --locked
 	$(call say,fields read back by VTK)
 	@scripts/check_vtk.sh
 	$(call say,energies of the paper at steps down to 1e-5 s)
 	@$(CARGO_RUN) --example csma2013_table -- 1e-5
 	$(call say,what effects cost)
-	@cargo bench --locked --quiet --bench effects -- --report
+	@cargo bench --locked --bench effects -- --report
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
 	$(call say,documentation)

@@ -9,6 +9,7 @@ value; where it occurs in several settings, give them all, with --set. Writes NA
 import argparse
 import csv
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,7 +33,12 @@ def arguments():
     parser.add_argument("--skip", type=float, default=0.5, help="share of each run that is left to settle (0.5)")
     parser.add_argument("--out", type=Path, default=Path("runs/bifurcation"), help="path without its extension")
     parser.add_argument("--rebond", default=str(ROOT / "target/release/rebond"), help="the program")
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.count < 1:
+        parser.error("count: expected at least 1 value")
+    if not shutil.which(args.rebond):
+        parser.error(f"no program at {args.rebond}: build it with `cargo build --release`, or name it with --rebond")
+    return args
 
 
 def section(args, value):
@@ -45,9 +51,16 @@ def section(args, value):
             sys.exit(ended.stderr.strip())
         with open(Path(folder) / "history.csv") as history:
             reader = csv.DictReader(history)
-            probe = args.probe or reader.fieldnames[10]
+            probes = reader.fieldnames[10:]
+            if not probes or args.probe not in [None, *probes]:
+                known = ", ".join(probes) or "none at all (output.probes)"
+                sys.exit(f"{args.scene}: no probe {args.probe or 'to show'}; the scene has {known}")
+            probe = args.probe or probes[0]
             rows = [float(row[probe]) for row in reader]
-    return rows[int(args.skip * len(rows)):]
+    settled = rows[int(args.skip * len(rows)):]
+    if not settled:
+        sys.exit(f"--skip {args.skip:g} leaves no row of {len(rows)}; expected less than 1")
+    return settled
 
 
 def ticks(low, high, wanted=5):

@@ -11,6 +11,7 @@
 //! |---|---|
 //! | [`error`] | the one error type and its exit codes |
 //! | [`archive`] | a state on its way into a checkpoint and back |
+//! | [`motion`] | a state that another run starts from |
 //! | [`mesh`] | nodes, cells, their names; rectangles and Gmsh's files |
 //! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
@@ -58,6 +59,7 @@
 
 pub mod error;
 pub mod archive;
+pub mod motion;
 pub mod mesh;
 pub mod field;
 pub mod element;

@@ -6,13 +6,18 @@ mod contacts;
 mod distributed;
 mod effects;
 mod fields;
+mod opposite;
 mod pause;
+mod phase;
 
 pub use contacts::Contact;
 #[cfg(feature = "petsc")]
 pub use distributed::check_options;
 pub use fields::{Fields, Lattice, Snapshot};
+pub use opposite::opposite;
 pub use pause::{Pause, Places};
+pub use phase::on_phase;
+pub(crate) use phase::phase;
 
 use crate::archive::Archive;
 use crate::assembly::{self, Probe};
@@ -20,6 +25,7 @@ use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native, Sum};
 use crate::mesh::{Mesh, Point};
+use crate::motion::Motion;
 use crate::plate::Sections;
 use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
@@ -53,6 +59,10 @@ pub struct Model<E: Engine = Native> {
     pub places: Places,
     /// What samples snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
+    /// The rigid motions that nothing holds, in words; `None` where there is none.
+    pub mechanism: Option<&'static str>,
+    /// What was found doubtful while the model was built, one sentence each; the same on every process.
+    pub warnings: Vec<String>,
     /// Seconds spent on mesh and matrices, and on the static start.
     pub seconds: [f64; 2],
 }
@@ -125,6 +135,7 @@ fn on_ground<R>(
     if space.dofs() == scene.balls.len() {
         return Err(nothing_free());
     }
+    phase("matrices");
     let cells = assembly::cells(mesh, &space, &Body::new(scene, mesh, &Alone)?)?;
     let gaps: Vec<_> = (0..scene.balls.len()).map(|ball| Some(space.extra(ball))).collect();
     act(&Ground {
@@ -151,6 +162,7 @@ impl Model {
     pub fn new(scene: &Scene) -> Result<Model> {
         serves(scene, EngineName::Native, &[ViName::Condensed])?;
         let clock = Instant::now();
+        phase("mesh");
         let mesh = mesh(scene)?;
         on_ground(scene, &mesh, &holds(scene, &mesh)?, |ground| {
             let engine = Native::with_layout(ground.space.layout(&mesh));
@@ -161,7 +173,8 @@ impl Model {
 
 /// Composes what the scene calls for. Collective.
 fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -> Result<Model<E>> {
-    let Effects { system, start, lifts, sites, places, seconds } = effects::compose(engine, ground)?;
+    let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
+        effects::compose(engine, ground)?;
     let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
     let (mut probes, mut lifted) = (Vec::new(), vec![Vec::new(); lifts.len()]);
     for probe in &ground.scene.output.probes {
@@ -173,7 +186,7 @@ fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -
     let frame = Frame(motions.zip(lifted).collect());
     let fields = Fields::new(ground, &lifts)?;
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
-    Ok(Model { system, start, probes, frame, sites, places, fields, seconds })
+    Ok(Model { system, start, probes, frame, sites, places, fields, mechanism, warnings, seconds })
 }
 
 impl<E: Engine + 'static> Model<E>
@@ -364,6 +377,21 @@ pub trait Observer {
         Ok(())
     }
 
+    /// Whether to show the state at the last step to [`Observer::end`]; the same on all processes.
+    fn keeps_end(&self) -> bool {
+        false
+    }
+
+    /// The whole state of the run at its last step, before what only an end adds to its files: a run to a later end goes on from it as
+    /// if there had been none; and the motion then, which another run may start from. On the first process only.
+    ///
+    /// # Errors
+    /// As [`Observer::row`].
+    fn end(&mut self, pause: Pause, motion: Motion) -> Result<()> {
+        let _ = (pause, motion);
+        Ok(())
+    }
+
     /// Whether the run shall stop after this step; called often, must cost nothing.
     fn interrupts(&self) -> bool {
         false
@@ -505,6 +533,13 @@ impl Outcome {
         archive.value(&mut self.seconds.stepping)
     }
 
+    /// Joins intervals of contact that are close in a run to its present end, and were not in the one to an earlier end.
+    fn join_contacts(&mut self, scene: &Scene) {
+        let mut joined = Vec::new();
+        self.contacts.iter().for_each(|&interval| note_interval(&mut joined, scene, interval));
+        self.contacts = joined;
+    }
+
     /// Takes note of what happened on the way to the present instant; returns whether anything did.
     fn note_events<E: Engine>(
         &mut self,
@@ -569,10 +604,15 @@ impl Outcome {
 
 /// Adds an instant of contact to the intervals: see [`Outcome::contacts`].
 pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
+    note_interval(contacts, scene, [time, time]);
+}
+
+/// Adds an interval of contact after others, joined to the last of them where it is close.
+fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64; 2]) {
     let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
     match contacts.last_mut() {
-        Some([_, end]) if time - *end <= together => *end = time,
-        _ => contacts.push([time, time]),
+        Some([_, last]) if begin - *last <= together => *last = end,
+        _ => contacts.push([begin, end]),
     }
 }
 
@@ -629,6 +669,7 @@ pub fn run<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
+    phase("factorisation");
     let scheme = model.scheme_with(scene, solver)?;
     follow(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
 }
@@ -645,6 +686,7 @@ pub fn resume<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
+    phase("factorisation");
     let scheme = model.scheme_with(scene, solver)?;
     let part = Some(pause.part(model)?);
     walk(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
@@ -677,6 +719,7 @@ fn walk<E: Engine>(
     let mut watch = Watch::new(scene, scheme.as_ref())?;
     if let Some(mut archive) = from {
         watch.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
+        outcome.join_contacts(scene);
     }
     let ended = march(scene, model, scheme.as_mut(), &mut outcome, &mut watch, observer);
     outcome.factorisations = scheme.factorisations();
@@ -693,8 +736,8 @@ struct Watch {
     iterations: u64,
     kkt: f64,
     contacts: Contacts,
-    /// Whether the present step is one that a pause has seen.
-    seen: bool,
+    /// Whether the present step has been taken note of.
+    noted: bool,
     /// Seconds before the clock was started.
     before: f64,
     clock: Instant,
@@ -707,7 +750,7 @@ impl Watch {
             iterations: 0,
             kkt: 0.0,
             contacts: Contacts::default(),
-            seen: false,
+            noted: false,
             before: 0.0,
             clock: Instant::now(),
         })
@@ -730,11 +773,13 @@ impl Watch {
         self.guard.state(archive)?;
         archive.value(&mut self.iterations)?;
         archive.value(&mut self.kkt)?;
+        archive.value(&mut self.noted)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
-        outcome.seconds.stepping = self.seconds();
+        // A last state has no seconds: what did the same leaves the same bytes.
+        outcome.seconds.stepping = if self.noted { self.seconds() } else { 0.0 };
         outcome.archive(archive)?;
         if !archive.saves() {
-            (self.seen, self.before, self.clock) = (true, outcome.seconds.stepping, Instant::now());
+            (self.before, self.clock) = (outcome.seconds.stepping, Instant::now());
         }
         Ok(())
     }
@@ -768,19 +813,27 @@ fn march<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<()> {
     let mut probes = vec![0.0; model.probes.len()];
-    if watch.seen {
+    if watch.noted {
         scheme.advance().map_err(|error| locate(error, model))?;
     }
     loop {
-        let Watch { guard, iterations, kkt, contacts, .. } = watch;
         let (step, time) = (scheme.step(), scheme.time());
+        let last = step == scene.time.steps();
+        watch.noted = false;
+        if last && observer.keeps_end() {
+            let pause =
+                Pause::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
+            let motion = model.places.motion(&model.system.engine, scene, scheme)?;
+            pause.zip(motion).map_or(Ok(()), |(pause, motion)| observer.end(pause, motion))?;
+        }
+        watch.noted = true;
+        let Watch { guard, iterations, kkt, contacts, .. } = watch;
         let events = outcome.note_events(scene, model, scheme, observer)?;
         let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, events)?;
         let verdict = scheme.verdict();
         *iterations += u64::from(verdict.iterations);
         *kkt = kkt.max(verdict.kkt);
         judge(step, time, verdict.kkt, scene.solver.tolerance)?;
-        let last = step == scene.time.steps();
         contacts.note(&model.sites, time, scene.time.step, scheme.reaction());
         if step % scene.output.every == 0 || last {
             let energies = scheme.energies()?;

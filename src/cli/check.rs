@@ -1,5 +1,6 @@
 //! `rebond check` and `rebond inspect`.
 
+use super::run::SetUpTold;
 use super::{SceneArgs, launch, refuse_petsc_options};
 use crate::error::Result;
 use crate::study;
@@ -28,7 +29,9 @@ impl Check {
         launch::one_process("check runs")?;
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
+        let set_up = SetUpTold::new(self.scene.voice);
         let check = study::check(&scene)?;
+        drop(set_up);
         self.scene.voice.print(&check, &check)
     }
 }
@@ -38,7 +41,9 @@ impl Inspect {
         launch::one_process("inspect runs")?;
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
+        let set_up = SetUpTold::new(self.scene.voice);
         let inspection = study::inspect(&scene)?;
+        drop(set_up);
         if let Some(folder) = &self.matrices {
             study::write_matrices(&scene, folder)?;
         }

@@ -3,6 +3,7 @@
 mod check;
 mod compare;
 mod figures;
+mod hard_scenes;
 pub mod launch;
 mod plot;
 mod resume;

@@ -7,6 +7,7 @@ use crate::output::vtu::{self, Surface};
 use crate::output::{contacts, history};
 use clap::Args;
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
 
@@ -23,7 +24,8 @@ impl Plot {
         let summary = self.summary()?;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
-        let obstacles = obstacles(scene);
+        let opposite = serde_json::from_value(summary["opposite"].clone()).unwrap_or_default();
+        let obstacles = obstacles(scene, &opposite);
         let table = history::read(folder)?;
         let index = vtu::read_index(folder)?;
         let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
@@ -47,7 +49,7 @@ impl Plot {
             None => absent.push("no contacts: the scene has neither obstacles nor balls"),
         }
         if table.probes().next().is_some() {
-            figures.push(("phase", run::phase(&table, title, &obstacles)));
+            figures.push(("phase", run::phase(&table, title, &opposite)));
             figures.push(("spectrum", run::spectrum(&table, title)));
         } else {
             absent.push("no phase portraits and spectra: the scene has no probes (output.probes)");
@@ -77,8 +79,9 @@ impl Plot {
     }
 }
 
-/// The obstacles of a resolved scene that stand still at one height, each once.
-pub(super) fn obstacles(scene: &Value) -> Vec<Obstacle> {
+/// The obstacles of a resolved scene that stand still at one height, each once; of those under a part of the plate, the ones that
+/// some probe is opposite to.
+pub(super) fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Obstacle> {
     let mut obstacles = Vec::new();
     for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
         let Some(height) = obstacle["height"].as_f64() else { continue };
@@ -88,7 +91,8 @@ pub(super) fn obstacles(scene: &Value) -> Vec<Obstacle> {
             (false, true) => Obstacle::Below(height),
             (false, false) => Obstacle::Above(height),
         };
-        if !obstacles.contains(&obstacle) {
+        let is_seen = !is_part || opposite.values().flatten().any(|of| *of == height);
+        if is_seen && !obstacles.contains(&obstacle) {
             obstacles.push(obstacle);
         }
     }

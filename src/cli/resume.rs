@@ -5,35 +5,57 @@ use super::{Voice, launch};
 use crate::error::{Error, Result};
 use crate::output::checkpoint::{Checkpoint, Identity};
 use crate::scene::Scene;
+use crate::simulation::Pause;
 use clap::Args;
 use std::path::PathBuf;
 
 /// Go on with a run.
 #[derive(Debug, Args)]
 pub struct Resume {
-    /// Run folder with checkpoint-*.bin
+    /// Run folder with checkpoint-*.bin; with --until also with end.state
     #[arg(value_name = "DIR")]
     folder: PathBuf,
+    /// Another end, in s, a whole number of steps: also of a run that is done
+    #[arg(long, value_name = "T")]
+    until: Option<String>,
     #[command(flatten)]
     voice: Voice,
 }
 
 impl Resume {
     pub(super) fn execute(&self) -> Result<()> {
-        let (checkpoint, damaged) = Checkpoint::newest(&self.folder)?;
+        let (checkpoint, damaged) = match self.until {
+            None => Checkpoint::newest(&self.folder)?,
+            Some(_) => Checkpoint::newest_or_last(&self.folder)?,
+        };
         if launch::rank() == 0 {
             for why in damaged {
                 eprintln!("rebond: {why}; going on from the one before");
             }
         }
-        let Checkpoint { scene, scene_file: file, identity, petsc, .. } = checkpoint.clone();
-        let scene = Scene::from_str(&scene, &file.to_string_lossy(), &[])?;
+        let Checkpoint { scene: text, scene_file: file, identity, petsc, pause, .. } = checkpoint.clone();
+        let read = |overrides: &[String]| Scene::from_str(&text, &file.to_string_lossy(), overrides);
+        let scene = read(&[])?;
         if Identity::of(&scene)? != identity {
             return Err(Error::Checkpoint(format!(
-                "{}: a mesh or table that the scene names has changed since the run began",
+                "{}: a mesh, table or start that the scene names has changed since the run began",
                 self.folder.display()
             )));
         }
+        let (scene, identity) = match &self.until {
+            None => (scene, identity),
+            Some(until) => {
+                let later = read(&[format!("time.end={until}")])
+                    .map_err(|why| Error::Usage(format!("--until {until}: {why}")))?;
+                if later.time.steps() <= pause.step {
+                    let Pause { step, time, .. } = pause;
+                    let wrong = format!("the run has made {step} steps, to {time:.9} s");
+                    return Err(Error::Usage(format!("--until {until}: {wrong}; expected a later end")));
+                }
+                let identity = Identity::of(&later)?;
+                (later, identity)
+            }
+        };
         let (folder, voice, from) = (self.folder.clone(), self.voice, Some(checkpoint));
         Job { scene, file, identity, folder, voice, petsc, from }.execute()
     }

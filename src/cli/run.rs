@@ -4,15 +4,16 @@ use super::plot::obstacles;
 use super::{SceneArgs, Voice, launch, print, refuse_petsc_options, signal};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::motion::{self, Motion};
 use crate::output::checkpoint::{self, Checkpoint, Identity, Outputs};
 use crate::output::contacts::{self, Contacts};
 use crate::output::events::{self, Events};
 use crate::output::history::{self, History};
 use crate::output::plot;
-use crate::output::progress::{Progress, State};
+use crate::output::progress::{Progress, SetUp, State};
 use crate::output::text::{Report, significant};
 use crate::output::vtu::{self, Series};
-use crate::output::{Claim, summary, sweep};
+use crate::output::{Claim, summary, sweep, write_atomic};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene::{EngineName, Scene, Scheme};
@@ -20,9 +21,12 @@ use crate::scheme::Relaxation;
 use crate::simulation::{
     self, Contact, Model, NodeEvent, Observer, Outcome, Pause, Row, Snapshot, SolverFactory,
 };
+use crate::study;
 use clap::Args;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 /// Simulate a scene.
 #[derive(Debug, Args)]
@@ -57,6 +61,9 @@ struct Summary<'s> {
     status: String,
     scene_hash: String,
     effects: Vec<String>,
+    warnings: &'s [String],
+    /// Heights of the obstacles opposite to each probe, in m.
+    opposite: BTreeMap<String, Vec<f64>>,
     #[serde(flatten)]
     outcome: &'s Outcome,
     scene: &'s Scene,
@@ -68,9 +75,35 @@ struct Recorder<'r> {
     job: &'r Job,
     files: Option<Files>,
     fields: Series,
+    /// Until the first row.
+    set_up: Option<SetUpTold>,
     start: Option<f64>,
     energy_ratio: f64,
     check_options: &'r dyn Fn() -> Result<()>,
+}
+
+/// A set-up whose parts are told while it lasts.
+pub(super) struct SetUpTold(Rc<SetUp>);
+
+impl SetUpTold {
+    /// Listens to what models are busy with.
+    pub fn new(voice: Voice) -> SetUpTold {
+        let set_up = Rc::new(SetUp::new(voice.is_silent()));
+        let told = Rc::clone(&set_up);
+        simulation::on_phase(Some(Box::new(move |part| told.part(part))));
+        SetUpTold(set_up)
+    }
+
+    /// Tells a part of its own.
+    fn part(&self, part: &'static str) {
+        self.0.part(part);
+    }
+}
+
+impl Drop for SetUpTold {
+    fn drop(&mut self) {
+        simulation::on_phase(None);
+    }
 }
 
 /// What one rank alone writes.
@@ -86,6 +119,7 @@ impl Files {
     /// Starts the files of a run afresh; those of an earlier one go.
     fn create(Job { scene, folder, voice, .. }: &Job) -> Result<Files> {
         checkpoint::clear(folder)?;
+        checkpoint::clear_state(folder)?;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes)?;
         vtu::clear(folder)?;
@@ -93,7 +127,7 @@ impl Files {
         let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
         events::clear(folder)?;
         let events = if scene.time.scheme == Scheme::Exact { Some(Events::create(folder)?) } else { None };
-        let progress = Progress::new(0, 0.0..scene.time.end, voice.is_silent());
+        let progress = Progress::new(0..scene.time.steps(), 0.0..scene.time.end, voice.is_silent());
         Ok(Files { history, contacts, events, progress })
     }
 
@@ -105,7 +139,7 @@ impl Files {
             history: History::resume(folder, scene.output.probes.len(), history)?,
             contacts: contacts.map(|length| Contacts::resume(folder, length)).transpose()?,
             events: events.map(|length| Events::resume(folder, length)).transpose()?,
-            progress: Progress::new(step, time..scene.time.end, voice.is_silent()),
+            progress: Progress::new(step..scene.time.steps(), time..scene.time.end, voice.is_silent()),
         })
     }
 
@@ -128,8 +162,20 @@ impl Files {
     }
 }
 
+impl Recorder<'_> {
+    /// A state of the run with where its files are; none on a process that writes none.
+    fn checkpoint(&mut self, pause: Pause) -> Result<Option<Checkpoint>> {
+        let Job { scene, file, identity, petsc, .. } = self.job;
+        let Some(files) = &mut self.files else { return Ok(None) };
+        let outputs = files.outputs(&self.fields)?;
+        let (scene_file, identity, petsc) = (file.clone(), identity.clone(), petsc.clone());
+        Ok(Some(Checkpoint { scene: scene.written(), scene_file, identity, petsc, pause, outputs }))
+    }
+}
+
 impl Observer for Recorder<'_> {
     fn row(&mut self, row: &Row) -> Result<()> {
+        self.set_up = None;
         if row.step > 0 {
             // By now every solver has looked up its options.
             (self.check_options)()?;
@@ -159,11 +205,19 @@ impl Observer for Recorder<'_> {
     }
 
     fn pause(&mut self, pause: Pause) -> Result<()> {
-        let Job { scene, file, identity, folder, petsc, .. } = self.job;
-        let Some(files) = &mut self.files else { return Ok(()) };
-        let outputs = files.outputs(&self.fields)?;
-        let (scene_file, identity, petsc) = (file.clone(), identity.clone(), petsc.clone());
-        Checkpoint { scene: scene.written(), scene_file, identity, petsc, pause, outputs }.write(folder)
+        let checkpoint = self.checkpoint(pause)?;
+        checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(&self.job.folder))
+    }
+
+    fn keeps_end(&self) -> bool {
+        true
+    }
+
+    fn end(&mut self, pause: Pause, motion: Motion) -> Result<()> {
+        let Some(checkpoint) = self.checkpoint(pause)? else { return Ok(()) };
+        let folder = &self.job.folder;
+        checkpoint.write_state(folder)?;
+        write_atomic(&folder.join(motion::FILE), &motion.to_bytes()?)
     }
 
     fn interrupts(&self) -> bool {
@@ -212,8 +266,11 @@ impl Job {
                 launch::one_process("the native engine runs")?;
                 refuse_petsc_options(&self.petsc)?;
                 self.announce("")?;
+                let set_up = SetUpTold::new(self.voice);
                 let model = Model::new(&self.scene)?;
-                self.simulate(&model, &simulation::condensed, [0, 1], &|| Ok(()))
+                set_up.part("frequencies");
+                let warnings = study::warnings(&self.scene, &model);
+                self.simulate(Some(set_up), &model, &simulation::condensed, [0, 1], &warnings, &|| Ok(()))
             }
         }
     }
@@ -227,10 +284,15 @@ impl Job {
             if speaks {
                 self.announce(&format!("engine: petsc, {}\n", ranks(context.size())))?;
             }
+            let set_up = speaks.then(|| SetUpTold::new(self.voice));
             let model = Model::distributed(&self.scene, &context)?;
             let solver = model.solver(&self.scene);
             let process = [context.rank(), context.size()];
-            self.simulate(&model, &solver, process, &|| context.refuse_unused_options())
+            let dofs = context.sum_count(model.system.engine.dofs());
+            set_up.iter().for_each(|set_up| set_up.part("frequencies"));
+            let warnings =
+                if speaks { study::warnings_apart(&self.scene, &model.warnings, dofs) } else { Vec::new() };
+            self.simulate(set_up, &model, &solver, process, &warnings, &|| context.refuse_unused_options())
         };
         ended(&context, run())
     }
@@ -249,12 +311,17 @@ impl Job {
     /// Simulates a model on one of several processes; the first writes and reports.
     fn simulate<E: Engine>(
         mut self,
+        set_up: Option<SetUpTold>,
         model: &Model<E>,
         solver: &SolverFactory<E>,
         [rank, ranks]: [usize; 2],
+        warnings: &[String],
         check_options: &dyn Fn() -> Result<()>,
     ) -> Result<()> {
         signal::listen()?;
+        if let Some(SetUpTold(set_up)) = set_up.as_ref().filter(|_| !self.voice.is_silent()) {
+            warnings.iter().for_each(|warning| set_up.say(&format!("warning: {warning}")));
+        }
         let from = self.from.take();
         let job = &self;
         let Job { scene, folder, .. } = job;
@@ -262,6 +329,7 @@ impl Job {
             job,
             files: None,
             fields: Series::new(folder, rank, ranks),
+            set_up,
             start: None,
             energy_ratio: 1.0,
             check_options,
@@ -275,7 +343,11 @@ impl Job {
                 Some(from) => Files::resume(job, from)?,
             });
             if let Some(Checkpoint { outputs, pause, .. }) = &from {
-                recorder.fields.resume(outputs.snapshots.clone(), pause.step)?;
+                // The snapshot of an end that is none any more goes.
+                let is_due = |every: u64| pause.step.is_multiple_of(every);
+                let is_kept = scene.output.fields.is_some_and(|fields| is_due(fields.every));
+                let last = if is_kept { pause.step } else { pause.step.saturating_sub(1) };
+                recorder.fields.resume(outputs.snapshots.clone(), last)?;
             }
         }
         let (outcome, ended) = match from {
@@ -285,14 +357,14 @@ impl Job {
         let Some(files) = recorder.files else { return ended };
         let status = ended.as_ref().err().map_or("done".into(), ToString::to_string);
         // What ended the run speaks first.
-        let told = files.finish().and_then(|()| job.tell(&outcome, status));
+        let told = files.finish().and_then(|()| job.tell(&outcome, warnings, status));
         ended.and(told)?;
         // The run needs them no more.
         checkpoint::clear(folder)
     }
 
     /// Writes the summary and the picture of a run, and prints its report.
-    fn tell(&self, outcome: &Outcome, status: String) -> Result<()> {
+    fn tell(&self, outcome: &Outcome, warnings: &[String], status: String) -> Result<()> {
         let Job { scene, folder, voice, .. } = self;
         let summary = Summary {
             program: env!("CARGO_PKG_NAME"),
@@ -300,11 +372,13 @@ impl Job {
             status,
             scene_hash: scene.hash(),
             effects: scene.effects(),
+            warnings,
+            opposite: simulation::opposite(scene).unwrap_or_default(),
             outcome,
             scene,
         };
         summary::write_json(&folder.join("summary.json"), &summary)?;
-        draw(folder, scene)?;
+        draw(folder, scene, &summary.opposite)?;
         voice.print(&report(scene, outcome, folder), &summary)
     }
 }
@@ -332,8 +406,8 @@ fn effects(scene: &Scene) -> String {
 }
 
 /// Draws `plots/history.svg` from `history.csv`; `rebond plot` draws the rest.
-fn draw(folder: &Path, scene: &Scene) -> Result<()> {
-    let obstacles = serde_json::to_value(scene).map(|scene| obstacles(&scene)).unwrap_or_default();
+fn draw(folder: &Path, scene: &Scene, opposite: &BTreeMap<String, Vec<f64>>) -> Result<()> {
+    let obstacles = serde_json::to_value(scene).map(|scene| obstacles(&scene, opposite)).unwrap_or_default();
     let table = history::read(folder)?;
     plot::run::history(&table, &scene.title, &obstacles).write_svg(&folder.join("plots/history.svg"))
 }

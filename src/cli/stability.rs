@@ -1,5 +1,6 @@
 //! `rebond stability`.
 
+use super::hard_scenes::HardScenes;
 use super::{json, launch, print};
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
@@ -18,8 +19,8 @@ use std::path::{Path, PathBuf};
 /// Put every method to hard scenes.
 #[derive(Debug, Args)]
 pub struct Stable {
-    /// Scene files, or folders of them
-    #[arg(value_name = "SCENES", default_value = "scenes/hard")]
+    /// Scene files, or folders of them; default: the hard scenes that come with the program
+    #[arg(value_name = "SCENES")]
     scenes: Vec<PathBuf>,
     /// Change a key of every scene, such as time.step=1e-6; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -40,8 +41,10 @@ impl Stable {
     pub(super) fn execute(&self) -> Result<()> {
         launch::one_process("stability runs")?;
         let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
+        let own = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
+        let given = self.scenes.iter().map(PathBuf::as_path);
         let mut scenes = Vec::new();
-        for path in &self.scenes {
+        for path in given.chain(own.as_ref().map(HardScenes::folder)) {
             for file in files(path)? {
                 let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
                 scenes.push((name, Scene::load(&file, &self.overrides)?));

@@ -2,11 +2,13 @@
 //!
 //! A checkpoint is a line of text (what it is, and of which version), what [`Checkpoint`] holds in postcard's format, and a CRC-32
 //! of all that, little-endian. It is whole or not there, and the two newest are kept: should the disk damage one, there is
-//! another. A run that ends removes them, so that a folder with checkpoints is that of an unfinished run.
+//! another. A run that ends removes them, so that a folder with checkpoints is that of an unfinished run, and leaves its last state
+//! in `end.state`, in the same format: a run to a later end goes on from it.
 
 use super::{remove, write_atomic};
 use crate::archive;
 use crate::error::{Error, Result};
+use crate::motion;
 use crate::scene::{MeshFile, Scene};
 use crate::simulation::Pause;
 use serde::{Deserialize, Serialize};
@@ -15,7 +17,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Number of the format: one more whenever what a checkpoint holds, or in what order, changes.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
+
+/// Name of the file of a finished run's last state.
+pub const STATE: &str = "end.state";
 
 /// How many are kept.
 const KEPT: usize = 2;
@@ -121,13 +126,37 @@ impl Checkpoint {
         earlier.iter().rev().skip(KEPT).chain(&later).try_for_each(|(_, path)| remove(path))
     }
 
+    /// Writes the last state of a run that ends.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write_state(&self, folder: &Path) -> Result<()> {
+        write_atomic(&folder.join(STATE), &self.to_bytes()?)
+    }
+
     /// The newest checkpoint of a run folder that is whole, and what is wrong with those after it.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where there is none, [`Error::Io`].
     pub fn newest(folder: &Path) -> Result<(Checkpoint, Vec<Error>)> {
+        let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
+        Checkpoint::first_whole(folder, paths)
+    }
+
+    /// As [`Checkpoint::newest`], or the last state of a finished run where there is no checkpoint.
+    ///
+    /// # Errors
+    /// As [`Checkpoint::newest`].
+    pub fn newest_or_last(folder: &Path) -> Result<(Checkpoint, Vec<Error>)> {
+        let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
+        let last = Some(folder.join(STATE)).filter(|path| path.is_file());
+        Checkpoint::first_whole(folder, paths.chain(last))
+    }
+
+    /// The first of some files that is whole, and what is wrong with those before it.
+    fn first_whole(folder: &Path, paths: impl Iterator<Item = PathBuf>) -> Result<(Checkpoint, Vec<Error>)> {
         let mut damaged = Vec::new();
-        for (_, path) in list(folder)?.into_iter().rev() {
+        for path in paths {
             let read = fs::read(&path).map_err(Error::io(&path)).and_then(|bytes| {
                 Checkpoint::from_bytes(&bytes)
                     .map_err(|why| Error::Checkpoint(format!("{}: {why}", path.display())))
@@ -137,10 +166,15 @@ impl Checkpoint {
                 Err(why) => damaged.push(why),
             }
         }
-        let folder = folder.display();
+        let (name, state) = (folder.display(), folder.join(STATE));
         Err(Error::Checkpoint(match damaged.first() {
-            Some(why) => format!("{folder}: no checkpoint to go on from; {why}"),
-            None => format!("{folder}: no checkpoint to go on from: not the folder of an unfinished run"),
+            Some(why) => format!("{name}: no checkpoint to go on from; {why}"),
+            None if state.is_file() => {
+                format!(
+                    "{name}: the run is done; `rebond resume {name} --until T` goes on to a later end, in s"
+                )
+            }
+            None => format!("{name}: no checkpoint to go on from: not the folder of an unfinished run"),
         }))
     }
 }
@@ -159,6 +193,15 @@ pub fn any(folder: &Path) -> Result<bool> {
 /// [`Error::Io`].
 pub fn clear(folder: &Path) -> Result<()> {
     list(folder)?.iter().try_for_each(|(_, path)| remove(path))
+}
+
+/// Removes the last state and motion of a finished run, if there are any.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn clear_state(folder: &Path) -> Result<()> {
+    remove(&folder.join(motion::FILE))?;
+    remove(&folder.join(STATE))
 }
 
 /// Steps and files of a folder's checkpoints, ascending; none where there is no such folder.

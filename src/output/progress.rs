@@ -1,8 +1,11 @@
-//! The line that moves on the terminal while a run goes on.
+//! How far a run has come: a line that moves on a terminal, a line at each tenth of the steps elsewhere.
 
 use super::text::{grouped, significant};
 use indicatif::{FormattedDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::Write;
 use std::ops::Range;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// Time between two drawings of the line.
@@ -11,6 +14,11 @@ const REDRAW: Duration = Duration::from_millis(100);
 const LOOK: Duration = Duration::from_millis(20);
 /// Most steps between two looks at the clock, lest the line sleep when the steps grow slow.
 const MOST_STEPS: u64 = 64;
+
+/// Lines of a run without a terminal, at equal shares of its steps; at the last of them its report follows.
+const LINES: u64 = 10;
+/// Time that a part of the set-up takes before it is told without a terminal.
+const LONG: Duration = Duration::from_secs(2);
 
 /// What the line shows of the simulation.
 #[derive(Debug, Clone, Copy)]
@@ -23,12 +31,14 @@ pub struct State {
     pub energy_ratio: f64,
 }
 
-/// A line on the terminal: time, pace, time left, nodes in contact, energy.
+/// A line on standard error: time, pace, time left, nodes in contact, energy.
 ///
-/// Silent when standard error is no terminal or when asked to be quiet, and then it costs one comparison a step.
+/// On a terminal one line moves. Elsewhere, as in a file, a line is added at each tenth of the steps, whatever the clock says, and
+/// a step costs one comparison. When asked to be quiet it is silent.
 #[derive(Debug)]
 pub struct Progress {
     line: ProgressBar,
+    steps: Range<u64>,
     span: Range<f64>,
     started: Instant,
     drawn: Instant,
@@ -37,22 +47,54 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress from `step`, at the start of the `span` of time (s), to the span's end.
-    pub fn new(step: u64, span: Range<f64>, quiet: bool) -> Self {
-        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let style = ProgressStyle::with_template("{wide_msg}").expect("the template is well-formed");
-        let line = ProgressBar::with_draw_target(None, target).with_style(style);
-        let next = if line.is_hidden() { u64::MAX } else { step };
+    /// Progress over the `steps` that remain and their `span` of time (s).
+    pub fn new(steps: Range<u64>, span: Range<f64>, quiet: bool) -> Self {
+        let line = moving_line(quiet);
         let now = Instant::now();
-        Progress { line, span, started: now, drawn: now, drawn_step: step, next }
+        let mut progress = Progress {
+            line,
+            span,
+            started: now,
+            drawn: now,
+            drawn_step: steps.start,
+            next: steps.start,
+            steps,
+        };
+        if quiet {
+            progress.next = u64::MAX;
+        } else if progress.line.is_hidden() {
+            progress.next = progress.after(progress.steps.start);
+        }
+        progress
     }
 
-    /// Tells that `step` is done; asks for the `state` only when the line is due, some ten times a second.
+    /// The first step after one at which a line is due without a terminal; never the last.
+    fn after(&self, step: u64) -> u64 {
+        let Range { start, end } = self.steps;
+        let at =
+            |line: u64| start + ((u128::from(end - start) * u128::from(line)).div_ceil(LINES.into())) as u64;
+        (1..LINES).map(at).find(|&due| due > step && due < end).unwrap_or(u64::MAX)
+    }
+
+    /// Tells that `step` is done; asks for the `state` only when the line is due: some ten times a second on a terminal.
     #[inline]
     pub fn tick(&mut self, step: u64, state: impl FnOnce() -> State) {
-        if step >= self.next && self.is_due(step) {
-            self.draw(step, &state());
+        if step >= self.next {
+            self.tell(step, state);
         }
+    }
+
+    fn tell(&mut self, step: u64, state: impl FnOnce() -> State) {
+        if !self.line.is_hidden() {
+            if self.is_due(step) {
+                let line = self.words(step, &state());
+                self.line.set_message(line);
+            }
+            return;
+        }
+        self.next = self.after(step);
+        let line = self.words(step, &state());
+        say(&line);
     }
 
     /// Removes the line.
@@ -68,12 +110,87 @@ impl Progress {
         elapsed >= REDRAW
     }
 
-    fn draw(&mut self, step: u64, state: &State) {
+    /// The words of the line, which is then the last one drawn.
+    fn words(&mut self, step: u64, state: &State) -> String {
         let now = Instant::now();
         let pace = (step - self.drawn_step) as f64 / (now - self.drawn).as_secs_f64();
         let done = ((state.time - self.span.start) / (self.span.end - self.span.start)).clamp(0.0, 1.0);
-        self.line.set_message(words(state, done, pace, now - self.started));
         (self.drawn, self.drawn_step) = (now, step);
+        words(state, done, pace, now - self.started)
+    }
+}
+
+/// A line that moves on standard error; hidden where that is no terminal, or when asked to be quiet.
+fn moving_line(quiet: bool) -> ProgressBar {
+    let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let style = ProgressStyle::with_template("{wide_msg}").expect("the template is well-formed");
+    ProgressBar::with_draw_target(None, target).with_style(style)
+}
+
+/// Writes a line to standard error, where it can be written.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
+/// What a run is busy with before its first step: at once on a terminal, elsewhere a line for each part that takes long.
+#[derive(Debug)]
+pub struct SetUp {
+    line: ProgressBar,
+    watch: Option<(Sender<&'static str>, JoinHandle<()>)>,
+}
+
+impl SetUp {
+    /// A set-up that begins; silent when asked to be quiet.
+    pub fn new(quiet: bool) -> SetUp {
+        let line = moving_line(quiet);
+        let watch = (!quiet && line.is_hidden()).then(|| {
+            let (sender, receiver) = mpsc::channel();
+            (sender, thread::spawn(move || watch(&receiver, LONG, |part| say(&set_up_line(part)))))
+        });
+        SetUp { line, watch }
+    }
+
+    /// Writes a line that stays.
+    pub fn say(&self, line: &str) {
+        if self.line.is_hidden() { say(line) } else { self.line.println(line) }
+    }
+
+    /// Tells what is being done from now on, in a word or two.
+    pub fn part(&self, part: &'static str) {
+        self.line.set_message(set_up_line(part));
+        if let Some((sender, _)) = &self.watch {
+            let _ = sender.send(part);
+        }
+    }
+}
+
+impl Drop for SetUp {
+    fn drop(&mut self) {
+        self.line.finish_and_clear();
+        if let Some((sender, thread)) = self.watch.take() {
+            drop(sender);
+            let _ = thread.join();
+        }
+    }
+}
+
+fn set_up_line(part: &str) -> String {
+    format!("setting up: {part}")
+}
+
+/// Says each part that has lasted longer than `long` when it does.
+fn watch(parts: &Receiver<&'static str>, long: Duration, mut say: impl FnMut(&'static str)) {
+    let mut present = None;
+    loop {
+        let next = match present {
+            Some(_) => parts.recv_timeout(long),
+            None => parts.recv().map_err(RecvTimeoutError::from),
+        };
+        match (next, present.take()) {
+            (Ok(part), _) => present = Some(part),
+            (Err(RecvTimeoutError::Timeout), Some(part)) => say(part),
+            (Err(_), _) => return,
+        }
     }
 }
 
@@ -111,7 +228,7 @@ mod tests {
 
     #[test]
     fn quiet_progress_never_asks_for_the_state() {
-        let mut progress = Progress::new(0, 0.0..1.0, true);
+        let mut progress = Progress::new(0..1000, 0.0..1.0, true);
         for step in 0..1000 {
             progress.tick(step, || unreachable!());
         }
@@ -120,10 +237,43 @@ mod tests {
 
     #[test]
     fn the_clock_is_read_now_and_then() {
-        let mut progress = Progress::new(0, 0.0..1.0, true);
+        let mut progress = Progress::new(0..2_000_000, 0.0..1.0, true);
         assert!(!progress.is_due(1_000_000) && progress.next == 1_000_064);
         std::thread::sleep(REDRAW);
         assert!(progress.is_due(1_000_064));
         assert!(progress.is_due(1_000_064) && progress.next > 1_000_064);
+    }
+    /// Steps at which a run without a terminal has lines.
+    fn lines(steps: Range<u64>) -> Vec<u64> {
+        let progress = Progress::new(steps.clone(), 0.0..1.0, true);
+        let next = |step: &u64| Some(progress.after(*step));
+        std::iter::successors(next(&steps.start), next).take_while(|step| *step < u64::MAX).collect()
+    }
+
+    #[test]
+    fn lines_come_by_steps_and_not_by_the_clock() {
+        assert_eq!(lines(0..1000), [100, 200, 300, 400, 500, 600, 700, 800, 900]);
+        assert_eq!(lines(100..120), [102, 104, 106, 108, 110, 112, 114, 116, 118]);
+        assert_eq!(lines(7..10), [8, 9]);
+        assert!(lines(0..1).is_empty() && lines(5..5).is_empty());
+        assert_eq!(lines(0..u64::MAX).len(), 9);
+    }
+
+    #[test]
+    fn only_long_parts_of_the_set_up_are_told() {
+        let ((to, parts), (told, said)) = (mpsc::channel(), mpsc::channel());
+        let patient = thread::spawn(move || watch(&parts, Duration::MAX, |part| panic!("{part}")));
+        ["mesh", "matrices"].iter().for_each(|part| to.send(part).unwrap());
+        drop(to);
+        patient.join().unwrap();
+        let (to, parts) = mpsc::channel();
+        let impatient =
+            thread::spawn(move || watch(&parts, Duration::from_millis(1), |part| told.send(part).unwrap()));
+        for part in ["mesh", "matrices"] {
+            to.send(part).unwrap();
+            assert_eq!(said.recv(), Ok(part));
+        }
+        drop(to);
+        impatient.join().unwrap();
     }
 }

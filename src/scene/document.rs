@@ -239,12 +239,30 @@ fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node),
     if key.split('.').any(str::is_empty) || parts(key).count() > DEEPEST_KEY {
         return Err(format!("{} is no key; {form}", quote(key)));
     }
-    let value = match DeValue::parse(value) {
+    let parsed = DeValue::parse(value);
+    if parsed.is_err()
+        && let Some(second) = second_key(value)
+    {
+        let wrong = format!("the value goes on with another key, {}", quote(second));
+        return Err(format!("{key}: {wrong}; expected one --set per key"));
+    }
+    let value = match parsed {
         Ok(parsed) => Value::new(parsed.get_ref(), &|_| place),
         Err(_) if value.starts_with(char::is_alphabetic) => Value::Text(value.to_owned()),
         Err(error) => return Err(format!("{key}: {}", syntax(&error))),
     };
     Ok((key, Node { place, value }))
+}
+
+/// The key that a value which is no TOML goes on with after a comma, as in `1,time.end=2`; a formula's comparison is none.
+fn second_key(value: &str) -> Option<&str> {
+    let is_name = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || c == '_');
+    value.split(',').skip(1).find_map(|piece| {
+        let (key, rest) = piece.split_once('=')?;
+        let key = key.trim();
+        let is_key = key.starts_with(char::is_alphabetic) && key.split('.').all(is_name);
+        (is_key && !rest.starts_with('=')).then_some(key)
+    })
 }
 
 /// What the TOML parser says, in this program's form.

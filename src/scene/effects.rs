@@ -35,10 +35,11 @@ impl Scene {
             add(damping.stiffness != 0.0, "damping by stiffness");
             add(!damping.modal.is_empty(), "modal damping");
         }
-        let Initial { static_pressure, equilibrium, deflection, velocity } = &self.initial;
+        let Initial { static_pressure, equilibrium, deflection, velocity, from } = &self.initial;
         add(*equilibrium || !static_pressure.is_zero(), "initial static deflection");
         add(!deflection.is_zero(), "initial deflection");
         add(!velocity.is_zero(), "initial velocity");
+        add(from.is_some(), "start from another run");
         if let Scheme::Newmark { restitution, .. } = self.time.scheme
             && restitution > 0.0
         {
@@ -59,7 +60,7 @@ impl Scene {
         loads.chain(heights).chain(self.motions())
     }
 
-    fn motions(&self) -> impl Iterator<Item = &Given> {
+    pub(super) fn motions(&self) -> impl Iterator<Item = &Given> {
         self.supports.iter().filter_map(|support| support.motion.as_ref())
     }
 

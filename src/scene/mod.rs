@@ -29,12 +29,14 @@ mod typed;
 mod words;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::error::{Error, Result};
 use crate::field::Condition;
 pub use crate::mesh::{Diagonal, ElementKind};
+use crate::motion::Motion;
 pub use crate::plate::Plate;
 pub use crate::scheme::Massless;
 pub use crate::space::Support as SupportKind;
@@ -277,6 +279,19 @@ pub struct Initial {
     pub deflection: Given,
     /// Upward velocity, m/s.
     pub velocity: Given,
+    /// Another run whose last deflection and velocity the plate starts with instead of all these.
+    pub from: Option<StartFrom>,
+}
+
+/// The last state of another run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StartFrom {
+    /// The run folder, as the scene writes it.
+    pub folder: String,
+    /// Where it was found.
+    pub path: String,
+    /// The state.
+    pub motion: Arc<Motion>,
 }
 
 /// The scheme and its steps.
@@ -442,6 +457,11 @@ impl Scene {
     /// As [`Scene::resolved`], with files named as they were written: it reads back as an equal scene where the scene's file is.
     pub fn written(&self) -> String {
         resolved::text(self, false)
+    }
+
+    /// The supports in a text that is the same for the same ones.
+    pub fn supports_in_words(&self) -> String {
+        format!("{:?}", self.supports)
     }
 
     /// What `rebond study` compares.

@@ -1,18 +1,21 @@
 //! From a document to a scene: one function a table, its keys in the order of the file.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use super::document::{Document, quote};
+use super::document::{Document, quote, spell};
 use super::typed::{Choice, Quantity, Range};
 use super::words::SchemeName;
 use super::{
     Ball, Damping, Diagonal, ElementKind, EngineName, Force, Foundation, Given, Grid, HISTORY_COLUMNS,
     Initial, Load, Mass, Massless, MeshFile, Obstacle, Output, Panel, Part, Plate, PointMass, Probe, Region,
-    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, Study, Support, SupportKind, Time, ViName, study,
+    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, StartFrom, Study, Support, SupportKind, Time,
+    ViName, study,
 };
 use crate::error::{Error, Result};
 use crate::field::Names;
 use crate::mesh::Point;
+use crate::motion::{self, Motion};
 use crate::plate::Orthotropy;
 
 /// The most rectangles of a mesh, after refinement.
@@ -23,6 +26,9 @@ const MOST_PARTS: u64 = 64;
 
 /// From here on, not every number of steps is a floating-point number.
 const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
+
+/// How far the end may be from a whole number of steps, relative to it: rounding of decimals.
+const WHOLE: f64 = 1e-9;
 
 const LENGTH: Quantity = Quantity::new("a length in m", Range::POSITIVE);
 const WIDTH: Quantity = Quantity::new("a width in m", Range::POSITIVE);
@@ -116,6 +122,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         solver,
     };
     check_start(doc, &scene)?;
+    check_from(doc, &scene)?;
     check_scheme(doc, &scene)?;
     Ok(scene)
 }
@@ -532,16 +539,28 @@ fn damping(doc: &Document) -> Result<Option<Damping>> {
 }
 
 fn initial(doc: &Document) -> Result<Initial> {
-    doc.allow("initial", &["static_pressure", "equilibrium", "deflection", "velocity"])?;
+    let others = ["static_pressure", "equilibrium", "deflection", "velocity"];
+    doc.allow("initial", &[&others[..], &["from"]].concat())?;
+    let from = from_run(doc)?;
+    if from.is_some() {
+        for name in others {
+            let wrong = "contradicts initial.from: the other run gives deflection and velocity";
+            doc.forbid_with("initial.from", &format!("initial.{name}"), wrong)?;
+        }
+    }
     let given = |name: &str, quantity| {
         let key = format!("initial.{name}");
+        if from.is_some() {
+            return Ok(Given::constant(&key, 0.0));
+        }
         Ok::<_, Error>(doc.given(&key, quantity, Names::XY)?.unwrap_or(Given::constant(&key, 0.0)))
     };
     let initial = Initial {
         static_pressure: given("static_pressure", &PRESSURE)?,
-        equilibrium: doc.optional_truth("initial.equilibrium")?.unwrap_or(false),
+        equilibrium: from.is_none() && doc.optional_truth("initial.equilibrium")?.unwrap_or(false),
         deflection: given("deflection", &DEFLECTION)?,
         velocity: given("velocity", &VELOCITY)?,
+        from,
     };
     if !initial.deflection.is_zero() && (initial.equilibrium || !initial.static_pressure.is_zero()) {
         let wrong = "contradicts a static start; expected either initial.deflection";
@@ -551,6 +570,27 @@ fn initial(doc: &Document) -> Result<Initial> {
         ));
     }
     Ok(initial)
+}
+
+/// The run whose last state is the start: its folder is beside the scene's file or, where there is none, where the command runs.
+fn from_run(doc: &Document) -> Result<Option<StartFrom>> {
+    let key = "initial.from";
+    if doc.get(key).is_none() {
+        return Ok(None);
+    }
+    let folder = name(doc, key, "expected the folder of a run that is done")?;
+    let beside = doc.beside(&folder);
+    let path = if Path::new(&beside).is_dir() { beside } else { folder.clone() };
+    if !Path::new(&path).join(motion::FILE).is_file() {
+        let wrong =
+            format!("{} has no {}; expected the folder of a run that is done", quote(&path), motion::FILE);
+        return Err(doc.fault(key, wrong));
+    }
+    let motion = Motion::read(Path::new(&path)).map_err(|why| match why {
+        Error::Scene(why) => doc.fault(key, why),
+        other => other,
+    })?;
+    Ok(Some(StartFrom { folder, path, motion: Arc::new(motion) }))
 }
 
 fn time(doc: &Document) -> Result<Time> {
@@ -570,7 +610,27 @@ fn time(doc: &Document) -> Result<Time> {
         let wrong = format!("{step:?} makes {:.1e} steps to {end:?} s; expected less than 2^53", end / step);
         return Err(doc.fault("time.step", wrong));
     }
+    whole_steps(doc, &time)?;
     Ok(time)
+}
+
+/// Refuses an end between two steps, and names what would fit.
+fn whole_steps(doc: &Document, time: &Time) -> Result<()> {
+    let Time { step, end, .. } = *time;
+    let steps = end / step;
+    if (steps - steps.round()).abs() <= WHOLE * steps {
+        return Ok(());
+    }
+    // Twelve digits are enough to be taken, and short where the numbers are round.
+    let tidy = |value: f64| spell(format!("{value:.11e}").parse().unwrap_or(value));
+    let counts = [steps.floor(), steps.floor() + 1.0];
+    let [long, short] = counts.map(|count| tidy(end / count));
+    let [before, after] = counts.map(|count| tidy(count * step));
+    let is_of_step = doc.is_overridden("time.step") && !doc.is_overridden("time.end");
+    let key = if is_of_step { "time.step" } else { "time.end" };
+    let wrong = format!("{end:?} s is no whole number of steps of {step:?} s, but {steps:.6} of them");
+    let expected = format!("expected time.step = {long} or {short}, or time.end = {before} or {after}");
+    Err(doc.fault(key, format!("{wrong}; {expected}")))
 }
 
 fn scheme(doc: &Document) -> Result<Scheme> {
@@ -631,6 +691,22 @@ fn massless(doc: &Document) -> Result<Massless> {
         return Err(doc.fault("time.massless", wrong));
     }
     Ok(massless)
+}
+
+/// What a state of another run does not tell.
+fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
+    let Some(StartFrom { folder, motion, .. }) = &scene.initial.from else { return Ok(()) };
+    let refuse = |what: &str| Err(doc.fault("initial.from", format!("{} {what}", quote(folder))));
+    if !scene.balls.is_empty() {
+        return refuse("tells nothing of balls; expected a scene without [[ball]]");
+    }
+    if scene.motions().next().is_some() {
+        return refuse("tells nothing of supports that move; expected a scene whose supports stand still");
+    }
+    if motion.supports != scene.supports_in_words() {
+        return refuse("is a run with other supports; expected the same [[support]]");
+    }
+    Ok(())
 }
 
 /// What schemes cannot do.
@@ -821,9 +897,9 @@ fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
 
 /// A plate that starts flat must not start beyond an obstacle.
 fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
-    let Initial { static_pressure, equilibrium, deflection, .. } = &scene.initial;
+    let Initial { static_pressure, equilibrium, deflection, from, .. } = &scene.initial;
     let moves = scene.supports.iter().any(|support| support.motion.is_some());
-    if moves || *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
+    if moves || from.is_some() || *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
         return Ok(());
     }
     for (index, Obstacle { side, height, .. }) in scene.obstacles.iter().enumerate() {

@@ -3,8 +3,8 @@
 use super::typed::Choice;
 use super::words::SchemeName;
 use super::{
-    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Probe, Region, Scene, Scheme, Solver, Stand, Study,
-    Support, Time, Value,
+    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Probe, Region, Scene, Scheme, Solver, Stand,
+    StartFrom, Study, Support, Time, Value,
 };
 use crate::field::Field;
 use crate::plate::Orthotropy;
@@ -80,13 +80,14 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
     text
 }
 
-/// What the hash of a scene is taken of: its text as written, and the values of its tables.
+/// What the hash of a scene is taken of: its text as written, the values of its tables, and the state that it starts from.
 pub(super) fn identity(scene: &Scene) -> String {
     let values = |given: &Given| match &given.value {
         Value::Table { table, .. } => format!("{table:?}\n"),
         Value::Formula(_) => String::new(),
     };
-    text(scene, false) + &scene.of_time().map(values).collect::<String>()
+    let from = scene.initial.from.as_ref().map_or(String::new(), |from| format!("{:?}\n", from.motion));
+    text(scene, false) + &scene.of_time().map(values).collect::<String>() + &from
 }
 
 /// FNV-1a, 64 bits.
@@ -190,7 +191,10 @@ fn ball(ball: &Ball) -> Vec<Row> {
 }
 
 fn initial(initial: &Initial, found: bool) -> Vec<Row> {
-    let Initial { static_pressure, equilibrium, deflection, velocity } = initial;
+    let Initial { static_pressure, equilibrium, deflection, velocity, from } = initial;
+    if let Some(StartFrom { folder, path, .. }) = from {
+        return vec![("from", string(if found { path } else { folder }), "run folder")];
+    }
     let mut rows = vec![("static_pressure", given(static_pressure, found), "Pa, upward")];
     if *equilibrium {
         rows.push(("equilibrium", "true".into(), "at rest under the loads of the first instant"));

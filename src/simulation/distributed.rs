@@ -55,6 +55,7 @@ impl Model<Distributed> {
                 "time.scheme = \"exact\" runs on the native engine, in one process".into(),
             ));
         }
+        super::phase("mesh");
         let ranks = Ranks { context, plex: None };
         let supports = |mesh: &Mesh| body::supports(scene, mesh, &ranks);
         let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
@@ -78,6 +79,7 @@ impl Model<Distributed> {
         if context.sum_count(engine.dofs()) == scene.balls.len() {
             return Err(super::nothing_free());
         }
+        super::phase("matrices");
         let body = Body::new(scene, &part.mesh, &ranks)?;
         let cells = context.together(assembly::cells(&part.mesh, &part.space, &body))?;
         let dofs = part.space.dofs();

@@ -4,15 +4,19 @@ use super::Model;
 use super::body::Team;
 use super::effects::Ground;
 use crate::archive::{self, Archive, Entry, Numbering, Numbers};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::scene::Mass;
-use crate::scheme::System;
+use crate::motion::Motion;
+use crate::scene::{Mass, Scene};
+use crate::scheme::{Scheme, System};
 use crate::space::PER_NODE;
 use serde::{Deserialize, Serialize};
 
 /// Positions nearer than this share of the plate are the same.
 const SAME: f64 = 1e-9;
+
+/// Dofs of two runs are in the same place up to this part of the plate.
+const NEAR: f64 = 1e-6;
 
 /// The whole state of a run between two steps: the scheme's and the main loop's.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -69,6 +73,58 @@ impl Places {
             Mass::Consistent => dofs.clone(),
         };
         Places { dofs, velocities }
+    }
+
+    /// Displacement and velocity of all processes' dofs, in the order of their places, on the first. Collective.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub(super) fn motion<E: Engine>(
+        &self,
+        engine: &E,
+        scene: &Scene,
+        scheme: &dyn Scheme,
+    ) -> Result<Option<Motion>> {
+        let rates = scheme.velocity();
+        let values = scheme.displacement().iter().zip(&rates);
+        let own: Vec<[f64; 5]> =
+            self.dofs.iter().zip(values).map(|(&[x, y, which], (u, v))| [x, y, which, *u, *v]).collect();
+        let part = (numbers(engine, &self.dofs)?, own);
+        let parts = engine.gather(&archive::to_bytes(&part)?)?;
+        if parts.is_empty() {
+            return Ok(None);
+        }
+        let mut dofs = Vec::new();
+        for part in &parts {
+            let (numbers, values): (Numbers, Vec<[f64; 5]>) = archive::from_bytes(part)?;
+            dofs.resize(numbers.total, [0.0; 5]);
+            numbers.own.iter().zip(values).for_each(|(&number, value)| dofs[number] = value);
+        }
+        let (step, time) = (scheme.step(), scheme.time());
+        Ok(Some(Motion { step, time, supports: scene.supports_in_words(), dofs }))
+    }
+
+    /// Displacement and velocity of this process's dofs in a motion, which all have. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] where its dofs are elsewhere, on all processes.
+    pub(super) fn start<E: Engine>(&self, engine: &E, motion: &Motion) -> Result<[Vec<f64>; 2]> {
+        let Numbers { own, total } = numbers(engine, &self.dofs)?;
+        let extent = motion.dofs.iter().fold(0.0, |extent: f64, [x, y, ..]| extent.max(x.abs()).max(y.abs()));
+        let is_there = |number: usize, [x, y, which]: [f64; 3]| {
+            let [x_there, y_there, which_there, ..] = motion.dofs[number];
+            which == which_there && (x - x_there).abs().max((y - y_there).abs()) <= NEAR * extent
+        };
+        let elsewhere = total != motion.dofs.len()
+            || own.iter().zip(&self.dofs).any(|(&number, &place)| !is_there(number, place));
+        if engine.maximum(f64::from(u8::from(elsewhere)))? > 0.0 {
+            let there = motion.dofs.len();
+            return Err(Error::Scene(format!(
+                "initial.from: a run on another mesh: its {there} free dofs are not where the {total} of this scene are; \
+                 expected the same mesh"
+            )));
+        }
+        Ok([3, 4].map(|which| own.iter().map(|&number| motion.dofs[number][which]).collect()))
     }
 
     /// The numbers of all that this process has. Collective.

@@ -84,6 +84,21 @@ pub fn constants(
     Ok(InfSup { raw, energy: split.dense(Some(&matrix)) })
 }
 
+/// A raw constant below this is a failure: reactions are lost to rounding.
+const FAILS: f64 = 1e-10;
+
+/// Whether the raw constant of some bounded dofs is lost to rounding. Where the rank of B_s stays open on a large mesh, it counts
+/// as kept.
+pub fn fails(dofs: usize, rows: &[Average], bounded: &[usize]) -> bool {
+    let split = Split::new(dofs, rows, bounded);
+    let raw = match split.raw_sparse() {
+        Ok(Some(raw)) => Some(raw),
+        _ if dofs <= DENSE_LIMIT => split.dense(None),
+        _ => None,
+    };
+    raw.is_some_and(|raw| raw < FAILS)
+}
+
 /// B with its rows scaled to unit length and its columns in two groups: the rest s, then the bounded g.
 struct Split {
     /// Place of each dof: those of s first.

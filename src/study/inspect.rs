@@ -1,6 +1,7 @@
 //! What can be said of a scene before it runs: [`inspect`] asks its matrices, [`check`] what a run will cost.
 
 use super::infsup::{self, InfSup};
+use super::warnings;
 use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
@@ -11,19 +12,21 @@ use crate::scene::{EngineName, Given, Mass, Massless, Scene, Scheme, ViName};
 use crate::scheme::{self, System, exact};
 use crate::simulation::{self, Matrices, Model};
 use serde::Serialize;
+use std::f64::consts::TAU;
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// Frequencies that an inspection and a check list.
-const INSPECTED: usize = 6;
-const CHECKED: usize = 3;
+/// Frequencies that an inspection and a check list: those of the modes that matter in free motion.
+const MODES: usize = 6;
 
-/// Steps per period of the fastest motion that matters; see [`advised_step`].
+/// Relative error of the period of the highest mode that matters with the advised step in free motion.
+const PERIOD_ERROR: f64 = 0.01;
+
+/// Advised step through impacts as a part of the first period; see [`advised_step`].
+const PART_OF_FIRST_PERIOD: f64 = 2e-4;
+
+/// Steps in the fastest period that keep the energy through impacts to 1 %; see [`energy_step`].
 const STEPS_PER_PERIOD: f64 = 20.0;
-const PART_OF_FIRST_PERIOD: f64 = 1e-6;
-
-/// An inf-sup constant (raw, where G has norm 1) below this is a failure: reactions are lost to rounding.
-const INF_SUP_FAILS: f64 = 1e-10;
 
 /// Nodes made that a check lists.
 const LISTED: usize = 10;
@@ -84,6 +87,8 @@ pub struct Inspection {
     pub inf_sup: InfSup,
     /// The [advised step](advised_step), in s.
     pub advised_step: Option<f64>,
+    /// The [step for the energy](energy_step), in s; `None` where any step keeps it, and where none does.
+    pub energy_step: Option<f64>,
     /// What will go wrong, and why.
     pub warnings: Vec<String>,
 }
@@ -119,6 +124,8 @@ pub struct Check {
     pub step: f64,
     /// The [advised step](advised_step), in s; `None` too for `exact`, which needs none.
     pub advised_step: Option<f64>,
+    /// The [step for the energy](energy_step), in s; `None` where any step keeps it, and where none does.
+    pub energy_step: Option<f64>,
     /// Whether the motion between instants is exact, so that any step will do.
     pub any_step: bool,
     /// Seconds of a step, measured on the native engine over the first ones: contact costs more.
@@ -129,37 +136,55 @@ pub struct Check {
     pub warnings: Vec<String>,
 }
 
-/// The step that resolves the motion, rounded down to 1, 2 or 5 times a power of ten.
+/// The step that keeps the motion of a scheme within 1 %, rounded down to 1, 2 or 5 times a power of ten, in s.
 ///
-/// At an impact the velocity of a contact node changes within the fastest period of the semi-discrete problem, and the energy
-/// error is a matter of steps in that period. With 20 of them and the singular mass, Newmark with e = 0 loses about half a per
-/// cent in the four impacts of CSMA 2013 and the midpoint scheme a tenth, on quadrilaterals and triangles alike, though
-/// their fastest frequencies differ by seven.
+/// *Without impacts* 1 % is the error of the period of the last of the `lowest` modes. A mode of angular frequency w has a period that
+/// is too long by (w dt)^2 / 12 of itself with the midpoint rule, which `conserving` is in free motion, and by
+/// (beta / 2 - 1/24) (w dt)^2 with Newmark's scheme.
 ///
-/// That frequency grows as h^-3, but the energy at stake does not: with a step of 1e-5 s, Newmark with e = 0 loses 0.3, 3.3, 6.5 and
-/// 7.6 per cent at the first impact on 10 x 4, 20 x 8, 40 x 16 and 80 x 32 quadrilaterals (measured). Hence a floor, a
-/// millionth of the first period. Where it holds, on fine meshes, some per cent may be lost at an impact: what is lost then
-/// falls slowly with the step (80 x 32: 10, 7.6, 4.2 per cent with 4e-5, 1e-5, 2e-6 s), and how much to pay for it is the user's choice.
-///
-/// Without obstacles nothing excites the fastest motion: the last of the `lowest` frequencies counts instead. With the consistent
-/// mass the energy lost at impacts does not vanish with the step; the rule then only resolves the motion.
-pub fn advised_step(frequencies: &Frequencies, obstacles: bool) -> Option<f64> {
+/// *With impacts* 1 % is the error of the deflection up to the second impact, relative to the largest one. On the paper's plate (10 x 4 and
+/// 20 x 8 cells of both elements, `docs/accuracy.md`) it takes steps of 1e-5 to 5e-5 s, whatever the scheme and however much faster the
+/// finer mesh's fastest motion: a fraction of the first period, of which this is one in 5000. Where 20 steps resolve the fastest
+/// motion, no shorter one is needed.
+pub fn advised_step(scheme: Scheme, frequencies: &Frequencies, impacts: bool) -> Option<f64> {
     let Frequencies { lowest, highest } = frequencies;
-    let step = if obstacles {
+    if impacts {
         let first = lowest.iter().find(|f| **f > 0.0)?;
-        (1.0 / (STEPS_PER_PERIOD * (*highest)?)).max(PART_OF_FIRST_PERIOD / first)
-    } else {
-        1.0 / (STEPS_PER_PERIOD * lowest.last().filter(|f| **f > 0.0)?)
+        return Some(round_down((1.0 / (STEPS_PER_PERIOD * (*highest)?)).max(PART_OF_FIRST_PERIOD / first)));
+    }
+    let error = match scheme {
+        Scheme::Newmark { beta, .. } => 0.5 * beta - 1.0 / 24.0,
+        Scheme::Midpoint { .. } | Scheme::Conserving | Scheme::Exact => 1.0 / 12.0,
     };
-    Some(round_down(step))
+    let last = lowest.last().filter(|f| **f > 0.0)?;
+    Some(round_down((PERIOD_ERROR / error).sqrt() / (TAU * last)))
+}
+
+/// The step from which on Newmark's scheme and the midpoint rule keep the energy to 1 % through impacts, rounded down to 1, 2 or 5
+/// times a power of ten, in s: 20 steps in the fastest period.
+///
+/// At an impact the velocity of a contact node changes within the fastest period of the semi-discrete problem. With these steps and
+/// the singular mass Newmark with e = 0 loses half a per cent in the four impacts of CSMA 2013 and the midpoint scheme a tenth, on
+/// quadrilaterals and triangles alike, though their fastest frequencies differ by seven. That frequency grows as h^-3, so that on
+/// fine meshes the step is out of reach; with 1e-5 s, Newmark with e = 0 loses 0.3, 3.3, 6.5 and 7.6 per cent at the first impact on
+/// 10 x 4, 20 x 8, 40 x 16 and 80 x 32 quadrilaterals. `conserving` keeps the energy at any step.
+pub fn energy_step(frequencies: &Frequencies) -> Option<f64> {
+    Some(round_down(1.0 / (STEPS_PER_PERIOD * frequencies.highest?)))
 }
 
 /// The advised step of a scene; none where the step is free.
-fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
+pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
     match scene.time.scheme {
         Scheme::Exact => None,
-        _ => advised_step(frequencies, scene.has_contact()),
+        scheme => advised_step(scheme, frequencies, scene.has_contact()),
     }
+}
+
+/// The [step for the energy](energy_step) of a scene; none where every step keeps it, and where none does.
+pub(super) fn energy_step_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
+    let matters = matches!(scene.time.scheme, Scheme::Newmark { .. } | Scheme::Midpoint { .. });
+    let exists = scene.time.mass == Mass::Singular && scene.has_contact();
+    if matters && exists { energy_step(frequencies) } else { None }
 }
 
 /// The largest of 1, 2, 5 times a power of ten not above a positive number.
@@ -216,12 +241,11 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let (plate_mass, mass) = (masses[..mesh.cells.len()].iter().sum(), masses.iter().sum());
     let singular = engine.averages(rows);
     let consistent = engine.form(consistent);
-    let singular = frequencies(&model, &singular, INSPECTED, is_loose);
-    let consistent = frequencies(&model, &consistent, INSPECTED, is_loose);
+    let singular = frequencies(&model, &singular, MODES, is_loose);
+    let consistent = frequencies(&model, &consistent, MODES, is_loose);
     let own = if scene.time.mass == Mass::Singular { &singular } else { &consistent };
-    let advised_step = advised_for(scene, own);
-    let mut warnings = warnings(scene, mechanism, advised_step);
-    warnings.extend(inf_sup_warning(scene, &inf_sup));
+    let (advised_step, energy_step) = (advised_for(scene, own), energy_step_for(scene, own));
+    let warnings = warnings::judged(scene, &model.warnings, Some((&model, own)));
     Ok(Inspection {
         title: scene.title.clone(),
         nodes: mesh.nodes.len(),
@@ -237,6 +261,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         singular,
         inf_sup,
         advised_step,
+        energy_step,
         warnings,
     })
 }
@@ -250,14 +275,14 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
     let (mesh, made) = simulation::mesh_and_made(scene)?;
-    let mechanism = simulation::mechanism(scene, &mesh)?;
-    let is_loose = mechanism.is_some() || !scene.balls.is_empty();
-    let frequencies = frequencies(&model, &system.mass, CHECKED, is_loose);
+    let frequencies = frequencies_of(scene, &model);
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
         system.engine.factor(&[(inertia, &system.mass), (1.0, &system.stiffness)], &[])?.entries();
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
-    let advised_step = advised_for(scene, &frequencies);
+    let (advised_step, energy_step) =
+        (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
+    let warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
     Ok(Check {
         title: scene.title.clone(),
         scene: scene.resolved(),
@@ -273,19 +298,26 @@ pub fn check(scene: &Scene) -> Result<Check> {
         steps: scene.time.steps(),
         step: scene.time.step,
         advised_step,
+        energy_step,
         any_step: scene.time.scheme == Scheme::Exact,
         seconds_per_step,
         expected_seconds: set_up + seconds_per_step * scene.time.steps() as f64,
-        warnings: warnings(scene, mechanism, advised_step),
+        warnings,
     })
 }
 
 /// The same scene on the engine that these questions are asked of.
-fn on_native_engine(scene: &Scene) -> Scene {
+pub(super) fn on_native_engine(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.solver.engine = EngineName::Native;
     scene.solver.vi = ViName::Condensed;
     scene
+}
+
+/// Frequencies with the scene's mass.
+pub(super) fn frequencies_of(scene: &Scene, model: &Model) -> Frequencies {
+    let is_loose = model.mechanism.is_some() || !scene.balls.is_empty();
+    frequencies(model, &model.system.mass, MODES, is_loose)
 }
 
 /// Empty where a mass does not see some rigid motion: then no finite frequency is defined.
@@ -350,39 +382,6 @@ fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
     NUMBER * (factor_entries + VECTORS * dofs) + cells + records
 }
 
-fn warnings(scene: &Scene, mechanism: Option<&'static str>, advised: Option<f64>) -> Vec<String> {
-    let mut warnings = Vec::new();
-    if let Some(motion) = mechanism {
-        warnings.push(format!(
-            "the supports leave the plate a mechanism: {motion}; only obstacles can hold it at rest"
-        ));
-    }
-    let consistent = scene.time.mass == Mass::Consistent;
-    let impacts = scene.has_contact();
-    if consistent && impacts {
-        warnings.push(
-            match scene.time.scheme {
-                Scheme::Midpoint { .. } => {
-                    "the midpoint scheme is unstable in contact with the consistent mass at every step: \
-                 set time.mass = \"singular\""
-                }
-                Scheme::Newmark { .. } | Scheme::Conserving | Scheme::Exact => {
-                    "with the consistent mass the energy lost at impacts does not vanish with the step: \
-                 set time.mass = \"singular\""
-                }
-            }
-            .to_owned(),
-        );
-    }
-    if let Some(advised) = advised.filter(|advised| scene.time.step > *advised) {
-        let what = if impacts { "motion at impacts" } else { "motion" };
-        let (step, advised) = (significant(scene.time.step), significant(advised));
-        warnings
-            .push(format!("time.step = {step} s is too long to follow the {what}: {advised} s is advised"));
-    }
-    warnings
-}
-
 /// A node that was moved or made, in words.
 fn told(made: &Made) -> String {
     let at = |p: Point| format!("({}, {})", significant(p.x), significant(p.y));
@@ -390,17 +389,6 @@ fn told(made: &Made) -> String {
         Some(from) => format!("{} moved from {}", at(made.at), at(from)),
         None => at(made.at),
     }
-}
-
-/// What a failed inf-sup condition means, where it matters: obstacles and the singular mass.
-fn inf_sup_warning(scene: &Scene, inf_sup: &InfSup) -> Option<String> {
-    let matters = scene.has_contact() && scene.time.mass == Mass::Singular;
-    let fails = |raw: f64| raw < INF_SUP_FAILS;
-    (matters && inf_sup.raw.is_some_and(fails)).then(|| {
-        "the inf-sup condition fails: the cells' velocities see some deflection that only an obstacle could stop, \
-         so that motion and reactions are not unique; refine the mesh or set time.mass = \"consistent\""
-            .to_owned()
-    })
 }
 
 /// `5.9655  37.71  38.444`.
@@ -451,6 +439,7 @@ impl fmt::Display for Inspection {
             report.text("inf-sup", "not computed: too near to singular for a mesh of this size");
         }
         optional(&mut report, "advised step", self.advised_step, "s");
+        optional(&mut report, "  for the energy", self.energy_step, "s");
         closing(&mut report, &self.warnings);
         report.fmt(f)
     }
@@ -475,6 +464,7 @@ impl fmt::Display for Check {
         optional(&mut report, "highest frequency", self.frequencies.highest, "Hz");
         report.number("step", self.step, "s");
         optional(&mut report, "advised step", self.advised_step, "s");
+        optional(&mut report, "  for the energy", self.energy_step, "s");
         if self.any_step {
             report.text("advised step", "any: the motion between instants is exact");
         }

@@ -8,6 +8,8 @@ pub mod infsup;
 mod inspect;
 mod matrices;
 pub mod stability;
+mod warnings;
 
-pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, inspect};
+pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, energy_step, inspect};
 pub use matrices::write_matrices;
+pub use warnings::{MOST_DOFS, warnings, warnings_apart};

@@ -31,7 +31,6 @@ fn a_run_writes_history_summary_and_picture() {
     let folder = folder("run");
     let output = rebond(&folder, &["run", "fall.toml"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).is_empty(), "no progress line without a terminal");
     let report = text(&output.stdout);
     for words in ["a short fall", "contact below", "first impact", "runs/fall"] {
         assert!(report.contains(words), "no {words:?} in:\n{report}");
@@ -46,6 +45,44 @@ fn a_run_writes_history_summary_and_picture() {
     assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10);
     let picture = std::fs::read_to_string(folder.join("runs/fall/plots/history.svg")).unwrap();
     assert!(picture.contains("<svg") && picture.contains("a short fall"));
+}
+
+/// What a check finds doubtful, a run says on standard error and keeps in its summary.
+#[test]
+fn a_run_hides_no_warning_of_its_check() {
+    let folder = folder("warnings");
+    let clamped = r#"support=[{edge="left",kind="clamped"},{edge="right",kind="clamped"},{edge="top",kind="clamped"},{edge="bottom",kind="clamped"}]"#;
+    for (settings, words) in [
+        (&["time.step=1e-2"][..], "time.step = 0.01 s"),
+        (&["time.mass=consistent"], "does not vanish with the step"),
+        (&["support=[]", "initial={ velocity = -1 }"], "nothing holds it"),
+        (
+            &["initial={ velocity = 1 }"],
+            "initial.velocity: 1.0 m/s at (0, 0), where a support holds the plate at 0; it stops the plate there at once",
+        ),
+        (
+            &["initial={ velocity = '0.1*x' }"],
+            "initial.velocity: a slope of 0.1 1/s at (0, 0), where a support holds",
+        ),
+        (&["mesh={ element = 'hct', cells = [2, 2] }", clamped], "inf-sup condition fails"),
+    ] {
+        let settings: Vec<&str> =
+            settings.iter().chain(&["time.end=0.02"]).flat_map(|set| ["--set", set]).collect();
+        let on = |command: &str, more: &[&str]| {
+            let output = rebond(&folder, &[&[command, "fall.toml"], &settings[..], more].concat());
+            command::succeeds(&output);
+            output
+        };
+        let check: serde_json::Value = serde_json::from_slice(&on("check", &["--json"]).stdout).unwrap();
+        let expected: Vec<&str> =
+            check["warnings"].as_array().unwrap().iter().map(|warning| warning.as_str().unwrap()).collect();
+        assert!(expected.iter().any(|warning| warning.contains(words)), "{words}: {expected:?}");
+        let said = text(&on("run", &[]).stderr);
+        let said: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
+        assert_eq!(said, expected);
+        assert_eq!(command::summary(&folder.join("runs/fall"))["warnings"], check["warnings"]);
+        assert!(on("run", &["--quiet"]).stderr.is_empty());
+    }
 }
 
 #[test]
@@ -224,6 +261,141 @@ fn the_exact_scheme_lists_its_events() {
     assert!(output.status.success() && !folder.join("out/events.csv").exists());
     let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
     assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
+}
+
+/// Without a terminal a run tells how far it is at each tenth of its steps, by the steps and not by a clock.
+#[test]
+fn a_run_tells_its_progress_without_a_terminal() {
+    let folder = folder("progress");
+    let said = text(&rebond(&folder, &["run", "fall.toml"]).stderr);
+    let shares: Vec<&str> =
+        said.lines().filter(|line| line.contains("steps/s")).map(|line| line[..5].trim()).collect();
+    assert_eq!(shares, ["10 %", "20 %", "30 %", "40 %", "50 %", "60 %", "70 %", "80 %", "90 %"], "{said}");
+    let json = rebond(&folder, &["run", "fall.toml", "--json"]);
+    assert!(json.status.success() && json.stderr.is_empty(), "{}", text(&json.stderr));
+}
+
+/// A wall is drawn in the phase portrait of a probe that it is opposite to, and in no other.
+#[test]
+fn phase_portraits_show_the_obstacles_of_their_own_probe() {
+    let folder = folder("phase");
+    let stop = "obstacle=[{ side = 'below', height = '-0.05*x', where = 'x > 1.1' }]";
+    let drawn = |probes: &str| {
+        let probes = format!("output.probes={probes}");
+        let ran = rebond(&folder, &["run", "fall.toml", "--quiet", "--set", stop, "--set", &probes]);
+        command::succeeds(&ran);
+        command::succeeds(&rebond(&folder, &["plot", "runs/fall"]));
+        let picture = std::fs::read_to_string(folder.join("runs/fall/plots/phase.svg")).unwrap();
+        picture.matches("obstacle").count()
+    };
+    let (tip, middle) = ("{ name = 'tip', at = [1.2, 0.2] }", "{ name = 'middle', at = [0.6, 0.2] }");
+    assert_eq!(drawn(&format!("[{middle}]")), 0);
+    assert_eq!(drawn(&format!("[{tip}]")), 1);
+    assert_eq!(drawn(&format!("[{middle}, {tip}]")), 1);
+    let opposite = &command::summary(&folder.join("runs/fall"))["opposite"];
+    assert_eq!(opposite, &serde_json::json!({ "middle": [], "tip": [-0.05 * 1.2] }));
+}
+
+#[test]
+fn a_picture_has_no_panel_without_data() {
+    let folder = folder("no-probes");
+    for (probes, panels) in [("output.probes=[]", 1), ("output.every=10", 2)] {
+        command::succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--set", probes]));
+        let picture = std::fs::read_to_string(folder.join("runs/fall/plots/history.svg")).unwrap();
+        assert!(!picture.contains("no data"));
+        assert_eq!(picture.contains("deflection"), panels == 2, "{probes}");
+    }
+}
+
+/// The hard scenes come with the program: no repository is needed.
+#[test]
+fn stability_has_scenes_of_its_own() {
+    let folder = folder("stability");
+    // A key that no scene takes stops all of them at the first: they were found.
+    assert_fails(&rebond(&folder, &["stability", "--set", "time.stop=1"]), 2, &["time.stop"]);
+    let none = rebond(&folder, &["stability", "nowhere.toml"]);
+    assert_fails(&none, 4, &["nowhere.toml"]);
+}
+
+/// A run starts from where another one ended, with whatever scheme, step, loads and obstacles.
+#[test]
+fn a_run_starts_from_another_ones_end() {
+    let folder = folder("from");
+    let run = |out: &str, settings: &[&str]| {
+        let settings: Vec<&str> = settings.iter().flat_map(|set| ["--set", set]).collect();
+        let arguments = [&["run", "fall.toml", "--quiet", "--out", out], &settings[..]].concat();
+        rebond(&folder, &arguments)
+    };
+    let rows = |out: &str| command::history(&folder.join(out));
+    let exact = "time.scheme=exact";
+    command::succeeds(&run("whole", &[exact]));
+    command::succeeds(&run("first", &[exact, "time.end=0.03"]));
+    command::succeeds(&run("second", &[exact, "time.end=0.05", "initial.from=first"]));
+    let (whole, second) = (rows("whole"), rows("second"));
+    for row in &second {
+        let same = &whole[(row[0] / 10.0) as usize + 30];
+        // The tip, and the energies.
+        for column in [10, 2, 3, 4] {
+            let scale = whole[0][if column == 10 { 10 } else { 2 }];
+            let (a, b) = (row[column], same[column]);
+            assert!((a - b).abs() <= 1e-7 * scale, "t = {}: {a} or {b}", row[1]);
+        }
+    }
+    assert!(second.iter().any(|row| row[6] > 0.0), "it touches");
+    let end = rows("first").pop().unwrap();
+    for settings in [
+        &["time.scheme=newmark", "time.step=5e-5"][..],
+        &["time.scheme=midpoint", "time.mass=consistent"],
+        &["time.scheme=conserving", "load.pressure='sin(50*t)'", "obstacle.0.height=-0.2"],
+    ] {
+        command::succeeds(&run("other", &[settings, &["initial.from=first", "time.end=0.01"]].concat()));
+        let start = &rows("other")[0];
+        assert!((start[10] - end[10]).abs() <= 1e-12, "{settings:?}");
+        assert!((start[4] - end[4]).abs() <= 1e-6 * end[4], "{settings:?}: {start:?} {end:?}");
+    }
+    for (settings, words) in [
+        (&["initial.from=nowhere"][..], "initial.from: \"nowhere\" has no end.motion"),
+        (&["initial.from=first", "mesh.cells=[5, 2]"], "initial.from: a run on another mesh"),
+        (&["initial.from=first", "support.0.kind=guided"], "other supports"),
+        (&["initial.from=first", "support.0.motion='1e-3*t^2'"], "supports that move"),
+        (&["initial.from=first", "initial.velocity=1"], "contradicts initial.from"),
+        (&["initial.from=first", "ball=[{ at = [1, 0.2], mass = 1, height = 1 }]"], "nothing of balls"),
+    ] {
+        assert_fails(&run("wrong", settings), 2, &[words]);
+    }
+    // What is damaged is not started from.
+    let file = folder.join("first/end.motion");
+    let mut bytes = std::fs::read(&file).unwrap();
+    bytes[100] ^= 1;
+    std::fs::write(&file, bytes).unwrap();
+    assert_fails(&run("wrong", &["initial.from=first"]), 2, &["first/end.motion: damaged"]);
+}
+
+/// The script says in one line what it needs.
+#[test]
+fn a_bifurcation_diagram_without_a_program_says_so() {
+    let folder = folder("bifurcation");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/bifurcation.py");
+    let run = |more: &[&str]| {
+        let arguments = ["fall.toml", "load.pressure={}", "0", "1", "1"];
+        Command::new("python3").arg(script).args(arguments).args(more).current_dir(&folder).output()
+    };
+    let Ok(output) = run(&["--rebond", "no/such/program"]) else { return };
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(!said.contains("Traceback") && said.contains("no/such/program"), "{said}");
+    let with = ["--rebond", env!("CARGO_BIN_EXE_rebond"), "--set", "time.end=0.01"];
+    for (more, words) in [
+        (&["--probe", "tip"][..], "the scene has corner"),
+        (&["--set", "output.probes=[]"], "none at all"),
+        (&["--skip", "1"], "leaves no row"),
+    ] {
+        let output = run(&[&with[..], more].concat()).unwrap();
+        let said = text(&output.stderr);
+        assert!(!output.status.success() && !said.contains("Traceback") && said.contains(words), "{said}");
+    }
+    command::succeeds(&run(&with).unwrap());
+    assert!(folder.join("runs/bifurcation.svg").exists());
 }
 
 /// What a run writes grows with the rows asked for and with its impacts, not with its steps.

@@ -1,8 +1,8 @@
 //! What is said of a scene before it runs.
 
 use crate::common::plates::close;
-use rebond::scene::Scene;
-use rebond::study::{self, Frequencies, advised_step};
+use rebond::scene::{Scene, Scheme};
+use rebond::study::{self, Frequencies, advised_step, energy_step};
 
 fn scene(figure: u32, overrides: &[&str]) -> Scene {
     let path = format!("{}/scenes/csma2013/fig{figure}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -26,8 +26,9 @@ fn the_plate_of_the_paper() {
     close("f1, consistent", inspection.consistent.lowest[0], 5.953822665, 1e-9);
     close("highest, singular", inspection.singular.highest.unwrap(), 9142.18, 1e-6);
     close("inf-sup", inspection.inf_sup.raw.unwrap(), 5.6393574385e-3, 1e-8);
+    assert_eq!(inspection.advised_step, Some(2e-5));
     // The paper's own step.
-    assert_eq!(inspection.advised_step, Some(5e-6));
+    assert_eq!(inspection.energy_step, Some(5e-6));
     assert!(inspection.warnings.is_empty() && inspection.mechanism.is_none());
 
     let report = inspection.to_string();
@@ -65,7 +66,13 @@ fn warnings_say_what_will_go_wrong() {
         let warnings = study::inspect(&scene(figure, overrides)).unwrap().warnings;
         assert!(warnings.iter().any(|warning| warning.contains(words)), "{words}: {warnings:?}");
     };
-    said(4, &["time.step=1e-3"], "5e-6 s is advised");
+    said(4, &["time.step=1e-3"], "the deflection up to the second impact to 1 %: 2e-5 s is advised");
+    said(4, &["time.step=1e-3"], "keep the energy at impacts to 1 %, which takes 5e-6 s");
+    said(
+        4,
+        &["time.step=1e-3", "obstacle=[]"],
+        "the periods of the first six modes to 1 %: 1e-4 s is advised",
+    );
     said(4, &["time.mass=\"consistent\""], "does not vanish with the step");
     said(6, &["time.mass=\"consistent\""], "unstable");
     // One free node for eight triangles, clamped all round.
@@ -80,11 +87,11 @@ fn a_check_resolves_the_scene_and_tells_its_cost() {
     assert_eq!(Scene::from_str(&check.scene, "resolved", &[]).unwrap(), scene);
     assert_eq!(check.effects, scene.effects());
     assert_eq!((check.dofs, check.steps, check.step), (150, 100_000, 5e-6));
-    assert_eq!(check.frequencies.lowest.len(), 3);
+    assert_eq!(check.frequencies.lowest.len(), 6);
     close("f1", check.frequencies.lowest[0], 5.977992778, 1e-9);
     assert!(check.factor_entries >= 150 && check.memory > 8 * check.factor_entries);
     assert!(check.expected_seconds >= 1e5 * check.seconds_per_step && check.seconds_per_step > 0.0);
-    assert_eq!(check.advised_step, Some(5e-7));
+    assert_eq!((check.advised_step, check.energy_step), (Some(2e-5), Some(5e-7)));
     let text = check.to_string();
     assert!(text.starts_with(&check.scene) && text.contains("expected time"), "{text}");
 }
@@ -96,13 +103,48 @@ fn a_check_refuses_what_a_run_would() {
     assert!(error.to_string().contains("mechanism"), "{error}");
 }
 
+const NEWMARK: Scheme = Scheme::Newmark { beta: 0.5, restitution: 0.0 };
+
 #[test]
 fn advised_steps_are_round_and_bounded() {
-    let advise =
-        |highest, obstacles| advised_step(&Frequencies { lowest: vec![0.0, 5.0, 40.0], highest }, obstacles);
-    assert_eq!(advise(Some(9142.0), true), Some(5e-6));
-    assert_eq!(advise(Some(50.0), true), Some(1e-3));
-    assert_eq!(advise(Some(1e9), true), Some(2e-7));
-    assert_eq!(advise(None, true), None);
-    assert_eq!(advise(Some(9142.0), false), Some(1e-3));
+    let frequencies = |highest| Frequencies { lowest: vec![0.0, 5.0, 40.0], highest };
+    let advise = |highest| advised_step(NEWMARK, &frequencies(highest), true);
+    // A part of the first period, however fast the fastest motion is, and no less than that takes.
+    assert_eq!(
+        [advise(Some(9142.0)), advise(Some(1e9)), advise(Some(50.0))],
+        [Some(2e-5), Some(2e-5), Some(1e-3)]
+    );
+    assert_eq!(advise(None), None);
+    let free = |scheme| advised_step(scheme, &frequencies(Some(9142.0)), false);
+    assert_eq!([free(NEWMARK), free(Scheme::Conserving)], [Some(5e-4), Some(1e-3)]);
+    assert_eq!(energy_step(&frequencies(Some(9142.0))), Some(5e-6));
+}
+
+/// The advised step is one that can be followed, and finer meshes do not shorten it; `conserving` is told nothing of the energy.
+#[test]
+fn finer_meshes_advise_the_same_step() {
+    for cells in ["mesh.cells=[5, 2]", "mesh.cells=[20, 8]", "mesh.cells=[40, 16]"] {
+        let check = study::check(&scene(4, &[cells, "time.end=1e-4"])).unwrap();
+        assert_eq!(check.advised_step, Some(2e-5), "{cells}");
+        let check = study::check(&scene(4, &[cells, "time.end=1e-4", "time.scheme=conserving"])).unwrap();
+        assert_eq!((check.advised_step, check.energy_step), (Some(2e-5), None), "{cells}");
+        assert!(check.warnings.is_empty(), "{:?}", check.warnings);
+    }
+}
+
+/// A cosine in the mode that counts has a period within 1 % with the advised step, and not with three times as long a one.
+#[test]
+fn the_advised_step_keeps_periods_to_one_per_cent() {
+    let pi = std::f64::consts::PI;
+    for (scheme, error) in [(NEWMARK, 5.0 / 24.0), (Scheme::Conserving, 1.0 / 12.0)] {
+        for highest in [40.0, 57.0, 83.0] {
+            let frequencies = Frequencies { lowest: vec![5.0, highest], highest: None };
+            let step = advised_step(scheme, &frequencies, false).unwrap();
+            let turned = 0.5 * 2.0 * pi * highest * step;
+            // The discrete frequency of Newmark's scheme: sin(w dt / 2)^2 = x^2 / (1 + 4 beta x^2), x half the exact angle.
+            let beta = 2.0 * (error + 1.0 / 24.0);
+            let period = turned / (turned / (4.0 * beta * turned * turned + 1.0).sqrt()).asin() - 1.0;
+            assert!(period < 0.0101 && period > 0.01 / 9.0, "{step}: {period}");
+        }
+    }
 }

@@ -352,6 +352,25 @@ fn with_little_room(folder: &Path, kib: usize, arguments: &[&str]) -> std::proce
         .unwrap()
 }
 
+/// A run that is done goes on to a later end, and leaves what a run to that end leaves.
+#[test]
+fn a_run_that_is_done_goes_on_to_a_later_end() {
+    for (name, overrides) in [("newmark", &[][..]), ("exact", &EXACT)] {
+        let folder = folder(&format!("until-{name}"));
+        whole(&folder, overrides);
+        let run = ["run", "fall.toml", "--quiet", "--out", "run", "--set", "time.end=0.05"];
+        succeeds(&rebond(&folder, &[&run[..], overrides].concat()));
+        assert_fails(&rebond(&folder, &["resume", "run"]), 4, &["run: the run is done", "--until T"]);
+        let until = |end: &str| rebond(&folder, &["resume", "run", "--quiet", "--until", end]);
+        assert_fails(&until("0.05"), 2, &["--until 0.05", "to 0.050000000 s", "expected a later end"]);
+        assert_fails(&until("0.100001"), 2, &["--until 0.100001", "no whole number of steps"]);
+        assert_fails(&until("soon"), 2, &["--until soon", "an end time in s"]);
+        succeeds(&until("0.1"));
+        succeeds(&until("0.2"));
+        assert_same(&folder, "run");
+    }
+}
+
 #[test]
 fn a_full_disk_loses_nothing() {
     let folder = folder("full");

@@ -1,6 +1,7 @@
 //! A run that stops and goes on leaves what it would have left without the pause, to the last bit.
 
 use rebond::Result;
+use rebond::motion::Motion;
 use rebond::output::checkpoint::{Checkpoint, Identity, Outputs};
 use rebond::scene::Scene;
 use rebond::simulation::{self, Contact, Model, NodeEvent, Observer, Outcome, Pause, Row, Seconds, Snapshot};
@@ -24,6 +25,8 @@ struct Diary {
     step: u64,
     entries: Vec<(u64, String)>,
     pauses: Vec<Pause>,
+    /// The state at the last step, and how many entries there were before it.
+    end: Option<(Pause, usize)>,
 }
 
 impl Diary {
@@ -54,6 +57,15 @@ impl Observer for Diary {
 
     fn pause(&mut self, pause: Pause) -> Result<()> {
         self.pauses.push(pause);
+        Ok(())
+    }
+
+    fn keeps_end(&self) -> bool {
+        true
+    }
+
+    fn end(&mut self, pause: Pause, _: Motion) -> Result<()> {
+        self.end = Some((pause, self.entries.len()));
         Ok(())
     }
 
@@ -111,6 +123,46 @@ fn goes_on(overrides: &[&str]) {
         );
         assert_eq!(timeless(resumed), timeless(outcome.clone()), "{overrides:?} from {}", pause.step);
     }
+}
+
+/// Runs a scene to an end, and from there to a later one: nothing tells that there was the first.
+fn goes_on_to_a_later_end(overrides: &[&str]) {
+    let all = |end: &str| scene(&[&["solver.energy_guard=1e9"], overrides, &[end]].concat());
+    let run = |scene: &Scene| {
+        let (model, mut diary) = (Model::new(scene).unwrap(), Diary::default());
+        let (outcome, ended) = simulation::run(scene, &model, &simulation::condensed, &mut diary).unwrap();
+        ended.unwrap();
+        (outcome, diary)
+    };
+    // No row is due at the first of these ends, contact may go on there, and what is close in the longer run is not in the shorter.
+    for (first, later) in [("time.end=0.006", "time.end=0.06"), ("time.end=0.05", "time.end=0.06")] {
+        let (_, short) = run(&all(first));
+        let scene = all(later);
+        let (expected, whole) = run(&scene);
+        let (pause, before) = short.end.unwrap();
+        assert!(whole.entries[..before] == short.entries[..before], "{overrides:?}");
+        let mut rest = Diary { step: pause.step, ..Diary::default() };
+        let model = Model::new(&scene).unwrap();
+        let pause = through_bytes(&pause);
+        let (outcome, ended) =
+            simulation::resume(&scene, &model, &simulation::condensed, pause, &mut rest).unwrap();
+        ended.unwrap();
+        assert!(whole.entries[before..] == rest.entries[..], "{overrides:?}: after {first}");
+        assert_eq!(timeless(outcome), timeless(expected), "{overrides:?}: after {first}");
+    }
+}
+
+#[test]
+fn a_run_that_is_done_goes_on_to_a_later_end() {
+    for scheme in ["newmark", "midpoint", "conserving", "exact"] {
+        goes_on_to_a_later_end(&[&format!("time.scheme={scheme}")]);
+    }
+    goes_on_to_a_later_end(&[
+        "load.pressure='-500 + 800 * sin(90 * t)'",
+        "obstacle.0.height='-0.02 + 0.004 * sin(70 * t + 3 * x)'",
+        "support.0.motion='0.003 * sin(50 * t)'",
+        "ball=[{ at = [0.9, 0.2], mass = 0.5, height = 0.032, velocity = -1 }]",
+    ]);
 }
 
 #[test]

@@ -316,6 +316,31 @@ fn petscs_contact_solvers_go_on_to_the_same_bytes() {
     }
 }
 
+/// Two ranks start from where one ended, and one from where two did.
+#[test]
+fn a_start_from_another_run_holds_on_any_number_of_ranks() {
+    let folder = folder("from");
+    let run = |ranks: usize, out: &str, from: &str| {
+        let from = format!("initial={{ {from} }}");
+        let arguments =
+            ["run", "fall.toml", "--quiet", "--out", out, "--set", &from, "--set", "time.end=0.02"];
+        succeeds(&on(&folder, ranks, &arguments));
+    };
+    run(1, "one", "static_pressure = 3000, velocity = '-0.5*x^2'");
+    run(1, "one-one", "from = 'one'");
+    run(2, "one-two", "from = 'one'");
+    run(2, "two", "static_pressure = 3000, velocity = '-0.5*x^2'");
+    run(1, "two-one", "from = 'two'");
+    let whole = history(&folder.join("one-one"));
+    for other in ["one-two", "two-one"] {
+        assert_agree(&history(&folder.join(other)), &whole, other);
+    }
+    // A run that is done on some ranks goes on to a later end on others.
+    succeeds(&on(&folder, 2, &["resume", "one", "--quiet", "--until", "0.03"]));
+    succeeds(&on(&folder, 1, &["resume", "two", "--quiet", "--until", "0.03"]));
+    assert_agree(&history(&folder.join("one")), &history(&folder.join("two")), "until");
+}
+
 /// State and parent of a process.
 fn state(process: u32) -> Option<(String, u32)> {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;

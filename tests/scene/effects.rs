@@ -438,7 +438,11 @@ fn errors_name_the_key() {
             "initial.deflection: ",
         ),
         (
-            "support = [{ edge = \"left\", kind = \"clamped\" }]\ninitial.deflection = \"-x\"\nobstacle = [{ side = \"below\", height = -0.5 }]",
+            "support = [{ edge = \"left\", kind = \"clamped\" }]\ninitial.deflection = \"0.1*x\"",
+            "initial.deflection: a slope of 0.1 at (0, 0), where a support holds the plate at 0",
+        ),
+        (
+            "support = [{ edge = \"left\", kind = \"clamped\" }]\ninitial.deflection = \"-x^2\"\nobstacle = [{ side = \"below\", height = -0.5 }]",
             "initial: the plate starts 5.000e-1 m beyond an obstacle",
         ),
         (

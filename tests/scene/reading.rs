@@ -296,6 +296,12 @@ fn bad_overrides_are_named() {
             "time.step.x=1",
             "--set time.step.x=1: time.step.x: found the number 0.001 before \"x\"; expected a table",
         ),
+        (
+            "time.step=1e-3,time.end=2",
+            "time.end=2: time.step: the value goes on with another key, \"time.end\"; expected one --set per key",
+        ),
+        ("time.scheme=exact, time.mass=singular", "another key, \"time.mass\"; expected one --set per key"),
+        ("title=a,title = b", "another key, \"title\"; expected one --set per key"),
         ("time=1", "--set time=1: time: found the integer 1; expected a table"),
         ("time={ mass = 3 }", "--set time={ mass = 3 }: time.scheme: missing; expected"),
         (
@@ -317,6 +323,44 @@ fn bad_overrides_are_named() {
         let message = message(MINIMAL, &first);
         assert!(message.starts_with("--set ") && message.contains(expected), "{message}\nlacks {expected:?}");
         assert!(!message.contains(char::is_control));
+    }
+}
+
+/// Commas and comparisons within a value are its own.
+#[test]
+fn a_value_with_commas_is_one_value() {
+    for value in ["a, b", "'a,b=2'", "if(x >= 1, y == 2, y <= 3)", "min(x, y), z"] {
+        read(MINIMAL, &[&format!("title={value}")]).unwrap();
+    }
+    read(MINIMAL, &["output={ every = 2, probes = [{ name = 'a', at = [1, 0] }] }"]).unwrap();
+}
+
+/// The four numbers that the message offers.
+fn offers(message: &str) -> Vec<String> {
+    let (_, expected) = message.split_once("expected ").unwrap();
+    let offer = |part: &str| {
+        let (key, values) = part.split_once(" = ").unwrap();
+        values
+            .split(" or ")
+            .map(|value| format!("{}={value}", key.trim_start_matches("or ")))
+            .collect::<Vec<_>>()
+    };
+    expected.split(", ").flat_map(offer).collect()
+}
+
+#[test]
+fn an_end_between_two_steps_is_refused_with_what_fits() {
+    let between = message(MINIMAL, &["time.step=3e-4", "time.end=0.1"]);
+    let words = "time.end: 0.1 s is no whole number of steps of 0.0003 s, but 333.333333 of them; expected time.step = \
+                 0.0003003003003 or 0.000299401197605, or time.end = 0.0999 or 0.1002";
+    assert!(between.ends_with(words), "{between}");
+    assert_eq!(offers(&between).len(), 4);
+    // Whoever changed the step alone hears of the step, whoever wrote the file of its line.
+    assert!(message(MINIMAL, &["time.step=3e-4"]).starts_with("--set time.step=3e-4: time.step: 1.0 s"));
+    let file = message(&MINIMAL.replace("end = 1", "end = 1.0005"), &[]);
+    assert!(file.starts_with("dir/my scene.toml:10:7: time.end: 1.0005 s"), "{file}");
+    for (step, end) in [("5e-6", "0.25"), ("1e-4", "0.3"), ("3.3333333333333335e-5", "1"), ("1e-3", "1e3")] {
+        read(MINIMAL, &[&format!("time.step={step}"), &format!("time.end={end}")]).unwrap();
     }
 }
 
@@ -382,6 +426,29 @@ fn the_variants_of_the_paper_are_valid() {
             let overrides: Vec<String> =
                 words.windows(2).filter(|pair| pair[0] == "--set").map(|pair| pair[1].to_owned()).collect();
             assert_ne!(Scene::load(&path, &overrides).unwrap(), Scene::load(&path, &[]).unwrap(), "{line}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Whatever step and end: a scene that is read ends on its last step, and what a refusal offers is read.
+    #[test]
+    fn runs_end_on_their_last_step(step in -7.0..0.0_f64, steps in 1.0..1e6_f64, whole in any::<bool>()) {
+        let step = 10_f64.powf(step);
+        let end = step * if whole { steps.round() } else { steps };
+        let with = |more: &str| {
+            read(MINIMAL, &[&format!("time.step={step:e}"), &format!("time.end={end:e}"), more])
+        };
+        match with("title=as it is") {
+            Ok(scene) => prop_assert!((scene.time.steps() as f64 * step - end).abs() <= 1.01e-9 * end),
+            Err(error) => {
+                prop_assert!(!whole);
+                for offer in offers(&error.to_string()) {
+                    prop_assert!(with(&offer).is_ok(), "{error}: {offer}");
+                }
+            }
         }
     }
 }

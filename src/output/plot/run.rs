@@ -15,7 +15,7 @@ const MOST_BARS: f64 = 10_000.0;
 /// A start with less than this share of the largest energy is no measure of it.
 const LEAST_START: f64 = 0.05;
 
-/// Deflection of the probes with the obstacles above, the energies over their start below.
+/// Deflection of the probes with the obstacles above, the energies over their start below; the energies alone without probes.
 pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     let times = column(table, "time");
     let probes = table.probes().enumerate();
@@ -29,7 +29,9 @@ pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
         None => Axis::linear("energy", "J"),
     };
     let energies = Panel::new(time(table), axis.with([0.0])).height(66.0).curves(energies(table));
-    Figure::new(title).panel(deflections).panel(energies)
+    let figure = Figure::new(title);
+    let figure = if table.probes().next().is_some() { figure.panel(deflections) } else { figure };
+    figure.panel(energies)
 }
 
 /// The ledger: energies, how far their sum has come from its start, and the force of the obstacles.
@@ -139,8 +141,8 @@ fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
     of_node.into_values().flatten().collect()
 }
 
-/// Velocity over deflection of each probe.
-pub fn phase(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
+/// Velocity over deflection of each probe, with the heights (m) of the obstacles opposite to it, by its name.
+pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) -> Figure {
     let times = column(table, "time");
     let panel = |(index, (name, values)): (usize, (&str, &[f64]))| {
         let rate = |i: usize| {
@@ -148,7 +150,7 @@ pub fn phase(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
             (values[b] - values[a]) / (times[b] - times[a])
         };
         let points = (0..values.len()).map(|i| [values[i], rate(i)]).collect();
-        let walls = obstacles.iter().map(|obstacle| (obstacle.height(), "obstacle"));
+        let walls = opposite.get(name).into_iter().flatten().map(|&height| (height, "obstacle"));
         let span = values.iter().copied().filter(|w| w.is_finite()).fold(0.0, |m: f64, w| m.max(w.abs()));
         let panel = Panel::new(Axis::linear("deflection", "m"), Axis::linear("velocity", "m/s"))
             .height(100.0)

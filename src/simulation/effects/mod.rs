@@ -71,6 +71,10 @@ pub(super) struct Effects<E: Engine> {
     /// The engine's deflections; the bounded ones come first, in the order of the bounds.
     pub sites: Vec<Site>,
     pub places: Places,
+    /// The rigid motions that nothing holds, in words.
+    pub mechanism: Option<&'static str>,
+    /// What is doubtful about the scene, one sentence each; the same on every process.
+    pub warnings: Vec<String>,
     /// Seconds that the static start took.
     pub seconds: f64,
 }
@@ -113,6 +117,12 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     let Ground { scene, cells, .. } = *ground;
     let attached = Attached::new(ground)?;
     let mechanism = attached.mechanism(ground);
+    let mut warnings = Vec::new();
+    if let Some(motion) = mechanism {
+        warnings.push(format!(
+            "the supports leave the plate a mechanism: {motion}; only obstacles can hold it at rest"
+        ));
+    }
     if scene.time.mass == Mass::Singular && mechanism.is_some() {
         attached.refuse_weightless(ground)?;
     }
@@ -159,7 +169,9 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     }
 
     let clock = Instant::now();
-    let start = start::start(&system, &statics, &loads, &frames, &lifts)?;
+    let places = Places::new(ground, system.engine.dofs(), attached.carried());
+    let (start, doubt) = start::start(&system, &statics, &loads, &frames, &lifts, &places)?;
+    warnings.extend(doubt);
     let seconds = clock.elapsed().as_secs_f64();
     if loads.vary() || frames.push() {
         system.drive.load = Some(Box::new(move |t, load: &mut [f64]| {
@@ -170,6 +182,5 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     if heights.vary() && !ground.team.gather(&[bounded as f64]).iter().all(|&count| count == 0.0) {
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
-    let places = Places::new(ground, system.engine.dofs(), attached.carried());
-    Ok(Effects { system, start, lifts, sites, places, seconds })
+    Ok(Effects { system, start, lifts, sites, places, mechanism, warnings, seconds })
 }

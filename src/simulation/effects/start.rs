@@ -7,10 +7,11 @@ use super::ground::{Ground, Team};
 use super::loads::Loads;
 use super::motion::{Frames, Lift};
 use crate::error::{Error, Result};
+use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scheme::{self, Start, System};
-use crate::simulation::judge;
-use crate::space::PER_NODE;
+use crate::simulation::{Places, judge};
+use crate::space::{PER_NODE, Space};
 
 /// A start counts as within the obstacles, and on its supports, to this part of the deflection.
 const BEYOND: f64 = 1e-9;
@@ -55,6 +56,7 @@ impl<T: Team> Statics<'_, T> {
                 "{key}: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
             )));
         }
+        crate::simulation::phase("static start");
         let mut load = add_up(&self.ground.pressed(&initial.static_pressure)?)?;
         frames.pull(0.0, &mut load)?;
         if initial.equilibrium {
@@ -96,26 +98,36 @@ impl<T: Team> Statics<'_, T> {
     }
 }
 
-/// The start under `[initial]`. Collective.
+/// The start under `[initial]`, and what is doubtful about it. Collective.
 pub(super) fn start<E: OfCells, T: Team>(
     system: &System<E>,
     statics: &Statics<T>,
     loads: &Loads,
     frames: &Frames,
     lifts: &[Lift],
-) -> Result<Start> {
+    places: &Places,
+) -> Result<(Start, Option<String>)> {
     let Statics { ground, attached, .. } = statics;
     let Ground { scene, space, team, .. } = **ground;
     let initial = &scene.initial;
     let engine = &system.engine;
     // Deflections are over those of the supports, velocities are not.
-    let mut velocity = space.interpolate(&team.together(ground.shape_of(&initial.velocity))?);
-    for Lift { motion, shape, .. } in lifts {
-        let rate = motion.jet(0.0)?.first;
+    let given = team.together(ground.shape_of(&initial.velocity))?;
+    let rates = lifts.iter().map(|lift| Ok(lift.motion.jet(0.0)?.first)).collect::<Result<Vec<f64>>>()?;
+    let of_supports = |dof: usize| lifts.iter().zip(&rates).map(|(lift, rate)| rate * lift.shape[dof]).sum();
+    let thrown = if initial.velocity.is_zero() { None } else { contradiction(ground, &given, of_supports) };
+    let doubt = first_of_all(team, thrown)
+        .map(|of| format!("initial.velocity: {}; it stops the plate there at once", of.words("m/s", "1/s")));
+    let mut velocity = space.interpolate(&given);
+    for (Lift { shape, .. }, rate) in lifts.iter().zip(&rates) {
         velocity.iter_mut().zip(space.interpolate(shape)).for_each(|(v, lift)| *v -= rate * lift);
     }
     let mut velocity = ground.owned(&velocity, engine.dofs());
-    let mut displacement = if initial.equilibrium || !initial.static_pressure.is_zero() {
+    let mut displacement = if let Some(from) = &initial.from {
+        let [u, v] = places.start(engine, &from.motion)?;
+        velocity = v;
+        u
+    } else if initial.equilibrium || !initial.static_pressure.is_zero() {
         statics.at_rest(system, loads, frames)?
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
@@ -139,20 +151,78 @@ pub(super) fn start<E: OfCells, T: Team>(
             "initial: the plate starts {violation:.3e} m beyond an obstacle; expected a start within all of them"
         )));
     }
-    Ok(Start { displacement, velocity })
+    Ok((Start { displacement, velocity }, doubt))
 }
 
 /// The deflection of the start, if it is such as the supports allow.
 fn on_supports<T: Team>(ground: &Ground<T>, shape: Vec<f64>) -> Result<Vec<f64>> {
-    let largest = shape.iter().step_by(PER_NODE).fold(0.0, |m: f64, w| m.max(w.abs()));
-    let w = |node: usize| shape[PER_NODE * node];
-    let torn = |&node: &usize| ground.holds[node].deflection > 0.0 && w(node).abs() > BEYOND * largest;
-    match (0..ground.holds.len()).find(torn) {
+    match contradiction(ground, &shape, |_| 0.0) {
         None => Ok(shape),
-        Some(node) => {
-            let (at, w) = (ground.mesh.nodes[node], w(node));
-            let wrong = format!("{w:?} m at ({}, {}), where a support holds the plate at 0", at.x, at.y);
-            Err(Error::Scene(format!("initial.deflection: {wrong}")))
-        }
+        Some(of) => Err(Error::Scene(format!("initial.deflection: {}", of.words("m", "")))),
     }
+}
+
+/// A place where a field that starts the motion is not what a support makes of it.
+struct Contradiction {
+    at: [f64; 2],
+    /// Whether it is the field itself; else its slope, along x or y.
+    is_value: bool,
+    given: f64,
+    held: f64,
+}
+
+impl Contradiction {
+    /// In words, with the units of the field and of its slope.
+    fn words(&self, of_value: &str, of_slope: &str) -> String {
+        let Contradiction { at: [x, y], is_value, given, held } = self;
+        let (what, unit) = if *is_value { ("", of_value) } else { ("a slope of ", of_slope) };
+        let held = if *held == 0.0 { "0".to_owned() } else { format!("{held:?} {unit}") };
+        let given = format!("{given:?} {unit}");
+        format!("{what}{} at ({x}, {y}), where a support holds the plate at {held}", given.trim_end())
+    }
+}
+
+/// The first node of this process at which a field, three numbers per node, is not what supports hold it at: itself where they hold
+/// the deflection, its slopes where they clamp.
+fn contradiction<T: Team>(
+    ground: &Ground<T>,
+    shape: &[f64],
+    of_supports: impl Fn(usize) -> f64,
+) -> Option<Contradiction> {
+    let largest = |of: fn(usize) -> bool| {
+        let chosen = shape.iter().enumerate().filter(|(dof, _)| of(dof % PER_NODE));
+        chosen.fold(0.0, |m: f64, (_, value)| m.max(value.abs()))
+    };
+    let scales = [largest(|which| which == 0), largest(|which| which > 0)];
+    let wrong = |node: usize| {
+        let held = Space::held(&ground.holds[node]);
+        let is_clamped = held.iter().all(|held| *held);
+        (0..PER_NODE).find_map(|which| {
+            let dof = PER_NODE * node + which;
+            let (given, held) = (shape[dof], of_supports(dof));
+            let is_held = if which == 0 { ground.holds[node].deflection > 0.0 } else { is_clamped };
+            let is_off = (given - held).abs() > BEYOND * scales[usize::from(which > 0)].max(held.abs());
+            let Point { coords } = ground.mesh.nodes[node];
+            (is_held && is_off).then(|| Contradiction {
+                at: coords.into(),
+                is_value: which == 0,
+                given,
+                held,
+            })
+        })
+    };
+    (0..ground.holds.len()).find_map(wrong)
+}
+
+/// The contradiction of the first process that has one. Collective.
+fn first_of_all(team: &impl Team, own: Option<Contradiction>) -> Option<Contradiction> {
+    let numbers = own.map(|of| [of.at[0], of.at[1], f64::from(u8::from(of.is_value)), of.given, of.held]);
+    let all = team.gather(numbers.as_ref().map_or(&[], |of| of));
+    let (first, _) = all.as_chunks::<5>();
+    first.first().map(|&[x, y, is_value, given, held]| Contradiction {
+        at: [x, y],
+        is_value: is_value > 0.0,
+        given,
+        held,
+    })
 }

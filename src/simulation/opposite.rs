@@ -1,0 +1,58 @@
+//! Obstacles opposite to the probes, for pictures.
+
+use super::body;
+use crate::error::Result;
+use crate::mesh::{Mesh, Point};
+use crate::scene::{Region, Scene};
+use std::collections::BTreeMap;
+
+/// Distance at which a probe is at a point or on a line, relative to the coordinates.
+const NEAR: f64 = 1e-6;
+
+/// Heights of the obstacles that stand still opposite to each probe of the plate, by its name, in m.
+///
+/// # Errors
+/// What reading a mesh and a formula says.
+pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
+    let has_group = scene.obstacles.iter().any(|obstacle| matches!(obstacle.region, Region::Group(_)));
+    let mesh = if has_group { Some(body::mesh(scene)?) } else { None };
+    let mut opposite = BTreeMap::new();
+    for probe in scene.output.probes.iter().filter(|probe| probe.ball.is_none()) {
+        let at = Point::from(probe.at);
+        let mut heights = Vec::new();
+        for obstacle in scene.obstacles.iter().filter(|obstacle| !obstacle.height.changes()) {
+            if is_in(&obstacle.region, at, mesh.as_ref())? {
+                let height = obstacle.height.at(at, 0.0)?;
+                if !heights.contains(&height) {
+                    heights.push(height);
+                }
+            }
+        }
+        opposite.insert(probe.name.clone(), heights);
+    }
+    Ok(opposite)
+}
+
+/// Whether a point lies in a region of the plate.
+fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
+    Ok(match region {
+        Region::All => true,
+        Region::Where(condition) => body::holds(condition, at, "obstacle")?,
+        Region::Group(name) => mesh.is_some_and(|mesh| {
+            let members = mesh.groups.get(name);
+            mesh.locate(at).is_some_and(|cell| members.is_some_and(|members| members.contains(&cell)))
+        }),
+        Region::At(place) => is_on([*place, *place], at),
+        Region::Line(ends) => is_on(*ends, at),
+    })
+}
+
+/// Whether a point lies on the straight line between two ends.
+fn is_on(ends: [[f64; 2]; 2], at: Point) -> bool {
+    let [from, to] = ends.map(Point::from);
+    let side = to - from;
+    let share = (at - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE);
+    let nearest = from + side * share.clamp(0.0, 1.0);
+    let scale = [from, to, at].iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
+    (at - nearest).norm() <= NEAR * scale
+}

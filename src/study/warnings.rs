@@ -1,0 +1,109 @@
+//! Warnings about a scene: one sentence for each thing that a run will do and its author may not expect.
+//!
+//! `rebond check`, `rebond inspect` and `rebond run` tell the same list, and `summary.json` keeps it. What the scene's text alone
+//! shows is said in [`of_scene`]; what only mesh, loads and formulas show is pushed to [`Model::warnings`] while the model is
+//! built; what the matrices show is said here too, from a model on the native engine.
+
+use super::infsup;
+use super::inspect::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
+use crate::linalg::{Engine, Form};
+use crate::output::text::significant;
+use crate::scene::{Mass, Scene, Scheme, Time};
+use crate::simulation::Model;
+
+/// Largest number of dofs for which a run asks frequencies and the inf-sup condition of its matrices: this takes well below
+/// a second. On finer meshes `rebond check` tells.
+pub const MOST_DOFS: usize = 20_000;
+
+/// Warnings of a model on the native engine.
+pub fn warnings(scene: &Scene, model: &Model) -> Vec<String> {
+    let is_small = model.system.engine.dofs() <= MOST_DOFS;
+    let frequencies = is_small.then(|| frequencies_of(scene, model));
+    judged(scene, &model.warnings, frequencies.as_ref().map(|frequencies| (model, frequencies)))
+}
+
+/// Warnings of a model on another engine, of so many dofs on all processes, that has `found` its own while it was built.
+///
+/// What the matrices show is asked of the native engine, in this process alone; no other process takes part.
+pub fn warnings_apart(scene: &Scene, found: &[String], dofs: usize) -> Vec<String> {
+    let native = on_native_engine(scene);
+    let model = (dofs <= MOST_DOFS).then(|| Model::new(&native).ok()).flatten();
+    let frequencies = model.as_ref().map(|model| (model, frequencies_of(&native, model)));
+    judged(scene, found, frequencies.as_ref().map(|(model, frequencies)| (*model, frequencies)))
+}
+
+/// Warnings of the scene, of what was `found` while its model was built, and of the matrices where a model and its frequencies
+/// are given.
+pub(super) fn judged(
+    scene: &Scene,
+    found: &[String],
+    matrices: Option<(&Model, &Frequencies)>,
+) -> Vec<String> {
+    let mut warnings = found.to_vec();
+    warnings.extend(of_scene(scene));
+    if let Some((model, frequencies)) = matrices {
+        warnings.extend(of_step(scene, frequencies));
+        warnings.extend(of_inf_sup(scene, model));
+    }
+    warnings
+}
+
+/// Warnings that need no more than the scene.
+fn of_scene(scene: &Scene) -> Option<String> {
+    let is_lossy = scene.time.mass == Mass::Consistent && scene.has_contact();
+    is_lossy.then(|| {
+        match scene.time.scheme {
+            Scheme::Midpoint { .. } => {
+                "the midpoint scheme is unstable in contact with the consistent mass at every step: \
+                 set time.mass = \"singular\""
+            }
+            Scheme::Newmark { .. } | Scheme::Conserving | Scheme::Exact => {
+                "with the consistent mass the energy lost at impacts does not vanish with the step: \
+                 set time.mass = \"singular\""
+            }
+        }
+        .to_owned()
+    })
+}
+
+/// A step that is too long for the motion, or for the energy.
+fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let Time { scheme, step, .. } = scene.time;
+    let is_longer = |limit: &f64| step > *limit;
+    let written = significant(step);
+    if let Some(advised) = advised_for(scene, frequencies).filter(is_longer) {
+        let what = if scene.has_contact() {
+            "the deflection up to the second impact"
+        } else {
+            "the periods of the first six modes"
+        };
+        let advised = significant(advised);
+        warnings.push(format!(
+            "time.step = {written} s is too long to keep {what} to 1 %: {advised} s is advised"
+        ));
+    }
+    if let (Some(limit), Some(highest)) =
+        (energy_step_for(scene, frequencies).filter(is_longer), frequencies.highest)
+    {
+        let (limit, highest) = (significant(limit), significant(highest));
+        warnings.push(format!(
+            "time.step = {written} s is too long for \"{}\" to keep the energy at impacts to 1 %, which takes {limit} s, for \
+             the fastest motion has {highest} Hz; time.scheme = \"conserving\" keeps it at any step",
+            scheme.name(),
+        ));
+    }
+    warnings
+}
+
+/// What a failed inf-sup condition means, where it matters: obstacles and the singular mass.
+fn of_inf_sup(scene: &Scene, model: &Model) -> Option<String> {
+    let Form::Averages(mass) = &model.system.mass else { return None };
+    let bounded = &model.system.bounds.dofs;
+    let matters = scene.has_contact() && !bounded.is_empty();
+    (matters && infsup::fails(model.system.engine.dofs(), mass.rows(), bounded)).then(|| {
+        "the inf-sup condition fails: the cells' velocities see some deflection that only an obstacle could stop, \
+         so that motion and reactions are not unique; refine the mesh or set time.mass = \"consistent\""
+            .to_owned()
+    })
+}
