@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 pub(crate) const NEAR: f64 = 1e-6;
 
 /// A node moves by this part of the shortest side around it at most.
-const FARTHEST_MOVE: f64 = 0.25;
+const FARTHEST_MOVE: f64 = 0.35;
 
 /// The least quality of a cell that is made: angles from 0.03 to 177 degrees. Right-angled needles keep the elements' accuracy (the
 /// maximum angle condition), and rounding leaves them enough digits.

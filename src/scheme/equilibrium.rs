@@ -10,8 +10,12 @@ use crate::vi::{Condensed, Step, Verdict};
 /// (some 1e-16 h^-4); the second is there for the finest meshes.
 const CORRECTIONS: usize = 2;
 
-/// Proximal steps at most.
-const MOST_STEPS: u32 = 1000;
+/// Proximal steps at most, in all and without one that halves the residual.
+const MOST_STEPS: u32 = 2000;
+const MOST_IDLE_STEPS: u32 = 200;
+
+/// An increment that is below this part of the largest one of a bounded deflection stays where it is.
+const STAYS: f64 = 1e-12;
 
 /// Relative KKT residual below which proximal steps go on only as long as each halves it.
 const CLOSE: f64 = 1e-12;
@@ -63,7 +67,7 @@ where
     let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
     let alone = [(1.0, stiffness)];
     let mut judge = Judge::new(engine, &alone)?;
-    let mut last = f64::INFINITY;
+    let (mut best, mut idle) = (f64::INFINITY, 0);
     for _ in 0..MOST_STEPS {
         let length = search.increment()?;
         let reach = search.reach()?;
@@ -71,11 +75,11 @@ where
         let Search { u, reaction, .. } = &search;
         let kkt = judge.residual(engine, &alone, &[load], bounds, length, u, reaction)?;
         search.verdict.kkt = kkt;
+        (best, idle) = if kkt < 0.5 * best { (kkt, 0) } else { (best, idle + 1) };
         // An answer as good as rounding allows gets no better.
-        if kkt.is_nan() || (kkt <= CLOSE && kkt > 0.5 * last) {
+        if kkt.is_nan() || (kkt <= CLOSE && idle > 0) || idle == MOST_IDLE_STEPS {
             break;
         }
-        last = kkt;
     }
     Ok((search.u, search.reaction, search.verdict))
 }
@@ -148,9 +152,11 @@ where
     /// How many times the last increment the deflection may go on, within the bounds, to the least energy; at least 1. Collective.
     fn reach(&self) -> Result<f64> {
         let Search { engine, x, b, left, .. } = self;
+        let largest = left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs()));
+        let stays = STAYS * engine.maximum(largest)?;
         let room = |(i, &dof): (usize, &usize)| match x[dof] {
-            x if x > 0.0 => left.upper[i] / x,
-            x if x < 0.0 => left.lower[i] / x,
+            x if x > stays => left.upper[i] / x,
+            x if x < -stays => left.lower[i] / x,
             _ => f64::INFINITY,
         };
         let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
