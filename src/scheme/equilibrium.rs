@@ -48,8 +48,10 @@ where
 /// U^T K U / 2 - F^T U within the bounds exists nevertheless. Returns U, r and what the solver reached.
 ///
 /// Proximal steps: each solves the problem with K + c H, H a positive definite form such as a mass, for the increment of U, and goes
-/// on along it, within the bounds, to the least energy. What holds back the increment vanishes with it: the limit is the
-/// equilibrium itself, judged with K alone. Of several equilibria, as of a plate that balances on a ridge, it is one near U = 0.
+/// on along it, within the bounds, to the least energy. While the same bounds bear, increments are made conjugate as in the method
+/// of conjugate gradients: rigid motions, which K + c H holds back most, take a few steps. What holds back the increment
+/// vanishes with it: the limit is the equilibrium itself, judged with K alone. Of several equilibria, as of a plate that balances
+/// on a ridge, it is one near U = 0.
 ///
 /// # Errors
 /// [`crate::Error::Singular`] where K + c H is.
@@ -67,10 +69,12 @@ where
     let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
     let alone = [(1.0, stiffness)];
     let mut judge = Judge::new(engine, &alone)?;
+    let mut last = Last::default();
     let (mut best, mut idle) = (f64::INFINITY, 0);
     for _ in 0..MOST_STEPS {
         let length = search.increment()?;
-        let reach = search.reach()?;
+        search.conjugate(&mut last)?;
+        let reach = search.reach(&mut last)?;
         search.add(reach);
         let Search { u, reaction, .. } = &search;
         let kkt = judge.residual(engine, &alone, &[load], bounds, length, u, reaction)?;
@@ -82,6 +86,19 @@ where
         }
     }
     Ok((search.u, search.reaction, search.verdict))
+}
+
+/// The increment of the step before.
+#[derive(Default)]
+struct Last {
+    increment: Vec<f64>,
+    /// K times it, and its product with that.
+    force: Vec<f64>,
+    curvature: f64,
+    /// Whether no bound ended the step.
+    is_free: bool,
+    /// Whether this step's increment was made conjugate to it.
+    is_used: bool,
 }
 
 /// A search for the equilibrium by increments, each from what the deflection so far leaves of the problem.
@@ -149,11 +166,39 @@ where
         Ok(length)
     }
 
-    /// How many times the last increment the deflection may go on, within the bounds, to the least energy; at least 1. Collective.
-    fn reach(&self) -> Result<f64> {
+    /// Largest magnitude of a bounded deflection, in m. Collective.
+    fn largest(&self, x: &[f64]) -> Result<f64> {
+        self.engine.maximum(self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs())))
+    }
+
+    /// Whether deflections that something bears on stay where they are. Collective.
+    fn bearing_stays(&self, x: &[f64]) -> Result<bool> {
+        let stays = STAYS * self.largest(x)?;
+        let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
+        let moves = self.reaction.iter().zip(&self.left.dofs).any(moves);
+        Ok(self.engine.maximum(f64::from(u8::from(moves)))? == 0.0)
+    }
+
+    /// Makes the increment conjugate to the last one, where the same bounds bear. Collective.
+    fn conjugate(&mut self, last: &mut Last) -> Result<()> {
+        let same = last.is_free && last.curvature > 0.0;
+        last.is_used = same && self.bearing_stays(&last.increment)? && self.bearing_stays(&self.x)?;
+        if last.is_used {
+            let part = self.engine.dot(&self.x, &last.force)? / last.curvature;
+            let with: Vec<f64> = self.x.iter().zip(&last.increment).map(|(x, p)| x - part * p).collect();
+            last.is_used = self.engine.dot(&self.b, &with)? > 0.0;
+            if last.is_used {
+                self.x = with;
+            }
+        }
+        Ok(())
+    }
+
+    /// How many times the increment the deflection goes, within the bounds, to the least energy; at least 1 unless it was made
+    /// conjugate, for all of an answer is within the bounds. Collective.
+    fn reach(&self, last: &mut Last) -> Result<f64> {
         let Search { engine, x, b, left, .. } = self;
-        let largest = left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs()));
-        let stays = STAYS * engine.maximum(largest)?;
+        let stays = STAYS * self.largest(x)?;
         let room = |(i, &dof): (usize, &usize)| match x[dof] {
             x if x > stays => left.upper[i] / x,
             x if x < -stays => left.lower[i] / x,
@@ -161,10 +206,17 @@ where
         };
         let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
         let room = -engine.maximum(-room)?;
-        let slope = engine.dot(b, x)?;
-        let curvature = engine.multiply(self.stiffness, x, &mut vec![0.0; x.len()])?;
-        let reach = room.min(slope / curvature);
-        Ok(if reach.is_finite() { reach.max(1.0) } else { 1.0 })
+        last.force.resize(x.len(), 0.0);
+        last.increment.clone_from(x);
+        last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;
+        let least = engine.dot(b, x)? / last.curvature;
+        last.is_free = room > least;
+        let reach = room.min(least);
+        Ok(match reach.is_finite() {
+            false => 1.0,
+            true if last.is_used => reach,
+            true => reach.max(1.0),
+        })
     }
 
     fn add(&mut self, reach: f64) {
