@@ -60,7 +60,7 @@ pub fn mesh(scene: &Scene) -> Result<Mesh> {
 /// The mesh of a scene, and the nodes that were moved or made for its obstacles and supports.
 ///
 /// # Errors
-/// As [`mesh`].
+/// As [`mesh()`].
 pub fn mesh_and_made(scene: &Scene) -> Result<(Mesh, Vec<Made>)> {
     plain_mesh(scene)?.with_nodes(&marks(scene))
 }
