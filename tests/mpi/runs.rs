@@ -335,10 +335,13 @@ fn a_start_from_another_run_holds_on_any_number_of_ranks() {
     for other in ["one-two", "two-one"] {
         assert_agree(&history(&folder.join(other)), &whole, other);
     }
-    // A run that is done on some ranks goes on to a later end on others.
-    succeeds(&on(&folder, 2, &["resume", "one", "--quiet", "--until", "0.03"]));
-    succeeds(&on(&folder, 1, &["resume", "two", "--quiet", "--until", "0.03"]));
-    assert_agree(&history(&folder.join("one")), &history(&folder.join("two")), "until");
+    // A run that is done on two ranks goes on to a later end on one.
+    let resumed = on(&folder, 1, &["resume", "two", "--quiet", "--until", "0.03"]);
+    succeeds(&resumed);
+    let start = "initial={ static_pressure = 3000, velocity = '-0.5*x^2' }";
+    let long = ["run", "fall.toml", "--quiet", "--out", "long", "--set", start, "--set", "time.end=0.03"];
+    succeeds(&on(&folder, 1, &long));
+    assert_agree(&history(&folder.join("two")), &history(&folder.join("long")), "until");
 }
 
 /// State and parent of a process.
