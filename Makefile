@@ -21,7 +21,7 @@ run: setup ## build, simulate the paper's figure 4 to the second impact, compare
 	$(call say,build)
 	@cargo build --release --locked
 	$(call say,simulate $(FIGURE) to t = 0.25 s)
-	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25
+	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25 --out runs/first
 	$(call say,compare engines and contact solvers to t = 0.06 s)
 	@$(CARGO_RUN) -- compare $(FIGURE) --set time.end=0.06 --set time.step=1e-5
 

@@ -35,7 +35,7 @@ for cells in "$@"; do
     for ranks in ${RANKS:-1 2}; do
         : >"$folder/memory"
         mpirun --oversubscribe --mca mpi_yield_when_idle 1 -n "$ranks" "${peak[@]}" "$root/target/release/rebond" \
-            run "$folder/scene.toml" --engine petsc --set "mesh.cells=[$cells]" --json --out "$folder/run" \
+            run "$folder/scene.toml" --engine petsc --set "mesh.cells=[$cells]" --json --overwrite --out "$folder/run" \
             >"$folder/summary.json"
         memory=$(awk '{ sum += $1 } END { if (NR) printf "%.0f", sum / 1024; else print "-" }' "$folder/memory")
         number() { awk -F '[:,]' -v key="\"$1\"" '$1 ~ key { printf "%s", $2; exit }' "$folder/summary.json"; }

@@ -17,7 +17,7 @@ fi
 launch=(mpirun --oversubscribe --mca mpi_yield_when_idle 1 -n "${RANKS:-2}")
 
 if [ $# -eq 0 ]; then
-    set -- "$root/scenes/csma2013/fig4.toml" --set time.step=1e-5 --set time.end=0.1
+    set -- "$root/scenes/csma2013/fig4.toml" --set time.step=1e-5 --set time.end=0.1 --out "runs/ranks"
 fi
 # Several processes choose the PETSc engine by themselves.
 exec "${launch[@]}" "$root/target/release/rebond" run "$@"

@@ -2,10 +2,12 @@
 
 use super::run::SetUpTold;
 use super::{SceneArgs, launch, refuse_petsc_options};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::output::claim;
+use crate::scene::Scene;
 use crate::study;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Validate a scene.
 #[derive(Debug, Args)]
@@ -22,6 +24,9 @@ pub struct Inspect {
     /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form, all dofs before supports
     #[arg(long, value_name = "DIR")]
     matrices: Option<PathBuf>,
+    /// Replace the matrices of another scene in that folder
+    #[arg(long, requires = "matrices")]
+    overwrite: bool,
 }
 
 impl Check {
@@ -41,6 +46,7 @@ impl Inspect {
         launch::one_process("inspect runs")?;
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
+        self.matrices.as_ref().map_or(Ok(()), |folder| self.refuse_matrices(folder, &scene))?;
         let set_up = SetUpTold::new(self.scene.voice);
         let inspection = study::inspect(&scene)?;
         drop(set_up);
@@ -48,5 +54,19 @@ impl Inspect {
             study::write_matrices(&scene, folder)?;
         }
         self.scene.voice.print(&inspection, &inspection)
+    }
+
+    /// Refuses a folder with files of others, and unless told to overwrite them the matrices of another scene.
+    fn refuse_matrices(&self, folder: &Path, scene: &Scene) -> Result<()> {
+        claim::refuse_foreign(folder, "matrices", "--matrices", |name| study::MATRICES.contains(&name))?;
+        let holds_some = study::MATRICES.iter().any(|name| folder.join(name).exists());
+        let is_same = || study::matrices_are_of(scene, folder);
+        if self.overwrite || !holds_some || is_same() {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "{} holds the matrices of another scene: --matrices DIR names another folder, --overwrite replaces them",
+            folder.display()
+        )))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{command_line, json, launch, print};
 use crate::error::Result;
+use crate::output::claim;
 use crate::study::figures;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -27,6 +28,7 @@ pub struct Figures {
 impl Figures {
     pub(super) fn execute(&self) -> Result<()> {
         launch::one_process("figures runs")?;
+        claim::refuse_foreign(&self.out, "figure", "--out", figures::is_one)?;
         let hidden = self.json || self.quiet;
         let target = if hidden { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let style =

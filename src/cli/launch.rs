@@ -35,6 +35,6 @@ pub(super) fn one_process(what: &str) -> Result<()> {
 pub fn wait_turn() {
     let rank = rank() as u64;
     if rank > 0 {
-        std::thread::sleep(Duration::from_millis(5000 + 20 * rank.min(100)));
+        std::thread::sleep(Duration::from_millis(30_000 + 20 * rank.min(100)));
     }
 }

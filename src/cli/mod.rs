@@ -20,7 +20,7 @@ use std::path::PathBuf;
 
 /// How long a rank that fails waits for the others to fail too, before it ends them.
 #[cfg(feature = "petsc")]
-const PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
+const PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
 
 /// Thin elastic plates that vibrate and hit rigid obstacles.
 #[derive(Debug, Parser)]

@@ -4,6 +4,7 @@ use super::run::Job;
 use super::{Voice, launch};
 use crate::error::{Error, Result};
 use crate::output::checkpoint::{Checkpoint, Identity};
+use crate::output::claim;
 use crate::scene::Scene;
 use crate::simulation::Pause;
 use clap::Args;
@@ -24,6 +25,7 @@ pub struct Resume {
 
 impl Resume {
     pub(super) fn execute(&self) -> Result<()> {
+        claim::refuse_running(&self.folder)?;
         let (checkpoint, damaged) = match self.until {
             None => Checkpoint::newest(&self.folder)?,
             Some(_) => Checkpoint::newest_or_last(&self.folder)?,

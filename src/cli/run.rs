@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::motion::{self, Motion};
 use crate::output::checkpoint::{self, Checkpoint, Identity, Outputs};
+use crate::output::claim::{self, Claim};
 use crate::output::contacts::{self, Contacts};
 use crate::output::events::{self, Events};
 use crate::output::history::{self, History};
@@ -13,7 +14,7 @@ use crate::output::plot;
 use crate::output::progress::{Progress, SetUp, State};
 use crate::output::text::{Report, significant};
 use crate::output::vtu::{self, Series};
-use crate::output::{Claim, summary, sweep, write_atomic};
+use crate::output::{remove, summary, sweep, write_atomic};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene::{EngineName, Scene, Scheme};
@@ -36,7 +37,7 @@ pub struct Run {
     /// Run folder; default: runs/ and the scene file's name
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Start over where the run folder is that of an unfinished run
+    /// Replace what the run folder holds of an unfinished run, or of another scene
     #[arg(long)]
     overwrite: bool,
 }
@@ -60,6 +61,8 @@ struct Summary<'s> {
     /// "done", or what ended the run early.
     status: String,
     scene_hash: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mesh_checksum: Option<u32>,
     effects: Vec<String>,
     warnings: &'s [String],
     /// Heights of the obstacles opposite to each probe, in m.
@@ -120,6 +123,8 @@ impl Files {
     fn create(Job { scene, folder, voice, .. }: &Job) -> Result<Files> {
         checkpoint::clear(folder)?;
         checkpoint::clear_state(folder)?;
+        remove(&folder.join(summary::FILE))?;
+        plot::clear(folder)?;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes)?;
         vtu::clear(folder)?;
@@ -236,15 +241,10 @@ impl Run {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
         let folder = self.folder();
-        if !self.overwrite && checkpoint::any(&folder)? {
-            let folder = folder.display();
-            return Err(Error::Usage(format!(
-                "{folder} has checkpoints of an unfinished run: `rebond resume {folder}` goes on with it, \
-                 --overwrite starts over"
-            )));
-        }
         let file = std::path::absolute(&self.scene.scene).map_err(Error::io(&self.scene.scene))?;
         let identity = Identity::of(&scene)?;
+        let resolved = serde_json::to_value(&scene).unwrap_or_default();
+        claim::refuse_results(&folder, &identity, &resolved, self.overwrite)?;
         let (voice, petsc) = (self.scene.voice, self.scene.petsc.clone());
         Job { scene, file, identity, folder, voice, petsc, from: None }.execute()
     }
@@ -265,6 +265,7 @@ impl Job {
             EngineName::Native => {
                 launch::one_process("the native engine runs")?;
                 refuse_petsc_options(&self.petsc)?;
+                let _claim = Claim::new(&self.folder, &self.identity)?;
                 self.announce("")?;
                 let set_up = SetUpTold::new(self.voice);
                 let model = Model::new(&self.scene)?;
@@ -281,6 +282,8 @@ impl Job {
         let context = Context::start(&self.petsc)?;
         let speaks = context.rank() == 0;
         let run = || {
+            let claim = speaks.then(|| Claim::new(&self.folder, &self.identity)).transpose();
+            let _claim = context.together(claim)?;
             if speaks {
                 self.announce(&format!("engine: petsc, {}\n", ranks(context.size())))?;
             }
@@ -334,9 +337,7 @@ impl Job {
             energy_ratio: 1.0,
             check_options,
         };
-        let mut _claim = None;
         if rank == 0 {
-            _claim = Some(Claim::new(folder)?);
             sweep(folder)?;
             recorder.files = Some(match &from {
                 None => Files::create(job)?,
@@ -371,28 +372,23 @@ impl Job {
             version: env!("CARGO_PKG_VERSION"),
             status,
             scene_hash: scene.hash(),
+            mesh_checksum: self.identity.mesh_checksum(),
             effects: scene.effects(),
             warnings,
             opposite: simulation::opposite(scene).unwrap_or_default(),
             outcome,
             scene,
         };
-        summary::write_json(&folder.join("summary.json"), &summary)?;
+        summary::write_json(&folder.join(summary::FILE), &summary)?;
         draw(folder, scene, &summary.opposite)?;
         voice.print(&report(scene, outcome, folder), &summary)
     }
 }
 
-/// Ends all ranks on an error of any, once those that have it too have written what they have.
+/// Ends all ranks on an error of any, once those that have it too have written what they have; rank 0 has it to say.
 #[cfg(feature = "petsc")]
 pub(super) fn ended(context: &Context, ended: Result<()>) -> Result<()> {
-    match ended {
-        Err(error) if context.size() > 1 => {
-            context.all_arrive(super::PATIENCE);
-            context.fail(&error)
-        }
-        ended => ended,
-    }
+    if context.size() > 1 { context.settle(ended, super::PATIENCE) } else { ended }
 }
 
 #[cfg(feature = "petsc")]
@@ -409,7 +405,8 @@ fn effects(scene: &Scene) -> String {
 fn draw(folder: &Path, scene: &Scene, opposite: &BTreeMap<String, Vec<f64>>) -> Result<()> {
     let obstacles = serde_json::to_value(scene).map(|scene| obstacles(&scene, opposite)).unwrap_or_default();
     let table = history::read(folder)?;
-    plot::run::history(&table, &scene.title, &obstacles).write_svg(&folder.join("plots/history.svg"))
+    plot::run::history(&table, &scene.title, &obstacles)
+        .write_svg(&folder.join(plot::FOLDER).join("history.svg"))
 }
 
 /// What a run prints when it ends.

@@ -1,7 +1,8 @@
 //! `rebond study`.
 
 use super::{SceneArgs, launch, print, refuse_petsc_options};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::output::claim;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
 #[cfg(feature = "petsc")]
@@ -28,7 +29,7 @@ pub struct Study {
     /// Folder of study.csv, study.json and plots; default: studies/ and the scene file's name
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Start anew, even where the folder holds a part of this very study
+    /// Start anew, even where the folder holds a part of this very study, or another one
     #[arg(long)]
     fresh: bool,
     /// Runs to make at once, on the native engine; their times are then marked as unreliable
@@ -142,9 +143,10 @@ impl Study {
 
     fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {
         let folder = self.folder();
-        fs::create_dir_all(&folder).map_err(crate::Error::io(&folder))?;
         let quiet = self.scene.voice.is_silent();
         let (command, hash) = (super::command_line(), scene.hash());
+        self.refuse_results(&folder, &hash)?;
+        fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         let known = match fs::read(folder.join("study.json")) {
             Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
             _ => None,
@@ -165,11 +167,29 @@ impl Study {
         Ok(())
     }
 
+    /// Refuses a folder with files that no study writes, and unless told to start anew the study of another scene.
+    fn refuse_results(&self, folder: &Path, hash: &str) -> Result<()> {
+        claim::refuse_foreign(folder, "study", "--out", |name| FILES.contains(&name))?;
+        let Ok(bytes) = fs::read(folder.join(FILES[0])) else { return Ok(()) };
+        let known: serde_json::Value = serde_json::from_slice(&bytes).unwrap_or_default();
+        if self.fresh || known["scene"] == hash {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "{} holds the study of another scene, or with other lists: --out DIR names another folder, \
+             --fresh replaces it",
+            folder.display()
+        )))
+    }
+
     fn folder(&self) -> PathBuf {
         let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
         self.out.clone().unwrap_or_else(|| Path::new("studies").join(stem()))
     }
 }
+
+/// What a study writes into its folder.
+const FILES: [&str; 3] = ["study.json", "study.csv", "plots"];
 
 /// Keeps the files up to date, so that a study that is stopped leaves what it knows.
 struct Files<'f> {

@@ -60,6 +60,17 @@ impl Identity {
         };
         Ok(Identity { scene: scene.hash(), mesh: scene.file.as_ref().map(sum).transpose()? })
     }
+
+    /// That of the scene of a finished run, from its `summary.json`.
+    pub(super) fn of_summary(summary: &serde_json::Value) -> Option<Identity> {
+        let scene = summary["scene_hash"].as_str()?.to_owned();
+        Some(Identity { scene, mesh: summary["mesh_checksum"].as_u64().map(|sum| sum as u32) })
+    }
+
+    /// Check sum (CRC-32) of the scene's mesh file, if it has one.
+    pub fn mesh_checksum(&self) -> Option<u32> {
+        self.mesh
+    }
 }
 
 /// How far the files of a run had come.
@@ -204,6 +215,16 @@ pub fn clear_state(folder: &Path) -> Result<()> {
     remove(&folder.join(STATE))
 }
 
+/// Whether a file's name is that of a checkpoint.
+pub(super) fn is_one(name: &str) -> bool {
+    step_of(name).is_some()
+}
+
+/// Step of the checkpoint with that name.
+fn step_of(name: &str) -> Option<u64> {
+    name.strip_prefix("checkpoint-")?.strip_suffix(".bin")?.parse().ok()
+}
+
 /// Steps and files of a folder's checkpoints, ascending; none where there is no such folder.
 fn list(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     let entries = match fs::read_dir(folder) {
@@ -214,8 +235,7 @@ fn list(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     for entry in entries {
         let path = entry.map_err(Error::io(folder))?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let step = name.strip_prefix("checkpoint-").and_then(|name| name.strip_suffix(".bin"));
-        if let Some(step) = step.and_then(|step| step.parse().ok()) {
+        if let Some(step) = step_of(&name) {
             found.push((step, path));
         }
     }

@@ -2,10 +2,11 @@
 //!
 //! Nothing here knows a plate, a mesh or a scheme.
 //!
-//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`events`] (`events.csv`), [`checkpoint`] (`checkpoint-*.bin`), [`vtu`]
+//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`events`] (`events.csv`), [`checkpoint`] (`checkpoint-*.bin`), [`claim`] (who may write into a folder), [`vtu`]
 //! (`fields.pvd` and its snapshots), [`summary`] (`summary.json`), [`plot`] (`plots/*.svg` and `.png`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
 
 pub mod checkpoint;
+pub mod claim;
 pub mod contacts;
 pub mod events;
 pub mod history;
@@ -18,7 +19,7 @@ pub mod vtu;
 
 use crate::error::{Error, Result};
 use std::ffi::OsString;
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -123,32 +124,6 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     })
 }
 
-/// A run folder that this process alone writes into.
-#[derive(Debug)]
-pub struct Claim {
-    /// Its history, locked: the system unlocks it whichever way the process ends.
-    _file: File,
-}
-
-impl Claim {
-    /// Claims a folder, which is created if need be.
-    ///
-    /// # Errors
-    /// [`Error::Io`], also where another process has it.
-    pub fn new(folder: &Path) -> Result<Claim> {
-        fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        let path = folder.join(history::FILE);
-        let file = File::options().create(true).append(true).open(&path).map_err(Error::io(&path))?;
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => {
-                Err(Error::io(folder)(io::Error::new(io::ErrorKind::WouldBlock, "another run writes here")))
-            }
-            // Not every file system has locks.
-            _ => Ok(Claim { _file: file }),
-        }
-    }
-}
-
 /// Removes the temporary files that killed processes have left in a folder, if there is one.
 ///
 /// # Errors
@@ -165,7 +140,7 @@ pub fn sweep(folder: &Path) -> Result<()> {
 }
 
 /// Removes a file, if it is there.
-fn remove(path: &Path) -> Result<()> {
+pub(crate) fn remove(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
         _ => Ok(()),

@@ -5,6 +5,9 @@ use crate::error::{Error, Result};
 use serde::Serialize;
 use std::path::Path;
 
+/// Name of the file in the run folder.
+pub const FILE: &str = "summary.json";
+
 /// Writes a value as indented JSON, whole or not at all (see [`write_atomic`]).
 ///
 /// JSON knows no NaN and no infinity: they become `null`.

@@ -33,7 +33,7 @@ use std::path::{Path, PathBuf};
 /// Name of the index in the run folder.
 pub const FILE: &str = "fields.pvd";
 /// Folder of the snapshots in the run folder.
-const FOLDER: &str = "fields";
+pub const FOLDER: &str = "fields";
 /// What VTK calls shapes of three and four corners.
 const TRIANGLE: u8 = 5;
 const QUADRILATERAL: u8 = 9;

@@ -12,7 +12,7 @@ use mpi::traits::{AsRaw, Communicator, CommunicatorCollectives, Root};
 use serde::{Serialize, de::DeserializeOwned};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
-use std::ffi::{CString, c_char, c_int, c_void};
+use std::ffi::{CString, c_char, c_int, c_ulong, c_void};
 use std::io::Write;
 use std::marker::PhantomData;
 use std::rc::Rc;
@@ -237,12 +237,32 @@ impl Context {
     /// Whether all ranks come here within some time. Where one does not, it waits inside a call that the others have left:
     /// nothing but [`Context::fail`] can follow. Collective.
     pub fn all_arrive(&self, within: Duration) -> bool {
+        self.arrive(Some(within))
+    }
+
+    /// The end of what each rank was to do. Where all come here and some have an error, rank 0 gets the error of the first of
+    /// them and the others end in peace: rank 0 speaks, and the launcher passes on what it says and its exit code. A rank with an
+    /// error that waits in vain for the others ends all with [`Context::fail`]. Collective.
+    ///
+    /// # Errors
+    /// The first error, on rank 0.
+    pub fn settle(&self, ended: Result<()>, patience: Duration) -> Result<()> {
+        match ended {
+            Err(error) if !self.arrive(Some(patience)) => self.fail(&error),
+            Ok(()) => self.arrive(None),
+            _ => true,
+        };
+        self.together(ended).or_else(|error| if self.rank() == 0 { Err(error) } else { Ok(()) })
+    }
+
+    /// Whether all ranks come here, within some time if one is given.
+    fn arrive(&self, within: Option<Duration>) -> bool {
         let start = Instant::now();
         let mut request = self.world.immediate_barrier();
         loop {
             match request.test() {
                 Ok(_) => return true,
-                Err(waiting) if start.elapsed() < within => request = waiting,
+                Err(waiting) if within.is_none_or(|within| start.elapsed() < within) => request = waiting,
                 Err(waiting) => {
                     std::mem::forget(waiting);
                     return false;
@@ -260,7 +280,7 @@ impl Context {
         std::thread::sleep(Duration::from_millis(if self.rank() == 0 {
             0
         } else {
-            2000 + 20 * self.rank().min(100) as u64
+            5000 + 20 * self.rank().min(100) as u64
         }));
         let place = if self.size() > 1 {
             format!(" (rank {} of {})", self.rank(), self.size())
@@ -268,6 +288,7 @@ impl Context {
             String::new()
         };
         let _ = writeln!(std::io::stderr(), "rebond: {error}{place}");
+        wait_until_read();
         self.abort(error.exit_code())
     }
 
@@ -332,10 +353,35 @@ fn abort_on_panic() {
     let before = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         before(panic);
-        let _ = std::io::stderr().flush();
+        wait_until_read();
         // SAFETY: MPI is thread-safe enough to be aborted from anywhere.
         unsafe { mpi::ffi::MPI_Abort(mpi::ffi::RSMPI_COMM_WORLD, 101) };
     }));
+}
+
+/// Waits until the launcher has read what was written to standard error: as it ends all ranks, what is still in the pipe may be
+/// lost. Known for Linux only.
+fn wait_until_read() {
+    const FIONREAD: c_ulong = 0x541B;
+    const PAUSE: Duration = Duration::from_millis(10);
+    unsafe extern "C" {
+        fn ioctl(file: c_int, request: c_ulong, ...) -> c_int;
+    }
+    let _ = std::io::stderr().flush();
+    if cfg!(not(target_os = "linux")) {
+        return;
+    }
+    for _ in 0..500 {
+        let mut waiting: c_int = 0;
+        // SAFETY: the request writes one integer; a file that is no pipe refuses.
+        let code = unsafe { ioctl(2, FIONREAD, &mut waiting as *mut c_int) };
+        if code != 0 || waiting == 0 {
+            break;
+        }
+        std::thread::sleep(PAUSE);
+    }
+    // The launcher passes it on.
+    std::thread::sleep(10 * PAUSE);
 }
 
 /// Gives BLAS and OpenMP one thread, unless the environment says how many.

@@ -158,6 +158,11 @@ impl fmt::Display for Claims {
     }
 }
 
+/// Whether a file's name is that of a figure.
+pub fn is_one(name: &str) -> bool {
+    name.starts_with("fig") && (name.ends_with(".svg") || name.ends_with(".png"))
+}
+
 /// Draws the figures into a folder, leaving out steps below `smallest`, and measures the claims.
 ///
 /// # Errors

@@ -9,7 +9,17 @@ use crate::space::PER_NODE;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Writes `K.mtx M_r.mtx M.mtx B.mtx C.mtx G.mtx F.mtx`, `nodes.csv` and `cells.csv` into a folder, which is made if need be.
+/// Names of the files of [`write_matrices`].
+pub const MATRICES: [&str; 10] =
+    ["K.mtx", "M_r.mtx", "M.mtx", "B.mtx", "C.mtx", "G.mtx", "F.mtx", "nodes.csv", "cells.csv", "scene.toml"];
+
+/// Whether a folder holds the matrices of a scene: its `scene.toml` is the resolved scene.
+pub fn matrices_are_of(scene: &Scene, folder: &Path) -> bool {
+    std::fs::read(folder.join("scene.toml")).is_ok_and(|bytes| bytes == scene.resolved().as_bytes())
+}
+
+/// Writes `K.mtx M_r.mtx M.mtx B.mtx C.mtx G.mtx F.mtx`, `nodes.csv`, `cells.csv` and `scene.toml`, the resolved scene, into a
+/// folder, which is made if need be.
 ///
 /// All dofs before supports, three a node: rows 3 n + 1 to 3 n + 3 of K are w, w_x, w_y of node n, which counts from 0 as in
 /// `nodes.csv`; the gaps of balls come last. G has a row for each free deflection that an obstacle bounds (each free one where there is no obstacle),
@@ -24,6 +34,7 @@ pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     let dofs = load.len();
     let engine = Native::new(dofs);
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
+    write_atomic(&folder.join("scene.toml"), scene.resolved().as_bytes())?;
     let write = |name: &str, size, entries| matrix_market::write(&folder.join(name), size, entries);
 
     write("K.mtx", [dofs; 2], symmetric(&engine.form(stiffness)))?;

@@ -11,5 +11,5 @@ pub mod stability;
 mod warnings;
 
 pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, energy_step, inspect};
-pub use matrices::write_matrices;
+pub use matrices::{MATRICES, matrices_are_of, write_matrices};
 pub use warnings::{MOST_DOFS, warnings, warnings_apart};

@@ -100,7 +100,7 @@ fn quiet_prints_nothing_and_json_prints_json() {
     let folder = folder("quiet");
     let output = rebond(&folder, &["run", "fall.toml", "--quiet"]);
     assert!(output.status.success() && output.stdout.is_empty() && output.stderr.is_empty());
-    let output = rebond(&folder, &["run", "fall.toml", "--json", "--set", "time.end=0.01"]);
+    let output = rebond(&folder, &["run", "fall.toml", "--json", "--overwrite", "--set", "time.end=0.01"]);
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["scene"]["time"]["end"], 0.01);
     assert_eq!(summary["first_impact"], serde_json::Value::Null);
@@ -188,6 +188,7 @@ fn an_impossible_tolerance_exits_3_and_keeps_what_was_written() {
             "run",
             "fall.toml",
             "--quiet",
+            "--overwrite",
             "--set",
             "solver.tolerance=1e-18",
             "--set",
@@ -257,7 +258,7 @@ fn the_exact_scheme_lists_its_events() {
     assert_eq!(first[4], "closes");
     assert_eq!(first[5].parse::<f64>().ok(), summary["first_impact"]["velocity"].as_f64());
     // A run that follows no events leaves none of an earlier one.
-    let output = rebond(&folder, &["run", "fall.toml", "--out", "out"]);
+    let output = rebond(&folder, &["run", "fall.toml", "--out", "out", "--overwrite"]);
     assert!(output.status.success() && !folder.join("out/events.csv").exists());
     let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
     assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
@@ -408,7 +409,7 @@ fn a_million_steps_write_small_files() {
         let scheme = format!("time.scheme={scheme}");
         let settings =
             [&scheme, "time.step=5e-6", "time.end=5", "output.every=1000", "output.checkpoint_every=1000"];
-        let mut arguments = vec!["run", fall, "--quiet", "--out", "long"];
+        let mut arguments = vec!["run", fall, "--quiet", "--overwrite", "--out", "long"];
         settings.iter().for_each(|setting| arguments.extend(["--set", setting]));
         let output = rebond(&folder, &arguments);
         assert!(output.status.success(), "{scheme}: {}", text(&output.stderr));

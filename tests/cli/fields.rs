@@ -45,7 +45,7 @@ fn assert_unreadable(output: &Output, words: &[&str]) {
     }
 }
 
-const RUN: [&str; 5] = ["run", "fall.toml", "--quiet", "--out", "run"];
+const RUN: [&str; 6] = ["run", "fall.toml", "--quiet", "--overwrite", "--out", "run"];
 
 #[test]
 fn snapshots_come_when_asked_and_agree_with_the_history() {

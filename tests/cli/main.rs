@@ -9,5 +9,6 @@ mod gallery;
 mod inspect;
 mod interrupted;
 mod output;
+mod overwriting;
 mod resume;
 mod study;

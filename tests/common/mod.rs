@@ -2,6 +2,7 @@
 //! command, ranks.
 #![allow(dead_code, unused_imports)] // Each program uses its part.
 
+pub mod clock;
 pub mod command;
 pub mod plates;
 #[cfg(feature = "petsc")]

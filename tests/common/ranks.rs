@@ -4,7 +4,6 @@
 use libtest_mimic::{Arguments, Failed, Trial};
 use rebond::Result;
 use std::process::{Command, ExitCode, Output};
-use std::time::Instant;
 
 /// Names the case to a child.
 const CASE: &str = "REBOND_PETSC_CASE";
@@ -26,7 +25,7 @@ pub struct Case {
     pub arguments: &'static [&'static str],
     pub body: Body,
     pub expect: Expect,
-    /// Seconds that it may take; beyond a minute it is left out unless asked for.
+    /// Seconds that it takes at most where nothing else runs; beyond a minute it is left out unless asked for.
     pub seconds: u32,
 }
 
@@ -68,10 +67,10 @@ fn child(mut cases: impl Iterator<Item = &'static Case>, name: &str) -> ExitCode
 
 fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
     let program = std::env::current_exe()?;
-    let start = Instant::now();
     let Output { status, stdout, stderr } = Command::new("mpirun")
         .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1"])
-        .args(["--timeout", &case.seconds.to_string(), "-n", &ranks.to_string()])
+        // Ends what hangs; a busy machine may take minutes for what takes seconds.
+        .args(["--timeout", &(15 * case.seconds).to_string(), "-n", &ranks.to_string()])
         .arg(program)
         .env(CASE, case.name)
         .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
@@ -84,12 +83,9 @@ fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
         Success if code == 0 && said.is_empty() => Ok(()),
         Success => Err(format!("exit code {code}\n{said}").into()),
         Failure(expected, text) => {
-            let seconds = start.elapsed().as_secs_f64();
             let times = said.matches(text).count();
-            if code != expected || times != 1 || seconds > 20.0 {
-                return Err(
-                    format!("exit code {code}, {times} times `{text}`, {seconds:.1} s\n{said}").into()
-                );
+            if code != expected || times != 1 {
+                return Err(format!("exit code {code}, {times} times `{text}`\n{said}").into());
             }
             Ok(())
         }

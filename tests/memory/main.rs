@@ -3,6 +3,8 @@
 use peak_alloc::PeakAlloc;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+#[path = "../common/clock.rs"]
+mod clock;
 mod gmsh;
 mod long;
 

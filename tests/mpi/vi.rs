@@ -25,7 +25,7 @@ fn folder(test: &str) -> PathBuf {
 
 /// Runs the scene on some ranks; 0 without mpirun.
 fn run(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
-    let arguments = [&["run", "fall.toml"], arguments].concat();
+    let arguments = [&["run", "fall.toml", "--overwrite"], arguments].concat();
     if ranks == 0 { rebond(folder, &arguments) } else { on(folder, ranks, &arguments) }
 }
 

@@ -23,9 +23,28 @@ mod paper;
 pub mod perspective;
 pub mod run;
 
+use super::remove;
+use crate::error::Result;
+use std::path::Path;
+
 pub use axis::Axis;
 pub use figure::{Bar, Curve, Figure, Marker, Obstacle, Panel, Ramp};
 pub use paper::{Color, Pen};
+
+/// Name of the folder of pictures in the run folder.
+pub const FOLDER: &str = "plots";
+
+/// Names of a run's pictures, without their extensions.
+pub const PICTURES: [&str; 6] = ["history", "energy", "contacts", "phase", "spectrum", "snapshots"];
+
+/// Removes the pictures of a run from its folder.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io).
+pub fn clear(folder: &Path) -> Result<()> {
+    let pictures = PICTURES.iter().flat_map(|name| [format!("{name}.svg"), format!("{name}.png")]);
+    pictures.into_iter().try_for_each(|name| remove(&folder.join(FOLDER).join(name)))
+}
 
 /// Two significant digits.
 fn short(value: f64) -> String {

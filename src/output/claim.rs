@@ -1,0 +1,277 @@
+//! The right to write into a folder: one process at a time, over nothing that somebody else may want to keep.
+//!
+//! A process that writes into a run folder holds a lock on the file `.lock` in it, which names the process and the scene. The
+//! system lets go of the lock whichever way the process ends, so that a file which is left behind without one says only
+//! which run was cut off there.
+
+use super::checkpoint::{self, Identity};
+use super::{contacts, events, history, plot, summary, vtu};
+use crate::error::{Error, Result};
+use crate::motion;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::ffi::OsStr;
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::Duration;
+
+/// The file that is locked.
+const LOCK: &str = ".lock";
+
+/// Names of the files and folders that runs write, and what is drawn from them; checkpoints aside.
+const RESULTS: [&str; 9] =
+    [history::FILE, checkpoint::STATE, motion::FILE, contacts::FILE, events::FILE, summary::FILE, vtu::FILE, vtu::FOLDER, plot::FOLDER];
+
+/// The content of the lock file.
+#[derive(Debug, Serialize, Deserialize)]
+struct Holder {
+    process: u32,
+    scene: Identity,
+}
+
+/// A run folder that this process alone writes into. Dropping it removes the lock file, and folders that were made for it and
+/// stayed empty.
+#[derive(Debug)]
+pub struct Claim {
+    path: PathBuf,
+    _file: File,
+    /// Folders that were made, the innermost first.
+    made: Vec<PathBuf>,
+}
+
+impl Claim {
+    /// Claims a folder for a run of a scene; the folder is made if need be.
+    ///
+    /// # Errors
+    /// [`Error::Io`], also where another process has it.
+    pub fn new(folder: &Path, scene: &Identity) -> Result<Claim> {
+        let made = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
+        let made = made.map(Path::to_owned).collect();
+        fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        let path = folder.join(LOCK);
+        loop {
+            let mut file = File::options()
+                .create(true)
+                .truncate(false)
+                .read(true)
+                .write(true)
+                .open(&path)
+                .map_err(Error::io(&path))?;
+            // Somebody who looks whether the folder is taken holds the lock too, for an instant.
+            let looks = std::iter::repeat_n(Duration::from_millis(20), 5);
+            let is_ours = |file: &mut File| lock(file, File::try_lock);
+            if !is_ours(&mut file) && !looks.into_iter().any(|pause| (sleep(pause), is_ours(&mut file)).1) {
+                return Err(taken(folder, &mut file));
+            }
+            // The process that had the lock removes the file as it ends: whoever waited for it holds a file without a name.
+            if !is_named(&file, &path) {
+                continue;
+            }
+            let holder = Holder { process: std::process::id(), scene: scene.clone() };
+            let text = serde_json::to_vec(&holder).unwrap_or_default();
+            file.set_len(0)
+                .and_then(|()| file.rewind())
+                .and_then(|()| file.write_all(&text))
+                .map_err(Error::io(&path))?;
+            return Ok(Claim { path, _file: file, made });
+        }
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.path);
+        for folder in &self.made {
+            // Refused where something is in it.
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// Refuses a folder that another process writes into.
+///
+/// # Errors
+/// [`Error::Io`] naming that process.
+pub fn refuse_running(folder: &Path) -> Result<()> {
+    let path = folder.join(LOCK);
+    let Ok(mut file) = File::options().read(true).open(&path) else { return Ok(()) };
+    if lock(&mut file, File::try_lock_shared) { Ok(()) } else { Err(taken(folder, &mut file)) }
+}
+
+/// Locks a file. Where the file system has no locks, the process that the file names counts, if it is alive.
+fn lock(file: &mut File, attempt: impl Fn(&File) -> std::result::Result<(), TryLockError>) -> bool {
+    match attempt(file) {
+        Ok(()) => true,
+        Err(TryLockError::WouldBlock) => false,
+        Err(TryLockError::Error(_)) => holder(file).is_none_or(|holder| {
+            holder.process == std::process::id() || !Path::new(&format!("/proc/{}", holder.process)).exists()
+        }),
+    }
+}
+
+fn holder(file: &mut File) -> Option<Holder> {
+    let mut text = String::new();
+    file.read_to_string(&mut text).ok()?;
+    serde_json::from_str(&text).ok()
+}
+
+/// Whether a file still has its name.
+#[cfg(unix)]
+fn is_named(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    matches!((file.metadata(), fs::metadata(path)), (Ok(one), Ok(other)) if one.ino() == other.ino() && one.dev() == other.dev())
+}
+
+#[cfg(not(unix))]
+fn is_named(_: &File, path: &Path) -> bool {
+    path.exists()
+}
+
+fn taken(folder: &Path, file: &mut File) -> Error {
+    let process = holder(file).map_or(String::new(), |holder| format!(" (process {})", holder.process));
+    let words = format!("another run writes here{process}: wait for its end, or choose another folder");
+    Error::io(folder)(io::Error::new(io::ErrorKind::WouldBlock, words))
+}
+
+/// Refuses to start a run where it would write over something: a run that goes on, files that no run writes, an unfinished run,
+/// and the results of another scene. The last two may be overwritten; the same scene may replace its own results.
+///
+/// # Errors
+/// [`Error::Usage`], with the remedy, and [`Error::Io`].
+pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwrite: bool) -> Result<()> {
+    refuse_running(folder)?;
+    let is_own = |name: &str| name == LOCK || RESULTS.contains(&name) || checkpoint::is_one(name);
+    refuse_foreign(folder, "run", "--out", is_own)?;
+    if overwrite {
+        return Ok(());
+    }
+    let shown = folder.display();
+    if checkpoint::any(folder)? {
+        return Err(Error::Usage(format!(
+            "{shown} has checkpoints of an unfinished run: `rebond resume {shown}` goes on with it, \
+             --overwrite starts over"
+        )));
+    }
+    let remedy = "--out DIR names another folder, --overwrite replaces them";
+    match fs::read(folder.join(summary::FILE)) {
+        Ok(bytes) => {
+            let summary: Value = serde_json::from_slice(&bytes).unwrap_or_default();
+            if Identity::of_summary(&summary).is_some_and(|of| of == *scene) {
+                return Ok(());
+            }
+            let difference = match difference(&summary["scene"], resolved, &mut String::new()) {
+                Some(difference) if summary["scene"].is_object() => format!(" ({difference})"),
+                _ => String::new(),
+            };
+            Err(Error::Usage(format!("{shown} holds the results of another scene{difference}: {remedy}")))
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            let cut_off = File::open(folder.join(LOCK)).ok().and_then(|mut file| holder(&mut file));
+            let is_same = cut_off.is_some_and(|holder| holder.scene == *scene);
+            match RESULTS.iter().find(|name| !is_same && folder.join(name).exists()) {
+                None => Ok(()),
+                Some(name) => Err(Error::Usage(format!(
+                    "{shown} holds results without a summary that would tell their scene ({name}): {remedy}"
+                ))),
+            }
+        }
+        Err(error) => Err(Error::io(folder.join(summary::FILE))(error)),
+    }
+}
+
+/// Refuses a folder with a file or folder that the command does not write there. No folder is no hindrance.
+///
+/// # Errors
+/// [`Error::Usage`] naming the first such file by name and the option that names another folder, and [`Error::Io`].
+pub fn refuse_foreign(
+    folder: &Path,
+    command: &str,
+    option: &str,
+    is_own: impl Fn(&str) -> bool,
+) -> Result<()> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(Error::io(folder))?,
+    };
+    let mut foreign = Vec::new();
+    for entry in entries {
+        let name = entry.map_err(Error::io(folder))?.file_name();
+        if !name.to_str().is_some_and(|name| is_own(name) || is_passing(name)) {
+            foreign.push(name);
+        }
+    }
+    let first = foreign.iter().min().map(|name| OsStr::to_string_lossy(name));
+    first.map_or(Ok(()), |name| {
+        Err(Error::Usage(format!(
+            "{} holds {name}, which no {command} writes: {option} DIR names another folder",
+            folder.display()
+        )))
+    })
+}
+
+/// Whether a name is that of a file that comes and goes: those of [`super::write_atomic`], and those that a network's file system
+/// keeps for files without a name.
+fn is_passing(name: &str) -> bool {
+    name.starts_with('.') && name.ends_with(".tmp") || name.starts_with(".nfs")
+}
+
+/// The first key in which two resolved scenes differ, and both values: `time.step: 1e-5 there, 5e-6 here`.
+fn difference(there: &Value, here: &Value, key: &mut String) -> Option<String> {
+    if there == here {
+        return None;
+    }
+    let parts: Option<Vec<(String, &Value, &Value)>> = match (there, here) {
+        (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
+            Some(a.iter().zip(b.values()).map(|((name, a), b)| (name.clone(), a, b)).collect())
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            Some(a.iter().zip(b).enumerate().map(|(i, (a, b))| (i.to_string(), a, b)).collect())
+        }
+        _ => None,
+    };
+    let Some(parts) = parts else {
+        let short = |value: &Value| {
+            let text = value.to_string();
+            if text.len() > 40 { "other".to_owned() } else { text }
+        };
+        let (there, here) = (short(there), short(here));
+        return Some(if there == here { key.clone() } else { format!("{key}: {there} there, {here} here") });
+    };
+    parts.into_iter().find_map(|(name, there, here)| {
+        let length = key.len();
+        if !key.is_empty() {
+            key.push('.');
+        }
+        key.push_str(&name);
+        let found = difference(there, here, key);
+        key.truncate(length);
+        found
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn the_first_key_that_differs_is_named() {
+        let one = json!({ "a": { "b": [1, 2.5] }, "c": "x" });
+        let said = |other: Value| difference(&one, &other, &mut String::new());
+        assert_eq!(said(one.clone()), None);
+        assert_eq!(
+            said(json!({ "a": { "b": [1, 3] }, "c": "x" })).as_deref(),
+            Some("a.b.1: 2.5 there, 3 here")
+        );
+        assert_eq!(
+            said(json!({ "a": { "b": [1] }, "c": "x" })).as_deref(),
+            Some("a.b: [1,2.5] there, [1] here")
+        );
+        assert_eq!(
+            said(json!({ "a": { "b": [1, 2.5] }, "c": "y" })).as_deref(),
+            Some("c: \"x\" there, \"y\" here")
+        );
+    }
+}

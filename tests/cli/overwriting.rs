@@ -1,0 +1,156 @@
+//! Nothing is written over that somebody may want to keep, unless asked to.
+
+use crate::common::command;
+use crate::common::command::{assert_fails, rebond, succeeds};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const SCENE: &str = r#"
+title = "a short fall"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [2, 2] }
+support = [{ edge = "left", kind = "clamped" }]
+initial = { static_pressure = 14600 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
+output = { every = 10, fields_every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#;
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("overwriting-{test}"), SCENE)
+}
+
+const RUN: [&str; 5] = ["run", "fall.toml", "--quiet", "--out", "run"];
+
+/// All files of a folder with their bytes.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(files(&path));
+        } else {
+            found.insert(path.clone(), fs::read(&path).unwrap());
+        }
+    }
+    found
+}
+
+/// Asserts that a command refuses, with some words, and that a folder keeps what it holds.
+fn assert_refused(folder: &Path, kept: &str, arguments: &[&str], code: i32, words: &[&str]) {
+    let before = files(&folder.join(kept));
+    assert_fails(&rebond(folder, arguments), code, words);
+    assert!(files(&folder.join(kept)) == before, "{arguments:?} changed {kept}");
+}
+
+#[test]
+fn only_the_same_scene_replaces_a_finished_run_unasked() {
+    let folder = folder("finished");
+    succeeds(&rebond(&folder, &RUN));
+    succeeds(&rebond(&folder, &["plot", "run"]));
+    // The same scene may, however its file is called.
+    fs::copy(folder.join("fall.toml"), folder.join("same.toml")).unwrap();
+    succeeds(&rebond(&folder, &["run", "same.toml", "--quiet", "--out", "run"]));
+    assert!(!folder.join("run/plots/phase.svg").exists(), "pictures of the run before are gone");
+    let other = [&RUN[..], &["--set", "time.step=2e-4"]].concat();
+    let words = [
+        "run holds the results of another scene (time.step: 0.0001 there, 0.0002 here)",
+        "--out DIR",
+        "--overwrite",
+    ];
+    assert_refused(&folder, "run", &other, 2, &words);
+    succeeds(&rebond(&folder, &[&other[..], &["--overwrite"]].concat()));
+    assert_refused(&folder, "run", &RUN, 2, &["another scene"]);
+    // Nor does a summary that cannot be read.
+    fs::write(folder.join("run/summary.json"), "{").unwrap();
+    assert_refused(&folder, "run", &other, 2, &["another scene", "--overwrite"]);
+    // Without one, nobody knows what the results are of.
+    fs::remove_file(folder.join("run/summary.json")).unwrap();
+    assert_refused(&folder, "run", &other, 2, &["results without a summary", "history.csv", "--overwrite"]);
+    succeeds(&rebond(&folder, &[&other[..], &["--overwrite"]].concat()));
+}
+
+#[test]
+fn a_changed_mesh_file_is_another_scene() {
+    let folder = folder("mesh");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh/square_41_text.msh");
+    let mesh = fs::read_to_string(data).unwrap();
+    fs::write(folder.join("plate.msh"), &mesh).unwrap();
+    let scene = "plate = { thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n\
+                 mesh.file = \"plate.msh\"\n\
+                 support = [{ edge = \"left\", kind = \"clamped\" }]\n\
+                 time = { scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 2e-3 }\n";
+    fs::write(folder.join("fall.toml"), scene).unwrap();
+    succeeds(&rebond(&folder, &RUN));
+    succeeds(&rebond(&folder, &RUN));
+    fs::write(folder.join("plate.msh"), mesh + "\n").unwrap();
+    assert_refused(&folder, "run", &RUN, 2, &["another scene"]);
+}
+
+#[test]
+fn files_of_others_are_named_and_left_alone() {
+    let folder = folder("foreign");
+    fs::create_dir_all(folder.join("mine/notes")).unwrap();
+    fs::write(folder.join("mine/thesis.tex"), "years").unwrap();
+    fs::write(folder.join("mine/history.csv"), "of Rome").unwrap();
+    for more in [&[][..], &["--overwrite"]] {
+        let run = [&["run", "fall.toml", "--out", "mine"], more].concat();
+        assert_refused(&folder, "mine", &run, 2, &["mine holds notes, which no run writes", "--out DIR"]);
+    }
+    let run = ["run", "fall.toml", "--out", "."];
+    assert_refused(&folder, ".", &run, 2, &[". holds fall.toml, which no run writes"]);
+    let figures = ["figures", "--out", "mine"];
+    assert_refused(&folder, "mine", &figures, 2, &["mine holds history.csv, which no figure writes"]);
+    let study = ["study", "fall.toml", "--out", "mine"];
+    assert_refused(
+        &folder,
+        "mine",
+        &study,
+        2,
+        &["mine holds history.csv, which no study writes", "--out DIR"],
+    );
+    let inspect = ["inspect", "fall.toml", "--matrices", "mine"];
+    assert_refused(
+        &folder,
+        "mine",
+        &inspect,
+        2,
+        &["mine holds history.csv, which no matrices", "--matrices DIR"],
+    );
+}
+
+#[test]
+fn matrices_of_another_scene_are_kept() {
+    let folder = folder("matrices");
+    let inspect = ["inspect", "fall.toml", "--quiet", "--matrices", "out"];
+    succeeds(&rebond(&folder, &inspect));
+    succeeds(&rebond(&folder, &inspect));
+    let other = [&inspect[..], &["--set", "plate.thickness=0.02"]].concat();
+    assert_refused(&folder, "out", &other, 2, &["out holds the matrices of another scene", "--overwrite"]);
+    succeeds(&rebond(&folder, &[&other[..], &["--overwrite"]].concat()));
+}
+
+#[test]
+fn the_study_of_another_scene_is_kept() {
+    let folder = folder("study");
+    let more =
+        ["--schemes", "newmark", "--masses", "singular", "--steps", "2e-4,1e-4", "--repeat", "1", "--quiet"];
+    let study = [&["study", "fall.toml", "--out", "out", "--set", "time.end=4e-3"], &more[..]].concat();
+    succeeds(&rebond(&folder, &study));
+    succeeds(&rebond(&folder, &study));
+    let other = [&study[..], &["--set", "plate.thickness=0.02"]].concat();
+    assert_refused(&folder, "out", &other, 2, &["out holds the study of another scene", "--fresh"]);
+    succeeds(&rebond(&folder, &[&other[..], &["--fresh"]].concat()));
+}
+
+#[test]
+fn a_refusal_leaves_no_folder_and_resume_no_history() {
+    let folder = folder("traces");
+    let run = ["run", "fall.toml", "--out", "some/where", "--set", "support=[]"];
+    assert_fails(&rebond(&folder, &run), 2, &["static_pressure"]);
+    assert!(!folder.join("some").exists());
+    assert_fails(&rebond(&folder, &["resume", "some"]), 4, &["some: no checkpoint"]);
+    fs::create_dir(folder.join("empty")).unwrap();
+    assert_refused(&folder, "empty", &["resume", "empty"], 4, &["empty: no checkpoint"]);
+    assert!(!folder.join("some").exists() && files(&folder.join("empty")).is_empty());
+}
