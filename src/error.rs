@@ -19,6 +19,9 @@ pub enum Error {
     /// The structure or its discretisation has no unique answer (a mechanism, a singular matrix).
     #[error("{0}")]
     Singular(String),
+    /// Work that takes more memory than the machine and its limits leave. The message has both figures and what would fit.
+    #[error("{0}")]
+    Memory(String),
     /// A step whose solution does not meet the tolerance.
     #[error(
         "step {step}, t = {time:.9} s: the contact solver reached a relative KKT residual of {residual:.1e}, asked for {tolerance:.1e}"
@@ -117,7 +120,7 @@ impl Error {
     /// 130 interrupted.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) => 2,
+            Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) | Error::Memory(_) => 2,
             Error::NotConverged { .. }
             | Error::NotFinite { .. }
             | Error::Events { .. }

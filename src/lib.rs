@@ -10,6 +10,7 @@
 //! | module | is |
 //! |---|---|
 //! | [`error`] | the one error type and its exit codes |
+//! | [`memory`] | what the machine leaves, and what does not fit |
 //! | [`archive`] | a state on its way into a checkpoint and back |
 //! | [`motion`] | a state that another run starts from |
 //! | [`mesh`] | nodes, cells, their names; rectangles and Gmsh's files |
@@ -58,6 +59,8 @@
 //! ```
 
 pub mod error;
+pub mod memory;
+mod input;
 pub mod archive;
 pub mod motion;
 pub mod mesh;

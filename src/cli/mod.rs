@@ -13,6 +13,7 @@ mod stability;
 mod study;
 
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::scene::{EngineName, Scene};
 use clap::{Args, Parser, Subcommand};
 use std::io::Write;
@@ -156,6 +157,7 @@ fn print(text: &str) -> Result<()> {
 /// # Errors
 /// Whatever went wrong; [`Error::exit_code`] is the command's.
 pub fn execute(cli: &Cli) -> Result<()> {
+    memory::require_some()?;
     match &cli.command {
         Command::Run(run) => run.execute(),
         Command::Resume(resume) => resume.execute(),

@@ -1,10 +1,10 @@
 //! Values measured over time: CSV to a piecewise polynomial.
 
-use std::fs;
 use std::path::Path;
 
 use super::{Jet, cut};
 use crate::error::{Error, Result};
+use crate::input;
 
 /// What a table takes between its rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,6 +14,9 @@ pub enum Interpolation {
     /// The natural cubic spline: two continuous derivatives, no curvature at the ends.
     Spline,
 }
+
+/// Bytes that the file of a table has at most.
+const LARGEST: u64 = 1_000_000_000;
 
 /// A function of time through given values; before the first and after the last it holds them.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +30,7 @@ pub struct Table {
 impl Table {
     /// Reads a CSV file of `time,value` rows (s, and any unit), see [`Table::from_csv`].
     pub fn read(path: &Path, interpolation: Interpolation) -> Result<Table> {
-        let bytes = fs::read(path).map_err(Error::io(path))?;
+        let bytes = input::read(path, LARGEST)?;
         Table::from_csv(&String::from_utf8_lossy(&bytes), &path.display().to_string(), interpolation)
     }
 

@@ -9,6 +9,7 @@ use super::Factor;
 use super::simd::{dot4, subtract4};
 use super::twice::{self, Twice};
 use crate::error::{Error, Result};
+use crate::memory;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
@@ -64,6 +65,50 @@ impl Supernode {
     }
 }
 
+/// Memory of a factor, known from its pattern.
+#[derive(Debug, Clone, Copy)]
+pub struct Size {
+    /// Stored entries of L.
+    pub entries: usize,
+    /// Bytes that the factor keeps, beside the matrix.
+    pub kept: u64,
+    /// Bytes that only making it takes.
+    pub passing: u64,
+}
+
+impl Size {
+    fn of(symbolic: &SymbolicCholesky<usize>, candidates: usize, twice: bool) -> Size {
+        let (entries, dofs) = (symbolic.len_val(), symbolic.ncols());
+        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
+        let tail = 2 * candidates * candidates;
+        let kept = size_of::<f64>() * (entries + tail + 4 * dofs);
+        let passing = if twice {
+            size_of::<Twice>() * entries + size_of::<f64>() * entries
+        } else {
+            scratch.unaligned_bytes_required()
+        };
+        Size { entries, kept: kept as u64, passing: passing as u64 }
+    }
+}
+
+/// Refuses to make some factors of one size that do not fit together.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(super) fn require(size: &Size, factors: u64, dofs: usize) -> Result<()> {
+    let number = if factors > 1 { format!("{factors} times ") } else { String::new() };
+    let what = format!("factoring the matrix of {dofs} dofs {number}({} entries)", size.entries);
+    memory::require(factors * size.kept + size.passing, &what, |part| would_fit(part, dofs))
+}
+
+/// How many dofs take a part of the memory of so many.
+pub(super) fn would_fit(part: f64, dofs: usize) -> String {
+    // The entries of a row of the factor grow as the logarithm of their number.
+    let fits = (dofs as f64 * part.powf(0.9)) as usize;
+    let digit = 10_usize.pow(fits.max(10).ilog10() - 1);
+    format!("a mesh of about {} dofs would fit", fits / digit * digit)
+}
+
 impl Cholesky {
     /// Factors the symmetric matrix with the given lower triangle.
     ///
@@ -94,6 +139,7 @@ impl Cholesky {
         let dofs = matrix.nrows();
         let order = elimination_order(&matrix, candidates)?;
         let symbolic = analyse(&matrix, &order)?;
+        require(&Size::of(&symbolic, candidates.len(), twice.is_some()), 1, dofs)?;
         let SymbolicCholeskyRaw::Supernodal(raw) = symbolic.raw() else {
             return Err(analysis_failed(dofs, "no supernodes"));
         };
@@ -129,6 +175,15 @@ impl Cholesky {
         };
         cholesky.factor(None)?;
         Ok(cholesky)
+    }
+
+    /// Size of the factor of a matrix with the given lower triangle, from the analysis alone; with some candidates.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] where even the analysis does not fit.
+    pub(super) fn size(matrix: &SparseColMat<usize, f64>) -> Result<Size> {
+        let order = elimination_order(matrix, &[])?;
+        Ok(Size::of(&analyse(matrix, &order)?, 0, false))
     }
 
     /// Number of stored entries of L.
@@ -211,8 +266,9 @@ impl Cholesky {
             held.as_deref().unwrap_or_else(|| self.matrix.val()),
         );
         let scratch = self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-        let mut memory = MemBuffer::try_new(scratch)
-            .map_err(|_| Error::Singular(format!("not enough memory to factor a matrix of {dofs} dofs")))?;
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| {
+            Error::Memory(format!("there is not enough memory to factor the matrix of {dofs} dofs"))
+        })?;
         let definite = self
             .symbolic
             .factorize_numeric_llt(
@@ -469,6 +525,9 @@ fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) ->
     let dofs = matrix.nrows();
     let (mut order, mut place) = (vec![0; dofs], vec![0; dofs]);
     let scratch = amd::order_maybe_unsorted_scratch::<usize>(dofs, matrix.compute_nnz());
+    // The analysis that follows takes about as much.
+    let needed = scratch.unaligned_bytes_required() as u64;
+    memory::require(needed, &format!("analysing the matrix of {dofs} dofs"), |part| would_fit(part, dofs))?;
     let mut memory = MemBuffer::try_new(scratch).map_err(|why| analysis_failed(dofs, why))?;
     amd::order_maybe_unsorted(
         &mut order,

@@ -208,6 +208,16 @@ pub trait Engine: Sized {
         Ok(worst)
     }
 
+    /// Refuses factors of a sum of forms, so many at once, that do not fit into memory: from the pattern, before anything is factored.
+    /// An engine that cannot know says nothing.
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`] with the figures.
+    fn require_memory(&self, sum: &Sum<Self>, factors: usize) -> Result<()> {
+        let _ = (sum, factors);
+        Ok(())
+    }
+
     /// Factors a sum of forms with the candidates (dofs of this process, ascending) left to the end.
     ///
     /// # Errors

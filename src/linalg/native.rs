@@ -2,9 +2,11 @@
 
 use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, Averages, CellForm, Form, Scratch};
+use super::cholesky;
 use super::twice::Twice;
 use super::{Average, Block, Cholesky, Engine, Sum};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::memory;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use pulp::{Arch, Simd, WithSimd};
 use std::cell::RefCell;
@@ -123,6 +125,16 @@ impl Native {
                 last.insert(batches).clone()
             }
         }
+    }
+}
+
+impl Native {
+    /// The lower triangle of a sum.
+    fn assembled(&self, sum: &Sum<Self>) -> Result<SparseColMat<usize, f64>> {
+        let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
+            form.for_each_lower(|row, column, value| visit(row, column, scale * value));
+        })?;
+        Ok(SparseColMat::new(pattern, values))
     }
 }
 
@@ -298,19 +310,31 @@ impl Engine for Native {
         Ok(diagonal)
     }
 
+    fn require_memory(&self, sum: &Sum<Self>, factors: usize) -> Result<()> {
+        // No factor of a plate is as full as this: where it fits, nothing need be analysed.
+        let dofs = self.dofs() as u64;
+        let fullest = 40 * u64::from(dofs.max(2).ilog2() + 1);
+        let bytes = size_of::<f64>() as u64 * dofs * fullest * factors as u64;
+        if memory::room(1).is_none_or(|room| bytes < room.bytes / 4) {
+            return Ok(());
+        }
+        let size = Cholesky::size(&self.assembled(sum)?)?;
+        cholesky::require(&size, factors as u64, self.dofs())
+    }
+
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
-        let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
-            form.for_each_lower(|row, column, value| visit(row, column, scale * value));
-        });
-        let plain = Cholesky::new(SparseColMat::new(pattern, values), candidates);
-        if let Ok(mut factor) = plain
-            && self.spoilt(sum, &mut factor)? <= MOST_SPOILT
-        {
-            return Ok(factor);
+        match Cholesky::new(self.assembled(sum)?, candidates) {
+            Ok(mut factor) => {
+                if self.spoilt(sum, &mut factor)? <= MOST_SPOILT {
+                    return Ok(factor);
+                }
+            }
+            Err(error @ Error::Memory(_)) => return Err(error),
+            Err(_) => {}
         }
         let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
             form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
-        });
+        })?;
         Cholesky::twice(pattern, values, candidates)
     }
 }
@@ -324,7 +348,7 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     dofs: usize,
     sum: &Sum<Native>,
     entries_of: impl Fn(f64, &Form, &mut dyn FnMut(usize, usize, V)),
-) -> (SymbolicSparseColMat<usize>, Vec<V>) {
+) -> Result<(SymbolicSparseColMat<usize>, Vec<V>)> {
     // First all entries of the cells, put into their columns; then those of one row are added up.
     let mut starts = vec![0; dofs + 1];
     for (_, form) in sum {
@@ -333,6 +357,11 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     for column in 0..dofs {
         starts[column + 1] += starts[column];
     }
+    // About half of the entries are of the same place as others.
+    let bytes = (starts[dofs] * (3 * size_of::<(usize, V)>() / 2)) as u64;
+    memory::require(bytes, &format!("assembling the matrix of {dofs} dofs"), |part| {
+        cholesky::would_fit(part, dofs)
+    })?;
     let mut next = starts.clone();
     let mut entries = vec![(0, V::default()); starts[dofs]];
     for (scale, form) in sum {
@@ -352,5 +381,5 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
         }
         columns.push(rows.len());
     }
-    (SymbolicSparseColMat::new_checked(dofs, dofs, columns, None, rows), values)
+    Ok((SymbolicSparseColMat::new_checked(dofs, dofs, columns, None, rows), values))
 }

@@ -8,6 +8,7 @@
 use super::{remove, write_atomic};
 use crate::archive;
 use crate::error::{Error, Result};
+use crate::input;
 use crate::motion;
 use crate::scene::{MeshFile, Scene};
 use crate::simulation::Pause;
@@ -56,7 +57,7 @@ impl Identity {
     /// [`Error::Io`].
     pub fn of(scene: &Scene) -> Result<Identity> {
         let sum = |file: &MeshFile| {
-            fs::read(&file.path).map(|bytes| crc32fast::hash(&bytes)).map_err(Error::io(&file.path))
+            input::read(Path::new(&file.path), u64::MAX).map(|bytes| crc32fast::hash(&bytes))
         };
         Ok(Identity { scene: scene.hash(), mesh: scene.file.as_ref().map(sum).transpose()? })
     }

@@ -21,8 +21,17 @@ use std::time::Duration;
 const LOCK: &str = ".lock";
 
 /// Names of the files and folders that runs write, and what is drawn from them; checkpoints aside.
-const RESULTS: [&str; 9] =
-    [history::FILE, checkpoint::STATE, motion::FILE, contacts::FILE, events::FILE, summary::FILE, vtu::FILE, vtu::FOLDER, plot::FOLDER];
+const RESULTS: [&str; 9] = [
+    history::FILE,
+    checkpoint::STATE,
+    motion::FILE,
+    contacts::FILE,
+    events::FILE,
+    summary::FILE,
+    vtu::FILE,
+    vtu::FOLDER,
+    plot::FOLDER,
+];
 
 /// The content of the lock file.
 #[derive(Debug, Serialize, Deserialize)]

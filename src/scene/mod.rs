@@ -33,8 +33,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize, Serializer};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::field::Condition;
+use crate::input;
 pub use crate::mesh::{Diagonal, ElementKind};
 use crate::motion::Motion;
 pub use crate::plate::Plate;
@@ -434,7 +435,7 @@ impl Scene {
     /// As [`Scene::load`], with the engine of a scene that names none.
     pub fn load_for(path: impl AsRef<Path>, overrides: &[String], engine: EngineName) -> Result<Scene> {
         let path = path.as_ref();
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = input::read(path, input::LARGEST_SCENE)?;
         let name = path.to_string_lossy();
         read::scene(&Document::parse(&bytes, &name, overrides)?, &name, engine)
     }
@@ -498,6 +499,14 @@ impl Grid {
 }
 
 impl Scheme {
+    /// Number of factors, as large as each other, that it holds at once.
+    pub fn factors(&self) -> usize {
+        match self {
+            Scheme::Conserving | Scheme::Midpoint { massless: Massless::Equilibrium } => 2,
+            Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } | Scheme::Exact => 1,
+        }
+    }
+
     /// Its name.
     pub fn name(&self) -> SchemeName {
         match self {

@@ -2,9 +2,11 @@
 
 use crate::error::{Error, Result};
 use crate::field::Condition;
+use crate::memory;
 use crate::mesh::{self, Diagonal, Made, Mark, Mesh, NEAR, Point};
 use crate::plate::{Plate, Section, Sections};
-use crate::scene::{Given, Part, Region, Scene, Stand, SupportKind};
+use crate::scene::{ElementKind, EngineName, Given, Grid, Part, Region, Scene, Scheme, Stand, SupportKind};
+use crate::scheme::exact;
 use crate::space::Place;
 
 /// The processes that build a model together, each with a part of the mesh.
@@ -49,10 +51,70 @@ impl Team for Alone {
     }
 }
 
+/// Bytes at the peak of the set-up per triangle and per quadrangle: mesh, local arrays, the entries of a step's matrix. Measured,
+/// where congruent cells share their arrays; others take up to twice as much.
+const PER_CELL: [u64; 2] = [2_400, 6_500];
+
+/// The same on PETSc, whose matrices have both triangles and are built from lists.
+const PER_CELL_ON_PETSC: [u64; 2] = [5_000, 12_000];
+
+/// Bytes that a run takes at least, from the numbers of triangles and quadrangles: the set-up, and a factor as sparse as it can be.
+/// `across` is the number of rectangles along the shorter side of a grid.
+fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) -> u64 {
+    let cells = triangles + quadrangles;
+    let dofs = 3 * (triangles / 2 + quadrangles);
+    let of = if scene.solver.engine == EngineName::Petsc { PER_CELL_ON_PETSC } else { PER_CELL };
+    let set_up = of[0] * triangles + of[1] * quadrangles;
+    // Entries of a row of the factor, in minimum degree and of a band.
+    let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
+    let factors = (8.0 * row * dofs as f64) as u64 * scene.time.scheme.factors() as u64;
+    let dense = match scene.time.scheme {
+        Scheme::Exact => exact::estimated_memory(dofs as usize, cells as usize, 0),
+        _ => 0,
+    };
+    set_up + factors + dense as u64
+}
+
+/// Refuses a mesh for which the memory of a run cannot suffice, before it is built: from the numbers of triangles and quadrangles
+/// before refinement, for each of some ranks.
+///
+/// # Errors
+/// [`Error::Memory`] with the figures, and the mesh that would fit.
+pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize) -> Result<()> {
+    let grid = &scene.mesh;
+    let pieces = 4_u64.saturating_pow(grid.refine);
+    let across = match &scene.file {
+        Some(_) => u64::MAX >> 8,
+        None => *grid.cells.iter().min().unwrap_or(&1) as u64,
+    };
+    let needed = |part: f64| {
+        let cells = cells.map(|cells| (cells as f64 * pieces as f64 * part) as u64);
+        let across = across as f64 * (pieces as f64 * part).sqrt();
+        least_memory(scene, cells, across.min(1e9) as u64) / ranks as u64
+    };
+    let all = (cells[0] + cells[1]) * pieces;
+    let what = match ranks {
+        1 => format!("a run with {all} cells"),
+        _ => format!("the part of a run with {all} cells on each of {ranks} ranks"),
+    };
+    let bytes = needed(1.0);
+    memory::require_of_each(bytes, ranks.min(memory::processes_here()), &what, |part| {
+        let room = (bytes as f64 * part) as u64;
+        let fits = (1..=200).map(|i| 0.9_f64.powi(i)).find(|part| needed(*part) <= room).unwrap_or(0.0);
+        if scene.file.is_none() && grid.refine == 0 {
+            let [nx, ny] = grid.cells.map(|cells| ((cells as f64 * fits.sqrt()) as usize).max(1));
+            format!("mesh.cells = [{nx}, {ny}] would fit")
+        } else {
+            format!("about {} cells would fit", (all as f64 * fits) as u64)
+        }
+    })
+}
+
 /// The mesh of a scene, with nodes at the points and along the lines of its obstacles and supports.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a mesh that cannot carry the elements, and for a point that cannot be a node; what reading its file says.
+/// [`Error::Mesh`] for a mesh that cannot carry the elements, and for a point that cannot be a node; [`Error::Memory`] for a mesh that
+/// is too large; what reading its file says.
 pub fn mesh(scene: &Scene) -> Result<Mesh> {
     mesh_and_made(scene).map(|(mesh, _)| mesh)
 }
@@ -85,9 +147,15 @@ pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
 /// The mesh of a scene as it says, before nodes are made.
 fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     let grid = &scene.mesh;
+    let ranks = if scene.solver.engine == EngineName::Petsc { memory::processes() } else { 1 };
     let mut mesh = match &scene.file {
-        Some(file) => Mesh::load_gmsh(&file.path)?,
+        Some(file) => {
+            let mesh = Mesh::load_gmsh(&file.path)?;
+            require_memory(scene, kinds(&mesh), ranks)?;
+            mesh
+        }
         None => {
+            require_memory(scene, rectangles(grid), ranks)?;
             let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
             Mesh::rectangle(scene.plate.length, scene.plate.width, grid.cells, grid.element, diagonal)?
         }
@@ -97,6 +165,21 @@ fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     }
     mesh.check()?;
     Ok(mesh)
+}
+
+/// Numbers of the triangles and quadrangles of a mesh.
+pub(super) fn kinds(mesh: &Mesh) -> [u64; 2] {
+    let triangles = mesh.cells.iter().filter(|cell| cell.nodes().len() == 3).count();
+    [triangles, mesh.cells.len() - triangles].map(|count| count as u64)
+}
+
+/// Numbers of the triangles and quadrangles of a grid, before its refinement.
+pub(super) fn rectangles(grid: &Grid) -> [u64; 2] {
+    let rectangles = grid.cells.map(|cells| cells as u64).iter().product();
+    match grid.element {
+        ElementKind::Hct => [2 * rectangles, 0],
+        ElementKind::Fvs => [0, rectangles],
+    }
 }
 
 /// Where the supports of a scene stand on this process's part of the mesh. Collective.

@@ -6,6 +6,7 @@ use super::{Model, SolverFactory};
 use crate::assembly;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::{Context, Distributed, Part};
 use crate::scene::{self, EngineName, Scene, ViName};
@@ -63,7 +64,14 @@ impl Model<Distributed> {
         let marks = body::marks(scene);
         let rectangles = match scene.file {
             Some(_) => None,
-            None => rectangles(scene, &marks)?,
+            None => {
+                context.together(body::require_memory(
+                    scene,
+                    body::rectangles(&scene.mesh),
+                    context.size(),
+                ))?;
+                rectangles(scene, &marks)?
+            }
         };
         let part = match rectangles {
             Some(grid) => Part::new(context, &grid, scene.mesh.refine, &supports, &balls)?,
@@ -124,7 +132,9 @@ fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
 /// The whole mesh of a scene, and how often it is still to be refined: not at all where nodes were made in it.
 fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     if let (Some(file), true) = (&scene.file, marks.is_empty()) {
-        return Ok((Mesh::load_gmsh(&file.path)?, scene.mesh.refine));
+        let mesh = Mesh::load_gmsh(&file.path)?;
+        body::require_memory(scene, body::kinds(&mesh), memory::processes())?;
+        return Ok((mesh, scene.mesh.refine));
     }
     let (fine, made) = body::mesh_and_made(scene)?;
     match &scene.file {

@@ -8,7 +8,7 @@ use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::modes;
 use crate::output::text::{Report, significant};
-use crate::scene::{EngineName, Given, Mass, Massless, Scene, Scheme, ViName};
+use crate::scene::{EngineName, Given, Mass, Scene, Scheme, ViName};
 use crate::scheme::{self, System, exact};
 use crate::simulation::{self, Matrices, Model};
 use serde::Serialize;
@@ -293,7 +293,8 @@ pub fn check(scene: &Scene) -> Result<Check> {
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
-        memory: memory(&mesh, system.engine.dofs(), factors(scene) * factor_entries) + dense(scene, system),
+        memory: memory(&mesh, system.engine.dofs(), scene.time.scheme.factors() * factor_entries)
+            + dense(scene, system),
         frequencies,
         steps: scene.time.steps(),
         step: scene.time.step,
@@ -352,19 +353,11 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
     Ok((set_up, clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64))
 }
 
-/// Factors that a scheme holds, as large as each other.
-fn factors(scene: &Scene) -> usize {
-    match scene.time.scheme {
-        Scheme::Conserving | Scheme::Midpoint { massless: Massless::Equilibrium } => 2,
-        Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } | Scheme::Exact => 1,
-    }
-}
-
 /// Bytes of a scheme's dense arrays.
 fn dense(scene: &Scene, system: &System<Native>) -> usize {
     let System { engine, mass, bounds, .. } = system;
     match scene.time.scheme {
-        Scheme::Exact => exact::memory(engine.dofs(), engine.velocities(mass), bounds.len()),
+        Scheme::Exact => exact::estimated_memory(engine.dofs(), engine.velocities(mass), bounds.len()),
         _ => 0,
     }
 }

@@ -77,7 +77,7 @@ fn a_run_hides_no_warning_of_its_check() {
         let expected: Vec<&str> =
             check["warnings"].as_array().unwrap().iter().map(|warning| warning.as_str().unwrap()).collect();
         assert!(expected.iter().any(|warning| warning.contains(words)), "{words}: {expected:?}");
-        let said = text(&on("run", &[]).stderr);
+        let said = text(&on("run", &["--overwrite"]).stderr);
         let said: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
         assert_eq!(said, expected);
         assert_eq!(command::summary(&folder.join("runs/fall"))["warnings"], check["warnings"]);
@@ -283,7 +283,8 @@ fn phase_portraits_show_the_obstacles_of_their_own_probe() {
     let stop = "obstacle=[{ side = 'below', height = '-0.05*x', where = 'x > 1.1' }]";
     let drawn = |probes: &str| {
         let probes = format!("output.probes={probes}");
-        let ran = rebond(&folder, &["run", "fall.toml", "--quiet", "--set", stop, "--set", &probes]);
+        let ran =
+            rebond(&folder, &["run", "fall.toml", "--quiet", "--overwrite", "--set", stop, "--set", &probes]);
         command::succeeds(&ran);
         command::succeeds(&rebond(&folder, &["plot", "runs/fall"]));
         let picture = std::fs::read_to_string(folder.join("runs/fall/plots/phase.svg")).unwrap();
@@ -301,7 +302,7 @@ fn phase_portraits_show_the_obstacles_of_their_own_probe() {
 fn a_picture_has_no_panel_without_data() {
     let folder = folder("no-probes");
     for (probes, panels) in [("output.probes=[]", 1), ("output.every=10", 2)] {
-        command::succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--set", probes]));
+        command::succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--overwrite", "--set", probes]));
         let picture = std::fs::read_to_string(folder.join("runs/fall/plots/history.svg")).unwrap();
         assert!(!picture.contains("no data"));
         assert_eq!(picture.contains("deflection"), panels == 2, "{probes}");
@@ -324,7 +325,8 @@ fn a_run_starts_from_another_ones_end() {
     let folder = folder("from");
     let run = |out: &str, settings: &[&str]| {
         let settings: Vec<&str> = settings.iter().flat_map(|set| ["--set", set]).collect();
-        let arguments = [&["run", "fall.toml", "--quiet", "--out", out], &settings[..]].concat();
+        let arguments =
+            [&["run", "fall.toml", "--quiet", "--overwrite", "--out", out], &settings[..]].concat();
         rebond(&folder, &arguments)
     };
     let rows = |out: &str| command::history(&folder.join(out));

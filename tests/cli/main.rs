@@ -8,6 +8,7 @@ mod fields;
 mod gallery;
 mod inspect;
 mod interrupted;
+mod limits;
 mod output;
 mod overwriting;
 mod resume;

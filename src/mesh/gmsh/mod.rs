@@ -10,7 +10,8 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::{Cell, Mesh, Point, quality};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::input;
 use cursor::Cursor;
 use sections::{Block, Node, Sections, physical};
 
@@ -37,7 +38,8 @@ impl Mesh {
     /// what [`Mesh::check`] refuses.
     pub fn load_gmsh(path: impl AsRef<Path>) -> Result<Mesh> {
         let path = path.as_ref();
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        // The memory that is left is the limit.
+        let bytes = input::read(path, u64::MAX)?;
         Mesh::from_gmsh(&bytes, &path.display().to_string())
     }
 

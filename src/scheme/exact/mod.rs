@@ -53,6 +53,7 @@ use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::memory;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::Judge;
 use crate::vi::{self, Side, Verdict};
@@ -75,7 +76,7 @@ const SPOILT: f64 = 1e-11;
 const LARGEST: usize = 1 << 33;
 
 /// Bytes at the peak of the dense arrays, estimated: for so many dofs, cells and bounded dofs.
-pub fn memory(dofs: usize, cells: usize, bounded: usize) -> usize {
+pub fn estimated_memory(dofs: usize, cells: usize, bounded: usize) -> usize {
     // Of those sizes at once: in the solution for R, and in the diagonalisation of a set.
     let (lifts, squares) = (7 * dofs * cells, 8 * cells * cells);
     let at_bounds = bounded * (2 * dofs + 4 * cells + 3 * bounded);
@@ -173,7 +174,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             ));
         }
         let cells = engine.velocities(mass);
-        let needed = memory(engine.dofs(), cells, bounds.len());
+        let needed = estimated_memory(engine.dofs(), cells, bounds.len());
         if needed > LARGEST {
             return Err(Error::Usage(format!(
                 "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {cells} cells; \
@@ -181,6 +182,9 @@ impl<'s, E: Engine> Exact<'s, E> {
                 needed as f64 / 1e9
             )));
         }
+        memory::require(needed as u64, &format!("time.scheme = \"exact\" with {cells} cells"), |_| {
+            "coarsen the mesh or set time.scheme = \"conserving\"".into()
+        })?;
         let saddle = Saddle::new(system)?;
         let reduction = Reduction::new(&saddle)?;
         let of = [&start.displacement, &start.velocity];

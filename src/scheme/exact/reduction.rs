@@ -126,13 +126,15 @@ impl<'s, E: Engine> Saddle<'s, E> {
         let mut frame = Frame::new(system)?;
         let (dofs, cells) = (engine.dofs(), frame.size());
         let shift = shift(system)?;
-        let mut factor = engine.factor(&[(1.0, stiffness), (shift, mass)], &[]).map_err(|_| {
-            Error::Singular(
-                "time.scheme = \"exact\": some motion of the plate has neither stiffness nor inertia; \
+        let mut factor =
+            engine.factor(&[(1.0, stiffness), (shift, mass)], &[]).map_err(|error| match error {
+                Error::Memory(_) => error,
+                _ => Error::Singular(
+                    "time.scheme = \"exact\": some motion of the plate has neither stiffness nor inertia; \
                  refine the mesh or set time.mass = \"consistent\" with time.scheme = \"newmark\""
-                    .into(),
-            )
-        })?;
+                        .into(),
+                ),
+            })?;
         let mut columns = Mat::zeros(dofs, cells);
         let mut unit = vec![0.0; cells];
         for k in 0..cells {

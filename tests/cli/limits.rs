@@ -1,0 +1,142 @@
+//! Scenes that are too large for the memory there is, and files that are no scenes: one message, before anything is built.
+
+use crate::common::command;
+use crate::common::command::{assert_fails, rebond, succeeds, text};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCENE: &str = r#"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [10, 4] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.1 }]
+initial = { static_pressure = 14600 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 1e-3 }
+"#;
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("limits-{test}"), SCENE)
+}
+
+/// Calls the command where its addresses may take so many KB.
+fn within(folder: &Path, kilobytes: u64, arguments: &[&str]) -> Output {
+    let script = format!("ulimit -v {kilobytes}; exec \"$@\"");
+    Command::new("sh")
+        .args(["-c", &script, "sh", env!("CARGO_BIN_EXE_rebond")])
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn what_does_not_fit_is_refused_before_it_is_built() {
+    let folder = folder("fits");
+    let large = ["--set", "mesh.cells=[2000, 2000]"];
+    let words =
+        ["a run with 4000000 cells takes about ", " GB of memory, and ", "mesh.cells = [", "] would fit"];
+    let commands = [&["run", "fall.toml"][..], &["check", "fall.toml"], &["inspect", "fall.toml"]];
+    for command in commands {
+        assert_fails(&within(&folder, 2_000_000, &[command, &large].concat()), 2, &words);
+    }
+    assert!(!folder.join("runs").exists());
+    for scheme in ["time.scheme=exact", "time.scheme=conserving", "mesh.element=hct"] {
+        let check = [&["check", "fall.toml", "--set", scheme], &large[..]].concat();
+        assert_fails(&within(&folder, 2_000_000, &check), 2, &words[1..]);
+    }
+    let refined = ["check", "fall.toml", "--set", "mesh.refine=8"];
+    assert_fails(&within(&folder, 2_000_000, &refined), 2, &["a run with 2621440 cells", "cells would fit"]);
+    // What is said to fit is let through.
+    let said =
+        text(&within(&folder, 1_000_000, &["check", "fall.toml", "--set", "mesh.cells=[800, 300]"]).stderr);
+    let cells = &said[said.find("mesh.cells").unwrap()..said.find(" would fit").unwrap()];
+    let numbers: Vec<f64> =
+        cells.split(|c: char| !c.is_ascii_digit()).filter_map(|number| number.parse().ok()).collect();
+    assert!(numbers[0] > 200.0 && numbers[1] > 80.0 && numbers[0] < 800.0, "{said}");
+    // Contenders and studies tell it of each that does not fit.
+    let compare = [&["compare", "fall.toml", "--with", "native"], &large[..]].concat();
+    let output = within(&folder, 2_000_000, &compare);
+    assert!([2, 3].contains(&output.status.code().unwrap()), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("of memory, and"), "{}", text(&output.stderr));
+    // Too many cells for any machine.
+    assert_fails(
+        &rebond(&folder, &["check", "fall.toml", "--set", "mesh.cells=[1000000, 1000000]"]),
+        2,
+        &["too many"],
+    );
+}
+
+#[cfg(feature = "petsc")]
+#[test]
+fn petsc_is_not_started_for_what_does_not_fit() {
+    let folder = folder("petsc");
+    let run = ["run", "fall.toml", "--engine", "petsc", "--set", "mesh.cells=[2000, 2000]"];
+    assert_fails(&within(&folder, 2_000_000, &run), 2, &["a run with 4000000 cells", "would fit"]);
+}
+
+/// Whatever fits into the limit, the answer is a report or one message.
+fn any_size(test: &str, limit: u64, cells: impl Iterator<Item = [u32; 2]>) {
+    let folder = folder(test);
+    let (mut refused, mut done) = (0, 0);
+    for [nx, ny] in cells {
+        let setting = format!("mesh.cells=[{nx}, {ny}]");
+        let output = within(&folder, limit, &["check", "fall.toml", "--set", &setting]);
+        match output.status.code() {
+            Some(0) => done += 1,
+            _ => {
+                assert_fails(&output, 2, &["of memory, and ", " would fit"]);
+                refused += 1;
+            }
+        }
+    }
+    assert!(done > 0 && refused > 0, "{done} done, {refused} refused");
+}
+
+#[test]
+fn a_limit_is_no_abort() {
+    any_size("abort", 450_000, [[20, 8], [500, 200]].into_iter());
+}
+
+#[test]
+#[ignore = "minutes"]
+fn no_size_is_an_abort() {
+    any_size("aborts", 450_000, (1..=50).map(|step| [10 * step, 4 * step]));
+}
+
+#[test]
+fn what_is_no_scene_is_not_read() {
+    let folder = folder("files");
+    for (file, words) in [
+        ("/dev/zero", "/dev/zero: a device, pipe or socket; expected a file"),
+        (".", ".: a folder; expected a file"),
+        ("large.toml", "large.toml: the file has 5.0 MB; expected at most 4.0 MB"),
+        ("pipe", "pipe: a device, pipe or socket; expected a file"),
+    ] {
+        let made = match file {
+            "pipe" => Command::new("mkfifo").arg(folder.join(file)).status().unwrap().success(),
+            "large.toml" => fs::write(folder.join(file), vec![b'#'; 5_000_000]).is_ok(),
+            _ => true,
+        };
+        assert!(made);
+        for command in ["run", "check", "inspect", "study", "compare", "stability"] {
+            let output = rebond(&folder, &[command, file]);
+            // Stability takes folders of scenes.
+            if (command, file) != ("stability", ".") {
+                assert_fails(&output, 4, &[words]);
+            }
+        }
+    }
+    // So with meshes and tables.
+    let mesh = ["check", "fall.toml", "--set"];
+    let without = "plate = { thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n\
+                   support = [{ edge = \"left\", kind = \"clamped\" }]\n\
+                   time = { scheme = \"newmark\", mass = \"singular\", step = 1e-4, end = 1e-3 }\n";
+    fs::write(folder.join("mesh.toml"), format!("{without}mesh.file = \"pipe\"\n")).unwrap();
+    assert_fails(&rebond(&folder, &["check", "mesh.toml"]), 4, &["pipe: a device, pipe or socket"]);
+    assert_fails(&rebond(&folder, &["run", "mesh.toml"]), 4, &["pipe: a device, pipe or socket"]);
+    let table = "load.pressure={ table = '/dev/zero', interpolation = 'linear' }";
+    let output = rebond(&folder, &[&mesh[..], &[table]].concat());
+    assert_fails(&output, 2, &["load.pressure.table: /dev/zero: a device, pipe or socket"]);
+    succeeds(&rebond(&folder, &["check", "fall.toml", "--quiet"]));
+}
