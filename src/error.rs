@@ -78,15 +78,17 @@ pub enum Error {
     },
     /// The energy grew past the guard.
     #[error(
-        "step {step}, t = {time:.9} s: the energy is {ratio:.4} times its start, past the guard of {limit}; {advice}"
+        "step {step}, t = {time:.9} s: the energy is {ratio:.4} times {of}, past the guard of {limit}; {advice}"
     )]
     EnergyGuard {
         /// Step at which it happened.
         step: u64,
         /// Its time, in seconds.
         time: f64,
-        /// Energy over its start, dimensionless.
+        /// Energy over what it is measured against, dimensionless.
         ratio: f64,
+        /// What that is.
+        of: &'static str,
         /// The guard, dimensionless.
         limit: f64,
         /// What the user can do.

@@ -63,6 +63,8 @@ pub struct Model<E: Engine = Native> {
     pub mechanism: Option<&'static str>,
     /// What was found doubtful while the model was built, one sentence each; the same on every process.
     pub warnings: Vec<String>,
+    /// Kinetic energy of the plate at the speed of sound of its material, in J.
+    sonic: f64,
     /// Seconds spent on mesh and matrices, and on the static start.
     pub seconds: [f64; 2],
 }
@@ -186,7 +188,21 @@ fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -
     let frame = Frame(motions.zip(lifted).collect());
     let fields = Fields::new(ground, &lifts)?;
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
-    Ok(Model { system, start, probes, frame, sites, places, fields, mechanism, warnings, seconds })
+    let sonic = sonic_energy(ground);
+    Ok(Model { system, start, probes, frame, sites, places, fields, mechanism, warnings, sonic, seconds })
+}
+
+/// Kinetic energy of the plate at the speed of sound of its stiffest material, sqrt(E / rho), in J. Collective.
+fn sonic_energy<T: Team>(ground: &Ground<T>) -> f64 {
+    let mass: f64 = ground.cells.iter().map(|cell| cell.local.weight).sum();
+    let mass: f64 = ground.team.gather(&[mass]).iter().sum();
+    let scene = ground.scene;
+    let plates = std::iter::once(&scene.plate.plate).chain(scene.parts.iter().map(|part| &part.plate));
+    let stiffest = plates.map(|plate| {
+        let across = plate.orthotropy.map_or(0.0, |orthotropy| orthotropy.across);
+        plate.youngs_modulus.max(across) / plate.density
+    });
+    0.5 * mass * stiffest.fold(0.0, f64::max)
 }
 
 impl<E: Engine + 'static> Model<E>
@@ -716,7 +732,8 @@ fn walk<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
-    let mut watch = Watch::new(scene, scheme.as_ref())?;
+    let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
+    let mut watch = Watch::new(scene, sonic, scheme.as_ref())?;
     if let Some(mut archive) = from {
         watch.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
         outcome.join_contacts(scene);
@@ -744,9 +761,9 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(scene: &Scene, scheme: &dyn Scheme) -> Result<Watch> {
+    fn new(scene: &Scene, sonic: f64, scheme: &dyn Scheme) -> Result<Watch> {
         Ok(Watch {
-            guard: Guard::new(scheme.energies()?, scene.solver.energy_guard, advice(scene)),
+            guard: Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)),
             iterations: 0,
             kkt: 0.0,
             contacts: Contacts::default(),

@@ -25,8 +25,10 @@ impl Jet {
         Jet { value, first: 1.0, second: 0.0 }
     }
 
-    pub(super) fn is_finite(&self) -> bool {
-        self.value.is_finite() && self.first.is_finite() && self.second.is_finite()
+    /// Whether it is less than another, or equal and less just after.
+    fn goes_below(self, other: Jet) -> bool {
+        let [of, than] = [self, other].map(|jet| [jet.value, jet.first, jet.second]);
+        of.partial_cmp(&than) == Some(std::cmp::Ordering::Less)
     }
 
     fn is_still(&self) -> bool {
@@ -98,7 +100,7 @@ impl Number for Jet {
             Unary::Ln => (1.0 / u, -1.0 / (u * u)),
             Unary::Log10 => (1.0 / (u * LN_10), -1.0 / (u * u * LN_10)),
             Unary::Sqrt => (0.5 / f, -0.25 / (u * f)),
-            Unary::Abs => (if u < 0.0 { -1.0 } else { 1.0 }, 0.0),
+            Unary::Abs => (if self.goes_below(Jet::constant(0.0)) { -1.0 } else { 1.0 }, 0.0),
             Unary::Not | Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Step => (0.0, 0.0),
         };
         self.chain(f, slope, curvature)
@@ -117,8 +119,8 @@ impl Number for Jet {
                 Jet { value: f, first, second }
             }
             Binary::Power => u.power(v, f),
-            Binary::Min if u.value.is_nan() || u.value < v.value => u,
-            Binary::Max if u.value.is_nan() || u.value > v.value => u,
+            Binary::Min if u.value.is_nan() || u.goes_below(v) => u,
+            Binary::Max if u.value.is_nan() || v.goes_below(u) => u,
             Binary::Min | Binary::Max => v,
             Binary::Hypot | Binary::Atan2 if u.is_still() && v.is_still() => Jet::constant(f),
             Binary::Hypot => {

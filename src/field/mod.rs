@@ -34,12 +34,15 @@
 //! # Ok::<(), rebond::field::Fault>(())
 //! ```
 
+mod breaks;
 mod code;
 mod jet;
 mod names;
 mod parse;
 mod print;
+mod sampling;
 mod separate;
+mod span;
 mod table;
 
 use std::fmt::{self, Display};
@@ -48,12 +51,14 @@ use std::ops::Range;
 use serde::{Serialize, Serializer};
 
 use crate::mesh::Point;
+pub use breaks::{Break, Breaks, MOST_LOOKS};
 use code::{Instruction, LANES, Lanes, Number};
 pub use jet::Jet;
 use names::Name;
 pub use names::Names;
 use parse::Kind;
-pub use table::{Interpolation, Table};
+pub use sampling::{Missed, WINDOW};
+pub use table::{Interpolation, Overshoot, Table};
 
 /// The longest piece of a formula that a message repeats.
 const LONGEST_QUOTE: usize = 60;
@@ -168,9 +173,10 @@ impl Field {
         Ok(())
     }
 
-    /// The value and its first two derivatives in time, at a point (m) and a time (s).
+    /// The value and its first two derivatives in time, at a point (m) and a time (s). An error where the first is not finite.
     ///
-    /// At a jump or a kink they are those of the side that the value belongs to: that of `step(t)` is 0 everywhere.
+    /// At a kink of `abs`, `min` or `max` they are those of what follows, at any other and at a jump those of the side that the value
+    /// belongs to: that of `step(t)` is 0 everywhere.
     pub fn jet(&self, at: Point, t: f64) -> Result<Jet, Fault> {
         self.jet_with(&mut Vec::new(), at, t)
     }
@@ -210,10 +216,10 @@ impl Field {
             place => Jet::constant(variable(at, t)(place)),
         });
         self.finite(at, t, jet.value)?;
-        if jet.is_finite() {
+        if jet.first.is_finite() {
             return Ok(jet);
         }
-        let wrong = format!("no velocity or acceleration{}; expected a smooth formula", self.describe(at, t));
+        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(at, t));
         Err(Fault::new(&self.text, 0, wrong))
     }
 

@@ -21,10 +21,10 @@ const LARGEST: u64 = 1_000_000_000;
 /// A function of time through given values; before the first and after the last it holds them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    times: Vec<f64>,
+    pub(super) times: Vec<f64>,
     values: Vec<f64>,
     /// For each interval, the coefficients of 1, s, s^2, s^3, where s is the time since its start.
-    pieces: Vec<[f64; 4]>,
+    pub(super) pieces: Vec<[f64; 4]>,
 }
 
 impl Table {
@@ -107,6 +107,43 @@ impl Table {
             first: b + s * (2.0 * c + s * 3.0 * d),
             second: 2.0 * c + s * 6.0 * d,
         }
+    }
+}
+
+/// How far a table goes beyond its own rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Overshoot {
+    /// Where it goes farthest, in s.
+    pub time: f64,
+    /// Its value there.
+    pub value: f64,
+    /// The way beyond the nearest of all rows' values, over their range.
+    pub share: f64,
+}
+
+impl Table {
+    /// Where the curve between the rows goes farthest beyond all rows' values; `None` where it stays within.
+    pub fn overshoot(&self) -> Option<Overshoot> {
+        let (low, high) =
+            self.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let mut worst: Option<Overshoot> = None;
+        for ([_, b, c, d], ends) in self.pieces.iter().zip(self.times.windows(2)) {
+            // Where b + 2 c s + 3 d s^2 is 0.
+            let root = (c * c - 3.0 * b * d).max(0.0).sqrt();
+            let sum = -(c + root.copysign(*c));
+            for s in [sum / (3.0 * d), b / sum] {
+                if !(s > 0.0 && s < ends[1] - ends[0]) {
+                    continue;
+                }
+                let time = ends[0] + s;
+                let value = self.value(time);
+                let share = (value - high).max(low - value) / (high - low);
+                if share > 0.0 && worst.is_none_or(|worst| share > worst.share) {
+                    worst = Some(Overshoot { time, value, share });
+                }
+            }
+        }
+        worst
     }
 }
 

@@ -54,13 +54,14 @@ impl Scene {
     }
 
     /// What the scene may give as a function of time: loads, heights of obstacles, motions of supports.
-    pub(super) fn of_time(&self) -> impl Iterator<Item = &Given> {
+    pub fn of_time(&self) -> impl Iterator<Item = &Given> {
         let loads = self.load.iter().flat_map(Load::fields);
         let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
         loads.chain(heights).chain(self.motions())
     }
 
-    pub(super) fn motions(&self) -> impl Iterator<Item = &Given> {
+    /// Motions of the supports.
+    pub fn motions(&self) -> impl Iterator<Item = &Given> {
         self.supports.iter().filter_map(|support| support.motion.as_ref())
     }
 

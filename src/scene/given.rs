@@ -1,7 +1,8 @@
 //! What a scene gives as a *field*: a formula of place and time, or a table of time, and where on the plate it holds.
 
+use super::Time;
 use crate::error::{Error, Result};
-use crate::field::{Condition, Fault, Field, Interpolation, Jet, Names, Table};
+use crate::field::{Break, Breaks, Condition, Fault, Field, Interpolation, Jet, Missed, Names, Table};
 use crate::mesh::Point;
 
 /// A number, a formula of x, y (m) and t (s), or a table of t times a formula of x and y.
@@ -60,6 +61,14 @@ impl Given {
         }
     }
 
+    /// Whether it is the same at all places.
+    pub fn is_even(&self) -> bool {
+        match &self.value {
+            Value::Formula(field) => !field.depends_on(Names::XY),
+            Value::Table { shape, .. } => !shape.depends_on(Names::XY),
+        }
+    }
+
     /// Its value at a place (m) and a time (s).
     ///
     /// # Errors
@@ -112,6 +121,37 @@ impl Given {
                 let scale = shape.value(Point::origin(), t).map_err(|fault| self.fault(&fault))?;
                 let Jet { value, first, second } = table.jet(t);
                 Ok(Jet { value: scale * value, first: scale * first, second: scale * second })
+            }
+        }
+    }
+
+    /// Its kinks and jumps at a place (m) up to an instant (s), found in at most so many looks: see [`Field::breaks`].
+    pub fn breaks(&self, at: Point, end: f64, looks: usize) -> Breaks {
+        match &self.value {
+            Value::Formula(field) => field.breaks(at, 0.0, end, looks),
+            Value::Table { table, .. } => table.breaks(0.0, end),
+        }
+    }
+
+    /// Tells the first jump at a place (m) before the end, and the remedy; `None` without one. Sought in at most so many looks.
+    pub fn jump(&self, at: Point, time: &Time, looks: usize) -> Option<String> {
+        let breaks = self.breaks(at, time.end, looks);
+        let Break { time: instant, jump, .. } = breaks.found.into_iter().find(|of| of.jump != 0.0)?;
+        let place = if self.is_even() { String::new() } else { format!(" at ({}, {})", at.x, at.y) };
+        let [jump, ramp] = [jump, 10.0 * time.step].map(|of| format!("{of:.5e}").parse().unwrap_or(of));
+        Some(format!(
+            "jumps by {jump:?} m at t = {instant:?} s{place}, which nothing rigid can do; expected no jump, as of a ramp over 10 \
+             steps: {jump:?}*clamp((t - {instant:?})/{ramp:?}, 0, 1)"
+        ))
+    }
+
+    /// Where steps from the start to the end see least of it, less a number, at a place (m): see [`Field::missed`].
+    pub fn missed(&self, at: Point, less: f64, time: &Time) -> Option<Missed> {
+        match &self.value {
+            Value::Formula(field) => field.missed(at, less, time.step, time.steps()),
+            Value::Table { table, shape, .. } => {
+                let scale = shape.value(at, 0.0).ok()?;
+                table.missed(less / scale, time.step, time.steps())
             }
         }
     }

@@ -13,7 +13,7 @@ use super::{
     ViName, study,
 };
 use crate::error::{Error, Result};
-use crate::field::Names;
+use crate::field::{MOST_LOOKS, Names};
 use crate::mesh::Point;
 use crate::motion::{self, Motion};
 use crate::plate::Orthotropy;
@@ -123,6 +123,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
     };
     check_start(doc, &scene)?;
     check_from(doc, &scene)?;
+    check_jumps(doc, &scene)?;
     check_scheme(doc, &scene)?;
     Ok(scene)
 }
@@ -400,14 +401,9 @@ fn stand(doc: &Document, table: &str, has_file: bool) -> Result<Stand> {
     }
 }
 
-/// How a support moves: smooth in time, for its acceleration pushes the plate.
+/// How a support moves: [`check_jumps`].
 fn motion(doc: &Document, key: &str) -> Result<Option<Given>> {
-    let Some(motion) = doc.given(key, &DEFLECTION, Names::T)? else { return Ok(None) };
-    if let super::Value::Table { interpolation: crate::field::Interpolation::Linear, .. } = motion.value {
-        let wrong = "\"linear\" would move the support with jumps of its velocity; expected \"spline\"";
-        return Err(doc.fault(&format!("{key}.interpolation"), wrong));
-    }
-    Ok(Some(motion).filter(|motion| !motion.is_zero()))
+    Ok(doc.given(key, &DEFLECTION, Names::T)?.filter(|motion| !motion.is_zero()))
 }
 
 fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
@@ -893,6 +889,17 @@ fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
         return Err(doc.fault(key, format!("{at:?} is after time.end = {:?} s", time.end)));
     }
     Ok(at)
+}
+
+/// What moves must not jump, as far as no mesh is needed to tell.
+fn check_jumps(doc: &Document, scene: &Scene) -> Result<()> {
+    let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
+    for given in scene.motions().chain(heights).filter(|given| given.is_even() && given.changes()) {
+        if let Some(wrong) = given.jump(Point::origin(), &scene.time, MOST_LOOKS) {
+            return Err(doc.fault(&given.key, wrong));
+        }
+    }
+    Ok(())
 }
 
 /// A plate that starts flat must not start beyond an obstacle.

@@ -40,6 +40,10 @@
 //! changes nothing proves that a gamma exists; where none is found after [`MOST_HALVINGS`] the target stays, and later steps make up
 //! for it.
 //!
+//! Where supports move, the deflections are counted during a step from a frame that goes evenly to the supports' place a whole step
+//! later, see [`super::midpoint`]: nothing is inertial there, whatever gamma, and all above holds. The next step starts from where the
+//! frame has come to, gamma of the way, so that no kink is lost or counted twice.
+//!
 //! # Order
 //!
 //! In free flight and in lasting contact gamma is 1 and the scheme is the midpoint rule: order 2. A step in which contact changes is off by
@@ -73,7 +77,7 @@
 //! - the reactions' mean over the steps that led there.
 
 use super::drive::Moment;
-use super::half_step::{HalfStep, State};
+use super::half_step::{HalfStep, Images, State};
 use super::potential::Line;
 use super::{Approach, Potential, Scheme, Start, System};
 use crate::archive::{Archive, Over};
@@ -83,6 +87,7 @@ use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, SolverFactory, Verdict};
 use std::ops::Range;
+use std::rc::Rc;
 
 /// The longest gamma accepted. After [`MOST_HALVINGS`] it is the longest step, in dt.
 pub const LONGEST: f64 = 2.5;
@@ -128,6 +133,7 @@ pub struct Conserving<'s, E: Engine> {
     last: usize,
     solver: &'s SolverFactory<E>,
     potential: Potential<'s, E>,
+    images: Rc<Images>,
     /// The energy of the start, and the work that what changes with time has given since, in J.
     start: f64,
     given: f64,
@@ -181,6 +187,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
         system.drive.refuse_modal("conserving")?;
         let bounds = &system.bounds;
         let mut now = State::new(system, start.displacement, &start.velocity)?;
+        let images = Potential::images(system)?;
         let mut potential = Potential::new(system)?;
         let verdict = potential.settle_state(&mut now)?;
         let (mut admissible, mut rates) = (vec![0.0; bounds.len()], vec![0.0; bounds.len()]);
@@ -194,6 +201,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             last: 0,
             solver,
             potential,
+            images,
             start: now.energies.total(),
             given: 0.0,
             n: 0,
@@ -225,7 +233,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
     fn add_half(&mut self, dt: f64) -> Result<()> {
         let System { engine, bounds, .. } = self.system;
         let solver = (self.solver)(engine, &HalfStep::sum(self.system, dt), bounds.len())?;
-        self.halves.push(HalfStep::new(self.system, dt, solver)?);
+        self.halves.push(HalfStep::new(self.system, dt, solver, self.images.clone())?);
         Ok(())
     }
 
@@ -282,6 +290,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             relaxation.least_gamma = relaxation.least_gamma.min(gamma);
             relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
             self.span = gamma * half.dt;
+            self.given += self.now.ride(self.system, &self.images, time + self.span)?;
             self.last = halvings;
             return Ok(());
         }
@@ -389,6 +398,10 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         }
         bounds.restrict(&self.u, &mut self.admissible);
         self.limits.extrapolate(&self.now.moment, &self.before.moment, share);
+        let drive = &self.system.drive;
+        let beyond: Vec<f64> =
+            drive.places(self.time())?.iter().zip(&self.limits.places).map(|(s, frame)| frame - s).collect();
+        drive.add_shapes(beyond.into_iter(), &mut self.u);
         Ok(())
     }
 
@@ -407,6 +420,11 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
     /// That of the step that led to the instant, or past it.
     fn velocity(&self) -> Vec<f64> {
         self.halves[self.last].rates()
+    }
+
+    /// Those throughout the step; at the start those of the motions.
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        if self.n == 0 { self.system.drive.rates(0.0) } else { Ok(self.halves[self.last].chords().to_vec()) }
     }
 
     /// The displacement reported, at each bound.

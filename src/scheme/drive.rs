@@ -114,16 +114,93 @@ fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f6
 pub struct Drive {
     /// The load beyond the constant one.
     pub load: Option<Box<LoadOfTime>>,
-    /// Where the obstacles are.
+    /// Where the obstacles are; in the frame of the supports once these have moved by 0.
     pub bounds: Option<Box<BoundsOfTime>>,
+    /// Motions of the supports, in whose frame the deflections are counted.
+    pub supports: Vec<SupportMotion>,
     /// Damping of single modes.
     pub modal: Option<ModalDamping>,
+}
+
+/// A motion of supports, and the shape that it gives the plate, per metre of motion.
+///
+/// Deflections are counted from that shape. No second derivative of the motion is ever asked for: Newmark's load of inertia is
+/// its second difference, and the schemes with velocities let the frame go evenly from instant to instant, with an impulse where its
+/// velocity changes. So a kink of the motion has its whole impulse, wherever in a step it lies.
+pub struct SupportMotion {
+    /// Place of the supports at an instant (s), in m.
+    pub place: Box<dyn Fn(f64) -> Result<f64>>,
+    /// Velocity just after an instant (s), in m/s.
+    pub rate: Box<dyn Fn(f64) -> Result<f64>>,
+    /// Momentum of the shape that moves at 1 m/s, in kg, one entry per dof.
+    pub momentum: Vec<f64>,
+    /// Force with which the shape of 1 m resists, in N, one entry per dof; `None` where it is in equilibrium.
+    pub stiffness: Option<Vec<f64>>,
+    /// The shape of 1 m at each bounded dof.
+    pub at_bounds: Vec<f64>,
+    /// The shape of 1 m, one entry per dof.
+    pub shape: Vec<f64>,
 }
 
 impl Drive {
     /// Whether loads or obstacles change.
     pub fn varies(&self) -> bool {
-        self.load.is_some() || self.bounds.is_some()
+        self.load.is_some() || self.bounds.is_some() || !self.supports.is_empty()
+    }
+
+    /// Places of the supports at an instant (s), in m, one per motion.
+    pub(super) fn places(&self, time: f64) -> Result<Vec<f64>> {
+        self.supports.iter().map(|motion| (motion.place)(time)).collect()
+    }
+
+    /// Velocities of the supports just after an instant (s), in m/s, one per motion.
+    ///
+    /// # Errors
+    /// Those of the motions.
+    pub fn rates(&self, time: f64) -> Result<Vec<f64>> {
+        self.supports.iter().map(|motion| (motion.rate)(time)).collect()
+    }
+
+    /// Bounds of an instant (s) as seen from the supports.
+    ///
+    /// # Errors
+    /// Those of the motions.
+    pub fn carried(&self, time: f64, bounds: Bounds) -> Result<Bounds> {
+        let places = vec![0.0; self.supports.len()];
+        let mut moment = Moment { load: None, bounds: Some(bounds), places };
+        moment.carry(self, &self.places(time)?);
+        Ok(moment.bounds.unwrap_or_default())
+    }
+
+    /// Adds the load of an instant (s) with which the supports' shape resists.
+    ///
+    /// # Errors
+    /// Those of the motions.
+    pub fn pull(&self, time: f64, load: &mut [f64]) -> Result<()> {
+        for (motion, place) in self.supports.iter().zip(self.places(time)?) {
+            let stiffness = motion.stiffness.iter().flatten();
+            load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= place * k);
+        }
+        Ok(())
+    }
+
+    /// Takes the inertia of the supports' accelerations (m/s^2, one per motion) from a force.
+    pub(super) fn subtract_inertia(&self, accelerations: &[f64], force: &mut [f64]) {
+        for (motion, a) in self.supports.iter().zip(accelerations) {
+            force.iter_mut().zip(&motion.momentum).for_each(|(force, m)| *force -= a * m);
+        }
+    }
+
+    /// Adds the shapes of some motions (m or m/s, one per motion) to values over the dofs.
+    pub(super) fn add_shapes(&self, sizes: impl Iterator<Item = f64>, values: &mut [f64]) {
+        for (motion, size) in self.supports.iter().zip(sizes) {
+            values.iter_mut().zip(&motion.shape).for_each(|(value, r)| *value += size * r);
+        }
+    }
+
+    /// Whether a load changes with time; so does that of springs to the ground where supports move.
+    pub(super) fn pushes(&self) -> bool {
+        self.load.is_some() || self.supports.iter().any(|motion| motion.stiffness.is_some())
     }
 
     /// Refuses the damping of single modes for a scheme.
@@ -141,7 +218,8 @@ impl fmt::Debug for Drive {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let (load, bounds) = (self.load.is_some(), self.bounds.is_some());
         let mut drive = f.debug_struct("Drive");
-        drive.field("load", &load).field("bounds", &bounds).field("modal", &self.modal).finish()
+        drive.field("load", &load).field("bounds", &bounds).field("supports", &self.supports.len());
+        drive.field("modal", &self.modal).finish()
     }
 }
 
@@ -152,27 +230,51 @@ pub(super) struct Moment {
     pub load: Option<Vec<f64>>,
     /// The bounds.
     pub bounds: Option<Bounds>,
+    /// Where the frame of the supports is, in m, one per motion.
+    pub places: Vec<f64>,
 }
 
 impl Moment {
     /// Room for a drive's moments: no load, and the bounds at rest.
     pub fn new(drive: &Drive, dofs: usize, at_rest: &Bounds) -> Moment {
         Moment {
-            load: drive.load.as_ref().map(|_| vec![0.0; dofs]),
+            load: drive.pushes().then(|| vec![0.0; dofs]),
             bounds: drive.bounds.as_ref().map(|_| at_rest.clone()),
+            places: vec![0.0; drive.supports.len()],
         }
     }
 
     /// Sets load and bounds to those of an instant.
     pub fn set(&mut self, drive: &Drive, time: f64) -> Result<()> {
-        if let (Some(of), Some(load)) = (&drive.load, &mut self.load) {
+        if let Some(load) = &mut self.load {
             load.fill(0.0);
-            of(time, load)?;
+            if let Some(of) = &drive.load {
+                of(time, load)?;
+            }
         }
         if let (Some(of), Some(bounds)) = (&drive.bounds, &mut self.bounds) {
             of(time, bounds)?;
         }
+        self.places.fill(0.0);
+        self.carry(drive, &drive.places(time)?);
         Ok(())
+    }
+
+    /// Moves the frame of the supports, and with it what is seen from there.
+    pub fn carry(&mut self, drive: &Drive, places: &[f64]) {
+        for (motion, (place, to)) in drive.supports.iter().zip(self.places.iter_mut().zip(places)) {
+            let way = to - *place;
+            *place = *to;
+            if let (Some(load), Some(stiffness)) = (&mut self.load, &motion.stiffness) {
+                load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= way * k);
+            }
+            if let Some(Bounds { lower, upper, .. }) = &mut self.bounds {
+                for ((lower, upper), r) in lower.iter_mut().zip(upper).zip(&motion.at_bounds) {
+                    *lower -= way * r;
+                    *upper -= way * r;
+                }
+            }
+        }
     }
 
     /// Sets each number to what `map` makes of those of two other moments.
@@ -187,6 +289,7 @@ impl Moment {
             each(&mut to.lower, &a.lower, &b.lower);
             each(&mut to.upper, &a.upper, &b.upper);
         }
+        each(&mut self.places, &a.places, &b.places);
     }
 
     /// Shows an archive all of it.
@@ -198,7 +301,7 @@ impl Moment {
             archive.vector(Over::Bounds, lower)?;
             archive.vector(Over::Bounds, upper)?;
         }
-        Ok(())
+        archive.value(&mut self.places)
     }
 
     /// Takes what another moment has.

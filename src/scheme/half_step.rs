@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 use crate::vi::{Solver, Step, Verdict};
+use std::rc::Rc;
 
 /// A state (U, V) and what follows from it.
 #[derive(Debug, Clone)]
@@ -22,6 +23,8 @@ pub(super) struct State {
     pub force: Vec<f64>,
     /// What changes with time, at its instant.
     pub moment: Moment,
+    /// Velocities of the frame of the supports that V is counted from, in m/s, one per motion.
+    pub rates: Vec<f64>,
     /// Its energies; the work is that of the constant load.
     pub energies: Energies,
 }
@@ -34,7 +37,8 @@ impl State {
         engine.velocity(mass, rate, &mut v)?;
         let (reaction, force) = (vec![0.0; bounds.len()], vec![0.0; u.len()]);
         let moment = system.moment(0.0)?;
-        let mut state = State { u, v, reaction, force, moment, energies: Energies::default() };
+        let rates = system.drive.rates(0.0)?;
+        let mut state = State { u, v, reaction, force, moment, rates, energies: Energies::default() };
         state.weigh(system)?;
         Ok(state)
     }
@@ -43,6 +47,7 @@ impl State {
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.energies)?;
         self.moment.archive(archive)?;
+        archive.value(&mut self.rates)?;
         archive.vector(Over::Dofs, &mut self.u)?;
         archive.vector(Over::Dofs, &mut self.force)?;
         archive.vector(Over::Velocities, &mut self.v)?;
@@ -57,11 +62,34 @@ impl State {
         Ok(())
     }
 
+    /// Counts V from the velocities of the supports just after an instant. Returns the work that this is to the plate, in J.
+    pub fn ride<E: Engine>(&mut self, system: &System<E>, images: &Images, time: f64) -> Result<f64> {
+        if images.is_empty() {
+            return Ok(0.0);
+        }
+        let rates = system.drive.rates(time)?;
+        change_frame(images, &self.rates, &rates, &mut self.v);
+        self.rates = rates;
+        let before = self.energies.kinetic;
+        self.energies.kinetic = 0.5 * system.engine.vis_viva(&system.mass, &self.v)?;
+        Ok(self.energies.kinetic - before)
+    }
+
     /// Takes from V, without turning it, a little of its energy, in J.
     pub fn shed(&mut self, energy: f64) {
         let kept = 1.0 - energy / self.energies.kinetic;
         self.v.iter_mut().for_each(|v| *v *= kept.sqrt());
         self.energies.kinetic -= energy;
+    }
+}
+
+/// Velocities V that have the momenta of the shapes of moving supports at 1 m/s, one vector per motion.
+pub(super) type Images = [Vec<f64>];
+
+/// Counts a velocity from a frame of other velocities (m/s, one per motion).
+fn change_frame(images: &Images, from: &[f64], to: &[f64], v: &mut [f64]) {
+    for (image, (from, to)) in images.iter().zip(from.iter().zip(to)) {
+        v.iter_mut().zip(image).for_each(|(v, image)| *v -= (to - from) * image);
     }
 }
 
@@ -79,6 +107,11 @@ pub(super) struct HalfStep<'s, E: Engine> {
     mean: Moment,
     /// Shares of V in the modes that are damped, of the last step.
     shares: Option<Vec<f64>>,
+    images: Rc<Images>,
+    /// Velocities of the supports' frame throughout the step, in m/s, V at its start as seen from there, and the work of going there, in J.
+    chords: Vec<f64>,
+    v: Vec<f64>,
+    ridden: f64,
     /// x.
     pub x: Vec<f64>,
     /// C^-1 B x: half the change of p.
@@ -98,7 +131,12 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     }
 
     /// With a solver of [`HalfStep::sum`].
-    pub fn new(system: &'s System<E>, dt: f64, solver: Box<dyn Solver<E>>) -> Result<HalfStep<'s, E>> {
+    pub fn new(
+        system: &'s System<E>,
+        dt: f64,
+        solver: Box<dyn Solver<E>>,
+        images: Rc<Images>,
+    ) -> Result<HalfStep<'s, E>> {
         let System { engine, mass, bounds, drive, .. } = system;
         if let Some(modal) = &drive.modal {
             modal.check(dt)?;
@@ -116,6 +154,10 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             end: moment.clone(),
             mean: moment,
             shares: None,
+            chords: vec![0.0; images.len()],
+            v: vec![0.0; velocities],
+            ridden: 0.0,
+            images,
             x: vec![0.0; dofs],
             rate: vec![0.0; velocities],
             dv: vec![0.0; velocities],
@@ -146,6 +188,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         }
         engine.momentum(mass, &from.v, &mut self.b)?;
         let shares = self.shares()?;
+        self.ride_evenly(from)?;
         for (b, force) in self.b.iter_mut().zip(&from.force) {
             *b = 2.0 / dt * *b + force;
         }
@@ -163,10 +206,25 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         let verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
         engine.velocity(mass, &self.x, &mut self.rate)?;
-        for (dv, (rate, v)) in self.dv.iter_mut().zip(self.rate.iter().zip(&from.v)) {
+        for (dv, (rate, v)) in self.dv.iter_mut().zip(self.rate.iter().zip(&self.v)) {
             *dv = 4.0 / dt * rate - 2.0 * v;
         }
         Ok(verdict)
+    }
+
+    /// Sets V at the start to that of a state, and b to its momentum, as seen from a frame that goes evenly to the supports' places at
+    /// the end.
+    fn ride_evenly(&mut self, from: &State) -> Result<()> {
+        self.v.copy_from_slice(&from.v);
+        if self.images.is_empty() {
+            return Ok(());
+        }
+        let System { engine, mass, .. } = self.system;
+        let ends = from.moment.places.iter().zip(&self.end.places);
+        self.chords = ends.map(|(from, end)| (end - from) / self.dt).collect();
+        change_frame(&self.images, &from.rates, &self.chords, &mut self.v);
+        self.ridden = 0.5 * engine.vis_viva(mass, &self.v)? - from.energies.kinetic;
+        engine.momentum(mass, &self.v, &mut self.b)
     }
 
     /// Shares of the momentum in b in the modes that are damped.
@@ -183,6 +241,11 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(())
     }
 
+    /// Velocities of the supports' frame throughout the step, in m/s, one per motion.
+    pub fn chords(&self) -> &[f64] {
+        &self.chords
+    }
+
     /// The bounds on U + x.
     pub fn limits(&self) -> &Bounds {
         self.mean.bounds(&self.system.bounds)
@@ -193,13 +256,19 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         self.mean.push(force);
     }
 
-    /// Sets what changes with time to that at gamma of the step from an instant.
-    pub fn reach(&self, time: f64, gamma: f64, to: &mut Moment) -> Result<()> {
+    /// Sets what changes with time to that at gamma of the step from a state at an instant.
+    pub fn reach(&self, from: &State, time: f64, gamma: f64, to: &mut Moment) -> Result<()> {
         if gamma == 1.0 {
             to.copy(&self.end);
             return Ok(());
         }
-        to.set(&self.system.drive, time + gamma * self.dt)
+        let drive = &self.system.drive;
+        to.set(drive, time + gamma * self.dt)?;
+        // The frame goes evenly; the next step makes up for what the supports' own place is beyond.
+        let way = |(from, chord): (&f64, &f64)| from + gamma * self.dt * chord;
+        let places: Vec<f64> = from.moment.places.iter().zip(&self.chords).map(way).collect();
+        to.carry(drive, &places);
+        Ok(())
     }
 
     /// Work, in J, that what changes with time gives from a state to one on the line of this step.
@@ -210,7 +279,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         let load = self.mean.load.iter().flatten();
         let ways = to.u.iter().zip(&from.u).map(|(to, from)| to - from);
         let loads: f64 = load.zip(ways).map(|(f, way)| f * way).sum();
-        self.system.total(loads + from.moment.carried(&to.moment, &self.reaction))
+        Ok(self.ridden + self.system.total(loads + from.moment.carried(&to.moment, &self.reaction))?)
     }
 
     /// Rate of the energy, in W, that damping by mass takes throughout the step.
@@ -228,14 +297,16 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         for (to, (u, x)) in to.u.iter_mut().zip(from.u.iter().zip(&self.x)) {
             *to = u + 2.0 * gamma * x;
         }
-        for (to, (v, dv)) in to.v.iter_mut().zip(from.v.iter().zip(&self.dv)) {
+        for (to, (v, dv)) in to.v.iter_mut().zip(self.v.iter().zip(&self.dv)) {
             *to = v + gamma * dv;
         }
+        to.rates.copy_from_slice(&self.chords);
     }
 
     /// Shows an archive what remains of the last solution, and the solver.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.mean.archive(archive)?;
+        archive.value(&mut self.chords)?;
         archive.vector(Over::Dofs, &mut self.x)?;
         archive.vector(Over::Bounds, &mut self.reaction)?;
         self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)

@@ -15,8 +15,16 @@
 //! \[ \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t, \]
 //! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries. Damping of single modes
 //! ([`super::ModalDamping`]) acts on the extrapolated velocity \( \tfrac32 V^n - \tfrac12 V^{n-1} \).
+//!
+//! # Supports that move
+//!
+//! U is counted from the shape R s(t) that their motion s gives the plate, and during a step from a frame that goes evenly from s^n to
+//! s^{n+1}: nothing is inertial in it. At each instant the frame's velocity changes, and V with it by the momentum M R times
+//! that change. So the plate has the impulse of every kink of s, at its instant to second order, and U + R s is what the scheme makes
+//! of the plate and its supports at rest in any frame. Between steps V is counted from s' just after the instant. The kinetic
+//! energy that V gains where its frame changes is work.
 
-use super::half_step::{HalfStep, State};
+use super::half_step::{HalfStep, Images, State};
 use super::{Approach, Potential, Scheme, Start, System};
 use crate::archive::{Archive, Over};
 use crate::energy::Energies;
@@ -24,6 +32,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, Verdict};
+use std::rc::Rc;
 
 /// What the midpoint scheme takes for the part of U that has no mass.
 ///
@@ -50,6 +59,7 @@ pub struct Midpoint<'s, E: Engine> {
     next: State,
     /// G U^0.
     start: Vec<f64>,
+    images: Rc<Images>,
     /// Work of what changes with time, in J.
     given: f64,
     /// G U^{n-1/2} of the last step, and of the two before it.
@@ -99,6 +109,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         let (admissible, earlier, earliest) = (before(0.5), before(1.5), before(2.5));
         let mut now = State::new(system, start.displacement, &start.velocity)?;
         let mut verdict = Verdict::default();
+        let images = Potential::images(system)?;
         let potential = match massless {
             Massless::Reflected => None,
             Massless::Equilibrium => {
@@ -107,7 +118,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
                 Some(potential)
             }
         };
-        let mut half = HalfStep::new(system, dt, solver)?;
+        let mut half = HalfStep::new(system, dt, solver, images.clone())?;
         half.begin(&start.velocity, &now.moment)?;
         let start = system.bounds.dofs.iter().map(|&dof| now.u[dof]).collect();
         Ok(Midpoint {
@@ -118,6 +129,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             start,
             next: now.clone(),
             now,
+            images,
             given: 0.0,
             admissible,
             earlier,
@@ -139,7 +151,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         match &mut self.potential {
             None => {
                 self.half.extend(&self.now, 1.0, &mut self.next);
-                self.half.reach(time, 1.0, &mut self.next.moment)?;
+                self.half.reach(&self.now, time, 1.0, &mut self.next.moment)?;
                 self.next.weigh(self.system)?;
             }
             Some(potential) => {
@@ -151,6 +163,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.given += self.half.given(&self.now, &self.next)?;
         std::mem::swap(&mut self.now, &mut self.next);
         self.n += 1;
+        self.given += self.now.ride(self.system, &self.images, self.time())?;
         Ok(())
     }
 
@@ -169,6 +182,11 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     /// (U^n - U^{n-1}) / dt, half a step back: with the singular mass V^n has values in cells only. At the start v_0.
     fn velocity(&self) -> Vec<f64> {
         self.half.rates()
+    }
+
+    /// Those throughout the step; at the start those of the motions.
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        if self.n == 0 { self.system.drive.rates(0.0) } else { Ok(self.half.chords().to_vec()) }
     }
 
     fn admissible(&self) -> &[f64] {

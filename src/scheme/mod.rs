@@ -29,7 +29,7 @@ pub mod newmark;
 pub mod potential;
 
 pub use conserving::{Conserving, Relaxation};
-pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime, ModalDamping};
+pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime, ModalDamping, SupportMotion};
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
@@ -190,6 +190,14 @@ pub trait Scheme {
 
     /// Rate of U at the present instant, in m/s, over the displacement's dofs: for pictures.
     fn velocity(&self) -> Vec<f64>;
+
+    /// Velocities of the supports that [`Scheme::velocity`] is counted from, in m/s, one per motion.
+    ///
+    /// # Errors
+    /// Those of the motions.
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        Ok(Vec::new())
+    }
 
     /// The configuration of the present step that the obstacles bound (the paper's U^{n+1,e} or U^{n+1/2}), at each bound.
     fn admissible(&self) -> &[f64];

@@ -29,6 +29,12 @@
 //! \[ w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n), \]
 //! balances the invariant of beta = 1/2 to rounding: H grows by w_n, less dt V^T D V of the central velocity V, less what contact
 //! takes.
+//!
+//! # Supports that move
+//!
+//! U is counted from the shape R s(t) that their motion s gives the plate. The scheme for U + R s is the scheme for U with the load
+//! \( -M R\,(s^{n+1} - 2 s^n + s^{n-1}) / \Delta t^2 \) at its instant, whatever s: the acceleration's mean with a hat of width
+//! 2 dt, jumps of the velocity included. At the start \( s^{-1} = s^1 - 2 \Delta t\, s'(0) \), as U^{-1} is.
 
 use super::drive::Moment;
 use super::{Approach, Scheme, Start, System};
@@ -99,6 +105,10 @@ impl Varying {
         let next = system.moment(parameters.step)?;
         let mut before = now.clone();
         before.extrapolate(&now, &next, -1.0);
+        // That of U^{-1}: the place at U^1, less two steps at the first velocity.
+        let ways = system.drive.rates(0.0)?.into_iter().map(|rate| 2.0 * parameters.step * rate);
+        let places: Vec<f64> = next.places.iter().zip(ways).map(|(next, way)| next - way).collect();
+        before.carry(&system.drive, &places);
         let mut varying = Varying { limits: now.bounds.clone(), before, now, next, work: 0.0, given: 0.0 };
         varying.limit(parameters.restitution);
         Ok(varying)
@@ -147,6 +157,13 @@ impl Varying {
             [&self.before, &self.now, &self.next].map(|moment| moment.load.as_deref().unwrap_or(&[]));
         let instants = now.iter().zip(before.iter().zip(next));
         instants.map(move |(now, (before, next))| now + beta * (next - 2.0 * now + before))
+    }
+
+    /// Second differences of the supports' places over dt^2, in m/s^2.
+    fn accelerations(&self, dt: f64) -> Vec<f64> {
+        let [before, now, next] = [&self.before, &self.now, &self.next].map(|moment| &moment.places);
+        let instants = now.iter().zip(before.iter().zip(next));
+        instants.map(|(now, (before, next))| ((next - now) - (now - before)) / (dt * dt)).collect()
     }
 }
 
@@ -254,6 +271,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         self.elastic = self.system.force(&self.u, &mut self.b)?;
         if let Some(varying) = &self.varying {
             self.b.iter_mut().zip(varying.load(self.parameters.beta)).for_each(|(b, f)| *b += f);
+            let accelerations = varying.accelerations(self.parameters.step);
+            self.system.drive.subtract_inertia(&accelerations, &mut self.b);
         }
         push(self.system, &mut self.b, &mut self.product)?;
         let limits = self.varying.as_ref().and_then(|varying| varying.limits.as_ref());
@@ -274,7 +293,12 @@ impl<'s, E: Engine> Newmark<'s, E> {
     fn weigh(&mut self) -> Result<()> {
         let Some(varying) = &mut self.varying else { return Ok(()) };
         let ways = self.d.iter().zip(&self.d_next).map(|(d, d_next)| d + d_next);
-        let loads: f64 = varying.load(self.parameters.beta).zip(ways).map(|(f, way)| f * way).sum();
+        let mut loads: f64 =
+            varying.load(self.parameters.beta).zip(ways.clone()).map(|(f, way)| f * way).sum();
+        let accelerations = varying.accelerations(self.parameters.step);
+        for (motion, a) in self.system.drive.supports.iter().zip(accelerations) {
+            loads -= a * motion.momentum.iter().zip(ways.clone()).map(|(m, way)| m * way).sum::<f64>();
+        }
         let given = 0.5 * self.system.total(loads + varying.before.carried(&varying.next, &self.reaction))?;
         if self.n > 0 {
             varying.work += 0.5 * (varying.given + given);
@@ -356,6 +380,13 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     /// The central difference (U^{n+1} - U^{n-1}) / (2 dt).
     fn velocity(&self) -> Vec<f64> {
         self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect()
+    }
+
+    /// The central differences of their places.
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        let Some(Varying { before, next, .. }) = &self.varying else { return Ok(Vec::new()) };
+        let ends = before.places.iter().zip(&next.places);
+        Ok(ends.map(|(before, next)| (next - before) / (2.0 * self.parameters.step)).collect())
     }
 
     fn admissible(&self) -> &[f64] {

@@ -31,13 +31,14 @@
 
 use super::System;
 use super::drive::Moment;
-use super::half_step::{HalfStep, State};
+use super::half_step::{HalfStep, Images, State};
 use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::Judge;
 use crate::vi::{Condensed, Side, Solver, Verdict};
+use std::rc::Rc;
 
 /// The penalty over the square of the fastest frequency: what is aimed at, and what is accepted.
 const STIFFNESS: f64 = 1e4;
@@ -90,14 +91,47 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// [`Error::Singular`] where that is not positive definite, or no estimate of the fastest frequency holds.
     /// [`Error::Usage`] for damping by stiffness.
     pub fn new(system: &'s System<E>) -> Result<Potential<'s, E>> {
-        let System { engine, stiffness, mass, bounds, damping, .. } = system;
-        if damping.stiffness != 0.0 {
+        if system.damping.stiffness != 0.0 {
             return Err(Error::Usage(
                 "damping.stiffness: the part of the plate without mass then follows its own history, not the rest of the plate; \
                  set time.massless = \"reflected\" with time.scheme = \"midpoint\", or time.scheme = \"newmark\""
                     .into(),
             ));
         }
+        Potential::factor(system)
+    }
+
+    /// Velocities that have the momenta of the shapes of moving supports, one per motion: those of least energy.
+    ///
+    /// M R = B^T V is solved by K + s M, which misses w^2 / (w^2 + s) of a motion of frequency w each time.
+    pub(super) fn images(system: &System<E>) -> Result<Rc<Images>> {
+        let System { engine, mass, drive, .. } = system;
+        if drive.supports.is_empty() {
+            return Ok(Rc::new([]));
+        }
+        let mut potential = Potential::factor(system)?;
+        let Potential { solver, sum, penalty, b, x, moved, .. } = &mut potential;
+        let mut image = |momentum: &[f64]| {
+            let mut image = vec![0.0; moved.len()];
+            for _ in 0..*ROUNDS.end() {
+                engine.momentum(mass, &image, b)?;
+                b.iter_mut().zip(momentum).for_each(|(b, m)| *b = *penalty * (m - *b));
+                solver.solve(engine, sum, b, &Bounds::default(), x, &mut [])?;
+                engine.velocity(mass, x, moved)?;
+                image.iter_mut().zip(&*moved).for_each(|(image, moved)| *image += moved);
+                let [more, all] = [&*moved, &image].map(|v| engine.vis_viva(mass, v));
+                if more?.sqrt() <= f64::EPSILON * all?.sqrt() {
+                    break;
+                }
+            }
+            Ok(image)
+        };
+        drive.supports.iter().map(|motion| image(&motion.momentum)).collect()
+    }
+
+    /// Chooses the penalty and factors K + s M.
+    fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
+        let System { engine, stiffness, mass, bounds, .. } = system;
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);
         let (mut moved, mut pull) = (vec![0.0; velocities], vec![0.0; velocities]);
@@ -338,7 +372,7 @@ impl<E: Engine> Line<'_, '_, E> {
     pub fn at(&mut self, gamma: f64, to: &mut State) -> Result<()> {
         let Line { half, from, time, .. } = *self;
         half.extend(from, gamma, to);
-        half.reach(time, gamma, &mut to.moment)?;
+        half.reach(from, time, gamma, &mut to.moment)?;
         self.same_piece = self.goes_straight(gamma, to)?;
         if !self.same_piece || gamma != 1.0 && self.potential.system.drive.varies() {
             self.solve(gamma, &to.moment)?;

@@ -216,13 +216,13 @@ impl Fields {
         let rate = engine.on_cells(&scheme.velocity())?;
         let mut rows = [0, 1, 2].map(|row| self.evaluate(&u, row));
         let mut velocity = self.evaluate(&rate, 0);
-        for (motion, lift) in &self.lifts {
-            let jet = motion.jet(scheme.time())?;
+        for ((motion, lift), moves) in self.lifts.iter().zip(scheme.support_rates()?) {
+            let moved = motion.at(Point::origin(), scheme.time())?;
             let add = |to: &mut [f64], factor: f64, lift: &[f64]| {
                 to.iter_mut().zip(lift).for_each(|(to, lift)| *to += factor * lift);
             };
-            rows.iter_mut().zip(lift).for_each(|(row, lift)| add(row, jet.value, lift));
-            add(&mut velocity, jet.first, &lift[0]);
+            rows.iter_mut().zip(lift).for_each(|(row, lift)| add(row, moved, lift));
+            add(&mut velocity, moves, &lift[0]);
         }
         let [deflection, slope_x, slope_y] = rows;
         let (mut gap, mut obstacles, mut reaction) = (None, None, None);

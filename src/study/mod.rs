@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod compare;
 pub mod figures;
+mod in_time;
 pub mod infsup;
 mod inspect;
 mod matrices;

@@ -4,8 +4,8 @@
 //! shows is said in [`of_scene`]; what only mesh, loads and formulas show is pushed to [`Model::warnings`] while the model is
 //! built; what the matrices show is said here too, from a model on the native engine.
 
-use super::infsup;
 use super::inspect::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
+use super::{in_time, infsup};
 use crate::linalg::{Engine, Form};
 use crate::output::text::significant;
 use crate::scene::{Mass, Scene, Scheme, Time};
@@ -41,6 +41,7 @@ pub(super) fn judged(
 ) -> Vec<String> {
     let mut warnings = found.to_vec();
     warnings.extend(of_scene(scene));
+    warnings.extend(in_time::warnings(scene));
     if let Some((model, frequencies)) = matrices {
         warnings.extend(of_step(scene, frequencies));
         warnings.extend(of_inf_sup(scene, model));

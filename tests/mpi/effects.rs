@@ -64,6 +64,27 @@ fn shaken_between_stops() {
     );
 }
 
+/// Supports that move apart, with kinks, over a stop: an impulse at each on both ranks.
+#[test]
+fn kinks_of_supports() {
+    for scheme in ["conserving", "midpoint"] {
+        agree(
+            &format!("kinks-{scheme}"),
+            &format!(
+                r#"
+                {STEEL}
+                mesh = {{ element = "fvs", cells = [6, 2] }}
+                support = [{{ edge = "left", kind = "clamped", motion = "0.2*max(0, t - 0.0031)" }}, {{ edge = "right", kind = "simply_supported", motion = "1e-3*abs(sin(200*t))" }}]
+                obstacle = [{{ side = "above", height = 0.004, where = "x > 0.4" }}]
+                time = {{ scheme = "{scheme}", mass = "singular", step = 2e-4, end = 0.04 }}
+                output = {{ probes = [{{ name = "centre", at = [0.6, 0.2] }}] }}
+                "#
+            ),
+            true,
+        );
+    }
+}
+
 #[test]
 fn a_ball_and_all_that_is_attached() {
     agree(

@@ -148,7 +148,7 @@ fn faults_of_values_name_the_point() {
     let fault = parse("1/x").values(&points, 0.0, &mut [0.0; 2]).unwrap_err().to_string();
     assert_eq!(fault, "column 1: 1/x is inf at x = 0.0; expected a finite number");
     let fault = parse("sqrt(t)").jet(points[0], 0.0).unwrap_err().to_string();
-    assert_eq!(fault, "column 1: no velocity or acceleration at t = 0.0; expected a smooth formula");
+    assert_eq!(fault, "column 1: no velocity at t = 0.0; expected a smooth formula");
 }
 
 #[test]

@@ -4,9 +4,11 @@
 mod common;
 
 mod bearing;
+mod breaks;
 mod documented;
 mod effects;
 mod field;
+mod in_time;
 mod motion;
 mod points;
 mod reading;

@@ -63,7 +63,8 @@ fn base_excitation_is_an_inertial_load() {
         let moved = run(&[&plate, &clamped("0.02*(1 - cos(8*t))")[..], &rest].concat());
         let pushed = run(&[&plate, CLAMPED, "load.pressure = \"-0.02*64*cos(8*t)\"\n", &rest].concat());
         assert!(off(&pushed, |_| 0.0) > 1e-2);
-        same(&seen_from(moved, |t| 0.02 * (1.0 - (8.0 * t).cos())), &pushed, 1e-12);
+        // The load is the mean of the acceleration between the instants, not its values there.
+        same(&seen_from(moved, |t| 0.02 * (1.0 - (8.0 * t).cos())), &pushed, 5e-6);
     }
 }
 

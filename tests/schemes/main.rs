@@ -9,5 +9,6 @@ mod damping;
 mod energy;
 mod exact;
 mod forced;
+mod kinks;
 mod moving;
 mod period_three_bar;

@@ -4,11 +4,11 @@ use super::Lift;
 use super::attached::Rider;
 use super::ground::{Agree, Ground, Team};
 use crate::error::{Error, Result};
+use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{self, Given, Side};
 use crate::simulation::{Site, body};
-use crate::space::PER_NODE;
 use std::rc::Rc;
 
 /// The nodes of this process that each obstacle is opposite to. Collective.
@@ -57,8 +57,8 @@ pub(super) struct Heights {
     still: Bounds,
     /// Obstacles that move.
     moving: Vec<Opposite>,
-    /// Motions of the supports, with their lift at each bound; none at the gaps.
-    lifts: Vec<(Rc<Given>, Vec<f64>)>,
+    /// Whether supports move, which carry the bounds along.
+    carried: bool,
     places: Vec<[f64; 2]>,
     agree: Rc<Agree>,
 }
@@ -93,20 +93,17 @@ impl Heights {
             let points = bounds.iter().map(|&bound| bounded[bound].at.into()).collect();
             let opposite = Opposite { side: obstacle.side, height: obstacle.height.clone(), bounds, points };
             if obstacle.height.changes() {
+                found = found.and_then(|()| opposite.refuse_jumps(&scene.time));
                 moving.push(opposite);
             } else {
                 found = found.and_then(|()| opposite.narrow(0.0, &mut still));
             }
         }
         ground.team.together(found)?;
-        let lift = |lift: &Lift| {
-            let at = |site: &Site| lift.shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
-            (lift.motion.clone(), bounded.iter().map(at).collect())
-        };
         Ok(Heights {
             still,
             moving,
-            lifts: lifts.iter().map(lift).collect(),
+            carried: !lifts.is_empty(),
             places: bounded.iter().map(|site| site.at).collect(),
             agree: ground.agree.clone(),
         })
@@ -114,17 +111,17 @@ impl Heights {
 
     /// Whether any bound changes with time.
     pub fn vary(&self) -> bool {
-        !self.moving.is_empty() || !self.lifts.is_empty()
+        !self.moving.is_empty() || self.carried
     }
 
-    /// The bounds of the first instant. Collective.
+    /// The bounds of the first instant, before supports carry them along. Collective.
     pub fn at_start(&self) -> Result<Bounds> {
         let mut bounds = self.still.clone();
         (self.agree)(self.place(0.0, &mut bounds))?;
         Ok(bounds)
     }
 
-    /// Sets the bounds of an instant, in the frame of the supports. Collective.
+    /// Sets the bounds of an instant, before supports carry them along. Collective.
     pub fn set(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         let placed = self.place(t, bounds);
         // Motions of supports alone are the same on all processes.
@@ -137,13 +134,6 @@ impl Heights {
         for opposite in &self.moving {
             opposite.narrow(t, bounds)?;
         }
-        for (motion, lift) in &self.lifts {
-            let moved = motion.at(Point::origin(), t)?;
-            for ((lower, upper), lift) in bounds.lower.iter_mut().zip(&mut bounds.upper).zip(lift) {
-                *lower -= lift * moved;
-                *upper -= lift * moved;
-            }
-        }
         let crossed = bounds.lower.iter().zip(&bounds.upper).position(|(lower, upper)| lower > upper);
         crossed.map_or(Ok(()), |bound| {
             let [x, y] = self.places[bound];
@@ -154,7 +144,23 @@ impl Heights {
     }
 }
 
+/// Points of an obstacle at which jumps of its height are sought.
+const WATCHED: usize = 64;
+
 impl Opposite {
+    /// An error where the height jumps, at one of some points spread over the obstacle. Of one that is the same everywhere the scene's
+    /// reader has told.
+    fn refuse_jumps(&self, time: &scene::Time) -> Result<()> {
+        let watched = if self.height.is_even() { 0 } else { self.points.len().min(WATCHED) };
+        for k in 0..watched {
+            let at = self.points[k * self.points.len() / watched];
+            if let Some(wrong) = self.height.jump(at, time, MOST_LOOKS / watched) {
+                return Err(Error::Scene(format!("{}: {wrong}", self.height.key)));
+            }
+        }
+        Ok(())
+    }
+
     /// Leaves no more room than this obstacle does at an instant: of several on a side the nearest counts.
     fn narrow(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         let mut heights = vec![0.0; self.points.len()];

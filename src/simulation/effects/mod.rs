@@ -26,7 +26,6 @@ use attached::Attached;
 use ground::Team;
 use heights::Heights;
 use loads::Loads;
-use motion::Frames;
 use start::Statics;
 use std::time::Instant;
 
@@ -149,7 +148,6 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
 
     let statics = Statics { ground, attached: &attached, mechanism };
     let lifts = motion::lifts(&system, &statics)?;
-    let frames = Frames::new(ground, &attached, &lifts)?;
 
     if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
         // Rigid motions, which come first, do not count.
@@ -164,21 +162,21 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     let opposite = heights::opposite(ground)?;
     let (sites, bounded) = heights::sites(ground, &opposite, &attached.balls);
     let heights = Heights::new(ground, &opposite, &sites[..bounded], &lifts)?;
-    system.bounds = heights.at_start()?;
+    let dofs = system.engine.dofs();
+    let moving = |lift: &Lift| lift.moving(ground, &attached, &sites[..bounded], dofs);
+    system.drive.supports = lifts.iter().map(moving).collect::<Result<_>>()?;
+    system.bounds = system.drive.carried(0.0, heights.at_start()?)?;
     if matches!(scene.time.scheme, Scheme::Conserving | Scheme::Exact) {
         attached.refuse_stopped(ground, &system.bounds)?;
     }
 
     let clock = Instant::now();
     let places = Places::new(ground, system.engine.dofs(), attached.carried());
-    let (start, doubt) = start::start(&system, &statics, &loads, &frames, &lifts, &places)?;
+    let (start, doubt) = start::start(&system, &statics, &loads, &lifts, &places)?;
     warnings.extend(doubt);
     let seconds = clock.elapsed().as_secs_f64();
-    if loads.vary() || frames.push() {
-        system.drive.load = Some(Box::new(move |t, load: &mut [f64]| {
-            loads.add(t, load)?;
-            frames.add(t, load)
-        }));
+    if loads.vary() {
+        system.drive.load = Some(Box::new(move |t, load: &mut [f64]| loads.add(t, load)));
     }
     if heights.vary() && !ground.team.gather(&[bounded as f64]).iter().all(|&count| count == 0.0) {
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));

@@ -9,9 +9,9 @@ use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{Given, Mass};
-use crate::scheme::System;
-use crate::simulation::body;
-use crate::space::{Place, Support};
+use crate::scheme::{SupportMotion, System};
+use crate::simulation::{Site, body};
+use crate::space::{PER_NODE, Place, Support};
 use std::rc::Rc;
 
 /// How supports move, and the deflection and slopes that a motion of 1 m makes at each node (three a node of this process).
@@ -91,66 +91,47 @@ fn tears(motion: &Given, at: Point) -> Error {
     Error::Scene(format!("{}: {wrong}; expected them apart, as by where", motion.key))
 }
 
-/// A lift's forces and momenta, on the engine's dofs, for a motion of 1 m.
-struct Frame {
-    motion: Rc<Given>,
-    /// What pulls at the plate: nothing where the lift is in equilibrium.
-    force: Option<Vec<f64>>,
-    momentum: Vec<f64>,
-}
-
-/// What motions of the supports do in their frame.
-pub(super) struct Frames(Vec<Frame>);
-
-impl Frames {
-    /// Forces and momenta of each lift. Collective.
-    pub fn new<T: Team>(ground: &Ground<T>, attached: &Attached, lifts: &[Lift]) -> Result<Frames> {
-        let Ground { scene, mesh, cells, space, add_up, .. } = ground;
-        let frame = |Lift { motion, shape, is_rigid }: &Lift| {
-            let mut momentum = vec![0.0; space.dofs()];
-            match scene.time.mass {
-                Mass::Singular => assembly::singular_momenta(mesh, cells, shape, &mut momentum),
-                Mass::Consistent => assembly::consistent_momenta(mesh, cells, shape, &mut momentum),
-            }
-            attached.add_momenta(shape, &mut momentum);
-            let force = is_rigid.then(|| {
-                let mut force = vec![0.0; space.dofs()];
-                attached.add_forces(ground, shape, &mut force);
-                add_up(&force)
-            });
-            let any = |force: &Vec<f64>| {
-                ground.team.gather(&[f64::from(u8::from(force.iter().any(|f| *f != 0.0)))]).contains(&1.0)
-            };
-            let force = force.transpose()?.filter(any);
-            Ok(Frame { motion: motion.clone(), force, momentum: add_up(&momentum)? })
+impl Lift {
+    /// The motion with the forces and momenta of its shape, on the engine's dofs, of which some are bounded. Collective.
+    pub(super) fn moving<T: Team>(
+        &self,
+        ground: &Ground<T>,
+        attached: &Attached,
+        bounded: &[Site],
+        dofs: usize,
+    ) -> Result<SupportMotion> {
+        let Ground { scene, mesh, cells, space, add_up, team, .. } = ground;
+        let Lift { motion, shape, is_rigid } = self;
+        let mut momentum = vec![0.0; space.dofs()];
+        match scene.time.mass {
+            Mass::Singular => assembly::singular_momenta(mesh, cells, shape, &mut momentum),
+            Mass::Consistent => assembly::consistent_momenta(mesh, cells, shape, &mut momentum),
+        }
+        attached.add_momenta(shape, &mut momentum);
+        let stiffness = is_rigid.then(|| {
+            let mut force = vec![0.0; space.dofs()];
+            attached.add_forces(ground, shape, &mut force);
+            add_up(&force)
+        });
+        let any = |force: &Vec<f64>| {
+            team.gather(&[f64::from(u8::from(force.iter().any(|f| *f != 0.0)))]).contains(&1.0)
         };
-        lifts.iter().map(frame).collect::<Result<_>>().map(Frames)
-    }
-
-    /// Whether anything moves.
-    pub fn push(&self) -> bool {
-        !self.0.is_empty()
-    }
-
-    /// Adds what the lifts of an instant pull at the plate, at rest.
-    pub fn pull(&self, t: f64, load: &mut [f64]) -> Result<()> {
-        for Frame { motion, force, .. } in &self.0 {
-            if let Some(force) = force {
-                let moved = motion.at(Point::origin(), t)?;
-                load.iter_mut().zip(force).for_each(|(load, f)| *load -= moved * f);
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds that and the lifts' inertia.
-    pub fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
-        self.pull(t, load)?;
-        for Frame { motion, momentum, .. } in &self.0 {
-            let acceleration = motion.jet(t)?.second;
-            load.iter_mut().zip(momentum).for_each(|(load, m)| *load -= acceleration * m);
-        }
-        Ok(())
+        let step = scene.time.step;
+        let [place, rate] = [(); 2].map(|()| motion.clone());
+        // The gaps of balls stand past the nodes; nothing carries them.
+        let at = |site: &Site| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
+        Ok(SupportMotion {
+            place: Box::new(move |t| place.at(Point::origin(), t)),
+            rate: Box::new(move |t| match rate.jet(t) {
+                Ok(jet) => Ok(jet.first),
+                // An infinite one is that over the next step.
+                Err(_) => Ok((rate.at(Point::origin(), t + step)? - rate.at(Point::origin(), t)?) / step),
+            }),
+            momentum: add_up(&momentum)?,
+            stiffness: stiffness.transpose()?.filter(any),
+            at_bounds: bounded.iter().map(at).collect(),
+            shape: ground.owned(&space.interpolate(shape), dofs),
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use super::attached::{Attached, Rider};
 use super::bearing;
 use super::ground::{Ground, Team};
 use super::loads::Loads;
-use super::motion::{Frames, Lift};
+use super::motion::Lift;
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
@@ -47,7 +47,7 @@ impl<T: Team> Statics<'_, T> {
     }
 
     /// The equilibrium that the scene starts from. Collective.
-    fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads, frames: &Frames) -> Result<Vec<f64>> {
+    fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads) -> Result<Vec<f64>> {
         let Ground { scene, own, add_up, .. } = self.ground;
         let initial = &scene.initial;
         let key = if initial.equilibrium { "initial.equilibrium" } else { "initial.static_pressure" };
@@ -58,7 +58,7 @@ impl<T: Team> Statics<'_, T> {
         }
         crate::simulation::phase("static start");
         let mut load = add_up(&self.ground.pressed(&initial.static_pressure)?)?;
-        frames.pull(0.0, &mut load)?;
+        system.drive.pull(0.0, &mut load)?;
         if initial.equilibrium {
             let constant = loads.constant.iter().flatten();
             load.iter_mut().zip(constant).for_each(|(load, f)| *load += f);
@@ -103,7 +103,6 @@ pub(super) fn start<E: OfCells, T: Team>(
     system: &System<E>,
     statics: &Statics<T>,
     loads: &Loads,
-    frames: &Frames,
     lifts: &[Lift],
     places: &Places,
 ) -> Result<(Start, Option<String>)> {
@@ -113,7 +112,7 @@ pub(super) fn start<E: OfCells, T: Team>(
     let engine = &system.engine;
     // Deflections are over those of the supports, velocities are not.
     let given = team.together(ground.shape_of(&initial.velocity))?;
-    let rates = lifts.iter().map(|lift| Ok(lift.motion.jet(0.0)?.first)).collect::<Result<Vec<f64>>>()?;
+    let rates = system.drive.rates(0.0)?;
     let of_supports = |dof: usize| lifts.iter().zip(&rates).map(|(lift, rate)| rate * lift.shape[dof]).sum();
     let thrown = if initial.velocity.is_zero() { None } else { contradiction(ground, &given, of_supports) };
     let doubt = first_of_all(team, thrown)
@@ -128,7 +127,7 @@ pub(super) fn start<E: OfCells, T: Team>(
         velocity = v;
         u
     } else if initial.equilibrium || !initial.static_pressure.is_zero() {
-        statics.at_rest(system, loads, frames)?
+        statics.at_rest(system, loads)?
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
         ground.owned(&space.interpolate(&team.together(shape)?), engine.dofs())
@@ -138,10 +137,10 @@ pub(super) fn start<E: OfCells, T: Team>(
         let Some(dof) = (ground.own)(*gap) else { continue };
         displacement[dof] = ball.height - spot.free.deflection(&u);
         velocity[dof] = ball.velocity - spot.free.deflection(&v);
-        for Lift { motion, shape, .. } in lifts {
-            let (jet, lift) = (motion.jet(0.0)?, spot.of_shape.deflection(shape));
-            displacement[dof] -= lift * jet.value;
-            velocity[dof] -= lift * jet.first;
+        for (Lift { motion, shape, .. }, rate) in lifts.iter().zip(&rates) {
+            let lift = spot.of_shape.deflection(shape);
+            displacement[dof] -= lift * motion.at(Point::origin(), 0.0)?;
+            velocity[dof] -= lift * rate;
         }
     }
     let violation = engine.maximum(system.bounds.violation(&displacement))?;

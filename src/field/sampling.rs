@@ -1,0 +1,258 @@
+//! What steps of time do not see of a function of time.
+
+use super::code::{Binary, Number};
+use super::span::{Interval, Span};
+use super::{Field, Names, Point, Table};
+use std::collections::VecDeque;
+
+/// Where steps see least of a function, of which they know the values at their ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Missed {
+    /// The end of the step that misses most, in s.
+    pub time: f64,
+    /// The integral that is missed, over that of the function's magnitude, among [`WINDOW`] steps around it.
+    pub share: f64,
+}
+
+/// Steps that are judged together.
+pub const WINDOW: u64 = 3 * BLOCK;
+const BLOCK: u64 = 10;
+/// Least share that is told.
+pub const TOLD: f64 = 0.1;
+/// What is missed is not told where it is less than this part of the largest value over as many steps.
+const LITTLE: f64 = 1e-3;
+
+/// Looks at spans of steps, and blocks of steps that are integrated.
+const MOST_LOOKS: usize = 40_000;
+const MOST_BLOCKS: usize = 600;
+/// Parts of a step that its integral is made of, and how often one is halved.
+const MOST_PARTS: usize = 400;
+const MOST_HALVINGS: u32 = 40;
+/// What is rounded outwards from 0.
+const NOTHING: f64 = 1e-290;
+/// Error of a part's integral over that of its magnitude.
+const CLOSE: f64 = 1e-3;
+
+/// A function of time of which bounds are known over any interval.
+trait Bounded {
+    fn value(&self, t: f64) -> f64;
+    fn span(&self, from: f64, to: f64) -> Span;
+}
+
+struct At<'f>(&'f Field, Point);
+
+impl Bounded for At<'_> {
+    fn value(&self, t: f64) -> f64 {
+        self.0.value(self.1, t).unwrap_or(f64::NAN)
+    }
+
+    fn span(&self, from: f64, to: f64) -> Span {
+        self.0.span(&mut Vec::new(), self.1, from, to)
+    }
+}
+
+impl Bounded for Table {
+    fn value(&self, t: f64) -> f64 {
+        Table::value(self, t)
+    }
+
+    /// The hull of the cubics between the rows, by their coefficients.
+    fn span(&self, from: f64, to: f64) -> Span {
+        let middle = Table::value(self, 0.5 * (from + to));
+        let first = self.times.partition_point(|time| *time <= from);
+        let last = self.times.partition_point(|time| *time < to);
+        let ends = [from, to].map(|t| self.jet(t));
+        let mut value = Interval::hull_of(ends.iter().map(|jet| jet.value));
+        let mut rate = Interval::hull_of(ends.iter().map(|jet| jet.first));
+        for piece in first.saturating_sub(1)..last.min(self.pieces.len()) {
+            let [a, b, c, d] = self.pieces[piece];
+            let low = (from - self.times[piece]).max(0.0);
+            let high = to.min(self.times[piece + 1]) - self.times[piece];
+            let turn = if d == 0.0 { low } else { (-c / (3.0 * d)).clamp(low, high) };
+            let slope = |s: f64| b + s * (2.0 * c + s * 3.0 * d);
+            rate = rate.hull(Interval::hull_of([low, high, turn].map(slope)));
+            let at = |s: f64| a + s * (b + s * (c + s * d));
+            let way = 0.5 * (high - low) * rate.magnitude();
+            let centre = at(0.5 * (low + high));
+            value = value.hull(Interval::hull_of([centre - way, centre + way]));
+        }
+        Span::smooth(middle, value, rate, 0.5 * (to - from))
+    }
+}
+
+/// A function less a number.
+struct Less<'f> {
+    of: &'f dyn Bounded,
+    less: f64,
+}
+
+impl Bounded for Less<'_> {
+    fn value(&self, t: f64) -> f64 {
+        self.of.value(t) - self.less
+    }
+
+    fn span(&self, from: f64, to: f64) -> Span {
+        self.of.span(from, to).binary(Binary::Subtract, Span::constant(self.less))
+    }
+}
+
+impl Field {
+    /// Where steps from 0 on see least of the values, less a number, at a point (m); `None` where they see nearly all.
+    pub fn missed(&self, at: Point, less: f64, step: f64, steps: u64) -> Option<Missed> {
+        let depends = self.depends_on(Names::T);
+        depends.then(|| missed(&Less { of: &At(self, at), less }, step, steps)).flatten()
+    }
+}
+
+impl Table {
+    /// As [`Field::missed`].
+    pub fn missed(&self, less: f64, step: f64, steps: u64) -> Option<Missed> {
+        missed(&Less { of: self, less }, step, steps)
+    }
+}
+
+/// Looks at spans of blocks, the longest first, and integrates those blocks in which steps might miss much.
+///
+/// The trapezoidal rule over a step dt misses at most dt^2 / 8 times the range of the rate. Work is bounded whatever the number of
+/// steps: where a function has too much to look at, blocks spread over all of it are integrated.
+fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
+    let blocks = steps.div_ceil(BLOCK);
+    let instant = |block: u64| (block * BLOCK).min(steps) as f64 * step;
+    let mut pending = VecDeque::from([(0, blocks)]);
+    let (mut doubtful, mut largest, mut looks) = (Vec::new(), 0.0_f64, 0);
+    while let Some((first, end)) = pending.pop_front() {
+        looks += 1;
+        if looks > MOST_LOOKS {
+            doubtful.push(first + (end - first) / 2);
+            continue;
+        }
+        let span = of.span(instant(first), instant(end));
+        if span.middle.is_finite() {
+            largest = largest.max(span.middle.abs());
+        }
+        let Interval { low, high } = span.rate;
+        let least = span.value.least_magnitude();
+        let most = if span.breaks { f64::INFINITY } else { 0.125 * step * (high - low) };
+        if span.value.magnitude() <= NOTHING {
+            continue;
+        }
+        if most <= 0.5 * TOLD * least || most.min(2.0 * span.value.magnitude()) <= LITTLE * largest {
+            continue;
+        }
+        if end - first == 1 {
+            doubtful.push(first);
+            continue;
+        }
+        let middle = first + (end - first) / 2;
+        pending.extend([(first, middle), (middle, end)]);
+    }
+    doubtful.sort_unstable();
+    let every = doubtful.len().div_ceil(MOST_BLOCKS).max(1);
+    let mut sums = Sums { of, step, steps, known: Vec::new() };
+    let mut worst: Option<Missed> = None;
+    let mut most = 0.0_f64;
+    let judged: Vec<_> = doubtful.iter().step_by(every).map(|&block| (block, sums.judged(block))).collect();
+    for (_, of) in &judged {
+        most = most.max(of.impulse);
+    }
+    for (_, Judged { share, missed, time, .. }) in judged {
+        let is_worst = worst.is_none_or(|worst| share > worst.share);
+        if share > TOLD && missed > LITTLE * most && is_worst {
+            worst = Some(Missed { time, share });
+        }
+    }
+    worst
+}
+
+/// Integrals over blocks, each found once while its neighbours ask for it.
+struct Sums<'f> {
+    of: &'f dyn Bounded,
+    step: f64,
+    steps: u64,
+    /// The last blocks asked for.
+    known: Vec<(u64, Sum)>,
+}
+
+/// Over the steps of a block.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    /// Integral of the magnitude.
+    impulse: f64,
+    /// Magnitudes of what each step misses, added, the largest, and the end of that step.
+    missed: f64,
+    most: f64,
+    time: f64,
+}
+
+struct Judged {
+    impulse: f64,
+    missed: f64,
+    share: f64,
+    time: f64,
+}
+
+impl Sums<'_> {
+    /// A block among those around it, in the window in which it looks best: an edge of a long load is nothing beside the load.
+    fn judged(&mut self, block: u64) -> Judged {
+        let around: Vec<Sum> =
+            (0..5).map(|k| (block + k).checked_sub(2)).map(|block| self.sum(block)).collect();
+        let Sum { missed, time, .. } = around[2];
+        let mut judged = Judged { impulse: 0.0, missed, share: f64::INFINITY, time };
+        for window in around.windows(3) {
+            let total = |part: fn(&Sum) -> f64| window.iter().map(part).sum::<f64>();
+            let (impulse, missed) = (total(|sum| sum.impulse), total(|sum| sum.missed));
+            judged.impulse = judged.impulse.max(impulse);
+            // Nothing is missed of what has no value.
+            judged.share = judged.share.min(if missed > 0.0 { missed / impulse } else { 0.0 });
+        }
+        judged
+    }
+
+    fn sum(&mut self, block: Option<u64>) -> Sum {
+        let Some(block) = block.filter(|block| block * BLOCK < self.steps) else { return Sum::default() };
+        if let Some((_, sum)) = self.known.iter().find(|(known, _)| *known == block) {
+            return *sum;
+        }
+        let mut sum = Sum::default();
+        for n in block * BLOCK..((block + 1) * BLOCK).min(self.steps) {
+            let [from, to] = [n, n + 1].map(|n| n as f64 * self.step);
+            let [all, magnitude] = integral(self.of, from, to);
+            let seen = 0.5 * self.step * (self.of.value(from) + self.of.value(to));
+            let missed = (all - seen).abs();
+            sum.impulse += magnitude;
+            sum.missed += missed;
+            if missed > sum.most {
+                (sum.most, sum.time) = (missed, to);
+            }
+        }
+        if self.known.len() >= 5 {
+            self.known.remove(0);
+        }
+        self.known.push((block, sum));
+        sum
+    }
+}
+
+/// Integrals of a function and of its magnitude, by halving where its rate changes.
+fn integral(of: &dyn Bounded, from: f64, to: f64) -> [f64; 2] {
+    let mut pending = VecDeque::from([(from, to, 0)]);
+    let [mut sum, mut magnitude] = [0.0, 0.0];
+    let mut parts = 0;
+    while let Some((low, high, halvings)) = pending.pop_front() {
+        let span = of.span(low, high);
+        let length = high - low;
+        parts += 1;
+        let error =
+            if span.breaks { f64::INFINITY } else { 0.125 * length * (span.rate.high - span.rate.low) };
+        let scale = span.middle.abs().max(magnitude / (to - from));
+        let still = span.value.magnitude() <= NOTHING;
+        if still || error <= CLOSE * scale || halvings == MOST_HALVINGS || parts > MOST_PARTS {
+            sum += length * span.middle;
+            magnitude += length * span.middle.abs();
+            continue;
+        }
+        let middle = 0.5 * (low + high);
+        pending.extend([(low, middle, halvings + 1), (middle, high, halvings + 1)]);
+    }
+    [sum, magnitude]
+}

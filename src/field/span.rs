@@ -1,0 +1,440 @@
+//! A number over an interval of time: bounds of its value and of its rate, and whether it may have a kink or a jump there.
+
+use super::code::{Binary, Number, Unary};
+use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
+
+/// Numbers from `low` to `high`, rounded outwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Interval {
+    pub low: f64,
+    pub high: f64,
+}
+
+const NOUGHT: Interval = Interval { low: 0.0, high: 0.0 };
+const ALL: Interval = Interval { low: f64::NEG_INFINITY, high: f64::INFINITY };
+
+/// Part of a result that rounding may have taken.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+/// Half an interval over its time that is far above rounding.
+const WIDE: f64 = 1e-12;
+
+impl Interval {
+    fn point(value: f64) -> Interval {
+        if value.is_nan() { ALL } else { Interval { low: value, high: value } }
+    }
+
+    /// The interval of some numbers, and what rounding may have taken from it.
+    fn of(values: impl IntoIterator<Item = f64>) -> Interval {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for value in values {
+            if value.is_nan() {
+                return ALL;
+            }
+            low = low.min(value);
+            high = high.max(value);
+        }
+        Interval {
+            low: low - ROUNDING * low.abs() - f64::MIN_POSITIVE,
+            high: high + ROUNDING * high.abs() + f64::MIN_POSITIVE,
+        }
+    }
+
+    /// The interval of some numbers, of which there are some.
+    pub fn hull_of(values: impl IntoIterator<Item = f64>) -> Interval {
+        Interval::of(values)
+    }
+
+    /// The least magnitude.
+    pub fn least_magnitude(self) -> f64 {
+        if self.contains(0.0) { 0.0 } else { self.low.abs().min(self.high.abs()) }
+    }
+
+    fn contains(self, value: f64) -> bool {
+        self.low <= value && value <= self.high
+    }
+
+    pub fn hull(self, other: Interval) -> Interval {
+        Interval { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// What both have in common; the first where rounding has left nothing.
+    fn meet(self, other: Interval) -> Interval {
+        let (low, high) = (self.low.max(other.low), self.high.min(other.high));
+        if low <= high { Interval { low, high } } else { self }
+    }
+
+    pub fn magnitude(self) -> f64 {
+        self.low.abs().max(self.high.abs())
+    }
+
+    fn map(self, of: impl Fn(f64) -> f64) -> Interval {
+        Interval::of([of(self.low), of(self.high)])
+    }
+
+    fn plus(self, other: Interval) -> Interval {
+        if self == NOUGHT || other == NOUGHT {
+            return if self == NOUGHT { other } else { self };
+        }
+        Interval::of([self.low + other.low, self.high + other.high])
+    }
+
+    fn minus(self, other: Interval) -> Interval {
+        Interval::of([self.low - other.high, self.high - other.low])
+    }
+
+    fn times(self, other: Interval) -> Interval {
+        if self == NOUGHT || other == NOUGHT {
+            return NOUGHT;
+        }
+        let product = |a: f64, b: f64| if a == 0.0 || b == 0.0 { 0.0 } else { a * b };
+        let [a, b, c, d] = [self.low, self.high, other.low, other.high];
+        Interval::of([product(a, c), product(a, d), product(b, c), product(b, d)])
+    }
+
+    fn over(self, other: Interval) -> Interval {
+        if other.contains(0.0) {
+            return if self == Interval::point(0.0) { self } else { ALL };
+        }
+        let inverse = Interval::of([1.0 / other.low, 1.0 / other.high]);
+        self.times(inverse)
+    }
+
+    fn squared(self) -> Interval {
+        let Interval { low, high } = self.map(|u| u * u);
+        if self.contains(0.0) { Interval { low: 0.0, high } } else { Interval { low, high } }
+    }
+
+    /// The sine of it, or of it and a shift.
+    fn sine(self, shift: f64) -> Interval {
+        if !self.low.is_finite() || !self.high.is_finite() || self.high - self.low >= TAU {
+            return Interval { low: -1.0, high: 1.0 };
+        }
+        let shifted = self.plus(Interval::point(shift));
+        let mut sine = Interval::of([shifted.low.sin(), shifted.high.sin()]);
+        // Rounding of a large argument.
+        let slack = ROUNDING * shifted.magnitude();
+        let has = |peak: f64| {
+            let turns = ((shifted.low - slack - peak) / TAU).ceil();
+            peak + turns * TAU <= shifted.high + slack
+        };
+        if has(FRAC_PI_2) {
+            sine.high = 1.0;
+        }
+        if has(-FRAC_PI_2) {
+            sine.low = -1.0;
+        }
+        Interval { low: (sine.low - slack).max(-1.0), high: (sine.high + slack).min(1.0) }
+    }
+}
+
+/// A number at all times of an interval.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    /// The value in the middle.
+    pub middle: f64,
+    pub value: Interval,
+    /// The rate, where there is one.
+    pub rate: Interval,
+    /// Half the length of the interval, s; 0 where nothing depends on time.
+    half: f64,
+    /// Whether that is far above rounding, so that the middle and the rate tell more than the ends.
+    is_wide: bool,
+    /// Whether there may be a kink or a jump within.
+    pub breaks: bool,
+}
+
+impl Span {
+    /// The time itself.
+    pub fn moving(from: f64, to: f64) -> Span {
+        let middle = 0.5 * (from + to);
+        let value = Interval { low: from, high: to };
+        let half = 0.5 * (to - from);
+        let is_wide = half > WIDE * value.magnitude();
+        Span { middle, value, rate: Interval::point(1.0), half, is_wide, breaks: false }
+    }
+
+    /// A number of given bounds.
+    pub fn smooth(middle: f64, value: Interval, rate: Interval, half: f64) -> Span {
+        Span { middle, value, rate, half, is_wide: true, breaks: false }.tightened()
+    }
+
+    /// A smooth function of this number, given its value in the middle, all its values and those of its slope.
+    fn chain(self, middle: f64, value: Interval, slope: Interval) -> Span {
+        let still = self.rate == Interval::point(0.0);
+        let rate = if still { self.rate } else { slope.times(self.rate) };
+        Span { middle, value, rate, ..self }.tightened()
+    }
+
+    /// One of two numbers, it is not known which.
+    fn either(self, other: Span, middle: f64) -> Span {
+        Span {
+            middle,
+            value: self.value.hull(other.value),
+            rate: self.rate.hull(other.rate),
+            half: self.half.max(other.half),
+            is_wide: self.is_wide && other.is_wide,
+            breaks: true,
+        }
+    }
+
+    /// Bounds the value by that in the middle and the rate, where there is one throughout.
+    fn tightened(mut self) -> Span {
+        let way = self.half * self.rate.magnitude();
+        if self.is_wide && !self.breaks && way.is_finite() && self.middle.is_finite() {
+            self.value = self.value.meet(Interval::of([self.middle - way, self.middle + way]));
+        }
+        self
+    }
+
+    /// A number that only jumps: where it cannot, it stays as it is in the middle.
+    fn stepped(self, middle: f64, value: Interval) -> Span {
+        let breaks = value.low != value.high;
+        let value = if breaks { value } else { Interval::point(middle) };
+        Span { middle, value, rate: Interval::point(0.0), breaks, ..self }
+    }
+
+    /// A condition, by whether it holds for sure, or fails for sure.
+    fn condition(self, other: Span, middle: f64, holds: bool, fails: bool) -> Span {
+        let value = match (holds, fails) {
+            (true, _) => Interval::point(1.0),
+            (_, true) => Interval::point(0.0),
+            _ => Interval { low: 0.0, high: 1.0 },
+        };
+        let half = self.half.max(other.half);
+        Span { half, ..self }.stepped(middle, value)
+    }
+
+    fn broken(mut self) -> Span {
+        self.breaks = true;
+        self
+    }
+
+    /// A function with a kink or a pole where a condition holds.
+    fn broken_where(self, condition: bool) -> Span {
+        if condition && self.rate != Interval::point(0.0) { self.broken() } else { self }
+    }
+
+    fn power(self, exponent: Span, middle: f64) -> Span {
+        let still = Interval::point(0.0);
+        if exponent.rate != still {
+            // u^v is exp(v ln u).
+            return exponent.binary(Binary::Multiply, self.unary(Unary::Ln)).unary(Unary::Exp);
+        }
+        let n = exponent.middle;
+        if self.rate == still {
+            return Span { middle, value: Interval::point(middle), ..self };
+        }
+        let u = self.value;
+        let (value, slope) = if n == 2.0 {
+            (u.squared(), u.times(Interval::point(2.0)))
+        } else if n == n.round() && n >= 0.0 {
+            let range = |n: f64| {
+                let ends = u.map(|u| u.powf(n));
+                if u.contains(0.0) { ends.hull(Interval::point(0.0)) } else { ends }
+            };
+            let slope = if n == 0.0 { still } else { range(n - 1.0).times(Interval::point(n)) };
+            (if n == 0.0 { Interval::point(1.0) } else { range(n) }, slope)
+        } else if u.low > 0.0 || n == n.round() && u.high < 0.0 {
+            (u.map(|u| u.powf(n)), u.map(|u| u.powf(n - 1.0)).times(Interval::point(n)))
+        } else if n > 0.0 && u.low >= 0.0 {
+            (u.map(|u| u.powf(n)), ALL)
+        } else {
+            (ALL, ALL)
+        };
+        let smooth = n == n.round() && n >= 0.0 || u.low > 0.0 || n == n.round() && u.high < 0.0;
+        self.chain(middle, value, slope).broken_where(!smooth)
+    }
+}
+
+impl Number for Span {
+    fn constant(value: f64) -> Self {
+        let rate = Interval::point(0.0);
+        Span { middle: value, value: Interval::point(value), rate, half: 0.0, is_wide: true, breaks: false }
+    }
+
+    fn unary(self, op: Unary) -> Self {
+        let u = self.value;
+        let middle = self.middle.unary(op);
+        if self.half == 0.0 {
+            return Span::constant(middle);
+        }
+        let monotone = || u.map(|u| u.unary(op));
+        let unit = Interval { low: -1.0, high: 1.0 };
+        match op {
+            Unary::Negate => Span {
+                middle,
+                value: Interval { low: -u.high, high: -u.low },
+                rate: Interval { low: -self.rate.high, high: -self.rate.low },
+                ..self
+            },
+            Unary::Not => self.stepped(middle, Interval { low: 1.0 - u.high, high: 1.0 - u.low }),
+            Unary::Sin => self.chain(middle, u.sine(0.0), u.sine(FRAC_PI_2)),
+            Unary::Cos => {
+                let slope = u.sine(0.0);
+                self.chain(middle, u.sine(FRAC_PI_2), Interval { low: -slope.high, high: -slope.low })
+            }
+            Unary::Tan => {
+                // A pole between two multiples of pi.
+                let turn = |u: f64| ((u + FRAC_PI_2) / PI).floor();
+                let pole = u.high - u.low >= PI || turn(u.low) != turn(u.high);
+                let value = if pole { ALL } else { monotone() };
+                let slope = value.squared().plus(Interval::point(1.0));
+                self.chain(middle, value, slope).broken_where(pole)
+            }
+            Unary::Asin | Unary::Acos => {
+                let inside = u.low > -1.0 && u.high < 1.0;
+                let value = u.meet(unit).map(|u| u.clamp(-1.0, 1.0).unary(op));
+                let slope = if inside {
+                    let one = Interval::point(1.0).minus(u.squared());
+                    Interval::of([1.0 / one.low.max(0.0).sqrt(), 1.0 / one.high.sqrt()])
+                } else {
+                    ALL
+                };
+                let slope = if op == Unary::Acos { Interval::point(0.0).minus(slope) } else { slope };
+                self.chain(middle, value, slope).broken_where(!inside)
+            }
+            Unary::Atan => {
+                let slope = Interval::point(1.0).over(u.squared().plus(Interval::point(1.0)));
+                self.chain(middle, monotone(), slope)
+            }
+            Unary::Sinh => {
+                let slope = Interval::of([u.low.cosh(), u.high.cosh(), self.middle.cosh()]);
+                let slope = if u.contains(0.0) { slope.hull(Interval::point(1.0)) } else { slope };
+                self.chain(middle, monotone(), slope)
+            }
+            Unary::Cosh => {
+                let value = Interval::of([u.low.cosh(), u.high.cosh()]);
+                let value = if u.contains(0.0) { value.hull(Interval::point(1.0)) } else { value };
+                self.chain(middle, value, u.map(f64::sinh))
+            }
+            Unary::Tanh => {
+                let value = monotone();
+                self.chain(middle, value, Interval::point(1.0).minus(value.squared()))
+            }
+            Unary::Exp => {
+                let value = monotone();
+                self.chain(middle, value, value)
+            }
+            Unary::Ln | Unary::Log10 => {
+                let scale = if op == Unary::Ln { 1.0 } else { LN_10 };
+                let inside = u.low > 0.0;
+                let value = if inside { monotone() } else { ALL };
+                let slope = if inside { u.map(|u| 1.0 / (u * scale)) } else { ALL };
+                self.chain(middle, value, slope).broken_where(!inside)
+            }
+            Unary::Sqrt => {
+                let value = u.map(|u| u.max(0.0).sqrt());
+                let slope = if u.low > 0.0 { u.map(|u| 0.5 / u.sqrt()) } else { ALL };
+                self.chain(middle, value, slope).broken_where(u.low <= 0.0)
+            }
+            Unary::Abs if u.low >= 0.0 => self,
+            Unary::Abs if u.high <= 0.0 => self.unary(Unary::Negate),
+            Unary::Abs => {
+                let rate = self.rate.magnitude();
+                let value = Interval { low: 0.0, high: u.magnitude() };
+                let rate = Interval { low: -rate, high: rate };
+                Span { middle, value, rate, ..self }.broken_where(true)
+            }
+            Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Step => {
+                let value = Interval { low: u.low.unary(op), high: u.high.unary(op) };
+                self.stepped(middle, value)
+            }
+        }
+    }
+
+    fn binary(self, op: Binary, right: Self) -> Self {
+        let (u, v) = (self.value, right.value);
+        let middle = self.middle.binary(op, right.middle);
+        let half = self.half.max(right.half);
+        if half == 0.0 {
+            return Span::constant(middle);
+        }
+        let breaks = self.breaks || right.breaks;
+        let is_wide = self.is_wide && right.is_wide;
+        let of =
+            |value: Interval, rate: Interval| Span { middle, value, rate, half, is_wide, breaks }.tightened();
+        let still = self.rate == Interval::point(0.0) && right.rate == Interval::point(0.0);
+        match op {
+            Binary::Add => of(u.plus(v), self.rate.plus(right.rate)),
+            Binary::Subtract => of(u.minus(v), self.rate.minus(right.rate)),
+            Binary::Multiply => of(u.times(v), self.rate.times(v).plus(u.times(right.rate))),
+            Binary::Divide => {
+                let value = u.over(v);
+                let rate = self.rate.minus(value.times(right.rate)).over(v);
+                // What moves over what may be 0 has a pole.
+                let pole = v.contains(0.0) && right.rate != Interval::point(0.0);
+                let of = of(value, rate);
+                if pole { of.broken() } else { of }
+            }
+            Binary::Power => self.power(right, middle),
+            Binary::Min | Binary::Max => {
+                let (less, more) = if op == Binary::Min { (u, v) } else { (v, u) };
+                if less.high <= more.low {
+                    return self;
+                }
+                if less.low >= more.high {
+                    return right;
+                }
+                let choose = |a: f64, b: f64| a.binary(op, b);
+                let value = Interval { low: choose(u.low, v.low), high: choose(u.high, v.high) };
+                let either = self.either(right, middle);
+                Span { value, breaks: breaks || !still, ..either }
+            }
+            Binary::Hypot => {
+                let root = self.binary(Binary::Multiply, self);
+                let other = right.binary(Binary::Multiply, right);
+                root.binary(Binary::Add, other).unary(Unary::Sqrt)
+            }
+            Binary::Atan2 => {
+                let all = Interval { low: -PI, high: PI };
+                let cut = v.low <= 0.0 && u.contains(0.0) && !still;
+                if cut || v.contains(0.0) && u.contains(0.0) {
+                    return Span { middle, value: all, rate: ALL, half, is_wide, breaks: breaks || !still };
+                }
+                let square = u.squared().plus(v.squared());
+                let rate = self.rate.times(v).minus(right.rate.times(u)).over(square);
+                of(all, rate)
+            }
+            Binary::Mod => {
+                let turns = self.binary(Binary::Divide, right).unary(Unary::Floor);
+                let rest = self.binary(Binary::Subtract, turns.binary(Binary::Multiply, right));
+                let bound = Interval { low: v.low.min(0.0), high: v.high.max(0.0) };
+                Span { middle, value: if rest.breaks { bound } else { rest.value }, ..rest }
+            }
+            Binary::Less => self.condition(right, middle, u.high < v.low, u.low >= v.high),
+            Binary::LessEqual => self.condition(right, middle, u.high <= v.low, u.low > v.high),
+            Binary::Greater => self.condition(right, middle, u.low > v.high, u.high <= v.low),
+            Binary::GreaterEqual => self.condition(right, middle, u.low >= v.high, u.high < v.low),
+            Binary::Equal | Binary::NotEqual => {
+                let apart = u.high < v.low || u.low > v.high;
+                let same = still && u == v;
+                let equal = op == Binary::Equal;
+                self.condition(
+                    right,
+                    middle,
+                    if equal { same } else { apart },
+                    if equal { apart } else { same },
+                )
+            }
+            Binary::And => {
+                let (holds, fails) = (u.low == 1.0 && v.low == 1.0, u.high == 0.0 || v.high == 0.0);
+                self.condition(right, middle, holds, fails)
+            }
+            Binary::Or => {
+                let (holds, fails) = (u.low == 1.0 || v.low == 1.0, u.high == 0.0 && v.high == 0.0);
+                self.condition(right, middle, holds, fails)
+            }
+        }
+    }
+
+    fn select(self, yes: Self, no: Self) -> Self {
+        if self.value.low == 1.0 {
+            return yes;
+        }
+        if self.value.high == 0.0 {
+            return no;
+        }
+        let Span { half, is_wide, .. } = self;
+        Span { half, is_wide, ..yes.either(no, self.middle.select(yes.middle, no.middle)) }
+    }
+}
