@@ -59,8 +59,9 @@ pub fn require_of_each(
     if bytes < SMALL {
         return Ok(());
     }
-    match room(processes) {
-        Some(room) if bytes > room.bytes.saturating_sub(RESERVE) => Err(Error::Memory(format!(
+    let left = room(processes).map(|room| Room { bytes: room.bytes.saturating_sub(RESERVE), ..room });
+    match left {
+        Some(room) if bytes > room.bytes => Err(Error::Memory(format!(
             "{what} takes about {} of memory, and {} leaves {}; {}",
             size(bytes),
             room.limit,
