@@ -3,7 +3,9 @@
 //! Congruent cells (translates of one another) share one set of local arrays: a regular mesh computes its element matrices
 //! a handful of times.
 
-use crate::element::{Element, Piece, fvs, hct, quadrature};
+use crate::element::adaptive::{Rules, Triangle};
+use crate::element::quadrature::{self, Node, Rule};
+use crate::element::{Element, Piece, fvs, hct};
 use crate::error::{Error, Result};
 use crate::linalg::{Average, BARE, Bending, Block};
 use crate::mesh::{Cell, Mesh, Point};
@@ -162,7 +164,7 @@ fn arrays<const N: usize>(
         return Ok(Local {
             // Symmetric, so that column by column is row by row.
             stiffness: flat(first.stiffness(element)),
-            bending: bending(element, vertices, number, &quadrature::DEGREE_2, |_| first, energies)?,
+            bending: bending(element, vertices, number, (&quadrature::DEGREE_2).into(), |_| first, energies)?,
             mass: flat(first.consistent_mass(element)),
             moments: moments.as_slice().into(),
             coupling: (moments * first.density).as_slice().into(),
@@ -177,23 +179,24 @@ fn arrays<const N: usize>(
         })
     };
     let density = |at: Point| section(at).density;
+    let rule = sections.rules(number).map_or((&quadrature::DEGREE_6).into(), Rule::Own);
     let (mut weight, mut energies) = (0.0, Vector3::zeros());
     for (piece, of) in element.pieces.iter().enumerate() {
-        for (barycentric, share) in quadrature::DEGREE_6 {
+        for &(barycentric, share) in rule.of(piece) {
             let section = section(element.point(piece, barycentric));
             weight += share * of.area() * section.density;
             energies += share * of.area() * section.bending.diagonal();
         }
     }
-    let stiffness = plate::stiffness(element, &quadrature::DEGREE_6, section);
-    let bending = bending(element, vertices, number, &quadrature::DEGREE_6, section, energies);
+    let stiffness = plate::stiffness(element, rule, section);
+    let bending = bending(element, vertices, number, rule, section, energies);
     fault.take().map_or(Ok(()), Err)?;
     let local = Local {
         stiffness: flat(stiffness),
         bending: bending?,
-        mass: flat(plate::mass(element, density)),
+        mass: flat(plate::mass_by(element, rule, density)),
         moments: moments.as_slice().into(),
-        coupling: plate::load(element, density).as_slice().into(),
+        coupling: plate::load_by(element, rule, density).as_slice().into(),
         weight,
     };
     fault.into_inner().map_or(Ok(local), Err)
@@ -208,7 +211,7 @@ fn bending<const N: usize>(
     element: &Element<N>,
     vertices: &[Point],
     number: usize,
-    rule: &[quadrature::Node],
+    rule: Rule,
     section: impl Fn(Point) -> Section,
     energies: Vector3<f64>,
 ) -> Result<Rc<Bending>> {
@@ -264,9 +267,37 @@ pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64
     load
 }
 
+/// The pieces of all cells, cell by cell.
+///
+/// # Errors
+/// [`Error::Mesh`] for a cell that cannot carry its element.
+pub fn pieces(mesh: &Mesh) -> Result<Vec<Triangle>> {
+    fn of<const N: usize>(cell: usize, element: &Element<N>, pieces: &mut Vec<Triangle>) {
+        pieces.extend(element.pieces.iter().enumerate().map(|(piece, of)| Triangle {
+            cell,
+            piece,
+            vertices: of.vertices.map(|vertex| element.origin + vertex.coords),
+        }));
+    }
+    let mut pieces = Vec::new();
+    for (number, cell) in mesh.cells.iter().enumerate() {
+        match *cell {
+            Cell::Triangle(nodes) => {
+                of(number, &hct::element(nodes.map(|node| mesh.nodes[node]))?, &mut pieces);
+            }
+            Cell::Quadrilateral(nodes) => {
+                of(number, &fvs::element(nodes.map(|node| mesh.nodes[node]))?, &mut pieces);
+            }
+        }
+    }
+    Ok(pieces)
+}
+
 /// Points of every cell at which a pressure that changes from place to place is asked, and what it does there.
 #[derive(Debug, Clone)]
 pub struct Pressure {
+    /// Nodes and cells.
+    mesh: Mesh,
     points: Vec<Point>,
     /// Each cell, its first point, and the weights of its points: one a point and local dof.
     cells: Vec<(CellArrays, usize, Rc<[f64]>)>,
@@ -288,7 +319,9 @@ impl Pressure {
             }
             weights
         }
-        let mut pressure = Pressure { points: Vec::new(), cells: Vec::with_capacity(cells.len()) };
+        let bare = Mesh { nodes: mesh.nodes.clone(), cells: mesh.cells.clone(), ..Mesh::default() };
+        let mut pressure =
+            Pressure { mesh: bare, points: Vec::new(), cells: Vec::with_capacity(cells.len()) };
         let mut known: HashMap<usize, Rc<[f64]>> = HashMap::new();
         for (arrays, cell) in cells.iter().zip(&mesh.cells) {
             let first = pressure.points.len();
@@ -312,13 +345,30 @@ impl Pressure {
     /// What the pressure says.
     pub fn load(
         &self,
-        pressure: impl FnOnce(&[Point], &mut [f64]) -> Result<()>,
+        pressure: impl Fn(&[Point], &mut [f64]) -> Result<()>,
+        load: &mut [f64],
+    ) -> Result<()> {
+        self.load_by(&Rules::new(), pressure, load)
+    }
+
+    /// As [`Pressure::load`], by rules of their own on some cells.
+    ///
+    /// # Errors
+    /// As [`Pressure::load`].
+    pub fn load_by(
+        &self,
+        rules: &Rules,
+        pressure: impl Fn(&[Point], &mut [f64]) -> Result<()>,
         load: &mut [f64],
     ) -> Result<()> {
         let mut values = vec![0.0; self.points.len()];
         pressure(&self.points, &mut values)?;
         let mut local = Vec::new();
-        for (cell, first, weights) in &self.cells {
+        for (number, (cell, first, weights)) in self.cells.iter().enumerate() {
+            if let Some(rules) = rules.get(&number) {
+                cell.add(&self.by_own_rules(number, rules, &pressure)?, load);
+                continue;
+            }
             local.clear();
             local.resize(cell.dofs.len(), 0.0);
             for (weights, value) in weights.chunks_exact(local.len()).zip(&values[*first..]) {
@@ -327,6 +377,41 @@ impl Pressure {
             cell.add(&local, load);
         }
         Ok(())
+    }
+}
+
+impl Pressure {
+    /// The load on a cell by rules of its own.
+    fn by_own_rules(
+        &self,
+        number: usize,
+        rules: &[Vec<Node>],
+        pressure: &impl Fn(&[Point], &mut [f64]) -> Result<()>,
+    ) -> Result<Vec<f64>> {
+        fn of<const N: usize>(
+            element: &Element<N>,
+            rules: &[Vec<Node>],
+            pressure: &impl Fn(&[Point], &mut [f64]) -> Result<()>,
+        ) -> Result<Vec<f64>> {
+            let mut local = nalgebra::SVector::<f64, N>::zeros();
+            for (number, (piece, rule)) in element.pieces.iter().zip(rules).enumerate() {
+                let points: Vec<Point> = rule.iter().map(|(at, _)| element.point(number, *at)).collect();
+                let mut values = vec![0.0; points.len()];
+                pressure(&points, &mut values)?;
+                for ((barycentric, weight), value) in rule.iter().zip(values) {
+                    local += piece.values(*barycentric) * (weight * piece.area() * value);
+                }
+            }
+            Ok(local.as_slice().to_vec())
+        }
+        match self.mesh.cells[number] {
+            Cell::Triangle(nodes) => {
+                of(&hct::element(nodes.map(|node| self.mesh.nodes[node]))?, rules, pressure)
+            }
+            Cell::Quadrilateral(nodes) => {
+                of(&fvs::element(nodes.map(|node| self.mesh.nodes[node]))?, rules, pressure)
+            }
+        }
     }
 }
 
@@ -341,7 +426,7 @@ pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
 }
 
 /// The contributions of an elastic foundation to the stiffness, each with its cell; its own stiffness, in N/m3, may be 0 on some cells:
-/// then they have none.
+/// then they have none. Some cells have rules of their own.
 ///
 /// # Errors
 /// [`Error::Mesh`] for a cell that cannot carry its element; what the stiffness says.
@@ -349,10 +434,14 @@ pub fn foundation(
     mesh: &Mesh,
     cells: &[CellArrays],
     stiffness: &dyn Fn(usize, Point) -> Result<f64>,
+    rules: &Rules,
 ) -> Result<Vec<(usize, Block)>> {
-    let matrices = on_elements(mesh, stiffness, |element, value| match element {
-        AnyElement::Triangle(element) => plate::mass(element, value).as_slice().to_vec(),
-        AnyElement::Quadrilateral(element) => plate::mass(element, value).as_slice().to_vec(),
+    let matrices = on_elements(mesh, stiffness, |number, element, value| {
+        let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |own| Rule::Own(own));
+        match element {
+            AnyElement::Triangle(element) => plate::mass_by(element, rule, value).as_slice().to_vec(),
+            AnyElement::Quadrilateral(element) => plate::mass_by(element, rule, value).as_slice().to_vec(),
+        }
     })?;
     let under =
         matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
@@ -374,7 +463,7 @@ enum AnyElement<'e> {
 fn on_elements(
     mesh: &Mesh,
     value: &dyn Fn(usize, Point) -> Result<f64>,
-    integrate: impl Fn(AnyElement, &dyn Fn(Point) -> f64) -> Vec<f64>,
+    integrate: impl Fn(usize, AnyElement, &dyn Fn(Point) -> f64) -> Vec<f64>,
 ) -> Result<Vec<Vec<f64>>> {
     let fault = RefCell::new(None);
     let integral = |(number, cell): (usize, &Cell)| {
@@ -387,11 +476,11 @@ fn on_elements(
         Ok(match *cell {
             Cell::Triangle(nodes) => {
                 let element = hct::element(nodes.map(|node| mesh.nodes[node]))?;
-                integrate(AnyElement::Triangle(&element), &value)
+                integrate(number, AnyElement::Triangle(&element), &value)
             }
             Cell::Quadrilateral(nodes) => {
                 let element = fvs::element(nodes.map(|node| mesh.nodes[node]))?;
-                integrate(AnyElement::Quadrilateral(&element), &value)
+                integrate(number, AnyElement::Quadrilateral(&element), &value)
             }
         })
     };

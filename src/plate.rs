@@ -9,7 +9,8 @@
 
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector};
 
-use crate::element::{Element, quadrature};
+use crate::element::Element;
+use crate::element::quadrature::{self, Node, Rule};
 use crate::error::Result;
 use crate::mesh::Point;
 
@@ -33,6 +34,12 @@ pub trait Sections {
     /// # Errors
     /// [`crate::Error::Scene`] where a formula has no sense there.
     fn section(&self, cell: usize, at: Point) -> Result<Section>;
+
+    /// The rules for the pieces of a cell whose section changes inside it, where that of degree 6 does not do.
+    fn rules(&self, cell: usize) -> Option<&[Vec<Node>]> {
+        let _ = cell;
+        None
+    }
 }
 
 /// Stiffness along two axes in the plate's plane.
@@ -138,15 +145,16 @@ impl Section {
 /// The stiffness of a cell: the bilinear form `a` on its basis functions, N by N, symmetric to the bit.
 ///
 /// In N/m between deflections. The rule gives the points of each piece at which `section` is asked: degree 2 will do for a uniform one.
-pub fn stiffness<const N: usize>(
+pub fn stiffness<'r, const N: usize>(
     element: &Element<N>,
-    rule: &[quadrature::Node],
+    rule: impl Into<Rule<'r>>,
     section: impl Fn(Point) -> Section,
 ) -> SMatrix<f64, N, N> {
+    let rule = rule.into();
     let mut stiffness = SMatrix::zeros();
     for (number, piece) in element.pieces.iter().enumerate() {
         let area = piece.area();
-        for &(barycentric, weight) in rule {
+        for &(barycentric, weight) in rule.of(number) {
             let bending = section(element.point(number, barycentric)).bending;
             let curvature = piece.basis(barycentric).hessian;
             stiffness += curvature.tr_mul(&(bending * (weight * area) * curvature));
@@ -160,17 +168,21 @@ pub fn stiffness<const N: usize>(
 ///
 /// R comes from the strains at the points of the rule by Householder's reflections. In a cell of aspect ratio a rounding then takes a^2
 /// roundings of the energy of a bent shape; the entries of K, squares, lose a^4. `None` where a section is not positive definite.
-pub fn stiffness_root<const N: usize>(
+pub fn stiffness_root<'r, const N: usize>(
     element: &Element<N>,
-    rule: &[quadrature::Node],
+    rule: impl Into<Rule<'r>>,
     section: impl Fn(Point) -> Section,
 ) -> Option<DMatrix<f64>> {
-    let mut strains = DMatrix::zeros(3 * rule.len() * element.pieces.len(), N - 3);
+    let rule = rule.into();
+    let points: usize = (0..element.pieces.len()).map(|piece| rule.of(piece).len()).sum();
+    let mut strains = DMatrix::zeros(3 * points, N - 3);
+    let mut row = 0;
     for (number, piece) in element.pieces.iter().enumerate() {
-        for (k, &(barycentric, weight)) in rule.iter().enumerate() {
+        for &(barycentric, weight) in rule.of(number) {
             let bending = section(element.point(number, barycentric)).bending * (weight * piece.area());
             let strain = bending.cholesky()?.l().tr_mul(&piece.basis(barycentric).hessian);
-            strains.rows_mut(3 * (number * rule.len() + k), 3).copy_from(&strain.columns(3, N - 3));
+            strains.rows_mut(row, 3).copy_from(&strain.columns(3, N - 3));
+            row += 3;
         }
     }
     Some(strains.qr().r())
@@ -179,9 +191,18 @@ pub fn stiffness_root<const N: usize>(
 /// The form of a density d over the cell, `∫ d phi_i phi_j`, N by N, symmetric to the bit: of a mass per area the consistent mass; of
 /// a foundation's stiffness per area (N/m3) its stiffness, in N/m between deflections. Exact up to rounding for a uniform density.
 pub fn mass<const N: usize>(element: &Element<N>, density: impl Fn(Point) -> f64) -> SMatrix<f64, N, N> {
+    mass_by(element, (&quadrature::DEGREE_6).into(), density)
+}
+
+/// As [`mass`], by other rules.
+pub fn mass_by<const N: usize>(
+    element: &Element<N>,
+    rule: Rule,
+    density: impl Fn(Point) -> f64,
+) -> SMatrix<f64, N, N> {
     let mut mass = SMatrix::zeros();
     for (number, piece) in element.pieces.iter().enumerate() {
-        for (barycentric, weight) in quadrature::DEGREE_6 {
+        for &(barycentric, weight) in rule.of(number) {
             let area = piece.area() * density(element.point(number, barycentric));
             let value = piece.values(barycentric);
             mass += value * (value * (weight * area)).transpose();
@@ -208,9 +229,18 @@ pub fn moments<const N: usize>(element: &Element<N>) -> SVector<f64, N> {
 ///
 /// The pressure is in Pa, upward positive. Exact up to rounding for a pressure of degree 3.
 pub fn load<const N: usize>(element: &Element<N>, pressure: impl Fn(Point) -> f64) -> SVector<f64, N> {
+    load_by(element, (&quadrature::DEGREE_6).into(), pressure)
+}
+
+/// As [`load`], by other rules.
+pub fn load_by<const N: usize>(
+    element: &Element<N>,
+    rule: Rule,
+    pressure: impl Fn(Point) -> f64,
+) -> SVector<f64, N> {
     let mut load = SVector::zeros();
     for (number, piece) in element.pieces.iter().enumerate() {
-        for (barycentric, weight) in quadrature::DEGREE_6 {
+        for &(barycentric, weight) in rule.of(number) {
             let force = pressure(element.point(number, barycentric)) * weight * piece.area();
             load += piece.values(barycentric) * force;
         }

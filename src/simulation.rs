@@ -37,8 +37,8 @@ use crate::vi::{Condensed, Solver};
 use body::{Alone, Body, Team};
 pub use body::{mesh, mesh_and_made};
 use contacts::Contacts;
-pub use effects::Matrices;
 use effects::{Effects, Ground, OfCells};
+pub use effects::{LoadTotal, Matrices, Resultant};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use std::time::Instant;
@@ -121,6 +121,17 @@ pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices>
     on_ground(scene, mesh, &holds, effects::matrices)
 }
 
+/// Forces and moments of the loads of a scene.
+///
+/// # Errors
+/// As [`Model::new`].
+pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
+    if scene.load.is_none() && scene.initial.static_pressure.is_zero() {
+        return Ok(Vec::new());
+    }
+    on_ground(scene, mesh, &vec![Hold::default(); mesh.nodes.len()], effects::load_totals)
+}
+
 /// What a scene's supports hold at each node.
 fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<Hold>> {
     Ok(Space::holds(mesh, &body::supports(scene, mesh, &Alone)?))
@@ -151,6 +162,7 @@ fn on_ground<R>(
         own: &Some,
         add_up: Rc::new(|local| Ok(local.to_vec())),
         agree: Rc::new(|mine| mine),
+        sum: Rc::new(|own| own.to_vec()),
         owns: &|_| true,
     })
 }

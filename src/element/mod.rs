@@ -11,6 +11,7 @@
 //! Source for the Bezier form and its C1 conditions: Lai and Schumaker, *Spline Functions on Triangulations*, 2007,
 //! chapters 2 and 6.
 
+pub mod adaptive;
 pub mod fvs;
 pub mod hct;
 pub mod quadrature;

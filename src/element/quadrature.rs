@@ -10,6 +10,31 @@
 /// A point in barycentric coordinates, and its weight.
 pub type Node = ([f64; 3], f64);
 
+/// Rules for the pieces of a cell.
+#[derive(Clone, Copy, Debug)]
+pub enum Rule<'r> {
+    /// One for all.
+    Same(&'r [Node]),
+    /// One per piece.
+    Own(&'r [Vec<Node>]),
+}
+
+impl<'r> Rule<'r> {
+    /// The rule of a piece.
+    pub fn of(self, piece: usize) -> &'r [Node] {
+        match self {
+            Rule::Same(rule) => rule,
+            Rule::Own(rules) => &rules[piece],
+        }
+    }
+}
+
+impl<'r, const K: usize> From<&'r [Node; K]> for Rule<'r> {
+    fn from(rule: &'r [Node; K]) -> Rule<'r> {
+        Rule::Same(rule)
+    }
+}
+
 /// Exact to degree 2: the stiffness of a cubic. Strang and Fix.
 pub const DEGREE_2: [Node; 3] = orbit_3(1.0 / 6.0, 1.0 / 3.0);
 

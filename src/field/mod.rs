@@ -36,6 +36,7 @@
 
 mod breaks;
 mod code;
+mod enclosure;
 mod jet;
 mod names;
 mod parse;
@@ -52,7 +53,9 @@ use serde::{Serialize, Serializer};
 
 use crate::mesh::Point;
 pub use breaks::{Break, Breaks, MOST_LOOKS};
-use code::{Instruction, LANES, Lanes, Number};
+use code::{Binary, Instruction, LANES, Lanes, Number, Unary};
+use enclosure::Sided;
+pub use enclosure::{Enclosure, Interval};
 pub use jet::Jet;
 use names::Name;
 pub use names::Names;
@@ -171,6 +174,49 @@ impl Field {
             }
         }
         Ok(())
+    }
+
+    /// Bounds on the value over a rectangle from a corner to the opposite one (m), between two times (s).
+    pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
+        code::run(&self.code, &mut Vec::new(), |name| match name {
+            Name::X => Enclosure::along(0, Interval::new(low.x, high.x)),
+            Name::Y => Enclosure::along(1, Interval::new(low.y, high.y)),
+            Name::T => Enclosure { value: t, ..Enclosure::constant(0.0) },
+        })
+    }
+
+    /// A number that two points (m) share at a time (s) where the formula takes the same turn at every condition, jump
+    /// and kink on its way to a value there.
+    pub fn side(&self, at: Point, t: f64) -> u64 {
+        code::run(&self.code, &mut Vec::new(), |name| Sided::constant(variable(at, t)(name))).side()
+    }
+
+    /// The degree in x and y, if the formula is a polynomial of these; its coefficients may depend on time.
+    pub fn degree(&self) -> Option<u32> {
+        let mut stack: Vec<Option<u32>> = Vec::new();
+        let mut before = None;
+        for &instruction in &self.code {
+            let operands = stack.split_off(stack.len() - instruction.arity());
+            let known: Option<Vec<u32>> = operands.iter().copied().collect();
+            let is_free = known.as_ref().is_some_and(|degrees| degrees.iter().all(|degree| *degree == 0));
+            stack.push(match (instruction, known.as_deref()) {
+                (Instruction::Variable(Name::X | Name::Y), _) => Some(1),
+                (_, Some(_)) if is_free => Some(0),
+                (Instruction::Unary(Unary::Negate), Some(&[a])) => Some(a),
+                (Instruction::Binary(Binary::Add | Binary::Subtract), Some(&[a, b])) => Some(a.max(b)),
+                (Instruction::Binary(Binary::Multiply), Some(&[a, b])) => a.checked_add(b),
+                (Instruction::Binary(Binary::Divide), Some(&[a, 0])) => Some(a),
+                (Instruction::Binary(Binary::Power), Some(&[a, 0])) => match before {
+                    Some(Instruction::Constant(n)) if n.fract() == 0.0 && (0.0..=100.0).contains(&n) => {
+                        a.checked_mul(n as u32)
+                    }
+                    _ => None,
+                },
+                _ => None,
+            });
+            before = Some(instruction);
+        }
+        code::pop(&mut stack)
     }
 
     /// The value and its first two derivatives in time, at a point (m) and a time (s). An error where the first is not finite.

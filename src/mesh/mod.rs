@@ -5,14 +5,18 @@
 
 mod gmsh;
 mod insert;
+mod parts;
 mod quality;
 mod rectangle;
 mod refine;
 
 use std::collections::BTreeMap;
 
+pub use gmsh::Import;
 pub use insert::{Made, Mark};
 pub(crate) use insert::{NEAR, nearness};
+pub use parts::Part;
+pub(crate) use parts::Unions;
 pub(crate) use quality::require_convex;
 pub use rectangle::{Diagonal, ElementKind, Grid};
 

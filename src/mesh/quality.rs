@@ -1,6 +1,6 @@
 //! What a cell and a mesh must be for the elements to exist and to fit together.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt::Display;
 
 use nalgebra::Vector2;
@@ -15,6 +15,22 @@ const FLAT: f64 = 1e-8;
 
 /// A node this near to an edge, relative to the edge's length, lies on it; less than what [`FLAT`] keeps a cell's own apart.
 const JOINT: f64 = 1e-9;
+
+/// A gap between cells narrower than this part of their sides is none that anyone meant.
+const GAP: f64 = 1e-4;
+
+/// How a node touches an edge that is not its own; distances in m.
+enum Touch {
+    /// At a node of the edge.
+    Node(usize, f64),
+    /// Between its nodes.
+    Side(f64),
+}
+
+/// A distance to merge nodes by that are so far apart: ten times more, as one digit.
+fn merge(distance: f64) -> String {
+    if distance > 0.0 { format!("{:.0e}", 10.0 * distance) } else { "1e-9".into() }
+}
 
 impl Mesh {
     /// Checks that the mesh can carry the elements.
@@ -71,7 +87,8 @@ impl Mesh {
         Ok(())
     }
 
-    /// Checks that no node of the boundary lies on an edge of the boundary other than its own.
+    /// Checks that no node of the boundary lies on an edge of the boundary other than its own, or beyond a gap that is narrow beside
+    /// the cells there.
     ///
     /// Of an edge, only the nodes in its extent along x or y, the longer of the two, are looked at.
     fn check_joints(&self, owners: &HashMap<[usize; 2], usize>) -> Result<()> {
@@ -84,33 +101,86 @@ impl Mesh {
             nodes.dedup();
             nodes
         });
+        // The shortest side that each node is an end of.
+        let mut shortest = vec![f64::INFINITY; self.nodes.len()];
+        for [a, b] in self.cells.iter().flat_map(Cell::edges) {
+            let side = (self.nodes[b] - self.nodes[a]).norm();
+            [a, b].into_iter().for_each(|node| shortest[node] = shortest[node].min(side));
+        }
+        let mut first = None;
+        let (mut twins, mut farthest) = (HashSet::new(), 0.0_f64);
         for [a, b] in boundary {
             let [start, end] = [a, b].map(|node| self.nodes[node]);
             let side = end - start;
-            let slack = JOINT * side.norm();
+            let slack = GAP * side.norm();
             let axis = usize::from(side.y.abs() > side.x.abs());
             let nodes = &sorted[axis];
             let low = nodes.partition_point(|&n| self.nodes[n][axis] < start[axis].min(end[axis]) - slack);
             let high = start[axis].max(end[axis]) + slack;
             let near = nodes[low..].iter().copied().take_while(|&node| self.nodes[node][axis] <= high);
-            for node in near.filter(|&node| node != a && node != b) {
-                let point = self.nodes[node];
-                let at = list(&[point]);
-                if let Some(twin) = [a, b].into_iter().find(|&n| (self.nodes[n] - point).norm() <= slack) {
-                    let [first, second] = [node.min(twin), node.max(twin)];
-                    return Err(Error::Mesh(format!(
-                        "nodes {first} and {second} are both at {at}: merge them"
-                    )));
+            let owner = owners[&[a, b]];
+            let own = |node: &usize| self.cells[owner].nodes().contains(node);
+            for node in near.filter(|node| !own(node)) {
+                let gap = slack.min(GAP * shortest[node]);
+                let Some(touch) = self.touch(owner, [a, b], node, gap) else { continue };
+                if let Touch::Node(twin, distance) = touch {
+                    twins.insert([node.min(twin), node.max(twin)]);
+                    farthest = farthest.max(distance);
                 }
-                if side.perp(&(point - start)).abs() <= slack * side.norm() {
-                    let (cell, ends) = (owners[&[a, b]], list(&[start, end]));
-                    return Err(Error::Mesh(format!(
-                        "node {node} at {at} hangs: it lies inside the edge {ends} of cell {cell}, of which it is no node"
-                    )));
-                }
+                first.get_or_insert((node, [a, b], owner, touch));
             }
         }
-        Ok(())
+        first.map_or(Ok(()), |(node, [a, b], owner, touch)| {
+            let (at, ends) = (list(&[self.nodes[node]]), list(&[self.nodes[a], self.nodes[b]]));
+            Err(Error::Mesh(match touch {
+                Touch::Node(twin, distance) => {
+                    let [first, second] = [node.min(twin), node.max(twin)];
+                    let more = match twins.len() {
+                        0 | 1 => String::new(),
+                        count => format!(", and so are {} more pairs, up to {farthest:.1e} m apart", count - 1),
+                    };
+                    if distance <= JOINT * shortest[node] {
+                        format!("nodes {first} and {second} are both at {at}{more}: merge them, as by mesh.merge = {}", merge(farthest))
+                    } else {
+                        format!(
+                            "nodes {first} and {second} at {at} are {distance:.1e} m apart, too near for a gap{more}: merge \
+                             them, as by mesh.merge = {}",
+                            merge(farthest)
+                        )
+                    }
+                }
+                Touch::Side(distance) => format!(
+                    "node {node} at {at} hangs: it lies {distance:.1e} m from the edge {ends} of cell {owner}, of which it is no \
+                     node"
+                ),
+            }))
+        })
+    }
+
+    /// How a node beyond the owner of an edge touches that edge, if it does.
+    fn touch(&self, owner: usize, [a, b]: [usize; 2], node: usize, gap: f64) -> Option<Touch> {
+        let [start, end, point] = [a, b, node].map(|node| self.nodes[node]);
+        let side = end - start;
+        let length = side.norm();
+        let beyond = -side.perp(&(point - start)) / length;
+        let slack = JOINT * length;
+        // On the cell's own side of the edge lies the plate, unless cells overlap.
+        let vertices = self.vertices(owner);
+        let is_inside = |by: f64| {
+            sides(&vertices).all(|(start, side)| side.perp(&(point - start)) >= by * side.norm_squared())
+        };
+        let nearest = [a, b].into_iter().map(|n| ((self.nodes[n] - point).norm(), n));
+        let (distance, twin) = nearest.min_by(|x, y| x.0.total_cmp(&y.0))?;
+        let is_in_gap = beyond >= -slack;
+        if distance <= slack || distance <= gap && (is_in_gap || is_inside(-JOINT)) {
+            let share = |cell: &Cell| cell.nodes().contains(&node) && cell.nodes().contains(&twin);
+            return (!self.cells.iter().any(share)).then_some(Touch::Node(twin, distance));
+        }
+        let along = side.dot(&(point - start)) / length;
+        let reaches = (0.0..=length).contains(&along);
+        let is_near = beyond.abs() <= slack || is_in_gap && beyond <= gap;
+        let touches = reaches && (is_near || is_inside(JOINT));
+        touches.then_some(Touch::Side(beyond.abs()))
     }
 
     /// Checks that the nodes of a cell exist and differ, and that its shape can carry an element.

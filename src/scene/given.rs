@@ -1,8 +1,11 @@
 //! What a scene gives as a *field*: a formula of place and time, or a table of time, and where on the plate it holds.
 
 use super::Time;
+use crate::element::adaptive::Integrand;
 use crate::error::{Error, Result};
-use crate::field::{Break, Breaks, Condition, Fault, Field, Interpolation, Jet, Missed, Names, Table};
+use crate::field::{
+    Break, Breaks, Condition, Enclosure, Fault, Field, Interpolation, Interval, Jet, Missed, Names, Table,
+};
 use crate::mesh::Point;
 
 /// A number, a formula of x, y (m) and t (s), or a table of t times a formula of x and y.
@@ -173,9 +176,82 @@ impl Given {
         }
     }
 
+    /// Its formula of place, whose value at a time (s) a factor multiplies.
+    fn place(&self, t: f64) -> (&Field, f64) {
+        match &self.value {
+            Value::Formula(field) => (field, 1.0),
+            Value::Table { table, shape, .. } => (shape, table.value(t)),
+        }
+    }
+
+    /// Whether it is a polynomial in x and y of so low a degree that a rule of degree 6 gives its load without error.
+    pub fn is_low(&self) -> bool {
+        self.place(0.0).0.degree().is_some_and(|degree| degree <= 3)
+    }
+
+    /// Whether it is a polynomial in x and y of any degree.
+    pub fn is_polynomial(&self) -> bool {
+        self.place(0.0).0.degree().is_some()
+    }
+
+    /// Bounds over the rectangle between two corners (m), between two times (s).
+    pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
+        let (field, factor) = self.place(t.low);
+        field.enclose(low, high, t).scaled(factor)
+    }
+
+    /// The field at a time (s), to be integrated over the plate.
+    pub fn still(&self, t: f64) -> Still<'_> {
+        Still { given: self, t }
+    }
+
     /// The error of its formula.
     fn fault(&self, fault: &Fault) -> Error {
         Error::Scene(format!("{}: {fault}", self.key))
+    }
+}
+
+/// A field at an instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Still<'g> {
+    given: &'g Given,
+    t: f64,
+}
+
+impl Integrand for Still<'_> {
+    fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()> {
+        self.given.values(points, self.t, values)
+    }
+
+    fn enclose(&self, low: Point, high: Point) -> Enclosure {
+        self.given.enclose(low, high, Interval::point(self.t))
+    }
+
+    fn side(&self, at: Point) -> u64 {
+        self.given.place(self.t).0.side(at, self.t)
+    }
+}
+
+/// The sum of some fields.
+impl Integrand for Vec<Still<'_>> {
+    fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()> {
+        values.fill(0.0);
+        let mut terms = vec![0.0; points.len()];
+        for of in self {
+            of.values(points, &mut terms)?;
+            values.iter_mut().zip(&terms).for_each(|(sum, term)| *sum += term);
+        }
+        Ok(())
+    }
+
+    fn enclose(&self, low: Point, high: Point) -> Enclosure {
+        let mut all = self.iter().map(|of| of.enclose(low, high));
+        let first = all.next().unwrap_or(Enclosure::ZERO);
+        all.fold(first, Enclosure::plus)
+    }
+
+    fn side(&self, at: Point) -> u64 {
+        self.iter().fold(0, |side: u64, of| side.rotate_left(17) ^ of.side(at))
     }
 }
 
@@ -190,6 +266,8 @@ pub enum Region {
     Group(String),
     /// One node.
     At([f64; 2]),
+    /// The nodes of a physical point.
+    Point(String),
     /// The nodes on a line from one point to another.
     Line([[f64; 2]; 2]),
 }

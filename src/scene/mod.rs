@@ -37,12 +37,13 @@ use crate::error::Result;
 use crate::field::Condition;
 use crate::input;
 pub use crate::mesh::{Diagonal, ElementKind};
+use crate::mesh::{Import, Mesh};
 use crate::motion::Motion;
 pub use crate::plate::Plate;
 pub use crate::scheme::Massless;
 pub use crate::space::Support as SupportKind;
 use document::Document;
-pub use given::{Given, Region, Value};
+pub use given::{Given, Region, Still, Value};
 pub use study::{Horizon, Study};
 pub use words::SchemeName;
 
@@ -132,6 +133,25 @@ pub struct MeshFile {
     pub file: String,
     /// Where it was found.
     pub path: String,
+    /// What its coordinates are multiplied by to be metres; `None`: they are.
+    pub scale: Option<f64>,
+    /// Nodes this near to each other, in m, become one; `None`: none do.
+    pub merge: Option<f64>,
+    /// Parts that nothing connects.
+    pub parts: usize,
+}
+
+impl MeshFile {
+    /// Reads the mesh.
+    ///
+    /// # Errors
+    /// As [`Mesh::load_gmsh_as`], and where the mesh is in other parts than the scene says.
+    pub fn load(&self) -> Result<Mesh> {
+        let import = Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0) };
+        let mesh = Mesh::load_gmsh_as(&self.path, import)?;
+        mesh.require_parts(self.parts)?;
+        Ok(mesh)
+    }
 }
 
 /// A grid of rectangles that carries the elements.
@@ -212,6 +232,8 @@ pub struct Load {
 pub struct Force {
     /// Where, m.
     pub at: [f64; 2],
+    /// The physical point there, if that is how the scene names the place.
+    pub point: Option<String>,
     /// Upward, N.
     pub value: Given,
 }
@@ -226,28 +248,34 @@ pub struct Foundation {
 }
 
 /// A spring to the ground, relaxed where the plate is flat.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Spring {
     /// Where, m.
     pub at: [f64; 2],
+    /// The physical point there, if that is how the scene names the place.
+    pub point: Option<String>,
     /// N/m.
     pub stiffness: f64,
 }
 
 /// A mass fixed on the plate.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PointMass {
     /// Where, m.
     pub at: [f64; 2],
+    /// The physical point there, if that is how the scene names the place.
+    pub point: Option<String>,
     /// kg.
     pub mass: f64,
 }
 
 /// A rigid body that moves up and down and touches the plate at one point, without sticking.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Ball {
     /// Above or below which point of the plate, m.
     pub at: [f64; 2],
+    /// The physical point there, if that is how the scene names the place.
+    pub point: Option<String>,
     /// The side of the plate on which it is.
     pub side: Side,
     /// kg.
@@ -414,6 +442,8 @@ pub struct Probe {
     pub name: String,
     /// Its x and y, m.
     pub at: [f64; 2],
+    /// The physical point there, if that is how the scene names the place.
+    pub point: Option<String>,
     /// The ball there, by its number, whose height is told in place of the plate's.
     pub ball: Option<usize>,
 }
@@ -445,7 +475,8 @@ impl Scene {
         Scene::from_bytes(text.as_bytes(), file_name, overrides)
     }
 
-    /// Reads a scene from a file's bytes. Whatever they are, the answer is a scene or [`Error::Scene`].
+    /// Reads a scene from a file's bytes. Whatever they are, the answer is a scene or [`Error::Scene`]; where it names points of a
+    /// mesh, also what reading that mesh says.
     pub fn from_bytes(bytes: &[u8], file_name: &str, overrides: &[String]) -> Result<Scene> {
         read::scene(&Document::parse(bytes, file_name, overrides)?, file_name, EngineName::Native)
     }

@@ -1,5 +1,7 @@
 //! From a document to a scene: one function a table, its keys in the order of the file.
 
+use std::cell::OnceCell;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -70,6 +72,8 @@ const TOLERANCE: Quantity = Quantity::new(
 );
 const ENERGY_GUARD: Quantity =
     Quantity::new("a ratio of energies", Range::new(" greater than 1", "is too small", |ratio| ratio > 1.0));
+const SCALE: Quantity = Quantity::new("a factor that makes coordinates metres", Range::POSITIVE);
+const MERGE: Quantity = Quantity::new("a distance in m", Range::POSITIVE);
 const COORDINATE: Quantity = Quantity::new("a coordinate in m", Range::ANY);
 
 /// The tables of a scene.
@@ -100,19 +104,20 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
     let file = mesh_file(doc)?;
     let plate = panel(doc, file.is_some())?;
     let (mesh, time, solver) = (grid(doc, file.is_some())?, time(doc)?, solver(doc, engine)?);
-    let balls = balls(doc, &plate)?;
+    let places = Places { plate: &plate, file: file.as_ref(), points: OnceCell::new() };
+    let balls = balls(doc, &places)?;
     let scene = Scene {
         title,
         parts: parts(doc, &plate)?,
         supports: supports(doc, file.is_some())?,
         obstacles: obstacles(doc)?,
-        load: load(doc, &plate)?,
+        load: load(doc, &places)?,
         foundations: foundations(doc)?,
-        springs: springs(doc, &plate)?,
-        masses: masses(doc, &plate)?,
+        springs: springs(doc, &places)?,
+        masses: masses(doc, &places)?,
         damping: damping(doc)?,
         initial: initial(doc)?,
-        output: output(doc, &plate, &mesh, &balls)?,
+        output: output(doc, &places, &mesh, &balls)?,
         balls,
         study: study(doc, &mesh, &time, &solver)?,
         plate,
@@ -234,7 +239,7 @@ fn parts(doc: &Document, plate: &Panel) -> Result<Vec<Part>> {
     (0..count).map(part).collect()
 }
 
-/// The part of the plate that a table's keys, some of `where`, `group`, `at` and `line`, name; all of it without them.
+/// The part of the plate that a table's keys, some of `where`, `group`, `at`, `point` and `line`, name; all of it without them.
 fn region(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
     let mut named = keys.iter().filter(|key| doc.get(&format!("{table}.{key}")).is_some());
     let Some(first) = named.next() else { return Ok(Region::All) };
@@ -247,6 +252,7 @@ fn region(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
         "where" => Region::Where(doc.condition(&key)?),
         "group" => Region::Group(name(doc, &key, "expected the name of a physical group")?),
         "at" => Region::At(point(doc, &key)?),
+        "point" => Region::Point(name(doc, &key, "expected the name of a physical point")?),
         _ => {
             doc.pair(&key, "expected [[x, y], [x, y]] in m")?;
             Region::Line([point(doc, &format!("{key}.0"))?, point(doc, &format!("{key}.1"))?])
@@ -283,17 +289,70 @@ fn point_on(doc: &Document, key: &str, plate: &Panel) -> Result<[f64; 2]> {
     Ok([x, y])
 }
 
+/// Where things can be that lie at a point of the plate: its sides and the points of its file.
+struct Places<'p> {
+    plate: &'p Panel,
+    file: Option<&'p MeshFile>,
+    /// The points of the file, read where one is asked for.
+    points: OnceCell<BTreeMap<String, Vec<Point>>>,
+}
+
+impl Places<'_> {
+    /// The place of a table's `at`, or of the one node of its `point`, with the name of that.
+    fn of(&self, doc: &Document, table: &str) -> Result<([f64; 2], Option<String>)> {
+        let (at, key) = (format!("{table}.at"), format!("{table}.point"));
+        if doc.get(&key).is_none() {
+            return Ok((point_on(doc, &at, self.plate)?, None));
+        }
+        doc.forbid(&at, format!("contradicts {key}; expected only one of at, point"))?;
+        let name = name(doc, &key, "expected the name of a physical point")?;
+        let Some(file) = self.file else {
+            return Err(doc.fault(&key, "has no use without mesh.file; expected at = [x, y]"));
+        };
+        let points = match self.points.get() {
+            Some(points) => points,
+            None => {
+                let mesh = file.load()?;
+                let places = |nodes: &Vec<usize>| nodes.iter().map(|&node| mesh.nodes[node]).collect();
+                let points = mesh.points.iter().map(|(name, nodes)| (name.clone(), places(nodes))).collect();
+                self.points.get_or_init(|| points)
+            }
+        };
+        match points.get(&name).map(Vec::as_slice) {
+            Some(&[place]) => Ok((place.into(), Some(name))),
+            Some(places) => {
+                let wrong = format!("{} is {} nodes; expected a point of one", quote(&name), places.len());
+                Err(doc.fault(&key, wrong))
+            }
+            None => {
+                let known: Vec<&str> = points.keys().map(String::as_str).collect();
+                let wrong =
+                    format!("the mesh has no point named {}; it has: {}", quote(&name), known.join(", "));
+                Err(doc.fault(&key, wrong))
+            }
+        }
+    }
+}
+
 fn mesh_file(doc: &Document) -> Result<Option<MeshFile>> {
     if doc.get("mesh.file").is_none() {
         return Ok(None);
     }
     let file = name(doc, "mesh.file", "expected the name of a Gmsh mesh")?;
     let path = doc.beside(&file);
-    Ok(Some(MeshFile { file, path }))
+    let scale = doc.optional_number("mesh.scale", &SCALE)?;
+    let merge = doc.optional_number("mesh.merge", &MERGE)?;
+    let parts = doc.optional_count("mesh.parts", "a number of parts that nothing connects", 1)?.unwrap_or(1);
+    Ok(Some(MeshFile { file, path, scale, merge, parts: parts as usize }))
 }
 
 fn grid(doc: &Document, has_file: bool) -> Result<Grid> {
-    doc.allow("mesh", &["element", "cells", "diagonal", "refine", "file"])?;
+    doc.allow("mesh", &["element", "cells", "diagonal", "refine", "file", "scale", "merge", "parts"])?;
+    if !has_file {
+        for key in ["mesh.scale", "mesh.merge", "mesh.parts"] {
+            doc.forbid(key, "has no use without mesh.file")?;
+        }
+    }
     if has_file {
         let wrong = "contradicts mesh.file: its triangles are \"hct\" cells, its quadrangles \"fvs\"";
         for key in ["mesh.element", "mesh.cells", "mesh.diagonal"] {
@@ -410,19 +469,20 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     let mut obstacles: Vec<Obstacle> = Vec::new();
     for index in 0..doc.entries("obstacle", "expected tables [[obstacle]] with side and height")? {
         let table = format!("obstacle.{index}");
-        doc.allow(&table, &["side", "height", "where", "group", "at", "line"])?;
+        doc.allow(&table, &["side", "height", "where", "group", "at", "point", "line"])?;
         let (side, height) = (format!("{table}.side"), format!("{table}.height"));
         let obstacle = Obstacle {
             side: doc.choice(&side)?,
             height: doc.needed(&height, &HEIGHT, Names::XYT)?,
-            region: region(doc, &table, &["where", "group", "at", "line"])?,
+            region: region(doc, &table, &["where", "group", "at", "point", "line"])?,
         };
         let same = |other: &&Obstacle| other.side == obstacle.side && other.region == Region::All;
         if obstacle.region == Region::All
             && let Some(first) = obstacles.iter().position(|other| same(&other))
         {
             let wrong = format!("obstacle.{first} already lies on this side of the whole plate");
-            let expected = "expected where, group, at or line, for an obstacle opposite to a part of it";
+            let expected =
+                "expected where, group, at, point or line, for an obstacle opposite to a part of it";
             return Err(doc.fault(&side, format!("{wrong}; {expected}")));
         }
         if let Some([own, other]) = obstacles.iter().find_map(|other| no_room(&obstacle, other)) {
@@ -447,7 +507,7 @@ fn no_room(one: &Obstacle, other: &Obstacle) -> Option<[f64; 2]> {
     (all && one.side != other.side && crossed).then_some(heights)
 }
 
-fn load(doc: &Document, plate: &Panel) -> Result<Option<Load>> {
+fn load(doc: &Document, places: &Places) -> Result<Option<Load>> {
     doc.allow("load", &["pressure", "gravity", "force"])?;
     if doc.get("load").is_none() {
         return Ok(None);
@@ -455,11 +515,9 @@ fn load(doc: &Document, plate: &Panel) -> Result<Option<Load>> {
     let gravity = doc.optional_number("load.gravity", &GRAVITY)?;
     let force = |index: usize| {
         let table = format!("load.force.{index}");
-        doc.allow(&table, &["at", "value"])?;
-        Ok(Force {
-            at: point_on(doc, &format!("{table}.at"), plate)?,
-            value: doc.needed(&format!("{table}.value"), &FORCE, Names::T)?,
-        })
+        doc.allow(&table, &["at", "point", "value"])?;
+        let (at, point) = places.of(doc, &table)?;
+        Ok(Force { at, point, value: doc.needed(&format!("{table}.value"), &FORCE, Names::T)? })
     };
     let count = doc.entries("load.force", "expected tables [[load.force]] with at and value")?;
     let forces: Vec<Force> = (0..count).map(force).collect::<Result<_>>()?;
@@ -484,33 +542,35 @@ fn foundations(doc: &Document) -> Result<Vec<Foundation>> {
     (0..count).map(foundation).collect()
 }
 
-fn springs(doc: &Document, plate: &Panel) -> Result<Vec<Spring>> {
+fn springs(doc: &Document, places: &Places) -> Result<Vec<Spring>> {
     let spring = |index: usize| {
         let table = format!("spring.{index}");
-        doc.allow(&table, &["at", "stiffness"])?;
-        let at = point_on(doc, &format!("{table}.at"), plate)?;
-        Ok(Spring { at, stiffness: doc.number(&format!("{table}.stiffness"), &SPRING)? })
+        doc.allow(&table, &["at", "point", "stiffness"])?;
+        let (at, point) = places.of(doc, &table)?;
+        Ok(Spring { at, point, stiffness: doc.number(&format!("{table}.stiffness"), &SPRING)? })
     };
     (0..doc.entries("spring", "expected tables [[spring]] with at and stiffness")?).map(spring).collect()
 }
 
-fn masses(doc: &Document, plate: &Panel) -> Result<Vec<PointMass>> {
+fn masses(doc: &Document, places: &Places) -> Result<Vec<PointMass>> {
     let mass = |index: usize| {
         let table = format!("mass.{index}");
-        doc.allow(&table, &["at", "mass"])?;
-        let at = point_on(doc, &format!("{table}.at"), plate)?;
-        Ok(PointMass { at, mass: doc.number(&format!("{table}.mass"), &MASS)? })
+        doc.allow(&table, &["at", "point", "mass"])?;
+        let (at, point) = places.of(doc, &table)?;
+        Ok(PointMass { at, point, mass: doc.number(&format!("{table}.mass"), &MASS)? })
     };
     (0..doc.entries("mass", "expected tables [[mass]] with at and mass")?).map(mass).collect()
 }
 
-fn balls(doc: &Document, plate: &Panel) -> Result<Vec<Ball>> {
+fn balls(doc: &Document, places: &Places) -> Result<Vec<Ball>> {
     let ball = |index: usize| {
         let table = format!("ball.{index}");
-        doc.allow(&table, &["at", "side", "mass", "height", "velocity"])?;
+        doc.allow(&table, &["at", "point", "side", "mass", "height", "velocity"])?;
         let key = |name: &str| format!("{table}.{name}");
+        let (at, point) = places.of(doc, &table)?;
         Ok(Ball {
-            at: point_on(doc, &key("at"), plate)?,
+            at,
+            point,
             side: doc.optional_choice(&key("side"))?.unwrap_or(Side::Above),
             mass: doc.number(&key("mass"), &MASS)?,
             height: doc.number(&key("height"), &HEIGHT)?,
@@ -767,12 +827,12 @@ fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
     Ok(Some(Snapshots { every, subdivide: subdivide as usize }))
 }
 
-fn output(doc: &Document, plate: &Panel, mesh: &Grid, balls: &[Ball]) -> Result<Output> {
+fn output(doc: &Document, places: &Places, mesh: &Grid, balls: &[Ball]) -> Result<Output> {
     doc.allow("output", &["every", "fields_every", "subdivide", "checkpoint_every", "probes"])?;
     let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
     let mut probes: Vec<Probe> = Vec::new();
     for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
-        let probe = probe(doc, &format!("output.probes.{index}"), plate, balls)?;
+        let probe = probe(doc, &format!("output.probes.{index}"), places, balls)?;
         if let Some(first) = probes.iter().position(|earlier| earlier.name == probe.name) {
             let wrong =
                 format!("{} is already output.probes.{first}; expected unique names", quote(&probe.name));
@@ -784,19 +844,25 @@ fn output(doc: &Document, plate: &Panel, mesh: &Grid, balls: &[Ball]) -> Result<
     Ok(Output { every, checkpoint_every, fields: snapshots(doc, mesh)?, probes })
 }
 
-fn probe(doc: &Document, table: &str, plate: &Panel, balls: &[Ball]) -> Result<Probe> {
-    doc.allow(table, &["name", "at", "ball"])?;
-    let (name, at) = (probe_name(doc, &format!("{table}.name"))?, format!("{table}.at"));
+fn probe(doc: &Document, table: &str, places: &Places, balls: &[Ball]) -> Result<Probe> {
+    doc.allow(table, &["name", "at", "point", "ball"])?;
+    let name = probe_name(doc, &format!("{table}.name"))?;
     let key = format!("{table}.ball");
     let Some(number) = doc.optional_count(&key, "the number of a ball, from 0,", 0)? else {
-        return Ok(Probe { name, at: point_on(doc, &at, plate)?, ball: None });
+        let (at, point) = places.of(doc, table)?;
+        return Ok(Probe { name, at, point, ball: None });
     };
-    doc.forbid(&at, format!("contradicts {key}: a ball is where its own table says"))?;
+    for place in ["at", "point"] {
+        doc.forbid(
+            &format!("{table}.{place}"),
+            format!("contradicts {key}: a ball is where its own table says"),
+        )?;
+    }
     let number = usize::try_from(number).unwrap_or(usize::MAX);
     let ball = balls.get(number).ok_or_else(|| {
         doc.fault(&key, format!("{number} is no ball; the scene has {} of them, counted from 0", balls.len()))
     })?;
-    Ok(Probe { name, at: ball.at, ball: Some(number) })
+    Ok(Probe { name, at: ball.at, point: None, ball: Some(number) })
 }
 
 /// A name that can head a column of the history.

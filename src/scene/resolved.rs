@@ -42,7 +42,7 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
         section("[load]", &[pressure, ("gravity", number(load.gravity), "m/s2, downward")]);
         for force in &load.forces {
             let value = ("value", given(&force.value, found), "N, upward");
-            section("[[load.force]]", &[("at", numbers(&force.at), "m"), value]);
+            section("[[load.force]]", &[place(&force.at, force.point.as_deref()), value]);
         }
     }
     for foundation in &scene.foundations {
@@ -51,10 +51,11 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
     }
     for spring in &scene.springs {
         let stiffness = ("stiffness", number(spring.stiffness), "N/m");
-        section("[[spring]]", &[("at", numbers(&spring.at), "m"), stiffness]);
+        section("[[spring]]", &[place(&spring.at, spring.point.as_deref()), stiffness]);
     }
     for mass in &scene.masses {
-        section("[[mass]]", &[("at", numbers(&mass.at), "m"), ("mass", number(mass.mass), "kg")]);
+        let place = place(&mass.at, mass.point.as_deref());
+        section("[[mass]]", &[place, ("mass", number(mass.mass), "kg")]);
     }
     for ball in &scene.balls {
         section("[[ball]]", &self::ball(ball));
@@ -113,12 +114,18 @@ fn formula(field: &Field) -> String {
     field.constant().map_or_else(|| string(&field.to_string()), number)
 }
 
+/// A place, by the name of its physical point if it has one.
+fn place(at: &[f64; 2], point: Option<&str>) -> Row {
+    point.map_or_else(|| ("at", numbers(at), "m"), |name| ("point", string(name), ""))
+}
+
 fn region(region: &Region) -> Vec<Row> {
     match region {
         Region::All => vec![],
         Region::Where(condition) => vec![("where", string(&condition.to_string()), "")],
         Region::Group(name) => vec![("group", string(name), "")],
         Region::At(at) => vec![("at", numbers(at), "m")],
+        Region::Point(name) => vec![("point", string(name), "")],
         Region::Line([from, to]) => vec![("line", format!("[{}, {}]", numbers(from), numbers(to)), "m")],
     }
 }
@@ -151,7 +158,17 @@ fn material(plate: &Plate, thickness: Option<&Given>, found: bool) -> Vec<Row> {
 fn mesh(scene: &Scene, found: bool) -> Vec<Row> {
     let grid = scene.mesh;
     let mut rows = match &scene.file {
-        Some(MeshFile { file, path }) => vec![("file", string(if found { path } else { file }), "")],
+        Some(MeshFile { file, path, scale, merge, parts }) => {
+            let mut rows = vec![("file", string(if found { path } else { file }), "")];
+            rows.extend(scale.map(|scale| ("scale", number(scale), "makes its coordinates metres")));
+            rows.extend(
+                merge.map(|merge| ("merge", number(merge), "m, nodes nearer to each other become one")),
+            );
+            if *parts > 1 {
+                rows.push(("parts", parts.to_string(), "that nothing connects"));
+            }
+            rows
+        }
         None => {
             let [nx, ny] = grid.cells;
             vec![
@@ -182,7 +199,7 @@ fn support(support: &Support, found: bool) -> Vec<Row> {
 
 fn ball(ball: &Ball) -> Vec<Row> {
     vec![
-        ("at", numbers(&ball.at), "m"),
+        place(&ball.at, ball.point.as_deref()),
         ("side", word(ball.side), "below | above the plate"),
         ("mass", number(ball.mass), "kg"),
         ("height", number(ball.height), "m, of the point that touches"),
@@ -254,7 +271,10 @@ fn probes(output: &Output) -> String {
     let row = |probe: &Probe| {
         let place = match probe.ball {
             Some(ball) => format!("ball = {ball}"),
-            None => format!("at = {}", numbers(&probe.at)),
+            None => {
+                let (key, value, _) = self::place(&probe.at, probe.point.as_deref());
+                format!("{key} = {value}")
+            }
         };
         format!("  {{ name = {}, {place} }},\n", string(&probe.name))
     };

@@ -1,5 +1,8 @@
 //! From a scene to a body: mesh, sections and supports.
 
+use crate::assembly;
+use crate::element::adaptive::{self, Integrand, Rules};
+use crate::element::quadrature::Node;
 use crate::error::{Error, Result};
 use crate::field::Condition;
 use crate::memory;
@@ -22,6 +25,12 @@ pub(super) trait Team {
     /// # Errors
     /// That of any.
     fn together<R>(&self, mine: Result<R>) -> Result<R>;
+
+    /// Numbers added up over all. Collective.
+    fn sum(&self, own: &[f64]) -> Vec<f64> {
+        let all = self.gather(own);
+        (0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect()
+    }
 
     /// Sums of what all say of each node of this process. Collective.
     ///
@@ -150,7 +159,7 @@ fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     let ranks = if scene.solver.engine == EngineName::Petsc { memory::processes() } else { 1 };
     let mut mesh = match &scene.file {
         Some(file) => {
-            let mesh = Mesh::load_gmsh(&file.path)?;
+            let mesh = file.load()?;
             require_memory(scene, kinds(&mesh), ranks)?;
             mesh
         }
@@ -207,21 +216,21 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
                 Place::Edges(chosen)
             }
             Stand::At(at) => Place::Nodes(nodes_at(mesh, *at, team, &key)?),
-            Stand::Point(name) => {
-                let nodes = mesh.points.get(name).cloned().unwrap_or_default();
-                require(team, !nodes.is_empty(), || {
-                    let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
-                    format!(
-                        "{key}.point: the mesh has no point named \"{name}\"; it has: {}",
-                        known.join(", ")
-                    )
-                })?;
-                Place::Nodes(nodes)
-            }
+            Stand::Point(name) => Place::Nodes(nodes_of_point(mesh, name, team, &key)?),
         };
         supports.push((place, support.kind));
     }
     Ok(supports)
+}
+
+/// The nodes of a physical point that this process owns. Collective.
+fn nodes_of_point(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+    let nodes = mesh.points.get(name).cloned().unwrap_or_default();
+    require(team, !nodes.is_empty(), || {
+        let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
+        format!("{key}.point: the mesh has no point named \"{name}\"; it has: {}", known.join(", "))
+    })?;
+    Ok(nodes)
 }
 
 /// Whether a table's condition holds at a place.
@@ -277,6 +286,12 @@ pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
             Ok(nodes.filter(|&node| touched[node] > 0.0).collect())
         }
         Region::At(at) => nodes_at(mesh, *at, team, key),
+        Region::Point(name) => {
+            let mut named = vec![0.0; mesh.nodes.len()];
+            nodes_of_point(mesh, name, team, key)?.into_iter().for_each(|node| named[node] = 1.0);
+            let named = team.spread(&named)?;
+            Ok(nodes.filter(|&node| named[node] > 0.0).collect())
+        }
         Region::Line([from, to]) => {
             let (from, to) = (Point::from(*from), Point::from(*to));
             let side = to - from;
@@ -319,7 +334,7 @@ pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
             })?;
         }
         Region::Group(name) => group(mesh, name, team, key)?.into_iter().for_each(|cell| chosen[cell] = true),
-        Region::All | Region::At(_) | Region::Line(_) => {}
+        Region::All | Region::At(_) | Region::Point(_) | Region::Line(_) => {}
     }
     Ok(chosen)
 }
@@ -329,6 +344,8 @@ pub(super) struct Body<'s> {
     scene: &'s Scene,
     /// For each cell the number of its part, from 1 on; 0: none.
     part_of: Vec<usize>,
+    /// Rules of their own on the cells where the thickness asks for them.
+    rules: Rules,
 }
 
 impl<'s> Body<'s> {
@@ -339,7 +356,25 @@ impl<'s> Body<'s> {
             let inside = cells_in(&part.region, mesh, team, &format!("part.{number}"))?;
             part_of.iter_mut().zip(inside).filter(|(_, inside)| *inside).for_each(|(of, _)| *of = number + 1);
         }
-        Ok(Body { scene, part_of })
+        let mut body = Body { scene, part_of, rules: Rules::new() };
+        body.rules = body.find_rules(mesh, team)?;
+        Ok(body)
+    }
+
+    /// Rules of their own on the cells where a thickness jumps, or changes faster than the usual one sees. Collective.
+    fn find_rules(&self, mesh: &Mesh, team: &impl Team) -> Result<Rules> {
+        let rough = |given: &&Given| !given.is_polynomial();
+        let of_parts = self.scene.parts.iter().map(|part| part.thickness.as_ref());
+        let thicknesses = std::iter::once(self.scene.plate.thickness.as_ref()).chain(of_parts);
+        let rough: Vec<_> =
+            thicknesses.map(|given| given.filter(rough).map(|given| given.still(0.0))).collect();
+        if rough.iter().all(Option::is_none) {
+            return Ok(Rules::new());
+        }
+        let function = |cell: usize| rough[self.part_of[cell]].as_ref().map(|still| still as &dyn Integrand);
+        let pieces = team.together(assembly::pieces(mesh))?;
+        let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, &|own| team.sum(own));
+        super::effects::seen("plate.thickness", team.together(refined)?)
     }
 
     /// The plate of a cell, and its thickness where that is no number.
@@ -366,5 +401,9 @@ impl Sections for Body<'_> {
             return Err(Error::Scene(format!("{}: {wrong}", given.key)));
         }
         Ok(Plate { thickness, ..*plate }.section())
+    }
+
+    fn rules(&self, cell: usize) -> Option<&[Vec<Node>]> {
+        self.rules.get(&cell).map(Vec::as_slice)
     }
 }

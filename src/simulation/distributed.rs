@@ -106,6 +106,10 @@ impl Model<Distributed> {
                 let context = context.clone();
                 move |mine| context.together(mine)
             }),
+            sum: Rc::new({
+                let context = context.clone();
+                move |own| Ranks { context: &context, plex: None }.sum(own)
+            }),
             owns: &|node| part.owns[node],
         };
         let mut model = super::compose(clock, engine, &ground)?;
@@ -132,13 +136,13 @@ fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
 /// The whole mesh of a scene, and how often it is still to be refined: not at all where nodes were made in it.
 fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     if let (Some(file), true) = (&scene.file, marks.is_empty()) {
-        let mesh = Mesh::load_gmsh(&file.path)?;
+        let mesh = file.load()?;
         body::require_memory(scene, body::kinds(&mesh), memory::processes())?;
         return Ok((mesh, scene.mesh.refine));
     }
     let (fine, made) = body::mesh_and_made(scene)?;
     match &scene.file {
-        Some(file) if made.is_empty() => Ok((Mesh::load_gmsh(&file.path)?, scene.mesh.refine)),
+        Some(file) if made.is_empty() => Ok((file.load()?, scene.mesh.refine)),
         _ => Ok((fine, 0)),
     }
 }

@@ -186,7 +186,7 @@ impl Fields {
                 Ok(chosen)
             }
             // The first points are the nodes.
-            Region::At(_) | Region::Line(_) => body::nodes_in(region, mesh, team, key),
+            Region::At(_) | Region::Point(_) | Region::Line(_) => body::nodes_in(region, mesh, team, key),
         }
     }
 

@@ -14,8 +14,9 @@ const NEAR: f64 = 1e-6;
 /// # Errors
 /// What reading a mesh and a formula says.
 pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
-    let has_group = scene.obstacles.iter().any(|obstacle| matches!(obstacle.region, Region::Group(_)));
-    let mesh = if has_group { Some(body::mesh(scene)?) } else { None };
+    let is_named = |region: &Region| matches!(region, Region::Group(_) | Region::Point(_));
+    let has_names = scene.obstacles.iter().any(|obstacle| is_named(&obstacle.region));
+    let mesh = if has_names { Some(body::mesh(scene)?) } else { None };
     let mut opposite = BTreeMap::new();
     for probe in scene.output.probes.iter().filter(|probe| probe.ball.is_none()) {
         let at = Point::from(probe.at);
@@ -41,6 +42,10 @@ fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
         Region::Group(name) => mesh.is_some_and(|mesh| {
             let members = mesh.groups.get(name);
             mesh.locate(at).is_some_and(|cell| members.is_some_and(|members| members.contains(&cell)))
+        }),
+        Region::Point(name) => mesh.is_some_and(|mesh| {
+            let nodes = mesh.points.get(name).into_iter().flatten();
+            nodes.map(|&node| mesh.nodes[node].into()).any(|place| is_on([place, place], at))
         }),
         Region::At(place) => is_on([*place, *place], at),
         Region::Line(ends) => is_on(*ends, at),

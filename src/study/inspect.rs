@@ -10,7 +10,7 @@ use crate::modes;
 use crate::output::text::{Report, significant};
 use crate::scene::{EngineName, Given, Mass, Scene, Scheme, ViName};
 use crate::scheme::{self, System, exact};
-use crate::simulation::{self, Matrices, Model};
+use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant};
 use serde::Serialize;
 use std::f64::consts::TAU;
 use std::fmt;
@@ -116,6 +116,8 @@ pub struct Check {
     pub factor_entries: usize,
     /// Memory of a run on the native engine, estimated, in bytes.
     pub memory: usize,
+    /// Forces and moments of the loads.
+    pub loads: Vec<LoadTotal>,
     /// Frequencies with the scene's mass.
     pub frequencies: Frequencies,
     /// Steps of the run.
@@ -293,6 +295,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
+        loads: simulation::load_totals(&native, &mesh)?,
         memory: memory(&mesh, system.engine.dofs(), scene.time.scheme.factors() * factor_entries)
             + dense(scene, system),
         frequencies,
@@ -389,6 +392,12 @@ fn list(values: &[f64]) -> String {
     values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
 }
 
+/// `12 N, moments about x and y 0.6 and -2.4 N m`.
+fn push(Resultant { force, moments: [x, y] }: &Resultant) -> String {
+    let [force, x, y] = [*force, *x, *y].map(significant);
+    format!("{force} N; about the axes x, y: {x}, {y} N m")
+}
+
 /// Rows that both reports share.
 fn sizes(report: &mut Report, [nodes, cells, dofs, bounded]: [usize; 4]) {
     report
@@ -453,6 +462,12 @@ impl fmt::Display for Check {
         }
         report.count("factor entries", self.factor_entries as u64, "");
         report.number("memory", self.memory as f64 / 1e6, "MB");
+        for LoadTotal { key, start, largest } in &self.loads {
+            report.text(key, push(start));
+            if let Some((t, largest)) = largest {
+                report.text(format!("  largest, at {} s", significant(*t)), push(largest));
+            }
+        }
         report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
         optional(&mut report, "highest frequency", self.frequencies.highest, "Hz");
         report.number("step", self.step, "s");

@@ -135,6 +135,25 @@ fn plot_draws_all_that_a_run_left() {
     }
 }
 
+/// The rows of the contact map go by the numbers that contacts.csv has.
+#[test]
+fn the_contact_map_numbers_nodes_as_the_file_does() {
+    let contact =
+        |node: usize, x: f64| contacts::Contact { node, at: [x, 0.0], begin: 0.1, end: 0.2, impulse: 1.0 };
+    let all = [contact(731, 0.1), contact(54, 0.2), contact(209, 0.3)];
+    let folder = folder("numbers");
+    let columns = rebond::scene::HISTORY_COLUMNS.join(",");
+    fs::write(folder.join("history.csv"), format!("{columns}\n0,0,0,0,0,0,0,0,0,0\n1,1,0,0,0,0,0,0,0,0\n"))
+        .unwrap();
+    let table = history::read(&folder).unwrap();
+    let path = folder.join("contacts.svg");
+    plot::run::contacts(&all, &table, "", Vec::new()).write_svg(&path).unwrap();
+    let svg = fs::read_to_string(path).unwrap();
+    for number in ["731", "54", "209"] {
+        assert!(svg.contains(&format!(">{number}<")), "{number} in {svg}");
+    }
+}
+
 /// Under a Hann window an oscillation in the middle of a bin has its amplitude there, half beside, and none elsewhere.
 #[test]
 fn spectra_tell_amplitudes() {

@@ -108,7 +108,7 @@ fn a_ball_and_all_that_is_attached() {
     );
 }
 
-/// A mixed mesh with groups, read by rank 0 alone.
+/// A mixed mesh with groups and a point, read by rank 0 alone; a patch of load that travels between the points of any rule.
 #[test]
 fn a_mesh_of_groups() {
     let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh/square_41_text.msh");
@@ -118,12 +118,12 @@ fn a_mesh_of_groups() {
         &format!(
             r#"
             plate = {{ thickness = "0.01 + 0.002*x", youngs_modulus = 12e9, youngs_modulus_across = 1e9, shear_modulus = 0.7e9, poissons_ratio = 0.35, density = 500, grain = 30 }}
-            mesh = {{ file = "{mesh}" }}
+            mesh = {{ file = "{mesh}", scale = 1, merge = 1e-9 }}
             part = [{{ group = "steel", thickness = 0.008, grain = 0 }}]
             support = [{{ edge = "left", kind = "clamped" }}]
-            obstacle = [{{ side = "below", height = "-0.001*(1 + y) + 0.0004*sin(40*t)", group = "rubber" }}, {{ side = "below", height = -0.004 }}]
-            load = {{ pressure = "-40*exp(x - t)*(1 + y)" }}
-            foundation = [{{ stiffness = 1e3, group = "steel" }}]
+            obstacle = [{{ side = "below", height = "-0.001*(1 + y) + 0.0004*sin(40*t)", group = "rubber" }}, {{ side = "below", height = -0.004 }}, {{ side = "below", height = -0.002, point = "peak" }}]
+            load = {{ pressure = "-40*exp(x - t)*(1 + y) - 500*step(0.02 - hypot(x - 0.3 - t, y - 0.4))" }}
+            foundation = [{{ stiffness = "1e3 + 1e6*step(0.01 - hypot(x - 0.31, y - 0.42))", group = "steel" }}]
             time = {{ scheme = "midpoint", mass = "consistent", step = 5e-4, end = 0.1 }}
             output = {{ every = 5, probes = [{{ name = "corner", at = [1, 1] }}, {{ name = "in", at = [0.4, 0.3] }}] }}
             "#

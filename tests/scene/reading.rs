@@ -269,6 +269,19 @@ fn a_choice_by_override_drops_the_parameters_of_the_files() {
     assert!(message(&file, &both).contains("time.beta: contradicts"), "{}", message(&file, &both));
 }
 
+/// The limits themselves are out of range, whatever is inside is not.
+#[test]
+fn poissons_ratio_lies_between_its_limits() {
+    for ratio in ["-0.999", "-0.5", "0", "0.4999999"] {
+        read(MINIMAL, &[&format!("plate.poissons_ratio={ratio}")]).unwrap();
+    }
+    for ratio in ["-1", "0.5", "0.7", "-3"] {
+        let message = message(MINIMAL, &[&format!("plate.poissons_ratio={ratio}")]);
+        let expected = "is out of range; expected Poisson's ratio greater than -1 and less than 0.5";
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
 #[test]
 fn the_last_override_wins() {
     let scene = read(MINIMAL, &["time.step=0.1", "time.step=0.01"]).unwrap();

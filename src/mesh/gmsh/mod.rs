@@ -18,6 +18,21 @@ use sections::{Block, Node, Sections, physical};
 /// How far from the plane of the others a node may lie, relative to the plate's size.
 const FLAT: f64 = 1e-9;
 
+/// What is done to a mesh as it is read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Import {
+    /// What coordinates are multiplied by to be metres.
+    pub scale: f64,
+    /// Nodes this near to each other, in m, become one; 0: none do.
+    pub merge: f64,
+}
+
+impl Default for Import {
+    fn default() -> Import {
+        Import { scale: 1.0, merge: 0.0 }
+    }
+}
+
 impl Mesh {
     /// Reads a mesh that Gmsh saved: MSH 2.2 or 4.1, text or binary.
     ///
@@ -37,23 +52,37 @@ impl Mesh {
     /// nodes that are not in one plane of constant z; a physical group that names nothing, or no edge or node of a cell;
     /// what [`Mesh::check`] refuses.
     pub fn load_gmsh(path: impl AsRef<Path>) -> Result<Mesh> {
+        Mesh::load_gmsh_as(path, Import::default())
+    }
+
+    /// As [`Mesh::load_gmsh`], with coordinates of another unit or nodes to be merged.
+    ///
+    /// # Errors
+    /// As [`Mesh::load_gmsh`], and where nodes of one cell would become one.
+    pub fn load_gmsh_as(path: impl AsRef<Path>, import: Import) -> Result<Mesh> {
         let path = path.as_ref();
         // The memory that is left is the limit.
         let bytes = input::read(path, u64::MAX)?;
-        Mesh::from_gmsh(&bytes, &path.display().to_string())
+        Mesh::from_gmsh_as(&bytes, &path.display().to_string(), import)
     }
 
     /// As [`Mesh::load_gmsh`], from a file's bytes. Whatever they are, the answer is a sound mesh or [`Error::Mesh`].
     pub fn from_gmsh(bytes: &[u8], file_name: &str) -> Result<Mesh> {
-        Sections::read(Cursor::new(file_name, bytes))?.mesh()
+        Mesh::from_gmsh_as(bytes, file_name, Import::default())
+    }
+
+    /// As [`Mesh::load_gmsh_as`], from a file's bytes.
+    pub fn from_gmsh_as(bytes: &[u8], file_name: &str, import: Import) -> Result<Mesh> {
+        Sections::read(Cursor::new(file_name, bytes))?.mesh(import)
     }
 }
 
 impl Sections<'_> {
     /// The mesh of all elements, checked.
-    fn mesh(&self) -> Result<Mesh> {
-        let (mut mesh, numbers) = self.flat_nodes()?;
+    fn mesh(&self, import: Import) -> Result<Mesh> {
+        let (mut mesh, numbers) = self.flat_nodes(import)?;
         self.add_cells(&mut mesh, &numbers);
+        self.require_apart(&mesh, import)?;
         self.add_edges(&mut mesh, &numbers)?;
         self.add_points(&mut mesh, &numbers)?;
         self.require_members()?;
@@ -87,8 +116,22 @@ impl Sections<'_> {
         }
     }
 
+    /// Checks that no cell has lost a node by merging.
+    fn require_apart(&self, mesh: &Mesh, import: Import) -> Result<()> {
+        let shrunk = |cell: &Cell| cell.edges().find(|[a, b]| a == b);
+        let found = if import.merge > 0.0 { mesh.cells.iter().find_map(shrunk) } else { None };
+        found.map_or(Ok(()), |[node, _]| {
+            let Point { coords: at } = mesh.nodes[node];
+            Err(self.cursor.fault_of_file(format_args!(
+                "mesh.merge = {:?} m makes two nodes of one cell one at ({}, {}); expected less than the shortest side of \
+                 a cell",
+                import.merge, at.x, at.y
+            )))
+        })
+    }
+
     /// A mesh of the nodes that cells use, and the numbers of all nodes there.
-    fn flat_nodes(&self) -> Result<(Mesh, Vec<Option<usize>>)> {
+    fn flat_nodes(&self, import: Import) -> Result<(Mesh, Vec<Option<usize>>)> {
         let mut used = vec![false; self.nodes.len()];
         self.blocks_of(2).flat_map(|block| &block.nodes).for_each(|&index| used[index] = true);
         let mut nodes = self.nodes.iter().zip(&used).filter(|(_, used)| **used).map(|(node, _)| node);
@@ -108,14 +151,22 @@ impl Sections<'_> {
             );
             return Err(self.cursor.fault(node.place, text));
         }
+        let place = |node: &Node| Point::new(node.position[0], node.position[1]) * import.scale;
+        let places: Vec<Option<Point>> =
+            self.nodes.iter().zip(used).map(|(node, used)| used.then(|| place(node))).collect();
+        let first_of = merged(&places, import.merge);
         let mut mesh = Mesh::default();
-        let number = |(node, used): (&Node, bool)| {
-            used.then(|| {
-                mesh.nodes.push(Point::new(node.position[0], node.position[1]));
-                mesh.nodes.len() - 1
-            })
-        };
-        let numbers = self.nodes.iter().zip(used).map(number).collect();
+        let mut numbers: Vec<Option<usize>> = Vec::with_capacity(places.len());
+        for (index, place) in places.iter().enumerate() {
+            let number = place.map(|place| {
+                // The first of those that become one stands for all.
+                numbers.get(first_of[index]).copied().flatten().unwrap_or_else(|| {
+                    mesh.nodes.push(place);
+                    mesh.nodes.len() - 1
+                })
+            });
+            numbers.push(number);
+        }
         Ok((mesh, numbers))
     }
 
@@ -202,6 +253,39 @@ impl Sections<'_> {
         let Node { number, position: [x, y, _], .. } = self.nodes[index];
         format!("node {number} at ({x}, {y})")
     }
+}
+
+/// For each of some places the first that it becomes one with: those within a distance, and what these are near to in their turn.
+fn merged(places: &[Option<Point>], distance: f64) -> Vec<usize> {
+    let mut first_of: Vec<usize> = (0..places.len()).collect();
+    if distance <= 0.0 {
+        return first_of;
+    }
+    fn root(first_of: &mut [usize], mut index: usize) -> usize {
+        while first_of[index] != index {
+            first_of[index] = first_of[first_of[index]];
+            index = first_of[index];
+        }
+        index
+    }
+    // In squares of that side only neighbours can be near.
+    let square = |place: Point| [place.x, place.y].map(|x| (x / distance).floor() as i64);
+    let mut squares: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
+    for (index, place) in places.iter().enumerate() {
+        let Some(place) = *place else { continue };
+        let [i, j] = square(place);
+        for (k, l) in (-1..=1).flat_map(|k| (-1..=1).map(move |l| (k, l))) {
+            let near = [i.saturating_add(k), j.saturating_add(l)];
+            for &other in squares.get(&near).into_iter().flatten() {
+                if places[other].is_some_and(|other| (other - place).norm() <= distance) {
+                    let (a, b) = (root(&mut first_of, other), root(&mut first_of, index));
+                    first_of[a.max(b)] = a.min(b);
+                }
+            }
+        }
+        squares.entry([i, j]).or_default().push(index);
+    }
+    (0..places.len()).map(|index| root(&mut first_of, index)).collect()
 }
 
 fn cell(nodes: &[usize]) -> Cell {

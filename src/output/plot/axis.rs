@@ -29,6 +29,8 @@ pub struct Axis {
     pad: f64,
     /// Whether it counts things.
     is_whole: bool,
+    /// What the things 1, 2, ... are called, if not by these numbers.
+    names: Vec<String>,
 }
 
 impl Axis {
@@ -43,6 +45,7 @@ impl Axis {
             per: 1.0,
             pad: 0.06,
             is_whole: false,
+            names: Vec::new(),
         }
     }
 
@@ -72,6 +75,11 @@ impl Axis {
         Axis { is_whole: true, ..self }
     }
 
+    /// The same axis, whose things 1, 2, ... have names of their own.
+    pub fn named(self, names: impl IntoIterator<Item = String>) -> Axis {
+        Axis { names: names.into_iter().collect(), ..self.whole() }
+    }
+
     /// The same axis counted in multiples of `unit` of the data.
     pub fn per(self, unit: f64) -> Axis {
         Axis { per: unit, ..self }
@@ -94,10 +102,15 @@ impl Axis {
         };
         let pad = if self.ends.is_some() { 0.0 } else { self.pad };
         let per = if drawn(&self.per) && self.per.abs() > LEAST { self.per } else { 1.0 };
-        match self.scale {
+        let mut fitted = match self.scale {
             Scale::Linear => self.fit_linear(range, pad, per, wanted),
             Scale::Log => self.fit_log(range, pad, per),
+        };
+        for (value, text) in &mut fitted.ticks {
+            let name = (value.round() as usize).checked_sub(1).and_then(|thing| self.names.get(thing));
+            name.into_iter().for_each(|name| name.clone_into(text));
         }
+        fitted
     }
 
     fn fit_linear(&self, range: [f64; 2], pad: f64, per: f64, wanted: usize) -> Fitted {

@@ -87,7 +87,10 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
         let y = place[&node] as f64;
         Bar { x, y: [y + 0.55, y + 1.45], color: heat(share(impulse)) }
     };
-    let map = Panel::new(time(table), Axis::linear("contact node", "").whole().within(0.5, rows + 0.5))
+    // By the numbers of contacts.csv.
+    let numbers = nodes.iter().map(|contact| contact.node.to_string());
+    let axis = Axis::linear("contact node", "").named(numbers).within(0.5, rows + 0.5);
+    let map = Panel::new(time(table), axis)
         .height((7.0 * rows).clamp(60.0, 150.0))
         .bars(bars.iter().map(bar))
         .ramp(Ramp {

@@ -1,7 +1,9 @@
 //! What is attached to the plate: foundations, springs, masses and balls; and the forms of all together.
 
-use super::ground::{Ground, Spot, Team};
+use super::ground::{Ground, Spot, Team, seen};
+use super::parts;
 use crate::assembly::{self, CellArrays, Probe};
+use crate::element::adaptive::{self, Integrand, Rules};
 use crate::error::{Error, Result};
 use crate::linalg::{Average, BARE, Block};
 use crate::mesh::Point;
@@ -65,6 +67,11 @@ impl<'s> Attached<'s> {
         }
         let first_class = BARE + 2 * ground.cells.len();
         Ok(Attached { foundations: foundations(ground)?, springs, masses, balls, first_class })
+    }
+
+    /// An error where one of several parts of the mesh is not held by itself. Collective.
+    pub fn require_held_parts<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
+        parts::require_held(ground, &self.springs, self.foundations.iter().map(|(cell, _)| *cell))
     }
 
     /// K: the plate, foundations and springs.
@@ -211,7 +218,8 @@ fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
         body::cells_in(&of.region, ground.mesh, ground.team, &format!("foundation.{number}"))
     };
     let reaches: Vec<Vec<bool>> = foundations.iter().enumerate().map(reach).collect::<Result<_>>()?;
-    ground.team.together(assembly::foundation(ground.mesh, ground.cells, &|cell, at| {
+    let rules = foundation_rules(ground, &reaches)?;
+    let stiffness = |cell: usize, at| {
         let mut sum = 0.0;
         for (of, _) in foundations.iter().zip(&reaches).filter(|(_, reach)| reach[cell]) {
             let stiffness = of.stiffness.at(at, 0.0)?;
@@ -222,5 +230,35 @@ fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
             sum += stiffness;
         }
         Ok(sum)
-    }))
+    };
+    ground.team.together(assembly::foundation(ground.mesh, ground.cells, &stiffness, &rules))
+}
+
+/// Rules of their own on the cells where foundations ask for them. Collective.
+fn foundation_rules<T: Team>(ground: &Ground<T>, reaches: &[Vec<bool>]) -> Result<Rules> {
+    let foundations = &ground.scene.foundations;
+    if foundations.iter().all(|of| of.stiffness.is_low()) {
+        return Ok(Rules::new());
+    }
+    // One sum for all cells that the same foundations reach.
+    let mut sums = Vec::new();
+    let mut known: Vec<Vec<bool>> = Vec::new();
+    let mut sum_of = Vec::with_capacity(ground.mesh.cells.len());
+    for cell in 0..ground.mesh.cells.len() {
+        let reached: Vec<bool> = reaches.iter().map(|reach| reach[cell]).collect();
+        let number = known.iter().position(|other| *other == reached).unwrap_or_else(|| {
+            let under = foundations.iter().zip(&reached).filter(|(_, reached)| **reached);
+            sums.push(under.map(|(of, _)| of.stiffness.still(0.0)).collect::<Vec<_>>());
+            known.push(reached);
+            sums.len() - 1
+        });
+        sum_of.push(number);
+    }
+    let function = |cell: usize| {
+        let sum = &sums[sum_of[cell]];
+        (!sum.is_empty()).then_some(sum as &dyn Integrand)
+    };
+    let pieces = ground.team.together(assembly::pieces(ground.mesh))?;
+    let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, &*ground.sum);
+    seen("foundation", ground.team.together(refined)?)
 }

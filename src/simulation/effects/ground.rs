@@ -2,6 +2,7 @@
 
 pub(in crate::simulation) use super::super::body::Team;
 use crate::assembly::{self, CellArrays, Pressure, Probe};
+use crate::element::adaptive::{self, Refined, Rules};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
 use crate::scene::{self, Given, Scene};
@@ -14,6 +15,9 @@ pub(in crate::simulation) type AddUp = dyn Fn(&[f64]) -> Result<Vec<f64>>;
 /// Makes an error of one process that of all, in the midst of a run too: one that left alone would wait for the others to take
 /// down with it what they own together. Collective.
 pub(in crate::simulation) type Agree = dyn Fn(Result<()>) -> Result<()>;
+
+/// Adds numbers up over all processes. Collective.
+pub(in crate::simulation) type Sum = dyn Fn(&[f64]) -> Vec<f64>;
 
 /// Where a model is built: this process's part of the mesh, and how it and the engine's dofs belong together.
 pub(in crate::simulation) struct Ground<'g, T: Team> {
@@ -33,6 +37,8 @@ pub(in crate::simulation) struct Ground<'g, T: Team> {
     pub add_up: Rc<AddUp>,
     /// See there.
     pub agree: Rc<Agree>,
+    /// See there.
+    pub sum: Rc<Sum>,
     /// Whether this process owns each node.
     pub owns: &'g dyn Fn(usize) -> bool,
 }
@@ -102,12 +108,39 @@ impl<T: Team> Ground<'_, T> {
         if let Some(pressure) = pressure.number() {
             return Ok(assembly::uniform_load(self.cells, dofs, pressure));
         }
+        let rules = self.rules(pressure)?;
         let integral = || {
             let mut load = vec![0.0; dofs];
             let points = Pressure::new(self.mesh, self.cells)?;
-            points.load(|points, values| pressure.values(points, 0.0, values), &mut load)?;
+            points.load_by(&rules, |points, values| pressure.values(points, 0.0, values), &mut load)?;
             Ok(load)
         };
         self.team.together(integral())
     }
+
+    /// Rules of their own on the cells where a field that does not change with time asks for them. Collective.
+    fn rules(&self, given: &Given) -> Result<Rules> {
+        if given.is_low() {
+            return Ok(Rules::new());
+        }
+        let pieces = self.team.together(assembly::pieces(self.mesh))?;
+        let still = given.still(0.0);
+        let refined = adaptive::refine(&pieces, &|_| Some(&still), adaptive::ONCE, &*self.sum);
+        seen(&given.key, self.team.together(refined)?)
+    }
+}
+
+/// Share of a field's integral that may stay open where its refinement was given up.
+const LEFT: f64 = 0.01;
+
+/// The rules found for a key's field, unless too much of it stays open.
+pub(in crate::simulation) fn seen(key: &str, refined: Refined) -> Result<Rules> {
+    let Refined { rules, size, left, .. } = refined;
+    if left <= LEFT * size {
+        return Ok(rules);
+    }
+    Err(Error::Scene(format!(
+        "{key}: its integral over the plate is {size:.3e}, of which {left:.3e} are not certain after all refinement; expected a \
+         formula whose jumps and peaks are wider, or a finer mesh"
+    )))
 }

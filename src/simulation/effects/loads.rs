@@ -1,11 +1,17 @@
 //! What pushes the plate: pressure, point forces, gravity.
 
 use super::attached::Attached;
-use super::ground::{AddUp, Agree, Ground, Team};
+use super::ground::{AddUp, Agree, Ground, Sum, Team, seen};
 use crate::assembly::{self, Pressure};
+use crate::element::adaptive::{self, Integrand, Rules, Triangle};
 use crate::error::Result;
+use crate::field::{Enclosure, Interval};
 use crate::mesh::Point;
 use crate::scene::Given;
+use crate::space::PER_NODE;
+use serde::Serialize;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// Loads on the engine's dofs.
@@ -21,16 +27,215 @@ pub(super) struct Loads {
 struct Wave {
     pressure: Given,
     points: Pressure,
+    pieces: Vec<Triangle>,
     /// Dofs of the space.
     dofs: usize,
+    /// Time step, in s.
+    step: f64,
+    /// Number of the last window looked at, and whether it is calm, by the length of the window in steps.
+    calm: RefCell<BTreeMap<u32, (u64, bool)>>,
     add_up: Rc<AddUp>,
     agree: Rc<Agree>,
+    sum: Rc<Sum>,
+}
+
+/// Steps in a window of time over which it is asked whether a wave is smooth enough for the usual rule throughout. Windows start at
+/// multiples of their length, so that a resumed run asks the same.
+const WINDOWS: [u32; 2] = [256, 16];
+
+/// A wave at the start of a window, bounded over all of it.
+struct Window<'w> {
+    pressure: &'w Given,
+    from: f64,
+    to: f64,
+}
+
+impl Integrand for Window<'_> {
+    fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()> {
+        self.pressure.values(points, self.from, values)
+    }
+
+    fn enclose(&self, low: Point, high: Point) -> Enclosure {
+        self.pressure.enclose(low, high, Interval::new(self.from, self.to))
+    }
+
+    fn side(&self, at: Point) -> u64 {
+        self.pressure.still(self.from).side(at)
+    }
+}
+
+impl Wave {
+    /// Finds where to ask for the wave. Collective.
+    fn new<T: Team>(ground: &Ground<T>, pressure: &Given) -> Result<Wave> {
+        let Ground { scene, mesh, cells, space, add_up, agree, sum, .. } = ground;
+        Ok(Wave {
+            pressure: pressure.clone(),
+            points: ground.team.together(Pressure::new(mesh, cells))?,
+            pieces: ground.team.together(assembly::pieces(mesh))?,
+            dofs: space.dofs(),
+            step: scene.time.step,
+            calm: RefCell::default(),
+            add_up: add_up.clone(),
+            agree: agree.clone(),
+            sum: sum.clone(),
+        })
+    }
+
+    /// Whether the usual rule does in the window of so many steps around an instant. Collective.
+    fn is_calm(&self, t: f64, steps: u32) -> Result<bool> {
+        let length = f64::from(steps) * self.step;
+        let number = (t / length).floor().max(0.0);
+        let known = self.calm.borrow().get(&steps).copied();
+        if let Some((_, calm)) = known.filter(|(known, _)| *known == number as u64) {
+            return Ok(calm);
+        }
+        let window = Window { pressure: &self.pressure, from: number * length, to: (number + 1.0) * length };
+        // A window that cannot be computed is not calm; its instants say what is wrong.
+        let calm = adaptive::is_calm(&self.pieces, &window, adaptive::EACH_TIME, &*self.sum);
+        let calm = (self.sum)(&[f64::from(u8::from(!matches!(calm, Ok(true))))])[0] == 0.0;
+        self.calm.borrow_mut().insert(steps, (number as u64, calm));
+        Ok(calm)
+    }
+
+    /// Rules of their own on the cells that ask for them at an instant. Collective.
+    fn rules(&self, t: f64) -> Result<Rules> {
+        for steps in WINDOWS {
+            if self.is_calm(t, steps)? {
+                return Ok(Rules::new());
+            }
+        }
+        let still = self.pressure.still(t);
+        let refined = adaptive::refine(&self.pieces, &|_| Some(&still), adaptive::EACH_TIME, &*self.sum)?;
+        seen(&self.pressure.key, refined)
+    }
+
+    /// The load of an instant, on the dofs of the space. Collective.
+    fn load(&self, t: f64) -> Result<Vec<f64>> {
+        let mut local = vec![0.0; self.dofs];
+        let rules = self.rules(t);
+        let pressure = |points: &[Point], values: &mut [f64]| self.pressure.values(points, t, values);
+        (self.agree)(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut local)))?;
+        Ok(local)
+    }
+}
+
+/// Force and moments of a load.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Resultant {
+    /// Upward, in N.
+    pub force: f64,
+    /// About the x and y axes, through the origin of the coordinates, in N m.
+    pub moments: [f64; 2],
+}
+
+impl Resultant {
+    /// Sums of what pushes at the deflections and slopes of all nodes, three a node.
+    fn of(nodes: &[Point], load: &[f64]) -> Resultant {
+        let mut sum = Resultant::default();
+        for (node, of) in nodes.iter().zip(load.chunks_exact(PER_NODE)) {
+            sum.force += of[0];
+            sum.moments[0] += of[0] * node.y + of[2];
+            sum.moments[1] -= of[0] * node.x + of[1];
+        }
+        sum
+    }
+
+    fn add(&mut self, factor: f64, of: Resultant) {
+        self.force += factor * of.force;
+        (0..2).for_each(|k| self.moments[k] += factor * of.moments[k]);
+    }
+}
+
+/// Force and moments of a load over the run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LoadTotal {
+    /// Key of the load.
+    pub key: String,
+    /// At the start.
+    pub start: Resultant,
+    /// At the instant (s) of the run at which it pushes most, as far as a thousand of them tell; for loads in time.
+    pub largest: Option<(f64, Resultant)>,
+}
+
+/// Instants at which loads in time are looked at.
+const INSTANTS: u64 = 1000;
+
+/// Instants at which loads are looked at that are integrated anew each time.
+const WAVE_INSTANTS: u64 = 100;
+
+/// Forces and moments of all loads. The ground must be one where nothing is held, in one process.
+pub(super) fn totals<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Vec<LoadTotal>> {
+    let Ground { scene, mesh, cells, space, .. } = ground;
+    let of = |load: &[f64]| Resultant::of(&mesh.nodes, load);
+    let still = |key: &str, load: &[f64]| LoadTotal { key: key.into(), start: of(load), largest: None };
+    let mut totals = Vec::new();
+    let initial = &scene.initial.static_pressure;
+    if !initial.is_zero() {
+        totals.push(still(&initial.key, &ground.pressed(initial)?));
+    }
+    let Some(load) = &scene.load else { return Ok(totals) };
+    if load.gravity != 0.0 {
+        let mut weight = assembly::weight(cells, space.dofs(), load.gravity);
+        attached.weigh(load.gravity, &mut weight);
+        totals.push(still("load.gravity", &weight));
+    }
+    let over_time = |key: &str, instants: u64, at: &dyn Fn(f64) -> Result<Resultant>| {
+        let (mut most, mut largest) = (-1.0, (0.0, Resultant::default()));
+        let size = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
+        let instants = instants.min(scene.time.steps());
+        for instant in 0..=instants {
+            let t = scene.time.end * instant as f64 / instants as f64;
+            let of = at(t)?;
+            let push = of.force.abs() * size + of.moments[0].abs() + of.moments[1].abs();
+            if push > most {
+                (most, largest) = (push, (t, of));
+            }
+        }
+        Ok::<_, crate::Error>(LoadTotal { key: key.into(), start: at(0.0)?, largest: Some(largest) })
+    };
+    let pressure = &load.pressure;
+    if !pressure.changes() {
+        if !pressure.is_zero() {
+            totals.push(still(&pressure.key, &ground.pressed(pressure)?));
+        }
+    } else if let Some(terms) = pressure.terms() {
+        let term = |[time, place]: [Given; 2]| Ok::<_, crate::Error>((time, of(&ground.pressed(&place)?)));
+        let terms: Vec<(Given, Resultant)> = terms.into_iter().map(term).collect::<Result<_>>()?;
+        totals.push(over_time(&pressure.key, INSTANTS, &|t| {
+            let mut sum = Resultant::default();
+            for (time, of) in &terms {
+                sum.add(time.at(Point::origin(), t)?, *of);
+            }
+            Ok(sum)
+        })?);
+    } else {
+        let wave = Wave::new(ground, pressure)?;
+        totals.push(over_time(&pressure.key, WAVE_INSTANTS, &|t| Ok(of(&wave.load(t)?)))?);
+    }
+    for (number, force) in load.forces.iter().enumerate() {
+        let mut unit = vec![0.0; space.dofs()];
+        if let Some(spot) = ground.spot(&format!("load.force.{number}.at"), force.at)? {
+            spot.free.push(1.0, &mut unit);
+        }
+        let unit = of(&unit);
+        let at = |t: f64| {
+            let mut sum = Resultant::default();
+            sum.add(force.value.at(Point::origin(), t)?, unit);
+            Ok(sum)
+        };
+        let key = format!("load.force.{number}");
+        totals.push(match force.value.changes() {
+            true => over_time(&key, INSTANTS, &at)?,
+            false => LoadTotal { key, start: at(0.0)?, largest: None },
+        });
+    }
+    Ok(totals)
 }
 
 impl Loads {
     /// Integrates what can be integrated once. Collective.
     pub fn new<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Loads> {
-        let Ground { scene, mesh, cells, space, add_up, agree, .. } = ground;
+        let Ground { scene, cells, space, add_up, .. } = ground;
         let dofs = space.dofs();
         let mut loads = Loads { constant: None, terms: Vec::new(), wave: None };
         let Some(load) = &scene.load else { return Ok(loads) };
@@ -50,9 +255,7 @@ impl Loads {
                 }
             }
         } else {
-            let points = ground.team.together(Pressure::new(mesh, cells))?;
-            let (add_up, agree) = (add_up.clone(), agree.clone());
-            loads.wave = Some(Wave { pressure: load.pressure.clone(), points, dofs, add_up, agree });
+            loads.wave = Some(Wave::new(ground, &load.pressure)?);
         }
         for (number, force) in load.forces.iter().enumerate() {
             let mut unit = vec![0.0; dofs];
@@ -80,10 +283,8 @@ impl Loads {
         for (factor, of) in &self.terms {
             add(factor.at(Point::origin(), t)?, of, load);
         }
-        if let Some(Wave { pressure, points, dofs, add_up, agree }) = &self.wave {
-            let mut local = vec![0.0; *dofs];
-            agree(points.load(|points, values| pressure.values(points, t, values), &mut local))?;
-            add(1.0, &add_up(&local)?, load);
+        if let Some(wave) = &self.wave {
+            add(1.0, &(wave.add_up)(&wave.load(t)?)?, load);
         }
         Ok(())
     }

@@ -10,9 +10,12 @@ mod ground;
 mod heights;
 mod loads;
 mod motion;
+mod parts;
 mod start;
+mod units;
 
-pub(super) use ground::Ground;
+pub(super) use ground::{Ground, seen};
+pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 
 use super::{Places, Site};
@@ -100,12 +103,22 @@ pub(super) fn matrices<T: Team>(ground: &Ground<T>) -> Result<Matrices> {
     })
 }
 
+/// Forces and moments of the loads of a scene, on a ground where nothing is held.
+///
+/// # Errors
+/// As [`matrices`].
+pub(super) fn load_totals<T: Team>(ground: &Ground<T>) -> Result<Vec<LoadTotal>> {
+    loads::totals(ground, &Attached::new(ground)?)
+}
+
 /// The rigid motions that nothing holds, in words. Collective.
 ///
 /// # Errors
 /// As [`matrices`].
 pub(super) fn mechanism<T: Team>(ground: &Ground<T>) -> Result<Option<&'static str>> {
-    Ok(Attached::new(ground)?.mechanism(ground))
+    let attached = Attached::new(ground)?;
+    attached.require_held_parts(ground)?;
+    Ok(attached.mechanism(ground))
 }
 
 /// Composes the problem of a scene. Collective.
@@ -115,8 +128,9 @@ pub(super) fn mechanism<T: Team>(ground: &Ground<T>) -> Result<Option<&'static s
 pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Result<Effects<E>> {
     let Ground { scene, cells, .. } = *ground;
     let attached = Attached::new(ground)?;
+    attached.require_held_parts(ground)?;
     let mechanism = attached.mechanism(ground);
-    let mut warnings = Vec::new();
+    let mut warnings = Vec::from_iter(units::question(ground));
     if let Some(motion) = mechanism {
         warnings.push(format!(
             "the supports leave the plate a mechanism: {motion}; only obstacles can hold it at rest"

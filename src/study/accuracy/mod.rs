@@ -232,7 +232,7 @@ fn watched(scene: &Scene) -> Result<Scene> {
             let away = |node: &&Point| (**node - at).norm();
             let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&at);
             let at = if scene.file.is_some() { *node } else { at };
-            Probe { name: format!("{} {}", up.0, across.0), at: [at.x, at.y], ball: None }
+            Probe { name: format!("{} {}", up.0, across.0), at: [at.x, at.y], point: None, ball: None }
         };
         let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
         scene.output.probes = pairs.map(probe).collect();

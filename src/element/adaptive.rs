@@ -1,0 +1,466 @@
+//! Quadrature that looks for what a rule of fixed degree does not see: patches between its points, edges across its triangle.
+//!
+//! A rule knows a function at its points only. Interval arithmetic bounds the function between
+//! them. Where the bounds leave room for more than the points show, the triangle is cut in four; so
+//! is one whose rule and those of its four parts do not agree. Along a jump the triangles get
+//! small, and the last ones are cut in two by the chord of the jump.
+
+use super::quadrature::{DEGREE_3, DEGREE_6, Node};
+use crate::error::Result;
+use crate::field::Enclosure;
+use crate::mesh::Point;
+use std::collections::BTreeMap;
+
+/// A function over the plate.
+pub trait Integrand {
+    /// Fills in its values at points (m).
+    ///
+    /// # Errors
+    /// [`crate::Error::Scene`] where it has no finite value.
+    fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()>;
+
+    /// Bounds over the rectangle between two corners (m).
+    fn enclose(&self, low: Point, high: Point) -> Enclosure;
+
+    /// A number that differs across jumps and kinks.
+    fn side(&self, at: Point) -> u64;
+}
+
+/// How far to go. All shares are of the integral of the function's magnitude over the plate.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Share that a triangle across a jump may hold.
+    pub jump: f64,
+    /// Largest difference of the rule and the rules of four parts, relative to the integral over the triangle, or the mean over all.
+    pub difference: f64,
+    /// Difference that does not matter wherever it is.
+    pub nothing: f64,
+    /// Share of the mean that the bounds may leave open on a triangle, without a look at the points.
+    pub open: f64,
+    /// Share of the whole that they may leave open there.
+    pub open_at_once: f64,
+    /// Most triangles at one level.
+    pub most: usize,
+}
+
+/// Integrated once for all steps.
+pub const ONCE: Effort =
+    Effort { jump: 1e-5, difference: 1e-6, nothing: 1e-8, open: 1e-2, open_at_once: 1e-7, most: 1 << 18 };
+
+/// Integrated anew at each instant.
+pub const EACH_TIME: Effort =
+    Effort { jump: 1e-4, difference: 1e-5, nothing: 1e-7, open: 1e-1, open_at_once: 1e-5, most: 1 << 16 };
+
+/// How often larger than what the points show of curvature the bounds may be: what they overestimate in smooth functions.
+const TRUSTED: f64 = 32.0;
+
+/// Levels of subdivision.
+const LEVELS: usize = 24;
+
+/// Integrals that agree to this share make no rules of their own.
+const SAME: f64 = 1e-12;
+
+/// Halvings that find a jump on the side of a triangle.
+const HALVINGS: usize = 50;
+
+/// Rules of their own, piece by piece, of the cells where the usual one does not do. Their weights sum to 1 on each piece.
+pub type Rules = BTreeMap<usize, Vec<Vec<Node>>>;
+
+/// Result of a search: rules, and integrals by them.
+#[derive(Debug, Clone, Default)]
+pub struct Refined {
+    /// Rules of this process's cells.
+    pub rules: Rules,
+    /// Integrals of the function, and of it times x and times y (m), over this process's cells.
+    pub integral: [f64; 3],
+    /// Integral of the function's magnitude over all cells.
+    pub size: f64,
+    /// Bound on what the rules may miss where the search was given up, over all cells; else 0.
+    pub left: f64,
+}
+
+/// A piece of a cell: a triangle.
+#[derive(Debug, Clone, Copy)]
+pub struct Triangle {
+    /// Number of the cell.
+    pub cell: usize,
+    /// Number of the piece in the cell.
+    pub piece: usize,
+    /// The vertices of the piece, in m.
+    pub vertices: [Point; 3],
+}
+
+impl Triangle {
+    fn area(&self) -> f64 {
+        let [a, b, c] = self.vertices;
+        (b - a).perp(&(c - a)).abs() / 2.0
+    }
+
+    fn point(&self, barycentric: [f64; 3]) -> Point {
+        let [a, b, c] = self.vertices;
+        a + (b - a) * barycentric[1] + (c - a) * barycentric[2]
+    }
+}
+
+/// Barycentric coordinates, in a piece, of the corners of a part of it.
+type Corners = [[f64; 3]; 3];
+
+const WHOLE: Corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+fn combine(corners: &Corners, weights: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| (0..3).map(|i| weights[i] * corners[i][k]).sum())
+}
+
+/// Share of the piece's area.
+fn share(corners: &Corners) -> f64 {
+    let [a, b, c] = corners;
+    let (u, v) = ([b[1] - a[1], b[2] - a[2]], [c[1] - a[1], c[2] - a[2]]);
+    (u[0] * v[1] - u[1] * v[0]).abs()
+}
+
+fn quarters(corners: &Corners) -> [Corners; 4] {
+    let middle =
+        |i: usize, j: usize| -> [f64; 3] { std::array::from_fn(|k| 0.5 * (corners[i][k] + corners[j][k])) };
+    let [a, b, c] = *corners;
+    let [ab, bc, ca] = [middle(0, 1), middle(1, 2), middle(2, 0)];
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+}
+
+/// A part of a piece, and what the rule says of it.
+#[derive(Clone, Copy)]
+struct Part {
+    /// Number of the piece in the list of all.
+    of: usize,
+    corners: Corners,
+    area: f64,
+    /// Integrals of the function times the barycentric coordinates of the piece.
+    integral: [f64; 3],
+    /// Integral of its magnitude.
+    size: f64,
+    /// Largest distance of the values from an affine function.
+    bent: f64,
+}
+
+/// Decision on a part.
+enum Verdict {
+    Accept,
+    /// Accept, the bounds leaving this open.
+    Leave(f64),
+    Split(Box<[Part; 4]>),
+}
+
+struct Search<'s> {
+    pieces: &'s [Triangle],
+    effort: Effort,
+    /// Integral of the magnitude, and area, over all cells.
+    size: f64,
+    area: f64,
+}
+
+impl Search<'_> {
+    fn measure(&self, function: &dyn Integrand, of: usize, corners: Corners) -> Result<Part> {
+        let piece = &self.pieces[of];
+        let area = piece.area() * share(&corners);
+        let mut part = Part { of, corners, area, integral: [0.0; 3], size: 0.0, bent: 0.0 };
+        let places = DEGREE_6.map(|(weights, _)| combine(&corners, weights));
+        let mut values = [0.0; DEGREE_6.len()];
+        function.values(&places.map(|place| piece.point(place)), &mut values)?;
+        let mut moments = [0.0; 3];
+        for (((weights, weight), place), value) in DEGREE_6.iter().zip(&places).zip(values) {
+            for k in 0..3 {
+                part.integral[k] += area * weight * value * place[k];
+                moments[k] += weight * value * weights[k];
+            }
+            part.size += area * weight * value.abs();
+        }
+        // The affine function of the same moments.
+        let sum: f64 = moments.iter().sum();
+        let affine = moments.map(|moment| 12.0 * moment - 3.0 * sum);
+        for ((weights, _), value) in DEGREE_6.iter().zip(values) {
+            let nearest: f64 = (0..3).map(|k| affine[k] * weights[k]).sum();
+            part.bent = part.bent.max((value - nearest).abs());
+        }
+        Ok(part)
+    }
+
+    /// Bounds over a part: what its rule may miss, over a unit of area, and whether that is by a jump.
+    fn open(&self, function: &dyn Integrand, part: &Part) -> (f64, bool) {
+        let vertices = part.corners.map(|corner| self.pieces[part.of].point(corner));
+        let axis = |k: usize, pick: fn(f64, f64) -> f64| {
+            vertices[1..].iter().fold(vertices[0][k], |m, v| pick(m, v[k]))
+        };
+        let (low, high) = (
+            Point::new(axis(0, f64::min), axis(1, f64::min)),
+            Point::new(axis(0, f64::max), axis(1, f64::max)),
+        );
+        let Enclosure { value, slope, jumps } = function.enclose(low, high);
+        let centre = low + (high - low) / 2.0;
+        let far = |k: usize| vertices.iter().fold(0.0, |m: f64, v| m.max((v[k] - centre[k]).abs()));
+        // Beyond an affine function with the middle slopes; twice, for the function is not known at the centre.
+        let bent: f64 = (0..2).map(|k| slope[k].width() * far(k)).sum();
+        let open = if jumps || bent.is_nan() { value.width() } else { value.width().min(bent) };
+        (if open.is_nan() { f64::INFINITY } else { open }, jumps)
+    }
+
+    fn judge(&self, function: &dyn Integrand, part: &Part, last: bool) -> Result<Verdict> {
+        let (open, jumps) = self.open(function, part);
+        let mean = self.size / self.area;
+        if !jumps && open <= self.effort.difference * mean {
+            return Ok(Verdict::Accept);
+        }
+        // Where there are no bounds, as beside a pole, what the points show.
+        let room = if open.is_finite() { open * part.area } else { part.size };
+        if jumps && room <= self.effort.jump * self.size {
+            return Ok(Verdict::Accept);
+        }
+        if last {
+            return Ok(Verdict::Leave(room));
+        }
+        let mut parts = Vec::with_capacity(4);
+        for corners in quarters(&part.corners) {
+            parts.push(self.measure(function, part.of, corners)?);
+        }
+        let parts: [Part; 4] = std::array::from_fn(|k| parts[k]);
+        let may_be_open = self.effort.open * mean * part.area + self.effort.open_at_once * self.size;
+        let seen = open <= TRUSTED * part.bent || room <= may_be_open;
+        let sum = |k: usize| parts.iter().map(|part| part.integral[k]).sum::<f64>();
+        let difference = (0..3).map(|k| (sum(k) - part.integral[k]).abs()).fold(0.0, f64::max);
+        let Effort { difference: share, nothing, .. } = self.effort;
+        let agrees = difference <= (share * part.size.max(mean * part.area)).max(nothing * self.size);
+        Ok(if !jumps && seen && agrees { Verdict::Accept } else { Verdict::Split(Box::new(parts)) })
+    }
+
+    /// Cuts a part in two along the chord of a jump that parts one corner from the others; else it stays whole.
+    fn cut(&self, function: &dyn Integrand, of: usize, corners: &Corners) -> Vec<Corners> {
+        let piece = &self.pieces[of];
+        let side = |at: [f64; 3]| function.side(piece.point(at));
+        let sides = corners.map(side);
+        let is_alone =
+            |i: &usize| sides[*i] != sides[(i + 1) % 3] && sides[(i + 1) % 3] == sides[(i + 2) % 3];
+        let Some(alone) = (0..3).find(is_alone) else { return vec![*corners] };
+        let [a, b, c] = [0, 1, 2].map(|k| corners[(alone + k) % 3]);
+        let crossing = |end: [f64; 3]| {
+            let along = |t: f64| -> [f64; 3] { std::array::from_fn(|k| a[k] + t * (end[k] - a[k])) };
+            let (mut near, mut far) = (0.0, 1.0);
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (near + far);
+                if side(along(middle)) == sides[alone] { near = middle } else { far = middle }
+            }
+            along(near)
+        };
+        let (p, q) = (crossing(b), crossing(c));
+        let whole = share(corners);
+        let mut parts = vec![[a, p, q], [p, b, c], [p, c, q]];
+        parts.retain(|part| share(part) > f64::EPSILON * whole);
+        parts
+    }
+}
+
+/// The parts of a piece that was cut up.
+struct Parts {
+    /// Integrals over the piece by the usual rule.
+    usual: [f64; 3],
+    /// Integrals over the parts by their own rules.
+    integral: [f64; 3],
+    size: f64,
+    nodes: Vec<Node>,
+}
+
+impl Parts {
+    fn new(usual: &Part) -> Parts {
+        Parts { usual: usual.integral, integral: [0.0; 3], size: 0.0, nodes: Vec::new() }
+    }
+
+    /// Adds a part whose rule will do.
+    fn add(&mut self, part: &Part) {
+        (0..3).for_each(|k| self.integral[k] += part.integral[k]);
+        self.size += part.size;
+        self.push(&DEGREE_6, &part.corners);
+    }
+
+    /// Adds a part across a jump.
+    fn add_cut(&mut self, search: &Search, function: &dyn Integrand, part: &Part) -> Result<()> {
+        let piece = &search.pieces[part.of];
+        for corners in search.cut(function, part.of, &part.corners) {
+            let area = piece.area() * share(&corners);
+            let places = DEGREE_3.map(|(weights, _)| combine(&corners, weights));
+            let mut values = [0.0; DEGREE_3.len()];
+            function.values(&places.map(|place| piece.point(place)), &mut values)?;
+            for ((place, (_, weight)), value) in places.iter().zip(DEGREE_3).zip(values) {
+                (0..3).for_each(|k| self.integral[k] += area * weight * value * place[k]);
+                self.size += area * weight * value.abs();
+            }
+            self.push(&DEGREE_3, &corners);
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, rule: &[Node], corners: &Corners) {
+        let share = share(corners);
+        self.nodes.extend(rule.iter().map(|(weights, weight)| (combine(corners, *weights), weight * share)));
+    }
+
+    /// Whether the usual rule says the same.
+    fn is_usual(&self) -> bool {
+        (0..3).all(|k| (self.integral[k] - self.usual[k]).abs() <= SAME * self.size)
+    }
+}
+
+/// Finds the cells of this process where the rule of degree 6 does not do for a function, which may differ from cell to cell, and
+/// rules that do. `sum` adds numbers up over all processes. Collective.
+///
+/// # Errors
+/// The functions' own errors, on the process that asked.
+pub fn refine<'f>(
+    pieces: &[Triangle],
+    function: &dyn Fn(usize) -> Option<&'f dyn Integrand>,
+    effort: Effort,
+    sum: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Result<Refined> {
+    let of_piece = |of: usize| function(pieces[of].cell);
+    let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
+    let mut fault = Ok(());
+    // An error waits for the others, who count on this process until all are done.
+    let mut attempt = |result: Result<()>| {
+        if fault.is_ok() {
+            fault = result;
+        }
+    };
+    let mut own = [0.0; 2];
+    for (of, piece) in pieces.iter().enumerate() {
+        if let Some(function) = of_piece(of) {
+            attempt(search.measure(function, of, WHOLE).map(|part| own[0] += part.size));
+            own[1] += piece.area();
+        }
+    }
+    let all = sum(&own);
+    (search.size, search.area) = (all[0], all[1]);
+    let mut refined = Refined::default();
+    let mut cut_up: BTreeMap<usize, Parts> = BTreeMap::new();
+    let mut active: Vec<Part> = Vec::new();
+    let mut done = 0.0;
+    for level in 0..=LEVELS {
+        let last = level == LEVELS || level > 0 && own[1] > effort.most as f64;
+        let mut next: Vec<Part> = Vec::new();
+        let mut look = |function: &dyn Integrand, part: Part| -> Result<()> {
+            // Even where every cell asks for parts, they must fit into memory.
+            let last = last || next.len() >= 4 * effort.most;
+            let left = match search.judge(function, &part, last)? {
+                Verdict::Split(parts) => {
+                    if level == 0 {
+                        cut_up.insert(part.of, Parts::new(&part));
+                    }
+                    next.extend(*parts);
+                    return Ok(());
+                }
+                Verdict::Accept => 0.0,
+                Verdict::Leave(open) => open,
+            };
+            refined.left += left;
+            done += part.size;
+            let jumps = search.open(function, &part).1;
+            if level == 0 && !jumps {
+                add(&mut refined.integral, &pieces[part.of], part.integral);
+                return Ok(());
+            }
+            let parts = cut_up.entry(part.of).or_insert_with(|| Parts::new(&part));
+            if jumps {
+                parts.add_cut(&search, function, &part)
+            } else {
+                parts.add(&part);
+                Ok(())
+            }
+        };
+        if level == 0 {
+            for of in 0..pieces.len() {
+                if let Some(function) = of_piece(of) {
+                    attempt(search.measure(function, of, WHOLE).and_then(|part| look(function, part)));
+                }
+            }
+        } else {
+            for part in std::mem::take(&mut active) {
+                if let Some(function) = of_piece(part.of) {
+                    attempt(look(function, part));
+                }
+            }
+        }
+        active = next;
+        own = [done + active.iter().map(|part| part.size).sum::<f64>(), active.len() as f64];
+        let all = sum(&own);
+        search.size = all[0];
+        own[1] = all[1];
+        if own[1] == 0.0 {
+            break;
+        }
+    }
+    (refined.size, refined.left) = (search.size, sum(&[refined.left])[0]);
+    fault?;
+    for (of, parts) in &cut_up {
+        add(&mut refined.integral, &pieces[*of], parts.integral);
+    }
+    refined.rules = rules(pieces, cut_up);
+    Ok(refined)
+}
+
+/// Whether the rule of degree 6 does for a function on all cells. Collective.
+///
+/// # Errors
+/// The function's own errors, as with [`refine`].
+pub fn is_calm(
+    pieces: &[Triangle],
+    function: &dyn Integrand,
+    effort: Effort,
+    sum: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Result<bool> {
+    let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
+    let mut own = [0.0; 2];
+    let measured = (0..pieces.len()).try_for_each(|of| {
+        own[0] += search.measure(function, of, WHOLE)?.size;
+        own[1] += pieces[of].area();
+        Ok(())
+    });
+    let all = sum(&own);
+    (search.size, search.area) = (all[0], all[1]);
+    let is_calm = |of: usize| {
+        let part = search.measure(function, of, WHOLE)?;
+        let accepted = matches!(search.judge(function, &part, false)?, Verdict::Accept);
+        Ok(accepted && !search.open(function, &part).1)
+    };
+    let mut stirred = measured.and_then(|()| {
+        for of in 0..pieces.len() {
+            if !is_calm(of)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    });
+    let anywhere = sum(&[f64::from(u8::from(!matches!(stirred, Ok(false))))])[0] > 0.0;
+    if stirred.is_ok() {
+        stirred = Ok(anywhere);
+    }
+    stirred.map(|stirred| !stirred)
+}
+
+/// Adds integrals over a piece of a function times its barycentric coordinates, as integrals of it and of it times x and y.
+fn add(integral: &mut [f64; 3], piece: &Triangle, of: [f64; 3]) {
+    for (vertex, of) in piece.vertices.iter().zip(of) {
+        integral[0] += of;
+        integral[1] += of * vertex.x;
+        integral[2] += of * vertex.y;
+    }
+}
+
+/// The rules of the cells that have a piece of its own.
+fn rules(pieces: &[Triangle], cut_up: BTreeMap<usize, Parts>) -> Rules {
+    let mut rules = Rules::new();
+    let own: BTreeMap<usize, Parts> = cut_up.into_iter().filter(|(_, parts)| !parts.is_usual()).collect();
+    let cells: std::collections::BTreeSet<usize> = own.keys().map(|of| pieces[*of].cell).collect();
+    let mut own = own;
+    for cell in cells {
+        let first = pieces.partition_point(|piece| piece.cell < cell);
+        let count = pieces[first..].iter().take_while(|piece| piece.cell == cell).count();
+        let of_piece = |of: usize| own.remove(&of).map_or(DEGREE_6.to_vec(), |parts| parts.nodes);
+        rules.insert(cell, (first..first + count).map(of_piece).collect());
+    }
+    rules
+}

@@ -1,0 +1,112 @@
+//! Parts of a mesh that nothing connects.
+
+use super::{Mesh, Point};
+use crate::error::{Error, Result};
+
+/// Sets of numbers that grow together.
+#[derive(Debug, Clone)]
+pub(crate) struct Unions(Vec<usize>);
+
+impl Unions {
+    /// Each number by itself.
+    pub fn new(count: usize) -> Unions {
+        Unions((0..count).collect())
+    }
+
+    /// The least number of a set.
+    pub fn first(&mut self, mut number: usize) -> usize {
+        while self.0[number] != number {
+            self.0[number] = self.0[self.0[number]];
+            number = self.0[number];
+        }
+        number
+    }
+
+    /// Makes the sets of two numbers one.
+    pub fn unite(&mut self, one: usize, other: usize) {
+        let (a, b) = (self.first(one), self.first(other));
+        self.0[a.max(b)] = a.min(b);
+    }
+
+    /// The number of each one's set, in the order of their least numbers, and how many there are.
+    pub fn sets(mut self) -> (Vec<usize>, usize) {
+        let mut count = 0;
+        let mut sets = vec![0; self.0.len()];
+        for number in 0..self.0.len() {
+            let first = self.first(number);
+            if first == number {
+                sets[number] = count;
+                count += 1;
+            } else {
+                sets[number] = sets[first];
+            }
+        }
+        (sets, count)
+    }
+}
+
+/// A part of a mesh that shares no node with the rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// Numbers of the cells.
+    pub cells: Vec<usize>,
+    /// Corners of the rectangle around it, in m.
+    pub corners: [Point; 2],
+}
+
+impl Mesh {
+    /// For each node the part it belongs to: what shares no node with the rest is a part; and how many there are.
+    pub fn part_of_nodes(&self) -> (Vec<usize>, usize) {
+        let mut unions = Unions::new(self.nodes.len());
+        for cell in &self.cells {
+            let nodes = cell.nodes();
+            nodes[1..].iter().for_each(|&node| unions.unite(nodes[0], node));
+        }
+        unions.sets()
+    }
+
+    /// The parts that nothing connects, in the order of their first nodes.
+    pub fn parts(&self) -> Vec<Part> {
+        let (of_node, count) = self.part_of_nodes();
+        let corners =
+            [Point::new(f64::INFINITY, f64::INFINITY), Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY)];
+        let mut parts = vec![Part { cells: Vec::new(), corners }; count];
+        for (number, cell) in self.cells.iter().enumerate() {
+            parts[of_node[cell.nodes()[0]]].cells.push(number);
+        }
+        for (node, &part) in self.nodes.iter().zip(&of_node) {
+            let [low, high] = &mut parts[part].corners;
+            *low = low.inf(node);
+            *high = high.sup(node);
+        }
+        parts
+    }
+
+    /// Checks that the mesh is in so many parts.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] with their number, sizes and places.
+    pub fn require_parts(&self, expected: usize) -> Result<()> {
+        let (_, count) = self.part_of_nodes();
+        if count == expected {
+            return Ok(());
+        }
+        if count == 1 {
+            return Err(Error::Mesh(format!("mesh.parts: the mesh is in one part; expected {expected}")));
+        }
+        let describe = |Part { cells, corners: [low, high] }: &Part| {
+            let count = if cells.len() == 1 { "1 cell".into() } else { format!("{} cells", cells.len()) };
+            format!("{count} from ({}, {}) to ({}, {})", low.x, low.y, high.x, high.y)
+        };
+        let listed: Vec<String> = self.parts().iter().take(LISTED).map(describe).collect();
+        let more = if count > LISTED { format!("; and {} more", count - LISTED) } else { String::new() };
+        Err(Error::Mesh(format!(
+            "the mesh is in {count} parts that nothing connects: {}{more}; mesh.merge = (a distance in m) makes nodes of theirs \
+             one that are near to each other, mesh.parts = {count} says that they are meant to be apart",
+            listed.join("; ")
+        )))
+    }
+}
+
+/// Parts that a message lists.
+const LISTED: usize = 4;

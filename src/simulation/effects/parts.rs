@@ -1,0 +1,83 @@
+//! Parts of a mesh that nothing connects: each must be held by itself.
+
+use super::attached::Lump;
+use super::ground::{Ground, Team};
+use crate::error::{Error, Result};
+use crate::mesh::{Point, Unions};
+use crate::space::{PER_NODE, Rigid};
+use std::collections::BTreeSet;
+
+/// An error where a mesh is in several parts of which one is not held: what holds the others says nothing of it. Collective.
+pub(super) fn require_held<T: Team>(
+    ground: &Ground<T>,
+    springs: &[Lump],
+    on_foundation: impl Iterator<Item = usize>,
+) -> Result<()> {
+    if ground.scene.file.as_ref().is_none_or(|file| file.parts == 1) {
+        return Ok(());
+    }
+    let mesh = ground.mesh;
+    let (part_of, count) = parts(ground)?;
+    // Number of nodes and sums of their places, part by part: centres.
+    let mut places = vec![0.0; 3 * count];
+    for (node, &part) in mesh.nodes.iter().zip(&part_of) {
+        [1.0, node.x, node.y].iter().enumerate().for_each(|(k, of)| places[3 * part + k] += of);
+    }
+    let places = (ground.sum)(&places);
+    let centres: Vec<Point> = places.chunks_exact(3).map(|of| Point::new(of[1], of[2]) / of[0]).collect();
+    let mut sizes = vec![0.0; 2 * count];
+    for (node, &part) in mesh.nodes.iter().zip(&part_of) {
+        sizes[2 * part] += (node - centres[part]).norm_squared();
+        sizes[2 * part + 1] += 1.0;
+    }
+    let sizes = (ground.sum)(&sizes);
+    let size = |part: usize| (sizes[2 * part] / sizes[2 * part + 1]).sqrt();
+    let mut rigid: Vec<Rigid> = (0..count).map(|part| Rigid::new(centres[part], size(part))).collect();
+    for (node, hold) in
+        ground.holds.iter().enumerate().filter(|(node, hold)| hold.is_any() && (ground.owns)(*node))
+    {
+        rigid[part_of[node]].hold(mesh.nodes[node], hold);
+    }
+    for spring in springs {
+        if let Some((dof, _)) = spring.spot.of_shape.weights().first() {
+            rigid[part_of[dof / PER_NODE]].hold_deflection(spring.at);
+        }
+    }
+    for cell in on_foundation {
+        let part = part_of[mesh.cells[cell].nodes()[0]];
+        mesh.vertices(cell).into_iter().for_each(|vertex| rigid[part].hold_deflection(vertex));
+    }
+    let seen: Vec<f64> = rigid.iter().flat_map(|rigid| rigid.seen().to_vec()).collect();
+    let seen = (ground.sum)(&seen);
+    for ((rigid, seen), centre) in rigid.iter_mut().zip(seen.chunks_exact(9)).zip(&centres) {
+        rigid.see(seen);
+        if let Some(motion) = rigid.mechanism() {
+            return Err(Error::Singular(format!(
+                "the part of the mesh around ({}, {}) is not held by itself: {motion}; where mesh.parts is more than 1, each part \
+                 needs supports, springs or a foundation of its own",
+                centre.x, centre.y
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// The part of each node of this process, and how many parts all have. Collective.
+fn parts<T: Team>(ground: &Ground<T>) -> Result<(Vec<usize>, usize)> {
+    let (of_node, own) = ground.mesh.part_of_nodes();
+    let counts = ground.team.gather(&[own as f64]);
+    let first: f64 = counts[..ground.team.rank()].iter().sum();
+    let number = |node: usize| first as usize + of_node[node];
+    // The number that the owner of a node gives its part, and this process's own, are of one part.
+    let called = |node: usize| if (ground.owns)(node) { (number(node) + 1) as f64 } else { 0.0 };
+    let owners = ground.team.spread(&(0..of_node.len()).map(called).collect::<Vec<_>>())?;
+    let pairs: BTreeSet<[usize; 2]> =
+        owners.iter().enumerate().map(|(node, owner)| [number(node), *owner as usize - 1]).collect();
+    let pairs: Vec<f64> = pairs.iter().flatten().map(|&number| number as f64).collect();
+    let mut unions = Unions::new(counts.iter().sum::<f64>() as usize);
+    for pair in ground.team.gather(&pairs).chunks_exact(2) {
+        unions.unite(pair[0] as usize, pair[1] as usize);
+    }
+    let (part_of, count) = unions.sets();
+    Ok(((0..of_node.len()).map(|node| part_of[number(node)]).collect(), count))
+}

@@ -1,0 +1,36 @@
+//! A question about units, where lengths cannot be metres.
+
+use super::ground::{Ground, Team};
+
+/// Spans over thickness beyond which a plate is asked for its units: 600 m for 3 mm are 200,000, a foil of 1 m for 0.1 mm 10,000.
+const FOIL: f64 = 2e4;
+
+/// Span over thickness below which a plate is asked for its units: it is thicker than wide.
+const BLOCK: f64 = 1.0;
+
+/// The question whether lengths are in metres, of a plate much too wide or too narrow for its thickness. No question is asked of a mesh
+/// whose unit `mesh.scale` tells. Collective.
+pub(super) fn question<T: Team>(ground: &Ground<T>) -> Option<String> {
+    let scene = ground.scene;
+    let farthest = |sign: f64, axis: usize| {
+        ground.mesh.nodes.iter().map(|node| sign * node[axis]).fold(f64::MIN, f64::max)
+    };
+    let sides =
+        ground.team.gather(&[farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)]);
+    let [right, top, left, bottom] =
+        std::array::from_fn(|k| sides.iter().skip(k).step_by(4).copied().fold(f64::MIN, f64::max));
+    let (span, thickness) = ((right + left).max(top + bottom), scene.plate.plate.thickness);
+    let ratio = span / thickness;
+    let is_told = scene.file.as_ref().is_some_and(|file| file.scale.is_some());
+    if is_told || !ratio.is_finite() || (BLOCK..=FOIL).contains(&ratio) {
+        return None;
+    }
+    let asked = match (&scene.file, ratio > FOIL) {
+        (Some(_), true) => {
+            "is the mesh in millimetres? mesh.scale = 1e-3 makes metres of them, mesh.scale = 1 says it is not"
+        }
+        (None, true) => "is plate.length in millimetres? lengths are in metres",
+        (_, false) => "is plate.thickness in millimetres? lengths are in metres",
+    };
+    Some(format!("the plate spans {span} m and is {thickness} m thick: {asked}"))
+}

@@ -1,0 +1,258 @@
+//! Meshes from files: nodes that nearly coincide, parts that nothing connects, units, and places by the names of points.
+
+use crate::common::Random;
+use crate::common::scenes::{Drawing, STILL, close, inspect, read, refusal, run, scene};
+use rebond::Error;
+use rebond::simulation::{self, Model};
+use rebond::study;
+
+const MATERIAL: &str =
+    "plate = { thickness = 0.003, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
+const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
+
+/// A plate of 0.6 m x 0.4 m in two halves with nodes of their own, the second moved by a gap and a step along the joint.
+fn halves(triangles: bool, gap: f64, shift: f64, rows: usize) -> Drawing {
+    let mut all = Drawing::grid([3, 4], [0.3, 0.4], triangles, |x, y| [x, y]);
+    let right = Drawing::grid([3, rows], [0.3, 0.4], triangles, |x, y| [0.3 + gap + x, y + shift]);
+    let first = all.nodes.len();
+    all.nodes.extend(right.nodes);
+    all.cells.extend(right.cells.iter().map(|cell| cell.iter().map(|node| node + first).collect()));
+    let lines = |name: &str, drawing: &Drawing, first: usize| {
+        let (_, sides) = drawing.lines.iter().find(|(line, _)| *line == name).unwrap();
+        sides.iter().map(|side| side.map(|node| node + first)).collect::<Vec<_>>()
+    };
+    let right = Drawing::grid([3, rows], [0.3, 0.4], triangles, |x, y| [x, y]);
+    all.lines = vec![("left", lines("left", &all, 0)), ("right", lines("right", &right, first))];
+    all
+}
+
+fn text(file: &str, keys: &str, more: &str) -> String {
+    format!("{MATERIAL}mesh = {{ file = \"{file}\"{keys} }}\n{STILL}{more}")
+}
+
+#[track_caller]
+fn assert_refused(error: &Error, words: &[&str]) {
+    let message = error.to_string();
+    assert!(matches!(error, Error::Mesh(_) | Error::Scene(_) | Error::Singular(_)), "{message}");
+    assert!(
+        words.iter().all(|word| message.contains(word)) && !message.contains('\n'),
+        "{words:?}: {message}"
+    );
+}
+
+#[test]
+fn nodes_that_nearly_coincide_are_refused_or_merged() {
+    for triangles in [false, true] {
+        let whole = Drawing::grid([6, 4], [0.6, 0.4], triangles, |x, y| [x, y])
+            .write(&format!("whole_{triangles}.msh"));
+        let expected = inspect(&text(&whole, "", CLAMPED)).singular.lowest;
+        for (number, gap) in [0.0, 1e-12, 1e-9, -1e-9, 3e-6].into_iter().enumerate() {
+            let file = halves(triangles, gap, 0.0, 4).write(&format!("halves_{triangles}_{number}.msh"));
+            let twins = if gap.abs() < 1e-11 { "are both at" } else { "m apart" };
+            assert_refused(&refusal(&text(&file, "", CLAMPED)), &[twins, "4 more pairs", "mesh.merge = "]);
+            let merged = inspect(&text(&file, ", merge = 1e-5", CLAMPED)).singular.lowest;
+            for (merged, expected) in merged.iter().zip(&expected) {
+                close("frequency", *merged, *expected, 1e-4);
+            }
+        }
+    }
+}
+
+#[test]
+fn nodes_beside_an_edge_that_is_not_theirs_are_refused() {
+    for (number, gap) in [0.0, 1e-9, -1e-9].into_iter().enumerate() {
+        let file = halves(false, gap, 0.0, 8).write(&format!("hanging_{number}.msh"));
+        // Every second node has a twin; merged, the others hang.
+        assert_refused(&refusal(&text(&file, "", CLAMPED)), &["4 more pairs"]);
+        assert_refused(
+            &refusal(&text(&file, ", merge = 1e-6", CLAMPED)),
+            &["hangs", "of which it is no node"],
+        );
+        let file = halves(false, gap, 0.03, 4).write(&format!("shifted_{number}.msh"));
+        assert_refused(&refusal(&text(&file, "", CLAMPED)), &["hangs"]);
+    }
+    // Sheets over one another.
+    let file = halves(false, -0.15, 0.02, 4).write("overlapping.msh");
+    assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["of which it is no node"]);
+}
+
+#[test]
+fn merging_takes_no_cell_apart() {
+    let file = halves(false, 1e-9, 0.0, 4).write("merged_too_far.msh");
+    assert_refused(&refusal(&text(&file, ", merge = 0.11", CLAMPED)), &["mesh.merge = 0.11", "one cell one"]);
+}
+
+#[test]
+fn parts_that_nothing_connects_are_named() {
+    let file = halves(false, 0.01, 0.0, 4).write("apart.msh");
+    let refused = refusal(&text(&file, "", CLAMPED));
+    let words =
+        ["in 2 parts that nothing connects", "12 cells from (0, 0) to (0.3, 0.4)", "12 cells from (0.31, 0)"];
+    assert_refused(&refused, &[&words[..], &["mesh.merge", "mesh.parts = 2"]].concat());
+    // One is held, the other is not: the whole would pass for held.
+    assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["not held by itself: nothing holds it"]);
+    let both =
+        "support = [{ edge = \"left\", kind = \"clamped\" }, { edge = \"right\", kind = \"clamped\" }]\n";
+    let lowest = inspect(&text(&file, ", parts = 2", both)).singular.lowest;
+    close("two equal cantilevers", lowest[1], lowest[0], 1e-9);
+    let spring = format!("{CLAMPED}foundation = [{{ stiffness = 1e4, where = \"x > 0.5\" }}]\n");
+    Model::new(&scene(&text(&file, ", parts = 2", &spring))).map(drop).unwrap();
+    assert_refused(&refusal(&text(&file, ", parts = 3", CLAMPED)), &["2 parts"]);
+    let whole = Drawing::grid([2, 2], [0.6, 0.4], false, |x, y| [x, y]).write("one_part.msh");
+    assert_refused(&refusal(&text(&whole, ", parts = 2", CLAMPED)), &["mesh.parts", "one part"]);
+}
+
+#[test]
+fn millimetres_are_asked_for_and_scaled() {
+    let metres = Drawing::grid([3, 2], [0.6, 0.4], false, |x, y| [x, y]).write("metres.msh");
+    let millimetres = Drawing::grid([3, 2], [600.0, 400.0], false, |x, y| [x, y]).write("millimetres.msh");
+    let expected = inspect(&text(&metres, "", CLAMPED));
+    assert!(
+        !expected.warnings.iter().any(|warning| warning.contains("millimetres")),
+        "{:?}",
+        expected.warnings
+    );
+    let asked = inspect(&text(&millimetres, "", CLAMPED)).warnings.join("\n");
+    assert!(
+        asked.contains("spans 600 m and is 0.003 m thick: is the mesh in millimetres? mesh.scale = 1e-3"),
+        "{asked}"
+    );
+    let told = inspect(&text(&millimetres, ", scale = 1", CLAMPED)).warnings.join("\n");
+    assert!(!told.contains("millimetres"), "{told}");
+    let scaled = inspect(&text(&millimetres, ", scale = 1e-3", CLAMPED));
+    for (scaled, expected) in scaled.singular.lowest.iter().zip(&expected.singular.lowest) {
+        close("frequency", *scaled, *expected, 1e-9);
+    }
+    let thick =
+        study::check(&scene(&text(&metres, "", CLAMPED).replace("0.003", "3"))).unwrap().warnings.join("\n");
+    assert!(thick.contains("is plate.thickness in millimetres?"), "{thick}");
+}
+
+#[test]
+fn keys_of_the_file_are_read_printed_and_refused_elsewhere() {
+    let file = halves(false, 1e-9, 0.0, 4).write("keys.msh");
+    let keyed = scene(&text(&file, ", scale = 0.5, merge = 1e-7", CLAMPED));
+    let resolved = keyed.resolved();
+    assert!(resolved.contains("scale  = 0.5") && resolved.contains("merge  = 1e-7"), "{resolved}");
+    assert_eq!(read(&resolved).unwrap(), keyed);
+    for key in ["scale = 2", "merge = 1e-6", "parts = 2"] {
+        let grid = format!("mesh = {{ element = \"fvs\", cells = [2, 2], {key} }}\n");
+        let plate = MATERIAL.replace("{ ", "{ length = 1, width = 1, ");
+        assert_refused(&refusal(&format!("{plate}{grid}{STILL}")), &["has no use without mesh.file"]);
+    }
+    assert_refused(&refusal(&text(&file, ", scale = 0", "")), &["mesh.scale: 0 is not positive"]);
+    assert_refused(&refusal(&text(&file, ", merge = -1", "")), &["mesh.merge: -1 is not positive"]);
+}
+
+/// A plate with a point at (0.75, 0.5), by that name or by its place.
+#[test]
+fn points_have_names_wherever_places_are_taken() {
+    let tables = |place: &str| {
+        format!(
+            "support = [{{ edge = \"left\", kind = \"clamped\" }}]\n\
+             load = {{ gravity = 9.81, force = [{{ {place}, value = 20 }}] }}\n\
+             spring = [{{ {place}, stiffness = 5e3 }}]\nmass = [{{ {place}, mass = 0.2 }}]\n\
+             ball = [{{ {place}, mass = 0.1, height = 0.02 }}]\n\
+             obstacle = [{{ side = \"below\", height = -1e-4, {place} }}]\n\
+             output.probes = [{{ name = \"peak\", {place} }}]\n"
+        )
+    };
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/square_22_text.msh");
+    let time = STILL.replace("end = 1e-3", "end = 1e-2");
+    let of = |place: &str| text(file, "", &tables(place)).replace(STILL, &time);
+    let (named, placed) = (of("point = \"peak\""), of("at = [0.75, 0.5]"));
+    assert_eq!(format!("{:?}", run(&named)), format!("{:?}", run(&placed)));
+    let resolved = scene(&named).resolved();
+    // Six places, and the name of the probe.
+    assert_eq!(resolved.matches("= \"peak\"").count(), 7, "{resolved}");
+    assert_eq!(read(&resolved).unwrap(), scene(&named));
+    // Scaled with the mesh.
+    let scaled = scene(&named.replace("msh\"", "msh\", scale = 2"));
+    assert_eq!(scaled.springs[0].at, [1.5, 1.0]);
+}
+
+#[test]
+fn points_that_are_not_there_are_named() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/square_22_text.msh");
+    let refused = |more: &str| refusal(&text(file, "", more));
+    assert_refused(
+        &refused("spring = [{ point = \"pike\", stiffness = 1 }]\n"),
+        &["spring.0.point", "\"pike\"", "it has: peak"],
+    );
+    let both = "mass = [{ point = \"peak\", at = [0, 0], mass = 1 }]\n";
+    assert_refused(&refused(both), &["mass.0.at", "contradicts mass.0.point"]);
+    let obstacle = "obstacle = [{ side = \"below\", height = -1, point = \"pike\" }]\n";
+    assert_refused(&refused(obstacle), &["obstacle.0.point", "it has: peak"]);
+    let plate = MATERIAL.replace("{ ", "{ length = 1, width = 1, ");
+    let grid =
+        "mesh = { element = \"fvs\", cells = [2, 2] }\nspring = [{ point = \"tip\", stiffness = 1 }]\n";
+    assert_refused(
+        &refusal(&format!("{plate}{grid}{STILL}")),
+        &["spring.0.point", "no use without mesh.file"],
+    );
+}
+
+/// Whatever nodes are doubled and moved: the frequency is that of the whole plate, or there is a word.
+fn random_doubles(tries: u64) {
+    let mut accepted = 0;
+    for seed in 0..tries {
+        let mut random = Random::new(seed);
+        let triangles = random.below(2) == 0;
+        let cells = [2 + random.below(3), 2 + random.below(2)];
+        let mut drawing = Drawing::grid(cells, [0.6, 0.4], triangles, |x, y| [x, y]);
+        let whole = drawing.write(&format!("random_{tries}_whole.msh"));
+        let expected = first_frequency(&text(&whole, "", CLAMPED)).unwrap();
+        let nodes = drawing.nodes.len();
+        for _ in 0..1 + random.below(4) {
+            // Some cells get a node of their own, at a distance.
+            let node = random.below(nodes);
+            let distance = 10f64.powf(-14.0 + 12.0 * random.unit());
+            let angle = std::f64::consts::TAU * random.unit();
+            let [x, y] = drawing.nodes[node];
+            drawing.nodes.push([x + distance * angle.cos(), y + distance * angle.sin()]);
+            let twin = drawing.nodes.len() - 1;
+            for cell in &mut drawing.cells {
+                if random.below(2) == 0 {
+                    cell.iter_mut().filter(|of| **of == node).for_each(|of| *of = twin);
+                }
+            }
+        }
+        let file = drawing.write(&format!("random_{tries}.msh"));
+        let merge = if random.below(2) == 0 { "" } else { ", merge = 1e-4" };
+        if let Ok(frequency) = first_frequency(&text(&file, merge, CLAMPED)) {
+            // Gaps that open by more than a ten-thousandth of a cell are meant; they make a plate softer.
+            let slit = drawing.nodes[nodes..].iter().any(|[x, y]| {
+                drawing.nodes[..nodes]
+                    .iter()
+                    .any(|[a, b]| (5e-6..).contains(&(x - a).hypot(y - b)) && (x - a).hypot(y - b) < 0.02)
+            });
+            assert!(
+                slit || (frequency / expected - 1.0).abs() < 1e-3,
+                "seed {seed}: {frequency} Hz for {expected}"
+            );
+            accepted += 1;
+        }
+    }
+    assert!(accepted > 0);
+}
+
+fn first_frequency(text: &str) -> rebond::Result<f64> {
+    let scene = read(text)?;
+    let mesh = simulation::mesh(&scene)?;
+    let model = Model::new(&scene)?;
+    if simulation::mechanism(&scene, &mesh)?.is_some() {
+        return Err(Error::Singular("a mechanism".into()));
+    }
+    Ok(rebond::modes::lowest(&model.system.engine, &model.system.stiffness, &model.system.mass, 1, false)?[0])
+}
+
+#[test]
+fn random_doubled_nodes() {
+    random_doubles(150);
+}
+
+#[test]
+#[ignore = "ten thousand tries: make test-long"]
+fn ten_thousand_random_doubled_nodes() {
+    random_doubles(10_000);
+}
