@@ -81,6 +81,9 @@ mod petsc {
             .header_contents("rebond_petsc.h", HEADERS)
             .clang_args(arguments)
             .default_enum_style(bindgen::EnumVariation::NewType { is_bitfield: false, is_global: false })
+            // Releases differ in whether these are enumerations: as plain types their uses hold for all.
+            .constified_enum("PetscErrorCode|PETSC_ERR_.*|PetscBool")
+            .prepend_enum_name(false)
             // MPI's types are the `mpi` crate's own, so that a communicator needs no cast.
             .blocklist_type("(MPI_|ompi_|MPIR_).*")
             .raw_line("pub use mpi::ffi::*;")

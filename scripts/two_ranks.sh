@@ -13,8 +13,9 @@ if [ "$(id -u)" -eq 0 ]; then
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 fi
 
-# --oversubscribe: more ranks than cores may start; yield_when_idle: those that wait leave the core to the others.
-launch=(mpirun --oversubscribe --mca mpi_yield_when_idle 1 -n "${RANKS:-2}")
+# --oversubscribe: more ranks than cores may start; yield_when_idle: those that wait leave the core to the others;
+# btl ^tcp: ranks of one machine need no network, of whose absence Open MPI 5 complains.
+launch=(mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca btl ^tcp -n "${RANKS:-2}")
 
 if [ $# -eq 0 ]; then
     set -- "$root/scenes/csma2013/fig4.toml" --set time.step=1e-5 --set time.end=0.1 --out "runs/ranks"

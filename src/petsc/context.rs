@@ -52,20 +52,23 @@ impl Context {
     ///
     /// `arguments` are what followed `--` on the command line: `-name value` or `-name`. The environment's
     /// `PETSC_OPTIONS` is read too and yields to them; `.petscrc` files are not, so that a run does not depend on the folder it
-    /// starts in (`-skip_petscrc 0` brings them back). PETSc's signal handlers, which fill the screen, stay off
-    /// (`-no_signal_handler 0`). Unless the environment sets `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`,
+    /// starts in (`-skip_petscrc 0` brings them back), and rank 0 says so where there is one. PETSc's signal handlers, which fill the screen, stay off
+    /// (`-no_signal_handler 0`), and so do its own words on options left over (`-options_left`). Unless the environment sets `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`,
     /// BLAS gets one thread a rank. With several ranks a panic of one ends all.
     ///
     /// Collective.
     ///
     /// # Errors
-    /// [`Error::Usage`] where an argument is no option, [`Error::Petsc`] where MPI was started before (it starts once in a
+    /// [`Error::Usage`] where an argument is no option or an option's value not a number, wherever it comes from, [`Error::Petsc`] where MPI was started before (it starts once in a
     /// process) or PETSc refuses.
     pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
         options::validate(arguments)?;
-        let mut owned =
-            vec![c_string("rebond")?, c_string("-skip_petscrc")?, c_string("-no_signal_handler")?];
-        for argument in arguments {
+        let variable = std::env::var(options::VARIABLE).unwrap_or_default();
+        // Newer releases tell of options left over as they end, of our defaults too; `refuse_unused_options` does better.
+        let ours = ["rebond", "-skip_petscrc", "-no_signal_handler", "-options_left", "no"];
+        let mut owned = ours.into_iter().map(c_string).collect::<Result<Vec<_>>>()?;
+        // PETSc asks for this one before it reads the variable.
+        for argument in options::skip_petscrc(&variable).iter().chain(arguments) {
             owned.push(c_string(argument)?);
         }
         if STARTED.swap(true, Ordering::SeqCst) {
@@ -95,14 +98,17 @@ impl Context {
         let code =
             unsafe { sys::PetscInitialize(&mut count, &mut start, std::ptr::null(), std::ptr::null()) };
         check(code, "PetscInitialize")?;
-        Ok(Rc::new(Self {
+        let context = Rc::new(Self {
             universe: Some(universe),
             world,
             ours: RefCell::default(),
             prefixes: RefCell::default(),
             _arguments: (owned, pointers),
             _thread: PhantomData,
-        }))
+        });
+        context.together(context.check_database())?;
+        context.tell_of_files_left_out();
+        Ok(context)
     }
 
     /// Number of this rank, from 0.

@@ -47,7 +47,7 @@ impl Plex {
             own,
             int(all)?,
             corners,
-            sys::PetscBool::PETSC_TRUE,
+            sys::truth(true),
             cells.as_ptr(),
             2,
             vertices.as_ptr().cast(),
@@ -125,7 +125,7 @@ impl Plex {
     /// [`Error::Petsc`].
     pub fn refine(self) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
-        call!(DMPlexSetRefinementUniform(self.raw, sys::PetscBool::PETSC_TRUE))?;
+        call!(DMPlexSetRefinementUniform(self.raw, sys::truth(true)))?;
         call!(DMRefine(self.raw, self.context.raw(Comm::World), &mut raw))?;
         Ok(Self::owning(raw, &self.context))
     }
@@ -202,7 +202,7 @@ impl Plex {
     /// # Errors
     /// [`Error::Petsc`] where there is no such point.
     pub fn closure(&self, point: Index) -> Result<Vec<[Index; 2]>> {
-        let (mut count, mut array, cone) = (0, std::ptr::null_mut(), sys::PetscBool::PETSC_TRUE);
+        let (mut count, mut array, cone) = (0, std::ptr::null_mut(), sys::truth(true));
         call!(DMPlexGetTransitiveClosure(self.raw, point, cone, &mut count, &mut array))?;
         // SAFETY: PETSc's array has two integers a point.
         let closure =

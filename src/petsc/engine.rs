@@ -8,6 +8,7 @@ use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::{Engine, Factor, Form, Native, Sum};
+use crate::space::PER_NODE;
 use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use std::cell::RefCell;
@@ -28,6 +29,10 @@ pub struct Distributed {
     first: usize,
     own: usize,
     work: RefCell<Work>,
+    /// The rigid motions, of which only supports hold something, over the dofs that this rank owns.
+    rigid: [Vec<f64>; 3],
+    /// Whether all dofs are those of nodes of which none is held: three per node, on every rank.
+    whole_nodes: bool,
 }
 
 struct Work {
@@ -56,7 +61,50 @@ impl Distributed {
         let (read, given) = (plex.local_vector()?, plex.local_vector()?);
         let work = Work { global: vector, read, given, x: zeros(), y: zeros(), m: zeros() };
         let cells = Native::with_layout(part.space.layout(&part.mesh));
-        Ok(Distributed { context, plex, cells, global, first, own, work: RefCell::new(work) })
+        let mut engine = Distributed {
+            context,
+            plex,
+            cells,
+            global,
+            first,
+            own,
+            work: RefCell::new(work),
+            rigid: [(); 3].map(|()| vec![0.0; own]),
+            whole_nodes: false,
+        };
+        engine.note_rigid_motions(part);
+        Ok(engine)
+    }
+
+    /// Fills in the deflections and slopes of a plate that is lifted, tilted along x and along y. Collective.
+    fn note_rigid_motions(&mut self, part: &Part) {
+        let first = self.global.len() - PER_NODE * part.mesh.nodes.len();
+        let mut whole = first == 0;
+        for (node, point) in part.mesh.nodes.iter().enumerate() {
+            let motions = [[1.0, 0.0, 0.0], [point.x, 1.0, 0.0], [point.y, 0.0, 1.0]];
+            let dofs = [0, 1, 2].map(|k| self.own_dof(first + PER_NODE * node + k));
+            whole &= dofs.iter().all(Option::is_some) || dofs.iter().all(Option::is_none);
+            for (k, dof) in dofs.iter().enumerate() {
+                if let Some(dof) = *dof {
+                    self.rigid.iter_mut().zip(motions).for_each(|(rigid, motion)| rigid[dof] = motion[k]);
+                }
+            }
+        }
+        self.whole_nodes = self.context.all(whole);
+    }
+
+    /// Tells a matrix over this engine's dofs what multigrid needs: the rigid motions, and that dofs come by nodes where they
+    /// do. Collective.
+    fn prepare_for_multigrid(&self, matrix: &mut Matrix) -> Result<()> {
+        if self.whole_nodes {
+            matrix.set_block_size(PER_NODE)?;
+        }
+        let vector = |values: &Vec<f64>| {
+            let mut vector = self.vector()?;
+            vector.set_local(values)?;
+            Ok(vector)
+        };
+        matrix.set_near_null_space(self.rigid.iter().map(vector).collect::<Result<_>>()?)
     }
 
     /// MPI and PETSc.
@@ -287,8 +335,12 @@ pub struct DistributedFactor {
     context: Rc<Context>,
     matrix: Matrix,
     solver: Ksp,
+    /// Whether solves are by a factorisation, rather than by an iteration that the options choose.
+    direct: bool,
     /// The solver of the matrix with dofs held, if any are.
     pinned: Option<Ksp>,
+    /// Those of them that this rank owns.
+    held: Vec<usize>,
     right: Vector,
     solution: Vector,
     /// Position of this rank's first dof.
@@ -306,11 +358,17 @@ pub struct DistributedFactor {
 }
 
 impl DistributedFactor {
-    fn new(engine: &Distributed, matrix: Matrix, candidates: &[usize]) -> Result<DistributedFactor> {
+    fn new(engine: &Distributed, mut matrix: Matrix, candidates: &[usize]) -> Result<DistributedFactor> {
+        let direct = Ksp::new(&engine.context, Comm::World, "")?.is_direct()?;
+        if !direct {
+            engine.prepare_for_multigrid(&mut matrix)?;
+        }
         let mut factor = DistributedFactor {
             context: engine.context.clone(),
             solver: solver(&engine.context, &matrix)?,
+            direct,
             pinned: None,
+            held: Vec::new(),
             right: engine.vector()?,
             solution: engine.vector()?,
             first: engine.first,
@@ -408,10 +466,15 @@ impl DistributedFactor {
     }
 
     fn solve_with(&mut self, pinned: bool, x: &mut [f64]) -> Result<()> {
-        self.right.set_local(x)?;
         let solver = if pinned { self.pinned.as_mut().unwrap_or(&mut self.solver) } else { &mut self.solver };
+        // Held dofs have equations of their own, whose size an iteration on all cannot weigh against that of the others.
+        let held: &[usize] = if pinned && !self.direct { &self.held } else { &[] };
+        let values: Vec<f64> = held.iter().map(|&dof| std::mem::take(&mut x[dof])).collect();
+        self.right.set_local(x)?;
         solver.solve(&self.right, &mut self.solution)?;
-        self.solution.copy_to(x)
+        self.solution.copy_to(x)?;
+        held.iter().zip(values).for_each(|(&dof, value)| x[dof] = value);
+        Ok(())
     }
 
     fn times_schur(&self, x: &[f64]) -> Vec<f64> {
@@ -487,12 +550,14 @@ impl Factor for DistributedFactor {
 
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
         self.pinned = None;
+        self.held = dofs.to_vec();
         if self.context.sum_count(dofs.len()) > 0 {
             let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
             let mut held = self.matrix.duplicate()?;
             held.copy_from(&self.matrix)?;
             held.zero_rows_columns(&rows, 1.0)?;
             held.set_positive_definite()?;
+            held.share_near_null_space(&self.matrix)?;
             self.pinned = Some(solver(&self.context, &held)?);
         }
         Ok(())

@@ -1,7 +1,8 @@
 //! Linear solvers: a factorisation unless the options say otherwise.
 
-use super::error::{c_string, call, text};
+use super::error::{call, int, text};
 use super::handle::handle;
+use super::options::Prefix;
 use super::{Comm, Context, Matrix, Reason, Vector, sys};
 use crate::error::{Error, Result};
 use std::rc::Rc;
@@ -20,7 +21,7 @@ impl Ksp {
         let mut raw = std::ptr::null_mut();
         call!(KSPCreate(context.raw(comm), &mut raw))?;
         let mut solver = Self::owning(raw, context);
-        call!(KSPSetOptionsPrefix(raw, c_string(prefix)?.as_ptr()))?;
+        call!(KSPSetOptionsPrefix(raw, Prefix::new(prefix)?.pointer()))?;
         solver.prefix = prefix.into();
         context.note_prefix(prefix);
         Ok(solver)
@@ -41,7 +42,22 @@ impl Ksp {
         if direct {
             return call!(PCFactorSetMatSolverType(preconditioner, c"mumps".as_ptr()));
         }
-        self.set_tolerances(ITERATIVE, 0.0, MOST_ITERATIONS)
+        let kind = self.context.option(&format!("{}ksp_type", self.prefix))?;
+        if kind.is_none_or(|kind| kind == "cg") {
+            // The energy of the error, nearly: the norm that falls as conjugate gradients go on. That of the preconditioned
+            // residual rises by orders of magnitude first.
+            call!(KSPSetNormType(self.raw, sys::KSPNormType::KSP_NORM_NATURAL))?;
+        }
+        let iterations = int(MOST_ITERATIONS)?;
+        call!(KSPSetTolerances(self.raw, ITERATIVE, 0.0, f64::MAX, iterations))
+    }
+
+    /// Whether a factorisation solves the systems, rather than an iteration.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] where the user asks for a factorisation that does harm.
+    pub fn is_direct(&self) -> Result<bool> {
+        is_direct(&self.context, &self.prefix)
     }
 
     /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.
@@ -73,8 +89,7 @@ impl Ksp {
     /// # Errors
     /// [`Error::Petsc`].
     pub fn keep_preconditioner(&mut self, keep: bool) -> Result<()> {
-        let keep = sys::PetscBool(keep.into());
-        call!(KSPSetReusePreconditioner(self.raw, keep))
+        call!(KSPSetReusePreconditioner(self.raw, sys::truth(keep)))
     }
 
     /// Sets the tolerances of an iteration: relative and absolute, and the largest number of iterations. Options go before if
@@ -85,7 +100,7 @@ impl Ksp {
     pub fn set_tolerances(&mut self, relative: f64, absolute: f64, iterations: usize) -> Result<()> {
         super::refuse_nan(&[relative, absolute])?;
         let keep = f64::from(sys::PETSC_DEFAULT);
-        call!(KSPSetTolerances(self.raw, relative, absolute, keep, super::error::int(iterations)?))
+        call!(KSPSetTolerances(self.raw, relative, absolute, keep, int(iterations)?))
     }
 
     /// Builds the preconditioner: factors the matrix. Collective.
@@ -111,8 +126,32 @@ impl Ksp {
     /// # Errors
     /// As [`Ksp::solve`].
     pub fn solve_columns(&mut self, b: &Matrix, x: &mut Matrix) -> Result<()> {
-        call!(KSPMatSolve(self.raw, b.raw, x.raw))?;
-        self.judge()
+        if self.kind()?[0] == "preonly" {
+            call!(KSPMatSolve(self.raw, b.raw, x.raw))?;
+            return self.judge();
+        }
+        // PETSc tells how the iteration of the last column ended, and not of those before.
+        for column in 0..int(b.size()[1])? {
+            let (mut right, mut solution) = (std::ptr::null_mut(), std::ptr::null_mut());
+            call!(MatDenseGetColumnVecRead(b.raw, column, &mut right))?;
+            call!(MatDenseGetColumnVecWrite(x.raw, column, &mut solution))?;
+            let solved = call!(KSPSolve(self.raw, right, solution));
+            call!(MatDenseRestoreColumnVecWrite(x.raw, column, &mut solution))?;
+            call!(MatDenseRestoreColumnVecRead(b.raw, column, &mut right))?;
+            solved?;
+            self.judge()?;
+        }
+        Ok(())
+    }
+
+    /// Names of the Krylov method and of the preconditioner.
+    fn kind(&self) -> Result<[String; 2]> {
+        let (mut preconditioner, mut names) = (std::ptr::null_mut(), [std::ptr::null(); 2]);
+        call!(KSPGetPC(self.raw, &mut preconditioner))?;
+        call!(KSPGetType(self.raw, &mut names[0]))?;
+        call!(PCGetType(preconditioner, &mut names[1]))?;
+        // SAFETY: PETSc lends the names, or null before they are set.
+        Ok(names.map(|name| unsafe { text(name) }))
     }
 
     fn judge(&self) -> Result<()> {
@@ -122,9 +161,11 @@ impl Ksp {
             return Ok(());
         }
         let its = self.iterations()?;
+        let ([method, preconditioner], prefix) = (self.kind()?, &self.prefix);
         Err(Error::Petsc(format!(
-            "the linear solver `{}` gave up after {its} iterations: {}",
-            self.prefix, reason.text
+            "the linear solver (-{prefix}ksp_type {method} -{prefix}pc_type {preconditioner}) gave up after {its} \
+             iterations: {}; without these options the matrix is factored",
+            reason.text
         )))
     }
 

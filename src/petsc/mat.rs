@@ -143,9 +143,52 @@ impl Matrix {
     /// [`Error::Petsc`].
     pub fn set_positive_definite(&mut self) -> Result<()> {
         for option in [sys::MatOption::MAT_SPD, sys::MatOption::MAT_SPD_ETERNAL] {
-            call!(MatSetOption(self.raw, option, sys::PetscBool::PETSC_TRUE))?;
+            call!(MatSetOption(self.raw, option, sys::truth(true)))?;
         }
         Ok(())
+    }
+
+    /// Tells multigrid which motions cost little energy: vectors, one per motion, that become orthonormal here. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] where the layouts differ.
+    pub fn set_near_null_space(&mut self, mut motions: Vec<Vector>) -> Result<()> {
+        for i in 0..motions.len() {
+            let (before, rest) = motions.split_at_mut(i);
+            let motion = &mut rest[0];
+            for other in before {
+                let share = other.dot(motion)?;
+                motion.add_scaled(-share, other)?;
+            }
+            let norm = motion.dot(motion)?.sqrt();
+            motion.scale(if norm > 0.0 { 1.0 / norm } else { 0.0 })?;
+        }
+        let comm = self.context.raw(Comm::World);
+        let vectors: Vec<sys::Vec> = motions.iter().map(|motion| motion.raw).collect();
+        let mut space = std::ptr::null_mut();
+        let none = sys::truth(false);
+        call!(MatNullSpaceCreate(comm, none, int(vectors.len())?, vectors.as_ptr(), &mut space))?;
+        let set = call!(MatSetNearNullSpace(self.raw, space));
+        call!(MatNullSpaceDestroy(&mut space))?;
+        set
+    }
+
+    /// Takes over what [`Matrix::set_near_null_space`] told another matrix of the same layout, if anything. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`].
+    pub fn share_near_null_space(&mut self, other: &Matrix) -> Result<()> {
+        let mut space = std::ptr::null_mut();
+        call!(MatGetNearNullSpace(other.raw, &mut space))?;
+        call!(MatSetNearNullSpace(self.raw, space))
+    }
+
+    /// Says that rows and columns come in groups of this size, such as the dofs of a node. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Petsc`] where it does not divide the number of rows of a rank.
+    pub fn set_block_size(&mut self, size: usize) -> Result<()> {
+        call!(MatSetBlockSize(self.raw, int(size)?))
     }
 
     /// y = A x. Collective.

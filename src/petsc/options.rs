@@ -3,6 +3,7 @@
 use super::error::{c_string, call, check, text};
 use super::{Context, sys};
 use crate::error::{Error, Result};
+use std::ffi::{CString, c_char};
 
 /// Options that PETSc looks up only while it ends, or not at all in some builds: not using them is no fault.
 const LATE: &[&str] = &[
@@ -40,6 +41,22 @@ const LATE: &[&str] = &[
 /// What PETSc's solvers look up, without prefixes, a name a line: an option left over is compared with these.
 const KNOWN: &str = include_str!("known_options.txt");
 
+/// The environment variable with options of PETSc.
+pub const VARIABLE: &str = "PETSC_OPTIONS";
+
+/// The files with options that PETSc looks for in the folder it starts in, but for `.petscrc` in the home folder.
+const FILES: [&str; 2] = [".petscrc", "petscrc"];
+
+/// The words of a text that say whether PETSc reads its files of options.
+pub(super) fn skip_petscrc(text: &str) -> Vec<String> {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let Some(at) = words.iter().rposition(|word| word.trim_start_matches('-') == "skip_petscrc") else {
+        return Vec::new();
+    };
+    let value = words.get(at + 1).filter(|word| !is_name(word));
+    [Some(&words[at]), value].into_iter().flatten().map(ToString::to_string).collect()
+}
+
 /// Checks that arguments are options with at most one value each, and that no value is a NaN.
 ///
 /// # Errors
@@ -56,11 +73,14 @@ pub fn validate(arguments: &[String]) -> Result<()> {
                 "`{word}` after `--` is neither a PETSc option (-name) nor the value of one"
             )));
         };
-        if word.trim_start_matches(['-', '+']).eq_ignore_ascii_case("nan") {
-            return Err(Error::Usage(format!(
-                "the PETSc option `{option} {word}`: the value is not a number"
-            )));
-        }
+        refuse_nan(option, word)?;
+    }
+    Ok(())
+}
+
+fn refuse_nan(option: &str, value: &str) -> Result<()> {
+    if value.trim_start_matches(['-', '+']).eq_ignore_ascii_case("nan") {
+        return Err(Error::Usage(format!("the PETSc option `{option} {value}`: the value is not a number")));
     }
     Ok(())
 }
@@ -72,6 +92,20 @@ fn is_name(word: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_alphabetic()) && !special
 }
 
+/// The prefix of a solver's options as PETSc wants it: null where it is empty, else monitors name the solver by an empty name.
+pub(super) struct Prefix(Option<CString>);
+
+impl Prefix {
+    pub(super) fn new(prefix: &str) -> Result<Prefix> {
+        Ok(Prefix(if prefix.is_empty() { None } else { Some(c_string(prefix)?) }))
+    }
+
+    /// The string or null, valid while `self` lives: PETSc copies it.
+    pub(super) fn pointer(&self) -> *const c_char {
+        self.0.as_ref().map_or(std::ptr::null(), |prefix| prefix.as_ptr())
+    }
+}
+
 impl Context {
     /// Whether the option `name` (without its dash) is in the database, from the user or from us.
     ///
@@ -79,14 +113,42 @@ impl Context {
     /// [`Error::Petsc`].
     pub fn has_option(&self, name: &str) -> Result<bool> {
         // Asking PETSc for the option would count as using it.
+        Ok(self
+            .database()?
+            .split_whitespace()
+            .any(|word| word.strip_prefix('-').is_some_and(|word| word.eq_ignore_ascii_case(name))))
+    }
+
+    /// The whole database: names, each with a dash, and values.
+    fn database(&self) -> Result<String> {
         let mut all = std::ptr::null_mut();
         call!(PetscOptionsGetAll(std::ptr::null_mut(), &mut all))?;
         // SAFETY: PETSc made the string.
         let words = unsafe { text(all) };
         free(all)?;
-        Ok(words
-            .split_whitespace()
-            .any(|word| word.strip_prefix('-').is_some_and(|word| word.eq_ignore_ascii_case(name))))
+        Ok(words)
+    }
+
+    /// Checks what came from `PETSC_OPTIONS` and files as [`validate`] does what came as arguments.
+    pub(super) fn check_database(&self) -> Result<()> {
+        let database = self.database()?;
+        let words: Vec<&str> = database.split_whitespace().collect();
+        words.windows(2).filter(|pair| is_name(pair[0])).try_for_each(|pair| refuse_nan(pair[0], pair[1]))
+    }
+
+    /// Says on rank 0 which files of options PETSc would have read by itself and was told not to.
+    pub(super) fn tell_of_files_left_out(&self) {
+        let skips = self.option("skip_petscrc").ok().flatten();
+        let reads =
+            skips.is_some_and(|value| ["0", "false", "no", "off"].contains(&value.to_lowercase().as_str()));
+        if reads || self.rank() > 0 {
+            return;
+        }
+        let home = std::env::home_dir().map(|home| home.join(FILES[0]));
+        let here = FILES.map(std::path::PathBuf::from);
+        if let Some(file) = home.into_iter().chain(here).find(|file| file.is_file()) {
+            eprintln!("rebond: note: {} is not read; `-- -skip_petscrc 0` has PETSc read it", file.display());
+        }
     }
 
     /// The value of the option `name` (without its dash); asking counts as using.
@@ -95,7 +157,7 @@ impl Context {
     /// [`Error::Petsc`].
     pub fn option(&self, name: &str) -> Result<Option<String>> {
         let name = c_string(&format!("-{name}"))?;
-        let (none, mut value, mut found) = (std::ptr::null(), [0; 256], sys::PetscBool::PETSC_FALSE);
+        let (none, mut value, mut found) = (std::ptr::null(), [0; 256], sys::truth(false));
         let (array, length) = (value.as_mut_ptr(), value.len());
         call!(PetscOptionsGetString(
             std::ptr::null_mut(),
@@ -106,7 +168,7 @@ impl Context {
             &mut found
         ))?;
         // SAFETY: PETSc ends the string with a zero within the array.
-        Ok((found == sys::PetscBool::PETSC_TRUE).then(|| unsafe { text(value.as_ptr()) }))
+        Ok((found == sys::truth(true)).then(|| unsafe { text(value.as_ptr()) }))
     }
 
     /// Sets an option (its name without the dash) unless the user did. An option of ours need not be used.

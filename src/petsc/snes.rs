@@ -3,6 +3,7 @@
 use super::callback::{Callback, Failure, guard, settle};
 use super::error::{c_string, call, int, text};
 use super::ksp::direct_defaults;
+use super::options::Prefix;
 use super::{Comm, Context, Ksp, Matrix, Reason, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
@@ -40,7 +41,7 @@ impl<'a> Snes<'a> {
             residual: std::ptr::null_mut(),
             jacobian: std::ptr::null_mut(),
         };
-        call!(SNESSetOptionsPrefix(raw, c_string(prefix)?.as_ptr()))?;
+        call!(SNESSetOptionsPrefix(raw, Prefix::new(prefix)?.pointer()))?;
         context.note_prefix(prefix);
         Ok(solver)
     }
@@ -130,7 +131,7 @@ impl<'a> Snes<'a> {
     /// # Errors
     /// [`crate::Error::Petsc`].
     pub fn force_iteration(&mut self, force: bool) -> Result<()> {
-        call!(SNESSetForceIteration(self.raw, sys::PetscBool(force.into())))
+        call!(SNESSetForceIteration(self.raw, sys::truth(force)))
     }
 
     /// Reads the options. Collective.

@@ -7,11 +7,17 @@
     non_upper_case_globals,
     dead_code,
     unused_imports,
+    unnecessary_transmutes,
     unsafe_op_in_unsafe_fn,
     clippy::all
 )]
 
 include!(concat!(env!("OUT_DIR"), "/petsc.rs"));
+
+/// PETSc's truth value: a number, or from release 3.24 on C's own bool.
+pub fn truth(value: bool) -> PetscBool {
+    value.into()
+}
 
 /// Proves at compile time that two types are one.
 const fn same<T>(_: std::marker::PhantomData<(T, T)>) {}

@@ -3,6 +3,7 @@
 use super::callback::{Callback, Failure, guard, settle};
 use super::error::{c_string, call, int, text};
 use super::ksp::direct_defaults;
+use super::options::Prefix;
 use super::snes::release;
 use super::{Comm, Context, Ksp, Matrix, Reason, Vector, sys};
 use crate::error::Result;
@@ -41,7 +42,7 @@ impl<'a> Tao<'a> {
             objective: std::ptr::null_mut(),
             hessian: std::ptr::null_mut(),
         };
-        call!(TaoSetOptionsPrefix(raw, c_string(prefix)?.as_ptr()))?;
+        call!(TaoSetOptionsPrefix(raw, Prefix::new(prefix)?.pointer()))?;
         context.note_prefix(prefix);
         Ok(solver)
     }

@@ -75,6 +75,16 @@ impl Family {
     /// # Errors
     /// [`Error::Usage`] naming the option, [`Error::Petsc`].
     pub fn check_options(&self, context: &Context) -> Result<()> {
+        for prefix in ["", SAFE] {
+            let option = format!("{prefix}pc_type");
+            if context.option(&option)?.is_some_and(|kind| kind == "gamg") {
+                return Err(Error::Usage(format!(
+                    "-{option}: multigrid keeps the sizes of its levels, and {} changes those of its matrices with the contact; \
+                     take jacobi, or the condensed contact solver",
+                    self.name
+                )));
+            }
+        }
         (self.check)(context)
     }
 

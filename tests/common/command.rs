@@ -23,11 +23,17 @@ pub fn rebond(folder: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
+/// What mpirun needs to start ranks of one machine, whichever release it is: more than there are cores, which wait without taking
+/// them, and speak through memory: Open MPI 5 complains of a machine without a network, else.
+pub const ON_ONE_MACHINE: [&str; 7] =
+    ["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--mca", "btl", "^tcp"];
+
 /// The command under mpirun; root may, as in a container. A busy machine may take minutes for what takes seconds.
 pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     let mut command = Command::new("mpirun");
     command
-        .args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--timeout", "900", "-n"])
+        .args(ON_ONE_MACHINE)
+        .args(["--timeout", "900", "-n"])
         .arg(ranks.to_string())
         .arg(env!("CARGO_BIN_EXE_rebond"))
         .args(arguments)

@@ -4,5 +4,6 @@
 mod common;
 
 mod effects;
+mod options;
 mod runs;
 mod vi;

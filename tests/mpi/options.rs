@@ -1,0 +1,117 @@
+//! PETSc's options through the command: iterative linear solvers, their words, and options that come from elsewhere.
+
+use crate::common::command::{
+    self, assert_agree, assert_fails, history, on, rebond, succeeds, summary, text,
+};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The paper's plate, bent down and pushed further onto an obstacle just beneath.
+const PUSHED: &str = r#"
+title = "a push"
+plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+mesh = { element = "fvs", cells = [10, 4] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.2085 }]
+initial = { static_pressure = -14600 }
+load = { pressure = -1e5 }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
+output = { every = 5, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "middle", at = [1.2, 0.2] }] }
+"#;
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("options-{test}"), PUSHED)
+}
+
+const RUN: [&str; 6] = ["run", "fall.toml", "--engine", "petsc", "--overwrite", "--quiet"];
+
+/// Runs the scene on PETSc for some steps with its options.
+fn run(folder: &Path, steps: &str, options: &[&str]) -> Output {
+    rebond(folder, &[&RUN[..], &["--set", steps, "--"], options].concat())
+}
+
+/// The same with the environment's options.
+fn run_with_variable(folder: &Path, variable: &str, options: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rebond"))
+        .args(RUN)
+        .args(["--set", ONE_STEP, "--"])
+        .args(options)
+        .env("PETSC_OPTIONS", variable)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+const ONE_STEP: &str = "time.end=1e-4";
+
+#[test]
+fn iterative_solvers_go_through_contact() {
+    let folder = folder("iterative");
+    succeeds(&rebond(&folder, &["run", "fall.toml", "--out", "native", "--quiet"]));
+    let native = history(&folder.join("native"));
+    for (ranks, preconditioner) in [(1, "gamg"), (1, "jacobi"), (2, "gamg")] {
+        let out = format!("{preconditioner}-{ranks}");
+        let arguments = [&RUN[..], &["--out", &out, "--", "-pc_type", preconditioner]].concat();
+        succeeds(&if ranks == 1 { rebond(&folder, &arguments) } else { on(&folder, ranks, &arguments) });
+        assert_agree(&history(&folder.join(&out)), &native, &out);
+        let summary = summary(&folder.join(&out));
+        assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10, "{out}");
+        assert!(summary["contact_steps"].as_u64().unwrap() > 0, "{out}");
+    }
+}
+
+/// Cells five times as long as wide: the preconditioned residual rises ten thousandfold before it falls.
+#[test]
+fn conjugate_gradients_outlast_a_rising_residual() {
+    let folder = folder("rising");
+    let mesh =
+        ["--set", "mesh.cells=[6,40]", "--set", ONE_STEP, "--", "-ksp_type", "cg", "-pc_type", "jacobi"];
+    succeeds(&rebond(&folder, &[&RUN[..], &mesh].concat()));
+}
+
+/// Multigrid knows which motions cost no energy and which dofs are those of a node.
+#[test]
+fn multigrid_needs_few_iterations() {
+    let folder = folder("multigrid");
+    let fine = ["--set", "mesh.cells=[20,8]", "--set", ONE_STEP, "--", "-pc_type", "gamg"];
+    let output = rebond(&folder, &[&RUN[..], &fine, &["-ksp_converged_reason"]].concat());
+    let said = succeeds(&output);
+    let iterations = said.lines().filter_map(|line| line.rsplit_once("iterations ")?.1.parse::<u32>().ok());
+    let most = iterations.max().expect("solves are told");
+    assert!(most <= 100, "{most} iterations");
+}
+
+#[test]
+fn solvers_are_told_by_what_they_are() {
+    let folder = folder("names");
+    let options = ["-ksp_type", "cg", "-pc_type", "jacobi", "-ksp_max_it", "3", "-ksp_monitor"];
+    let output = run(&folder, ONE_STEP, &options);
+    assert_fails(&output, 3, &["(-ksp_type cg -pc_type jacobi)", "after 3 iterations: DIVERGED_ITS"]);
+    let said = text(&output.stdout);
+    assert!(said.contains("KSP Residual norm") && !said.contains("for  solve"), "{said}");
+    let contact = ["-pc_type", "gamg"];
+    for vi in ["snes", "tao"] {
+        let arguments = [&RUN[..], &["--vi", vi, "--"], &contact].concat();
+        assert_fails(&rebond(&folder, &arguments), 2, &["-pc_type gamg", "condensed"]);
+    }
+}
+
+#[test]
+fn options_from_elsewhere_are_checked_too() {
+    let folder = folder("elsewhere");
+    let refused = |output: &Output, words: &[&str]| assert_fails(output, 2, words);
+    refused(&run_with_variable(&folder, "-ksp_tpye cg", &[]), &["-ksp_tpye", "did you mean `-ksp_type`?"]);
+    refused(&run_with_variable(&folder, "-ksp_rtol nan", &["-pc_type", "jacobi"]), &["-ksp_rtol nan"]);
+
+    // A file that PETSc would read by itself: the program says that it does not, or reads it and checks what it says.
+    std::fs::write(folder.join(".petscrc"), "-ksp_tpye cg\n").unwrap();
+    let output = run(&folder, ONE_STEP, &[]);
+    succeeds(&output);
+    let said = text(&output.stderr);
+    assert!(said.contains(".petscrc is not read") && said.contains("-skip_petscrc 0"), "{said}");
+    let typo: &[&str] = &["nothing used", "-ksp_tpye"];
+    refused(&run(&folder, ONE_STEP, &["-skip_petscrc", "0"]), typo);
+    refused(&run_with_variable(&folder, "-skip_petscrc 0", &[]), typo);
+    std::fs::write(folder.join(".petscrc"), "-ksp_rtol nan\n-pc_type jacobi\n").unwrap();
+    refused(&run(&folder, ONE_STEP, &["-skip_petscrc", "0"]), &["-ksp_rtol nan"]);
+}
