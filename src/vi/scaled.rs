@@ -79,7 +79,7 @@ impl Family {
             let option = format!("{prefix}pc_type");
             if context.option(&option)?.is_some_and(|kind| kind == "gamg") {
                 return Err(Error::Usage(format!(
-                    "-{option}: multigrid keeps the sizes of its levels, and {} changes those of its matrices with the contact; \
+                    "-{option} gamg: multigrid keeps the sizes of its levels, and {} changes those of its matrices with the contact; \
                      take jacobi, or the condensed contact solver",
                     self.name
                 )));
