@@ -475,7 +475,7 @@ impl Scene {
         Scene::from_bytes(text.as_bytes(), file_name, overrides)
     }
 
-    /// Reads a scene from a file's bytes. Whatever they are, the answer is a scene or [`Error::Scene`]; where it names points of a
+    /// Reads a scene from a file's bytes. Whatever they are, the answer is a scene or [`crate::Error::Scene`]; where it names points of a
     /// mesh, also what reading that mesh says.
     pub fn from_bytes(bytes: &[u8], file_name: &str, overrides: &[String]) -> Result<Scene> {
         read::scene(&Document::parse(bytes, file_name, overrides)?, file_name, EngineName::Native)

@@ -47,7 +47,7 @@ impl Mesh {
     ///   of other programs are passed over.
     ///
     /// # Errors
-    /// [`Error::Io`] for a file that cannot be read. [`Error::Mesh`], with the line or the offset where there is one,
+    /// [`crate::Error::Io`] for a file that cannot be read. [`crate::Error::Mesh`], with the line or the offset where there is one,
     /// for a file that is not as the format asks; another version; elements of higher order or of volumes; no cell at all;
     /// nodes that are not in one plane of constant z; a physical group that names nothing, or no edge or node of a cell;
     /// what [`Mesh::check`] refuses.
@@ -66,7 +66,7 @@ impl Mesh {
         Mesh::from_gmsh_as(&bytes, &path.display().to_string(), import)
     }
 
-    /// As [`Mesh::load_gmsh`], from a file's bytes. Whatever they are, the answer is a sound mesh or [`Error::Mesh`].
+    /// As [`Mesh::load_gmsh`], from a file's bytes. Whatever they are, the answer is a sound mesh or [`crate::Error::Mesh`].
     pub fn from_gmsh(bytes: &[u8], file_name: &str) -> Result<Mesh> {
         Mesh::from_gmsh_as(bytes, file_name, Import::default())
     }
