@@ -683,6 +683,9 @@ pub(crate) fn advice(scene: &Scene) -> &'static str {
     }
 }
 
+/// What a process whose observer failed asks for, above one that was interrupted.
+const FAILED: f64 = 2.0;
+
 /// Steps between looks at the energy where rows are further apart.
 const GUARD_EVERY: u64 = 100;
 
@@ -814,23 +817,25 @@ impl Watch {
     }
 }
 
-/// Shows a snapshot where one is due.
+/// Shows a snapshot where one is due, or has a process's part of one that failed before left out. Returns what this process's observer
+/// says.
 fn show_fields<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
     scheme: &dyn Scheme,
     last: bool,
+    watched: Result<()>,
     observer: &mut dyn Observer,
-) -> Result<()> {
+) -> Result<Result<()>> {
     let (step, time) = (scheme.step(), scheme.time());
-    let (Some(fields), Some(asked)) = (&model.fields, scene.output.fields) else { return Ok(()) };
+    let (Some(fields), Some(asked)) = (&model.fields, scene.output.fields) else { return Ok(watched) };
     if step % asked.every != 0 && !last {
-        return Ok(());
+        return Ok(watched);
     }
-    let shown = observer.fields(&fields.sample(&model.system, scheme)?);
-    let (failed, _) = model.system.engine.concatenate(&[f64::from(u8::from(shown.is_err()))])?;
-    shown?;
-    if failed.contains(&1.0) { Ok(()) } else { observer.fields_complete(step, time) }
+    let snapshot = fields.sample(&model.system, scheme)?;
+    let shown = watched.and_then(|()| observer.fields(&snapshot));
+    let complete = model.system.engine.maximum(f64::from(u8::from(shown.is_err())))? == 0.0;
+    Ok(if complete { observer.fields_complete(step, time) } else { shown })
 }
 
 fn march<E: Engine>(
@@ -842,6 +847,9 @@ fn march<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<()> {
     let mut probes = vec![0.0; model.probes.len()];
+    // What this process's observer says, a full disk for instance: it goes on until all processes know of it.
+    let mut watched = Ok(());
+    let engine = &model.system.engine;
     if watch.noted {
         scheme.advance().map_err(|error| locate(error, model))?;
     }
@@ -852,8 +860,10 @@ fn march<E: Engine>(
         if last && observer.keeps_end() {
             let pause =
                 Pause::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
-            let motion = model.places.motion(&model.system.engine, scene, scheme)?;
-            pause.zip(motion).map_or(Ok(()), |(pause, motion)| observer.end(pause, motion))?;
+            let motion = model.places.motion(engine, scene, scheme)?;
+            if let Some((pause, motion)) = pause.zip(motion) {
+                watched = watched.and_then(|()| observer.end(pause, motion));
+            }
         }
         watch.noted = true;
         let Watch { guard, iterations, kkt, contacts, .. } = watch;
@@ -888,37 +898,44 @@ fn march<E: Engine>(
                 kkt: *kkt,
                 probes: &probes,
             };
-            observer.row(&row)?;
+            watched = watched.and_then(|()| observer.row(&row));
             if scene.has_contact() {
                 if last {
                     contacts.close(&model.sites, f64::INFINITY);
                 }
-                let (ended, _) = model.system.engine.concatenate(&contacts.take())?;
+                let (ended, _) = engine.concatenate(&contacts.take())?;
                 let ended: Vec<Contact> =
                     ended.chunks_exact(contacts::NUMBERS).map(Contact::from_numbers).collect();
-                observer.contacts(&ended)?;
+                watched = watched.and_then(|()| observer.contacts(&ended));
             }
-            observer.state(scheme)?;
+            watched = watched.and_then(|()| observer.state(scheme));
             (*iterations, *kkt) = (0, 0.0);
             guarded?;
         } else if step % GUARD_EVERY == 0 {
             guard.check(step, time, scheme.energies()?)?;
         }
-        show_fields(scene, model, scheme, last, observer)?;
+        watched = show_fields(scene, model, scheme, last, watched, observer)?;
         observer.step(step, contact_nodes);
-        let asked = f64::from(u8::from(observer.interrupts()));
         if last {
-            return Ok(());
+            return engine.together(watched);
         }
         // All processes stop after the same step.
-        let stops = model.system.engine.maximum(asked)? > 0.0;
+        let asked = engine.maximum(match &watched {
+            Err(_) => FAILED,
+            Ok(()) => f64::from(u8::from(observer.interrupts())),
+        })?;
+        if asked == FAILED {
+            return engine.together(watched);
+        }
+        let stops = asked > 0.0;
         let every = scene.output.checkpoint_every;
         if stops || step > 0 && every.is_some_and(|every| step.is_multiple_of(every)) {
             let pause =
                 Pause::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
-            pause.map_or(Ok(()), |pause| observer.pause(pause))?;
+            watched = pause.map_or(Ok(()), |pause| observer.pause(pause));
         }
         if stops {
+            engine.together(watched)?;
             return Err(Error::Interrupted { step, time });
         }
         scheme.advance().map_err(|error| locate(error, model))?;

@@ -80,8 +80,9 @@ struct Recorder<'r> {
     fields: Series,
     /// Until the first row.
     set_up: Option<SetUpTold>,
+    /// Energy of the first row and of the last, J.
     start: Option<f64>,
-    energy_ratio: f64,
+    energy: f64,
     check_options: &'r dyn Fn() -> Result<()>,
 }
 
@@ -178,6 +179,26 @@ impl Recorder<'_> {
     }
 }
 
+impl Recorder<'_> {
+    /// Opens the files of a run, or of one that goes on.
+    fn prepare(&mut self, from: Option<&Checkpoint>) -> Result<()> {
+        let Job { scene, folder, .. } = self.job;
+        sweep(folder)?;
+        self.files = Some(match from {
+            None => Files::create(self.job)?,
+            Some(from) => Files::resume(self.job, from)?,
+        });
+        if let Some(Checkpoint { outputs, pause, .. }) = from {
+            // The snapshot of an end that is none any more goes.
+            let is_due = |every: u64| pause.step.is_multiple_of(every);
+            let is_kept = scene.output.fields.is_some_and(|fields| is_due(fields.every));
+            let last = if is_kept { pause.step } else { pause.step.saturating_sub(1) };
+            self.fields.resume(outputs.snapshots.clone(), last)?;
+        }
+        Ok(())
+    }
+}
+
 impl Observer for Recorder<'_> {
     fn row(&mut self, row: &Row) -> Result<()> {
         self.set_up = None;
@@ -185,8 +206,8 @@ impl Observer for Recorder<'_> {
             // By now every solver has looked up its options.
             (self.check_options)()?;
         }
-        let start = *self.start.get_or_insert(row.energy);
-        self.energy_ratio = row.energy / start;
+        self.start.get_or_insert(row.energy);
+        self.energy = row.energy;
         self.files.as_mut().map_or(Ok(()), |files| files.history.push(row))
     }
 
@@ -230,9 +251,10 @@ impl Observer for Recorder<'_> {
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
-        let (time, energy_ratio) = (step as f64 * self.job.scene.time.step, self.energy_ratio);
+        let (time, energy) = (step as f64 * self.job.scene.time.step, self.energy);
+        let start = self.start.unwrap_or(energy);
         if let Some(Files { progress, .. }) = &mut self.files {
-            progress.tick(step, || State { time, contact_nodes, energy_ratio });
+            progress.tick(step, || State { time, contact_nodes, energy, start });
         }
     }
 }
@@ -334,23 +356,11 @@ impl Job {
             fields: Series::new(folder, rank, ranks),
             set_up,
             start: None,
-            energy_ratio: 1.0,
+            energy: 0.0,
             check_options,
         };
-        if rank == 0 {
-            sweep(folder)?;
-            recorder.files = Some(match &from {
-                None => Files::create(job)?,
-                Some(from) => Files::resume(job, from)?,
-            });
-            if let Some(Checkpoint { outputs, pause, .. }) = &from {
-                // The snapshot of an end that is none any more goes.
-                let is_due = |every: u64| pause.step.is_multiple_of(every);
-                let is_kept = scene.output.fields.is_some_and(|fields| is_due(fields.every));
-                let last = if is_kept { pause.step } else { pause.step.saturating_sub(1) };
-                recorder.fields.resume(outputs.snapshots.clone(), last)?;
-            }
-        }
+        let prepared = if rank == 0 { recorder.prepare(from.as_ref()) } else { Ok(()) };
+        model.system.engine.together(prepared)?;
         let (outcome, ended) = match from {
             None => simulation::run(scene, model, solver, &mut recorder)?,
             Some(from) => simulation::resume(scene, model, solver, from.pause, &mut recorder)?,

@@ -15,8 +15,6 @@ const ALL: Interval = Interval { low: f64::NEG_INFINITY, high: f64::INFINITY };
 
 /// Part of a result that rounding may have taken.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
-/// Half an interval over its time that is far above rounding.
-const WIDE: f64 = 1e-12;
 
 impl Interval {
     fn point(value: f64) -> Interval {
@@ -132,13 +130,13 @@ impl Interval {
 pub(super) struct Span {
     /// The value in the middle.
     pub middle: f64,
+    /// A bound of what rounding has done to it.
+    error: f64,
     pub value: Interval,
     /// The rate, where there is one.
     pub rate: Interval,
     /// Half the length of the interval, s; 0 where nothing depends on time.
     half: f64,
-    /// Whether that is far above rounding, so that the middle and the rate tell more than the ends.
-    is_wide: bool,
     /// Whether there may be a kink or a jump within.
     pub breaks: bool,
 }
@@ -148,49 +146,50 @@ impl Span {
     pub fn moving(from: f64, to: f64) -> Span {
         let middle = 0.5 * (from + to);
         let value = Interval { low: from, high: to };
-        let half = 0.5 * (to - from);
-        let is_wide = half > WIDE * value.magnitude();
-        Span { middle, value, rate: Interval::point(1.0), half, is_wide, breaks: false }
+        let half = (middle - from).max(to - middle);
+        Span { middle, error: 0.0, value, rate: Interval::point(1.0), half, breaks: false }
     }
 
     /// A number of given bounds.
     pub fn smooth(middle: f64, value: Interval, rate: Interval, half: f64) -> Span {
-        Span { middle, value, rate, half, is_wide: true, breaks: false }.tightened()
+        let error = ROUNDING * value.magnitude();
+        Span { middle, error, value, rate, half, breaks: false }.tightened()
     }
 
     /// A smooth function of this number, given its value in the middle, all its values and those of its slope.
     fn chain(self, middle: f64, value: Interval, slope: Interval) -> Span {
         let still = self.rate == Interval::point(0.0);
         let rate = if still { self.rate } else { slope.times(self.rate) };
-        Span { middle, value, rate, ..self }.tightened()
+        let error = rounded(middle, [(slope.magnitude(), self.error), NONE]);
+        Span { middle, error, value, rate, ..self }.tightened()
     }
 
     /// One of two numbers, it is not known which.
     fn either(self, other: Span, middle: f64) -> Span {
         Span {
             middle,
+            error: self.error.max(other.error),
             value: self.value.hull(other.value),
             rate: self.rate.hull(other.rate),
             half: self.half.max(other.half),
-            is_wide: self.is_wide && other.is_wide,
             breaks: true,
         }
     }
 
     /// Bounds the value by that in the middle and the rate, where there is one throughout.
     fn tightened(mut self) -> Span {
-        let way = self.half * self.rate.magnitude();
-        if self.is_wide && !self.breaks && way.is_finite() && self.middle.is_finite() {
+        let way = (1.0 + ROUNDING) * (self.half * self.rate.magnitude() + self.error);
+        if !self.breaks && way.is_finite() && self.middle.is_finite() {
             self.value = self.value.meet(Interval::of([self.middle - way, self.middle + way]));
         }
         self
     }
 
-    /// A number that only jumps: where it cannot, it stays as it is in the middle.
+    /// A number that only jumps. Where it cannot, rounding does not reach its value in the middle either.
     fn stepped(self, middle: f64, value: Interval) -> Span {
         let breaks = value.low != value.high;
-        let value = if breaks { value } else { Interval::point(middle) };
-        Span { middle, value, rate: Interval::point(0.0), breaks, ..self }
+        let middle = if breaks { middle } else { value.low };
+        Span { middle, error: 0.0, value, rate: Interval::point(0.0), breaks, ..self }
     }
 
     /// A condition, by whether it holds for sure, or fails for sure.
@@ -222,7 +221,7 @@ impl Span {
         }
         let n = exponent.middle;
         if self.rate == still {
-            return Span { middle, value: Interval::point(middle), ..self };
+            return Span { middle, error: 0.0, value: Interval::point(middle), ..self };
         }
         let u = self.value;
         let (value, slope) = if n == 2.0 {
@@ -246,10 +245,19 @@ impl Span {
     }
 }
 
+/// No operand.
+const NONE: (f64, f64) = (0.0, 0.0);
+
+/// A bound of the error of a result, given its value and, of each operand, a bound of its slope and one of the operand's error.
+fn rounded(value: f64, operands: [(f64, f64); 2]) -> f64 {
+    let passed = operands.iter().filter(|(_, error)| *error > 0.0).map(|(slope, error)| 2.0 * slope * error);
+    ROUNDING * value.abs() + f64::MIN_POSITIVE + passed.sum::<f64>()
+}
+
 impl Number for Span {
     fn constant(value: f64) -> Self {
         let rate = Interval::point(0.0);
-        Span { middle: value, value: Interval::point(value), rate, half: 0.0, is_wide: true, breaks: false }
+        Span { middle: value, error: 0.0, value: Interval::point(value), rate, half: 0.0, breaks: false }
     }
 
     fn unary(self, op: Unary) -> Self {
@@ -350,20 +358,25 @@ impl Number for Span {
             return Span::constant(middle);
         }
         let breaks = self.breaks || right.breaks;
-        let is_wide = self.is_wide && right.is_wide;
-        let of =
-            |value: Interval, rate: Interval| Span { middle, value, rate, half, is_wide, breaks }.tightened();
+        let of = |value: Interval, rate: Interval, slopes: [f64; 2]| {
+            let error = rounded(middle, [(slopes[0], self.error), (slopes[1], right.error)]);
+            Span { middle, error, value, rate, half, breaks }.tightened()
+        };
         let still = self.rate == Interval::point(0.0) && right.rate == Interval::point(0.0);
         match op {
-            Binary::Add => of(u.plus(v), self.rate.plus(right.rate)),
-            Binary::Subtract => of(u.minus(v), self.rate.minus(right.rate)),
-            Binary::Multiply => of(u.times(v), self.rate.times(v).plus(u.times(right.rate))),
+            Binary::Add => of(u.plus(v), self.rate.plus(right.rate), [1.0, 1.0]),
+            Binary::Subtract => of(u.minus(v), self.rate.minus(right.rate), [1.0, 1.0]),
+            Binary::Multiply => {
+                let rate = self.rate.times(v).plus(u.times(right.rate));
+                of(u.times(v), rate, [v.magnitude(), u.magnitude()])
+            }
             Binary::Divide => {
                 let value = u.over(v);
                 let rate = self.rate.minus(value.times(right.rate)).over(v);
                 // What moves over what may be 0 has a pole.
                 let pole = v.contains(0.0) && right.rate != Interval::point(0.0);
-                let of = of(value, rate);
+                let least = v.least_magnitude();
+                let of = of(value, rate, [1.0 / least, value.magnitude() / least]);
                 if pole { of.broken() } else { of }
             }
             Binary::Power => self.power(right, middle),
@@ -389,17 +402,18 @@ impl Number for Span {
                 let all = Interval { low: -PI, high: PI };
                 let cut = v.low <= 0.0 && u.contains(0.0) && !still;
                 if cut || v.contains(0.0) && u.contains(0.0) {
-                    return Span { middle, value: all, rate: ALL, half, is_wide, breaks: breaks || !still };
+                    let error = f64::INFINITY;
+                    return Span { middle, error, value: all, rate: ALL, half, breaks: breaks || !still };
                 }
                 let square = u.squared().plus(v.squared());
                 let rate = self.rate.times(v).minus(right.rate.times(u)).over(square);
-                of(all, rate)
+                of(all, rate, [v, u].map(|side| side.magnitude() / square.low))
             }
             Binary::Mod => {
                 let turns = self.binary(Binary::Divide, right).unary(Unary::Floor);
                 let rest = self.binary(Binary::Subtract, turns.binary(Binary::Multiply, right));
                 let bound = Interval { low: v.low.min(0.0), high: v.high.max(0.0) };
-                Span { middle, value: if rest.breaks { bound } else { rest.value }, ..rest }
+                if rest.breaks { Span { middle, value: bound, ..rest } } else { rest }
             }
             Binary::Less => self.condition(right, middle, u.high < v.low, u.low >= v.high),
             Binary::LessEqual => self.condition(right, middle, u.high <= v.low, u.low > v.high),
@@ -434,7 +448,7 @@ impl Number for Span {
         if self.value.high == 0.0 {
             return no;
         }
-        let Span { half, is_wide, .. } = self;
-        Span { half, is_wide, ..yes.either(no, self.middle.select(yes.middle, no.middle)) }
+        let half = self.half.max(yes.half).max(no.half);
+        Span { half, ..yes.either(no, self.middle.select(yes.middle, no.middle)) }
     }
 }

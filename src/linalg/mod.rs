@@ -139,6 +139,14 @@ pub trait Engine: Sized {
     /// The processes' own values one after the other, the same for all, and where this process's begin.
     fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
 
+    /// What each process found, or the error of the first that has one, on every process: so that none goes on alone.
+    ///
+    /// # Errors
+    /// This process's own, or [`crate::Error::Elsewhere`].
+    fn together(&self, mine: Result<()>) -> Result<()> {
+        mine
+    }
+
     /// The values at all dofs of this process's cells, those that other processes own included, in the cells' numbering.
     fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
         Ok(x.to_vec())

@@ -19,6 +19,8 @@ const MOST_STEPS: u64 = 64;
 const LINES: u64 = 10;
 /// Time that a part of the set-up takes before it is told without a terminal.
 const LONG: Duration = Duration::from_secs(2);
+/// Energy over that of the start from which on it is told in J.
+const LARGEST_RATIO: f64 = 1e6;
 
 /// What the line shows of the simulation.
 #[derive(Debug, Clone, Copy)]
@@ -27,8 +29,10 @@ pub struct State {
     pub time: f64,
     /// Nodes that touch an obstacle.
     pub contact_nodes: usize,
-    /// Energy over its start, dimensionless.
-    pub energy_ratio: f64,
+    /// Energy, J.
+    pub energy: f64,
+    /// Energy of the start, J.
+    pub start: f64,
 }
 
 /// A line on standard error: time, pace, time left, nodes in contact, energy.
@@ -197,14 +201,20 @@ fn watch(parts: &Receiver<&'static str>, long: Duration, mut say: impl FnMut(&'s
 /// The words of the line, which fit 80 columns.
 fn words(state: &State, done: f64, pace: f64, elapsed: Duration) -> String {
     let left = Duration::try_from_secs_f64((elapsed.as_secs_f64() * (1.0 / done - 1.0)).ceil());
+    let ratio = state.energy / state.start;
+    // A start at rest has no energy, or what rounding has left of it.
+    let energy = if ratio.abs() < LARGEST_RATIO {
+        format!("E/E0 {ratio:.4}")
+    } else {
+        format!("E {} J", significant(state.energy))
+    };
     format!(
-        "{:3.0} %  t = {:>8} s  {:>7} steps/s  {} left  contact {}  E/E0 {:.4}",
+        "{:3.0} %  t = {:>8} s  {:>7} steps/s  {} left  contact {}  {energy}",
         100.0 * done,
         significant(state.time),
         grouped(pace as u64),
         left.map_or("?".into(), |left| FormattedDuration(left).to_string()),
         state.contact_nodes,
-        state.energy_ratio,
     )
 }
 
@@ -214,11 +224,17 @@ mod tests {
 
     #[test]
     fn the_line_says_where_the_run_stands() {
-        let state = State { time: 0.125, contact_nodes: 3, energy_ratio: 0.98765 };
+        let state = State { time: 0.125, contact_nodes: 3, energy: 1.9753, start: 2.0 };
         assert_eq!(
             words(&state, 0.25, 182_345.6, Duration::from_secs(10)),
             " 25 %  t =    0.125 s  182 345 steps/s  00:00:30 left  contact 3  E/E0 0.9877"
         );
+        for start in [0.0, -0.0, 1e-30] {
+            let line = words(&State { start, ..state }, 0.25, 182_345.6, Duration::from_secs(10));
+            assert!(line.ends_with("contact 3  E 1.9753 J") && line.len() <= 80, "{line}");
+            let still = words(&State { start, energy: start, ..state }, 0.25, 1.0, Duration::ZERO);
+            assert!(!still.contains("NaN") && !still.contains("inf"), "{still}");
+        }
         assert!(words(&state, 0.0, 0.0, Duration::ZERO).contains("? left"));
         assert!(
             words(&State { time: f64::NAN, ..state }, f64::NAN, f64::INFINITY, Duration::ZERO)

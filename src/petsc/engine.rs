@@ -215,6 +215,10 @@ impl Engine for Distributed {
         Ok(self.context.maximum(if value.is_nan() { f64::INFINITY } else { value }))
     }
 
+    fn together(&self, mine: Result<()>) -> Result<()> {
+        self.context.together(mine)
+    }
+
     fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
         concatenate(&self.context, own)
     }

@@ -231,7 +231,7 @@ fn parts(key: &str) -> impl Iterator<Item = &str> {
     key.split('.').filter(|_| !key.is_empty())
 }
 
-/// The key and the value of `key=value`. A word that is no TOML value stands for itself.
+/// The key and the value of `key=value`. A word or a formula, which are no TOML values without quotes, stand for themselves.
 fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node), String> {
     let form = "expected --set key=value, such as --set time.step=1e-6";
     let (key, value) = text.split_once('=').ok_or_else(|| format!("there is no \"=\"; {form}"))?;
@@ -248,10 +248,17 @@ fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node),
     }
     let value = match parsed {
         Ok(parsed) => Value::new(parsed.get_ref(), &|_| place),
-        Err(_) if value.starts_with(char::is_alphabetic) => Value::Text(value.to_owned()),
+        Err(_) if value.starts_with(char::is_alphabetic) || is_like_formula(value) => {
+            Value::Text(value.to_owned())
+        }
         Err(error) => return Err(format!("{key}: {}", syntax(&error))),
     };
     Ok((key, Node { place, value }))
+}
+
+/// Whether a value which is no TOML is meant for a formula: it calculates, and is no list, table or string that was left open.
+fn is_like_formula(value: &str) -> bool {
+    value.contains(['(', '*', '^', '/']) && !value.starts_with(['[', '{', '"', '\''])
 }
 
 /// The key that a value which is no TOML goes on with after a comma, as in `1,time.end=2`; a formula's comparison is none.

@@ -1,4 +1,4 @@
-//! PETSc's handles and meshes, and hard scenes, on 1 to 4 ranks.
+//! PETSc's handles and meshes, hard scenes and ends of runs, on 1 to 4 ranks.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -6,7 +6,8 @@ mod common;
 mod handles;
 mod hard;
 mod mesh;
+mod runs;
 
 fn main() -> std::process::ExitCode {
-    common::ranks::main(handles::CASES.iter().chain(mesh::CASES).chain(hard::CASES))
+    common::ranks::main(handles::CASES.iter().chain(mesh::CASES).chain(hard::CASES).chain(runs::CASES))
 }

@@ -80,13 +80,28 @@ fn a_search_ends() {
     }
 }
 
-/// Sums of ramps and steps at known instants, hidden in other functions.
-fn hidden(random: &mut Random) -> (String, Vec<(f64, f64)>) {
+/// An instant before an end: of six digits, round, or one at which a search by halves looks itself.
+fn instant(random: &mut Random, end: f64) -> f64 {
+    let share = match random.below(3) {
+        0 => 0.1 + 0.8 * random.unit(),
+        1 => 0.1 * (1 + random.below(9)) as f64,
+        _ => {
+            let halves = 1 << (1 + random.below(6));
+            (1 + random.below(halves - 1)) as f64 / halves as f64
+        }
+    };
+    format!("{:.6}", end * share).parse().unwrap()
+}
+
+/// Sums of ramps and steps at known instants before an end, hidden in other functions.
+fn hidden(random: &mut Random, end: f64) -> (String, Vec<(f64, f64)>) {
     let mut text = format!("{:.3}*sin({:.3}*t)", random.signed(), 20.0 * random.signed());
     let mut jumps = Vec::new();
     for _ in 0..1 + random.below(3) {
-        let (at, size) = (0.1 + 0.8 * random.unit(), 0.1 + random.unit());
-        let at: f64 = format!("{at:.6}").parse().unwrap();
+        let (at, size) = (instant(random, end), 0.1 + random.unit());
+        if jumps.iter().any(|(other, _)| *other == at) {
+            continue;
+        }
         let size: f64 = format!("{size:.6}").parse().unwrap();
         let (term, jump) = match random.below(9) {
             0 => (format!("{size}*step(t - {at})"), size),
@@ -115,8 +130,9 @@ fn hidden(random: &mut Random) -> (String, Vec<(f64, f64)>) {
 fn jumps_are_found(tries: usize) {
     let mut random = Random::new(20);
     for _ in 0..tries {
-        let (text, expected) = hidden(&mut random);
-        let Breaks { found, complete } = breaks(&text, 1.0);
+        let end = [1.0, 0.5, 0.2, 0.1, 0.3][random.below(5)];
+        let (text, expected) = hidden(&mut random, end);
+        let Breaks { found, complete } = breaks(&text, end);
         let found: Vec<_> = found.into_iter().filter(|of| of.jump != 0.0).collect();
         assert!(complete && found.len() == expected.len(), "{text}: {found:?}, expected {expected:?}");
         for (of, (time, jump)) in found.iter().zip(expected) {
@@ -153,6 +169,9 @@ fn places_that_jump_are_refused() {
         ("\"if(t > 0, 0.1, 0)\"", "t = 0.0 s"),
         ("\"mod(t, 0.2)\"", "t = 0.2 s"),
         ("\"t + 1e-3*floor(3*t)\"", "t = 0.33333"),
+        // Where a search by halves ends one interval and begins the next.
+        ("\"0.1*step(t - 0.25)\"", "t = 0.25 s"),
+        ("\"0.1*step(t - 0.0625)\"", "t = 0.0625 s"),
     ] {
         let error = refusal(&strip(motion, ""));
         let said = error.to_string();

@@ -348,6 +348,24 @@ fn a_value_with_commas_is_one_value() {
     read(MINIMAL, &["output={ every = 2, probes = [{ name = 'a', at = [1, 0] }] }"]).unwrap();
 }
 
+#[test]
+fn a_formula_needs_no_quotes() {
+    for formula in ["100*step(t - 0.1)", "(1 + x)*3", "-2*y^2", "sin(t)", "2/(1 + t)"] {
+        let [bare, quoted] = ["", "\""].map(|quote| {
+            let scene = read(MINIMAL, &[&format!("load.pressure={quote}{formula}{quote}")]).unwrap();
+            format!("{:?}", scene.load)
+        });
+        assert_eq!(bare, quoted, "{formula}");
+    }
+    let wrong = message(MINIMAL, &["load.pressure=100*stp(t)"]);
+    assert!(
+        wrong.starts_with("--set load.pressure=100*stp(t): load.pressure: ") && wrong.contains("stp"),
+        "{wrong}"
+    );
+    let open = message(MINIMAL, &["load.pressure=\"100*sin(t)"]);
+    assert!(open.contains("invalid TOML"), "{open}");
+}
+
 /// The four numbers that the message offers.
 fn offers(message: &str) -> Vec<String> {
     let (_, expected) = message.split_once("expected ").unwrap();

@@ -132,7 +132,11 @@ fn piece(random: &mut Random, depth: usize) -> String {
     let f = piece(random, depth - 1);
     let other = random.below(depth);
     let g = piece(random, other);
-    let at = format!("{:.4}", 0.02 + 0.45 * random.unit());
+    // Now and then at one of the instants of the run's halves, where a search by halves looks itself.
+    let at = match random.below(4) {
+        0 => format!("{}", END * (1 + random.below(15)) as f64 / 16.0),
+        _ => format!("{:.4}", 0.02 + 0.45 * random.unit()),
+    };
     match random.below(11) {
         0 => format!("max({f}, {g})"),
         1 => format!("min({f}, {g}, 0.3)"),
@@ -157,8 +161,11 @@ fn kinks_have_their_impulse(tries: usize) {
         let mut motion = format!("0.05*({})", piece(&mut random, depth));
         let jumps = random.below(8) == 0;
         if jumps {
-            let at = 0.02 + 0.45 * random.unit();
-            motion = format!("{motion} + 0.1*step(t - {at:.5})");
+            let at = match random.below(2) {
+                0 => format!("{}", END * (1 + random.below(15)) as f64 / 16.0),
+                _ => format!("{:.5}", 0.02 + 0.45 * random.unit()),
+            };
+            motion = format!("{motion} + 0.1*step(t - {at})");
         }
         let (mass, scheme, more) = SCHEMES[tried % SCHEMES.len()];
         let read = read(&text(mass, scheme, 1e-3, &motion, more));
