@@ -169,6 +169,10 @@ fn places_that_jump_are_refused() {
         ("\"if(t > 0, 0.1, 0)\"", "t = 0.0 s"),
         ("\"mod(t, 0.2)\"", "t = 0.2 s"),
         ("\"t + 1e-3*floor(3*t)\"", "t = 0.33333"),
+        // After two branches that part ever so slowly, and two that are the same.
+        ("\"min(12*t^2, 24*t^2, 0.06) + 0.1*step(t - 0.0217)\"", "t = 0.0217 s"),
+        ("\"max(t, abs(t)) + 0.1*step(t - 0.0217)\"", "t = 0.0217 s"),
+        ("\"1e-9*abs(sin(1e7*t)) + 0.1*step(t - 0.4217)\"", "t = 0.4217 s"),
         // Where a search by halves ends one interval and begins the next.
         ("\"0.1*step(t - 0.25)\"", "t = 0.25 s"),
         ("\"0.1*step(t - 0.0625)\"", "t = 0.0625 s"),
