@@ -1,26 +1,28 @@
-//! Cells taken eight at a time, and the order in which the engine keeps its own vectors for them.
+//! Batches of eight cells, and the layout of the engine's own vectors that suits them.
 //!
-//! The dofs of a cell lie far apart in a vector that goes node by node, and to fetch them one by one costs more than all the
-//! arithmetic of the cell. A [`Layout`] puts the dofs of one kind side by side along the lines of the mesh: eight congruent
-//! cells in a row then read each of their local dofs in one go, at eight places that follow one another.
+//! In a vector numbered node by node the dofs of a cell lie far apart, and to gather them one by
+//! one costs more than all the arithmetic of the cell. A [`Layout`] puts the dofs of one kind side
+//! by side along the lines of the mesh. Eight congruent cells in a row then read each of their
+//! local dofs at once, from eight consecutive positions.
 
 use super::BARE;
 use std::collections::BTreeMap;
 use std::ops::{Add, AddAssign, Mul, Sub};
 use std::rc::Rc;
 
-/// Cells in a batch.
+/// Number of cells per batch.
 pub(super) const LANES: usize = 8;
 
 /// One number for each cell of a batch.
 ///
-/// Its arithmetic takes values: of references the compiler would have to expect that they overlap, and go lane by lane.
+/// The operators take values instead of references: the compiler would have to assume that
+/// references alias and could not vectorise.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[repr(align(64))]
 pub(super) struct Lanes(pub [f64; LANES]);
 
 impl Lanes {
-    /// The numbers from a place of a laid out vector on.
+    /// Loads eight consecutive numbers of a vector in layout order.
     #[inline(always)]
     fn at(x: &[f64], place: u32) -> Lanes {
         let mut lanes = [0.0; LANES];
@@ -28,7 +30,7 @@ impl Lanes {
         Lanes(lanes)
     }
 
-    /// Magnitudes.
+    /// Returns the magnitudes.
     #[inline(always)]
     pub fn abs(mut self) -> Lanes {
         for lane in 0..LANES {
@@ -37,7 +39,7 @@ impl Lanes {
         self
     }
 
-    /// Sum over the cells.
+    /// Returns the sum over the cells.
     pub fn sum(self) -> f64 {
         self.0.iter().sum()
     }
@@ -95,23 +97,24 @@ impl Mul<Lanes> for f64 {
     }
 }
 
-/// Cells that make a row worth its unused lanes.
+/// Smallest number of cells for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
 
-/// Where the engine keeps each dof in its own vectors.
+/// Position of each dof in the engine's own vectors.
 ///
-/// Such a *laid out* vector has more places than dofs: some for dofs that supports hold, and at the end some for nothing. A
-/// factor reads zero there, and what a product leaves there is never looked at.
+/// A vector in *layout order* has more positions than there are dofs: some belong to dofs that
+/// supports hold, and some at the end to none. An operand is zero there, and what a product writes
+/// there is never read.
 #[derive(Debug, Clone)]
 pub struct Layout {
-    /// Place of each dof.
+    /// Position of each dof.
     places: Vec<u32>,
-    /// Whether a dof has the place.
+    /// Whether each position belongs to a dof.
     taken: Vec<bool>,
 }
 
 impl Layout {
-    /// A layout with the given place for each dof; no two share one.
+    /// Creates a layout with the given position for each dof; no two dofs share one.
     pub fn new(places: impl IntoIterator<Item = usize>) -> Layout {
         let places: Vec<u32> = places.into_iter().map(|place| place as u32).collect();
         let mut taken = vec![false; places.iter().max().map_or(0, |&last| last as usize + 1)];
@@ -122,32 +125,32 @@ impl Layout {
         Layout { places, taken }
     }
 
-    /// Number of dofs.
+    /// Returns the number of dofs.
     pub fn dofs(&self) -> usize {
         self.places.len()
     }
 
-    /// A laid out vector of zeros.
+    /// Returns a vector of zeros in layout order.
     pub(super) fn zeros(&self) -> Vec<f64> {
         vec![0.0; self.taken.len() + LANES]
     }
 
-    /// Where lanes without a dof point to: as many free places as there are lanes.
+    /// Returns the first of the free positions, one per lane, that lanes without a dof use.
     fn nowhere(&self) -> u32 {
         self.taken.len() as u32
     }
 
-    /// Whether no dof has the place.
+    /// Returns whether no dof has the position.
     fn is_free(&self, place: u32) -> bool {
         self.taken.get(place as usize).is_none_or(|taken| !taken)
     }
 
-    /// The places of a cell's dofs; none for those that are held.
+    /// Returns the positions of a cell's dofs; `None` for dofs that are held.
     fn places_of(&self, dofs: &[Option<usize>]) -> impl Iterator<Item = Option<u32>> {
         dofs.iter().map(|dof| dof.map(|dof| self.places[dof]))
     }
 
-    /// Lays a vector out; the places without dofs stay as they are.
+    /// Copies a vector into layout order; positions without dofs stay unchanged.
     #[inline(always)]
     pub(super) fn lay_out(&self, x: &[f64], laid: &mut [f64]) {
         for (value, &place) in x.iter().zip(&self.places) {
@@ -155,7 +158,7 @@ impl Layout {
         }
     }
 
-    /// x = a laid out vector.
+    /// Copies a vector in layout order back into x.
     #[inline(always)]
     pub(super) fn collect(&self, laid: &[f64], x: &mut [f64]) {
         for (value, &place) in x.iter_mut().zip(&self.places) {
@@ -167,25 +170,26 @@ impl Layout {
 /// Eight cells with equally many local dofs.
 #[derive(Debug)]
 pub(super) struct Batch {
-    /// Cell number of each lane; past the end where the lane is unused.
+    /// Cell number of each lane; the number of cells where the lane is unused.
     pub cells: [u32; LANES],
-    /// Which of a form's panels has the cells' local values: the number of an entry of [`Batches::panels`].
+    /// Index of the batch's entry in [`Batches::panels`]: the panel of each form with the local
+    /// values.
     pub panel: usize,
-    /// 1 for a lane in use, else 0.
+    /// One for a lane in use, zero otherwise.
     used: Lanes,
     places: Places,
 }
 
 #[derive(Debug)]
 enum Places {
-    /// Place of each local dof in the first lane; those of the others follow it.
+    /// Position of each local dof in the first lane; those of the other lanes follow it.
     Row(Vec<u32>),
-    /// Place of each local dof, lane by lane.
+    /// Position of each local dof, lane by lane.
     Scattered(Vec<[u32; LANES]>),
 }
 
 impl Batch {
-    /// Number of local dofs.
+    /// Returns the number of local dofs.
     #[inline(always)]
     pub fn size(&self) -> usize {
         match &self.places {
@@ -194,7 +198,7 @@ impl Batch {
         }
     }
 
-    /// local = the values of a laid out vector, and zero in unused lanes.
+    /// Gathers the local values from a vector in layout order, with zero in unused lanes.
     #[inline(always)]
     pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
@@ -214,7 +218,7 @@ impl Batch {
         }
     }
 
-    /// Adds to a laid out vector; `local` is zero in unused lanes.
+    /// Adds local values to a vector in layout order; `local` is zero in unused lanes.
     #[inline(always)]
     pub fn scatter(&self, local: &[Lanes], y: &mut [f64]) {
         match &self.places {
@@ -236,12 +240,13 @@ impl Batch {
     }
 }
 
-/// Cells in a row, as it is being gathered: a cell in lane k has each dof k places after the first lane's.
+/// Cells in a row while it is being built: each dof of the cell in lane k lies k positions after
+/// that of the first lane.
 struct Row<'a> {
     layout: &'a Layout,
-    /// Place of each local dof in the first lane; not known yet where all cells so far are held.
+    /// Position of each local dof in the first lane; unknown while all cells so far hold it.
     starts: Vec<Option<u32>>,
-    /// Cell of each lane in use, ascending.
+    /// Lane and number of each cell, by ascending lane.
     lanes: Vec<(usize, usize)>,
 }
 
@@ -250,7 +255,7 @@ impl<'a> Row<'a> {
         Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, cell)] }
     }
 
-    /// Takes a cell if it fits into one of the lanes left.
+    /// Adds a cell if it fits into one of the remaining lanes. Returns whether it did.
     fn take(&mut self, cell: usize, dofs: &[Option<usize>]) -> bool {
         let places: Vec<_> = self.layout.places_of(dofs).collect();
         let pairs = || self.starts.iter().copied().zip(places.iter().copied());
@@ -259,7 +264,7 @@ impl<'a> Row<'a> {
         let Some(lane) = lane.filter(|&lane| (next..LANES).contains(&(lane as usize))) else { return false };
         let fits = pairs().all(|(start, place)| match (start, place) {
             (Some(start), Some(place)) => place == start + lane,
-            // What is held reads as zero, and nothing else may be there.
+            // A dof that is held reads as zero, so no other dof may have its position.
             (Some(start), None) => self.layout.is_free(start + lane),
             (None, Some(place)) => place.checked_sub(lane).is_some_and(|start| {
                 self.lanes.iter().all(|&(lane, _)| self.layout.is_free(start + lane as u32))
@@ -276,24 +281,26 @@ impl<'a> Row<'a> {
     }
 }
 
-/// A cell of a form: its free dofs, and its class; cells of one class have the same local values.
+/// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
 pub(super) type Cell = (Rc<[Option<usize>]>, usize);
 
-/// All cells of a form in batches. Forms over the same cells share them.
+/// All cells of a form in batches, shared by forms over the same cells.
 #[derive(Debug)]
 pub(super) struct Batches {
     cells: Vec<Cell>,
-    /// The batches.
+    /// Batches of eight cells.
     pub list: Vec<Batch>,
-    /// The cells whose local values make up each panel, lane by lane.
+    /// Cells whose local values make up each panel, lane by lane.
     pub panels: Vec<[usize; LANES]>,
     /// Largest number of local dofs.
     pub width: usize,
 }
 
 impl Batches {
-    /// Cells of one class that lie in a row go together and share one panel; others of one class share the panel too; what
-    /// is left of all classes is packed together with a panel for each batch.
+    /// Creates the batches of some cells.
+    ///
+    /// Cells of one class that lie in a row form a batch, and all batches of one class share one
+    /// panel. The cells left over from all classes are packed together with one panel per batch.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
         let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
@@ -329,12 +336,13 @@ impl Batches {
         batches
     }
 
-    /// Whether the batches are of just these cells.
+    /// Returns whether the batches contain exactly these cells.
     pub fn are_of(&self, cells: &[Cell]) -> bool {
         self.cells == cells
     }
 
-    /// Sorts the cells of a class by how far their dofs are displaced from those of the one with the fewest held.
+    /// Sorts the cells of a class by the offset of their dofs from those of the cell with the
+    /// fewest held dofs.
     fn sort_along_lines(&self, layout: &Layout, class: &mut [usize]) {
         let held = |&cell: &usize| self.cells[cell].0.iter().filter(|dof| dof.is_none()).count();
         let Some(model) = class.iter().copied().min_by_key(held) else { return };
@@ -345,7 +353,7 @@ impl Batches {
         });
     }
 
-    /// The rows among the cells of a class, and the cells that lie in none.
+    /// Returns the rows among the cells of a class, and the cells that lie in no row.
     fn rows<'l>(&self, layout: &'l Layout, class: &[usize]) -> (Vec<Row<'l>>, Vec<usize>) {
         let (mut rows, mut loose) = (Vec::new(), Vec::new());
         let mut rest = class;
@@ -363,7 +371,8 @@ impl Batches {
         (rows, loose)
     }
 
-    /// A panel with the values of some cells; those of the lanes left, the first's, do not matter.
+    /// Adds a panel with the values of some cells and returns its index. Unused lanes repeat the
+    /// first cell, whose values do not matter there.
     fn panel(&mut self, cells: &[usize]) -> usize {
         let mut lanes = [cells[0]; LANES];
         lanes[..cells.len()].copy_from_slice(cells);
@@ -371,7 +380,7 @@ impl Batches {
         self.panels.len() - 1
     }
 
-    /// Adds a batch of cells wherever their dofs are.
+    /// Adds a batch of cells whose dofs lie anywhere.
     fn scatter(&mut self, layout: &Layout, panel: usize, cells: &[usize]) {
         let mut places = vec![[layout.nowhere(); LANES]; self.cells[cells[0]].0.len()];
         for (lane, &cell) in cells.iter().enumerate() {

@@ -1,14 +1,15 @@
-//! Symmetric forms kept cell by cell, applied to eight cells at once.
+//! Symmetric forms that are stored cell by cell and applied to eight cells at once.
 //!
-//! The local matrices of a batch are stored lane by lane in a *panel*; congruent cells share one panel, so that a regular
-//! mesh reads its stiffness from the cache. All vectors over the dofs are laid out, see [`super::batch`].
+//! The local matrices of a batch are interleaved, one cell per lane, in a *panel*. Congruent cells
+//! share one panel, so that a regular mesh reads its stiffness from the cache. All vectors over the
+//! dofs are in layout order, see [`super::batch`].
 
 use super::batch::{Batch, Batches, LANES, Lanes};
 use super::{Average, Bending, Block};
 use pulp::Simd;
 use std::rc::Rc;
 
-/// `count` values of eight cells, lane by lane.
+/// Interleaves `count` values of eight cells, one cell per lane.
 fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -> &'a [f64]) -> Vec<Lanes> {
     let mut panel = vec![Lanes::default(); count];
     for (lane, &cell) in cells.iter().enumerate() {
@@ -23,7 +24,7 @@ fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -
 #[derive(Debug, Clone)]
 struct Panel {
     matrix: Vec<Lanes>,
-    /// How they are applied, if not as they are.
+    /// Factored representation that is applied instead of the matrix, if there is one.
     strains: Option<Strains>,
 }
 
@@ -31,7 +32,7 @@ struct Panel {
 #[derive(Debug, Clone)]
 struct Strains {
     arms: Vec<[Lanes; 2]>,
-    /// Three rows of the root after the other, column by column from the first of the three on.
+    /// Root R, three rows after three rows, each column by column from the first of the three on.
     root: Vec<[Lanes; 3]>,
 }
 
@@ -48,7 +49,8 @@ impl Strains {
         }
     }
 
-    /// result = A local; `local` becomes the cells' deformation. Returns local^T A local.
+    /// Computes result = A local and returns local^T A local; `local` becomes the cells'
+    /// deformation.
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
         remove_rigid_motion(local, &self.arms);
@@ -64,12 +66,13 @@ impl Panel {
         let bending = cells.map(|cell| blocks[cell].bending.as_deref());
         Panel {
             matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
-            // All cells of a panel have it, or none.
+            // Either all cells of a panel have it or none has.
             strains: bending[0].map(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
         }
     }
 
-    /// result = A local; `local` becomes the cells' deformation. Returns local^T A local.
+    /// Computes result = A local and returns local^T A local; `local` may become the cells'
+    /// deformation.
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
@@ -83,7 +86,7 @@ impl Panel {
         form
     }
 
-    /// y += scale A local, m += scale |A| |local|.
+    /// Adds scale A local to y and scale |A| |local| to m.
     #[inline(always)]
     fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
         let Room { work, result, y, m } = room;
@@ -100,7 +103,7 @@ impl Panel {
     }
 }
 
-/// sums += terms.
+/// Adds terms to sums, entry by entry.
 #[inline(always)]
 fn add(sums: &mut [Lanes], terms: &[Lanes]) {
     for (sum, term) in sums.iter_mut().zip(terms) {
@@ -108,7 +111,8 @@ fn add(sums: &mut [Lanes], terms: &[Lanes]) {
     }
 }
 
-/// result = R^T R local, lane by lane, of a root as in [`Strains`]: the inner loop of every step. Returns |R local|^2.
+/// Computes result = R^T R local, lane by lane, for a root stored as in [`Strains`], and returns
+/// |R local|^2. This is the inner loop of every step.
 #[inline(always)]
 fn square_product<S: Simd>(simd: S, root: &[[Lanes; 3]], local: &[Lanes], result: &mut [Lanes]) -> Lanes {
     let mut form = Lanes::default();
@@ -117,7 +121,7 @@ fn square_product<S: Simd>(simd: S, root: &[[Lanes; 3]], local: &[Lanes], result
     for first in (0..local.len()).step_by(3) {
         let (rows, below) = rest.split_at(local.len() - first);
         let (local, result) = (&local[first..], &mut result[first..]);
-        // Registers that make up the lanes.
+        // One pass for each register that the lanes fill.
         for part in 0..LANES / S::F64_LANES {
             let mut strains = [simd.splat_f64s(0.0); 3];
             for (column, value) in rows.iter().zip(local) {
@@ -142,7 +146,7 @@ fn square_product<S: Simd>(simd: S, root: &[[Lanes; 3]], local: &[Lanes], result
     form
 }
 
-/// result = matrix local, or |matrix| local, lane by lane.
+/// Computes result = matrix local, or |matrix| local, lane by lane.
 #[inline(always)]
 fn matrix_product<S: Simd, const MAGNITUDE: bool>(
     simd: S,
@@ -168,7 +172,7 @@ fn matrix_product<S: Simd, const MAGNITUDE: bool>(
     }
 }
 
-/// Rows times local, in whole registers.
+/// Multiplies a few rows with local, in whole registers.
 #[inline(always)]
 fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     simd: S,
@@ -176,7 +180,7 @@ fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     local: &[Lanes],
     result: &mut [Lanes; ROWS],
 ) {
-    // Registers that make up the lanes.
+    // One pass for each register that the lanes fill.
     for part in 0..LANES / S::F64_LANES {
         let mut sums = [simd.splat_f64s(0.0); ROWS];
         for (column, value) in local.iter().enumerate() {
@@ -193,8 +197,8 @@ fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     }
 }
 
-/// Replaces the dofs of a cell by those of its deformation, R w: the rigid motion of its first node is subtracted,
-/// by differences of nearby values. The first node's own are then zero, and are not written.
+/// Subtracts the rigid motion of a cell's first node from the dofs of the other nodes, by
+/// differences of nearby values. The first node's own deformation is zero and is not written.
 #[inline(always)]
 fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
     let (first, others) = local.split_at_mut(3);
@@ -206,7 +210,8 @@ fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
     }
 }
 
-/// Completes the forces on the deformation to those on the dofs, R^T f: the first node balances the others.
+/// Extends the forces on the deformation to all dofs, as the transpose of [`remove_rigid_motion`]:
+/// the first node balances the others.
 #[inline(always)]
 fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
     let (first, others) = result.split_at_mut(3);
@@ -219,7 +224,7 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
     first.copy_from_slice(&balance);
 }
 
-/// A symmetric form given by dense local matrices, such as K or M_r.
+/// Symmetric form given by dense local matrices, such as K or M_r.
 #[derive(Debug, Clone)]
 pub struct CellForm {
     batches: Rc<Batches>,
@@ -234,12 +239,12 @@ impl CellForm {
         CellForm { batches, panels, blocks }
     }
 
-    /// The cells' contributions, for assembly.
+    /// Returns the cells' contributions, for assembly.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
 
-    /// y += A x; returns x^T A x.
+    /// Adds A x to y and returns x^T A x.
     #[inline(always)]
     pub(super) fn add_product<S: Simd>(
         &self,
@@ -259,7 +264,8 @@ impl CellForm {
         form.sum()
     }
 
-    /// The part of one batch. With the numbers of dofs that plate elements have, the compiler unrolls its loops.
+    /// Adds the product of one batch. The compiler unrolls its loops for the numbers of dofs that
+    /// plate elements have.
     #[inline(always)]
     fn add_batch<S: Simd>(
         &self,
@@ -291,7 +297,7 @@ impl Rows {
         }
     }
 
-    /// Momentum of each cell, B local.
+    /// Returns the momentum of each cell, B local.
     #[inline(always)]
     fn momenta(&self, local: &[Lanes]) -> Lanes {
         let mut momenta = Lanes::default();
@@ -301,13 +307,13 @@ impl Rows {
         momenta
     }
 
-    /// Velocity of each cell, C^-1 B local.
+    /// Returns the velocity of each cell, C^-1 B local.
     #[inline(always)]
     fn velocities(&self, local: &[Lanes]) -> Lanes {
         self.momenta(local) * self.inverses
     }
 
-    /// result = B^T v.
+    /// Computes result = B^T v.
     #[inline(always)]
     fn spread(&self, v: Lanes, result: &mut [Lanes]) {
         for (value, b) in result.iter_mut().zip(&self.row) {
@@ -315,7 +321,7 @@ impl Rows {
         }
     }
 
-    /// y += scale M local, m += scale |M| |local|.
+    /// Adds scale M local to y and scale |M| |local| to m.
     #[inline(always)]
     fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
         let row = &self.row[..local.len()];
@@ -334,7 +340,7 @@ impl Rows {
     }
 }
 
-/// The singular mass M = B^T C^-1 B: one average velocity a cell.
+/// Singular mass `$M = B^T C^{-1} B$`, with one average velocity per cell.
 #[derive(Debug, Clone)]
 pub struct Averages {
     batches: Rc<Batches>,
@@ -351,22 +357,22 @@ impl Averages {
         Averages { batches, panels, masses, rows }
     }
 
-    /// The rows of B and entries of C, for assembly.
+    /// Returns the rows of B and entries of C, for assembly.
     pub fn rows(&self) -> &[Average] {
         &self.rows
     }
 
-    /// Number of cells.
+    /// Returns the number of cells.
     pub fn cells(&self) -> usize {
         self.rows.len()
     }
 
-    /// Masses of the cells: the diagonal of C, in kg.
+    /// Returns the diagonal of C, the masses of the cells, in kg.
     pub fn masses(&self) -> &[f64] {
         &self.masses
     }
 
-    /// y += M x; returns x^T M x.
+    /// Adds M x to y and returns x^T M x.
     #[inline(always)]
     pub(super) fn add_product(&self, x: &[f64], y: &mut [f64], scratch: &mut Scratch) -> f64 {
         let mut form = Lanes::default();
@@ -382,7 +388,7 @@ impl Averages {
         form.sum()
     }
 
-    /// V = C^-1 B x.
+    /// Computes V = C^-1 B x.
     #[inline(always)]
     pub(super) fn velocity(&self, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
@@ -397,7 +403,7 @@ impl Averages {
         }
     }
 
-    /// y += B^T V.
+    /// Adds B^T V to y.
     #[inline(always)]
     pub(super) fn add_momentum(&self, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
@@ -411,18 +417,18 @@ impl Averages {
         }
     }
 
-    /// V^T C V.
+    /// Returns V^T C V, twice the kinetic energy.
     pub(super) fn vis_viva(&self, v: &[f64]) -> f64 {
         self.masses.iter().zip(v).map(|(c, v)| c * v * v).sum()
     }
 }
 
-/// A symmetric form of the native engine.
+/// Symmetric form of the native engine.
 #[derive(Debug, Clone)]
 pub enum Form {
-    /// Dense local matrices: K, M_r.
+    /// Form of dense local matrices, such as K or M_r.
     Cells(CellForm),
-    /// Rank one a cell: the singular mass B^T C^-1 B.
+    /// Singular mass `$B^T C^{-1} B$`, of rank one per cell.
     Averages(Averages),
 }
 
@@ -435,7 +441,8 @@ impl Form {
     }
 }
 
-/// y += A x and m += |A| |x| for a sum of forms; those over the same cells go through them together.
+/// Adds A x to y and |A| |x| to m for a sum of forms. Successive forms over the same cells are
+/// applied in one pass over their batches.
 #[inline(always)]
 pub(super) fn add_with_magnitude<S: Simd>(
     simd: S,
@@ -463,7 +470,8 @@ pub(super) fn add_with_magnitude<S: Simd>(
     }
 }
 
-/// The part of one batch. With the numbers of dofs that plate elements have, the compiler unrolls its loops.
+/// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
+/// plate elements have.
 #[inline(always)]
 fn add_batch_with_magnitude<S: Simd>(
     simd: S,
@@ -491,13 +499,13 @@ fn add_batch_with_magnitude<S: Simd>(
     batch.scatter(room.m, m);
 }
 
-/// Room for the local vectors of one batch.
+/// Scratch space for the local vectors of one batch.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     lanes: Vec<Lanes>,
 }
 
-/// What is worked with beside the cells' own dofs.
+/// Scratch vectors beside the cells' own dofs.
 struct Room<'a> {
     work: &'a mut [Lanes],
     result: &'a mut [Lanes],

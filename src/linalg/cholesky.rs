@@ -1,9 +1,10 @@
-//! Sparse Cholesky with the candidates for contact last.
+//! Sparse Cholesky factorisation that eliminates the candidates for contact last.
 //!
-//! faer orders (approximate minimum degree), analyses and factors; the candidates are then moved to the end, the rest put in
-//! postorder so that supernodes stay whole. The trailing block \(L_{cc} L_{cc}^T\) *is* the Schur complement of the candidates.
-//! The triangular solves for one right-hand side are ours: they stop at the candidates, and four columns at a time they are
-//! faster than the general ones.
+//! faer orders (approximate minimum degree), analyses and factors. The candidates are moved to the
+//! end and the rest is put in postorder, so that supernodes stay whole. The trailing block
+//! `$L_{cc} L_{cc}^T$` *is* the Schur complement on the candidates. The triangular solves for one
+//! right-hand side are our own: they stop at the candidates and process four columns at a time,
+//! which is faster than the general ones.
 
 use super::Factor;
 use super::simd::{dot4, subtract4};
@@ -22,21 +23,21 @@ use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use faer::{Mat, Par, Side};
 use pulp::{Arch, Simd, WithSimd};
 
-/// A sparse Cholesky factor \(P A P^T = L L^T\).
+/// Sparse Cholesky factor `$P A P^T = L L^T$`.
 #[derive(Debug)]
 pub struct Cholesky {
     matrix: SparseColMat<usize, f64>,
-    /// The matrix's values with twice the digits, where it is factored with them.
+    /// Values of the matrix in double-double arithmetic, where it is factored in them.
     twice: Option<Vec<Twice>>,
     symbolic: SymbolicCholesky<usize>,
     values: Vec<f64>,
     supernodes: Vec<Supernode>,
     patterns: Vec<u32>,
-    /// Dof at each place of the elimination.
+    /// Dof at each position of the elimination order.
     order: Vec<u32>,
-    /// Number of dofs that are no candidates.
+    /// Number of dofs that are not candidates.
     interior: usize,
-    /// Factor and Schur complement of the candidates.
+    /// Factor L_cc of the Schur complement of the candidates.
     tail: Mat<f64>,
     schur: Mat<f64>,
     arch: Arch,
@@ -46,7 +47,8 @@ pub struct Cholesky {
     work: Vec<f64>,
 }
 
-/// Columns `start..end` of L: a dense triangle and the rows of `pattern` below it, column by column from `values` on.
+/// Columns `start..end` of L as a panel: a dense triangle above the rows of `pattern`, stored
+/// column by column from `values` on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Supernode {
     pub start: usize,
@@ -57,7 +59,7 @@ pub(super) struct Supernode {
 }
 
 impl Supernode {
-    /// Width and height of the panel, and the columns of it before `limit`.
+    /// Returns the panel's width, its height, and the number of its columns before `limit`.
     #[inline(always)]
     fn shape(&self, limit: usize) -> (usize, usize, usize) {
         let width = self.end - self.start;
@@ -68,11 +70,11 @@ impl Supernode {
 /// Memory of a factor, known from its pattern.
 #[derive(Debug, Clone, Copy)]
 pub struct Size {
-    /// Stored entries of L.
+    /// Number of stored entries of L.
     pub entries: usize,
-    /// Bytes that the factor keeps, beside the matrix.
+    /// Memory that the factor keeps in addition to the matrix, in bytes.
     pub kept: u64,
-    /// Bytes that only making it takes.
+    /// Additional memory needed only during the factorisation, in bytes.
     pub passing: u64,
 }
 
@@ -91,19 +93,19 @@ impl Size {
     }
 }
 
-/// Refuses to make some factors of one size that do not fit together.
+/// Checks that some factors of one size fit into memory together.
 ///
 /// # Errors
-/// [`Error::Memory`].
+/// Returns [`Error::Memory`] where they do not.
 pub(super) fn require(size: &Size, factors: u64, dofs: usize) -> Result<()> {
     let number = if factors > 1 { format!("{factors} times ") } else { String::new() };
     let what = format!("factoring the matrix of {dofs} dofs {number}({} entries)", size.entries);
     memory::require(factors * size.kept + size.passing, &what, |part| would_fit(part, dofs))
 }
 
-/// How many dofs take a part of the memory of so many.
+/// Words how many dofs would fit into a part of the memory that `dofs` dofs need.
 pub(super) fn would_fit(part: f64, dofs: usize) -> String {
-    // The entries of a row of the factor grow as the logarithm of their number.
+    // The entries per row of the factor grow with the logarithm of the number of rows.
     let fits = (dofs as f64 * part.powf(0.9)) as usize;
     let digit = 10_usize.pow(fits.max(10).ilog10() - 1);
     format!("a mesh of about {} dofs would fit", fits / digit * digit)
@@ -113,15 +115,16 @@ impl Cholesky {
     /// Factors the symmetric matrix with the given lower triangle.
     ///
     /// # Errors
-    /// [`Error::Singular`] where it is not positive definite.
+    /// Returns [`Error::Singular`] where it is not positive definite and [`Error::Memory`] where
+    /// the factor does not fit.
     pub fn new(matrix: SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Cholesky> {
         Cholesky::with_digits(matrix, None, candidates)
     }
 
-    /// Factors with twice the digits, given the values so: at some twenty times the cost.
+    /// Factors the matrix with the given double-double values, at about twenty times the cost.
     ///
     /// # Errors
-    /// As [`Cholesky::new`].
+    /// Returns the errors of [`Cholesky::new`].
     pub(super) fn twice(
         symbolic: SymbolicSparseColMat<usize>,
         values: Vec<Twice>,
@@ -177,21 +180,22 @@ impl Cholesky {
         Ok(cholesky)
     }
 
-    /// Size of the factor of a matrix with the given lower triangle, from the analysis alone; with some candidates.
+    /// Returns the size of the factor, without candidates, of a matrix with the given lower
+    /// triangle, from the symbolic analysis alone.
     ///
     /// # Errors
-    /// [`Error::Memory`] where even the analysis does not fit.
+    /// Returns [`Error::Memory`] where even the analysis does not fit.
     pub(super) fn size(matrix: &SparseColMat<usize, f64>) -> Result<Size> {
         let order = elimination_order(matrix, &[])?;
         Ok(Size::of(&analyse(matrix, &order)?, 0, false))
     }
 
-    /// Number of stored entries of L.
+    /// Returns the number of stored entries of L.
     pub fn entries(&self) -> usize {
         self.values.len()
     }
 
-    /// Numeric factorisation, of the matrix itself or of the one with some dofs pinned.
+    /// Factors the matrix numerically, with some dofs pinned or with none.
     fn factor(&mut self, pinned: Option<&[bool]>) -> Result<()> {
         match &self.twice {
             None => self.factor_plainly(pinned)?,
@@ -210,12 +214,13 @@ impl Cholesky {
         Ok(())
     }
 
-    /// What to say of a matrix that has no factor.
+    /// Returns the error for a matrix that is not positive definite.
     fn indefinite(&self) -> Error {
         Error::Singular(format!("the matrix of {} dofs is not positive definite", self.matrix.nrows()))
     }
 
-    /// Values of the matrix with the rows and columns of pinned dofs the identity's.
+    /// Returns the values of the matrix with the rows and columns of pinned dofs replaced by the
+    /// identity's.
     fn pinned<V: Copy + From<f64>>(&self, values: &[V], pinned: &[bool]) -> Vec<V> {
         let mut values = values.to_vec();
         for column in 0..self.matrix.ncols() {
@@ -229,7 +234,7 @@ impl Cholesky {
         values
     }
 
-    /// The factor's values, worked out with twice the digits.
+    /// Returns the factor's values, computed in double-double arithmetic and rounded at the end.
     fn factored_twice(&self, values: &[Twice], pinned: Option<&[bool]>) -> Result<Vec<f64>> {
         let dofs = self.order.len();
         let held = pinned.map(|pinned| self.pinned(values, pinned));
@@ -284,7 +289,7 @@ impl Cholesky {
         definite.then_some(()).ok_or_else(|| self.indefinite())
     }
 
-    /// The dense triangle \(L_{cc}\) of the candidates.
+    /// Returns the dense triangle `$L_{cc}$` of the candidates.
     fn trailing_block(&self) -> Mat<f64> {
         let size = self.order.len() - self.interior;
         let mut tail = Mat::zeros(size, size);
@@ -396,7 +401,8 @@ impl Factor for Cholesky {
     }
 }
 
-/// A triangular solve with the columns before `limit`: forward with L, or backward with its transpose.
+/// Triangular solve with the columns before `limit`: forward with L, or backward with its
+/// transpose.
 struct Sweep<'a, const FORWARD: bool> {
     supernodes: &'a [Supernode],
     patterns: &'a [u32],
@@ -430,8 +436,8 @@ impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
 }
 
 impl<const FORWARD: bool> Sweep<'_, FORWARD> {
-    /// Forward elimination with the columns of one supernode: its part of x, and below it what x loses elsewhere, lie
-    /// together in `work`.
+    /// Eliminates forward with the columns of one supernode. `work` holds the supernode's part of x
+    /// and below it the updates to other rows of x.
     #[inline(always)]
     fn eliminate<S: Simd>(&mut self, simd: S, s: &Supernode) {
         let (width, height, columns) = s.shape(self.limit);
@@ -464,7 +470,7 @@ impl<const FORWARD: bool> Sweep<'_, FORWARD> {
         }
     }
 
-    /// Back substitution for the columns of one supernode.
+    /// Substitutes backward with the columns of one supernode.
     #[inline(always)]
     fn substitute<S: Simd>(&mut self, simd: S, s: &Supernode) {
         let (width, height, columns) = s.shape(self.limit);
@@ -498,7 +504,7 @@ impl<const FORWARD: bool> Sweep<'_, FORWARD> {
     }
 }
 
-/// Columns j to j + 3, from row j on.
+/// Returns columns j to j + 3 of a panel, from row j on.
 #[inline(always)]
 fn four(values: &[f64], j: usize, height: usize) -> [&[f64]; 4] {
     let (from, to) = (j * height + j, (j + 1) * height);
@@ -510,7 +516,7 @@ fn four(values: &[f64], j: usize, height: usize) -> [&[f64]; 4] {
     ]
 }
 
-/// The columns of [`four`] below their triangle.
+/// Returns the columns of [`four`] below their triangle.
 #[inline(always)]
 fn below(a: [&[f64]; 4]) -> [&[f64]; 4] {
     [&a[0][4..], &a[1][4..], &a[2][4..], &a[3][4..]]
@@ -520,12 +526,13 @@ fn analysis_failed(dofs: usize, why: impl std::fmt::Debug) -> Error {
     Error::Singular(format!("the matrix of {dofs} dofs cannot be analysed: {why:?}"))
 }
 
-/// Minimum degree, then the candidates last (ascending), then the rest in postorder of the elimination tree.
+/// Returns an approximate minimum degree order with the candidates last (ascending) and the other
+/// dofs in postorder of the elimination tree.
 fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Vec<usize>> {
     let dofs = matrix.nrows();
     let (mut order, mut place) = (vec![0; dofs], vec![0; dofs]);
     let scratch = amd::order_maybe_unsorted_scratch::<usize>(dofs, matrix.compute_nnz());
-    // The analysis that follows takes about as much.
+    // The symbolic analysis that follows takes about as much.
     let needed = scratch.unaligned_bytes_required() as u64;
     memory::require(needed, &format!("analysing the matrix of {dofs} dofs"), |part| would_fit(part, dofs))?;
     let mut memory = MemBuffer::try_new(scratch).map_err(|why| analysis_failed(dofs, why))?;
@@ -549,14 +556,14 @@ fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) ->
     Ok(postorder.into_iter().chain(interior..dofs).map(|place| order[place]).collect())
 }
 
-/// Parent of each place of the elimination (Liu 1990); its own number past the end for a root.
+/// Returns the parent of each position in the elimination tree (Liu 1990); `usize::MAX` for a root.
 fn elimination_tree(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Vec<usize> {
     let dofs = order.len();
     let mut place = vec![0; dofs];
     for (new, &old) in order.iter().enumerate() {
         place[old] = new;
     }
-    // The entries before each place, place by place.
+    // The off-diagonal entries before each position, one position after the other.
     let mut starts = vec![0; dofs + 1];
     for_each_pair(matrix, &place, |_, later| starts[later + 1] += 1);
     for place in 0..dofs {
@@ -586,7 +593,7 @@ fn elimination_tree(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Vec<u
     parent
 }
 
-/// Visits the places (earlier, later) of the entries off the diagonal.
+/// Visits the positions (earlier, later) of the off-diagonal entries.
 fn for_each_pair(matrix: &SparseColMat<usize, f64>, place: &[usize], mut visit: impl FnMut(usize, usize)) {
     for column in 0..matrix.ncols() {
         for row in matrix.row_idx_of_col(column).filter(|&row| row != column) {
@@ -596,7 +603,7 @@ fn for_each_pair(matrix: &SparseColMat<usize, f64>, place: &[usize], mut visit: 
     }
 }
 
-/// Children before parents, subtree by subtree; a parent past the end makes a root.
+/// Returns a postorder, children before parents; a parent past the end marks a root.
 fn postorder(parent: &[usize]) -> Vec<usize> {
     let size = parent.len();
     let mut children = vec![Vec::new(); size];

@@ -1,13 +1,19 @@
-//! The linear algebra that the contact solvers and the schemes ask for, behind one trait.
+//! Linear algebra for the contact solvers and the time schemes, behind one trait.
 //!
-//! An [`Engine`] knows how to apply symmetric forms that are kept cell by cell, and how to factor their sums.
-//! Vectors are plain slices: the dofs that this process owns, so that the schemes' own arithmetic is ordinary Rust
-//! and only the verbs below need to know whether there are other processes.
+//! An [`Engine`] applies symmetric forms that are stored cell by cell and factors weighted sums of
+//! them. Vectors are plain slices of the dofs that this rank owns, so that the schemes' own
+//! arithmetic is ordinary Rust and only the methods below know about other ranks.
 //!
-//! A [`Factor`] can leave a chosen set of dofs, the *candidates* for contact, to the end of the elimination:
-//! with \( A = \begin{pmatrix} A_{ff} & A_{fc} \\ A_{cf} & A_{cc} \end{pmatrix} \), `condense` reduces \(A x = b\) to
-//! \(H x_c = h\), where \(H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}\) is their Schur complement, and `expand` completes \(x\) once
-//! \(x_c\) is known. A contact step then costs one solve and a small dense problem.
+//! A [`Factor`] eliminates a chosen set of dofs, the *candidates* for contact, last. With
+//!
+//! ```math
+//! A = \begin{pmatrix} A_{ff} & A_{fc} \\ A_{cf} & A_{cc} \end{pmatrix},
+//! ```
+//!
+//! [`Factor::condense`] reduces `$A x = b$` to `$H x_c = h$`, where
+//! `$H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}$` is the Schur complement on the candidates, and
+//! [`Factor::expand`] completes `$x$` once `$x_c$` is known. A contact step then costs one sparse
+//! solve and one small dense problem.
 
 mod batch;
 mod cells;
@@ -26,43 +32,47 @@ use crate::error::Result;
 use faer::Mat;
 use twice::Twice;
 
-/// Classes from here on have no [`Block::bending`] in any form: springs, foundations, cells beside supports askew.
+/// First class number of the cells without [`Block::bending`]: springs, foundations, and cells at
+/// supports with oblique axes.
 pub const BARE: usize = 1 << 40;
 
-/// What one cell contributes to a symmetric form.
+/// Contribution of one cell to a symmetric form.
 #[derive(Debug, Clone)]
 pub struct Block {
-    /// Free dof of each local one; `None` where a support holds it at zero.
+    /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: std::rc::Rc<[Option<usize>]>,
-    /// Local matrix, n x n, row by row, symmetric.
+    /// Local matrix, symmetric, n x n, row by row.
     pub matrix: std::rc::Rc<[f64]>,
-    /// Of a form that vanishes on rigid motions: how it is applied. `None`: by its matrix. In one form either all classes below
-    /// [`BARE`] have it, or none.
+    /// Factored representation of a form that vanishes on rigid motions; `None` to apply `matrix`.
+    /// In one form, either all classes below [`BARE`] have it or none has.
     pub bending: Option<std::rc::Rc<Bending>>,
-    /// Cells of one class share `matrix` and `bending`.
+    /// Class of congruent cells, which share `matrix` and `bending`.
     pub class: usize,
 }
 
-/// A form that vanishes on the rigid motions of a cell with dofs (w, w_x, w_y) a node, as the square of what is left without them.
+/// Local form that vanishes on rigid motions, for three dofs (w, w_x, w_y) per node, written as the
+/// square of a root R of the deformation.
 ///
-/// The motion of the cell's first node is removed by differences, which keeps the digits that an assembled stiffness loses as h^-4; the
-/// root keeps half of those that the cell's own matrix loses as the fourth power of its aspect ratio.
+/// The rigid motion of the cell's first node is removed by differences. This keeps the digits that
+/// an assembled stiffness loses as h^-4, and the root keeps half of those that the local matrix
+/// loses as the fourth power of the cell's aspect ratio.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bending {
-    /// Position of each node after the first, relative to it, in m.
+    /// Position of each node after the first, relative to the first, in m.
     pub arms: Vec<[f64; 2]>,
-    /// R, upper triangular, row by row, over the dofs d of the nodes after the first, less the first one's motion: the form is |R d|^2.
+    /// Upper triangular root R, row by row. It acts on the dofs d of the nodes after the first,
+    /// less the rigid motion of the first node; the form is |R d|^2.
     pub root: Vec<f64>,
 }
 
 impl Bending {
-    /// The strains that each dof of the cell makes, with twice the digits: the columns of R over all dofs.
+    /// Returns the columns of R extended to all dofs of the cell, in double-double arithmetic.
     fn strains(&self) -> Vec<Vec<Twice>> {
         let size = 3 * self.arms.len();
         let own = |column: usize| self.root.iter().skip(column).step_by(size);
         let mut strains: Vec<Vec<Twice>> = vec![vec![Twice::default(); size]; 3];
         strains.extend((0..size).map(|column| own(column).map(|&r| r.into()).collect()));
-        // A rigid motion makes none: the first node's balance the others'.
+        // Rigid motions make no strain, so the first node's columns balance those of the others.
         for (k, arm) in self.arms.iter().enumerate() {
             for row in 0..size {
                 let [w, slope_x, slope_y] = [0, 1, 2].map(|dof| strains[3 * (k + 1) + dof][row]);
@@ -75,7 +85,7 @@ impl Bending {
         strains
     }
 
-    /// The form's product with the values of all dofs of the cell, a force on each.
+    /// Returns the form's product with the values of all dofs of the cell, one force per dof.
     pub fn product(&self, values: &[f64]) -> Vec<f64> {
         let [w, slope_x, slope_y] = [values[0], values[1], values[2]];
         let mut bent = values[3..].to_vec();
@@ -99,96 +109,107 @@ impl Bending {
     }
 }
 
-/// What one cell contributes to the singular mass B^T C^-1 B: one row of B and its entry of C.
+/// Contribution of one cell to the singular mass `$B^T C^{-1} B$`: one row of B and its entry of C.
 #[derive(Debug, Clone)]
 pub struct Average {
-    /// Free dof of each local one; `None` where a support holds it at zero.
+    /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: std::rc::Rc<[Option<usize>]>,
-    /// Row of B: integral of rho h phi_i over the cell, in kg (times m for a slope).
+    /// Row of B, the integrals of rho h phi_i over the cell, in kg (in kg m for a slope).
     pub row: std::rc::Rc<[f64]>,
-    /// Entry of C: mass of the cell, in kg.
+    /// Entry of C, the mass of the cell, in kg.
     pub mass: f64,
-    /// Cells of one class share `row` and `mass`.
+    /// Class of congruent cells, which share `row` and `mass`.
     pub class: usize,
 }
 
-/// How often [`Engine::spoilt`] looks.
+/// Number of power iterations that [`Engine::spoilt`] measures.
 const LOOKS: usize = 3;
 
-/// A weighted sum of forms: the matrix of a step, \(A = \sum_i c_i A_i\).
+/// Weighted sum of forms `$A = \sum_i c_i A_i$`, such as the matrix of a step.
 pub type Sum<'a, E> = [(f64, &'a <E as Engine>::Form)];
 
-/// The linear algebra behind contact solvers and schemes; see the [module page](self).
+/// Linear algebra behind the contact solvers and the schemes; see the [module page](self).
 ///
-/// Every vector of displacement dofs has [`Engine::dofs`] entries.
+/// Every vector of displacement dofs has [`Engine::dofs`] entries. Methods that return a [`Result`]
+/// are collective: all ranks call them together.
 pub trait Engine: Sized {
-    /// A symmetric positive semi-definite form, kept cell by cell.
+    /// Symmetric positive semi-definite form, stored cell by cell.
     type Form;
-    /// A factored sum of forms.
+    /// Factor of a weighted sum of forms.
     type Factor: Factor;
 
-    /// Number of dofs that this process owns.
+    /// Returns the number of dofs that this rank owns.
     fn dofs(&self) -> usize;
 
-    /// Scalar product over all processes.
+    /// Returns the scalar product of x and y over all ranks.
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
 
-    /// Largest value over all processes.
+    /// Returns the largest `value` over all ranks.
     fn maximum(&self, value: f64) -> Result<f64>;
 
-    /// The processes' own values one after the other, the same for all, and where this process's begin.
+    /// Returns the values of all ranks in rank order, the same on every rank, and the index of this
+    /// rank's first value.
     fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
 
-    /// What each process found, or the error of the first that has one, on every process: so that none goes on alone.
+    /// Returns `mine` if all ranks succeeded, and otherwise an error on every rank, so that none
+    /// goes on alone.
     ///
     /// # Errors
-    /// This process's own, or [`crate::Error::Elsewhere`].
+    /// Returns this rank's own error, or [`crate::Error::Elsewhere`] where only another rank
+    /// failed.
     fn together(&self, mine: Result<()>) -> Result<()> {
         mine
     }
 
-    /// The values at all dofs of this process's cells, those that other processes own included, in the cells' numbering.
+    /// Returns the values at all dofs of this rank's cells, including dofs that other ranks own, in
+    /// the numbering of the cells.
     fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
         Ok(x.to_vec())
     }
 
-    /// The bytes of all processes, in their order, on the first; nothing on the others.
+    /// Returns the bytes of all ranks, in rank order, on the first rank and nothing on the others.
     fn gather(&self, own: &[u8]) -> Result<Vec<Vec<u8>>> {
         Ok(vec![own.to_vec()])
     }
 
-    /// Gives all processes the values of the first, in arrays of the same length: their processors may round differently.
+    /// Overwrites `values` on all ranks with those of the first, because processors may round
+    /// differently. The slices have the same length on every rank.
     fn agree(&self, values: &mut [f64]) -> Result<()>;
 
-    /// Applies a form: y = A x. Returns x^T A x, summed cell by cell (no cancellation).
+    /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
-    /// Applies a sum of forms and its componentwise magnitude, cell by cell: y = A x, m = |A| |x|, where |A| is the sum of
-    /// the magnitudes of the cells' matrices (of positive weights).
+    /// Computes y = A x and m = |A| |x| for a sum of forms with positive weights, where |A| is the
+    /// sum of the entrywise magnitudes of the local matrices.
     fn multiply_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64])
     -> Result<()>;
 
-    /// Number of velocity dofs that go with a mass: its cells for the singular one, else [`Engine::dofs`].
+    /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,
+    /// otherwise [`Engine::dofs`].
     fn velocities(&self, mass: &Self::Form) -> usize;
 
-    /// Velocity of a displacement rate: V = C^-1 B x for the singular mass, V = x for a consistent one.
+    /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass, V
+    /// = x for a consistent one.
     fn velocity(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]) -> Result<()>;
 
-    /// Momentum of a velocity: y = B^T V for the singular mass, y = M_r V for a consistent one.
+    /// Computes the momentum of a velocity: `$y = B^T V$` for the singular mass, `$y = M_r V$` for
+    /// a consistent one.
     fn momentum(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]) -> Result<()>;
 
-    /// Twice the kinetic energy: V^T C V, or V^T M_r V.
+    /// Returns twice the kinetic energy, `$V^T C V$` or `$V^T M_r V$`, in J for velocities in m/s.
     fn vis_viva(&self, mass: &Self::Form, v: &[f64]) -> Result<f64>;
 
-    /// Diagonal of a sum of forms.
+    /// Returns the diagonal of a sum of forms, one entry per dof.
     fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>>;
 
-    /// Share of a motion, in the norm of its energy, that a solve with a factor of the sum misses at worst: what rounding the entries of an
-    /// assembled matrix has spoilt. First of the motion that follows where all dofs are pushed, in which slow ones prevail; then of
-    /// what was missed.
+    /// Estimates the relative energy-norm error of a solve with a factor of the sum, caused by
+    /// rounding the entries of the assembled matrix.
+    ///
+    /// The power iteration starts from the answer to forces on all dofs, in which slow motions
+    /// prevail, and continues with the error of each solve.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine and of the factor.
     fn spoilt(&self, sum: &Sum<Self>, factor: &mut Self::Factor) -> Result<f64> {
         let rough = |i: usize| (i as f64 * 0.618_033_988_749_895).fract() - 0.5;
         let mut x: Vec<f64> = (1..=self.dofs()).map(rough).collect();
@@ -205,7 +226,7 @@ pub trait Engine: Sized {
             if energy.is_nan() {
                 return Ok(energy);
             }
-            // Of no dofs nothing is spoilt; rounding may make a little less than none.
+            // The energy is zero without dofs, and rounding may make it slightly negative.
             let norm = energy.abs().sqrt().max(f64::MIN_POSITIVE);
             if look > 0 {
                 worst = worst.max(norm);
@@ -216,26 +237,27 @@ pub trait Engine: Sized {
         Ok(worst)
     }
 
-    /// Refuses factors of a sum of forms, so many at once, that do not fit into memory: from the pattern, before anything is factored.
-    /// An engine that cannot know says nothing.
+    /// Checks, from the pattern and before anything is factored, that as many factors of a sum of
+    /// forms fit into memory at once. The default, for an engine that cannot know, accepts.
     ///
     /// # Errors
-    /// [`crate::Error::Memory`] with the figures.
+    /// Returns [`crate::Error::Memory`] with the bytes needed and available.
     fn require_memory(&self, sum: &Sum<Self>, factors: usize) -> Result<()> {
         let _ = (sum, factors);
         Ok(())
     }
 
-    /// Factors a sum of forms with the candidates (dofs of this process, ascending) left to the end.
+    /// Factors a sum of forms with the candidates (dofs of this rank, ascending) eliminated last.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where the sum is not positive definite.
+    /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
     fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Self::Factor>;
 
-    /// Changes the candidates of a factor of the same sum with nothing pinned. Returns whether it took a factorisation.
+    /// Changes the candidates of a factor of the same sum without pinned dofs. Returns whether this
+    /// took a factorisation.
     ///
     /// # Errors
-    /// As [`Engine::factor`].
+    /// Returns the errors of [`Engine::factor`].
     fn change_candidates(
         &self,
         factor: &mut Self::Factor,
@@ -247,36 +269,42 @@ pub trait Engine: Sized {
     }
 }
 
-/// A factored symmetric positive definite matrix A; see the [module page](self).
+/// Factor of a symmetric positive definite matrix A; see the [module page](self).
 ///
-/// Vectors over the candidates are the same on every process: those of the first, ascending, then of the second, ...
+/// Vectors over the candidates are the same on every rank: the candidates of the first rank,
+/// ascending, then those of the second, and so on.
 pub trait Factor {
-    /// Solves A x = b in place.
+    /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
 
-    /// Schur complement H of A on the candidates.
+    /// Returns the Schur complement H of A on the candidates.
     fn schur(&self) -> &Mat<f64>;
 
-    /// Eliminates all but the candidates: the right-hand side h of H x_c = h. The state stays in the factor for `expand`.
+    /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
+    /// the intermediate state for [`Factor::expand`].
     fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()>;
 
-    /// Completes the solution of the last `condense` from the candidates' values.
+    /// Completes the solution of the last [`Factor::condense`] from the candidates' values.
     fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()>;
 
-    /// Solves H x_c = h in place.
+    /// Solves H x_c = h in place: `h` holds h on entry.
     fn solve_candidates(&self, h: &mut [f64]);
 
-    /// Factors again with some dofs (any order) held fixed: their rows and columns become the identity's.
-    /// The candidates keep their place; only [`Factor::solve`] may be called until the next call with no dofs.
+    /// Factors the matrix again with some dofs (in any order) held fixed: their rows and columns
+    /// become those of the identity.
+    ///
+    /// The candidates keep their positions. Until a call without dofs restores the factor of A,
+    /// only [`Factor::solve`] may be called.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where the matrix is not positive definite.
+    /// Returns [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
 
-    /// Shows an archive what the way to its present candidates has left in the digits of the factor, which has these already.
+    /// Saves or restores the rounding that earlier changes of candidates left in the factor. The
+    /// factor already has its present candidates.
     ///
     /// # Errors
-    /// [`crate::Error::Checkpoint`].
+    /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
     fn state(&mut self, archive: &mut Archive) -> Result<()> {
         let _ = archive;
         Ok(())

@@ -1,4 +1,4 @@
-//! The engine of one process: plain arrays and a sparse Cholesky factor.
+//! Engine of one process: plain arrays and a sparse Cholesky factor.
 
 use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, Averages, CellForm, Form, Scratch};
@@ -29,7 +29,9 @@ impl Form {
         }
     }
 
-    /// The same with twice the digits: the matrix of what products apply.
+    /// Calls `visit` as [`Form::for_each_lower`] does, in double-double arithmetic: these are the
+    /// entries of the operator that products apply, which may differ from the rounded local
+    /// matrices.
     fn for_each_lower_twice(&self, mut visit: impl FnMut(usize, usize, Twice)) {
         match self {
             Form::Cells(cells) => {
@@ -54,7 +56,7 @@ impl Form {
     }
 }
 
-/// Calls `visit` for the entries of a cell's matrix that lie in the lower triangle.
+/// Calls `visit` for the entries of a cell's matrix that lie in the global lower triangle.
 fn visit_lower<V>(
     dofs: &[Option<usize>],
     entry: impl Fn(usize, usize) -> V,
@@ -70,17 +72,17 @@ fn visit_lower<V>(
     }
 }
 
-/// The engine of one process.
+/// Engine of one process, which owns all dofs.
 #[derive(Debug)]
 pub struct Native {
     layout: Layout,
     arch: Arch,
-    /// Batches of the cells of the last form made: the next is likely to be over the same.
+    /// Batches of the last form made, because the next form is likely to have the same cells.
     batches: RefCell<Option<Rc<Batches>>>,
     workspace: RefCell<Workspace>,
 }
 
-/// Laid out vectors, and room for the cells' local ones.
+/// Vectors in layout order, and scratch space for local vectors of the cells.
 #[derive(Debug)]
 struct Workspace {
     x: Vec<f64>,
@@ -90,31 +92,31 @@ struct Workspace {
 }
 
 impl Native {
-    /// An engine for vectors of `dofs` free dofs.
+    /// Creates an engine for vectors of `dofs` free dofs.
     pub fn new(dofs: usize) -> Native {
         Native::with_layout(Layout::new(0..dofs))
     }
 
-    /// An engine that keeps its own vectors in a layout made for the cells: faster.
+    /// Creates an engine with a dof layout made for the cells, which makes products faster.
     pub fn with_layout(layout: Layout) -> Native {
         let (x, y, m) = (layout.zeros(), layout.zeros(), layout.zeros());
         let workspace = Workspace { x, y, m, scratch: Scratch::default() };
         Native { layout, arch: Arch::new(), batches: RefCell::default(), workspace: RefCell::new(workspace) }
     }
 
-    /// A form from the cells' dense local matrices.
+    /// Creates a form from the cells' dense local matrices.
     pub fn form(&self, blocks: Vec<Block>) -> Form {
         let cells = blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
         Form::Cells(CellForm::new(self.batches(cells), blocks))
     }
 
-    /// The singular mass from the cells' rows of B and entries of C.
+    /// Creates the singular mass from the cells' rows of B and entries of C.
     pub fn averages(&self, rows: Vec<Average>) -> Form {
         let cells = rows.iter().map(|row| (row.dofs.clone(), row.class)).collect();
         Form::Averages(Averages::new(self.batches(cells), rows))
     }
 
-    /// The batches of some cells.
+    /// Returns the batches of some cells, those of the last form where the cells are the same.
     fn batches(&self, cells: Vec<Cell>) -> Rc<Batches> {
         let mut last = self.batches.borrow_mut();
         match &*last {
@@ -129,7 +131,7 @@ impl Native {
 }
 
 impl Native {
-    /// The lower triangle of a sum.
+    /// Assembles the lower triangle of a sum of forms.
     fn assembled(&self, sum: &Sum<Self>) -> Result<SparseColMat<usize, f64>> {
         let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
             form.for_each_lower(|row, column, value| visit(row, column, scale * value));
@@ -138,7 +140,7 @@ impl Native {
     }
 }
 
-/// What the widest registers of the processor are for: y += A x and more, on laid out vectors.
+/// Product y += A x on vectors in layout order, compiled for the widest vector registers.
 struct Product<'a> {
     form: &'a Form,
     x: &'a [f64],
@@ -311,7 +313,8 @@ impl Engine for Native {
     }
 
     fn require_memory(&self, sum: &Sum<Self>, factors: usize) -> Result<()> {
-        // No factor of a plate is as full as this: where it fits, nothing need be analysed.
+        // A bound on the entries per column of L that no plate reaches: where it fits, the analysis
+        // is not needed.
         let dofs = self.dofs() as u64;
         let fullest = 40 * u64::from(dofs.max(2).ilog2() + 1);
         let bytes = size_of::<f64>() as u64 * dofs * fullest * factors as u64;
@@ -339,17 +342,19 @@ impl Engine for Native {
     }
 }
 
-/// Share of a slow motion that rounding may spoil before a matrix is factored with twice the digits: a correction by the residual then
-/// brings three digits or more.
+/// Largest error estimate, relative and in the energy norm, up to which a factor in double
+/// precision is kept: each correction by the residual then gains at least three digits.
 const MOST_SPOILT: f64 = 1e-3;
 
-/// The lower triangle of a sum, column by column; `entries` visits those of a form times its weight.
+/// Assembles the lower triangle of a sum, column by column; `entries_of` visits the weighted
+/// entries of one form.
 fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     dofs: usize,
     sum: &Sum<Native>,
     entries_of: impl Fn(f64, &Form, &mut dyn FnMut(usize, usize, V)),
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<V>)> {
-    // First all entries of the cells, put into their columns; then those of one row are added up.
+    // All entries of the cells are first sorted into their columns; those of one row are then added
+    // up.
     let mut starts = vec![0; dofs + 1];
     for (_, form) in sum {
         form.for_each_lower(|_, column, _| starts[column + 1] += 1);
@@ -357,7 +362,7 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     for column in 0..dofs {
         starts[column + 1] += starts[column];
     }
-    // About half of the entries are of the same place as others.
+    // About half of the entries share their position with others.
     let bytes = (starts[dofs] * (3 * size_of::<(usize, V)>() / 2)) as u64;
     memory::require(bytes, &format!("assembling the matrix of {dofs} dofs"), |part| {
         cholesky::would_fit(part, dofs)
@@ -373,7 +378,7 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     let (mut columns, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
     for range in starts.windows(2) {
         let column = &mut entries[range[0]..range[1]];
-        // Stable, so that a sum has the same roundings in every run.
+        // A stable sort gives a sum the same roundings in every run.
         column.sort_by_key(|(row, _)| *row);
         for same in column.chunk_by(|a, b| a.0 == b.0) {
             rows.push(same[0].0);

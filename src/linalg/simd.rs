@@ -1,10 +1,11 @@
-//! Four columns at a time, in whole vector registers: the inner loops of the triangular solves.
+//! Inner loops of the triangular solves, four columns at a time in whole vector registers.
 //!
-//! No closures here: a closure is compiled for the plain processor and not inlined where wider registers are allowed.
+//! There are no closures here: the compiler would build them for the baseline processor and not
+//! inline them where wider registers are enabled.
 
 use pulp::Simd;
 
-/// y -= a_0 x_0 + a_1 x_1 + a_2 x_2 + a_3 x_3 for columns as long as y.
+/// Computes y -= a_0 x_0 + a_1 x_1 + a_2 x_2 + a_3 x_3; the columns are at least as long as y.
 #[inline(always)]
 pub(super) fn subtract4<S: Simd>(simd: S, a: [&[f64]; 4], x: &[f64], y: &mut [f64]) {
     let (a0, t0) = S::as_simd_f64s(&a[0][..y.len()]);
@@ -26,7 +27,7 @@ pub(super) fn subtract4<S: Simd>(simd: S, a: [&[f64]; 4], x: &[f64], y: &mut [f6
     }
 }
 
-/// The scalar products of four columns with y, as long as they.
+/// Returns the scalar products of four columns with y; the columns are at least as long as y.
 #[inline(always)]
 pub(super) fn dot4<S: Simd>(simd: S, a: [&[f64]; 4], y: &[f64]) -> [f64; 4] {
     let (a0, t0) = S::as_simd_f64s(&a[0][..y.len()]);

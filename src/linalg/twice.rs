@@ -1,17 +1,20 @@
-//! Cholesky with twice the digits, for matrices that plain numbers cannot hold.
+//! Cholesky factorisation in double-double arithmetic, for matrices too ill-conditioned for
+//! doubles.
 //!
-//! The factor L of a matrix A has half of A's digits at stake: rounded in the end, L L^T is as far from A as the roundings of a root, while
-//! rounding A itself, or anything on the way, may leave a slow motion no stiffness at all.
+//! The condition number of the factor L is the square root of that of A. Rounding L at the end
+//! therefore perturbs L L^T little, while rounding A itself, or anything on the way, may take all
+//! stiffness from a slow motion.
 
 use super::cholesky::Supernode;
 use pulp::{Simd, WithSimd};
 use std::iter::Sum;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A number as the sum of two, the lower one less than a rounding of the higher: some 32 decimal digits.
+/// Number as the unevaluated sum of two doubles, the lower one below the rounding of the higher:
+/// about 32 decimal digits.
 ///
-/// Sources: T. J. Dekker, *A floating-point technique for extending the available precision*, 1971; D. E. Knuth, *The Art of
-/// Computer Programming 2*, section 4.2.2.
+/// Sources: T. J. Dekker, *A floating-point technique for extending the available precision*, 1971;
+/// D. E. Knuth, *The Art of Computer Programming 2*, section 4.2.2.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Twice {
     high: f64,
@@ -19,21 +22,21 @@ pub(super) struct Twice {
 }
 
 impl Twice {
-    /// The sum of a number and a much smaller one.
+    /// Returns the sum of a number and a much smaller one.
     #[inline(always)]
     fn new(high: f64, low: f64) -> Twice {
         let sum = high + low;
         Twice { high: sum, low: low - (sum - high) }
     }
 
-    /// a b, exactly.
+    /// Returns a b exactly.
     #[inline(always)]
     pub fn product(a: f64, b: f64) -> Twice {
         let high = a * b;
         Twice { high, low: a.mul_add(b, -high) }
     }
 
-    /// The nearest plain number.
+    /// Returns the nearest double.
     #[inline(always)]
     pub fn round(self) -> f64 {
         self.high
@@ -108,11 +111,11 @@ impl Sum for Twice {
     }
 }
 
-/// Factors the panels of a matrix in place. Returns whether it is positive definite.
+/// Factors the panels of a matrix in place and returns whether it is positive definite.
 pub(super) struct Factor<'a> {
     pub supernodes: &'a [Supernode],
     pub patterns: &'a [u32],
-    /// Supernode of each place.
+    /// Supernode of each position.
     pub owner: &'a [u32],
     pub values: &'a mut [Twice],
 }
@@ -120,7 +123,8 @@ pub(super) struct Factor<'a> {
 impl WithSimd for Factor<'_> {
     type Output = bool;
 
-    /// Nothing here is done by hand: the widest registers come with the product that rounds once.
+    /// Dispatches the loops below without intrinsics: the widest registers come with the fused
+    /// multiply-add that exact products need.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> bool {
         let Factor { supernodes, patterns, owner, values } = self;
@@ -131,7 +135,7 @@ impl WithSimd for Factor<'_> {
             if !factor_panel(&mut values[s.values..][..width * height], width, height) {
                 return false;
             }
-            // What each row below takes from its own column.
+            // The update that each row below takes from the panel goes into that row's own column.
             let pattern = &patterns[s.pattern..][..s.rows];
             let mut last = None;
             for (k, &column) in pattern.iter().enumerate() {
@@ -162,7 +166,7 @@ impl WithSimd for Factor<'_> {
     }
 }
 
-/// Factors the columns of one panel among themselves.
+/// Factors the columns of one panel among themselves and returns whether all pivots are positive.
 #[inline(always)]
 fn factor_panel(panel: &mut [Twice], width: usize, height: usize) -> bool {
     for j in 0..width {
