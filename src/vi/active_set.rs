@@ -1,8 +1,9 @@
-//! Active sets: block principal pivoting, and the dense box-constrained problem.
+//! Active-set methods: block principal pivoting, and the dense box-constrained problem.
 //!
-//! Each iteration exchanges every index that breaks a condition (the primal-dual active set method). Should it come back to sets
-//! that it has tried, single exchanges of the last such index follow until fewer break than ever (Murty 1974; Júdice and
-//! Pires 1994): finite for every symmetric positive definite matrix, however degenerate.
+//! Each iteration exchanges every index that violates a condition (the primal-dual active set
+//! method). If it returns to active sets already tried, single exchanges of the last such index
+//! follow until fewer indices violate a condition than ever before (Murty 1974; Júdice and Pires
+//! 1994). The iteration is finite for every symmetric positive definite matrix, however degenerate.
 
 use crate::archive::{Archive, Over};
 use crate::error::Result;
@@ -11,30 +12,31 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side as Triangle};
 use std::collections::HashSet;
 
-/// Where a bounded dof is.
+/// Status of a bounded dof.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub enum Side {
-    /// Between its bounds.
+    /// Between the bounds.
     #[default]
     Free,
-    /// On its lower bound.
+    /// On the lower bound.
     Lower,
-    /// On its upper bound.
+    /// On the upper bound.
     Upper,
 }
 
 impl Side {
-    /// The side of a number made by `side as u8`.
+    /// Returns the status with the code `side as u8`.
     pub(super) fn from_code(code: f64) -> Side {
         [Side::Free, Side::Lower, Side::Upper][code as usize % 3]
     }
 
-    /// Shows an archive sides, one a bound.
+    /// Saves or restores statuses, one per bound.
     pub(super) fn archive(sides: &mut [Side], archive: &mut Archive) -> Result<()> {
         archive.items(Over::Bounds, sides, |&side| [f64::from(side as u8)], |[code]| Side::from_code(code))
     }
 
-    /// This side if there is a bound on it, else free: a bound may have gone since the last step.
+    /// Returns this status if its bound is finite, otherwise `Free`: a bound may have gone since
+    /// the last step.
     pub(super) fn within(self, lower: f64, upper: f64) -> Side {
         match self {
             Side::Lower if lower.is_finite() => Side::Lower,
@@ -44,28 +46,28 @@ impl Side {
     }
 }
 
-/// Reactions are trusted to this many roundings of the magnitude of their row.
+/// Number of roundings of the magnitude of its row that a reaction of the wrong sign must exceed.
 const ROUNDINGS: f64 = 64.0;
 
-/// Which of the indices that break a condition move.
+/// Choice among the indices that violate a condition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Move {
-    /// All of them.
+    /// Exchange all of them.
     All,
-    /// The last one.
+    /// Exchange the last one only.
     Last,
 }
 
-/// The exchange rule and its memory.
+/// Exchange rule, with its memory of the active sets tried.
 #[derive(Debug)]
 pub(super) struct Exchange {
-    /// Fingerprints of the sets tried.
+    /// Fingerprints of the active sets tried.
     tried: HashSet<u64>,
-    /// Fewest indices that broke a condition.
+    /// Fewest indices that violated a condition so far.
     fewest: usize,
-    /// Single exchanges go on until fewer than this break.
+    /// Bound below which the number of violated conditions must fall to end single exchanges.
     single_above: Option<usize>,
-    /// Exchanges made so far.
+    /// Number of exchanges so far.
     pub iterations: u32,
     limit: u32,
 }
@@ -76,8 +78,8 @@ impl Exchange {
         Exchange { tried: HashSet::new(), fewest: usize::MAX, single_above: None, iterations: 0, limit }
     }
 
-    /// What to do about as many indices as break a condition with the sets of this fingerprint; `None` when there is none, or
-    /// at the limit.
+    /// Chooses the next exchange for `broken` violated conditions at the active sets of this
+    /// fingerprint. Returns `None` where no condition is violated, or at the limit.
     pub fn next(&mut self, broken: usize, fingerprint: u64) -> Option<Move> {
         if broken == 0 || self.iterations == self.limit {
             return None;
@@ -94,15 +96,17 @@ impl Exchange {
     }
 }
 
-/// A number that sets share only if they are the same, or by a chance of 1 in 2^52 (it fits into a float).
+/// Returns a fingerprint that different active sets share only with a probability of 2^-52. An f64
+/// holds it exactly.
 pub(super) fn fingerprint(sides: &[Side]) -> u64 {
     let mix = |hash: u64, side: &Side| (hash ^ *side as u64).wrapping_mul(0x0100_0000_01b3);
     sides.iter().fold(0xcbf2_9ce4_8422_2325, mix) >> 12
 }
 
-/// The indices that break a condition, ascending, and the sides they want.
+/// Returns the indices that violate a condition, ascending, and the statuses they should have.
 ///
-/// `magnitude` is that of each reaction's row: a reaction pulls only if it does so by more than its rounding.
+/// `magnitude` is the magnitude of each reaction's row: a reaction has the wrong sign only if it
+/// exceeds its rounding.
 pub(super) fn broken(
     sides: &[Side],
     x: &[f64],
@@ -124,14 +128,15 @@ pub(super) fn broken(
     (0..sides.len()).map(|i| (i, wanted(i))).filter(|(i, side)| *side != sides[*i]).collect()
 }
 
-/// Moves indices to the sides they want.
+/// Sets the statuses of some indices.
 pub(super) fn exchange(sides: &mut [Side], moves: &[(usize, Side)]) {
     for &(i, side) in moves {
         sides[i] = side;
     }
 }
 
-/// Solves H x = h + r with bounds on every entry, from the sets in `sides` on; returns the number of exchanges.
+/// Solves H x = h + r with bounds on every entry, starting from the active sets in `sides`. Returns
+/// the number of exchanges.
 pub fn dense(
     schur: &Mat<f64>,
     h: &[f64],
@@ -191,7 +196,8 @@ fn solve_fixed(schur: &Mat<f64>, h: &[f64], lower: &[f64], upper: &[f64], sides:
     let block = Mat::from_fn(free.len(), free.len(), |i, j| schur[(free[i], free[j])]);
     match block.llt(Triangle::Lower) {
         Ok(llt) => llt.solve_in_place(&mut rhs),
-        // Not positive definite to rounding: leave a NaN for the judge.
+        // A matrix that is not positive definite to rounding gives NaN, which the KKT check
+        // reports.
         Err(_) => rhs.fill(f64::NAN),
     }
     for (k, &i) in free.iter().enumerate() {
@@ -199,7 +205,7 @@ fn solve_fixed(schur: &Mat<f64>, h: &[f64], lower: &[f64], upper: &[f64], sides:
     }
 }
 
-/// The candidates' values without any bound.
+/// Computes the candidates' values without any bound.
 pub(super) fn unconstrained(factor: &impl Factor, h: &[f64], x: &mut [f64]) {
     x.copy_from_slice(h);
     factor.solve_candidates(x);

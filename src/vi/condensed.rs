@@ -1,10 +1,12 @@
-//! The condensed solver: factor once, and meet contact in a small dense problem on the candidates.
+//! Condensed solver: one factorisation, and contact in a small dense problem on the candidates.
 //!
-//! A step is a forward elimination down to the candidates, their dense box-constrained problem, and a back substitution:
-//! the cost of one solve. Nodes that come into reach become candidates, in growing lots: natively the matrix is factored again
-//! with them last. Where contact is wide (a plate thrown flat) the dense problem would cost more than a sparse factor: from
-//! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are pinned in the sparse matrix
-//! instead, natively on the same symbolic analysis. Both are exact active-set methods.
+//! A step is a forward elimination down to the candidates, their dense box-constrained problem, and
+//! a back substitution: the cost of one solve. Nodes that come into reach become candidates, in
+//! growing lots; the native engine then factors the matrix again with them last. Where contact is
+//! wide (a plate thrown flat), the dense problem would cost more than a sparse factor. From
+//! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are therefore
+//! pinned in the sparse matrix, natively on the same symbolic analysis. Both are exact active-set
+//! methods.
 
 use super::active_set::{self, Exchange, Move, Side};
 use super::{Solver, apply};
@@ -13,22 +15,23 @@ use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, Sum};
 use crate::obstacle::Bounds;
 
-/// Number of candidates from which on active dofs are pinned in the sparse matrix.
+/// Number of candidates above which active dofs are pinned in the sparse matrix.
 pub const DENSE_LIMIT: usize = 512;
 
-/// Candidates taken at least when a node comes into reach.
+/// Smallest number of candidates added when a node comes into reach.
 const FIRST_LOT: usize = 4;
 
-/// Residual above which an answer is sought again with the active dofs pinned: the Schur complement of neighbours that are found from
-/// their flexibility, as on PETSc, may lose that many digits.
+/// KKT residual above which the step is solved again with the active dofs pinned. On PETSc, the
+/// Schur complement of neighbouring dofs comes from their flexibility and may lose that many
+/// digits.
 const SUSPECT: f64 = 1e-11;
 
-/// The condensed solver; see the [module page](self).
+/// Condensed solver; see the [module page](self).
 #[derive(Debug)]
 pub struct Condensed<E: Engine> {
     factor: E::Factor,
     method: Method,
-    /// Where each bounded dof was last.
+    /// Status of each bound in the last answer.
     sides: Vec<Side>,
     factorisations: u64,
     corrections: u32,
@@ -36,9 +39,9 @@ pub struct Condensed<E: Engine> {
 
 #[derive(Debug)]
 enum Method {
-    /// A dense problem on these bounds (indices into them, ascending).
+    /// Dense problem on these bounds (ascending indices into them).
     Dense { candidates: Vec<usize> },
-    /// Active dofs pinned in the sparse matrix; the sides that it was last factored for.
+    /// Active dofs pinned in the sparse matrix, with the statuses for which it was last factored.
     Pinned { pinned: Vec<Side> },
 }
 
@@ -46,7 +49,7 @@ impl<E: Engine> Condensed<E> {
     /// Factors the matrix, with no candidates yet, for bounds on `bounded` dofs.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where the sum is not positive definite.
+    /// Returns [`Error::Singular`] where the sum is not positive definite.
     pub fn new(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Condensed<E>> {
         let mut factor = engine.factor(sum, &[])?;
         Ok(Condensed {
@@ -58,7 +61,7 @@ impl<E: Engine> Condensed<E> {
         })
     }
 
-    /// Makes the bounds that x breaks candidates, with those nearest to their bounds.
+    /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
     fn grow(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
@@ -70,7 +73,7 @@ impl<E: Engine> Condensed<E> {
             others[i] = false;
         }
         let others: Vec<usize> = (0..bounds.len()).filter(|&i| others[i]).collect();
-        // All processes agree on how large a gap is near.
+        // All ranks agree on how small a gap counts as near.
         let (mut gaps, _) = engine.concatenate(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>())?;
         gaps.sort_by(f64::total_cmp);
         let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
@@ -80,13 +83,13 @@ impl<E: Engine> Condensed<E> {
         }
         let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
         let near = gaps[lot - 1];
-        // In the order that they were sorted in, which has a place for NaN too: each round adds some.
+        // `total_cmp` orders NaN too, as the sort above did, so that each round adds candidates.
         candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
         candidates.sort_unstable();
         let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
         match engine.change_candidates(&mut self.factor, sum, &dofs) {
             Ok(factored) => self.factorisations += u64::from(factored),
-            // The matrix itself has a factor: rounding took the Schur complement's.
+            // The matrix itself has a factor; only the Schur complement lost its to rounding.
             Err(Error::Singular(_)) => self.pin(engine, sum)?,
             Err(why) => return Err(why),
         }
@@ -101,10 +104,10 @@ impl<E: Engine> Condensed<E> {
         Ok(())
     }
 
-    /// Pins active dofs, after an answer that lost digits; whether it did not do so already.
+    /// Switches to pinned dofs after an answer that lost digits. Returns whether this is a change.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn distrust(&mut self, engine: &E, sum: &Sum<E>) -> Result<bool> {
         let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
         if dense {
@@ -130,7 +133,7 @@ impl<E: Engine> Condensed<E> {
             self.factor.solve(x)?;
             return Ok(0);
         }
-        // The dense problem is the same on every process, from the bounds and sides of all.
+        // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
         let own: Vec<f64> = candidates
             .iter()
             .flat_map(|&i| {
@@ -150,14 +153,14 @@ impl<E: Engine> Condensed<E> {
         active_set::unconstrained(&self.factor, &h, &mut values);
         let inside = values.iter().zip(lower.iter().zip(&upper)).all(|(x, (l, u))| (l..=u).contains(&x));
         let iterations = if inside {
-            // The unconstrained minimiser is admissible, hence the answer.
+            // The unconstrained minimiser is admissible and hence the answer.
             sides.fill(Side::Free);
             0
         } else {
             let schur = self.factor.schur();
             let exchanges =
                 active_set::dense(schur, &h, &lower, &upper, &mut sides, &mut values, &mut forces);
-            // A rounding may decide which nodes touch: the first process does.
+            // Rounding may decide which nodes touch, so the first rank decides for all.
             let codes = sides.iter().map(|&side| f64::from(side as u8));
             let mut answer: Vec<f64> = [&values[..], &forces].concat();
             answer.extend(codes.chain([f64::from(exchanges)]));
@@ -229,7 +232,9 @@ impl<E: Engine> Condensed<E> {
             }
             let broken =
                 active_set::broken(&self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper);
-            // How many break on each process, which one comes last, and what sets all have together.
+            // Gather each rank's number of violated conditions and its fingerprint: from these
+            // follow the rank that moves the last index, and the fingerprint of all active sets
+            // together.
             let print = active_set::fingerprint(&self.sides) as f64;
             let (all, own) = engine.concatenate(&[broken.len() as f64, print])?;
             let counts: Vec<f64> = all.iter().step_by(2).copied().collect();
@@ -262,7 +267,8 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         let mut iterations = 0;
         while matches!(self.method, Method::Dense { .. }) {
             iterations += self.solve_dense(engine, b, bounds, x, reaction)?;
-            // The candidates' own violations are beneath rounding; only the others' can be real. A NaN is the judge's.
+            // The candidates' own violations are below rounding; only the other bounds' can be
+            // real. A NaN is left to the KKT check.
             let Method::Dense { candidates } = &self.method else { break };
             if engine.maximum(outside(bounds, candidates, x))? <= 0.0 {
                 return Ok(iterations);
@@ -271,7 +277,8 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         }
         iterations += self.solve_pinned(engine, sum, b, bounds, x, reaction)?;
         if engine.maximum(touching(&self.sides))? == 0.0 {
-            // Nothing touches and nothing is pinned: the factor is that of the matrix itself again.
+            // Nothing touches and nothing is pinned, so the factor is that of the matrix itself
+            // again.
             self.method = Method::Dense { candidates: Vec::new() };
         }
         Ok(iterations)
@@ -286,7 +293,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         Side::archive(&mut self.sides, archive)?;
         let mut pins = matches!(self.method, Method::Pinned { .. });
         archive.value(&mut pins)?;
-        // The sides pinned, or any side but free for a candidate.
+        // The statuses that are pinned, or any status but free for a candidate.
         let mut marks = vec![Side::Free; bounds.len()];
         match &self.method {
             Method::Dense { candidates } => candidates.iter().for_each(|&i| marks[i] = Side::Lower),
@@ -296,7 +303,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         if !archive.saves() {
             let marked: Vec<usize> = (0..bounds.len()).filter(|&i| marks[i] != Side::Free).collect();
             let dofs: Vec<usize> = marked.iter().map(|&i| bounds.dofs[i]).collect();
-            // A factor is made from its matrix and these alone, whatever way led there.
+            // A factor depends on its matrix and these dofs alone, not on its history.
             self.method = if pins {
                 self.factor.pin(&dofs)?;
                 Method::Pinned { pinned: marks }
@@ -330,7 +337,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         if engine.maximum(touched)? == 0.0 {
             return Ok(None);
         }
-        // An answer of pinned dofs is corrected in the same way.
+        // Answers of pinned dofs are corrected by the same method.
         let corrects = attempt == 0 && self.corrections > 0;
         if !(self.distrust(engine, sum)? || corrects) {
             return Ok(None);
@@ -339,12 +346,12 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     }
 }
 
-/// 1 if something touches, else 0.
+/// Returns 1 if any bound is active, else 0.
 fn touching(sides: &[Side]) -> f64 {
     f64::from(u8::from(sides.iter().any(|&side| side != Side::Free)))
 }
 
-/// 1 if x breaks a bound that is not among the candidates (ascending), else 0.
+/// Returns 1 if x violates a bound that is not among the candidates (ascending), else 0.
 fn outside(bounds: &Bounds, candidates: &[usize], x: &[f64]) -> f64 {
     let mut candidates = candidates.iter().copied();
     let mut candidate = candidates.next();

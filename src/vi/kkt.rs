@@ -1,81 +1,93 @@
-//! The judge of every solver: one relative residual of the optimality conditions.
+//! Check of every solver's answers: one relative residual of the optimality (KKT) conditions.
 //!
-//! Stationarity is measured as a componentwise backward error (Oettli and Prager 1964): by how much, relative to themselves,
-//! the entries of the cells' matrices and of b would have to change for x to satisfy its rows exactly,
-//! \[ \max_i \frac{|A x - b - G^T r|_i}{(|A||x| + |b| + |G^T r|)_i}. \]
-//! A row all of whose terms are negligible is measured against a share of the largest that A, which is positive definite, allows
-//! it. The measure does not depend on units or on the scaling of the dofs. Violated bounds are measured against the scale of
-//! the deflection, reactions against the magnitude of their row; complementarity is the smaller of relative gap and
-//! relative reaction. A is applied cell by cell, without the assembled matrix that the solvers work on.
+//! Stationarity is measured as a componentwise backward error (Oettli and Prager 1964): the
+//! relative change of the entries of the local matrices and of b for which x satisfies its rows
+//! exactly,
+//!
+//! ```math
+//! \max_i \frac{|A x - b - G^T r|_i}{(|A||x| + |b| + |G^T r|)_i}.
+//! ```
+//!
+//! A row with only negligible terms is measured against a share of the largest magnitude that the
+//! positive definite A allows it. The measure does not depend on units or on the scaling of the
+//! dofs. Violated bounds are measured against the scale of the deflection, and reactions against
+//! the magnitude of their row; complementarity is the smaller of relative gap and relative
+//! reaction. A is applied cell by cell, without the assembled matrix on which the solvers work.
 
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 
-/// Rows whose magnitude is below this share of the largest possible, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and |b_j| / sqrt(A_jj),
-/// are measured against that share: where all terms of a row vanish in the answer, rounding elsewhere is all it has.
+/// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
+/// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
+/// vanish in the answer, rounding of other rows is all that remains in it.
 const NEGLIGIBLE: f64 = 1e-4;
 
-/// The parts of the residual, each dimensionless.
+/// Parts of the KKT residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
     /// Componentwise backward error of A x = b + G^T r.
     pub stationarity: f64,
-    /// Largest violation of a bound over the scale of the deflection.
+    /// Largest violation of a bound, relative to the scale of the deflection.
     pub penetration: f64,
-    /// Largest reaction of the wrong sign over the magnitude of its row.
+    /// Largest reaction of the wrong sign, relative to the magnitude of its row.
     pub adhesion: f64,
-    /// Largest of min(relative gap, relative reaction).
+    /// Largest minimum of relative gap and relative reaction.
     pub complementarity: f64,
 }
 
 impl Residual {
-    /// The largest part; NaN if any is.
+    /// Returns the largest part; NaN if any part is.
     pub fn worst(&self) -> f64 {
         let parts = [self.stationarity, self.penetration, self.adhesion, self.complementarity];
         parts.into_iter().fold(0.0, larger)
     }
 }
 
-/// The larger of two numbers, and NaN if one is: a comparison must not hide it.
+/// Returns the larger of two numbers, and NaN if either is, which a comparison would hide.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// The largest of some numbers that are not negative, and NaN if one is: they are ordered as their bits are, NaN last.
+/// Returns the largest magnitude of some numbers, and NaN if one is: magnitudes order like their
+/// bits, with NaN last.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     f64::from_bits(values.map(|value| value.abs().to_bits()).max().unwrap_or(0))
 }
 
-/// A ratio that is 0 for nothing over nothing.
+/// Returns a / b, and 0 where a is 0 whatever b is.
 fn ratio(a: f64, b: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a / b }
 }
 
-/// Work vectors of the judge.
+/// Check of the answers to problems with one matrix, with its work vectors.
 #[derive(Debug)]
 pub struct Judge {
-    /// sqrt(A_ii).
+    /// Square roots of the diagonal of A, sqrt(A_ii).
     scale: Vec<f64>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
 
 impl Judge {
-    /// A judge of problems with the matrix of this sum.
+    /// Creates the check of problems with the matrix of this sum.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn new<E: Engine>(engine: &E, sum: &Sum<E>) -> Result<Judge> {
         let scale: Vec<f64> = engine.diagonal(sum)?.into_iter().map(f64::sqrt).collect();
         Ok(Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 
-    /// The worst part of the residual of (x, reaction) on all processes; see the [module page](self). b comes as the terms that it
-    /// is the sum of: each counts with its own magnitude. Where the deflection has no scale yet, at rest on obstacles at 0, it is that of x.
+    /// Returns the largest part of the residual of (x, reaction) over all ranks; see the [module
+    /// page](self). Collective.
+    ///
+    /// The slices of `b` are the terms whose sum is the right-hand side: each counts with its own
+    /// magnitude. Where `length`, in m, is 0, as at rest on obstacles at 0, the largest bounded
+    /// entry of x takes its place.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn residual<E: Engine>(
         &mut self,
         engine: &E,
@@ -93,10 +105,11 @@ impl Judge {
         engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
     }
 
-    /// The parts of the residual on this process, with b as a sum of terms.
+    /// Returns the parts of the residual on this rank, for the terms of b as in
+    /// [`Judge::residual`]. Collective.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn parts<E: Engine>(
         &mut self,
         engine: &E,
@@ -123,7 +136,7 @@ impl Judge {
         let loaded =
             b.iter().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
         let size = engine.maximum(loaded.fold(moved, larger))?;
-        // Without any magnitude there is no residual either.
+        // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());
         let stationarity = largest(rows.map(|((r, m), scale)| {

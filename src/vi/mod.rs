@@ -1,9 +1,15 @@
-//! The bound-constrained problem of a step, in one verb.
+//! Bound-constrained problem of a step: its solvers, and the check that accepts their answers.
 //!
-//! Every step of every scheme is: find x and the reactions r such that
-//! \[ A x = b + G^T r, \qquad l \le G x \le u, \qquad r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between}, \]
-//! with A symmetric positive definite and the same for a whole run. [`Step::solve`] hands it to a [`Solver`] and has
-//! the answer judged by [`kkt`], whatever the solver says of itself.
+//! Every step of every scheme finds x and the reactions r such that
+//!
+//! ```math
+//! A x = b + G^T r, \qquad l \le G x \le u, \qquad
+//! r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between},
+//! ```
+//!
+//! where A is symmetric positive definite and the same for a whole run. [`Step::solve`] gives the
+//! problem to a [`Solver`] and measures the answer by [`kkt`], whatever the solver reports about
+//! itself.
 
 mod active_set;
 pub mod condensed;
@@ -24,12 +30,14 @@ use crate::linalg::{Engine, Sum};
 use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
 
-/// A solver of the bound-constrained problem, warm-started from its last answer.
+/// Solver of the bound-constrained problem, warm-started from its last answer.
 pub trait Solver<E: Engine> {
-    /// Solves for x and the reactions (one a bound). Returns the number of active-set or Newton iterations.
+    /// Solves for x and the reactions, one per bound. Returns the number of active-set or Newton
+    /// iterations.
     ///
     /// # Errors
-    /// Where a matrix cannot be factored. An answer that did not converge is no error here: it is judged outside.
+    /// Returns [`Error::Singular`] where a matrix cannot be factored. An answer that did not
+    /// converge is not an error here, because [`Step::solve`] measures it.
     fn solve(
         &mut self,
         engine: &E,
@@ -40,29 +48,33 @@ pub trait Solver<E: Engine> {
         reaction: &mut [f64],
     ) -> Result<u32>;
 
-    /// Numeric factorisations so far.
+    /// Returns the number of numeric factorisations so far.
     fn factorisations(&self) -> u64;
 
-    /// How often an answer is to be corrected by the residual it leaves: where rounding spoils the factored matrix.
+    /// Returns how many corrections by the residual an answer needs: none, unless rounding spoils
+    /// the factored matrix.
     fn corrections(&self) -> u32 {
         0
     }
 
-    /// Shows an archive all that its next answer depends on, down to the last digit. Restores a solver that has not solved anything yet.
+    /// Saves or restores all that the next answer depends on, so that a resumed run is bitwise
+    /// identical. Only a solver that has not solved anything yet can be restored.
     ///
     /// # Errors
-    /// [`crate::Error::Checkpoint`], and where a matrix cannot be factored.
+    /// Returns [`Error::Checkpoint`] where the archive does not fit and [`Error::Singular`] where a
+    /// matrix cannot be factored.
     fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()>;
 
-    /// Residual above which an answer is worth another attempt with [`Solver::retry`].
+    /// Returns the KKT residual above which an answer is tried again with [`Solver::retry`].
     fn tolerance(&self) -> f64 {
         f64::INFINITY
     }
 
-    /// Solves the same problem again in the next safer way, from attempt 0 on; `None` if there is none left.
+    /// Solves the same problem again by the next safer method, from attempt 0 on. Returns `None` if
+    /// there is none left.
     ///
     /// # Errors
-    /// As [`Solver::solve`].
+    /// Returns the errors of [`Solver::solve`].
     fn retry(
         &mut self,
         attempt: u32,
@@ -78,22 +90,23 @@ pub trait Solver<E: Engine> {
     }
 }
 
-/// Makes the solver of a matrix and a number of bounds.
+/// Function that creates a solver from an engine, the matrix of a step and a number of bounds.
 pub type SolverFactory<E> = dyn Fn(&E, &Sum<E>, usize) -> Result<Box<dyn Solver<E>>>;
 
-/// What a solved step has to say.
+/// Report on a solved step.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Verdict {
     /// Iterations of the solver; 0 where nothing touched.
     pub iterations: u32,
     /// Relative KKT residual, dimensionless.
     pub kkt: f64,
-    /// Attempts after the first one, in safer ways.
+    /// Number of attempts after the first one, by safer methods.
     pub retries: u32,
 }
 
 impl Verdict {
-    /// What two solves in a row have to say: all iterations, the worse residual.
+    /// Combines the reports of two successive solves: the sum of iterations and retries, and the
+    /// larger residual.
     pub fn and(self, other: Verdict) -> Verdict {
         let worse = other.kkt > self.kkt || other.kkt.is_nan();
         Verdict {
@@ -104,12 +117,12 @@ impl Verdict {
     }
 }
 
-/// Error of an answer, in the norm of the energy, that needs no correction.
+/// Relative energy-norm error of an answer below which it needs no correction.
 const SPOILT: f64 = 3e-11;
-/// Error from which on corrections lead nowhere.
+/// Relative energy-norm error of a solve above which corrections do not converge in practice.
 const LOST: f64 = 0.1;
 
-/// How many corrections bring answers of a factor to [`SPOILT`].
+/// Returns how many corrections bring the answers of a factor to an error of [`SPOILT`].
 fn corrections<E: Engine>(engine: &E, sum: &Sum<E>, factor: &mut E::Factor) -> Result<u32> {
     let spoilt = engine.spoilt(sum, factor)?;
     if spoilt <= SPOILT {
@@ -117,14 +130,14 @@ fn corrections<E: Engine>(engine: &E, sum: &Sum<E>, factor: &mut E::Factor) -> R
     }
     if spoilt > LOST || spoilt.is_nan() {
         return Err(Error::Singular(format!(
-            "rounding takes the matrix of {} dofs apart: it is singular, or its cells are too small for what they make up",
+            "the step matrix ({} dofs) is singular to working precision; the cells may be too small for the plate",
             engine.dofs()
         )));
     }
     Ok(((SPOILT.ln() / spoilt.ln()).ceil() - 1.0) as u32)
 }
 
-/// y = A x for a sum of forms.
+/// Computes y = A x for a sum of forms.
 fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) -> Result<()> {
     y.fill(0.0);
     for (scale, form) in sum {
@@ -136,14 +149,14 @@ fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y:
     Ok(())
 }
 
-/// A solver and its judge.
+/// Solver together with the check of its answers.
 pub struct Step<E: Engine> {
     solver: Box<dyn Solver<E>>,
     judge: kkt::Judge,
     correction: Correction,
 }
 
-/// What is left of a problem, and what it adds to the answer.
+/// Problem that a correction solves: the residual of an answer, and the bounds relative to it.
 #[derive(Debug, Default)]
 struct Correction {
     product: Vec<f64>,
@@ -153,18 +166,20 @@ struct Correction {
 }
 
 impl<E: Engine> Step<E> {
-    /// Puts a solver of problems with the matrix of this sum under judgement.
+    /// Pairs a solver with the check of problems that have the matrix of this sum.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn new(solver: Box<dyn Solver<E>>, engine: &E, sum: &Sum<E>) -> Result<Step<E>> {
         Ok(Step { solver, judge: kkt::Judge::new(engine, sum)?, correction: Correction::default() })
     }
 
-    /// Solves and judges; where the solver knows safer ways, they follow until its tolerance is met. `length` is the scale of the deflection, in m, that gaps are measured against.
+    /// Solves a step and measures the answer; safer methods follow until the solver's tolerance is
+    /// met or none is left. `length` is the scale of the deflection against which gaps are
+    /// measured, in m.
     ///
     /// # Errors
-    /// Where a matrix cannot be factored.
+    /// Returns [`Error::Singular`] where a matrix cannot be factored.
     pub fn solve(
         &mut self,
         engine: &E,
@@ -195,8 +210,11 @@ impl<E: Engine> Step<E> {
         Ok(verdict)
     }
 
-    /// Solves for what x leaves of the problem, with A applied cell by cell, and adds it; in the way of an attempt, if x is its answer.
-    /// An answer that is none is left as it is.
+    /// Solves for the residual problem of x, with A applied cell by cell, and adds the solution to
+    /// x.
+    ///
+    /// `attempt` names the retry whose answer x is, and the same method then solves the correction.
+    /// An answer that is not finite stays unchanged.
     fn correct(
         &mut self,
         attempt: Option<u32>,
@@ -226,15 +244,15 @@ impl<E: Engine> Step<E> {
         Ok(iterations)
     }
 
-    /// Numeric factorisations so far.
+    /// Returns the number of numeric factorisations so far.
     pub fn factorisations(&self) -> u64 {
         self.solver.factorisations()
     }
 
-    /// As [`Solver::state`].
+    /// Saves or restores the solver, like [`Solver::state`].
     ///
     /// # Errors
-    /// As [`Solver::state`].
+    /// Returns the errors of [`Solver::state`].
     pub fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()> {
         self.solver.state(engine, sum, bounds, archive)
     }

@@ -1,12 +1,21 @@
-//! What SNES and TAO have in common: the scaled problem, the free step, the last solve on the active set, the retries.
+//! Common part of SNES and TAO: scaling, the contact-free solve, the final solve on the active set,
+//! and retries.
 //!
-//! PETSc's tolerances are absolute in the unknowns or in the residual, and a plate's unknowns are metres and slopes. Here
-//! the methods see y = x / (s d) with d = 1/sqrt(A_ii) and s of the size of D b: \( (D A D) y = D b / s \), whose diagonal
-//! and right-hand side have size 1. One default then serves every mesh, step and unit.
+//! PETSc's tolerances are absolute in the unknowns or in the residual, and a plate's unknowns are
+//! displacements in m and slopes. Here the methods see `$y = x / (s d)$` with
+//! `$d_i = 1/\sqrt{A_{ii}}$`, `$D = \operatorname{diag}(d)$` and s of the size of D b:
 //!
-//! A step is first solved with the factor of A that is kept for the run: if that answer lies within the bounds, it is the
-//! solution. Otherwise the method finds out which dofs are at their bounds, and its answer is corrected by one solve with those held
-//! unless its residual is at the rounding floor already.
+//! ```math
+//! (D A D)\, y = D b / s,
+//! ```
+//!
+//! whose diagonal and right-hand side have size 1. One set of defaults then serves every mesh, step
+//! and unit.
+//!
+//! A step is first solved with the factor of A that is kept for the run: if that answer lies within
+//! the bounds, it is the solution. Otherwise the method finds the dofs that are at their bounds.
+//! Its answer is corrected by one solve with these dofs held, unless its residual is at the
+//! rounding floor already.
 
 use super::kkt::{Judge, Residual};
 use super::{Condensed, Side, Solver};
@@ -19,50 +28,52 @@ use crate::petsc::{Context, Distributed, INFINITY, Matrix, Reason, Vector};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Has a method solve every step, those without contact too.
+/// Option that makes a method iterate in every step, even in those without contact.
 const ALWAYS: &str = "rebond_always_iterate";
 
 /// Tolerance of the methods on their residual, relative to the right-hand side.
 pub(super) const RESIDUAL: &str = "1e-10";
 const RESIDUAL_VALUE: f64 = 1e-10;
 
-/// The share of the rounding of A y that the tolerance stays above.
+/// Multiple of the rounding of A y above which the tolerance is kept.
 const ROUNDINGS: f64 = 8.0;
 
-/// Stationarity from which on an answer needs no correction.
+/// Stationarity up to which an answer needs no correction.
 const EXACT: f64 = 1e-12;
 
-/// Violations of a bound beneath this share of the largest unknown are rounding.
+/// Share of the largest unknown up to which a violation of a bound counts as rounding.
 const ROUNDING: f64 = 1e-13;
 
-/// The problem as a method sees it.
+/// Scaled problem, as a method sees it.
 pub(super) struct Scaled {
-    /// D A D.
+    /// Scaled matrix D A D.
     pub matrix: Matrix,
-    /// D b / s.
+    /// Scaled right-hand side D b / s.
     pub right: RefCell<Vector>,
     pub lower: RefCell<Vector>,
     pub upper: RefCell<Vector>,
 }
 
 impl Scaled {
-    /// The gradient of the function to minimise, D A D y - D b / s: the residual of the equations.
+    /// Computes the gradient D A D y - D b / s of the function to minimise, the residual of the
+    /// equations.
     pub fn gradient(&self, y: &Vector, gradient: &mut Vector) -> Result<()> {
         self.matrix.multiply(y, gradient)?;
         gradient.add_scaled(-1.0, &self.right.borrow())
     }
 }
 
-/// One of PETSc's ways to solve the scaled problem.
+/// PETSc method for the scaled problem.
 pub(super) trait Method {
-    /// Solves from the start in y. What y is after a reason that did not converge is worth nothing.
+    /// Solves from the start in y. Returns the reason for stopping and the number of iterations; y
+    /// is meaningless unless the reason is convergence.
     fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)>;
 }
 
-/// Makes a method that listens to the options with a prefix.
+/// Function that creates a method configured by the options with a prefix.
 type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
 
-/// Methods of PETSc that share an interface: [`SNES`](super::snes::SNES) or [`TAO`](super::tao::TAO).
+/// PETSc methods that share an interface: [`SNES`](super::snes::SNES) or [`TAO`](super::tao::TAO).
 pub struct Family {
     pub(super) name: &'static str,
     pub(super) check: fn(&Context) -> Result<()>,
@@ -73,7 +84,7 @@ impl Family {
     /// Refuses options that cannot solve a step, before anything is built.
     ///
     /// # Errors
-    /// [`Error::Usage`] naming the option, [`Error::Petsc`].
+    /// Returns [`Error::Usage`] naming the option, or [`Error::Petsc`].
     pub fn check_options(&self, context: &Context) -> Result<()> {
         for prefix in ["", SAFE] {
             let option = format!("{prefix}pc_type");
@@ -88,12 +99,14 @@ impl Family {
         (self.check)(context)
     }
 
-    /// The solver of a step; see the [module page](self).
+    /// Creates the solver of a step; see the [module page](self). Collective.
     ///
-    /// It assembles and factors the matrix, for bounds on `bounded` dofs; answers above the tolerance are tried again. Collective.
+    /// The solver assembles and factors the matrix, for bounds on `bounded` dofs, and retries
+    /// answers whose KKT residual exceeds the tolerance.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that cannot work, [`Error::Singular`], [`Error::Petsc`].
+    /// Returns [`Error::Usage`] for options that cannot work, [`Error::Singular`], or
+    /// [`Error::Petsc`].
     pub fn solver(
         &self,
         engine: &Distributed,
@@ -108,12 +121,12 @@ impl Family {
 /// Prefix of the options of the method that retries.
 pub(super) const SAFE: &str = "safe_";
 
-/// Sets options under a prefix, unless the user did.
+/// Sets options under a prefix, except those that the user has set.
 pub(super) fn set_defaults(context: &Context, prefix: &str, defaults: &[(&str, &str)]) -> Result<()> {
     defaults.iter().try_for_each(|(name, value)| context.default_option(&format!("{prefix}{name}"), value))
 }
 
-/// A method and what it starts from and ends with.
+/// Method of PETSc with the state that it starts from and leaves behind.
 struct Bounded {
     name: &'static str,
     problem: Rc<Scaled>,
@@ -122,7 +135,7 @@ struct Bounded {
     condensed: Option<Condensed<Distributed>>,
     factor: DistributedFactor,
     judge: Judge,
-    /// 1/sqrt(A_ii).
+    /// Diagonal of D, 1/sqrt(A_ii).
     scale: Vec<f64>,
     norm: f64,
     y: Vector,
@@ -131,7 +144,7 @@ struct Bounded {
     factorisations: u64,
     corrections: u32,
     tolerance: f64,
-    /// Why the last attempt is no answer.
+    /// Reason why the last attempt failed, for the message to the user.
     complaint: String,
     said: bool,
 }
@@ -177,7 +190,8 @@ impl Bounded {
         })
     }
 
-    /// Has a method solve, from the free solution and the last sides or from nothing, and completes its answer.
+    /// Solves with a method and completes its answer. The start is the contact-free solution and
+    /// the last active set, or zero where `safely`.
     fn iterate(
         &mut self,
         safely: bool,
@@ -188,7 +202,7 @@ impl Bounded {
         x: &mut [f64],
         reaction: &mut [f64],
     ) -> Result<u32> {
-        // s, such that the tolerance lies above the rounding of A y.
+        // The factor s is large enough for the tolerance to exceed the rounding of A y.
         let right: Vec<f64> = b.iter().zip(&self.scale).map(|(b, d)| b * d).collect();
         let size: Vec<f64> = x.iter().zip(&self.scale).map(|(x, d)| x / d).collect();
         let right = engine.dot(&right, &right)?.sqrt();
@@ -238,11 +252,12 @@ impl Bounded {
             *x = y * unit;
         }
         self.complete(engine, sum, b, bounds, x, reaction)?;
-        // An iteration or more: contact was met.
+        // At least one iteration is reported, because contact was met.
         Ok((iterations as u32).max(1))
     }
 
-    /// Sides and reactions of an answer, corrected on its active set where it has digits to gain.
+    /// Finds the active set and the reactions of an answer, and corrects it on that set unless its
+    /// residual is at the rounding floor.
     fn complete(
         &mut self,
         engine: &Distributed,
@@ -277,7 +292,7 @@ impl Bounded {
         if judge(x, reaction)? <= EXACT {
             return Ok(());
         }
-        // A dx = b + G^T r - A x where nothing is held.
+        // Solve A dx = b + G^T r - A x for the dofs that are not held.
         let mut correction: Vec<f64> = b.iter().zip(&residual).map(|(b, r)| b - r).collect();
         let mut held = Vec::new();
         for (i, &dof) in bounds.dofs.iter().enumerate() {
@@ -295,7 +310,7 @@ impl Bounded {
         self.react(engine, sum, b, bounds, x, reaction, &mut residual, &mut magnitude)
     }
 
-    /// Puts x onto the bounds where it is held, or outside by rounding.
+    /// Puts x onto its bounds where it is held or outside by rounding only.
     fn hold(&self, bounds: &Bounds, size: f64, x: &mut [f64]) {
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let (lower, upper) = (bounds.lower[i], bounds.upper[i]);
@@ -310,7 +325,7 @@ impl Bounded {
         }
     }
 
-    /// The reactions A x - b where x is held, and A x.
+    /// Computes the reactions A x - b where x is held, and `product` = A x.
     fn react(
         &self,
         engine: &Distributed,
@@ -329,7 +344,7 @@ impl Bounded {
         Ok(())
     }
 
-    /// The minimiser without bounds, and whether it lies within them.
+    /// Solves without bounds. Returns whether the solution lies within them.
     fn free(&mut self, engine: &Distributed, b: &[f64], bounds: &Bounds, x: &mut [f64]) -> Result<bool> {
         x.copy_from_slice(b);
         self.factor.solve(x)?;
@@ -422,7 +437,7 @@ impl Solver<Distributed> for Bounded {
                 }
                 Ok(Some(iterations))
             }
-            // And in its own safer way.
+            // From then on the condensed solver retries by its own safer method.
             _ => match &mut self.condensed {
                 Some(condensed) => condensed.retry(attempt - 2, engine, sum, b, bounds, x, reaction),
                 None => Ok(None),

@@ -1,17 +1,18 @@
-//! PETSc's Newton methods for complementarity problems on a step: `--vi snes`.
+//! PETSc's Newton methods for the complementarity problem of a step: `--vi snes`.
 //!
-//! `-snes_type vinewtonrsls` (reduced space, the default) or `vinewtonssls` (semismooth). Their tolerances are relative to the
-//! scaled right-hand side; every default below yields to the user's option of that name.
+//! `-snes_type` is `vinewtonrsls` (reduced space, the default) or `vinewtonssls` (semismooth).
+//! Their tolerances are relative to the scaled right-hand side. A user's option overrides the
+//! default of the same name below.
 
 use super::scaled::{Family, Method, RESIDUAL, SAFE, Scaled, set_defaults};
 use crate::error::{Error, Result};
 use crate::petsc::{Comm, Context, Reason, Snes, Vector};
 use std::rc::Rc;
 
-/// PETSc's Newton methods; see the [module page](self).
+/// PETSc's Newton methods for complementarity problems; see the [module page](self).
 pub const SNES: Family = Family { name: "SNES", check: check_options, make: newton };
 
-/// Options that make the methods converge on plates, and their values.
+/// Default options, with which the methods converge on plates, and their values.
 pub const DEFAULTS: &[(&str, &str)] = &[
     ("snes_type", REDUCED),
     ("snes_linesearch_type", "l2"),
@@ -22,14 +23,15 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("snes_vi_zero_tolerance", "1e-12"),
 ];
 
-/// Those of the method that retries, from nothing, where they differ: a line search that lets no set of active bounds come back.
+/// Default options of the retry, which starts from zero, where they differ from [`DEFAULTS`]. The
+/// backtracking line search prevents cycles of active sets.
 const SAFE_DEFAULTS: &[(&str, &str)] = &[("snes_linesearch_type", "bt")];
 
-/// The methods between bounds.
+/// Methods for problems with bounds.
 const REDUCED: &str = "vinewtonrsls";
 const SEMISMOOTH: &str = "vinewtonssls";
 
-/// The line searches that can do a step.
+/// Line searches that can solve a step.
 const LINE_SEARCHES: [&str; 4] = ["l2", "basic", "bt", "cp"];
 
 fn check_options(context: &Context) -> Result<()> {
@@ -55,7 +57,7 @@ fn check_options(context: &Context) -> Result<()> {
     Ok(())
 }
 
-/// The method that the options with a prefix name.
+/// Returns the method that the option with a prefix names.
 fn kind(context: &Context, prefix: &str) -> Result<String> {
     let option = format!("{prefix}snes_type");
     let kind = context.option(&option)?.unwrap_or(REDUCED.into());
@@ -79,7 +81,7 @@ fn newton(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Result<B
     let shared = problem.clone();
     solver.set_residual(&like, move |y, f| shared.gradient(y, f))?;
     if kind == SEMISMOOTH {
-        // It scales its matrix in place.
+        // The semismooth method scales its matrix in place and gets a copy.
         let shared = problem.clone();
         solver.set_jacobian(&problem.matrix.duplicate()?, move |_, own| own.copy_from(&shared.matrix))?;
     } else {

@@ -1,18 +1,19 @@
-//! PETSc's minimisers between bounds on a step: `--vi tao`.
+//! PETSc's bound-constrained minimisers for a step: `--vi tao`.
 //!
-//! The unknown minimises \( \frac12 y^T A y - b^T y \) in the scaled unknowns. `-tao_type tron` (trust region, the default), `bnls`,
-//! `gpcg` or another one; those that answer wrongly or minimise something else are refused by name. Every default below yields to the
-//! user's option of that name.
+//! They minimise `$\frac12 y^T A y - b^T y$` in the scaled unknowns. `-tao_type` is `tron` (trust
+//! region, the default), `bnls`, `gpcg` or another one; methods that answer wrongly or minimise
+//! something else are refused by name. A user's option overrides the default of the same name
+//! below.
 
 use super::scaled::{Family, Method, RESIDUAL, SAFE, Scaled, set_defaults};
 use crate::error::{Error, Result};
 use crate::petsc::{Comm, Context, Reason, Tao, Vector};
 use std::rc::Rc;
 
-/// PETSc's minimisers; see the [module page](self).
+/// PETSc's bound-constrained minimisers; see the [module page](self).
 pub const TAO: Family = Family { name: "TAO", check: check_options, make: minimiser };
 
-/// Options that make the methods converge on plates, and their values.
+/// Default options, with which the methods converge on plates, and their values.
 pub const DEFAULTS: &[(&str, &str)] = &[
     ("tao_type", TRUST_REGION),
     ("tao_gatol", RESIDUAL),
@@ -22,16 +23,16 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("tao_max_it", "50"),
 ];
 
-/// Those of the method that retries, from nothing, where they differ.
+/// Default options of the retry, which starts from zero, where they differ from [`DEFAULTS`].
 const SAFE_DEFAULTS: &[(&str, &str)] = &[("tao_type", "bnls")];
 
-/// The method of the default.
+/// Default method, a trust-region Newton method.
 const TRUST_REGION: &str = "tron";
 
-/// The methods between bounds that answer rightly where they say so.
+/// Bound-constrained methods whose answers are right whenever they report convergence.
 const TYPES: &[&str] = &[TRUST_REGION, "bnls", "gpcg", "bntr", "bntl", "blmvm", "bncg", "bqnls"];
 
-/// Why a method cannot do a step.
+/// Returns the reason why a method cannot solve a step.
 fn refusal(kind: &str) -> &'static str {
     match kind {
         "bqpip" => "it says that it converged and answers wrongly where a bound has one side only",
@@ -54,7 +55,7 @@ fn check_options(context: &Context) -> Result<()> {
     ["", SAFE].into_iter().try_for_each(|prefix| kind(context, prefix).map(drop))
 }
 
-/// The method that the options with a prefix name.
+/// Returns the method that the option with a prefix names.
 fn kind(context: &Context, prefix: &str) -> Result<String> {
     let option = format!("{prefix}tao_type");
     let kind = context.option(&option)?.unwrap_or(TRUST_REGION.into());
@@ -74,7 +75,7 @@ fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Resul
     let mut solver = Tao::new(context, Comm::World, prefix)?;
     solver.set_type(&kind)?;
     if ["bntr", "bntl"].contains(&kind.as_str()) {
-        // They need a linear solver that knows a trust region.
+        // These methods need a linear solver that respects a trust region.
         set_defaults(context, prefix, &[("tao_bnk_ksp_type", "stcg")])?;
     }
     solver.default_to_cholesky()?;
@@ -82,7 +83,7 @@ fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Resul
     let shared = problem.clone();
     solver.set_objective(&like, move |y, gradient| {
         shared.gradient(y, gradient)?;
-        // y.A y / 2 - b.y
+        // The objective is y.A y / 2 - b.y, and the gradient is A y - b.
         Ok(0.5 * (y.dot(gradient)? - y.dot(&shared.right.borrow())?))
     })?;
     solver.set_hessian(&problem.matrix, |_, _| Ok(()))?;
