@@ -1,9 +1,10 @@
-//! Quadrature that looks for what a rule of fixed degree does not see: patches between its points, edges across its triangle.
+//! Adaptive quadrature for functions that a rule of fixed degree misses: patches between its
+//! points, and edges across its triangle.
 //!
-//! A rule knows a function at its points only. Interval arithmetic bounds the function between
-//! them. Where the bounds leave room for more than the points show, the triangle is cut in four; so
-//! is one whose rule and those of its four parts do not agree. Along a jump the triangles get
-//! small, and the last ones are cut in two by the chord of the jump.
+//! A rule knows a function at its points only, while interval arithmetic bounds the function
+//! between them. A triangle is divided into four where the bounds allow more than the points show,
+//! or where its rule and those of its four parts disagree. Along a jump the triangles become small,
+//! and the last ones are cut in two by the chord of the jump.
 
 use super::quadrature::{DEGREE_3, DEGREE_6, Node};
 use crate::error::Result;
@@ -11,82 +12,88 @@ use crate::field::Enclosure;
 use crate::mesh::Point;
 use std::collections::BTreeMap;
 
-/// A function over the plate.
+/// Function over the plate that can be integrated adaptively.
 pub trait Integrand {
-    /// Fills in its values at points (m).
+    /// Computes the values at points given in m.
     ///
     /// # Errors
-    /// [`crate::Error::Scene`] where it has no finite value.
+    /// Returns [`crate::Error::Scene`] where the function has no finite value.
     fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()>;
 
-    /// Bounds over the rectangle between two corners (m).
+    /// Returns bounds over the rectangle between two corners, in m.
     fn enclose(&self, low: Point, high: Point) -> Enclosure;
 
-    /// A number that differs across jumps and kinks.
+    /// Returns a number that differs across jumps and kinks.
     fn side(&self, at: Point) -> u64;
 }
 
-/// How far to go. All shares are of the integral of the function's magnitude over the plate.
+/// Tolerances and limits of the search. All shares are of the integral of the function's magnitude
+/// over the plate.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
-    /// Share that a triangle across a jump may hold.
+    /// Share of the whole up to which the error bound of a triangle across a jump is accepted.
     pub jump: f64,
-    /// Largest difference of the rule and the rules of four parts, relative to the integral over the triangle, or the mean over all.
+    /// Largest difference between the rule and the rules of the four parts, relative to the larger
+    /// of the triangle's own integral and the mean for its area.
     pub difference: f64,
-    /// Difference that does not matter wherever it is.
+    /// Share of the whole below which a difference is accepted on any triangle.
     pub nothing: f64,
-    /// Share of the mean that the bounds may leave open on a triangle, without a look at the points.
+    /// Share of the mean up to which the error bound of a triangle is accepted, whatever its points
+    /// show.
     pub open: f64,
-    /// Share of the whole that they may leave open there.
+    /// Share of the whole up to which it is accepted in addition to [`Effort::open`].
     pub open_at_once: f64,
-    /// Most triangles at one level.
+    /// Largest number of triangles at one level.
     pub most: usize,
 }
 
-/// Integrated once for all steps.
+/// Tolerances for functions that are integrated once for all steps.
 pub const ONCE: Effort =
     Effort { jump: 1e-5, difference: 1e-6, nothing: 1e-8, open: 1e-2, open_at_once: 1e-7, most: 1 << 18 };
 
-/// Integrated anew at each instant.
+/// Tolerances for functions that are integrated anew at each instant.
 pub const EACH_TIME: Effort =
     Effort { jump: 1e-4, difference: 1e-5, nothing: 1e-7, open: 1e-1, open_at_once: 1e-5, most: 1 << 16 };
 
-/// How often larger than what the points show of curvature the bounds may be: what they overestimate in smooth functions.
+/// Largest trusted ratio of the bounds to the curvature that the points show; bounds overestimate
+/// smooth functions by up to this factor.
 const TRUSTED: f64 = 32.0;
 
-/// Levels of subdivision.
+/// Largest number of subdivisions of a triangle.
 const LEVELS: usize = 24;
 
-/// Integrals that agree to this share make no rules of their own.
+/// Relative difference up to which integrals count as equal, so that a piece needs no own rule.
 const SAME: f64 = 1e-12;
 
-/// Halvings that find a jump on the side of a triangle.
+/// Number of bisections that locate a jump on the side of a triangle.
 const HALVINGS: usize = 50;
 
-/// Rules of their own, piece by piece, of the cells where the usual one does not do. Their weights sum to 1 on each piece.
+/// Quadrature rules, piece by piece, of the cells where the usual one does not suffice. Their
+/// weights sum to 1 on each piece.
 pub type Rules = BTreeMap<usize, Vec<Vec<Node>>>;
 
-/// Result of a search: rules, and integrals by them.
+/// Result of an adaptive search: quadrature rules, and the integrals that they give.
 #[derive(Debug, Clone, Default)]
 pub struct Refined {
-    /// Rules of this process's cells.
+    /// Rules of this rank's cells.
     pub rules: Rules,
-    /// Integrals of the function, and of it times x and times y (m), over this process's cells.
+    /// Integrals of the function, and of the function times x and times y (in m), over this rank's
+    /// cells.
     pub integral: [f64; 3],
     /// Integral of the function's magnitude over all cells.
     pub size: f64,
-    /// Bound on what the rules may miss where the search was given up, over all cells; else 0.
+    /// Bound on the error of the rules where the search ended early, over all cells; otherwise 0.
     pub left: f64,
 }
 
-/// A piece of a cell: a triangle.
+/// Piece of a cell, a triangle.
 #[derive(Debug, Clone, Copy)]
 pub struct Triangle {
     /// Number of the cell.
     pub cell: usize,
     /// Number of the piece in the cell.
     pub piece: usize,
-    /// The vertices of the piece, in m.
+    /// Vertices of the piece, in m.
     pub vertices: [Point; 3],
 }
 
@@ -111,7 +118,7 @@ fn combine(corners: &Corners, weights: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| (0..3).map(|i| weights[i] * corners[i][k]).sum())
 }
 
-/// Share of the piece's area.
+/// Returns the part's share of the piece's area.
 fn share(corners: &Corners) -> f64 {
     let [a, b, c] = corners;
     let (u, v) = ([b[1] - a[1], b[2] - a[2]], [c[1] - a[1], c[2] - a[2]]);
@@ -126,16 +133,16 @@ fn quarters(corners: &Corners) -> [Corners; 4] {
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// A part of a piece, and what the rule says of it.
+/// Part of a piece, with what the rule gives on it.
 #[derive(Clone, Copy)]
 struct Part {
-    /// Number of the piece in the list of all.
+    /// Index of the piece in the list of all.
     of: usize,
     corners: Corners,
     area: f64,
     /// Integrals of the function times the barycentric coordinates of the piece.
     integral: [f64; 3],
-    /// Integral of its magnitude.
+    /// Integral of the function's magnitude.
     size: f64,
     /// Largest distance of the values from an affine function.
     bent: f64,
@@ -144,7 +151,7 @@ struct Part {
 /// Decision on a part.
 enum Verdict {
     Accept,
-    /// Accept, the bounds leaving this open.
+    /// Accept, although the bounds leave this much error open.
     Leave(f64),
     Split(Box<[Part; 4]>),
 }
@@ -152,7 +159,7 @@ enum Verdict {
 struct Search<'s> {
     pieces: &'s [Triangle],
     effort: Effort,
-    /// Integral of the magnitude, and area, over all cells.
+    /// Integral of the function's magnitude, and area, over all cells.
     size: f64,
     area: f64,
 }
@@ -173,7 +180,7 @@ impl Search<'_> {
             }
             part.size += area * weight * value.abs();
         }
-        // The affine function of the same moments.
+        // The affine function with the same moments.
         let sum: f64 = moments.iter().sum();
         let affine = moments.map(|moment| 12.0 * moment - 3.0 * sum);
         for ((weights, _), value) in DEGREE_6.iter().zip(values) {
@@ -183,7 +190,8 @@ impl Search<'_> {
         Ok(part)
     }
 
-    /// Bounds over a part: what its rule may miss, over a unit of area, and whether that is by a jump.
+    /// Returns the error bound of the rule on a part, per unit of area, and whether a jump causes
+    /// it.
     fn open(&self, function: &dyn Integrand, part: &Part) -> (f64, bool) {
         let vertices = part.corners.map(|corner| self.pieces[part.of].point(corner));
         let axis = |k: usize, pick: fn(f64, f64) -> f64| {
@@ -196,7 +204,8 @@ impl Search<'_> {
         let Enclosure { value, slope, jumps } = function.enclose(low, high);
         let centre = low + (high - low) / 2.0;
         let far = |k: usize| vertices.iter().fold(0.0, |m: f64, v| m.max((v[k] - centre[k]).abs()));
-        // Beyond an affine function with the middle slopes; twice, for the function is not known at the centre.
+        // Deviation from the affine function with the middle slopes, counted twice because the
+        // function is not known at the centre.
         let bent: f64 = (0..2).map(|k| slope[k].width() * far(k)).sum();
         let open = if jumps || bent.is_nan() { value.width() } else { value.width().min(bent) };
         (if open.is_nan() { f64::INFINITY } else { open }, jumps)
@@ -208,7 +217,8 @@ impl Search<'_> {
         if !jumps && open <= self.effort.difference * mean {
             return Ok(Verdict::Accept);
         }
-        // Where there are no bounds, as beside a pole, what the points show.
+        // Where there are no bounds, such as beside a pole, the magnitude at the points replaces
+        // them.
         let room = if open.is_finite() { open * part.area } else { part.size };
         if jumps && room <= self.effort.jump * self.size {
             return Ok(Verdict::Accept);
@@ -230,7 +240,8 @@ impl Search<'_> {
         Ok(if !jumps && seen && agrees { Verdict::Accept } else { Verdict::Split(Box::new(parts)) })
     }
 
-    /// Cuts a part in two along the chord of a jump that parts one corner from the others; else it stays whole.
+    /// Cuts a part in two along the chord of a jump that separates one corner from the others, or
+    /// returns it whole.
     fn cut(&self, function: &dyn Integrand, of: usize, corners: &Corners) -> Vec<Corners> {
         let piece = &self.pieces[of];
         let side = |at: [f64; 3]| function.side(piece.point(at));
@@ -256,7 +267,7 @@ impl Search<'_> {
     }
 }
 
-/// The parts of a piece that was cut up.
+/// Parts of a subdivided piece.
 struct Parts {
     /// Integrals over the piece by the usual rule.
     usual: [f64; 3],
@@ -271,7 +282,7 @@ impl Parts {
         Parts { usual: usual.integral, integral: [0.0; 3], size: 0.0, nodes: Vec::new() }
     }
 
-    /// Adds a part whose rule will do.
+    /// Adds a part on which the usual rule suffices.
     fn add(&mut self, part: &Part) {
         (0..3).for_each(|k| self.integral[k] += part.integral[k]);
         self.size += part.size;
@@ -300,17 +311,19 @@ impl Parts {
         self.nodes.extend(rule.iter().map(|(weights, weight)| (combine(corners, *weights), weight * share)));
     }
 
-    /// Whether the usual rule says the same.
+    /// Returns whether the usual rule gives the same integrals.
     fn is_usual(&self) -> bool {
         (0..3).all(|k| (self.integral[k] - self.usual[k]).abs() <= SAME * self.size)
     }
 }
 
-/// Finds the cells of this process where the rule of degree 6 does not do for a function, which may differ from cell to cell, and
-/// rules that do. `sum` adds numbers up over all processes. Collective.
+/// Finds the cells of this rank where the rule of degree 6 does not suffice for a function, which
+/// may differ from cell to cell, and rules that do. Collective.
+///
+/// `sum` returns the sums of its arguments over all ranks.
 ///
 /// # Errors
-/// The functions' own errors, on the process that asked.
+/// Returns the errors of the function, on the rank where they occurred.
 pub fn refine<'f>(
     pieces: &[Triangle],
     function: &dyn Fn(usize) -> Option<&'f dyn Integrand>,
@@ -320,7 +333,7 @@ pub fn refine<'f>(
     let of_piece = |of: usize| function(pieces[of].cell);
     let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
     let mut fault = Ok(());
-    // An error waits for the others, who count on this process until all are done.
+    // An error is kept until the end, because the other ranks wait for this one in each sum.
     let mut attempt = |result: Result<()>| {
         if fault.is_ok() {
             fault = result;
@@ -343,7 +356,7 @@ pub fn refine<'f>(
         let last = level == LEVELS || level > 0 && own[1] > effort.most as f64;
         let mut next: Vec<Part> = Vec::new();
         let mut look = |function: &dyn Integrand, part: Part| -> Result<()> {
-            // Even where every cell asks for parts, they must fit into memory.
+            // The parts must fit into memory even where every cell asks for them.
             let last = last || next.len() >= 4 * effort.most;
             let left = match search.judge(function, &part, last)? {
                 Verdict::Split(parts) => {
@@ -402,10 +415,10 @@ pub fn refine<'f>(
     Ok(refined)
 }
 
-/// Whether the rule of degree 6 does for a function on all cells. Collective.
+/// Returns whether the rule of degree 6 suffices for a function on all cells. Collective.
 ///
 /// # Errors
-/// The function's own errors, as with [`refine`].
+/// Returns the errors of the function, on the rank where they occurred.
 pub fn is_calm(
     pieces: &[Triangle],
     function: &dyn Integrand,
@@ -441,7 +454,8 @@ pub fn is_calm(
     stirred.map(|stirred| !stirred)
 }
 
-/// Adds integrals over a piece of a function times its barycentric coordinates, as integrals of it and of it times x and y.
+/// Adds integrals over a piece of a function times its barycentric coordinates, as integrals of the
+/// function and of the function times x and y.
 fn add(integral: &mut [f64; 3], piece: &Triangle, of: [f64; 3]) {
     for (vertex, of) in piece.vertices.iter().zip(of) {
         integral[0] += of;
@@ -450,7 +464,7 @@ fn add(integral: &mut [f64; 3], piece: &Triangle, of: [f64; 3]) {
     }
 }
 
-/// The rules of the cells that have a piece of its own.
+/// Returns the rules of the cells in which some piece needs its own.
 fn rules(pieces: &[Triangle], cut_up: BTreeMap<usize, Parts>) -> Rules {
     let mut rules = Rules::new();
     let own: BTreeMap<usize, Parts> = cut_up.into_iter().filter(|(_, parts)| !parts.is_usual()).collect();

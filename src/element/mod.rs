@@ -1,15 +1,16 @@
 //! Conforming plate elements, made of cubics in Bernstein-Bezier form and built in physical space.
 //!
-//! Both elements cut their cell into triangles around a centre, take a cubic on each, and are C1 inside the cell with a
-//! normal derivative that is *linear* along each outer edge. Deflection and slopes along an edge then depend on the
-//! dofs of its two nodes only: cells of either kind fit together to C1, which Kirchhoff-Love plates need. Because
-//! nothing is mapped from a reference cell, every quadratic belongs to both elements on every cell shape.
+//! Both elements divide their cell into triangles around a centre and take a cubic on each. They
+//! are C1 inside the cell and have a normal derivative that is *linear* along each outer edge.
+//! Deflection and slopes along an edge then depend on the dofs of its two nodes only, so that cells
+//! of either kind join with C1 continuity, which Kirchhoff-Love plates need. Because nothing is
+//! mapped from a reference cell, both elements contain every quadratic on every cell shape.
 //!
-//! The dofs of a cell are `(w, w_x, w_y)` at each vertex, in the order of the vertices. [`hct::element`] and
-//! [`fvs::element`] give an [`Element`], of 9 and 12 dofs.
+//! The dofs of a cell are `(w, w_x, w_y)` at each vertex, in the order of the vertices.
+//! [`hct::element`] and [`fvs::element`] return an [`Element`] of 9 and of 12 dofs.
 //!
-//! Source for the Bezier form and its C1 conditions: Lai and Schumaker, *Spline Functions on Triangulations*, 2007,
-//! chapters 2 and 6.
+//! Source for the Bezier form and its C1 conditions: Lai and Schumaker, *Spline Functions on
+//! Triangulations*, 2007, chapters 2 and 6.
 
 pub mod adaptive;
 pub mod fvs;
@@ -20,50 +21,53 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use crate::mesh::Point;
 
-/// The basis functions of an element and their derivatives at a point: column (or entry) `i` belongs to dof `i`.
+/// Values and derivatives of an element's basis functions at a point; column (or entry) `i` belongs
+/// to dof `i`.
 ///
-/// Units are metres to the power of minus the order of the derivative, times metres for the slope dofs.
+/// A derivative of order k has the unit m^-k, times m for the slope dofs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Basis<const N: usize> {
-    /// Values.
+    /// Values of the basis functions.
     pub value: SVector<f64, N>,
-    /// First derivatives: rows x, y.
+    /// First derivatives, with rows x and y.
     pub gradient: SMatrix<f64, 2, N>,
-    /// Second derivatives: rows xx, xy, yy.
+    /// Second derivatives, with rows xx, xy and yy.
     pub hessian: SMatrix<f64, 3, N>,
 }
 
-/// A sub-triangle of an element and the cubic on it.
+/// Sub-triangle of an element, and the cubic on it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piece<const N: usize> {
-    /// Vertices, counter-clockwise, in metres from the element's origin: two vertices of the cell, then its centre.
+    /// Vertices, counter-clockwise: two vertices of the cell, then its centre, relative to the
+    /// element's origin, in m.
     pub vertices: [Point; 3],
-    /// The Bezier ordinates, in the order 300, 210, 120, 030, 201, 111, 021, 102, 012, 003: the exponents of the
-    /// barycentric coordinates. Entry `i` of each belongs to basis function `i`.
+    /// Bezier ordinates in the order 300, 210, 120, 030, 201, 111, 021, 102, 012, 003 of the
+    /// exponents of the barycentric coordinates. Entry `i` of each belongs to basis function `i`.
     pub ordinates: [SVector<f64, N>; 10],
 }
 
-/// A macro-element: the pieces of one cell.
+/// Macro-element: the pieces of one cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Element<const N: usize> {
-    /// The cell's first vertex, in metres. All else is relative to it, so that a cell far from the coordinates' origin
-    /// loses no digit.
+    /// First vertex of the cell, in m. All else is relative to it, so that a cell far from the
+    /// origin of the coordinates loses no digits.
     pub origin: Point,
-    /// The pieces; piece `i` stands on the edge from vertex `i` to the next.
+    /// Pieces of the cell; piece `i` stands on the edge from vertex `i` to the next.
     pub pieces: Vec<Piece<N>>,
 }
 
-/// A later piece must contain a point better than an earlier one by this much, in barycentric coordinates.
+/// Smallest difference in barycentric coordinates by which a later piece must contain a point
+/// better than an earlier one.
 const TIE: f64 = 1e-12;
 
 impl<const N: usize> Piece<N> {
-    /// Area, in square metres.
+    /// Returns the area, in m^2.
     pub fn area(&self) -> f64 {
         let [a, b, c] = self.vertices;
         (b - a).perp(&(c - a)) / 2.0
     }
 
-    /// The values of the basis functions alone: cheaper than [`Piece::basis`].
+    /// Returns the values of the basis functions alone, which is cheaper than [`Piece::basis`].
     pub fn values(&self, [u, v, w]: [f64; 3]) -> SVector<f64, N> {
         let bernstein = [
             u * u * u,
@@ -80,10 +84,11 @@ impl<const N: usize> Piece<N> {
         self.ordinates.iter().zip(bernstein).map(|(ordinate, b)| ordinate * b).sum()
     }
 
-    /// The basis functions and their derivatives at a point given by its barycentric coordinates in the piece.
+    /// Returns the basis functions and their derivatives at a point given by its barycentric
+    /// coordinates in the piece.
     ///
-    /// De Casteljau's algorithm: the ordinates left after one, two and three steps give the second derivatives, the
-    /// first ones and the value.
+    /// De Casteljau's algorithm leaves ordinates after one, two and three steps that give the
+    /// second derivatives, the first derivatives and the value.
     pub fn basis(&self, barycentric: [f64; 3]) -> Basis<N> {
         let [u, v, w] = barycentric;
         let step = |b: &[SVector<f64, N>], [i, j, k]: [usize; 3]| b[i] * u + b[j] * v + b[k] * w;
@@ -91,7 +96,8 @@ impl<const N: usize> Piece<N> {
             .map(|t| step(&self.ordinates, t));
         let l = [[0, 1, 3], [1, 2, 4], [3, 4, 5]].map(|t| step(&q, t));
 
-        // Derivatives along the two sides from the first vertex, then by the chain rule along x and y.
+        // Derivatives along the two sides from the first vertex; the chain rule turns them to x and
+        // y.
         let first = [(l[1] - l[0]) * 3.0, (l[2] - l[0]) * 3.0];
         let second =
             [q[0] - q[1] * 2.0 + q[2], q[0] - q[1] - q[3] + q[4], q[0] - q[3] * 2.0 + q[5]].map(|d| d * 6.0);
@@ -108,14 +114,14 @@ impl<const N: usize> Piece<N> {
         }
     }
 
-    /// The gradients of the second and third barycentric coordinates, as columns, in 1/m.
+    /// Returns the gradients of the second and third barycentric coordinates, as columns, in 1/m.
     fn barycentric_gradients(&self) -> Matrix2<f64> {
         let [a, b, c] = self.vertices;
         let (b, c) = (b - a, c - a);
         Matrix2::new(c.y, -b.y, -c.x, b.x) / b.perp(&c)
     }
 
-    /// The barycentric coordinates of a point given in metres from the element's origin.
+    /// Returns the barycentric coordinates of a point relative to the element's origin, in m.
     fn barycentric(&self, point: Point) -> [f64; 3] {
         let vw = self.barycentric_gradients().tr_mul(&(point - self.vertices[0]));
         [1.0 - vw.x - vw.y, vw.x, vw.y]
@@ -123,10 +129,11 @@ impl<const N: usize> Piece<N> {
 }
 
 impl<const N: usize> Element<N> {
-    /// The piece that contains a point, and the point's barycentric coordinates in it.
+    /// Returns the piece that contains a point, and the point's barycentric coordinates in it.
     ///
-    /// On a line between two pieces, to rounding, it is the first of them. Outside the cell it is the nearest piece in
-    /// the sense of the smallest barycentric coordinate, which is negative: the cubic goes on.
+    /// On the line between two pieces, to rounding, the first of them is taken. Outside the cell
+    /// the nearest piece is the one with the largest smallest barycentric coordinate, which is
+    /// negative there: its cubic is extrapolated.
     pub fn locate(&self, point: Point) -> (usize, [f64; 3]) {
         let point = Point::from(point - self.origin);
         let depth = |b: &[f64; 3]| b.iter().copied().fold(f64::INFINITY, f64::min);
@@ -140,31 +147,34 @@ impl<const N: usize> Element<N> {
         found
     }
 
-    /// The basis functions and their derivatives at a point of the cell.
+    /// Returns the basis functions and their derivatives at a point of the cell.
     ///
-    /// On a line between two pieces second derivatives jump, and those given are of the first, as [`Element::locate`]
-    /// picks it. At the barycentre of a triangle they happen to agree (Farin, *Triangular Bernstein-Bezier patches*,
-    /// 1986), at the centre of a quadrilateral they do not.
+    /// Second derivatives jump across the line between two pieces, where the values are those of
+    /// the first piece, as chosen by [`Element::locate`]. At the barycentre of a triangle they
+    /// happen to agree (Farin, *Triangular Bernstein-Bezier patches*, 1986); at the centre of a
+    /// quadrilateral they do not.
     pub fn basis_at(&self, point: Point) -> Basis<N> {
         let (piece, barycentric) = self.locate(point);
         self.pieces[piece].basis(barycentric)
     }
 
-    /// The point of the plate with the given barycentric coordinates in a piece.
+    /// Returns the point of the plate with the given barycentric coordinates in a piece, in m.
     pub fn point(&self, piece: usize, barycentric: [f64; 3]) -> Point {
         let vertices = self.pieces[piece].vertices;
         self.origin + (0..3).map(|i| vertices[i].coords * barycentric[i]).sum::<Vector2<f64>>()
     }
 }
 
-/// The macro-element of the pieces `(v_i, v_{i+1}, centre)`, of V vertices and N = 3 V dofs.
+/// Creates the macro-element of the pieces `(v_i, v_{i+1}, centre)`, for V vertices and N = 3 V
+/// dofs.
 ///
-/// `weights[i]` are the barycentric coordinates of the centre with respect to `v_{i-1}`, `v_i`, `v_{i+1}`. They are all
-/// that C1 asks for. Across the line from `v_i` to the centre, two cubics that share their ordinates are C1 when each of
-/// those on the line is that combination of its neighbours on the side of `v_{i-1}`, of `v_i` and of `v_{i+1}`; this
-/// holds next to `v_i`, where the slopes fix them all, and *gives* the ordinates next to the centre and at it.
+/// `weights[i]` are the barycentric coordinates of the centre with respect to `v_{i-1}`, `v_i` and
+/// `v_{i+1}`; C1 continuity needs nothing else. Two cubics that share their ordinates on the line
+/// from `v_i` to the centre are C1 across it when each ordinate on the line is that combination of
+/// its neighbours towards `v_{i-1}`, `v_i` and `v_{i+1}`. This holds next to `v_i`, where the
+/// slopes fix all of them, and it *defines* the ordinates next to the centre and at it.
 ///
-/// `ring` and `centre` are in metres from `origin`.
+/// `ring` and `centre` are relative to `origin`, in m.
 fn fan<const V: usize, const N: usize>(
     origin: Point,
     ring: [Point; V],
@@ -173,7 +183,7 @@ fn fan<const V: usize, const N: usize>(
 ) -> Element<N> {
     let next = |i: usize| (i + 1) % V;
     let previous = |i: usize| (i + V - 1) % V;
-    // The ordinate a third of the way from vertex i along a vector: the tangent plane at the vertex.
+    // Ordinate a third of the way from vertex i along a vector, on the tangent plane at the vertex.
     let tangent = |i: usize, vector: Vector2<f64>| {
         let mut ordinate = SVector::<f64, N>::zeros();
         ordinate[3 * i] = 1.0;
@@ -187,7 +197,8 @@ fn fan<const V: usize, const N: usize>(
     let spoke: [_; V] = std::array::from_fn(|i| tangent(i, centre - ring[i]));
     let forth: [_; V] = std::array::from_fn(|i| tangent(i, ring[next(i)] - ring[i]));
     let back: [_; V] = std::array::from_fn(|i| tangent(next(i), ring[i] - ring[next(i)]));
-    // 111 makes the normal derivative along the edge linear: the mean of its values at the ends is its middle ordinate.
+    // Ordinate 111 makes the normal derivative along the edge linear: its middle Bezier ordinate is
+    // the mean of its values at the ends.
     let middle: [_; V] = std::array::from_fn(|i| {
         let j = next(i);
         let edge = ring[j] - ring[i];

@@ -1,26 +1,27 @@
-//! Symmetric quadrature on a triangle.
+//! Symmetric quadrature rules on a triangle.
 //!
-//! A rule is a list of points, in barycentric coordinates, with weights that sum to 1: the mean over the triangle. All
-//! points lie inside and all weights are positive.
+//! A rule is a list of points in barycentric coordinates with weights that sum to 1, and thus gives
+//! the mean over the triangle. All points lie inside and all weights are positive.
 //!
-//! Sources: G. Strang and G. J. Fix, *An Analysis of the Finite Element Method*, 1973, table 4.1 (degrees 2 and 3);
-//! D. A. Dunavant, *High degree efficient symmetrical Gaussian quadrature rules for the triangle*, International Journal
-//! for Numerical Methods in Engineering 21, 1985 (degree 6). Digits beyond the published ones solve the same equations.
+//! Sources: G. Strang and G. J. Fix, *An Analysis of the Finite Element Method*, 1973, table 4.1
+//! (degrees 2 and 3); D. A. Dunavant, *High degree efficient symmetrical Gaussian quadrature rules
+//! for the triangle*, International Journal for Numerical Methods in Engineering 21, 1985 (degree
+//! 6). Digits beyond the published ones solve the same equations.
 
-/// A point in barycentric coordinates, and its weight.
+/// Quadrature point in barycentric coordinates, and its weight.
 pub type Node = ([f64; 3], f64);
 
-/// Rules for the pieces of a cell.
+/// Quadrature rules for the pieces of a cell.
 #[derive(Clone, Copy, Debug)]
 pub enum Rule<'r> {
-    /// One for all.
+    /// One rule for all pieces.
     Same(&'r [Node]),
-    /// One per piece.
+    /// One rule per piece.
     Own(&'r [Vec<Node>]),
 }
 
 impl<'r> Rule<'r> {
-    /// The rule of a piece.
+    /// Returns the rule of a piece.
     pub fn of(self, piece: usize) -> &'r [Node] {
         match self {
             Rule::Same(rule) => rule,
@@ -35,13 +36,14 @@ impl<'r, const K: usize> From<&'r [Node; K]> for Rule<'r> {
     }
 }
 
-/// Exact to degree 2: the stiffness of a cubic. Strang and Fix.
+/// Rule exact to degree 2, for the stiffness of a cubic (Strang and Fix).
 pub const DEGREE_2: [Node; 3] = orbit_3(1.0 / 6.0, 1.0 / 3.0);
 
-/// Exact to degree 3: the integral of a cubic. Strang and Fix; the coordinates are the roots of x^3 - x^2 + x/4 - 1/60.
+/// Rule exact to degree 3, for the integral of a cubic (Strang and Fix). The coordinates are the
+/// roots of x^3 - x^2 + x/4 - 1/60.
 pub const DEGREE_3: [Node; 6] = orbit_6(0.23193336855303057, 0.10903900907287721, 1.0 / 6.0);
 
-/// Exact to degree 6: the mass of a cubic. Dunavant.
+/// Rule exact to degree 6, for the mass of a cubic (Dunavant).
 pub const DEGREE_6: [Node; 12] = {
     let a = orbit_3(0.24928674517091042, 0.11678627572637937);
     let b = orbit_3(0.06308901449150223, 0.05084490637020682);
@@ -49,13 +51,13 @@ pub const DEGREE_6: [Node; 12] = {
     [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], c[3], c[4], c[5]]
 };
 
-/// The permutations of `(1 - 2a, a, a)`.
+/// Returns the permutations of `(1 - 2a, a, a)` with a common weight.
 const fn orbit_3(a: f64, weight: f64) -> [Node; 3] {
     let c = 1.0 - 2.0 * a;
     [([c, a, a], weight), ([a, c, a], weight), ([a, a, c], weight)]
 }
 
-/// The permutations of `(1 - a - b, a, b)`.
+/// Returns the permutations of `(1 - a - b, a, b)` with a common weight.
 const fn orbit_6(a: f64, b: f64, weight: f64) -> [Node; 6] {
     let c = 1.0 - a - b;
     [
