@@ -26,6 +26,7 @@ use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native, Sum};
 use crate::mesh::{Mesh, Point};
 use crate::motion::Motion;
+use crate::obstacle::Bounds;
 use crate::plate::Sections;
 use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
 use crate::scheme::{
@@ -451,7 +452,8 @@ pub struct Impact {
     pub node: usize,
     /// Its position, in m.
     pub at: [f64; 2],
-    /// Its velocity, in m/s, upward, in the frame of supports that move.
+    /// Its velocity relative to the obstacle before they meet, in m/s, positive upward: negative where they close from above the obstacle,
+    /// whichever of them moves. The frame that it is seen from does not matter. Of a ball that of its gap, relative to the plate.
     pub velocity: f64,
 }
 
@@ -507,8 +509,11 @@ pub struct Outcome {
     pub energy: EnergySpan,
     /// First touch; `None` if nothing ever touched.
     pub first_impact: Option<Impact>,
-    /// Intervals of contact, in s; those closer than a hundredth of the run, or in successive steps, are joined.
+    /// Intervals in which the plate touches any obstacle, in s; those closer than a hundredth of the run, or in successive steps, are
+    /// joined.
     pub contacts: Vec<[f64; 2]>,
+    /// Contacts of single nodes: the rows of contacts.csv.
+    pub node_contacts: u64,
     /// Worst relative KKT residual of all steps.
     pub worst_kkt: f64,
     /// Largest violation of a bound in all steps, in m.
@@ -540,6 +545,7 @@ impl Outcome {
             energy: EnergySpan { start, end: start, min: start, max: start },
             first_impact: None,
             contacts: Vec::new(),
+            node_contacts: 0,
             worst_kkt: 0.0,
             worst_penetration: 0.0,
             relaxation: None,
@@ -556,6 +562,7 @@ impl Outcome {
         archive.value(&mut self.energy)?;
         archive.value(&mut self.first_impact)?;
         archive.value(&mut self.contacts)?;
+        archive.value(&mut self.node_contacts)?;
         archive.value(&mut self.worst_kkt)?;
         archive.value(&mut self.worst_penetration)?;
         archive.value(&mut self.seconds.stepping)
@@ -568,14 +575,14 @@ impl Outcome {
         self.contacts = joined;
     }
 
-    /// Takes note of what happened on the way to the present instant; returns whether anything did.
+    /// Takes note of what happened on the way to the present instant, and returns it.
     fn note_events<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
         scheme: &mut dyn Scheme,
         observer: &mut dyn Observer,
-    ) -> Result<bool> {
+    ) -> Result<Vec<Event>> {
         let events = scheme.take_events();
         for &event in &events {
             let Event { time, bound, closes, velocity, .. } = event;
@@ -586,7 +593,7 @@ impl Outcome {
             note_contact(&mut self.contacts, scene, time);
             observer.event(&NodeEvent { node, at, event })?;
         }
-        Ok(!events.is_empty())
+        Ok(events)
     }
 
     /// Takes note of a step, in which there were events or not; returns its nodes in contact and their total force.
@@ -644,23 +651,35 @@ fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64
     }
 }
 
-/// Of the bounds met in this step, the one that the free motion reaches first.
+/// Of the bounds met in this step, the one that is reached first if node and obstacle go on evenly. Collective.
 fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> Result<Option<Impact>> {
     let System { engine, drive, .. } = &model.system;
-    let bounds = scheme.limits();
+    let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
+    // Where the obstacles were before any of these nodes came, and a step later.
+    let times = touched().map(|(bound, _)| scheme.approach(bound).time);
+    let before = -engine.maximum(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)))?;
+    let before = if before.is_finite() { before.max(0.0) } else { 0.0 };
+    let [from, to] = [model.system.bounds_at(before)?, model.system.bounds_at(before + step)?];
     let met = |(bound, &r): (usize, &f64)| {
         let approach = scheme.approach(bound);
-        let target = if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
-        let gap = target - approach.deflection;
-        let mut delay = if gap == 0.0 { 0.0 } else { gap / approach.velocity };
+        let of = |bounds: &Bounds| if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
+        let rate = (of(&to) - of(&from)) / step;
+        // An obstacle that was not there has no rate.
+        let rate = if rate.is_finite() { rate } else { 0.0 };
+        let target = if drive.bounds.is_some() && of(&from).is_finite() {
+            of(&from) + rate * (approach.time - before)
+        } else {
+            of(scheme.limits())
+        };
+        let (gap, velocity) = (target - approach.deflection, approach.velocity - rate);
+        let mut delay = if gap == 0.0 { 0.0 } else { gap / velocity };
         if drive.bounds.is_some() {
-            // The obstacle may be the one that comes.
             delay = delay.min(scheme.time() + step - approach.time).max(0.0);
         }
         let Site { node, at: [x, y], .. } = model.sites[bound];
-        [(approach.time + delay).max(0.0), approach.velocity, node as f64, x, y]
+        [(approach.time + delay).max(0.0), velocity, node as f64, x, y]
     };
-    let touched = scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
+    let touched = touched();
     let own = touched.map(met).min_by(|a, b| a[0].total_cmp(&b[0]));
     let (all, _) = engine.concatenate(own.as_ref().map_or(&[], |own| own))?;
     let first = all.chunks_exact(5).min_by(|a, b| a[0].total_cmp(&b[0]));
@@ -822,7 +841,7 @@ impl Watch {
 fn show_fields<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
-    scheme: &dyn Scheme,
+    scheme: &mut dyn Scheme,
     last: bool,
     watched: Result<()>,
     observer: &mut dyn Observer,
@@ -868,12 +887,12 @@ fn march<E: Engine>(
         watch.noted = true;
         let Watch { guard, iterations, kkt, contacts, .. } = watch;
         let events = outcome.note_events(scene, model, scheme, observer)?;
-        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, events)?;
+        let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, !events.is_empty())?;
         let verdict = scheme.verdict();
         *iterations += u64::from(verdict.iterations);
         *kkt = kkt.max(verdict.kkt);
         judge(step, time, verdict.kkt, scene.solver.tolerance)?;
-        contacts.note(&model.sites, time, scene.time.step, scheme.reaction());
+        contacts.note(&model.sites, scene.time.step, scheme, &events);
         if step % scene.output.every == 0 || last {
             let energies = scheme.energies()?;
             let guarded = guard.check(step, time, energies);
@@ -906,6 +925,7 @@ fn march<E: Engine>(
                 let (ended, _) = engine.concatenate(&contacts.take())?;
                 let ended: Vec<Contact> =
                     ended.chunks_exact(contacts::NUMBERS).map(Contact::from_numbers).collect();
+                outcome.node_contacts += ended.len() as u64;
                 watched = watched.and_then(|()| observer.contacts(&ended));
             }
             watched = watched.and_then(|()| observer.state(scheme));

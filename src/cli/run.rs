@@ -438,13 +438,15 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
         report
             .number("first impact", impact.time, "s")
             .text("  at", format!("({}, {}) m", significant(impact.at[0]), significant(impact.at[1])))
-            .number("  velocity", impact.velocity, "m/s")
-            .count("most nodes in contact", outcome.most_contact_nodes as u64, "");
+            .number("  relative velocity", impact.velocity, "m/s")
+            .count("most nodes in contact", outcome.most_contact_nodes as u64, "")
+            .count("contacts of nodes", outcome.node_contacts, "")
+            .count("contacts of the plate", outcome.contacts.len() as u64, "");
         for (number, [begin, end]) in outcome.contacts.iter().enumerate().take(MOST_CONTACTS) {
-            report.text(format!("contact {}", number + 1), format!("{begin:.6} s to {end:.6} s"));
+            report.text(format!("  {}", number + 1), format!("{begin:.6} s to {end:.6} s"));
         }
         if outcome.contacts.len() > MOST_CONTACTS {
-            report.text("...", format!("{} contacts in all", outcome.contacts.len()));
+            report.text("  ...", "");
         }
     } else if scene.has_contact() {
         report.text("first impact", "none");

@@ -18,7 +18,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Number of the format: one more whenever what a checkpoint holds, or in what order, changes.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// Name of the file of a finished run's last state.
 pub const STATE: &str = "end.state";

@@ -1,4 +1,4 @@
-//! `contacts.csv`: when each node touches an obstacle, and how hard; a row a contact, written when it ends.
+//! `contacts.csv`: when each node touches an obstacle, and how hard; one row per contact, written when it ends.
 
 use super::history::{malformed, number};
 use super::{Lines, remove};
@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Name of the file in the run folder.
 pub const FILE: &str = "contacts.csv";
-/// Number of the node; its position, m; first and last instant, s; sum of reaction times step, N s, upward.
+/// Number of the node; its position, m; first and last instant, s; impulse of the obstacle, N s, upward.
 const HEADER: &str = "node,x,y,begin,end,impulse";
 
 /// Writes `contacts.csv`.

@@ -267,6 +267,10 @@ impl Engine for Distributed {
         }
     }
 
+    fn is_singular(&self, mass: &Form) -> bool {
+        matches!(mass, Form::Averages(_))
+    }
+
     fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),

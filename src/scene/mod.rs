@@ -530,14 +530,6 @@ impl Grid {
 }
 
 impl Scheme {
-    /// Number of factors, as large as each other, that it holds at once.
-    pub fn factors(&self) -> usize {
-        match self {
-            Scheme::Conserving | Scheme::Midpoint { massless: Massless::Equilibrium } => 2,
-            Scheme::Newmark { .. } | Scheme::Midpoint { massless: Massless::Reflected } | Scheme::Exact => 1,
-        }
-    }
-
     /// Its name.
     pub fn name(&self) -> SchemeName {
         match self {
@@ -550,6 +542,15 @@ impl Scheme {
 }
 
 impl Time {
+    /// Number of factors, as large as each other, that the scheme holds at once. With the singular mass `midpoint` needs a second
+    /// one for its velocities, if for nothing else.
+    pub fn factors(&self) -> usize {
+        match (self.scheme, self.mass) {
+            (Scheme::Conserving, _) | (Scheme::Midpoint { .. }, Mass::Singular) => 2,
+            (Scheme::Newmark { .. } | Scheme::Exact, _) | (Scheme::Midpoint { .. }, Mass::Consistent) => 1,
+        }
+    }
+
     /// The number of steps: `end / step`, rounded to the nearest.
     pub fn steps(&self) -> u64 {
         (self.end / self.step).round() as u64

@@ -73,11 +73,14 @@
 //! Steps of gamma dt do not meet the grid of instants n dt. The scheme goes on until it has reached or passed t = n dt and reports
 //! - the displacement on the chord between the two states around t: admissible, as both are and the bounds are convex, and as
 //!   accurate as the scheme (the chord is off by dt^2/8 of the acceleration);
+//! - the velocity on the chord between theirs, as the rate of U(p) that goes with it: its momentum is on the chord of momenta;
 //! - the energies *of the state at or just after* t, an actual state of the scheme: nothing is interpolated there;
-//! - the reactions' mean over the steps that led there.
+//! - the impulses of the obstacles from (n - 1) dt to n dt. A step changes the momentum by \( \gamma \Delta t\,(F - K U + G^T r) \) of its middle, and
+//!   gives each instant between its ends its share: so the impulses add up to the change of the momentum reported;
+//! - the reactions' mean over that time: their impulse over dt; at the start those at U(p).
 
 use super::drive::Moment;
-use super::half_step::{HalfStep, Images, State};
+use super::half_step::{HalfStep, Images, State, change_frame};
 use super::potential::Line;
 use super::{Approach, Potential, Scheme, Start, System};
 use crate::archive::{Archive, Over};
@@ -143,12 +146,14 @@ pub struct Conserving<'s, E: Engine> {
     before: State,
     span: f64,
     ahead: f64,
-    /// U at n dt, at the bounds, and mean reactions.
+    /// U at n dt, at the bounds, and mean reactions over the last dt.
     u: Vec<f64>,
     admissible: Vec<f64>,
     /// The bounds there, where they move.
     limits: Moment,
     reaction: Vec<f64>,
+    /// Impulses of the obstacles over the last dt, in N s.
+    impulses: Vec<f64>,
     /// Each bounded dof's rate in the last step, and where it last was without reaction.
     rates: Vec<f64>,
     free: Vec<Approach>,
@@ -212,6 +217,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             admissible,
             limits: now.moment.clone(),
             reaction: now.reaction.clone(),
+            impulses: vec![0.0; bounds.len()],
             now,
             rates,
             free,
@@ -235,6 +241,12 @@ impl<'s, E: Engine> Conserving<'s, E> {
         let solver = (self.solver)(engine, &HalfStep::sum(self.system, dt), bounds.len())?;
         self.halves.push(HalfStep::new(self.system, dt, solver, self.images.clone())?);
         Ok(())
+    }
+
+    /// Adds the impulses of so many seconds of the last step.
+    fn add_impulses(&mut self, seconds: f64) {
+        let reactions = &self.halves[self.last].reaction;
+        self.impulses.iter_mut().zip(reactions).for_each(|(impulse, r)| *impulse += seconds * r);
     }
 
     /// dt, in s.
@@ -369,29 +381,26 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
     fn advance(&mut self) -> Result<()> {
         self.n += 1;
         self.verdict = Verdict::default();
-        self.ahead -= self.dt();
-        let mut span = 0.0;
+        let dt = self.dt();
+        let covered = self.ahead.min(dt);
+        self.impulses.fill(0.0);
+        self.add_impulses(covered);
+        self.ahead -= dt;
         let bounds = &self.system.bounds;
         while self.ahead < 0.0 {
             let time = self.time() + self.ahead;
             self.step_on(time)?;
+            self.add_impulses(self.span.min(-self.ahead));
             let half = &self.halves[self.last];
-            if span == 0.0 {
-                self.reaction.fill(0.0);
-            }
             for (i, &dof) in bounds.dofs.iter().enumerate() {
-                self.reaction[i] += self.span * half.reaction[i];
                 if self.before.reaction[i] == 0.0 {
                     self.free[i] = Approach { time, deflection: self.before.u[dof], velocity: self.rates[i] };
                 }
                 self.rates[i] = 2.0 / half.dt * half.x[dof];
             }
-            span += self.span;
             self.ahead += self.span;
         }
-        if span > 0.0 {
-            self.reaction.iter_mut().for_each(|r| *r /= span);
-        }
+        self.reaction.iter_mut().zip(&self.impulses).for_each(|(r, impulse)| *r = impulse / dt);
         let share = self.ahead / self.span;
         for (u, (now, before)) in self.u.iter_mut().zip(self.now.u.iter().zip(&self.before.u)) {
             *u = now + share * (before - now);
@@ -417,9 +426,24 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         &self.u
     }
 
-    /// That of the step that led to the instant, or past it.
-    fn velocity(&self) -> Vec<f64> {
-        self.halves[self.last].rates()
+    /// The rate of U(p) where p moves at the velocity on the chord between the states around the instant, with the rates of the obstacles at
+    /// the nodes that they push in the later one. At the start v_0.
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        let half = &self.halves[self.last];
+        if self.n == 0 {
+            return Ok(half.first_velocity());
+        }
+        // As seen from the frame of the step between the two states.
+        let seen = |state: &State| {
+            let mut v = state.v.clone();
+            change_frame(&self.images, &state.rates, half.chords(), &mut v);
+            v
+        };
+        let (mut v, before) = (seen(&self.now), seen(&self.before));
+        let share = self.ahead / self.span;
+        v.iter_mut().zip(before).for_each(|(v, before)| *v += share * (before - *v));
+        let change = self.system.change(self.time(), self.dt(), half.chords())?;
+        self.potential.rate(&v, &self.now.reaction, &change)
     }
 
     /// Those throughout the step; at the start those of the motions.
@@ -437,8 +461,13 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.limits.bounds(&self.system.bounds)
     }
 
+    /// Their mean over the last dt; at the start those at U(p).
     fn reaction(&self) -> &[f64] {
         &self.reaction
+    }
+
+    fn impulses(&self) -> &[f64] {
+        &self.impulses
     }
 
     /// Those of the state at or just after the instant.
@@ -467,7 +496,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.before.archive(archive)?;
         self.limits.archive(archive)?;
         archive.vector(Over::Dofs, &mut self.u)?;
-        for vector in [&mut self.admissible, &mut self.reaction, &mut self.rates] {
+        for vector in [&mut self.admissible, &mut self.reaction, &mut self.impulses, &mut self.rates] {
             archive.vector(Over::Bounds, vector)?;
         }
         Approach::archive(&mut self.free, archive)?;

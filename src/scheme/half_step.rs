@@ -87,7 +87,7 @@ impl State {
 pub(super) type Images = [Vec<f64>];
 
 /// Counts a velocity from a frame of other velocities (m/s, one per motion).
-fn change_frame(images: &Images, from: &[f64], to: &[f64], v: &mut [f64]) {
+pub(super) fn change_frame(images: &Images, from: &[f64], to: &[f64], v: &mut [f64]) {
     for (image, (from, to)) in images.iter().zip(from.iter().zip(to)) {
         v.iter_mut().zip(image).for_each(|(v, image)| *v -= (to - from) * image);
     }
@@ -173,8 +173,8 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(())
     }
 
-    /// Rate of U over the last half step, in m/s.
-    pub fn rates(&self) -> Vec<f64> {
+    /// The first velocity, in m/s, before any step.
+    pub fn first_velocity(&self) -> Vec<f64> {
         self.x.iter().map(|x| 2.0 / self.dt * x).collect()
     }
 

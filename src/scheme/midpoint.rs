@@ -16,6 +16,14 @@
 //! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries. Damping of single modes
 //! ([`super::ModalDamping`]) acts on the extrapolated velocity \( \tfrac32 V^n - \tfrac12 V^{n-1} \).
 //!
+//! # Momentum
+//!
+//! A step changes the momentum by that of the forces in its middle,
+//! \[ B^T (V^{n+1} - V^n) = \Delta t\,(F - K U^{n+1/2} - D V^{n+1/2} + G^T r) , \]
+//! and the obstacles' impulse is dt r. The reactions reported at an instant are those of the step that led there, their mean over it;
+//! at the start those at U^0 where the scheme knows them, [`Massless::Equilibrium`], else none. The velocity reported is that of the instant: with the
+//! singular mass the rate of U(p) where p moves at V^n and the nodes in contact keep to their obstacles.
+//!
 //! # Supports that move
 //!
 //! U is counted from the shape R s(t) that their motion s gives the plate, and during a step from a frame that goes evenly from s^n to
@@ -54,6 +62,8 @@ pub struct Midpoint<'s, E: Engine> {
     half: HalfStep<'s, E>,
     /// Of [`Massless::Equilibrium`].
     potential: Option<Potential<'s, E>>,
+    /// What finds velocities for [`Massless::Reflected`] with the singular mass, once asked for.
+    lift: Option<Potential<'s, E>>,
     n: u64,
     now: State,
     next: State,
@@ -66,6 +76,8 @@ pub struct Midpoint<'s, E: Engine> {
     admissible: Vec<f64>,
     earlier: Vec<f64>,
     earliest: Vec<f64>,
+    /// Impulses of the obstacles over the last step, in N s.
+    impulses: Vec<f64>,
     verdict: Verdict,
 }
 
@@ -125,6 +137,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             system,
             half,
             potential,
+            lift: None,
             n: 0,
             start,
             next: now.clone(),
@@ -134,6 +147,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             admissible,
             earlier,
             earliest,
+            impulses: vec![0.0; system.bounds.len()],
             verdict,
         })
     }
@@ -143,6 +157,8 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     fn advance(&mut self) -> Result<()> {
         let time = self.time();
         self.verdict = self.half.solve(&self.now, time)?;
+        let (dt, reactions) = (self.half.dt, &self.half.reaction);
+        self.impulses.iter_mut().zip(reactions).for_each(|(impulse, r)| *impulse = dt * r);
         std::mem::swap(&mut self.earliest, &mut self.earlier);
         std::mem::swap(&mut self.earlier, &mut self.admissible);
         for (z, &dof) in self.admissible.iter_mut().zip(&self.system.bounds.dofs) {
@@ -179,14 +195,32 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         &self.now.u
     }
 
-    /// (U^n - U^{n-1}) / dt, half a step back: with the singular mass V^n has values in cells only. At the start v_0.
-    fn velocity(&self) -> Vec<f64> {
-        self.half.rates()
+    /// V^n with the consistent mass. With the singular one V^n has values in cells only: the rate of U(p) that has these, and the rates
+    /// of the obstacles at the nodes that they pushed in the last step. At the start v_0.
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        let Midpoint { system, half, potential, lift, now, n, .. } = self;
+        if *n == 0 {
+            return Ok(half.first_velocity());
+        }
+        if !system.engine.is_singular(&system.mass) {
+            return Ok(now.v.clone());
+        }
+        let change = system.change(*n as f64 * half.dt, half.dt, &now.rates)?;
+        match potential {
+            Some(potential) => potential.rate(&now.v, &now.reaction, &change),
+            None => {
+                let lift = match lift {
+                    Some(lift) => lift,
+                    none => none.insert(Potential::factor(system)?),
+                };
+                lift.rate(&now.v, &half.reaction, &change)
+            }
+        }
     }
 
-    /// Those throughout the step; at the start those of the motions.
+    /// Those just after the instant.
     fn support_rates(&self) -> Result<Vec<f64>> {
-        if self.n == 0 { self.system.drive.rates(0.0) } else { Ok(self.half.chords().to_vec()) }
+        Ok(self.now.rates.clone())
     }
 
     fn admissible(&self) -> &[f64] {
@@ -197,8 +231,13 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.half.limits()
     }
 
+    /// Their mean over the last step; at the start those at U^0, or none with [`Massless::Reflected`].
     fn reaction(&self) -> &[f64] {
-        &self.half.reaction
+        if self.n == 0 { &self.now.reaction } else { &self.half.reaction }
+    }
+
+    fn impulses(&self) -> &[f64] {
+        &self.impulses
     }
 
     fn energies(&self) -> Result<Energies> {
@@ -222,7 +261,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         archive.value(&mut self.given)?;
         archive.value(&mut self.verdict)?;
         self.now.archive(archive)?;
-        for vector in [&mut self.admissible, &mut self.earlier, &mut self.earliest] {
+        for vector in [&mut self.admissible, &mut self.earlier, &mut self.earliest, &mut self.impulses] {
             archive.vector(Over::Bounds, vector)?;
         }
         self.half.archive(archive)?;

@@ -38,7 +38,7 @@ pub use potential::Potential;
 
 use crate::archive::{Archive, Over};
 use crate::energy::Energies;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::vi::Verdict;
@@ -103,6 +103,42 @@ impl<E: Engine> System<E> {
         let mut moment = Moment::new(&self.drive, self.engine.dofs(), &self.bounds);
         moment.set(&self.drive, time)?;
         Ok(moment)
+    }
+
+    /// Rates of change of load (N/s) and bounds (m/s) at the end of a step of `dt` seconds, as seen from a frame of supports that moves
+    /// at `rates` (m/s, one per motion): second order in dt, from instants of the step alone, for a formula may end with the run.
+    fn change(&self, time: f64, dt: f64, rates: &[f64]) -> Result<Moment> {
+        let still = vec![0.0; rates.len()];
+        let moment = |steps: f64| {
+            let mut moment = self.moment((time - steps * dt).max(0.0))?;
+            moment.carry(&self.drive, &still);
+            Ok::<_, Error>(moment)
+        };
+        let [first, middle, last] = [moment(1.0)?, moment(0.5)?, moment(0.0)?];
+        let (mut change, mut whole) = (last.clone(), last.clone());
+        whole.combine(&last, &first, |last, first| last - first);
+        change.combine(&last, &middle, |last, middle| 4.0 * (last - middle));
+        let both = change.clone();
+        // Where there is no obstacle there is no rate.
+        let finite = |rate: f64| if rate.is_finite() { rate } else { 0.0 };
+        change.combine(&both, &whole, |both, whole| finite((both - whole) / dt));
+        change.carry(&self.drive, rates);
+        Ok(change)
+    }
+
+    /// The bounds of an instant (s), as seen from the supports. Collective.
+    ///
+    /// # Errors
+    /// Those of the motions.
+    pub fn bounds_at(&self, time: f64) -> Result<Bounds> {
+        let mut bounds = self.bounds.clone();
+        match &self.drive.bounds {
+            Some(of) => {
+                of(time, &mut bounds)?;
+                self.drive.carried(time, bounds)
+            }
+            None => Ok(bounds),
+        }
     }
 
     /// The processes' own parts of a number, added.
@@ -188,8 +224,12 @@ pub trait Scheme {
     /// U^n, in m.
     fn displacement(&self) -> &[f64];
 
-    /// Rate of U at the present instant, in m/s, over the displacement's dofs: for pictures.
-    fn velocity(&self) -> Vec<f64>;
+    /// Rate of U at the present instant, in m/s, over the displacement's dofs. M times it is the momentum of the scheme, whose change
+    /// is the impulse of loads, damping and [`Scheme::impulses`]. The next steps do not notice. Collective.
+    ///
+    /// # Errors
+    /// What the engine says.
+    fn velocity(&mut self) -> Result<Vec<f64>>;
 
     /// Velocities of the supports that [`Scheme::velocity`] is counted from, in m/s, one per motion.
     ///
@@ -205,8 +245,12 @@ pub trait Scheme {
     /// The bounds that [`Scheme::admissible`] keeps.
     fn limits(&self) -> &Bounds;
 
-    /// Reactions of the obstacles, one a bound, in N; positive upwards.
+    /// Reactions of the obstacles, in N, one per bound; positive upwards. See each scheme for the instant that they belong to.
     fn reaction(&self) -> &[f64];
+
+    /// Impulses that the obstacles have given over the step to the present instant, by the scheme's own balance of momentum, in N s, one
+    /// per bound; positive upwards. Zero at the start.
+    fn impulses(&self) -> &[f64];
 
     /// The energies natural to the scheme, in J.
     ///

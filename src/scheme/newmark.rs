@@ -30,6 +30,14 @@
 //! balances the invariant of beta = 1/2 to rounding: H grows by w_n, less dt V^T D V of the central velocity V, less what contact
 //! takes.
 //!
+//! # Momentum
+//!
+//! The velocity reported is the central one, \( V^n = (U^{n+1} - U^{n-1}) / 2 \Delta t \), and \( V^0 = v_0 \) by the ghost value. Two equations of
+//! successive instants add up to
+//! \[ M\,(V^n - V^{n-1}) = \tfrac{\Delta t}{2} \bigl( f^{n-1} + G^T r^{n-1} + f^n + G^T r^n \bigr) , \]
+//! with f all other forces, from n = 1 on, for the start's equation is that of the instant 0: the obstacles' impulse over a step is
+//! the trapezoidal sum of the reactions at its ends. The reactions are those of the instant itself.
+//!
 //! # Supports that move
 //!
 //! U is counted from the shape R s(t) that their motion s gives the plate. The scheme for U + R s is the scheme for U with the load
@@ -76,6 +84,8 @@ pub struct Newmark<'s, E: Engine> {
     bounds: Bounds,
     admissible: Vec<f64>,
     reaction: Vec<f64>,
+    /// Impulses of the obstacles from n - 1 to n, in N s.
+    impulses: Vec<f64>,
     /// G v_0.
     arriving: Vec<f64>,
     elastic: f64,
@@ -222,6 +232,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
             bounds: system.bounds.clone(),
             admissible: vec![0.0; count],
             reaction: vec![0.0; count],
+            impulses: vec![0.0; count],
             arriving: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
             elastic: 0.0,
             varying,
@@ -307,6 +318,11 @@ impl<'s, E: Engine> Newmark<'s, E> {
         Ok(())
     }
 
+    /// (U^{n+1} - U^{n-1}) / (2 dt), in m/s.
+    fn central_velocity(&self) -> Vec<f64> {
+        self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect()
+    }
+
     /// W_n, in J.
     fn given(&self) -> f64 {
         self.varying.as_ref().map_or(0.0, |varying| varying.work)
@@ -356,7 +372,10 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
             }
             Ok(())
         };
+        let half = 0.5 * dt;
+        self.impulses.iter_mut().zip(&self.reaction).for_each(|(impulse, r)| *impulse = half * r);
         let solved = self.solve(1.0 + e, |dof| d[dof] * drift, damp);
+        self.impulses.iter_mut().zip(&self.reaction).for_each(|(impulse, r)| *impulse += half * r);
         (self.d, self.shares) = (d, shares);
         for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d).zip(&self.x) {
             *d_next = d + x;
@@ -378,8 +397,8 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     }
 
     /// The central difference (U^{n+1} - U^{n-1}) / (2 dt).
-    fn velocity(&self) -> Vec<f64> {
-        self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect()
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        Ok(self.central_velocity())
     }
 
     /// The central differences of their places.
@@ -398,14 +417,19 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         moving.unwrap_or(&self.system.bounds)
     }
 
+    /// Those of the present instant.
     fn reaction(&self) -> &[f64] {
         &self.reaction
+    }
+
+    fn impulses(&self) -> &[f64] {
+        &self.impulses
     }
 
     /// The paper's E_n, of the central difference.
     fn energies(&self) -> Result<Energies> {
         let System { engine, mass, .. } = self.system;
-        let rate = self.velocity();
+        let rate = self.central_velocity();
         let mut v = vec![0.0; engine.velocities(mass)];
         engine.velocity(mass, &rate, &mut v)?;
         let kinetic = 0.5 * engine.vis_viva(mass, &v)?;
@@ -436,7 +460,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         for vector in [&mut self.u, &mut self.d, &mut self.d_next] {
             archive.vector(Over::Dofs, vector)?;
         }
-        for vector in [&mut self.admissible, &mut self.reaction] {
+        for vector in [&mut self.admissible, &mut self.reaction, &mut self.impulses] {
             archive.vector(Over::Bounds, vector)?;
         }
         let System { engine, bounds, drive, .. } = self.system;

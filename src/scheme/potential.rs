@@ -29,6 +29,8 @@
 //! p's way on 10 x 4 cells and 1e-13 (at most 8e-8) on 80 x 32, the second some roundings. One round is not enough on fine
 //! meshes: with s = 10^8 w^2 it hits p at once, but leaves U so far from equilibrium that energies are off by 1e-6 on 80 x 32.
 
+mod rate;
+
 use super::System;
 use super::drive::Moment;
 use super::half_step::{HalfStep, Images, State};
@@ -130,7 +132,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     }
 
     /// Chooses the penalty and factors K + s M.
-    fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
+    pub(super) fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
         let System { engine, stiffness, mass, bounds, .. } = system;
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);

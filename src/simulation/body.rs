@@ -76,7 +76,7 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     let set_up = of[0] * triangles + of[1] * quadrangles;
     // Entries of a row of the factor, in minimum degree and of a band.
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
-    let factors = (8.0 * row * dofs as f64) as u64 * scene.time.scheme.factors() as u64;
+    let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
     let dense = match scene.time.scheme {
         Scheme::Exact => exact::estimated_memory(dofs as usize, cells as usize, 0),
         _ => 0,

@@ -3,6 +3,7 @@
 use super::Site;
 use crate::archive::{Archive, Over};
 use crate::error::Result;
+use crate::scheme::{Event, Scheme};
 
 /// A node's contact with an obstacle, from its first to its last step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,11 +12,11 @@ pub struct Contact {
     pub node: usize,
     /// Its position, in m.
     pub at: [f64; 2],
-    /// First instant with a reaction, in s.
+    /// First instant with a reaction in the history, in s; that of the event, from a scheme that follows events.
     pub begin: f64,
-    /// Last instant with a reaction, in s.
+    /// Last instant with a reaction, or event, in s.
     pub end: f64,
-    /// Sum of reaction times step, upward, in N s.
+    /// Impulse of the obstacle, upward, in N s: the sum of [`Scheme::impulses`].
     pub impulse: f64,
 }
 
@@ -40,18 +41,31 @@ pub(super) struct Contacts {
 }
 
 impl Contacts {
-    /// Takes note of a step's reactions. A node that lets go for one step only stays in contact.
-    pub fn note(&mut self, sites: &[Site], time: f64, step: f64, reaction: &[f64]) {
-        self.state.resize(reaction.len(), None);
-        for (bound, &r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            if self.state[bound].is_none() {
-                self.open.push(bound);
+    /// Takes note of a scheme's step, in which there were these events. A node that lets go for one step only stays in contact.
+    pub fn note(&mut self, sites: &[Site], step: f64, scheme: &dyn Scheme, events: &[Event]) {
+        let (time, reactions) = (scheme.time(), scheme.reaction());
+        self.state.resize(reactions.len(), None);
+        for event in events {
+            self.extend(event.bound, event.time);
+        }
+        for (bound, (&r, &impulse)) in reactions.iter().zip(scheme.impulses()).enumerate() {
+            if r != 0.0 || impulse != 0.0 && self.state[bound].is_none() {
+                self.extend(bound, time);
             }
-            let [_, end, impulse] = self.state[bound].get_or_insert([time, time, 0.0]);
-            *end = time;
-            *impulse += r * step;
+            if let Some([.., sum]) = &mut self.state[bound] {
+                *sum += impulse;
+            }
         }
         self.close(sites, time - 1.5 * step);
+    }
+
+    /// Extends the contact of a bound to an instant, where it begins if it is not open.
+    fn extend(&mut self, bound: usize, time: f64) {
+        if self.state[bound].is_none() {
+            self.open.push(bound);
+        }
+        let [_, end, _] = self.state[bound].get_or_insert([time, time, 0.0]);
+        *end = time;
     }
 
     /// Ends the contacts that were last seen before an instant.

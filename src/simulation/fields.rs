@@ -210,10 +210,14 @@ impl Fields {
     }
 
     /// The state of a scheme. Collective.
-    pub(super) fn sample<E: Engine>(&self, system: &System<E>, scheme: &dyn Scheme) -> Result<Snapshot<'_>> {
+    pub(super) fn sample<E: Engine>(
+        &self,
+        system: &System<E>,
+        scheme: &mut dyn Scheme,
+    ) -> Result<Snapshot<'_>> {
         let System { engine, bounds, .. } = system;
         let u = engine.on_cells(scheme.displacement())?;
-        let rate = engine.on_cells(&scheme.velocity())?;
+        let rate = engine.on_cells(&scheme.velocity()?)?;
         let mut rows = [0, 1, 2].map(|row| self.evaluate(&u, row));
         let mut velocity = self.evaluate(&rate, 0);
         for ((motion, lift), moves) in self.lifts.iter().zip(scheme.support_rates()?) {

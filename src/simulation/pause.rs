@@ -83,9 +83,9 @@ impl Places {
         &self,
         engine: &E,
         scene: &Scene,
-        scheme: &dyn Scheme,
+        scheme: &mut dyn Scheme,
     ) -> Result<Option<Motion>> {
-        let rates = scheme.velocity();
+        let rates = scheme.velocity()?;
         let values = scheme.displacement().iter().zip(&rates);
         let own: Vec<[f64; 5]> =
             self.dofs.iter().zip(values).map(|(&[x, y, which], (u, v))| [x, y, which, *u, *v]).collect();

@@ -296,7 +296,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         bounded_dofs: system.bounds.len(),
         factor_entries,
         loads: simulation::load_totals(&native, &mesh)?,
-        memory: memory(&mesh, system.engine.dofs(), scene.time.scheme.factors() * factor_entries)
+        memory: memory(&mesh, system.engine.dofs(), scene.time.factors() * factor_entries)
             + dense(scene, system),
         frequencies,
         steps: scene.time.steps(),

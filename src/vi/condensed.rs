@@ -117,6 +117,26 @@ impl<E: Engine> Condensed<E> {
         Ok(dense)
     }
 
+    /// Hands out solves of A x = b without any bound, x in place of b, and leaves the solver as it was: the next steps do not notice.
+    /// Collective.
+    ///
+    /// # Errors
+    /// What the engine and `act` say.
+    pub fn without_bounds<R>(
+        &mut self,
+        bounds: &Bounds,
+        act: impl FnOnce(&mut dyn FnMut(&mut [f64]) -> Result<()>) -> Result<R>,
+    ) -> Result<R> {
+        let Condensed { factor, method, .. } = self;
+        let Method::Pinned { pinned } = method else { return act(&mut |x| factor.solve(x)) };
+        factor.pin(&[])?;
+        let done = act(&mut |x| factor.solve(x))?;
+        let held = |i: &usize| pinned[*i] != Side::Free;
+        let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
+        factor.pin(&dofs)?;
+        Ok(done)
+    }
+
     fn solve_dense(
         &mut self,
         engine: &E,

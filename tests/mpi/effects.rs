@@ -3,6 +3,7 @@
 use crate::common::command;
 use crate::common::command::{assert_fails, history, on, rebond, succeeds};
 use crate::common::scenes::Drawing;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const STEEL: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
@@ -244,5 +245,45 @@ fn a_fault_of_one_rank_ends_all() {
     for (number, (more, words)) in cases.into_iter().enumerate() {
         let folder = folder(&format!("fault-{number}"), &format!("{scene}{more}\n"));
         assert_fails(&on(&folder, 2, &["run", "fall.toml"]), 2, words);
+    }
+}
+
+/// A free plate falls on a floor that moves: two ranks book the impulses that one process does, which weigh it over the run.
+#[test]
+fn impulses_of_contacts() {
+    for scheme in ["newmark", "midpoint", "conserving"] {
+        let folder = folder(
+            &format!("impulses-{scheme}"),
+            &format!(
+                r#"
+                {STEEL}
+                mesh = {{ element = "fvs", cells = [5, 2] }}
+                obstacle = [{{ side = "below", height = "-0.002 + 0.001*x - 0.0005*sin(50*t)^2" }}]
+                load = {{ gravity = 9.81 }}
+                time = {{ scheme = "{scheme}", mass = "singular", step = 2e-4, end = 0.05 }}
+                output = {{ fields_every = 50, subdivide = 1 }}
+                "#
+            ),
+        );
+        let sums = [0, 2].map(|ranks| {
+            rows(&folder, ranks);
+            let text = std::fs::read_to_string(folder.join(format!("on-{ranks}/contacts.csv"))).unwrap();
+            let mut impulses = BTreeMap::new();
+            for line in text.lines().skip(1) {
+                let numbers: Vec<f64> = line.split(',').map(|number| number.parse().unwrap()).collect();
+                // By their places: ranks number nodes as they like.
+                let place = [numbers[1], numbers[2]].map(|at| (1e6 * at).round() as i64);
+                *impulses.entry(place).or_insert(0.0) += numbers[5];
+            }
+            impulses
+        });
+        let [one, two]: &[BTreeMap<[i64; 2], f64>; 2] = &sums;
+        let total: f64 = one.values().sum();
+        assert!(total > 5.0, "{scheme}: {total} N s");
+        assert_eq!(one.len(), two.len(), "{scheme}");
+        for (place, impulse) in one {
+            let off = (two[place] - impulse).abs();
+            assert!(off <= 1e-8 * total, "{scheme}: at {place:?} {impulse} or {} N s", two[place]);
+        }
     }
 }

@@ -272,17 +272,16 @@ fn a_ball_meets_a_free_plate() {
         let model = Model::new(&scene).unwrap();
         let mut scheme = model.scheme(&scene).unwrap();
         let system = &model.system;
-        let momentum = |u: &[f64], v: &[f64]| {
+        let momentum = |v: &[f64]| {
             use rebond::linalg::Engine;
             // The ball's height is its gap over the plate: a rise of all is a rise of every deflection.
             let rise: Vec<f64> =
-                (0..u.len()).map(|dof| f64::from(u8::from(dof % 3 == 0 && dof + 1 < u.len()))).collect();
-            let mut product = vec![0.0; u.len()];
+                (0..v.len()).map(|dof| f64::from(u8::from(dof % 3 == 0 && dof + 1 < v.len()))).collect();
+            let mut product = vec![0.0; v.len()];
             system.engine.multiply(&system.mass, v, &mut product).unwrap();
             product.iter().zip(rise).map(|(p, rise)| p * rise).sum::<f64>()
         };
-        let (start, energy) =
-            (momentum(scheme.displacement(), &scheme.velocity()), scheme.energies().unwrap().total());
+        let (start, energy) = (momentum(&scheme.velocity().unwrap()), scheme.energies().unwrap().total());
         close("momentum", start, -1.5, 1e-12);
         close("energy", energy, 2.25, 1e-12);
         let mut touched = false;
@@ -290,7 +289,7 @@ fn a_ball_meets_a_free_plate() {
         while scheme.step() < scene.time.steps() {
             scheme.advance().unwrap();
             touched |= scheme.reaction().iter().any(|r| *r != 0.0);
-            let now = momentum(scheme.displacement(), &scheme.velocity());
+            let now = momentum(&scheme.velocity().unwrap());
             least = least.min(now);
             assert!((now - start).abs() < 1e-9, "t = {}: {now}", scheme.time());
             let now = scheme.energies().unwrap().total();

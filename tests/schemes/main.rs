@@ -9,6 +9,7 @@ mod damping;
 mod energy;
 mod exact;
 mod forced;
+mod impulses;
 mod kinks;
 mod moving;
 mod period_three_bar;

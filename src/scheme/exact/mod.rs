@@ -49,7 +49,7 @@ mod search;
 mod switch;
 
 use super::{Approach, Event, Scheme, Start, System, Tally};
-use crate::archive::Archive;
+use crate::archive::{Archive, Over};
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -121,6 +121,8 @@ pub struct Exact<'s, E: Engine> {
     /// G U and reactions now.
     admissible: Vec<f64>,
     reaction: Vec<f64>,
+    /// Impulses of the obstacles over the last step, in N s.
+    impulses: Vec<f64>,
     /// U and v now, once asked for.
     shape: OnceCell<Shape>,
     events: Vec<Event>,
@@ -213,6 +215,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             watched: Mat::zeros(bounded, 2),
             admissible: vec![0.0; bounded],
             reaction: vec![0.0; bounded],
+            impulses: vec![0.0; bounded],
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
@@ -232,6 +235,21 @@ impl<'s, E: Engine> Exact<'s, E> {
     fn look(&mut self, at: f64) {
         self.motion.state(at, &mut self.state);
         self.watch();
+    }
+
+    /// Adds the impulses of so many seconds of the present motion from the state on; `step` where these are a step of the grid.
+    fn add_impulses(&mut self, seconds: f64, step: bool) {
+        let modes = self.motion.modes.clone();
+        let touching: Vec<usize> = (0..modes.sides.len()).filter(|&i| modes.sides[i] != Side::Free).collect();
+        if touching.is_empty() || seconds == 0.0 {
+            return;
+        }
+        let integral = self.motion.integral(&self.state, seconds, step);
+        touching.iter().for_each(|&i| self.impulses[i] += seconds * modes.offset[i]);
+        for (k, integral) in integral.into_iter().enumerate() {
+            let column = modes.rows.col_as_slice(k);
+            touching.iter().for_each(|&i| self.impulses[i] += integral * column[i]);
+        }
     }
 
     /// Takes what is watched from the state.
@@ -504,6 +522,9 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         self.n += 1;
         let time = self.time();
         let mut switches = 0;
+        // Where the state is, counted from the start of the motion.
+        let mut from = (self.n - 1) as f64 * self.dt - self.motion.start;
+        self.impulses.fill(0.0);
         loop {
             let until = time - self.motion.start;
             self.search.extend(&self.motion, until);
@@ -519,7 +540,13 @@ impl<E: Engine> Scheme for Exact<'_, E> {
                 });
             }
             switches += 1;
+            self.add_impulses(at - from, false);
             self.switch(at, bound)?;
+            from = 0.0;
+        }
+        match switches {
+            0 => self.add_impulses(self.dt, true),
+            _ => self.add_impulses(time - self.motion.start, false),
         }
         self.motion.walk(time - self.motion.start, self.dt, &mut self.state);
         self.watch();
@@ -542,14 +569,14 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         &self.shape().displacement
     }
 
-    fn velocity(&self) -> Vec<f64> {
+    fn velocity(&mut self) -> Result<Vec<f64>> {
         let Reduction { lift, push, .. } = &self.reduction;
         let modes = &self.motion.modes;
         let touching = |i: usize| modes.sides[i] != Side::Free;
         let forces =
             Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
         let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + push * forces;
-        rates.col_as_slice(0).to_vec()
+        Ok(rates.col_as_slice(0).to_vec())
     }
 
     fn admissible(&self) -> &[f64] {
@@ -560,8 +587,14 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         &self.system.bounds
     }
 
+    /// Those of the present instant.
     fn reaction(&self) -> &[f64] {
         &self.reaction
+    }
+
+    /// Integrals of the reactions, from event to event in closed form.
+    fn impulses(&self) -> &[f64] {
+        &self.impulses
     }
 
     fn energies(&self) -> Result<Energies> {
@@ -585,6 +618,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         archive.value(&mut self.tally)?;
         archive.value(&mut self.events)?;
         Approach::archive(&mut self.touches, archive)?;
+        archive.vector(Over::Bounds, &mut self.impulses)?;
         let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
         archive.value(&mut state)?;
         let mut sides = self.motion.modes.sides.clone();

@@ -7,6 +7,10 @@
 //! and with a >= w, \( \omega^2 = a^2 - w^2 \) and the slow rate \( \sigma = w^2 / (a + \omega) \), which loses no digit to a - omega,
 //! \[ g = e^{-\sigma t} \frac{1 - e^{-2 \omega t}}{2 \omega}, \qquad v = 1 - e^{-\sigma t} - \sigma g . \]
 //!
+//! Reactions are linear in q, and their impulse over an interval is that of its integral: from the state at the interval's start
+//! \[ \int q = q_0 t + q_0' \int g + (f - w^2 q_0) \iint g, \qquad \int s = \frac{v}{w}, \quad \int v = t - \frac{s}{w} - \frac{\alpha v}{w^2}, \]
+//! the last, where the difference would lose digits, from the power series of v and \( \int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s \).
+//!
 //! Along a grid of instants these are not taken anew: with s_h and v_h of a step,
 //! \[ s(t+h) = s + s_h - s v_h - v s_h - \tfrac{\alpha}{w} s s_h, \qquad v(t+h) = v + v_h - v v_h + s s_h. \]
 //! A step is a rotation, or shrinks: it passes errors on no larger, and adds at most four roundings. Taken anew every [`ANCHOR`] instants,
@@ -38,6 +42,8 @@ pub(super) struct Motion {
     turn: [Vec<f64>; 2],
     /// Instants of the grid so far.
     walked: u32,
+    /// Integrals of s and v over one of its steps, once asked for; they follow from the modes alone.
+    sums: Vec<[f64; 2]>,
     arch: Arch,
 }
 
@@ -53,7 +59,18 @@ impl Motion {
         }
         let place = state.col_as_slice(0).to_vec();
         let (phases, turn) = Default::default();
-        Motion { modes, start, place, sine, versine, phases, turn, walked: 0, arch: Arch::new() }
+        Motion {
+            modes,
+            start,
+            place,
+            sine,
+            versine,
+            phases,
+            turn,
+            walked: 0,
+            sums: Vec::new(),
+            arch: Arch::new(),
+        }
     }
 
     /// Shows an archive all but the modes.
@@ -133,6 +150,35 @@ impl Motion {
         }
     }
 
+    /// Integral of q over so many seconds from a state on; `step` where these are those of the grid.
+    pub fn integral(&mut self, state: &Mat<f64>, seconds: f64, step: bool) -> Vec<f64> {
+        let Modes { frequencies, force, rigid, damping, .. } = &*self.modes;
+        let all = || frequencies.iter().skip(*rigid).map(|w| sums(*w, *damping, seconds)).collect();
+        let fresh: Vec<[f64; 2]>;
+        let sums = match step {
+            true if self.sums.len() + rigid < frequencies.len() => {
+                self.sums = all();
+                &self.sums
+            }
+            true => &self.sums,
+            false => {
+                fresh = all();
+                &fresh
+            }
+        };
+        let [of_rate, of_force] = glide_sums(*damping, seconds);
+        let integral = |k: usize| {
+            let (q, rate, force) = (state[(k, 0)], state[(k, 1)], force[k]);
+            let [of_sine, of_versine] = match k.checked_sub(*rigid) {
+                None => return q * seconds + rate * of_rate + force * of_force,
+                Some(k) => sums[k],
+            };
+            let w = frequencies[k];
+            q * seconds + rate / w * of_sine + (force / (w * w) - q) * of_versine
+        };
+        (0..frequencies.len()).map(integral).collect()
+    }
+
     /// The rigid motions' part of the state.
     fn rigid_state(&self, at: f64, state: &mut Mat<f64>) {
         if self.modes.rigid == 0 {
@@ -187,6 +233,56 @@ fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
         (g, -(-slow * at).exp_m1() - slow * g)
     };
     (w * g, v)
+}
+
+/// The difference that gives the integral of v is right to this share of the time, at least, and is taken where it exceeds a hundred
+/// such: elsewhere v is small throughout.
+const FAIR: f64 = 0.01;
+
+/// Integrals of s and v of a mode from 0 to an instant; see the [module page](self).
+fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
+    let (s, v) = phase(w, damping, at);
+    let direct = at - s / w - damping * v / (w * w);
+    if direct > FAIR * at {
+        return [v / w, direct];
+    }
+    // Halved until the series has a few terms, and doubled again.
+    let fastest = w.max(damping) * at;
+    let halvings = if fastest > 0.5 { (2.0 * fastest).log2().ceil() } else { 0.0 };
+    let mut time = at / halvings.exp2();
+    let (angle, drag) = (w * time, damping * time);
+    let (mut before, mut term, mut k) = (0.0, 0.5 * angle * angle, 2.0);
+    let mut sum = 0.0;
+    // Without damping every other term is none.
+    while f64::abs(term) + f64::abs(before) > f64::EPSILON * f64::abs(sum) {
+        sum += term / (k + 1.0);
+        let next = -(drag * k * term + angle * angle * before) / ((k + 1.0) * k);
+        (before, term, k) = (term, next, k + 1.0);
+    }
+    let mut of_v = time * sum;
+    for _ in 0..halvings as u32 {
+        let (s, v) = phase(w, damping, time);
+        of_v = 2.0 * of_v + v * (time - of_v) + s * v / w;
+        time *= 2.0;
+    }
+    [v / w, of_v]
+}
+
+/// The first and the second integral of a rigid motion's g from 0 to an instant.
+fn glide_sums(damping: f64, at: f64) -> [f64; 2] {
+    let (g, mean) = glide(damping, at);
+    let first = 0.5 * g * mean;
+    let x = damping * at;
+    if x > 1.0 {
+        return [first, (0.5 * at * at - first) / damping];
+    }
+    let (mut sum, mut term, mut k) = (1.0 / 6.0, 1.0 / 6.0, 4.0);
+    while f64::abs(term) > f64::EPSILON * sum {
+        term *= -x / k;
+        sum += term;
+        k += 1.0;
+    }
+    [first, at * at * at * sum]
 }
 
 /// g of a rigid motion, and twice its integral over it: both t without damping.

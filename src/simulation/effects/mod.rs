@@ -144,7 +144,7 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
         Mass::Singular => engine.native().averages(attached.singular_mass(cells)),
         Mass::Consistent => engine.native().form(attached.consistent_mass(cells)),
     };
-    engine.require_memory(&[(1.0, &stiffness), (1.0, &mass)], scene.time.scheme.factors())?;
+    engine.require_memory(&[(1.0, &stiffness), (1.0, &mass)], scene.time.factors())?;
     let damping = scene
         .damping
         .as_ref()

@@ -1,0 +1,167 @@
+//! The rate of U(p), for whoever looks at velocities: with the singular mass a scheme knows them as means over cells only.
+//!
+//! While the active bounds A stay, U(p) follows p, the load and the bounds affinely, and its rate W, where p moves at the velocity V, is
+//! \[ \text{the least of } \tfrac12 W^T K W - F'^T W \text{ with } B W = C V, \quad G_A W = l'_A . \]
+//! The means come by multipliers, as those of U(p) do. In each round conjugate gradients find the reactions that hold the nodes of A:
+//! where the means are given a push at a node moves its neighbours little, and some twenty iterations do on any mesh. So the
+//! factor is used as it is, whatever its candidates, and the next steps do not notice that someone looked.
+
+use super::{CLOSE, Potential, ROUNDS};
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::scheme::System;
+use crate::scheme::drive::Moment;
+
+/// Iterations, at most, for the reactions that hold nodes at the rates of their bounds, and the error of these rates, relative to the first
+/// guess, at which they end.
+const MOST_HOLDS: usize = 200;
+const HELD: f64 = 1e-11;
+
+/// Error of the means, relative to V, from which the nodes at obstacles are let go for them.
+const LOOSE: f64 = 1e-10;
+
+/// Solves A x = b, x in place of b.
+type Solve<'s> = dyn FnMut(&mut [f64]) -> Result<()> + 's;
+
+impl<E: Engine> Potential<'_, E> {
+    /// Returns the rate of U(p) in m/s, one entry per dof, where p moves at the velocity V, load and bounds at the rates of `change`, and
+    /// the obstacles push with these reactions. Where no rate has both the means and the rates of the bounds, as without the inf-sup
+    /// condition, it has the means. Collective.
+    ///
+    /// # Errors
+    /// What the engine says.
+    pub(in crate::scheme) fn rate(
+        &mut self,
+        v: &[f64],
+        reaction: &[f64],
+        change: &Moment,
+    ) -> Result<Vec<f64>> {
+        let (system, penalty) = (self.system, self.penalty);
+        let mut held = Held::new(system, reaction, change)?;
+        let search = Search { system, penalty, v, change };
+        let way = system.engine.vis_viva(&system.mass, v)?.sqrt();
+        self.solver.without_bounds(&system.bounds, |solve| {
+            let (w, distance) = search.rounds(&mut held, solve)?;
+            if distance <= LOOSE * way || system.total(held.nodes.len() as f64)? == 0.0 {
+                return Ok(w);
+            }
+            held.nodes.clear();
+            let (free, distance_of_free) = search.rounds(&mut held, solve)?;
+            Ok(if distance_of_free < distance { free } else { w })
+        })
+    }
+}
+
+/// What a rate has to satisfy.
+struct Search<'a, 's, E: Engine> {
+    system: &'s System<E>,
+    penalty: f64,
+    v: &'a [f64],
+    change: &'a Moment,
+}
+
+impl<E: Engine> Search<'_, '_, E> {
+    /// The rounds that lead to it; the rate, and how far its means are from V, in the norm of C.
+    fn rounds(&self, held: &mut Held<E>, solve: &mut Solve) -> Result<(Vec<f64>, f64)> {
+        let Search { system: System { engine, mass, stiffness, .. }, penalty, v, change } = *self;
+        let way = engine.vis_viva(mass, v)?.sqrt();
+        let (mut lack, mut multiplier) = (v.to_vec(), vec![0.0; v.len()]);
+        let (mut pull, mut moved) = (multiplier.clone(), multiplier.clone());
+        let mut w = vec![0.0; engine.dofs()];
+        let (mut x, mut product) = (w.clone(), w.clone());
+        let mut distance = f64::INFINITY;
+        for round in 1..=*ROUNDS.end() {
+            for (pull, (multiplier, lack)) in pull.iter_mut().zip(multiplier.iter().zip(&lack)) {
+                *pull = multiplier + penalty * lack;
+            }
+            engine.momentum(mass, &pull, &mut x)?;
+            engine.multiply(stiffness, &w, &mut product)?;
+            x.iter_mut().zip(&product).for_each(|(x, resistance)| *x -= resistance);
+            change.push(&mut x);
+            held.push(&mut x);
+            solve(&mut x)?;
+            held.hold(&w, &mut x, solve)?;
+            w.iter_mut().zip(&x).for_each(|(w, x)| *w += x);
+            engine.velocity(mass, &x, &mut moved)?;
+            for (multiplier, (lack, moved)) in multiplier.iter_mut().zip(lack.iter_mut().zip(&moved)) {
+                *lack -= moved;
+                *multiplier += penalty * *lack;
+            }
+            let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &lack)?.sqrt());
+            if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
+                break;
+            }
+        }
+        Ok((w, distance))
+    }
+}
+
+/// The nodes that obstacles push, as the rest moves.
+struct Held<'s, E: Engine> {
+    system: &'s System<E>,
+    nodes: Vec<Node>,
+    /// Square of the size of the first error of the rates.
+    first: Option<f64>,
+}
+
+/// A node that an obstacle pushes.
+struct Node {
+    dof: usize,
+    /// Rate of its bound, in m/s.
+    rate: f64,
+    /// Entry of K on the diagonal, in N/m: how hard it is to move.
+    weight: f64,
+    /// Rate of the reaction, in N/s.
+    push: f64,
+}
+
+impl<'s, E: Engine> Held<'s, E> {
+    fn new(system: &'s System<E>, reaction: &[f64], change: &Moment) -> Result<Held<'s, E>> {
+        let System { engine, stiffness, bounds, .. } = system;
+        let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
+        let node = |i: usize| {
+            let of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
+            let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, of));
+            Node { dof, rate, weight: diagonal[dof], push: 0.0 }
+        };
+        let nodes = (0..bounds.len()).filter(|&i| reaction[i] != 0.0).map(node).collect();
+        Ok(Held { system, nodes, first: None })
+    }
+
+    /// Adds the reactions' rates found so far to a force.
+    fn push(&self, force: &mut [f64]) {
+        self.nodes.iter().for_each(|node| force[node.dof] += node.push);
+    }
+
+    /// Adds to x what more reactions make of it, so that w + x has the rates of the bounds.
+    fn hold(&mut self, w: &[f64], x: &mut [f64], solve: &mut Solve) -> Result<()> {
+        let Held { system, nodes, first } = self;
+        let total = |a: &[f64], b: &[f64]| system.total(a.iter().zip(b).map(|(a, b)| a * b).sum());
+        let weigh = |nodes: &[Node], lags: &[f64]| -> Vec<f64> {
+            nodes.iter().zip(lags).map(|(node, lag)| node.weight * lag).collect()
+        };
+        let mut lags: Vec<f64> = nodes.iter().map(|node| node.rate - w[node.dof] - x[node.dof]).collect();
+        let mut direction = weigh(nodes, &lags);
+        let mut size = total(&lags, &direction)?;
+        let end = HELD * HELD * *first.get_or_insert(size);
+        let mut answer = vec![0.0; x.len()];
+        for _ in 0..MOST_HOLDS {
+            if size.is_nan() || size <= end {
+                break;
+            }
+            answer.fill(0.0);
+            nodes.iter().zip(&direction).for_each(|(node, push)| answer[node.dof] = *push);
+            solve(&mut answer)?;
+            let moved: Vec<f64> = nodes.iter().map(|node| answer[node.dof]).collect();
+            let step = size / total(&moved, &direction)?;
+            x.iter_mut().zip(&answer).for_each(|(x, answer)| *x += step * answer);
+            nodes.iter_mut().zip(&direction).for_each(|(node, push)| node.push += step * push);
+            lags.iter_mut().zip(&moved).for_each(|(lag, moved)| *lag -= step * moved);
+            let weighed = weigh(nodes, &lags);
+            let before = std::mem::replace(&mut size, total(&lags, &weighed)?);
+            direction.iter_mut().zip(&weighed).for_each(|(d, w)| *d = w + size / before * *d);
+        }
+        Ok(())
+    }
+}
