@@ -42,7 +42,8 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
 	$(call say,documentation)
-	@RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --locked
+	@RUSTDOCFLAGS="-D warnings --html-in-header docs/katex/header.html" cargo doc --release --no-deps --locked
+	@scripts/check_equations.sh
 	$(call say,all passed)
 
 test-long: setup ## the tests that take minutes, and all without default features, which make test leaves out

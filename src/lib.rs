@@ -17,8 +17,8 @@
 //! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
 //! | [`plate`] | thickness and material to element matrices |
-//! | [`space`] | three dofs a node, supports |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
+//! | [`space`] | three dofs a node, supports |
 //! | `petsc` | safe handles on PETSc's objects, the engine over all ranks (feature `petsc`) |
 //! | [`modes`] | natural frequencies and shapes |
 //! | [`assembly`] | the only loop over cells |
@@ -67,8 +67,8 @@ pub mod mesh;
 pub mod field;
 pub mod element;
 pub mod plate;
-pub mod space;
 pub mod linalg;
+pub mod space;
 #[cfg(feature = "petsc")]
 pub mod petsc;
 pub mod modes;

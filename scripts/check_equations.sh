@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# Checks that the equations of the documentation have reached its pages as they were written, for KaTeX to typeset them.
+# Usage: scripts/check_equations.sh, after cargo doc
+set -eu
+cd "$(dirname "$0")/.."
+pages=target/doc/rebond
+page=$pages/scheme/newmark/index.html
+
+fail() { printf 'check_equations: %s\n' "$*" >&2; exit 1; }
+
+# A backslash before punctuation is what Markdown takes away.
+for part in 'language-math' '\frac{' '\tfrac12' '\Bigl(' '\,(' 'katex.min.js'; do
+    grep -qF -- "$part" "$page" || fail "$page has no $part"
+done
+if grep -rnE '^ *//[/!].*\\[][()]' src; then
+    fail 'write displays as fences of the language "math" and inline formulas as code between dollar signs'
+fi
+for file in katex.min.js katex.min.css fonts/KaTeX_Main-Regular.woff2; do
+    [ -s "docs/katex/$file" ] || fail "docs/katex/$file is missing"
+done
