@@ -53,13 +53,14 @@ impl Stable {
         #[cfg(feature = "petsc")]
         if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {
             let context = Context::start(&[])?;
-            return self.report(scenes, &contenders, |contender, scene, method| match contender.engine {
+            let attempt = |contender: &Contender, scene: &Scene, method| match contender.engine {
                 EngineName::Native => Ok(stability::natively(scene, method)),
                 EngineName::Petsc => context.with_option(contender.option(), || {
                     let model = Model::distributed(scene, &context);
                     Ok(stability::attempt(scene, method, model, |model| model.solver(scene)))
                 }),
-            });
+            };
+            return self.report(scenes, &contenders, attempt).and_then(|()| context.refuse_unused_options());
         }
         self.report(scenes, &contenders, |_, scene, method| Ok(stability::natively(scene, method)))
     }

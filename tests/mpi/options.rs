@@ -32,14 +32,12 @@ fn run(folder: &Path, steps: &str, options: &[&str]) -> Output {
 
 /// The same with the environment's options.
 fn run_with_variable(folder: &Path, variable: &str, options: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rebond"))
-        .args(RUN)
-        .args(["--set", ONE_STEP, "--"])
-        .args(options)
-        .env("PETSC_OPTIONS", variable)
-        .current_dir(folder)
-        .output()
-        .unwrap()
+    with_variable(folder, variable, &[&RUN[..], &["--set", ONE_STEP, "--"], options].concat())
+}
+
+fn with_variable(folder: &Path, variable: &str, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rebond"));
+    command.args(arguments).env("PETSC_OPTIONS", variable).current_dir(folder).output().unwrap()
 }
 
 const ONE_STEP: &str = "time.end=1e-4";
@@ -102,6 +100,8 @@ fn options_from_elsewhere_are_checked_too() {
     let refused = |output: &Output, words: &[&str]| assert_fails(output, 2, words);
     refused(&run_with_variable(&folder, "-ksp_tpye cg", &[]), &["-ksp_tpye", "did you mean `-ksp_type`?"]);
     refused(&run_with_variable(&folder, "-ksp_rtol nan", &["-pc_type", "jacobi"]), &["-ksp_rtol nan"]);
+    let arguments = ["stability", "fall.toml", "--with", "petsc", "--quiet", "--set", ONE_STEP];
+    refused(&with_variable(&folder, "-ksp_tpye cg", &arguments), &["-ksp_tpye", "did you mean `-ksp_type`?"]);
 
     // A file that PETSc would read by itself: the program says that it does not, or reads it and checks what it says.
     std::fs::write(folder.join(".petscrc"), "-ksp_tpye cg\n").unwrap();
