@@ -1,21 +1,33 @@
 //! The conserving scheme: the midpoint rule, relaxed so that every state has the energy of the start, and what came in since.
 //!
-//! With the singular mass the impact problem is \( C \ddot p = -\nabla \varphi(p) \), with φ convex, C^1,1 and piecewise
+//! With the singular mass the impact problem is `$C \ddot p = -\nabla \varphi(p)$`, with φ convex, C^1,1 and piecewise
 //! quadratic, see [`super::potential`]; a state is (p, v), its displacement U(p), its energy
-//! \( E(p, v) = \tfrac12 |v|_C^2 + \varphi(p) \). A midpoint step gives
-//! \[ dp = \Delta t\, (v + \tfrac12 dv), \qquad dv = -\Delta t\, C^{-1} \nabla \varphi(p + \tfrac12 dp) . \]
+//! `$E(p, v) = \tfrac12 |v|_C^2 + \varphi(p)$`. A midpoint step gives
+//!
+//! ```math
+//! dp = \Delta t\, (v + \tfrac12 dv), \qquad dv = -\Delta t\, C^{-1} \nabla \varphi(p + \tfrac12 dp) .
+//! ```
+//!
 //! Where the active bounds stay, φ is quadratic along dp and the step keeps E exactly. Where they change it does not; then the
 //! scheme goes
-//! \[ (p, v) \to (p + \gamma\, dp,\; v + \gamma\, dv), \quad t \to t + \gamma \Delta t, \qquad E(p + \gamma\, dp, v + \gamma\, dv) = E_0 \]
+//!
+//! ```math
+//! (p, v) \to (p + \gamma\, dp,\; v + \gamma\, dv), \quad t \to t + \gamma \Delta t, \qquad E(p + \gamma\, dp, v + \gamma\, dv) = E_0
+//! ```
+//!
 //! (relaxation: Ketcheson, SIAM J. Numer. Anal. 57, 2019; here for a potential that is only C^1,1).
 //!
 //! # Such a gamma exists, is unique, and is at least 1/2
 //!
-//! Let m = p + dp/2 be the middle and w = v + dv/2. As φ is convex and \( m - p = \tfrac12 \Delta t\, w \),
-//! \[ \varphi(p) \ge \varphi(m) - \nabla\varphi(m) \cdot (m - p) = \varphi(m) + \tfrac12 w \cdot C\, dv, \qquad
-//!    \tfrac12 |v|_C^2 = \tfrac12 |w|_C^2 - \tfrac12 w \cdot C\, dv + \tfrac18 |dv|_C^2 , \]
-//! so that \( E(p, v) \ge E(m, w) + \tfrac18 |dv|_C^2 \): at gamma = 1/2 the energy is below its value at gamma = 0. In gamma it is
-//! convex, piecewise quadratic, and tends to infinity with \( \gamma^2 |dv|_C^2 / 2 \): it comes back to E_0 once, at some gamma
+//! Let m = p + dp/2 be the middle and w = v + dv/2. As φ is convex and `$m - p = \tfrac12 \Delta t\, w$`,
+//!
+//! ```math
+//! \varphi(p) \ge \varphi(m) - \nabla\varphi(m) \cdot (m - p) = \varphi(m) + \tfrac12 w \cdot C\, dv, \qquad
+//!    \tfrac12 |v|_C^2 = \tfrac12 |w|_C^2 - \tfrac12 w \cdot C\, dv + \tfrac18 |dv|_C^2 ,
+//! ```
+//!
+//! so that `$E(p, v) \ge E(m, w) + \tfrac18 |dv|_C^2$`: at gamma = 1/2 the energy is below its value at gamma = 0. In gamma it is
+//! convex, piecewise quadratic, and tends to infinity with `$\gamma^2 |dv|_C^2 / 2$`: it comes back to E_0 once, at some gamma
 //! of at least 1/2. This holds at every step, however long: the scheme never gains nor loses energy. The root is found by Newton's
 //! method, with the curvature of the last two slopes (exact as soon as they lie in one piece) inside a bracket; each trial is one U(p).
 //!
@@ -25,14 +37,22 @@
 //!
 //! # Damping, loads and obstacles that change with time
 //!
-//! Damping by mass, D = alpha M, takes \( \gamma \Delta t\, \alpha |w|_C^2 \) of a step, and E must come back to E_0 less all that. In the middle
-//! \( C\,dv = -\Delta t\,(\nabla\varphi(m) + \alpha C w) \) now, so that the first inequality above has \( \tfrac12 \Delta t\, \alpha |w|_C^2 \) more on its right:
-//! \[ E(p, v) \ge E(m, w) + \tfrac12 \Delta t\, \alpha |w|_C^2 + \tfrac18 |dv|_C^2 , \]
+//! Damping by mass, D = alpha M, takes `$\gamma \Delta t\, \alpha |w|_C^2$` of a step, and E must come back to E_0 less all that. In the middle
+//! `$C\,dv = -\Delta t\,(\nabla\varphi(m) + \alpha C w)$` now, so that the first inequality above has `$\tfrac12 \Delta t\, \alpha |w|_C^2$` more on its right:
+//!
+//! ```math
+//! E(p, v) \ge E(m, w) + \tfrac12 \Delta t\, \alpha |w|_C^2 + \tfrac18 |dv|_C^2 ,
+//! ```
+//!
 //! and at gamma = 1/2 the energy is again below its target, a linear function of gamma. All else holds as it stands. Damping by
 //! stiffness makes U no function of p, and is refused.
 //!
 //! What changes with time gives a step the work
-//! \[ \tfrac12 (F_0 + F_1) \cdot (U_\gamma - U_0) + r \cdot (l_\gamma - l_0) , \]
+//!
+//! ```math
+//! \tfrac12 (F_0 + F_1) \cdot (U_\gamma - U_0) + r \cdot (l_\gamma - l_0) ,
+//! ```
+//!
 //! with the loads at the ends of the whole step, whose mean the middle has, the middle's reactions r, and the obstacles l that they belong
 //! to; a state is U(p) under the load and within the obstacles of its own instant. While the active bounds stay, U is affine in p, F
 //! and l together, and the middle is the mean of both ends: then this is the change of E at gamma = 1, exactly, and the step is a
@@ -75,7 +95,7 @@
 //!   accurate as the scheme (the chord is off by dt^2/8 of the acceleration);
 //! - the velocity on the chord between theirs, as the rate of U(p) that goes with it: its momentum is on the chord of momenta;
 //! - the energies *of the state at or just after* t, an actual state of the scheme: nothing is interpolated there;
-//! - the impulses of the obstacles from (n - 1) dt to n dt. A step changes the momentum by \( \gamma \Delta t\,(F - K U + G^T r) \) of its middle, and
+//! - the impulses of the obstacles from (n - 1) dt to n dt. A step changes the momentum by `$\gamma \Delta t\,(F - K U + G^T r)$` of its middle, and
 //!   gives each instant between its ends its share: so the impulses add up to the change of the momentum reported;
 //! - the reactions' mean over that time: their impulse over dt; at the start those at U(p).
 

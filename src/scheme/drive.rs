@@ -34,7 +34,7 @@ pub type LoadOfTime = dyn Fn(f64, &mut [f64]) -> Result<()>;
 pub type BoundsOfTime = dyn Fn(f64, &mut Bounds) -> Result<()>;
 
 /// Damping of single modes, each by a ratio of its own: the force
-/// \( -\sum_k 2 \zeta_k w_k\, M \phi_k\, (\phi_k^T M V) \), of as low a rank as there are modes.
+/// `$-\sum_k 2 \zeta_k w_k\, M \phi_k\, (\phi_k^T M V)$`, of as low a rank as there are modes.
 ///
 /// A matrix of a step has no room for it, dense as it is. So it acts on a velocity extrapolated from the last two steps: second order,
 /// and stable at steps that are short against the time in which a mode dies out, which are asked for.

@@ -1,25 +1,40 @@
 //! The midpoint scheme (the paper's section 4.2, equation 6).
 //!
 //! Find U^{n+1/2} in K^h; its unknown here is the increment x = U^{n+1/2} - U^n:
-//! \[ \Bigl(\frac{4}{\Delta t^2} M + K\Bigr) x = \frac{2}{\Delta t} B^T V^n - K U^n + F + G^T r, \]
-//! \[ U^{n+1} = U^n + 2 x, \qquad V^{n+1} = \frac{4}{\Delta t} C^{-1} B\, x - V^n . \]
+//!
+//! ```math
+//! \Bigl(\frac{4}{\Delta t^2} M + K\Bigr) x = \frac{2}{\Delta t} B^T V^n - K U^n + F + G^T r,
+//! ```
+//!
+//! ```math
+//! U^{n+1} = U^n + 2 x, \qquad V^{n+1} = \frac{4}{\Delta t} C^{-1} B\, x - V^n .
+//! ```
+//!
 //! With the consistent mass B = C = M_r, and the scheme gains energy at impacts without bound.
 //!
-//! With the singular mass this is the implicit midpoint rule of the equation \( C \ddot p = -\nabla \varphi(p) \) of
-//! [`super::potential`]: the step sees U^n only through \( p^n = C^{-1} B U^n \). The massless part of U^{n+1} is then a
+//! With the singular mass this is the implicit midpoint rule of the equation `$C \ddot p = -\nabla \varphi(p)$` of
+//! [`super::potential`]: the step sees U^n only through `$p^n = C^{-1} B U^n$`. The massless part of U^{n+1} is then a
 //! matter of report, see [`Massless`].
 //!
 //! Damping D = alpha M + beta K adds 2 D / dt to the matrix of a step, and nothing else: the velocity in the middle is 2 x / dt. Of
 //! loads and obstacles that change with time a step knows the means of its two ends. They do as well as those of the middle, which
 //! they differ from by O(dt^2), and where the same nodes touch throughout they make the energy exact: it grows by
-//! \[ \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t, \]
+//!
+//! ```math
+//! \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t,
+//! ```
+//!
 //! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries. Damping of single modes
-//! ([`super::ModalDamping`]) acts on the extrapolated velocity \( \tfrac32 V^n - \tfrac12 V^{n-1} \).
+//! ([`super::ModalDamping`]) acts on the extrapolated velocity `$\tfrac32 V^n - \tfrac12 V^{n-1}$`.
 //!
 //! # Momentum
 //!
 //! A step changes the momentum by that of the forces in its middle,
-//! \[ B^T (V^{n+1} - V^n) = \Delta t\,(F - K U^{n+1/2} - D V^{n+1/2} + G^T r) , \]
+//!
+//! ```math
+//! B^T (V^{n+1} - V^n) = \Delta t\,(F - K U^{n+1/2} - D V^{n+1/2} + G^T r) ,
+//! ```
+//!
 //! and the obstacles' impulse is dt r. The reactions reported at an instant are those of the step that led there, their mean over it;
 //! at the start those at U^0 where the scheme knows them, [`Massless::Equilibrium`], else none. The velocity reported is that of the instant: with the
 //! singular mass the rate of U(p) where p moves at V^n and the nodes in contact keep to their obstacles.

@@ -1,48 +1,74 @@
 //! Newmark-e-beta with restitution (the paper's section 4.1, after Paoli and Schatzman 2007).
 //!
 //! Find U^{n+1,e} = (U^{n+1} + e U^{n-1}) / (1 + e) in K^h such that, with beta-averages of U and F,
-//! \[ M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r . \]
+//!
+//! ```math
+//! M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r .
+//! ```
+//!
 //! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
-//! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} . \]
+//!
+//! ```math
+//! \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} .
+//! ```
 //!
 //! # The start
 //!
 //! The ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact, and U^1 is that of half a trapezoidal step:
-//! \[ \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r . \]
+//!
+//! ```math
+//! \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r .
+//! ```
+//!
 //! It is second order, sees v_0 through the momentum M v_0 alone, and gains no energy however rough that is (a clamped plate thrown as a
-//! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with \( A = M / \Delta t^2 + K / 2 \), no load and nothing touching,
-//! \[ H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
-//!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 . \]
+//! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with `$A = M / \Delta t^2 + K / 2$`, no load and nothing touching,
+//!
+//! ```math
+//! H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
+//!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 .
+//! ```
 //!
 //! # Damping, loads and obstacles that change with time
 //!
-//! D = alpha M + beta_d K acts on the central velocity \((U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t\), d = U^n - U^{n-1}: the
-//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt; at the start it acts on \((U^1 - U^0) / \Delta t\).
+//! D = alpha M + beta_d K acts on the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t$`, d = U^n - U^{n-1}: the
+//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt; at the start it acts on `$(U^1 - U^0) / \Delta t$`.
 //!
 //! F is the beta-average of its instants too, and the obstacles are those of their own:
-//! \[ \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} . \]
+//!
+//! ```math
+//! \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} .
+//! ```
+//!
 //! So the motion relative to the obstacle has the same law of restitution whatever the obstacle's speed; a plate and its obstacle
 //! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly. Damping of single
-//! modes ([`super::ModalDamping`]) acts on the extrapolated velocity \((3 d - d_{before}) / 2 \Delta t\).
+//! modes ([`super::ModalDamping`]) acts on the extrapolated velocity `$(3 d - d_{before}) / 2 \Delta t$`.
 //!
 //! The work that both give, with r at the obstacles that it touches (l stands for either),
-//! \[ w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n), \]
+//!
+//! ```math
+//! w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n),
+//! ```
+//!
 //! balances the invariant of beta = 1/2 to rounding: H grows by w_n, less dt V^T D V of the central velocity V, less what contact
 //! takes.
 //!
 //! # Momentum
 //!
-//! The velocity reported is the central one, \( V^n = (U^{n+1} - U^{n-1}) / 2 \Delta t \), and \( V^0 = v_0 \) by the ghost value. Two equations of
+//! The velocity reported is the central one, `$V^n = (U^{n+1} - U^{n-1}) / 2 \Delta t$`, and `$V^0 = v_0$` by the ghost value. Two equations of
 //! successive instants add up to
-//! \[ M\,(V^n - V^{n-1}) = \tfrac{\Delta t}{2} \bigl( f^{n-1} + G^T r^{n-1} + f^n + G^T r^n \bigr) , \]
+//!
+//! ```math
+//! M\,(V^n - V^{n-1}) = \tfrac{\Delta t}{2} \bigl( f^{n-1} + G^T r^{n-1} + f^n + G^T r^n \bigr) ,
+//! ```
+//!
 //! with f all other forces, from n = 1 on, for the start's equation is that of the instant 0: the obstacles' impulse over a step is
 //! the trapezoidal sum of the reactions at its ends. The reactions are those of the instant itself.
 //!
 //! # Supports that move
 //!
 //! U is counted from the shape R s(t) that their motion s gives the plate. The scheme for U + R s is the scheme for U with the load
-//! \( -M R\,(s^{n+1} - 2 s^n + s^{n-1}) / \Delta t^2 \) at its instant, whatever s: the acceleration's mean with a hat of width
-//! 2 dt, jumps of the velocity included. At the start \( s^{-1} = s^1 - 2 \Delta t\, s'(0) \), as U^{-1} is.
+//! `$-M R\,(s^{n+1} - 2 s^n + s^{n-1}) / \Delta t^2$` at its instant, whatever s: the acceleration's mean with a hat of width
+//! 2 dt, jumps of the velocity included. At the start `$s^{-1} = s^1 - 2 \Delta t\, s'(0)$`, as U^{-1} is.
 
 use super::drive::Moment;
 use super::{Approach, Scheme, Start, System};
@@ -329,8 +355,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
     }
 
     /// The discrete invariant of beta = 1/2 between n and n + 1, in J:
-    /// \( H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n) \),
-    /// with the constant load F, less the work \( W_n + \frac12 w_n \) of what changes with time.
+    /// `$H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n)$`,
+    /// with the constant load F, less the work `$W_n + \frac12 w_n$` of what changes with time.
     /// Constant in free flight without damping; for e = 0 it never rises.
     ///
     /// # Errors

@@ -2,9 +2,16 @@
 //!
 //! With the singular mass M = B^T C^-1 B only p = C^-1 B U has inertia. All else of U, the *massless* part in the kernel of B,
 //! is at every instant where the elastic energy is least:
-//! \[ \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser}, \]
+//!
+//! ```math
+//! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser},
+//! ```
+//!
 //! and the semi-discrete impact problem is the ordinary differential equation
-//! \[ C \ddot p = -\nabla \varphi(p), \qquad \nabla \varphi(p) = C \lambda \text{ where } K U - F - G^T r = B^T \lambda . \]
+//!
+//! ```math
+//! C \ddot p = -\nabla \varphi(p), \qquad \nabla \varphi(p) = C \lambda \text{ where } K U - F - G^T r = B^T \lambda .
+//! ```
 //!
 //! *U(p) is unique*: K is positive definite on the kernel of B. *φ is convex*, as the least value over U of a function convex in
 //! (p, U) together. *φ is C^1,1*: while the set of active bounds stays, U and λ are affine in p; the pieces are finitely many
@@ -12,7 +19,7 @@
 //! condition says that no combination of active bounds is a combination of rows of B. So ∇φ is continuous and affine on each
 //! piece, hence Lipschitz. The equation then has one solution; it conserves ½ v^T C v + φ(p), its velocity never jumps, and
 //! it asks for no law of restitution. With loads F and bounds l, u that change with time φ and U(p) are those of the instant, and
-//! damping alpha M makes it \( C (\ddot p + \alpha \dot p) = -\nabla \varphi(p) \). Damping by stiffness leaves no such equation: then the massless
+//! damping alpha M makes it `$C (\ddot p + \alpha \dot p) = -\nabla \varphi(p)$`. Damping by stiffness leaves no such equation: then the massless
 //! part of U has a rate of its own and is no function of p.
 //!
 //! # How U(p) is found

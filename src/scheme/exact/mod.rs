@@ -6,24 +6,27 @@
 //! # The motion is that of a potential
 //!
 //! Let B U = C p tie displacements to the cells' velocities p' = v, K be positive definite on ker B, and
-//! \[ \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U : B U = C p, \; l \le G U \le u \}. \]
 //!
-//! **Fact 1: phi is convex and \(C^{1,1}\), and piecewise quadratic.** *Proof.* The set of pairs (p, U) that are admissible is a convex
+//! ```math
+//! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U : B U = C p, \; l \le G U \le u \}.
+//! ```
+//!
+//! **Fact 1: phi is convex and `$C^{1,1}$`, and piecewise quadratic.** *Proof.* The set of pairs (p, U) that are admissible is a convex
 //! polyhedron, and the function is convex in U; its minimum over U is convex in p, and piecewise quadratic (parametric quadratic
 //! programming). On the piece with active set A the optimality conditions K U = F + B^T mu + G^T r, with r = 0 off A, are linear, and
 //! grad phi = C mu. The minimiser U(p) is unique, for K is definite on ker B. If moreover G maps ker B onto all deflections (the inf-sup
-//! condition: \(\inf_Q \sup_{W \in \ker B} Q \cdot G W / |Q||W| > 0\)), the feasible set is never empty, and r, with it mu, is unique:
+//! condition: `$\inf_Q \sup_{W \in \ker B} Q \cdot G W / |Q||W| > 0$`), the feasible set is never empty, and r, with it mu, is unique:
 //! take the conditions on ker B, where K U - F = G^T r, and G is onto. Two pieces that meet at p therefore have the same mu there: grad phi
 //! is continuous, and being piecewise linear with finitely many pieces, Lipschitz. ∎
 //!
-//! **Fact 2: the semi-discrete problem with the singular mass is** \(C p'' = -\nabla \varphi(p)\). *Proof.* M U'' + K U = F + G^T r with
+//! **Fact 2: the semi-discrete problem with the singular mass is** `$C p'' = -\nabla \varphi(p)$`. *Proof.* M U'' + K U = F + G^T r with
 //! M = B^T C^-1 B is K U = F - B^T p'' + G^T r: the conditions above with mu = -p''. ∎ So the problem, which for a regular mass needs a law of
 //! restitution and is still not well posed, is an ordinary differential equation with a Lipschitz right-hand side: one motion goes
 //! from each start, forwards and backwards in time; velocities never jump and reactions are continuous (Renard, *The singular
 //! dynamic method for constrained second order hyperbolic equations*, J. Comput. Appl. Math. 234, 2010).
 //!
 //! **Fact 3: energy is conserved.** *Proof.* d/dt (v^T C v / 2 + phi(p)) = v^T (C p'' + grad phi(p)) = 0, across changes of piece too, because phi is
-//! \(C^1\). ∎ With damping alpha M, \( C (p'' + \alpha p') = -\nabla \varphi(p) \), whose right-hand side is as Lipschitz, it falls by alpha v^T C v. An impact turns energy into vibration, all of which is kept; so do these formulas, to rounding, since each piece is
+//! `$C^1$`. ∎ With damping alpha M, `$C (p'' + \alpha p') = -\nabla \varphi(p)$`, whose right-hand side is as Lipschitz, it falls by alpha v^T C v. An impact turns energy into vibration, all of which is kept; so do these formulas, to rounding, since each piece is
 //! advanced by its exact solution.
 //!
 //! **Fact 4: what fails without inf-sup.** Take G and ker B with a reaction Q that no W in ker B feels. Then Q . G U is a function of p

@@ -1,8 +1,12 @@
 //! The modes of an active set, and a cache of them.
 //!
 //! While the set A of touching nodes stays, their reactions hold them at their bounds g:
-//! \[ r = \rho - W z, \qquad W = S_{AA}^{-1} R_A, \quad \rho = S_{AA}^{-1} (g - G_A U_F), \]
-//! and the motion is linear, \( z'' + \alpha z' = h - H_A z \) with \( H_A = H + R_A^T W \), \( h = h_F + R_A^T \rho \). In the eigenvectors V of
+//!
+//! ```math
+//! r = \rho - W z, \qquad W = S_{AA}^{-1} R_A, \quad \rho = S_{AA}^{-1} (g - G_A U_F),
+//! ```
+//!
+//! and the motion is linear, `$z'' + \alpha z' = h - H_A z$` with `$H_A = H + R_A^T W$`, `$h = h_F + R_A^T \rho$`. In the eigenvectors V of
 //! H_A each coordinate of q = V^T z oscillates by itself.
 //!
 //! A dense eigenvalue solver leaves errors of a rounding of the largest eigenvalue, which is 10^6 to 10^12 times the lowest; and so

@@ -1,18 +1,37 @@
 //! The motion of an active set: each mode by itself, in closed form.
 //!
 //! A mode's answers to a unit impulse and to a unit step of force, g and its integral from g(0) = 0, g'(0) = 1, make all its motions:
-//! \[ q = q_0 + q_0' g + (f - w^2 q_0) \int g, \qquad s = w g, \quad v = w^2 \int g, \quad g' = 1 - v - \tfrac{\alpha}{w} s . \]
-//! Without damping s = sin wt and v = 1 - cos wt. With a = alpha/2 < w and \( \omega^2 = w^2 - a^2 \)
-//! \[ g = e^{-at} \frac{\sin \omega t}{\omega}, \qquad v = 1 - e^{-at} + e^{-at} (1 - \cos \omega t) - a g, \]
-//! and with a >= w, \( \omega^2 = a^2 - w^2 \) and the slow rate \( \sigma = w^2 / (a + \omega) \), which loses no digit to a - omega,
-//! \[ g = e^{-\sigma t} \frac{1 - e^{-2 \omega t}}{2 \omega}, \qquad v = 1 - e^{-\sigma t} - \sigma g . \]
+//!
+//! ```math
+//! q = q_0 + q_0' g + (f - w^2 q_0) \int g, \qquad s = w g, \quad v = w^2 \int g, \quad g' = 1 - v - \tfrac{\alpha}{w} s .
+//! ```
+//!
+//! Without damping s = sin wt and v = 1 - cos wt. With a = alpha/2 < w and `$\omega^2 = w^2 - a^2$`
+//!
+//! ```math
+//! g = e^{-at} \frac{\sin \omega t}{\omega}, \qquad v = 1 - e^{-at} + e^{-at} (1 - \cos \omega t) - a g,
+//! ```
+//!
+//! and with a >= w, `$\omega^2 = a^2 - w^2$` and the slow rate `$\sigma = w^2 / (a + \omega)$`, which loses no digit to a - omega,
+//!
+//! ```math
+//! g = e^{-\sigma t} \frac{1 - e^{-2 \omega t}}{2 \omega}, \qquad v = 1 - e^{-\sigma t} - \sigma g .
+//! ```
 //!
 //! Reactions are linear in q, and their impulse over an interval is that of its integral: from the state at the interval's start
-//! \[ \int q = q_0 t + q_0' \int g + (f - w^2 q_0) \iint g, \qquad \int s = \frac{v}{w}, \quad \int v = t - \frac{s}{w} - \frac{\alpha v}{w^2}, \]
-//! the last, where the difference would lose digits, from the power series of v and \( \int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s \).
+//!
+//! ```math
+//! \int q = q_0 t + q_0' \int g + (f - w^2 q_0) \iint g, \qquad \int s = \frac{v}{w}, \quad \int v = t - \frac{s}{w} - \frac{\alpha v}{w^2},
+//! ```
+//!
+//! the last, where the difference would lose digits, from the power series of v and `$\int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s$`.
 //!
 //! Along a grid of instants these are not taken anew: with s_h and v_h of a step,
-//! \[ s(t+h) = s + s_h - s v_h - v s_h - \tfrac{\alpha}{w} s s_h, \qquad v(t+h) = v + v_h - v v_h + s s_h. \]
+//!
+//! ```math
+//! s(t+h) = s + s_h - s v_h - v s_h - \tfrac{\alpha}{w} s s_h, \qquad v(t+h) = v + v_h - v v_h + s s_h.
+//! ```
+//!
 //! A step is a rotation, or shrinks: it passes errors on no larger, and adds at most four roundings. Taken anew every [`ANCHOR`] instants,
 //! phases are right to 4 ANCHOR roundings, and to w times the rounding of the instants, as they are from sin and cos.
 

@@ -1,8 +1,12 @@
 //! The saddle point behind phi, solved once for all that a motion can ask of it.
 //!
-//! With z the coordinates of p in a [`Frame`] and \(\tilde B = Q^T C^{-1/2} B\), the displacement U and the acceleration a that go with a position z and
+//! With z the coordinates of p in a [`Frame`] and `$\tilde B = Q^T C^{-1/2} B$`, the displacement U and the acceleration a that go with a position z and
 //! forces f = F + G^T r on the structure, a = z'' + alpha z' where mass is damped, solve
-//! \[ K U + \tilde B^T a = f, \qquad \tilde B U = z. \]
+//!
+//! ```math
+//! K U + \tilde B^T a = f, \qquad \tilde B U = z.
+//! ```
+//!
 //! Both are linear in (f, z), and the operator is symmetric: U = U_F + R z + S G^T r, a = h_F - H z + R^T G^T r.
 
 use super::frame::Frame;

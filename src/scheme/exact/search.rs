@@ -5,9 +5,13 @@
 //! Each watched quantity is y(t) = c + sum_k P_k q_k(t), a sum of sinusoids of known amplitudes A_k and frequencies w_k. Over an
 //! interval of length h, s in [0, 1], let H be the cubic with the values and slopes of y at both ends, and e = y - H. Mode by mode,
 //! with x = w h,
-//! \[ |e| \le A\,\kappa(x)\, s^2 (1-s)^2, \qquad |h e'| \le A\,\kappa(x), \qquad
-//!    \kappa(x) = \min\bigl(x^4 / 24,\; 2 (x^2 + 6 x + 12)\bigr). \]
-//! The first is the remainder of Hermite's interpolation, \(y''''(\xi)\, h^4 s^2 (1-s)^2 / 24\), with |e''| at most h^2 max|y''''| / 12 for
+//!
+//! ```math
+//! |e| \le A\,\kappa(x)\, s^2 (1-s)^2, \qquad |h e'| \le A\,\kappa(x), \qquad
+//!    \kappa(x) = \min\bigl(x^4 / 24,\; 2 (x^2 + 6 x + 12)\bigr).
+//! ```
+//!
+//! The first is the remainder of Hermite's interpolation, `$y''''(\xi)\, h^4 s^2 (1-s)^2 / 24$`, with |e''| at most h^2 max|y''''| / 12 for
 //! the slope (Birkhoff and Priver 1967). The second holds where the mode is too fast for the interval: |h^2 e''| is at most
 //! (x^2 + 6 x + 12) A, the sum of what y'' and H'' can be, and e and e' vanish at both ends. Rigid motions are quadratic: H is exact.
 //!

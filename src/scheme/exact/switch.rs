@@ -3,9 +3,13 @@
 //! phi is piecewise quadratic: at the border of several pieces the motion goes into the one that its first derivative which does not
 //! vanish points to. With U_c = u + R z + S r and S = G S G^T positive definite, the k-th derivatives of gaps and reactions of the
 //! undecided nodes solve, order by order,
-//! \[ U^{(k)}_c = R z^{(k)} + S r^{(k)}, \qquad 0 \le U^{(k)}_i \perp r^{(k)}_i \ge 0, \]
+//!
+//! ```math
+//! U^{(k)}_c = R z^{(k)} + S r^{(k)}, \qquad 0 \le U^{(k)}_i \perp r^{(k)}_i \ge 0,
+//! ```
+//!
 //! a linear complementarity problem with one solution; nodes for which both vanish go on to the next order, whose
-//! \( z^{(k+2)} = -H z^{(k)} - \alpha z^{(k+1)} + R^T r^{(k)} \) is then known. So a touch that only grazes, several at once, a start at rest in contact: all are
+//! `$z^{(k+2)} = -H z^{(k)} - \alpha z^{(k+1)} + R^T r^{(k)}$` is then known. So a touch that only grazes, several at once, a start at rest in contact: all are
 //! decided by the same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM J. Control
 //! Optim. 44, 2005): events do not accumulate.
 

@@ -1,7 +1,11 @@
 //! The rate of U(p), for whoever looks at velocities: with the singular mass a scheme knows them as means over cells only.
 //!
 //! While the active bounds A stay, U(p) follows p, the load and the bounds affinely, and its rate W, where p moves at the velocity V, is
-//! \[ \text{the least of } \tfrac12 W^T K W - F'^T W \text{ with } B W = C V, \quad G_A W = l'_A . \]
+//!
+//! ```math
+//! \text{the least of } \tfrac12 W^T K W - F'^T W \text{ with } B W = C V, \quad G_A W = l'_A .
+//! ```
+//!
 //! The means come by multipliers, as those of U(p) do. In each round conjugate gradients find the reactions that hold the nodes of A:
 //! where the means are given a push at a node moves its neighbours little, and some twenty iterations do on any mesh. So the
 //! factor is used as it is, whatever its candidates, and the next steps do not notice that someone looked.
