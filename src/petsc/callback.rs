@@ -1,4 +1,4 @@
-//! Closures that PETSc calls back: panics and errors stop at the border.
+//! Rust closures as PETSc callbacks; neither panics nor errors unwind through C.
 
 use super::error::raise;
 use super::{Context, sys};
@@ -7,10 +7,10 @@ use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
-/// Where the callbacks of one solver leave their error for whoever called the solver.
+/// Slot in which the callbacks of one solver leave an error for the caller of the solve.
 pub(super) type Failure = Rc<RefCell<Option<Error>>>;
 
-/// A closure with what it needs to be called from C.
+/// Rust closure with the context and the error slot that its C trampoline needs.
 pub(super) struct Callback<F: ?Sized> {
     pub context: Rc<Context>,
     pub failure: Failure,
@@ -18,13 +18,15 @@ pub(super) struct Callback<F: ?Sized> {
 }
 
 impl<F: ?Sized> Callback<F> {
-    /// Boxed, since PETSc keeps its address.
+    /// Boxes the closure, because PETSc keeps its address.
     pub fn new(context: &Rc<Context>, failure: &Failure, run: Box<F>) -> Box<Self> {
         Box::new(Self { context: context.clone(), failure: failure.clone(), run })
     }
 }
 
-/// Runs a callback's body; its error or panic becomes a code for PETSc, and waits in `failure`.
+/// Runs the body of a callback and turns an error or a panic into a PETSc error code.
+///
+/// The error itself is left in `failure`, from where [`settle`] takes it.
 pub(super) fn guard(failure: &Failure, body: impl FnOnce() -> Result<()>) -> sys::PetscErrorCode {
     let error = match catch_unwind(AssertUnwindSafe(body)) {
         Ok(Ok(())) => return 0,
@@ -43,7 +45,7 @@ pub(super) fn guard(failure: &Failure, body: impl FnOnce() -> Result<()>) -> sys
     code
 }
 
-/// The result of a solve: a callback's own error goes before what PETSc makes of it.
+/// Returns the callback's own error if there is one, otherwise the result of PETSc's solve.
 pub(super) fn settle(failure: &Failure, result: Result<()>) -> Result<()> {
     match failure.borrow_mut().take() {
         Some(error) => Err(error),

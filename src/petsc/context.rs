@@ -1,4 +1,4 @@
-//! MPI and PETSc from start to finish.
+//! Life cycle of MPI and PETSc, and collective operations over all ranks.
 
 use super::error::{c_string, call, check, keep};
 use super::{options, sys};
@@ -19,30 +19,31 @@ use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// MPI can be started once in the life of a process.
+/// Whether MPI was started in this process, which is possible only once.
 static STARTED: AtomicBool = AtomicBool::new(false);
 
-/// Which ranks own an object together.
+/// Choice of the communicator that an object lives on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Comm {
-    /// All of them: its calls are collective.
+    /// All ranks: calls on the object are collective.
     World,
-    /// This one alone.
+    /// This rank alone.
     Own,
 }
 
-/// Running MPI and PETSc; stops both when the last owner drops it.
+/// Running MPI and PETSc; both stop when the last owner is dropped.
 ///
-/// Every handle owns a share, so none outlives PETSc; none leaves its thread.
+/// Every handle owns a reference to its context, so that none outlives PETSc. Neither contexts nor
+/// handles leave their thread.
 pub struct Context {
-    /// `None` only while it drops: MPI ends after PETSc.
+    /// MPI's environment; `None` only during the drop, where MPI ends after PETSc.
     universe: Option<Universe>,
     world: SimpleCommunicator,
-    /// Names of the options that the program set: the user need not use them.
+    /// Names of the options that the program set as defaults, which may remain unused.
     pub(super) ours: RefCell<BTreeSet<String>>,
-    /// Prefixes of the options of the solvers created so far.
+    /// Options prefixes of the solvers created so far.
     pub(super) prefixes: RefCell<BTreeSet<String>>,
-    /// PETSc keeps pointers into these until it ends.
+    /// Command line of PETSc, which keeps pointers into it until it ends.
     _arguments: (Vec<CString>, Vec<*mut c_char>),
     _thread: PhantomData<*const ()>,
 }
@@ -50,24 +51,26 @@ pub struct Context {
 impl Context {
     /// Starts MPI, then PETSc with its options.
     ///
-    /// `arguments` are what followed `--` on the command line: `-name value` or `-name`. The environment's
-    /// `PETSC_OPTIONS` is read too and yields to them; `.petscrc` files are not, so that a run does not depend on the folder it
-    /// starts in (`-skip_petscrc 0` brings them back), and rank 0 says so where there is one. PETSc's signal handlers, which fill the screen, stay off
-    /// (`-no_signal_handler 0`), and so do its own words on options left over (`-options_left`). Unless the environment sets `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`,
-    /// BLAS gets one thread a rank. With several ranks a panic of one ends all.
-    ///
-    /// Collective.
+    /// `arguments` are the words after `--` on the command line: `-name value` or `-name`. They
+    /// override the environment variable `PETSC_OPTIONS`. PETSc ignores `.petscrc` files, so that a
+    /// run does not depend on the folder it starts in; `-skip_petscrc 0` reads them again, and rank
+    /// 0 prints a note where one is ignored. PETSc's signal handlers (`-no_signal_handler 0`) and
+    /// its own report on unused options (`-options_left`) are off, because both fill the screen.
+    /// BLAS gets one thread per rank unless the environment sets `OPENBLAS_NUM_THREADS` or
+    /// `OMP_NUM_THREADS`. With several ranks, a panic on one rank ends all of them. Collective.
     ///
     /// # Errors
-    /// [`Error::Usage`] where an argument is no option or an option's value not a number, wherever it comes from, [`Error::Petsc`] where MPI was started before (it starts once in a
-    /// process) or PETSc refuses.
+    /// Returns [`Error::Usage`] where an argument is no option or the value of an option is NaN,
+    /// whichever its source; [`Error::Petsc`] where MPI was started before (it starts once per
+    /// process) or PETSc fails to start.
     pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
         options::validate(arguments)?;
         let variable = std::env::var(options::VARIABLE).unwrap_or_default();
-        // Newer releases tell of options left over as they end, of our defaults too; `refuse_unused_options` does better.
+        // Newer releases of PETSc also report our own unused defaults at the end;
+        // `refuse_unused_options` reports only those of the user, and earlier.
         let ours = ["rebond", "-skip_petscrc", "-no_signal_handler", "-options_left", "no"];
         let mut owned = ours.into_iter().map(c_string).collect::<Result<Vec<_>>>()?;
-        // PETSc asks for this one before it reads the variable.
+        // PETSc looks this option up before it reads the environment variable.
         for argument in options::skip_petscrc(&variable).iter().chain(arguments) {
             owned.push(c_string(argument)?);
         }
@@ -88,8 +91,8 @@ impl Context {
         let mut count = pointers.len() as c_int;
         pointers.push(std::ptr::null_mut());
         let mut start = pointers.as_mut_ptr();
-        // The handler may be set before PETSc starts.
-        // SAFETY: `keep` lives as long as the program and takes no context.
+        // PETSc allows an error handler before its own start. SAFETY: `keep` lives as long as the
+        // program and takes no context.
         check(
             unsafe { sys::PetscPushErrorHandler(Some(keep), std::ptr::null_mut()) },
             "PetscPushErrorHandler",
@@ -111,22 +114,22 @@ impl Context {
         Ok(context)
     }
 
-    /// Number of this rank, from 0.
+    /// Returns the number of this rank, from 0.
     pub fn rank(&self) -> usize {
         self.world.rank() as usize
     }
 
-    /// Number of ranks.
+    /// Returns the number of ranks.
     pub fn size(&self) -> usize {
         self.world.size() as usize
     }
 
-    /// The communicator of all ranks, for `mpi`'s own verbs.
+    /// Returns the communicator of all ranks, for direct use of the `mpi` crate.
     pub fn world(&self) -> &SimpleCommunicator {
         &self.world
     }
 
-    /// Number of ranks that own an object of this communicator together.
+    /// Returns the number of ranks of a communicator.
     pub fn ranks(&self, comm: Comm) -> usize {
         match comm {
             Comm::World => self.size(),
@@ -137,44 +140,44 @@ impl Context {
     pub(super) fn raw(&self, comm: Comm) -> sys::MPI_Comm {
         match comm {
             Comm::World => self.world.as_raw(),
-            // SAFETY: a constant of the MPI library.
+            // SAFETY: this is a constant of the MPI library.
             Comm::Own => unsafe { mpi::ffi::RSMPI_COMM_SELF },
         }
     }
 
-    /// Sum over all ranks. Collective.
+    /// Returns the sum over all ranks. Collective.
     pub fn sum(&self, value: f64) -> f64 {
         let mut sum = 0.0;
         self.world.all_reduce_into(&value, &mut sum, SystemOperation::sum());
         sum
     }
 
-    /// Largest value of all ranks. Collective.
+    /// Returns the largest value of all ranks. Collective.
     pub fn maximum(&self, value: f64) -> f64 {
         let mut largest = value;
         self.world.all_reduce_into(&value, &mut largest, SystemOperation::max());
         largest
     }
 
-    /// Sums of counts over all ranks. Collective.
+    /// Returns the sum of a count over all ranks. Collective.
     pub fn sum_count(&self, value: usize) -> usize {
         let mut sum = 0u64;
         self.world.all_reduce_into(&(value as u64), &mut sum, SystemOperation::sum());
         sum as usize
     }
 
-    /// Entrywise sum over all ranks of arrays of the same length, in place. Collective.
+    /// Replaces an array by its entrywise sum over all ranks; all lengths are equal. Collective.
     pub fn sum_all(&self, values: &mut [f64]) {
         let mine = values.to_vec();
         self.world.all_reduce_into(&mine[..], values, SystemOperation::sum());
     }
 
-    /// Gives all ranks the numbers of rank 0, in arrays of the same length. Collective.
+    /// Overwrites an array with that of rank 0; all lengths are equal. Collective.
     pub fn broadcast(&self, values: &mut [f64]) {
         self.world.process_at_rank(0).broadcast_into(values);
     }
 
-    /// The arrays of all ranks one after the other, on every rank; their lengths may differ. Collective.
+    /// Concatenates the arrays of all ranks, on every rank; their lengths may differ. Collective.
     pub fn gather<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<T> {
         let mut counts = vec![0 as c_int; self.size()];
         self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
@@ -184,7 +187,7 @@ impl Context {
         all
     }
 
-    /// The arrays of all ranks, in their order, on rank 0; nothing on the others. Collective.
+    /// Collects the arrays of all ranks on rank 0, one per rank; other ranks get none. Collective.
     pub fn gather_to_first<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<Vec<T>> {
         let mut counts = vec![0 as c_int; self.size()];
         self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
@@ -203,16 +206,20 @@ impl Context {
             .collect()
     }
 
-    /// Whether it holds on every rank: how ranks agree to go on or give up together. Collective.
+    /// Returns whether the condition holds on every rank, so that all ranks take one decision.
+    /// Collective.
     pub fn all(&self, holds: bool) -> bool {
         self.maximum(if holds { 0.0 } else { 1.0 }) == 0.0
     }
 
-    /// What each rank found, or the error of the first rank that has one, on every rank: so that none goes on alone.
-    /// Collective.
+    /// Turns an error on one rank into an error on all ranks, so that none goes on alone and
+    /// deadlocks.
+    ///
+    /// Without an error, each rank gets its own result. Collective.
     ///
     /// # Errors
-    /// This rank's own, or [`Error::Elsewhere`].
+    /// Returns the error of the lowest rank that has one: as it is on that rank, as
+    /// [`Error::Elsewhere`] on the others.
     pub fn together<T>(&self, mine: Result<T>) -> Result<T> {
         if self.all(mine.is_ok()) {
             return mine;
@@ -225,33 +232,38 @@ impl Context {
         Err(own.unwrap_or(Error::Elsewhere { words, code: codes[first] }))
     }
 
-    /// What rank 0 has, on every rank. Collective.
+    /// Broadcasts a value of rank 0 to every rank, as JSON. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] for what JSON cannot express.
+    /// Returns [`Error::Petsc`] where JSON cannot express the value.
     pub fn share<T: Serialize + DeserializeOwned>(&self, value: &T) -> Result<T> {
         let unfit = |error| Error::Petsc(format!("ranks cannot tell each other: {error}"));
         let mine = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
         serde_json::from_slice(&self.gather(&self.together(mine)?)).map_err(unfit)
     }
 
-    /// Waits for all ranks. Collective.
+    /// Waits until all ranks arrive. Collective.
     pub fn barrier(&self) {
         self.world.barrier();
     }
 
-    /// Whether all ranks come here within some time. Where one does not, it waits inside a call that the others have left:
-    /// nothing but [`Context::fail`] can follow. Collective.
+    /// Waits for all ranks, and returns whether they arrived in time. Collective.
+    ///
+    /// A rank that does not arrive waits inside a call that the others have left, so that only
+    /// [`Context::fail`] can follow.
     pub fn all_arrive(&self, within: Duration) -> bool {
         self.arrive(Some(within))
     }
 
-    /// The end of what each rank was to do. Where all come here and some have an error, rank 0 gets the error of the first of
-    /// them and the others end in peace: rank 0 speaks, and the launcher passes on what it says and its exit code. A rank with an
-    /// error that waits in vain for the others ends all with [`Context::fail`]. Collective.
+    /// Ends the common work of all ranks with one report of the first error. Collective.
+    ///
+    /// Where all ranks arrive and some have an error, rank 0 gets the error of the lowest of them
+    /// and the others get `Ok`: rank 0 alone reports it, and the launcher passes on its message and
+    /// exit code. A rank that has an error, and waits for the others longer than `patience`, ends
+    /// all with [`Context::fail`].
     ///
     /// # Errors
-    /// The first error, on rank 0.
+    /// Returns the first error, on rank 0 only.
     pub fn settle(&self, ended: Result<()>, patience: Duration) -> Result<()> {
         match ended {
             Err(error) if !self.arrive(Some(patience)) => self.fail(&error),
@@ -261,7 +273,7 @@ impl Context {
         self.together(ended).or_else(|error| if self.rank() == 0 { Err(error) } else { Ok(()) })
     }
 
-    /// Whether all ranks come here, within some time if one is given.
+    /// Waits for all ranks, at most for `within` if given, and returns whether they arrived.
     fn arrive(&self, within: Option<Duration>) -> bool {
         let start = Instant::now();
         let mut request = self.world.immediate_barrier();
@@ -278,11 +290,12 @@ impl Context {
         }
     }
 
-    /// Reports an error and ends the program on every rank, with the error's exit code. Not collective: one rank suffices.
+    /// Reports an error and ends the program on every rank, with the error's exit code.
     ///
-    /// Of several ranks with the same error, the lowest speaks.
+    /// One rank suffices (not collective). If several ranks have the same error, the lowest one
+    /// reports it.
     pub fn fail(&self, error: &Error) -> ! {
-        // Rank 0 speaks at once and ends the others while they wait their turn.
+        // Rank 0 reports at once, and ends the others while they wait for their turn.
         std::thread::sleep(Duration::from_millis(if self.rank() == 0 {
             0
         } else {
@@ -298,7 +311,7 @@ impl Context {
         self.abort(error.exit_code())
     }
 
-    /// Ends the program on every rank, now. Not collective.
+    /// Ends the program on every rank at once. Not collective.
     pub fn abort(&self, code: u8) -> ! {
         let _ = std::io::stdout().flush();
         if self.size() == 1 {
@@ -307,7 +320,7 @@ impl Context {
         self.world.abort(code.into())
     }
 
-    /// Number of threads of OpenBLAS; none where BLAS is another library.
+    /// Returns the number of OpenBLAS threads, or `None` if BLAS is another library.
     pub fn blas_threads(&self) -> Option<usize> {
         let address = loaded_function(c"openblas_get_num_threads")?;
         // SAFETY: the function has had this signature in every version.
@@ -315,11 +328,11 @@ impl Context {
         Some(threads as usize)
     }
 
-    /// Version of the PETSc library: major, minor, patch.
+    /// Returns the version of the PETSc library: major, minor, patch.
     pub fn version(&self) -> [i32; 3] {
         let mut version = [0; 3];
         let [major, minor, patch] = &mut version;
-        // It cannot fail: it copies three constants.
+        // This call cannot fail: it copies three constants.
         let _ = call!(PetscGetVersionNumber(major, minor, patch, std::ptr::null_mut()));
         version
     }
@@ -336,13 +349,13 @@ impl std::fmt::Debug for Context {
 
 impl Drop for Context {
     fn drop(&mut self) {
-        // SAFETY: no handle is left, since each owns a share of the context; MPI still runs.
+        // SAFETY: no handle is left, since each owns a reference to the context; MPI still runs.
         unsafe { sys::PetscFinalize() };
         drop(self.universe.take());
     }
 }
 
-/// Where parts of these lengths begin, one after the other.
+/// Returns the offsets of contiguous parts with these lengths.
 fn starts(counts: &[c_int]) -> Vec<c_int> {
     counts
         .iter()
@@ -354,7 +367,9 @@ fn starts(counts: &[c_int]) -> Vec<c_int> {
         .collect()
 }
 
-/// Ends all ranks when one panics, even inside a callback: the others would wait for it for ever.
+/// Makes a panic on one rank end all ranks, which would otherwise wait for it for ever.
+///
+/// This covers panics inside callbacks too.
 fn abort_on_panic() {
     let before = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
@@ -365,8 +380,9 @@ fn abort_on_panic() {
     }));
 }
 
-/// Waits until the launcher has read what was written to standard error: as it ends all ranks, what is still in the pipe may be
-/// lost. Known for Linux only.
+/// Waits until the launcher has read standard error, whose unread part may be lost in an abort.
+///
+/// Works on Linux only; does nothing elsewhere.
 fn wait_until_read() {
     const FIONREAD: c_ulong = 0x541B;
     const PAUSE: Duration = Duration::from_millis(10);
@@ -379,20 +395,21 @@ fn wait_until_read() {
     }
     for _ in 0..500 {
         let mut waiting: c_int = 0;
-        // SAFETY: the request writes one integer; a file that is no pipe refuses.
+        // SAFETY: the request writes one integer; a file that is no pipe returns an error.
         let code = unsafe { ioctl(2, FIONREAD, &mut waiting as *mut c_int) };
         if code != 0 || waiting == 0 {
             break;
         }
         std::thread::sleep(PAUSE);
     }
-    // The launcher passes it on.
+    // The launcher needs some time to pass the text on.
     std::thread::sleep(10 * PAUSE);
 }
 
-/// Gives BLAS and OpenMP one thread, unless the environment says how many.
+/// Gives BLAS and OpenMP one thread, unless the environment sets their number.
 ///
-/// The libraries read their environment as they are loaded, before `main`, so that it must be said to them by call.
+/// The libraries read their environment when they are loaded, before `main`, so that only a call to
+/// them has an effect here.
 fn one_blas_thread() {
     let free = |names: &[&str]| names.iter().all(|name| std::env::var_os(name).is_none());
     let mut setters = Vec::new();
@@ -410,7 +427,9 @@ fn one_blas_thread() {
     }
 }
 
-/// Address of a function in the libraries that are loaded, if it is there. Known for Linux only.
+/// Returns the address of a function of the loaded libraries, if there is one.
+///
+/// Works on Linux only; returns `None` elsewhere.
 fn loaded_function(name: &std::ffi::CStr) -> Option<*mut c_void> {
     unsafe extern "C" {
         fn dlsym(library: *mut c_void, name: *const c_char) -> *mut c_void;

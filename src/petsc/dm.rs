@@ -9,20 +9,23 @@ use std::ops::Range;
 use std::rc::Rc;
 
 handle! {
-    /// A plane mesh over all ranks: cells, edges and vertices are its *points*, numbered on each rank from 0.
+    /// Distributed mesh of the plane, whose cells, edges and vertices are its *points*.
     ///
-    /// Ranks share the vertices and edges between their cells; one of them owns each. Creating and dropping it is collective.
+    /// Each rank numbers its points from 0. Ranks share the vertices and edges between their cells;
+    /// one rank owns each of them. Creating and dropping a mesh is collective.
     Plex, DM, DMDestroy
 }
 
 impl Plex {
-    /// A mesh from its cells, each rank with its own.
+    /// Creates a mesh from the cells of each rank. Collective.
     ///
-    /// `cells` holds `corners` (3 or 4) vertex numbers a cell, counterclockwise; vertices are numbered over all ranks, first those of rank 0.
-    /// `vertices` are the positions of this rank's vertices: any share of them, not those of its cells. Collective.
+    /// `cells` holds `corners` (3 or 4) vertex numbers per cell, counterclockwise. Vertices are
+    /// numbered over all ranks, beginning with those of rank 0. `vertices` are the positions that
+    /// this rank contributes: any share of them, not necessarily those of its cells.
     ///
     /// # Errors
-    /// [`Error::Mesh`] where the lengths do not fit, [`Error::Petsc`] else.
+    /// Returns [`Error::Mesh`] where the lengths do not fit; [`Error::Petsc`] where PETSc reports
+    /// an error.
     pub fn from_cells(
         context: &Rc<Context>,
         corners: usize,
@@ -58,14 +61,16 @@ impl Plex {
         Ok(Self::owning(raw, context))
     }
 
-    /// A mesh whose cells are all on rank 0, triangles and quadrilaterals alike; [`Plex::distribute`] shares them out.
+    /// Creates a mesh of triangles and quadrilaterals that are all on rank 0. Collective.
     ///
-    /// `cells` are the vertex numbers of each, counterclockwise, all triangles first as PETSc's refinement asks, and
-    /// `vertices` the positions; both empty on other ranks. Points keep this order: cell 0 is the first of [`Plex::cells`].
-    /// Collective.
+    /// `cells` are the vertex numbers of each cell, counterclockwise, all triangles first because
+    /// PETSc's refinement requires it; `vertices` are the positions. Both are empty on other ranks.
+    /// The points keep this order: cell 0 is the first of [`Plex::cells`]. [`Plex::distribute`]
+    /// partitions the mesh.
     ///
     /// # Errors
-    /// [`Error::Mesh`] where the cells are not so, [`Error::Petsc`] else.
+    /// Returns [`Error::Mesh`] where the cells violate these rules; [`Error::Petsc`] where PETSc
+    /// reports an error.
     pub fn from_first(context: &Rc<Context>, cells: &[&[usize]], vertices: &[[f64; 2]]) -> Result<Self> {
         let good = (context.rank() == 0 || cells.is_empty() && vertices.is_empty())
             && cells.iter().all(|c| (3..=4).contains(&c.len()) && c.iter().all(|&v| v < vertices.len()))
@@ -101,11 +106,13 @@ impl Plex {
         Ok(Self::owning(raw, context))
     }
 
-    /// The same mesh with its cells shared out evenly, so that ranks share few edges: PTScotch's partition unless
-    /// `-petscpartitioner_type` says otherwise. Each cell is on one rank. Collective.
+    /// Returns the mesh partitioned evenly with few shared edges. Collective.
+    ///
+    /// PTScotch makes the partition unless `-petscpartitioner_type` names another partitioner.
+    /// Ranks do not overlap: each cell is on one rank.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn distribute(self) -> Result<Self> {
         if self.context.size() == 1 {
             return Ok(self);
@@ -119,10 +126,10 @@ impl Plex {
         Ok(if raw.is_null() { self } else { Self::owning(raw, &self.context) })
     }
 
-    /// The mesh with every cell cut into four; labels go with it. Collective.
+    /// Returns the mesh with every cell cut into four; labels are kept. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn refine(self) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(DMPlexSetRefinementUniform(self.raw, sys::truth(true)))?;
@@ -130,40 +137,40 @@ impl Plex {
         Ok(Self::owning(raw, &self.context))
     }
 
-    /// All points of this rank.
+    /// Returns the range of all points of this rank.
     pub fn chart(&self) -> Range<Index> {
         let (mut start, mut end) = (0, 0);
-        // It cannot fail: the mesh is complete.
+        // This call cannot fail: the mesh is complete.
         let _ = call!(DMPlexGetChart(self.raw, &mut start, &mut end));
         start..end
     }
 
     fn height(&self, height: Index) -> Range<Index> {
         let (mut start, mut end) = (0, 0);
-        // It cannot fail: the mesh is complete. A rank without cells has no strata.
+        // This call cannot fail: the mesh is complete. A rank without cells has empty strata.
         let _ = call!(DMPlexGetHeightStratum(self.raw, height, &mut start, &mut end));
         start..end
     }
 
-    /// This rank's cells.
+    /// Returns the range of this rank's cells.
     pub fn cells(&self) -> Range<Index> {
         self.height(0)
     }
 
-    /// This rank's edges, shared ones among them.
+    /// Returns the range of this rank's edges, including shared ones.
     pub fn edges(&self) -> Range<Index> {
         self.height(1)
     }
 
-    /// This rank's vertices, shared ones among them.
+    /// Returns the range of this rank's vertices, including shared ones.
     pub fn vertices(&self) -> Range<Index> {
         self.height(2)
     }
 
-    /// What bounds a point: the edges of a cell, the vertices of an edge.
+    /// Returns the boundary of a point: the edges of a cell, or the vertices of an edge.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where there is no such point.
+    /// Returns [`Error::Petsc`] where there is no such point.
     pub fn cone(&self, point: Index) -> Result<Vec<Index>> {
         let (mut length, mut array) = (0, std::ptr::null());
         call!(DMPlexGetConeSize(self.raw, point, &mut length))?;
@@ -172,10 +179,11 @@ impl Plex {
         Ok(unsafe { slice(array, length as usize) }.to_vec())
     }
 
-    /// What a point bounds on this rank: the edges of a vertex, the cells of an edge.
+    /// Returns the points of this rank that a point bounds: the edges of a vertex, or the cells of
+    /// an edge.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where there is no such point.
+    /// Returns [`Error::Petsc`] where there is no such point.
     pub fn support(&self, point: Index) -> Result<Vec<Index>> {
         let (mut length, mut array) = (0, std::ptr::null());
         call!(DMPlexGetSupportSize(self.raw, point, &mut length))?;
@@ -184,10 +192,11 @@ impl Plex {
         Ok(unsafe { slice(array, length as usize) }.to_vec())
     }
 
-    /// The edge between two vertices of this rank.
+    /// Returns the edge between two vertices of this rank.
     ///
     /// # Errors
-    /// [`Error::Mesh`] where there is none, [`Error::Petsc`] else.
+    /// Returns [`Error::Mesh`] where no edge joins them; [`Error::Petsc`] where PETSc reports an
+    /// error.
     pub fn edge(&self, [a, b]: [Index; 2]) -> Result<Index> {
         for edge in self.support(a)? {
             if self.cone(edge)?.contains(&b) {
@@ -197,14 +206,16 @@ impl Plex {
         Err(Error::Mesh(format!("no edge joins the points {a} and {b} of the mesh")))
     }
 
-    /// A point with all that bounds it, each with its orientation; a cell, its edges, its vertices in turn.
+    /// Returns the transitive closure of a point, each entry with its orientation.
+    ///
+    /// For a cell these are the cell, its edges and its vertices, in this order.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where there is no such point.
+    /// Returns [`Error::Petsc`] where there is no such point.
     pub fn closure(&self, point: Index) -> Result<Vec<[Index; 2]>> {
         let (mut count, mut array, cone) = (0, std::ptr::null_mut(), sys::truth(true));
         call!(DMPlexGetTransitiveClosure(self.raw, point, cone, &mut count, &mut array))?;
-        // SAFETY: PETSc's array has two integers a point.
+        // SAFETY: PETSc's array has two integers per point.
         let closure =
             unsafe { slice(array.cast_const(), 2 * count as usize) }.chunks_exact(2).map(|p| [p[0], p[1]]);
         let closure = closure.collect();
@@ -212,10 +223,10 @@ impl Plex {
         Ok(closure)
     }
 
-    /// The vertices of a cell or an edge, in the cell's own order round it.
+    /// Returns the vertices of a cell or an edge, in the cell's own cyclic order.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where there is no such point.
+    /// Returns [`Error::Petsc`] where there is no such point.
     pub fn corners(&self, point: Index) -> Result<Vec<Index>> {
         let vertices = self.vertices();
         Ok(self
@@ -226,10 +237,10 @@ impl Plex {
             .collect())
     }
 
-    /// Positions of this rank's vertices, in their order.
+    /// Returns the positions of this rank's vertices, in their order.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn coordinates(&self) -> Result<Vec<[f64; 2]>> {
         let (mut vector, mut section) = (std::ptr::null_mut(), std::ptr::null_mut());
         call!(DMGetCoordinatesLocal(self.raw, &mut vector))?;
@@ -242,10 +253,10 @@ impl Plex {
         })
     }
 
-    /// Whether this rank owns each point of its chart.
+    /// Returns whether this rank owns each point of its chart.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn owned(&self) -> Result<Vec<bool>> {
         let mut forest = std::ptr::null_mut();
         call!(DMGetPointSF(self.raw, &mut forest))?;
@@ -253,10 +264,10 @@ impl Plex {
         call!(PetscSFGetGraph(forest, &mut roots, &mut leaves, &mut points, &mut remote))?;
         let mut owned = vec![true; self.chart().len()];
         if points.is_null() {
-            // PETSc's shorthand for the first points.
+            // PETSc's null stands for the first `leaves` points.
             owned[..leaves.max(0) as usize].fill(false);
         } else {
-            // SAFETY: PETSc's array has one point a leaf.
+            // SAFETY: PETSc's array has one point per leaf.
             for &point in unsafe { slice(points, leaves.max(0) as usize) } {
                 owned[point as usize] = false;
             }
@@ -264,10 +275,10 @@ impl Plex {
         Ok(owned)
     }
 
-    /// Edges of this rank with one cell over all ranks. Collective.
+    /// Returns the edges of this rank that bound one cell only, counted over all ranks. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn boundary_edges(&self) -> Result<Vec<Index>> {
         let edges = self.edges();
         let counter =
@@ -285,10 +296,12 @@ impl Plex {
         Ok(edges.zip(counts).filter(|&(_, count)| count == 1.0).map(|(edge, _)| edge).collect())
     }
 
-    /// Gives points of this rank a value under a name; refinement and distribution keep it. Every rank must name the label.
+    /// Labels points of this rank with a name and a value, which refinement and distribution keep.
+    ///
+    /// Every rank must name the label, even without points.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn label(&mut self, name: &str, value: Index, points: &[Index]) -> Result<()> {
         let name = c_string(name)?;
         call!(DMCreateLabel(self.raw, name.as_ptr()))?;
@@ -298,10 +311,10 @@ impl Plex {
         Ok(())
     }
 
-    /// This rank's points of a value under a name.
+    /// Returns the points of this rank with a given label and value.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn labelled(&self, name: &str, value: Index) -> Result<Vec<Index>> {
         let (name, mut raw) = (c_string(name)?, std::ptr::null_mut());
         call!(DMGetStratumIS(self.raw, name.as_ptr(), value, &mut raw))?;
@@ -311,10 +324,10 @@ impl Plex {
         IndexSet::owning(raw, &self.context).to_vec()
     }
 
-    /// The same mesh, whose vectors have the dofs of a section. Collective.
+    /// Returns a clone of the mesh with the dof layout of a section. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn with_section(&self, section: &Section) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(DMClone(self.raw, &mut raw))?;
@@ -323,20 +336,23 @@ impl Plex {
         Ok(mesh)
     }
 
-    /// Where each point's dofs are in global vectors; see [`Section::offset`]. Collective.
+    /// Returns the positions of each point's dofs in global vectors. Collective.
+    ///
+    /// See [`Section::offset`] for the sign.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn global_section(&self) -> Result<Section> {
         let mut raw = std::ptr::null_mut();
         call!(DMGetGlobalSection(self.raw, &mut raw))?;
         Section::sharing(raw, &self.context)
     }
 
-    /// A vector of zeros with the free dofs of the points that each rank owns. Collective.
+    /// Creates a global vector of zeros: the free dofs of the points that each rank owns.
+    /// Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the mesh has no section.
+    /// Returns [`Error::Petsc`] where the mesh has no section.
     pub fn global_vector(&self) -> Result<Vector> {
         let mut raw = std::ptr::null_mut();
         call!(DMCreateGlobalVector(self.raw, &mut raw))?;
@@ -345,10 +361,12 @@ impl Plex {
         Ok(vector)
     }
 
-    /// A vector of this rank alone: zeros for all dofs of all its points, held and shared ones among them.
+    /// Creates a local vector of zeros: all dofs of this rank's points.
+    ///
+    /// Constrained and shared dofs are included.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the mesh has no section.
+    /// Returns [`Error::Petsc`] where the mesh has no section.
     pub fn local_vector(&self) -> Result<Vector> {
         let mut raw = std::ptr::null_mut();
         call!(DMCreateLocalVector(self.raw, &mut raw))?;
@@ -357,26 +375,27 @@ impl Plex {
         Ok(vector)
     }
 
-    /// Copies a global vector to a local one; held dofs of the local one stay as they are. Collective.
+    /// Copies a global vector into a local one, whose constrained dofs keep their values.
+    /// Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn to_local(&self, global: &Vector, local: &mut Vector) -> Result<()> {
         call!(DMGlobalToLocal(self.raw, global.raw, sys::InsertMode::INSERT_VALUES, local.raw))
     }
 
-    /// Adds a local vector to a global one, the shares of all ranks; held dofs go nowhere. Collective.
+    /// Adds the local vectors of all ranks into a global one, without constrained dofs. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn add_to_global(&self, local: &Vector, global: &mut Vector) -> Result<()> {
         call!(DMLocalToGlobal(self.raw, local.raw, sys::InsertMode::ADD_VALUES, global.raw))
     }
 
-    /// Position in global vectors of each dof of this rank's local vectors; negative for a held one. Collective.
+    /// Returns the global position of each local dof; negative for a constrained dof. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the mesh has no section.
+    /// Returns [`Error::Petsc`] where the mesh has no section.
     pub fn global_dofs(&self) -> Result<Vec<Index>> {
         let (mut map, mut length, mut array) = (std::ptr::null_mut(), 0, std::ptr::null());
         call!(DMGetLocalToGlobalMapping(self.raw, &mut map))?;
@@ -391,7 +410,7 @@ impl Plex {
     /// Prints the mesh. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn view(&self) -> Result<()> {
         call!(DMView(self.raw, std::ptr::null_mut()))
     }

@@ -1,7 +1,9 @@
-//! The engine over all ranks: each multiplies with its own cells, PETSc adds up, factors and solves.
+//! Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 //!
-//! Vectors are the free dofs of the nodes that a rank owns, in PETSc's order. A product is the native engine's over the dofs
-//! of the rank's cells (no h^-4 loss here either), with an exchange of shared dofs before and after.
+//! Each rank multiplies with its own cells. Vectors hold the free dofs of the nodes that a rank
+//! owns, in PETSc's order. A product is that of the native engine over the dofs of the rank's cells
+//! (and thus avoids the loss of h^-4 relative accuracy), with an exchange of shared dofs before and
+//! after.
 
 use super::plate::Part;
 use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
@@ -14,32 +16,32 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Columns of the inverse computed at once.
+/// Number of columns of the inverse computed at once.
 const BLOCK: usize = 64;
 
-/// The engine over all ranks; see the [module page](self).
+/// Linear algebra over all ranks; see the [module page](self).
 pub struct Distributed {
     context: Rc<Context>,
     plex: Rc<Plex>,
-    /// Products over this rank's cells, on local vectors.
+    /// Native engine of this rank's cells, on local vectors.
     cells: Native,
-    /// Position of each local dof in global vectors; negative where it is held.
+    /// Position of each local dof in global vectors; negative for a constrained dof.
     global: Vec<Index>,
-    /// Position of this rank's first dof, and their number.
+    /// Position of this rank's first dof in global vectors, and the number of its dofs.
     first: usize,
     own: usize,
     work: RefCell<Work>,
-    /// The rigid motions, of which only supports hold something, over the dofs that this rank owns.
+    /// Rigid motions of the plate (a translation and two tilts), over the dofs that this rank owns.
     rigid: [Vec<f64>; 3],
-    /// Whether all dofs are those of nodes of which none is held: three per node, on every rank.
+    /// Whether free dofs come in threes on every rank: no extra dof, no partly constrained node.
     whole_nodes: bool,
 }
 
 struct Work {
     global: Vector,
-    /// What products read: zero at dofs that supports hold.
+    /// Input of products in local vectors: zero at constrained dofs.
     read: Vector,
-    /// What products give.
+    /// Output of products in local vectors.
     given: Vector,
     x: Vec<f64>,
     y: Vec<f64>,
@@ -47,10 +49,10 @@ struct Work {
 }
 
 impl Distributed {
-    /// The engine of a plate. Collective.
+    /// Creates the engine of a plate. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(part: &Part) -> Result<Distributed> {
         let plex = part.plex.clone();
         let context = plex.context().clone();
@@ -76,7 +78,8 @@ impl Distributed {
         Ok(engine)
     }
 
-    /// Fills in the deflections and slopes of a plate that is lifted, tilted along x and along y. Collective.
+    /// Fills in deflections and slopes of the translation and of the tilts along x and y.
+    /// Collective.
     fn note_rigid_motions(&mut self, part: &Part) {
         let first = self.global.len() - PER_NODE * part.mesh.nodes.len();
         let mut whole = first == 0;
@@ -93,8 +96,10 @@ impl Distributed {
         self.whole_nodes = self.context.all(whole);
     }
 
-    /// Tells a matrix over this engine's dofs what multigrid needs: the rigid motions, and that dofs come by nodes where they
-    /// do. Collective.
+    /// Sets the near null space of a matrix, and its block size where dofs come in threes.
+    /// Collective.
+    ///
+    /// Multigrid needs both.
     fn prepare_for_multigrid(&self, matrix: &mut Matrix) -> Result<()> {
         if self.whole_nodes {
             matrix.set_block_size(PER_NODE)?;
@@ -107,43 +112,45 @@ impl Distributed {
         matrix.set_near_null_space(self.rigid.iter().map(vector).collect::<Result<_>>()?)
     }
 
-    /// MPI and PETSc.
+    /// Returns the context of MPI and PETSc.
     pub fn context(&self) -> &Rc<Context> {
         &self.context
     }
 
-    /// The native engine of this rank's cells, over local dofs: it makes forms.
+    /// Returns the native engine of this rank's cells over local dofs, which creates forms.
     pub fn cells(&self) -> &Native {
         &self.cells
     }
 
-    /// A vector of zeros over all ranks.
+    /// Creates a global vector of zeros.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn vector(&self) -> Result<Vector> {
         self.plex.global_vector()
     }
 
-    /// This rank's number of a local dof, if it owns it and it is free.
+    /// Returns this rank's index of a local dof, if the rank owns it and it is free.
     pub fn own_dof(&self, local: usize) -> Option<usize> {
         let dof = usize::try_from(self.global[local]).ok()?.checked_sub(self.first)?;
         (dof < self.own).then_some(dof)
     }
 
-    /// Adds up what ranks have over their local dofs. Collective.
+    /// Adds up the contributions of all ranks over their local dofs. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
         let Work { global, given, .. } = &mut *self.work.borrow_mut();
         self.to_owners(local, own, global, given)
     }
 
-    /// As [`Distributed::add_up`], for whoever outlives the engine's loan. Calls of it are collective.
+    /// Returns a closure that works as [`Distributed::add_up`] and does not borrow the engine.
+    ///
+    /// Calls of the closure are collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn adder(&self) -> Result<impl Fn(&[f64]) -> Result<Vec<f64>> + 'static> {
         let vectors = RefCell::new((self.plex.global_vector()?, self.plex.local_vector()?));
         let (plex, own) = (self.plex.clone(), self.own);
@@ -158,10 +165,10 @@ impl Distributed {
         })
     }
 
-    /// The matrix of a sum, assembled. Collective.
+    /// Assembles the matrix of a linear combination of forms. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn matrix(&self, sum: &Sum<Self>) -> Result<Matrix> {
         let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for (scale, form) in sum {
@@ -183,7 +190,7 @@ impl Distributed {
         Ok(matrix)
     }
 
-    /// Fetches a vector's values at this rank's local dofs.
+    /// Gathers the values of a vector at this rank's local dofs.
     fn to_local(&self, own: &[f64], values: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
         all.set_local(own)?;
         self.plex.to_local(all, local)?;
@@ -325,7 +332,7 @@ impl Engine for Distributed {
     }
 }
 
-/// All ranks' values one after the other, and where this rank's begin.
+/// Concatenates the values of all ranks; also returns the offset of this rank's values.
 fn concatenate(context: &Context, own: &[f64]) -> Result<(Vec<f64>, usize)> {
     if context.size() == 1 {
         return Ok((own.to_vec(), 0));
@@ -335,31 +342,32 @@ fn concatenate(context: &Context, own: &[f64]) -> Result<(Vec<f64>, usize)> {
     Ok((context.gather(own), before))
 }
 
-/// A matrix factored by PETSc: MUMPS' Cholesky, unless the options `-ksp_...` and `-pc_...` say otherwise.
+/// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
-/// The Schur complement of the candidates is the inverse of their block S of A^-1, which comes from solves with many
-/// right-hand sides at once.
+/// The Schur complement of the contact dofs is the inverse of their block S of A^-1 (the
+/// flexibility), which comes from solves with many right-hand sides at once.
 pub struct DistributedFactor {
     context: Rc<Context>,
     matrix: Matrix,
     solver: Ksp,
-    /// Whether solves are by a factorisation, rather than by an iteration that the options choose.
+    /// Whether a factorisation solves the systems, rather than an iteration chosen by options.
     direct: bool,
-    /// The solver of the matrix with dofs held, if any are.
+    /// Solver of the matrix with some dofs held at zero, if there are any.
     pinned: Option<Ksp>,
-    /// Those of them that this rank owns.
+    /// Held dofs that this rank owns.
     held: Vec<usize>,
     right: Vector,
     solution: Vector,
-    /// Position of this rank's first dof.
+    /// Position of this rank's first dof in global vectors.
     first: usize,
-    /// This rank's candidates, and where they begin among all.
+    /// Contact dofs of this rank, and the offset of the first among those of all ranks.
     candidates: Vec<usize>,
     before: usize,
-    /// Their block of A^-1, and its inverse.
+    /// Flexibility (block of A^-1 at the contact dofs), and its inverse, the Schur complement.
     flexibility: Mat<f64>,
     schur: Mat<f64>,
-    /// The last right-hand side condensed: its solution, and at the candidates; and what it was condensed to.
+    /// Solution of the last condensed right-hand side without contact, its values at the contact
+    /// dofs, and the condensed right-hand side.
     free: Vec<f64>,
     free_candidates: Vec<f64>,
     condensed: Vec<f64>,
@@ -393,9 +401,9 @@ impl DistributedFactor {
         Ok(factor)
     }
 
-    /// Puts others in the place of the candidates; the columns of those that stay are kept.
+    /// Replaces the contact dofs; columns of those that stay are kept.
     fn set_candidates(&mut self, candidates: &[usize]) -> Result<()> {
-        // Where each was among the old ones, if it was.
+        // Index of each contact dof among the old ones, or -1 for a new one.
         let place =
             |dof: &usize| self.candidates.binary_search(dof).map_or(-1.0, |k| (self.before + k) as f64);
         let own: Vec<f64> = candidates.iter().map(place).collect();
@@ -412,7 +420,7 @@ impl DistributedFactor {
         let new: Vec<usize> = (0..count).filter(|&j| old(j).is_none()).collect();
         self.solve_for_columns(&new, &mut block)?;
         for (&j, i) in new.iter().flat_map(|j| (0..count).map(move |i| (j, i))) {
-            // The columns of both in full: their mean.
+            // Both columns were solved for: take their mean.
             let value = if old(i).is_none() { 0.5 * (block[(i, j)] + block[(j, i)]) } else { block[(i, j)] };
             (block[(i, j)], block[(j, i)]) = (value, value);
         }
@@ -420,7 +428,7 @@ impl DistributedFactor {
         self.invert()
     }
 
-    /// Makes the Schur complement that goes with the flexibility.
+    /// Computes the Schur complement from the flexibility.
     fn invert(&mut self) -> Result<()> {
         let count = self.flexibility.nrows();
         self.schur = Mat::zeros(0, 0);
@@ -435,12 +443,12 @@ impl DistributedFactor {
         Ok(())
     }
 
-    /// The matrix that is factored, as assembled.
+    /// Returns the assembled matrix that is factored.
     pub fn matrix(&self) -> &Matrix {
         &self.matrix
     }
 
-    /// Columns of the candidates' block of A^-1.
+    /// Solves for columns of the flexibility.
     fn solve_for_columns(&mut self, columns: &[usize], block: &mut Mat<f64>) -> Result<()> {
         let (own, count) = (self.free.len(), block.nrows());
         for lot in columns.chunks(BLOCK) {
@@ -475,7 +483,8 @@ impl DistributedFactor {
 
     fn solve_with(&mut self, pinned: bool, x: &mut [f64]) -> Result<()> {
         let solver = if pinned { self.pinned.as_mut().unwrap_or(&mut self.solver) } else { &mut self.solver };
-        // Held dofs have equations of their own, whose size an iteration on all cannot weigh against that of the others.
+        // Held dofs have equations of their own, whose size the norm of an iteration cannot weigh
+        // against that of the others.
         let held: &[usize] = if pinned && !self.direct { &self.held } else { &[] };
         let values: Vec<f64> = held.iter().map(|&dof| std::mem::take(&mut x[dof])).collect();
         self.right.set_local(x)?;
@@ -496,7 +505,7 @@ impl DistributedFactor {
     }
 }
 
-/// A solver of a matrix, its factor made.
+/// Creates a solver of a matrix and factors it.
 fn solver(context: &Rc<Context>, matrix: &Matrix) -> Result<Ksp> {
     let mut solver = Ksp::new(context, Comm::World, "")?;
     solver.default_to_cholesky()?;
@@ -529,8 +538,9 @@ impl Factor for DistributedFactor {
 
     fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()> {
         if candidates != self.free_candidates {
-            // x = free solution + A^-1 G^T r, with the reactions r that move the candidates to their values. Written over x,
-            // these values would spoil the equilibrium of fine meshes for the sake of a last digit.
+            // x = x_free + A^-1 G^T r, where the reactions r move the contact dofs to their values.
+            // Overwriting these entries of x by the values themselves would gain a last digit and
+            // spoil the equilibrium on fine meshes.
             let forces = self.times_schur(candidates);
             x.fill(0.0);
             for (k, &dof) in self.candidates.iter().enumerate() {
@@ -571,7 +581,7 @@ impl Factor for DistributedFactor {
         Ok(())
     }
 
-    /// The flexibility, whose columns came in lots.
+    /// Archives the flexibility, whose columns depend on the order in which they were solved for.
     fn state(&mut self, archive: &mut Archive) -> Result<()> {
         let count = self.flexibility.nrows();
         let mut columns: Vec<f64> =

@@ -1,4 +1,4 @@
-//! PETSc's error codes and messages as the crate's errors.
+//! Translation of PETSc's error codes and messages into the crate's errors.
 
 use super::{Index, sys};
 use crate::error::{Error, Result};
@@ -6,11 +6,11 @@ use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 
 thread_local! {
-    /// What the first function that failed said of it: PETSc unwinds through many.
+    /// Record of the function that failed first; PETSc's unwinding calls the handler many times.
     static RECORD: RefCell<Option<Record>> = const { RefCell::new(None) };
 }
 
-/// The origin of an error.
+/// Origin of an error.
 struct Record {
     function: String,
     place: String,
@@ -19,7 +19,7 @@ struct Record {
 
 /// Turns the code of a call into a result.
 ///
-/// `call` names the function for the codes of which PETSc's handler was told nothing.
+/// `call` names the function for codes about which PETSc's handler has no record.
 pub(super) fn check(code: sys::PetscErrorCode, call: &str) -> Result<()> {
     if code == 0 {
         return Ok(());
@@ -36,7 +36,8 @@ pub(super) fn check(code: sys::PetscErrorCode, call: &str) -> Result<()> {
 /// Calls a PETSc function and turns its code into a result that names it.
 macro_rules! call {
     ($function:ident($($argument:expr),* $(,)?)) => {
-        // SAFETY: the handles passed are alive, since each owns its object and the context; slices carry their lengths.
+        // SAFETY: the handles passed are alive, since each owns its object and the context; slices
+        // carry their lengths.
         $crate::petsc::error::check(unsafe { $crate::petsc::sys::$function($($argument),*) }, stringify!($function))
     };
 }
@@ -69,30 +70,30 @@ pub(super) unsafe extern "C" fn keep(
     code
 }
 
-/// Raises an error of ours inside PETSc, from a callback: the code for it to return.
+/// Raises one of our errors inside PETSc and returns the code that the callback must return.
 pub(super) fn raise(message: &str) -> sys::PetscErrorCode {
     RECORD.set(Some(Record { function: "callback".into(), place: "rebond".into(), message: message.into() }));
     sys::PETSC_ERR_USER as sys::PetscErrorCode
 }
 
-/// A C string's text; empty for null.
+/// Copies the text of a C string; a null pointer gives an empty text.
 ///
 /// # Safety
-/// The pointer is null or to bytes that end in zero.
+/// The pointer is null or points to bytes that end in zero.
 pub(super) unsafe fn text(pointer: *const c_char) -> String {
     if pointer.is_null() {
         return String::new();
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: guaranteed by the caller.
     unsafe { CStr::from_ptr(pointer) }.to_string_lossy().into_owned()
 }
 
-/// A C string of a text without zero bytes.
+/// Converts a text without zero bytes into a C string.
 pub(super) fn c_string(text: &str) -> Result<CString> {
     CString::new(text).map_err(|_| Error::Usage(format!("{text:?} holds a zero byte")))
 }
 
-/// A length as PETSc's integer.
+/// Converts a length into PETSc's integer.
 pub(super) fn int(length: usize) -> Result<Index> {
     Index::try_from(length).map_err(|_| {
         Error::Petsc(format!("a length of {length} is more than this PETSc's 32-bit integers hold"))

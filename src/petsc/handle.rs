@@ -1,6 +1,7 @@
-//! What every handle has: its object, its share of the context, and the end of both.
+//! Macro for safe handles: each owns a PETSc object and a reference to the context.
 
-/// Defines a handle that owns one reference to a PETSc object, with further fields that start at their defaults.
+/// Defines a handle that owns one reference to a PETSc object; further fields start at their
+/// defaults.
 macro_rules! handle {
     ($(#[$doc:meta])* $name:ident, $raw:ident, $destroy:ident $(, $field:ident: $type:ty)*) => {
         $(#[$doc])*
@@ -11,7 +12,7 @@ macro_rules! handle {
         }
 
         impl $name {
-            /// Takes over a reference that PETSc handed out.
+            /// Wraps a reference that PETSc handed over.
             pub(super) fn owning(
                 raw: $crate::petsc::sys::$raw,
                 context: &std::rc::Rc<$crate::petsc::Context>,
@@ -19,7 +20,7 @@ macro_rules! handle {
                 Self { raw, context: context.clone(), $($field: Default::default(),)* }
             }
 
-            /// Adds a reference to an object that PETSc only lent.
+            /// Wraps an object that PETSc only lent, and adds a reference to it.
             #[allow(dead_code)] // PETSc lends most kinds of object, not all.
             pub(super) fn sharing(
                 raw: $crate::petsc::sys::$raw,
@@ -29,7 +30,7 @@ macro_rules! handle {
                 Ok(Self::owning(raw, context))
             }
 
-            /// The context that the handle keeps alive.
+            /// Returns the context that the handle keeps alive.
             pub fn context(&self) -> &std::rc::Rc<$crate::petsc::Context> {
                 &self.context
             }
@@ -43,7 +44,7 @@ macro_rules! handle {
 
         impl Drop for $name {
             fn drop(&mut self) {
-                // A code has nowhere to go from here; the object is gone in any case.
+                // A drop cannot return an error code, and the object is gone in any case.
                 let _ = $crate::petsc::error::call!($destroy(&mut self.raw));
             }
         }

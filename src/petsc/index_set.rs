@@ -1,4 +1,4 @@
-//! Sets of indices, each rank with its own.
+//! Distributed sets of indices.
 
 use super::error::{call, int};
 use super::handle::handle;
@@ -8,15 +8,15 @@ use crate::error::Result;
 use std::rc::Rc;
 
 handle! {
-    /// Indices in order, each rank with its own. Creating and dropping it is collective.
+    /// Ordered indices of each rank. Creating and dropping the set is collective.
     IndexSet, IS, ISDestroy
 }
 
 impl IndexSet {
-    /// The set of all ranks' indices. Collective.
+    /// Creates a set from the indices of each rank. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, indices: &[Index]) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         let mode = sys::PetscCopyMode::PETSC_COPY_VALUES;
@@ -24,10 +24,10 @@ impl IndexSet {
         Ok(Self::owning(raw, context))
     }
 
-    /// This rank's indices.
+    /// Returns this rank's indices.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn to_vec(&self) -> Result<Vec<Index>> {
         let (mut length, mut array) = (0, std::ptr::null());
         call!(ISGetLocalSize(self.raw, &mut length))?;

@@ -1,4 +1,4 @@
-//! Linear solvers: a factorisation unless the options say otherwise.
+//! Linear solvers: a factorisation unless the options choose an iteration.
 
 use super::error::{call, int, text};
 use super::handle::handle;
@@ -8,15 +8,16 @@ use crate::error::{Error, Result};
 use std::rc::Rc;
 
 handle! {
-    /// A linear solver. Creating and dropping it is collective.
+    /// Linear solver. Creating and dropping it is collective.
     Ksp, KSP, KSPDestroy, prefix: String
 }
 
 impl Ksp {
-    /// A solver that listens to the options `-<prefix>ksp_...` and `-<prefix>pc_...`. Collective.
+    /// Creates a solver that reads the options `-<prefix>ksp_...` and `-<prefix>pc_...`.
+    /// Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(KSPCreate(context.raw(comm), &mut raw))?;
@@ -27,12 +28,15 @@ impl Ksp {
         Ok(solver)
     }
 
-    /// Makes a Cholesky factorisation by MUMPS the default: the user's options go before. Collective.
+    /// Makes a Cholesky factorisation by MUMPS the default; the user's options override it.
+    /// Collective.
     ///
-    /// Where the user asks for another preconditioner, conjugate gradients become the default instead of its single application.
+    /// If the user asks for another preconditioner, conjugate gradients become the default, instead
+    /// of one application of the preconditioner.
     ///
     /// # Errors
-    /// [`Error::Petsc`]; [`Error::Usage`] where the user asks for a factorisation that does harm.
+    /// Returns [`Error::Usage`] where the user asks for a package that corrupts memory;
+    /// [`Error::Petsc`] where PETSc reports an error.
     pub fn default_to_cholesky(&mut self) -> Result<()> {
         let direct = is_direct(&self.context, &self.prefix)?;
         let mut preconditioner = std::ptr::null_mut();
@@ -44,18 +48,19 @@ impl Ksp {
         }
         let kind = self.context.option(&format!("{}ksp_type", self.prefix))?;
         if kind.is_none_or(|kind| kind == "cg") {
-            // The energy of the error, nearly: the norm that falls as conjugate gradients go on. That of the preconditioned
-            // residual rises by orders of magnitude first.
+            // The natural norm is nearly the energy norm of the error, which decreases in every
+            // iteration of conjugate gradients; the norm of the preconditioned residual first rises
+            // by orders of magnitude.
             call!(KSPSetNormType(self.raw, sys::KSPNormType::KSP_NORM_NATURAL))?;
         }
         let iterations = int(MOST_ITERATIONS)?;
         call!(KSPSetTolerances(self.raw, ITERATIVE, 0.0, f64::MAX, iterations))
     }
 
-    /// Whether a factorisation solves the systems, rather than an iteration.
+    /// Returns whether a factorisation solves the systems, rather than an iteration.
     ///
     /// # Errors
-    /// [`Error::Usage`] where the user asks for a factorisation that does harm.
+    /// Returns [`Error::Usage`] where the user asks for a package that corrupts memory.
     pub fn is_direct(&self) -> Result<bool> {
         is_direct(&self.context, &self.prefix)
     }
@@ -63,50 +68,56 @@ impl Ksp {
     /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where an option has an impossible value.
+    /// Returns [`Error::Petsc`] where an option has an impossible value.
     pub fn set_from_options(&mut self) -> Result<()> {
         call!(KSPSetFromOptions(self.raw))
     }
 
-    /// Sets the matrix; again, where its values change and [`Ksp::keep_preconditioner`] is off, to have it factored anew. Collective.
+    /// Sets the matrix. Collective.
+    ///
+    /// A second call after a change of its values has the matrix factored anew, unless
+    /// [`Ksp::keep_preconditioner`] is on.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn set_operator(&mut self, matrix: &Matrix) -> Result<()> {
         self.set_operators(matrix, matrix)
     }
 
-    /// Sets the matrix and the one that the preconditioner is made from. Collective.
+    /// Sets the matrix and the matrix from which the preconditioner is built. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn set_operators(&mut self, matrix: &Matrix, preconditioner: &Matrix) -> Result<()> {
         call!(KSPSetOperators(self.raw, matrix.raw, preconditioner.raw))
     }
 
-    /// Whether solves go on with the preconditioner (the factor) they have, whatever becomes of the matrix. Collective.
+    /// Sets whether later solves reuse the preconditioner (the factor) when the matrix changes.
+    /// Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn keep_preconditioner(&mut self, keep: bool) -> Result<()> {
         call!(KSPSetReusePreconditioner(self.raw, sys::truth(keep)))
     }
 
-    /// Sets the tolerances of an iteration: relative and absolute, and the largest number of iterations. Options go before if
-    /// [`Ksp::set_from_options`] comes later. Collective.
+    /// Sets the relative and absolute tolerances and the iteration limit. Collective.
+    ///
+    /// Options override them if [`Ksp::set_from_options`] comes later.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where one is negative or not a number.
+    /// Returns [`Error::Petsc`] where one is negative or not a number.
     pub fn set_tolerances(&mut self, relative: f64, absolute: f64, iterations: usize) -> Result<()> {
         super::refuse_nan(&[relative, absolute])?;
         let keep = f64::from(sys::PETSC_DEFAULT);
         call!(KSPSetTolerances(self.raw, relative, absolute, keep, int(iterations)?))
     }
 
-    /// Builds the preconditioner: factors the matrix. Collective.
+    /// Builds the preconditioner, which means factoring the matrix for a direct solver. Collective.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the matrix is not what the factorisation needs, [`Error::Petsc`] else.
+    /// Returns [`Error::Singular`] where the factorisation fails; [`Error::Petsc`] where PETSc
+    /// reports an error.
     pub fn set_up(&mut self) -> Result<()> {
         call!(KSPSetUp(self.raw))?;
         self.refuse_failed_factor()
@@ -115,22 +126,23 @@ impl Ksp {
     /// Solves A x = b from x = 0. Collective.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the factorisation failed; [`Error::Petsc`] where the iteration did not converge.
+    /// Returns [`Error::Singular`] where the factorisation failed; [`Error::Petsc`] where the
+    /// iteration did not converge.
     pub fn solve(&mut self, b: &Vector, x: &mut Vector) -> Result<()> {
         call!(KSPSolve(self.raw, b.raw, x.raw))?;
         self.judge()
     }
 
-    /// Solves A X = B for the columns of dense matrices, all at once. Collective.
+    /// Solves A X = B for all columns of dense matrices. Collective.
     ///
     /// # Errors
-    /// As [`Ksp::solve`].
+    /// Returns the errors of [`Ksp::solve`].
     pub fn solve_columns(&mut self, b: &Matrix, x: &mut Matrix) -> Result<()> {
         if self.kind()?[0] == "preonly" {
             call!(KSPMatSolve(self.raw, b.raw, x.raw))?;
             return self.judge();
         }
-        // PETSc tells how the iteration of the last column ended, and not of those before.
+        // PETSc's block solve reports convergence of the last column only.
         for column in 0..int(b.size()[1])? {
             let (mut right, mut solution) = (std::ptr::null_mut(), std::ptr::null_mut());
             call!(MatDenseGetColumnVecRead(b.raw, column, &mut right))?;
@@ -144,13 +156,13 @@ impl Ksp {
         Ok(())
     }
 
-    /// Names of the Krylov method and of the preconditioner.
+    /// Returns the names of the Krylov method and of the preconditioner.
     fn kind(&self) -> Result<[String; 2]> {
         let (mut preconditioner, mut names) = (std::ptr::null_mut(), [std::ptr::null(); 2]);
         call!(KSPGetPC(self.raw, &mut preconditioner))?;
         call!(KSPGetType(self.raw, &mut names[0]))?;
         call!(PCGetType(preconditioner, &mut names[1]))?;
-        // SAFETY: PETSc lends the names, or null before they are set.
+        // SAFETY: the names belong to PETSc; they are null before they are set.
         Ok(names.map(|name| unsafe { text(name) }))
     }
 
@@ -186,34 +198,35 @@ impl Ksp {
         Err(Error::Singular(format!("the matrix cannot be factored: {what}")))
     }
 
-    /// Why the last solve ended.
+    /// Returns why the last solve ended.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn reason(&self) -> Result<Reason> {
         let (mut code, mut name) = (sys::KSPConvergedReason(0), std::ptr::null());
         call!(KSPGetConvergedReason(self.raw, &mut code))?;
         call!(KSPGetConvergedReasonString(self.raw, &mut name))?;
-        // SAFETY: PETSc lends a constant string.
+        // SAFETY: PETSc returns a constant string.
         Ok(Reason { code: code.0, text: unsafe { text(name) } })
     }
 
-    /// Number of iterations of the last solve.
+    /// Returns the number of iterations of the last solve.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn iterations(&self) -> Result<usize> {
         let mut iterations = 0;
         call!(KSPGetIterationNumber(self.raw, &mut iterations))?;
         Ok(iterations as usize)
     }
 
-    /// Numbers of negative, zero and positive pivots of the factor.
+    /// Returns the numbers of negative, zero and positive pivots of the factor. Collective.
     ///
-    /// MUMPS counts them under `-mat_mumps_icntl_24 1`, with several ranks under `-mat_mumps_icntl_13 1` too. Collective.
+    /// MUMPS counts them with `-mat_mumps_icntl_24 1`; several ranks also need
+    /// `-mat_mumps_icntl_13 1`.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the preconditioner is no Cholesky factorisation.
+    /// Returns [`Error::Petsc`] where the preconditioner is no Cholesky factorisation.
     pub fn inertia(&self) -> Result<[usize; 3]> {
         let (mut preconditioner, mut factor) = (std::ptr::null_mut(), std::ptr::null_mut());
         call!(KSPGetPC(self.raw, &mut preconditioner))?;
@@ -226,22 +239,22 @@ impl Ksp {
     /// Prints the solver. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn view(&self) -> Result<()> {
         call!(KSPView(self.raw, std::ptr::null_mut()))
     }
 }
 
-/// Relative tolerance of the linear solvers that iterate: the judge of a step wants digits.
+/// Relative tolerance of iterative linear solvers; the check of each step demands this accuracy.
 const ITERATIVE: f64 = 1e-13;
 
-/// Iterations of the linear solvers that iterate.
+/// Limit on the iterations of linear solvers.
 const MOST_ITERATIONS: usize = 20_000;
 
-/// Whether the user's options leave a linear solver a factorisation.
+/// Returns whether the user's options leave the linear solver a factorisation.
 ///
 /// # Errors
-/// [`Error::Usage`] for a factorisation that does harm.
+/// Returns [`Error::Usage`] where the user asks for a package that corrupts memory.
 fn is_direct(context: &Context, prefix: &str) -> Result<bool> {
     let package = format!("{prefix}pc_factor_mat_solver_type");
     if context.option(&package)?.is_some_and(|name| name.eq_ignore_ascii_case("superlu_dist")) {
@@ -253,9 +266,10 @@ fn is_direct(context: &Context, prefix: &str) -> Result<bool> {
     Ok(preconditioner.as_deref().is_none_or(|kind| kind == "cholesky" || kind == "lu"))
 }
 
-/// Options of a linear solver with this prefix: a Cholesky factorisation by MUMPS, unless the user's say otherwise.
+/// Sets the default options of a prefix to a Cholesky factorisation by MUMPS.
 ///
-/// `alone`: the factor solves by itself, and conjugate gradients go with any other preconditioner.
+/// The user's options override them. With `alone`, the factor solves by itself; any other
+/// preconditioner goes with conjugate gradients.
 pub(super) fn direct_defaults(context: &Context, prefix: &str, alone: bool) -> Result<()> {
     let name = |end: &str| format!("{prefix}{end}");
     let direct = is_direct(context, prefix)?;

@@ -1,4 +1,4 @@
-//! Distributed matrices: sparse ones, and dense blocks of columns.
+//! Distributed matrices: sparse matrices and dense blocks of columns.
 
 use super::error::{call, int};
 use super::handle::handle;
@@ -9,18 +9,19 @@ use std::ops::Range;
 use std::rc::Rc;
 
 handle! {
-    /// A matrix of which each rank owns a block of rows. Creating and dropping it is collective.
+    /// Matrix of which each rank owns a block of rows. Creating and dropping it is collective.
     Matrix, Mat, MatDestroy, triplets: Option<usize>
 }
 
 impl Matrix {
-    /// A square sparse matrix from triplets, of which this rank owns `local` rows and the same columns.
+    /// Creates a square sparse matrix from triplets. Collective.
     ///
-    /// Triplets may name rows of other ranks; those of the same place add up; a negative row or column drops the triplet.
-    /// The order of the triplets is kept for [`Matrix::set_values`]. Collective.
+    /// This rank owns `local` rows, and as many columns. Triplets may name rows of other ranks;
+    /// those with the same row and column add up, and a negative row or column drops the triplet.
+    /// [`Matrix::set_values`] takes values in the order of these triplets.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where an index is too large.
+    /// Returns [`Error::Petsc`] where an index is too large.
     pub fn from_triplets(
         context: &Rc<Context>,
         comm: Comm,
@@ -34,12 +35,14 @@ impl Matrix {
         Ok(matrix)
     }
 
-    /// A sparse matrix of zeros with a place for each pair of a row and a column; see [`Matrix::from_triplets`].
+    /// Creates a sparse matrix of zeros with an entry for each pair of a row and a column.
+    /// Collective.
     ///
-    /// `local` are the numbers of rows and of columns that this rank owns. Collective.
+    /// `local` are the numbers of rows and of columns that this rank owns; see
+    /// [`Matrix::from_triplets`].
     ///
     /// # Errors
-    /// [`Error::Petsc`] where an index is too large.
+    /// Returns [`Error::Petsc`] where an index is too large.
     pub fn from_pattern(
         context: &Rc<Context>,
         comm: Comm,
@@ -47,7 +50,7 @@ impl Matrix {
         rows: &[Index],
         columns: &[Index],
     ) -> Result<Self> {
-        // PETSc 3.18 does not look at every index, so we do; and ranks give up together or not at all.
+        // PETSc 3.18 does not check every index. All ranks must reject together, or none.
         let ends = local.map(|n| if comm == Comm::World { context.sum_count(n) } else { n });
         let within = |indices: &[Index], end: usize| indices.iter().all(|&i| i < 0 || (i as usize) < end);
         let good = rows.len() == columns.len() && within(rows, ends[0]) && within(columns, ends[1]);
@@ -66,7 +69,7 @@ impl Matrix {
         let end = sys::PETSC_DETERMINE;
         call!(MatSetSizes(raw, int(local[0])?, int(local[1])?, end, end))?;
         call!(MatSetType(raw, c"aij".as_ptr()))?;
-        // PETSc may reorder what it is given.
+        // PETSc may reorder these arrays.
         let (mut rows, mut columns) = (rows.to_vec(), columns.to_vec());
         call!(MatSetPreallocationCOO(raw, rows.len() as _, rows.as_mut_ptr(), columns.as_mut_ptr()))?;
         matrix.triplets = Some(rows.len());
@@ -76,7 +79,8 @@ impl Matrix {
     /// Replaces the values, in the order of the triplets that made the pattern. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the matrix was not made from triplets or their number is another.
+    /// Returns [`Error::Petsc`] where the matrix was not made from triplets or their number
+    /// differs.
     pub fn set_values(&mut self, values: &[f64]) -> Result<()> {
         if self.triplets != Some(values.len()) {
             let made = self.triplets.map_or("no triplets".into(), |n| format!("{n} triplets"));
@@ -85,10 +89,11 @@ impl Matrix {
         call!(MatSetValuesCOO(self.raw, values.as_ptr(), sys::InsertMode::INSERT_VALUES))
     }
 
-    /// A dense matrix of zeros: `local` of its rows are this rank's, and it has `columns` columns in all. Collective.
+    /// Creates a dense matrix of zeros: `local` rows on this rank, `columns` columns in all.
+    /// Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn dense(context: &Rc<Context>, comm: Comm, local: usize, columns: usize) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         let (end, null) = (sys::PETSC_DETERMINE, std::ptr::null_mut());
@@ -99,34 +104,34 @@ impl Matrix {
         Ok(matrix)
     }
 
-    /// Numbers of rows and columns over all ranks.
+    /// Returns the numbers of rows and columns over all ranks.
     pub fn size(&self) -> [usize; 2] {
         let (mut rows, mut columns) = (0, 0);
-        // It cannot fail: the matrix has sizes.
+        // This call cannot fail: the matrix has sizes.
         let _ = call!(MatGetSize(self.raw, &mut rows, &mut columns));
         [rows as usize, columns as usize]
     }
 
-    /// Numbers of rows and columns that this rank owns.
+    /// Returns the numbers of rows and columns that this rank owns.
     pub fn local_size(&self) -> [usize; 2] {
         let (mut rows, mut columns) = (0, 0);
-        // It cannot fail: the matrix has sizes.
+        // This call cannot fail: the matrix has sizes.
         let _ = call!(MatGetLocalSize(self.raw, &mut rows, &mut columns));
         [rows as usize, columns as usize]
     }
 
-    /// This rank's rows.
+    /// Returns the range of this rank's rows.
     pub fn range(&self) -> Range<Index> {
         let (mut start, mut end) = (0, 0);
-        // It cannot fail: the matrix has a layout.
+        // This call cannot fail: the matrix has a layout.
         let _ = call!(MatGetOwnershipRange(self.raw, &mut start, &mut end));
         start..end
     }
 
-    /// A vector of zeros that the matrix can multiply. Collective.
+    /// Creates a vector of zeros that the matrix can multiply. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn vector(&self) -> Result<Vector> {
         let mut raw = std::ptr::null_mut();
         call!(MatCreateVecs(self.raw, &mut raw, std::ptr::null_mut()))?;
@@ -135,12 +140,13 @@ impl Matrix {
         Ok(vector)
     }
 
-    /// Says that the matrix is symmetric positive definite, now and after every change of its values. Collective.
+    /// Declares the matrix symmetric positive definite, also after changes of its values.
+    /// Collective.
     ///
-    /// Factorisations then use it, and fail where it is not so.
+    /// Factorisations exploit this, and fail where it does not hold.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn set_positive_definite(&mut self) -> Result<()> {
         for option in [sys::MatOption::MAT_SPD, sys::MatOption::MAT_SPD_ETERNAL] {
             call!(MatSetOption(self.raw, option, sys::truth(true)))?;
@@ -148,10 +154,12 @@ impl Matrix {
         Ok(())
     }
 
-    /// Tells multigrid which motions cost little energy: vectors, one per motion, that become orthonormal here. Collective.
+    /// Sets the near null space for multigrid: motions of little energy. Collective.
+    ///
+    /// The vectors, one per motion, are orthonormalised here.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the layouts differ.
+    /// Returns [`Error::Petsc`] where the layouts differ.
     pub fn set_near_null_space(&mut self, mut motions: Vec<Vector>) -> Result<()> {
         for i in 0..motions.len() {
             let (before, rest) = motions.split_at_mut(i);
@@ -173,60 +181,60 @@ impl Matrix {
         set
     }
 
-    /// Takes over what [`Matrix::set_near_null_space`] told another matrix of the same layout, if anything. Collective.
+    /// Copies the near null space of another matrix of the same layout, if it has one. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn share_near_null_space(&mut self, other: &Matrix) -> Result<()> {
         let mut space = std::ptr::null_mut();
         call!(MatGetNearNullSpace(other.raw, &mut space))?;
         call!(MatSetNearNullSpace(self.raw, space))
     }
 
-    /// Says that rows and columns come in groups of this size, such as the dofs of a node. Collective.
+    /// Sets the block size, such as the number of dofs per node. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where it does not divide the number of rows of a rank.
+    /// Returns [`Error::Petsc`] where the size does not divide the number of rows on a rank.
     pub fn set_block_size(&mut self, size: usize) -> Result<()> {
         call!(MatSetBlockSize(self.raw, int(size)?))
     }
 
-    /// y = A x. Collective.
+    /// Computes y = A x. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the layouts differ.
+    /// Returns [`Error::Petsc`] where the layouts differ.
     pub fn multiply(&self, x: &Vector, y: &mut Vector) -> Result<()> {
         call!(MatMult(self.raw, x.raw, y.raw))
     }
 
-    /// A = factor A. Collective.
+    /// Multiplies the matrix by a factor. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn scale(&mut self, factor: f64) -> Result<()> {
         call!(MatScale(self.raw, factor))
     }
 
-    /// A = D A D for the diagonal matrix D of these entries. Collective.
+    /// Replaces A by D A D, where D is the diagonal matrix of these entries. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the layouts differ.
+    /// Returns [`Error::Petsc`] where the layouts differ.
     pub fn scale_symmetrically(&mut self, diagonal: &Vector) -> Result<()> {
         call!(MatDiagonalScale(self.raw, diagonal.raw, diagonal.raw))
     }
 
-    /// A += factor B, where B has the places of A and no others. Collective.
+    /// Adds `factor` times B, whose pattern must be a subset of that of A. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the sizes differ.
+    /// Returns [`Error::Petsc`] where the sizes differ.
     pub fn add_scaled(&mut self, factor: f64, other: &Matrix) -> Result<()> {
         call!(MatAXPY(self.raw, factor, other.raw, sys::MatStructure::SUBSET_NONZERO_PATTERN))
     }
 
-    /// A copy. Collective.
+    /// Returns a copy. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn duplicate(&self) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(MatDuplicate(self.raw, sys::MatDuplicateOption::MAT_COPY_VALUES, &mut raw))?;
@@ -236,42 +244,46 @@ impl Matrix {
     /// Copies the values of a matrix of the same pattern. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the sizes differ.
+    /// Returns [`Error::Petsc`] where the sizes differ.
     pub fn copy_from(&mut self, other: &Matrix) -> Result<()> {
         call!(MatCopy(other.raw, self.raw, sys::MatStructure::SAME_NONZERO_PATTERN))
     }
 
-    /// The diagonal. Collective.
+    /// Copies the diagonal into a vector. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the layouts differ.
+    /// Returns [`Error::Petsc`] where the layouts differ.
     pub fn diagonal(&self, diagonal: &mut Vector) -> Result<()> {
         call!(MatGetDiagonal(self.raw, diagonal.raw))
     }
 
-    /// Largest sum of a row's magnitudes. Collective.
+    /// Returns the largest row sum of magnitudes. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn norm_infinity(&self) -> Result<f64> {
         let mut norm = 0.0;
         call!(MatNorm(self.raw, sys::NormType::NORM_INFINITY, &mut norm))?;
         Ok(norm)
     }
 
-    /// Replaces rows and columns by those of `diagonal` times the identity; each rank names rows of any rank. Collective.
+    /// Zeroes rows and columns, with `diagonal` on their diagonal. Collective.
+    ///
+    /// Each rank may name rows of any rank.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where a row does not exist.
+    /// Returns [`Error::Petsc`] where a row does not exist.
     pub fn zero_rows_columns(&mut self, rows: &[Index], diagonal: f64) -> Result<()> {
         let null = std::ptr::null_mut();
         call!(MatZeroRowsColumns(self.raw, int(rows.len())?, rows.as_ptr(), diagonal, null, null))
     }
 
-    /// The block of some rows and columns; each rank names those that it shall own in the block. Collective.
+    /// Extracts the block of some rows and columns. Collective.
+    ///
+    /// Each rank names the rows and columns that it will own in the block.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn submatrix(&self, rows: &IndexSet, columns: &IndexSet) -> Result<Matrix> {
         let mut raw = std::ptr::null_mut();
         call!(MatCreateSubMatrix(
@@ -284,10 +296,10 @@ impl Matrix {
         Ok(Self::owning(raw, &self.context))
     }
 
-    /// Columns and values of a row that this rank owns.
+    /// Returns the columns and values of a row that this rank owns.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where another rank owns it.
+    /// Returns [`Error::Petsc`] where another rank owns it.
     pub fn row(&self, row: Index) -> Result<(Vec<Index>, Vec<f64>)> {
         let (mut length, mut columns, mut values) = (0, std::ptr::null(), std::ptr::null());
         call!(MatGetRow(self.raw, row, &mut length, &mut columns, &mut values))?;
@@ -301,7 +313,7 @@ impl Matrix {
     /// Reads a dense matrix: this rank's rows of every column, column by column.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the matrix is not dense.
+    /// Returns [`Error::Petsc`] where the matrix is not dense.
     pub fn with_columns<T>(&self, read: impl FnOnce(&[f64]) -> T) -> Result<T> {
         let length = self.dense_length()?;
         let mut array = std::ptr::null();
@@ -312,10 +324,11 @@ impl Matrix {
         Ok(result)
     }
 
-    /// Reads and writes a dense matrix: this rank's rows of every column, column by column. All ranks do it.
+    /// Reads and writes a dense matrix: this rank's rows of every column, column by column.
+    /// Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`] where the matrix is not dense.
+    /// Returns [`Error::Petsc`] where the matrix is not dense.
     pub fn with_columns_mut<T>(&mut self, write: impl FnOnce(&mut [f64]) -> T) -> Result<T> {
         let length = self.dense_length()?;
         let mut array = std::ptr::null_mut();
@@ -323,14 +336,14 @@ impl Matrix {
         let result = if length == 0 {
             write(&mut [])
         } else {
-            // SAFETY: PETSc's array has this length, and the exclusive borrow keeps others off.
+            // SAFETY: PETSc's array has this length, and the exclusive borrow prevents aliases.
             write(unsafe { std::slice::from_raw_parts_mut(array, length) })
         };
         call!(MatDenseRestoreArray(self.raw, &mut array))?;
         Ok(result)
     }
 
-    /// Number of a dense matrix's values on this rank, which must leave no room between columns.
+    /// Returns the number of local entries of a dense matrix, whose columns must be contiguous.
     fn dense_length(&self) -> Result<usize> {
         let mut stride = 0;
         call!(MatDenseGetLDA(self.raw, &mut stride))?;
@@ -344,7 +357,7 @@ impl Matrix {
     /// Prints the matrix. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn view(&self) -> Result<()> {
         call!(MatView(self.raw, std::ptr::null_mut()))
     }

@@ -1,20 +1,23 @@
-//! Safe handles on PETSc's objects: the only unsafe code of the crate.
+//! Safe handles on PETSc objects: the only unsafe code of the crate.
 //!
-//! [`Context::start`] starts MPI and PETSc. Every handle keeps the context alive, frees its object when it is dropped
-//! and stays on its thread. What PETSc refuses is an [`Error::Petsc`](crate::Error::Petsc) with the function and its message;
-//! nothing of it reaches the screen.
+//! [`Context::start`] starts MPI and PETSc. Every handle keeps the context alive, frees its object
+//! when it is dropped and stays on its thread. Errors of PETSc become an
+//! [`Error::Petsc`](crate::Error::Petsc) with the function and its message; PETSc prints none of
+//! them.
 //!
 //! # Collective calls
 //!
-//! A call is *collective* where its doc says so: every rank of the communicator must make it, in the same order.
-//! Creating and dropping a handle is collective too, as is dropping the last owner of the context. Therefore
-//! validate first, then enter; and where a rank of several finds an error, do not unwind past live handles: call [`Context::fail`],
-//! which ends all ranks. A panic does the same by itself.
+//! A call is *collective* where its documentation says so: every rank of the communicator must make
+//! it, in the same order. Creating and dropping a handle is collective too, as is dropping the last
+//! owner of the context. Therefore validate first, then enter. A rank among several that finds an
+//! error must not unwind past live handles, but call [`Context::fail`], which ends all ranks. A
+//! panic does the same.
 //!
 //! # Numbers
 //!
-//! [`Index`] is PETSc's integer (32 bits): positions in distributed vectors, points of a mesh. Lengths on this rank are `usize`.
-//! [`INFINITY`] is the bound that PETSc takes for none; anything smaller, even 1e20, is a bound to it.
+//! [`Index`] is PETSc's integer (32 bits): positions in distributed vectors, points of a mesh.
+//! Lengths on this rank are `usize`. [`INFINITY`] is PETSc's value for an absent bound; anything
+//! smaller, even 1e20, counts as a bound.
 
 #![allow(unsafe_code)]
 
@@ -47,29 +50,30 @@ pub use snes::Snes;
 pub use tao::Tao;
 pub use vec::Vector;
 
-/// PETSc's integer.
+/// Integer type of PETSc.
 pub type Index = i32;
 
-/// The bound that PETSc takes for none (with a minus for lower ones): its `PETSC_INFINITY`.
+/// PETSc's value for an absent upper bound (`PETSC_INFINITY`); its negative for a lower one.
 pub const INFINITY: f64 = f64::MAX / 4.0;
 
-/// Why a solver ended: PETSc's code and its name, such as `DIVERGED_MAX_IT`.
+/// Reason why a solver ended: PETSc's code and its name, such as `DIVERGED_MAX_IT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reason {
-    /// Positive where it converged, negative where it gave up, 0 while it runs.
+    /// Code of PETSc: positive for convergence, negative for failure, 0 while the solver runs.
     pub code: i32,
-    /// PETSc's name for it.
+    /// Name that PETSc gives the code.
     pub text: String,
 }
 
 impl Reason {
-    /// Whether the solver says that it converged. What it says is not always so: judge the solution too.
+    /// Returns whether the solver reports convergence, which does not replace a check of the
+    /// solution.
     pub fn converged(&self) -> bool {
         self.code > 0
     }
 }
 
-/// PETSc lets tolerances pass that are not a number.
+/// Refuses tolerances that are NaN, which PETSc lets pass.
 fn refuse_nan(tolerances: &[f64]) -> crate::Result<()> {
     if tolerances.iter().any(|value| value.is_nan()) {
         return Err(crate::Error::Petsc("a tolerance is not a number".into()));

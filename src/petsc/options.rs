@@ -1,11 +1,11 @@
-//! PETSc's options database: the user's words reach it, typos do not go unnoticed.
+//! PETSc's options database, with a check for options that nothing used.
 
 use super::error::{c_string, call, check, text};
 use super::{Context, sys};
 use crate::error::{Error, Result};
 use std::ffi::{CString, c_char};
 
-/// Options that PETSc looks up only while it ends, or not at all in some builds: not using them is no fault.
+/// Options that PETSc looks up only at its end, or not at all in some builds; they may stay unused.
 const LATE: &[&str] = &[
     "citations",
     "get_total_flops",
@@ -38,16 +38,18 @@ const LATE: &[&str] = &[
     "version",
 ];
 
-/// What PETSc's solvers look up, without prefixes, a name a line: an option left over is compared with these.
+/// Options that PETSc's solvers look up, without prefixes, one name per line.
+///
+/// The nearest of these names is suggested for an unused option.
 const KNOWN: &str = include_str!("known_options.txt");
 
-/// The environment variable with options of PETSc.
+/// Name of the environment variable that holds PETSc options.
 pub const VARIABLE: &str = "PETSC_OPTIONS";
 
-/// The files with options that PETSc looks for in the folder it starts in, but for `.petscrc` in the home folder.
+/// Option files that PETSc looks for in the working folder; the home folder has `.petscrc` only.
 const FILES: [&str; 2] = [".petscrc", "petscrc"];
 
-/// The words of a text that say whether PETSc reads its files of options.
+/// Extracts the option `-skip_petscrc` and its value from a text of options.
 pub(super) fn skip_petscrc(text: &str) -> Vec<String> {
     let words: Vec<&str> = text.split_whitespace().collect();
     let Some(at) = words.iter().rposition(|word| word.trim_start_matches('-') == "skip_petscrc") else {
@@ -57,10 +59,13 @@ pub(super) fn skip_petscrc(text: &str) -> Vec<String> {
     [Some(&words[at]), value].into_iter().flatten().map(ToString::to_string).collect()
 }
 
-/// Checks that arguments are options with at most one value each, and that no value is a NaN.
+/// Checks that arguments are options with at most one value each, none of them NaN.
+///
+/// PETSc itself ignores such words silently.
 ///
 /// # Errors
-/// [`Error::Usage`] naming the first word that is neither an option nor the value of one, or the option: PETSc would pass over it.
+/// Returns [`Error::Usage`] naming the first word that is neither an option nor its value, or the
+/// option whose value is NaN.
 pub fn validate(arguments: &[String]) -> Result<()> {
     let mut option = None;
     for word in arguments {
@@ -85,14 +90,18 @@ fn refuse_nan(option: &str, value: &str) -> Result<()> {
     Ok(())
 }
 
-/// Whether PETSc takes a word for the name of an option: a letter after one dash or two. `-1e-3` is a value.
+/// Returns whether PETSc takes a word for an option name: a letter after one dash or two.
+///
+/// `-1e-3` is a value.
 fn is_name(word: &str) -> bool {
     let name = word.strip_prefix("--").or_else(|| word.strip_prefix('-')).unwrap_or_default();
     let special = ["inf", "infinity", "nan"].iter().any(|value| name.eq_ignore_ascii_case(value));
     name.starts_with(|c: char| c.is_ascii_alphabetic()) && !special
 }
 
-/// The prefix of a solver's options as PETSc wants it: null where it is empty, else monitors name the solver by an empty name.
+/// Options prefix of a solver, null where it is empty.
+///
+/// With an empty string instead, PETSc's monitors would print an empty solver name.
 pub(super) struct Prefix(Option<CString>);
 
 impl Prefix {
@@ -100,43 +109,44 @@ impl Prefix {
         Ok(Prefix(if prefix.is_empty() { None } else { Some(c_string(prefix)?) }))
     }
 
-    /// The string or null, valid while `self` lives: PETSc copies it.
+    /// Returns the string or null, valid while `self` lives; PETSc copies it.
     pub(super) fn pointer(&self) -> *const c_char {
         self.0.as_ref().map_or(std::ptr::null(), |prefix| prefix.as_ptr())
     }
 }
 
 impl Context {
-    /// Whether the option `name` (without its dash) is in the database, from the user or from us.
+    /// Returns whether the option `name` (without its dash) is set, by the user or by a default of
+    /// ours.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn has_option(&self, name: &str) -> Result<bool> {
-        // Asking PETSc for the option would count as using it.
+        // A query through PETSc would mark the option as used.
         Ok(self
             .database()?
             .split_whitespace()
             .any(|word| word.strip_prefix('-').is_some_and(|word| word.eq_ignore_ascii_case(name))))
     }
 
-    /// The whole database: names, each with a dash, and values.
+    /// Returns all options as text: names, each with a dash, and values.
     fn database(&self) -> Result<String> {
         let mut all = std::ptr::null_mut();
         call!(PetscOptionsGetAll(std::ptr::null_mut(), &mut all))?;
-        // SAFETY: PETSc made the string.
+        // SAFETY: PETSc allocated the string.
         let words = unsafe { text(all) };
         free(all)?;
         Ok(words)
     }
 
-    /// Checks what came from `PETSC_OPTIONS` and files as [`validate`] does what came as arguments.
+    /// Checks options from `PETSC_OPTIONS` and files, as [`validate`] checks arguments.
     pub(super) fn check_database(&self) -> Result<()> {
         let database = self.database()?;
         let words: Vec<&str> = database.split_whitespace().collect();
         words.windows(2).filter(|pair| is_name(pair[0])).try_for_each(|pair| refuse_nan(pair[0], pair[1]))
     }
 
-    /// Says on rank 0 which files of options PETSc would have read by itself and was told not to.
+    /// Prints on rank 0 which option file PETSc would have read without `-skip_petscrc`.
     pub(super) fn tell_of_files_left_out(&self) {
         let skips = self.option("skip_petscrc").ok().flatten();
         let reads =
@@ -151,10 +161,10 @@ impl Context {
         }
     }
 
-    /// The value of the option `name` (without its dash); asking counts as using.
+    /// Returns the value of the option `name` (without its dash), and marks it as used.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn option(&self, name: &str) -> Result<Option<String>> {
         let name = c_string(&format!("-{name}"))?;
         let (none, mut value, mut found) = (std::ptr::null(), [0; 256], sys::truth(false));
@@ -171,10 +181,12 @@ impl Context {
         Ok((found == sys::truth(true)).then(|| unsafe { text(value.as_ptr()) }))
     }
 
-    /// Sets an option (its name without the dash) unless the user did. An option of ours need not be used.
+    /// Sets a default for an option (name without dash) that the user did not set.
+    ///
+    /// Defaults may stay unused.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn default_option(&self, name: &str, value: &str) -> Result<()> {
         if self.has_option(name)? {
             return Ok(());
@@ -183,11 +195,12 @@ impl Context {
         self.set_option(name, value)
     }
 
-    /// Does something with an option (name and value) that goes before the user's of that name. Afterwards the user's options are as they
-    /// were, and the defaults that were set meanwhile are gone.
+    /// Runs `body` with an option (name and value) that overrides the user's.
+    ///
+    /// Afterwards the user's options are as they were, and defaults set by `body` are gone.
     ///
     /// # Errors
-    /// What `body` gives back, [`Error::Petsc`].
+    /// Returns the error of `body`, or [`Error::Petsc`] where PETSc reports an error.
     pub fn with_option<T>(
         &self,
         option: Option<(&str, &str)>,
@@ -228,14 +241,16 @@ impl Context {
         call!(PetscOptionsClearValue(std::ptr::null_mut(), name.as_ptr()))
     }
 
-    /// The user's options that nothing has looked up yet, without dashes. Options that PETSc needs only as it ends are not among them.
+    /// Returns the user's options that nothing has looked up yet, without dashes.
+    ///
+    /// Options that PETSc needs only at its end are left out.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn unused_options(&self) -> Result<Vec<String>> {
         let (mut count, mut names, mut values) = (0, std::ptr::null_mut(), std::ptr::null_mut());
         call!(PetscOptionsLeftGet(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;
-        // SAFETY: PETSc made `count` names.
+        // SAFETY: PETSc allocated `count` names.
         let left: Vec<_> = (0..count as usize).map(|i| unsafe { text(*names.add(i)) }).collect();
         call!(PetscOptionsLeftRestore(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;
         let ours = self.ours.borrow();
@@ -246,11 +261,12 @@ impl Context {
             .collect())
     }
 
-    /// Counts the options of a solver that PETSc looks up only as it solves, which it may never need to, as used: those it knows whose
-    /// names begin so.
+    /// Marks known options that begin with this prefix as used.
+    ///
+    /// Solvers look some options up only during a solve, which may never happen.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn accept_options(&self, beginning: &str) -> Result<()> {
         let known = self.known_options();
         for name in self.unused_options()?.iter().filter(|name| name.starts_with(beginning)) {
@@ -261,10 +277,10 @@ impl Context {
         Ok(())
     }
 
-    /// Refuses options that nothing has looked up: call it once every solver is set up.
+    /// Refuses options that nothing has looked up; call it once every solver is set up.
     ///
     /// # Errors
-    /// [`Error::Usage`] naming the option and the nearest one that PETSc knows.
+    /// Returns [`Error::Usage`] naming the option and the nearest one that PETSc knows.
     pub fn refuse_unused_options(&self) -> Result<()> {
         let left = self.unused_options()?;
         let Some(name) = left.first() else { return Ok(()) };
@@ -281,12 +297,12 @@ impl Context {
         Err(Error::Usage(format!("nothing used the PETSc option `-{name}`{others}{hint}")))
     }
 
-    /// Remembers the prefix of a solver's options.
+    /// Records the options prefix of a solver.
     pub(super) fn note_prefix(&self, prefix: &str) {
         self.prefixes.borrow_mut().insert(prefix.into());
     }
 
-    /// Every option name that suggestions come from: PETSc's own, with the prefixes of the solvers created so far.
+    /// Returns all names for suggestions: PETSc's, with the prefixes of the solvers created so far.
     pub fn known_options(&self) -> Vec<String> {
         let mut known: Vec<_> = KNOWN.lines().chain(LATE.iter().copied()).map(String::from).collect();
         for prefix in self.prefixes.borrow().iter() {
@@ -296,7 +312,7 @@ impl Context {
     }
 }
 
-/// Frees what PETSc allocated for a caller.
+/// Frees memory that PETSc allocated for its caller.
 fn free(pointer: *mut std::ffi::c_char) -> Result<()> {
     // SAFETY: PetscFree is a macro on this function pointer, which PetscInitialize sets.
     let free = unsafe { sys::PetscTrFree };
@@ -305,7 +321,7 @@ fn free(pointer: *mut std::ffi::c_char) -> Result<()> {
     check(unsafe { free(pointer.cast(), 0, c"free".as_ptr(), c"options.rs".as_ptr()) }, "PetscFree")
 }
 
-/// The known name with the smallest edit distance, if it is near enough to be a typo.
+/// Returns the known name at the smallest edit distance, if that is small enough for a typo.
 pub fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
     let (distance, near) = known.iter().map(|near| (strsim::damerau_levenshtein(name, near), near)).min()?;
     (distance <= 1 + name.len() / 4).then_some(near.as_str())

@@ -1,4 +1,4 @@
-//! A plate's mesh over all ranks: shared out, then refined in parallel.
+//! Mesh of a plate over all ranks: partitioned, then refined in parallel.
 
 use super::{Comm, Context, Dofs, Index, Plex, Section};
 use crate::error::{Error, Result};
@@ -7,15 +7,15 @@ use crate::space::{Hold, PER_NODE, Place, Space, Support};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// The labels of what has a name: each name is a value, from 1 on.
+/// Labels of named edges, groups and points; the value is the number of the name, from 1.
 const EDGE: &str = "edge";
 const GROUP: &str = "group";
 const POINT: &str = "point";
 
-/// The sides of a grid.
+/// Names of the sides of a grid.
 const SIDES: [&str; 4] = ["left", "right", "bottom", "top"];
 
-/// The names of a mesh in the order of their values.
+/// Names of a mesh, in the order of their label values.
 #[derive(Default, serde::Serialize, serde::Deserialize)]
 struct Names {
     edges: Vec<String>,
@@ -33,33 +33,39 @@ impl Names {
     }
 }
 
-/// This rank's part of a plate: its own cells, and the nodes of these, some shared with other ranks.
+/// Part of a plate on this rank: its cells and their nodes, some of them shared with other ranks.
 pub struct Part {
-    /// The whole mesh; three dofs a vertex, those that supports hold left out of global vectors.
+    /// Distributed mesh with three dofs per vertex; constrained dofs are not in global vectors.
     pub plex: Rc<Plex>,
-    /// This rank's cells and their nodes, as a mesh of its own, with all names of the whole. An edge or a node with a name is
-    /// with the rank that owns it alone, so that what all ranks have of a name adds up to the whole of it.
+    /// Mesh of this rank's cells and their nodes, with all names of the whole mesh.
+    ///
+    /// A named edge or node is only on the rank that owns it, so that sums over all ranks count it
+    /// once.
     pub mesh: Mesh,
-    /// All dofs of its nodes: entries 3 n to 3 n + 2 of local vectors, after the extra ones, are those of node n. What supports hold
-    /// is zero there.
+    /// Local dofs: after the extra dofs, entries 3 n to 3 n + 2 are those of node n.
+    ///
+    /// Constrained dofs are zero.
     pub space: Space,
-    /// What supports hold at its nodes.
+    /// Constraints of this rank's nodes.
     pub holds: Vec<Hold>,
     /// Whether this rank owns each node.
     pub owns: Vec<bool>,
-    /// For each extra dof its entry of local vectors, on the one rank that has it.
+    /// Local index of each extra dof, on the one rank that has it.
     pub extra: Vec<Option<usize>>,
 }
 
-/// Says where supports stand on this rank's part of a mesh. Collective.
+/// Function that locates the supports on this rank's part of a mesh. Collective.
 pub type Supports<'s> = dyn Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's;
 
 impl Part {
-    /// A grid, shared out, refined and supported; no rank ever holds the whole. Each of some points, named for messages, has an
-    /// extra dof, in the cell where it lies. Collective.
+    /// Creates a grid, partitioned, refined and supported; no rank ever holds all of it.
+    /// Collective.
+    ///
+    /// Each point of `extra`, named for messages, gets an extra dof in its cell.
     ///
     /// # Errors
-    /// [`Error::Petsc`], what `supports` says, and [`Error::Mesh`] for a point outside.
+    /// Returns [`Error::Petsc`] where PETSc reports an error, the error of `supports`, and
+    /// [`Error::Mesh`] for a point outside the plate.
     pub fn new(
         context: &Rc<Context>,
         grid: &Grid,
@@ -75,10 +81,10 @@ impl Part {
         Part::build(plex, &names, refinements, supports, extra)
     }
 
-    /// As [`Part::new`], of a sound mesh that rank 0 alone reads. Collective.
+    /// Works as [`Part::new`] for a valid mesh that only rank 0 reads. Collective.
     ///
     /// # Errors
-    /// That of `read`, and as [`Part::new`]; all ranks have the same.
+    /// Returns the error of `read`, or those of [`Part::new`]; all ranks get the same.
     pub fn of_mesh(
         context: &Rc<Context>,
         read: impl FnOnce() -> Result<Mesh>,
@@ -93,7 +99,7 @@ impl Part {
         Part::build(plex, &names, refinements, supports, extra)
     }
 
-    /// Shares a mesh out, refines and supports it.
+    /// Partitions, refines and supports a mesh.
     fn build(
         mut plex: Plex,
         names: &Names,
@@ -133,16 +139,17 @@ impl Part {
         Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, holds, owns, extra })
     }
 
-    /// Sums of what all ranks say of each node. Collective.
+    /// Sums the contributions of all ranks at each node. Collective.
     ///
     /// # Errors
-    /// [`Error::Petsc`].
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
         spread(&self.plex, of_nodes)
     }
 }
 
-/// The cells of this rank that have an extra dof, ascending, and whose that is. Collective.
+/// Returns the cells of this rank with an extra dof, ascending, and the number of its point.
+/// Collective.
 fn extra_cells(context: &Context, mesh: &Mesh, points: &[(String, Point)]) -> Result<Vec<(usize, usize)>> {
     let mut mine = Vec::new();
     for (number, (name, point)) in points.iter().enumerate() {
@@ -162,7 +169,7 @@ fn extra_cells(context: &Context, mesh: &Mesh, points: &[(String, Point)]) -> Re
     Ok(mine)
 }
 
-/// The grid's cells, each rank with as many.
+/// Creates the grid's cells, equally many per rank.
 fn share(context: &Rc<Context>, grid: &Grid) -> Result<Plex> {
     let mine = |count: usize| {
         let (rank, size) = (context.rank(), context.size());
@@ -175,7 +182,7 @@ fn share(context: &Rc<Context>, grid: &Grid) -> Result<Plex> {
     Plex::from_cells(context, corners, &nodes, &vertices)
 }
 
-/// This rank's edges on each side of the plate, in the order of [`SIDES`].
+/// Returns this rank's edges on each side of the plate, in the order of [`SIDES`].
 fn sides(plex: &Plex, grid: &Grid) -> Result<[Vec<Index>; 4]> {
     let positions = plex.coordinates()?;
     let start = plex.vertices().start;
@@ -193,7 +200,7 @@ fn sides(plex: &Plex, grid: &Grid) -> Result<[Vec<Index>; 4]> {
     Ok(sides)
 }
 
-/// A mesh that is whole on rank 0 and empty elsewhere, with the labels of its names.
+/// Creates a labelled mesh that is complete on rank 0 and empty elsewhere.
 fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
     let mut order: Vec<usize> = (0..whole.cells.len()).collect();
     order.sort_by_key(|&cell| whole.cells[cell].nodes().len());
@@ -221,7 +228,10 @@ fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
     Ok(plex)
 }
 
-/// The cells of this rank as a mesh. What has a name is on the rank that owns it, so that all ranks' add up to the whole.
+/// Returns the cells of this rank as a mesh.
+///
+/// A named edge, cell or node is only on the rank that owns it, so that sums over all ranks count
+/// it once.
 fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<Mesh> {
     let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
     let number = |vertex: Index| (vertex - vertices.start) as usize;
@@ -250,7 +260,7 @@ fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<
         let sides = labelled(EDGE, value, &edges)?.into_iter().map(|edge| {
             let ends = plex.cone(edge)?;
             let [a, b] = [number(ends[0]), number(ends[1])];
-            // With its cell on the left, as the whole mesh has its boundary.
+            // The cell lies on the left, as along the boundary of the whole mesh.
             let left = &mesh.cells[(plex.support(edge)?[0] - cells.start) as usize];
             Ok(if left.edges().any(|side| side == [a, b]) { [a, b] } else { [b, a] })
         });
@@ -268,7 +278,9 @@ fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<
     Ok(mesh)
 }
 
-/// What all ranks hold at each node: an edge's support reaches the ranks that have only its vertex.
+/// Sums the constraints of all ranks at each node.
+///
+/// An edge's support must also reach ranks that have only a vertex of that edge.
 fn spread_holds(plex: &Plex, own: &[Hold]) -> Result<Vec<Hold>> {
     let part = |of: &dyn Fn(&Hold) -> f64| spread(plex, &own.iter().map(of).collect::<Vec<_>>());
     let [deflection, xx, xy, yy] = [
@@ -281,7 +293,7 @@ fn spread_holds(plex: &Plex, own: &[Hold]) -> Result<Vec<Hold>> {
     Ok((0..own.len()).map(hold).collect())
 }
 
-/// Sums of what all ranks say of each node.
+/// Sums the contributions of all ranks at each node.
 fn spread(plex: &Plex, of_nodes: &[f64]) -> Result<Vec<f64>> {
     let vertices = plex.vertices();
     let one_each = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {

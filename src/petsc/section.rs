@@ -1,4 +1,4 @@
-//! How many dofs each point of a mesh has, and which of them are held.
+//! Numbers of dofs and constrained dofs of each mesh point.
 
 use super::error::{call, int};
 use super::handle::handle;
@@ -7,25 +7,27 @@ use crate::error::Result;
 use std::ops::Range;
 use std::rc::Rc;
 
-/// The dofs of one point of a mesh.
+/// Dofs of one mesh point.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Dofs {
-    /// How many.
+    /// Number of dofs.
     pub count: usize,
-    /// Which of them are held, ascending: they are in local vectors and not in global ones.
+    /// Constrained dofs, ascending: they are in local vectors and not in global ones.
     pub held: Vec<Index>,
 }
 
 handle! {
-    /// Numbers of dofs over the points of a mesh. Creating and dropping it is collective.
+    /// Layout of dofs over the points of a mesh. Creating and dropping it is collective.
     Section, PetscSection, PetscSectionDestroy
 }
 
 impl Section {
-    /// The section that gives each point of `chart` its dofs. Ranks that share a point must say the same of it. Collective.
+    /// Creates the section that gives each point of `chart` its dofs. Collective.
+    ///
+    /// Ranks that share a point must give it the same dofs.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(
         context: &Rc<Context>,
         comm: Comm,
@@ -53,39 +55,40 @@ impl Section {
         Ok(section)
     }
 
-    /// Points that the section speaks of.
+    /// Returns the range of points that the section covers.
     pub fn chart(&self) -> Range<Index> {
         let (mut start, mut end) = (0, 0);
-        // It cannot fail: the section is set up.
+        // This call cannot fail: the section is set up.
         let _ = call!(PetscSectionGetChart(self.raw, &mut start, &mut end));
         start..end
     }
 
-    /// Number of dofs of a point.
+    /// Returns the number of dofs of a point.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where the point is not of the chart.
+    /// Returns [`crate::Error::Petsc`] where the point is outside the chart.
     pub fn dofs(&self, point: Index) -> Result<usize> {
         let mut count = 0;
         call!(PetscSectionGetDof(self.raw, point, &mut count))?;
         Ok(count.unsigned_abs() as usize)
     }
 
-    /// Position of a point's first dof: in a local vector for a local section; in the whole global vector for a global one,
-    /// where a point of another rank has -(position + 1).
+    /// Returns the position of a point's first dof in a local or global vector.
+    ///
+    /// In a global section, a point of another rank has -(position + 1).
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where the point is not of the chart.
+    /// Returns [`crate::Error::Petsc`] where the point is outside the chart.
     pub fn offset(&self, point: Index) -> Result<Index> {
         let mut offset = 0;
         call!(PetscSectionGetOffset(self.raw, point, &mut offset))?;
         Ok(offset)
     }
 
-    /// Number of dofs of all points of this rank, held ones among them.
+    /// Returns the number of dofs of all points of this rank, including constrained ones.
     pub fn size(&self) -> usize {
         let mut size = 0;
-        // It cannot fail: the section is set up.
+        // This call cannot fail: the section is set up.
         let _ = call!(PetscSectionGetStorageSize(self.raw, &mut size));
         size as usize
     }

@@ -1,4 +1,4 @@
-//! Nonlinear equations and complementarity problems.
+//! Solver of nonlinear equations and complementarity problems.
 
 use super::callback::{Callback, Failure, guard, settle};
 use super::error::{c_string, call, int, text};
@@ -12,10 +12,11 @@ use std::rc::Rc;
 type Residual<'a> = dyn FnMut(&Vector, &mut Vector) -> Result<()> + 'a;
 type Jacobian<'a> = dyn FnMut(&Vector, &mut Matrix) -> Result<()> + 'a;
 
-/// A solver of f(x) = 0, or, between bounds l and u, of the complementarity problem where f may point out of the box at a bound.
+/// Solver of f(x) = 0, or of the mixed complementarity problem between bounds l <= x <= u.
 ///
-/// The closures may borrow for `'a`. An error or a panic in one of them ends the solve with that error; with several
-/// ranks every rank must return the error, and a panic ends the program. Creating and dropping it is collective.
+/// The closures may borrow for `'a`. An error or a panic in one of them ends the solve with that
+/// error. With several ranks, every rank must return the error, and a panic ends the program.
+/// Creating and dropping the solver is collective.
 pub struct Snes<'a> {
     raw: sys::SNES,
     context: Rc<Context>,
@@ -26,10 +27,11 @@ pub struct Snes<'a> {
 }
 
 impl<'a> Snes<'a> {
-    /// A solver that listens to the options `-<prefix>snes_...`, `-<prefix>ksp_...`, `-<prefix>pc_...`. Collective.
+    /// Creates a solver that reads the options `-<prefix>snes_...`, `-<prefix>ksp_...` and
+    /// `-<prefix>pc_...`. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(SNESCreate(context.raw(comm), &mut raw))?;
@@ -46,26 +48,29 @@ impl<'a> Snes<'a> {
         Ok(solver)
     }
 
-    /// Sets the method, `vinewtonrsls` for instance; `-snes_type` goes before if [`Snes::set_from_options`] comes later. Collective.
+    /// Sets the method, for instance `vinewtonrsls`. Collective.
+    ///
+    /// The option `-snes_type` overrides it if [`Snes::set_from_options`] comes later.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where there is no such method.
+    /// Returns [`crate::Error::Petsc`] where there is no such method.
     pub fn set_type(&mut self, name: &str) -> Result<()> {
         call!(SNESSetType(self.raw, c_string(name)?.as_ptr()))
     }
 
-    /// As [`Ksp::default_to_cholesky`], for the solver's linear systems. Collective.
+    /// Works as [`Ksp::default_to_cholesky`] for the solver's linear systems. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn default_to_cholesky(&mut self) -> Result<()> {
         direct_defaults(&self.context, &self.prefix, true)
     }
 
-    /// Sets f, as the closure that computes f(x) into its second argument, a vector like `like`. Collective.
+    /// Sets the closure that writes f(x) into its second argument, a vector like `like`.
+    /// Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_residual(
         &mut self,
         like: &Vector,
@@ -81,12 +86,13 @@ impl<'a> Snes<'a> {
         set
     }
 
-    /// Sets the derivative of f: `matrix` holds its value for the first step, the closure updates it for another x. Collective.
+    /// Sets the Jacobian of f, which the closure updates for a new x. Collective.
     ///
-    /// A constant derivative needs a closure that does nothing, except for `vinewtonssls`, which scales the matrix in place.
+    /// `matrix` holds its value for the first step. A constant Jacobian needs a closure that does
+    /// nothing, except with `vinewtonssls`, which scales the matrix in place.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_jacobian(
         &mut self,
         matrix: &Matrix,
@@ -101,19 +107,21 @@ impl<'a> Snes<'a> {
         set
     }
 
-    /// Sets the bounds; none is minus or plus [`super::INFINITY`]. Collective.
+    /// Sets the bounds; an absent one is minus or plus [`super::INFINITY`]. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_bounds(&mut self, lower: &Vector, upper: &Vector) -> Result<()> {
         call!(SNESVISetVariableBounds(self.raw, lower.raw, upper.raw))
     }
 
-    /// Sets tolerances on f (absolute, relative to its start) and on the step relative to x, and the largest number of iterations.
-    /// Options go before if [`Snes::set_from_options`] comes later. Collective.
+    /// Sets tolerances and the iteration limit. Collective.
+    ///
+    /// The tolerances are on the norm of f (absolute, and relative to its start) and on the step
+    /// relative to x. Options override them if [`Snes::set_from_options`] comes later.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where one is negative or not a number.
+    /// Returns [`crate::Error::Petsc`] where one is negative or not a number.
     pub fn set_tolerances(
         &mut self,
         absolute: f64,
@@ -126,10 +134,11 @@ impl<'a> Snes<'a> {
         call!(SNESSetTolerances(self.raw, absolute, relative, step, int(iterations)?, -1))
     }
 
-    /// Whether to take one iteration at least, even from a start that meets the tolerances. Collective.
+    /// Sets whether to take at least one iteration, even if the start meets the tolerances.
+    /// Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn force_iteration(&mut self, force: bool) -> Result<()> {
         call!(SNESSetForceIteration(self.raw, sys::truth(force)))
     }
@@ -137,56 +146,58 @@ impl<'a> Snes<'a> {
     /// Reads the options. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where an option has an impossible value.
+    /// Returns [`crate::Error::Petsc`] where an option has an impossible value.
     pub fn set_from_options(&mut self) -> Result<()> {
         call!(SNESSetFromOptions(self.raw))
     }
 
-    /// Solves from the start in `x`, and leaves the last iterate there. Whether it converged is [`Snes::reason`]'s answer. Collective.
+    /// Solves from the start in `x`, which then holds the last iterate. Collective.
+    ///
+    /// [`Snes::reason`] tells whether the solve converged.
     ///
     /// # Errors
-    /// A callback's own error; [`crate::Error::Petsc`].
+    /// Returns the error of a callback, or [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn solve(&mut self, x: &mut Vector) -> Result<()> {
         let result = call!(SNESSolve(self.raw, std::ptr::null_mut(), x.raw));
         settle(&self.failure, result)
     }
 
-    /// Why the last solve ended.
+    /// Returns why the last solve ended.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn reason(&self) -> Result<Reason> {
         let (mut code, mut name) = (sys::SNESConvergedReason(0), std::ptr::null());
         call!(SNESGetConvergedReason(self.raw, &mut code))?;
         call!(SNESGetConvergedReasonString(self.raw, &mut name))?;
-        // SAFETY: PETSc lends a constant string.
+        // SAFETY: PETSc returns a constant string.
         Ok(Reason { code: code.0, text: unsafe { text(name) } })
     }
 
-    /// Number of iterations of the last solve.
+    /// Returns the number of iterations of the last solve.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn iterations(&self) -> Result<usize> {
         let mut iterations = 0;
         call!(SNESGetIterationNumber(self.raw, &mut iterations))?;
         Ok(iterations as usize)
     }
 
-    /// Number of linear iterations of the last solve: of linear solves, where a factorisation makes them.
+    /// Returns the number of linear iterations of the last solve; each direct solve counts as one.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn linear_iterations(&self) -> Result<usize> {
         let mut iterations = 0;
         call!(SNESGetLinearSolveIterations(self.raw, &mut iterations))?;
         Ok(iterations as usize)
     }
 
-    /// The linear solver inside.
+    /// Returns the linear solver of the Newton steps.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn linear_solver(&self) -> Result<Ksp> {
         let mut raw = std::ptr::null_mut();
         call!(SNESGetKSP(self.raw, &mut raw))?;
@@ -195,21 +206,21 @@ impl<'a> Snes<'a> {
         Ok(solver)
     }
 
-    /// Name of the method.
+    /// Returns the name of the method.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn kind(&self) -> Result<String> {
         let mut name = std::ptr::null();
         call!(SNESGetType(self.raw, &mut name))?;
-        // SAFETY: PETSc lends the name, or null before one is set.
+        // SAFETY: the name belongs to PETSc; it is null before one is set.
         Ok(unsafe { text(name) })
     }
 
     /// Prints the solver. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn view(&self) -> Result<()> {
         call!(SNESView(self.raw, std::ptr::null_mut()))
     }
@@ -229,10 +240,10 @@ impl Drop for Snes<'_> {
     }
 }
 
-/// Frees a callback that PETSc no longer knows.
+/// Frees a callback whose address PETSc no longer holds.
 pub(super) fn release<F: ?Sized>(callback: *mut Callback<F>) {
     if !callback.is_null() {
-        // SAFETY: it came from `Box::into_raw` and PETSc has dropped its address.
+        // SAFETY: it came from `Box::into_raw`, and PETSc no longer holds its address.
         drop(unsafe { Box::from_raw(callback) });
     }
 }
@@ -243,8 +254,8 @@ unsafe extern "C" fn call_residual(
     f: sys::Vec,
     state: *mut c_void,
 ) -> sys::PetscErrorCode {
-    // SAFETY: `state` is the callback that `set_residual` registered; it lives while the solver does, and only this function
-    // borrows it, never twice: a residual that solves with its own solver cannot reach it.
+    // SAFETY: `state` is the callback that `set_residual` registered, and lives as long as the
+    // solver. Only this function borrows it, never twice: a residual cannot reach its own solver.
     let callback = unsafe { &mut *state.cast::<Callback<Residual>>() };
     let Callback { context, failure, run } = callback;
     guard(failure, || run(&Vector::sharing(x, context)?, &mut Vector::sharing(f, context)?))

@@ -1,4 +1,4 @@
-//! What bindgen made of PETSc's headers; nothing here is for use outside this folder.
+//! Bindings that bindgen generates from PETSc's headers, for use in this folder only.
 
 #![allow(
     missing_docs,
@@ -14,12 +14,12 @@
 
 include!(concat!(env!("OUT_DIR"), "/petsc.rs"));
 
-/// PETSc's truth value: a number, or from release 3.24 on C's own bool.
+/// Converts to PETSc's truth value: an enumeration, or C's bool since release 3.24.
 pub fn truth(value: bool) -> PetscBool {
     value.into()
 }
 
-/// Proves at compile time that two types are one.
+/// Proves at compile time that two types are the same.
 const fn same<T>(_: std::marker::PhantomData<(T, T)>) {}
 
 const _: () = {

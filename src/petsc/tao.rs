@@ -1,4 +1,4 @@
-//! Minimisation between bounds.
+//! Solver of bound-constrained minimisation problems.
 
 use super::callback::{Callback, Failure, guard, settle};
 use super::error::{c_string, call, int, text};
@@ -13,10 +13,11 @@ use std::rc::Rc;
 type Objective<'a> = dyn FnMut(&Vector, &mut Vector) -> Result<f64> + 'a;
 type Hessian<'a> = dyn FnMut(&Vector, &mut Matrix) -> Result<()> + 'a;
 
-/// A solver that minimises a function between bounds.
+/// Solver that minimises a function between bounds.
 ///
-/// The closures may borrow for `'a`. An error or a panic in one of them ends the solve with that error; with several
-/// ranks every rank must return the error, and a panic ends the program. Creating and dropping it is collective.
+/// The closures may borrow for `'a`. An error or a panic in one of them ends the solve with that
+/// error. With several ranks, every rank must return the error, and a panic ends the program.
+/// Creating and dropping the solver is collective.
 pub struct Tao<'a> {
     raw: sys::Tao,
     context: Rc<Context>,
@@ -27,10 +28,11 @@ pub struct Tao<'a> {
 }
 
 impl<'a> Tao<'a> {
-    /// A solver that listens to the options `-<prefix>tao_...`, `-<prefix>ksp_...`, `-<prefix>pc_...`. Collective.
+    /// Creates a solver that reads the options `-<prefix>tao_...`, `-<prefix>ksp_...` and
+    /// `-<prefix>pc_...`. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(TaoCreate(context.raw(comm), &mut raw))?;
@@ -47,31 +49,37 @@ impl<'a> Tao<'a> {
         Ok(solver)
     }
 
-    /// Sets the method, `tron` for instance; `-tao_type` goes before if [`Tao::set_from_options`] comes later. Collective.
+    /// Sets the method, for instance `tron`. Collective.
+    ///
+    /// The option `-tao_type` overrides it if [`Tao::set_from_options`] comes later.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where there is no such method.
+    /// Returns [`crate::Error::Petsc`] where there is no such method.
     pub fn set_type(&mut self, name: &str) -> Result<()> {
         call!(TaoSetType(self.raw, c_string(name)?.as_ptr()))
     }
 
-    /// Makes a Cholesky factorisation by MUMPS the default preconditioner: the user's options go before. Collective.
+    /// Makes a Cholesky factorisation by MUMPS the default preconditioner. Collective.
     ///
-    /// The Krylov method stays the minimiser's own (TRON and GPCG need one that knows a trust region).
+    /// The user's options override it. The Krylov method stays that of the minimiser, because TRON
+    /// and GPCG need one with a trust region.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn default_to_cholesky(&mut self) -> Result<()> {
-        // The Newton methods between bounds (BNLS and its kin) have a linear solver with a prefix of its own, and no radius.
+        // The bounded Newton methods (BNLS and its relatives) have a linear solver with a prefix of
+        // its own, and no trust-region radius.
         direct_defaults(&self.context, &format!("{}tao_bnk_", self.prefix), true)?;
         direct_defaults(&self.context, &self.prefix, false)
     }
 
-    /// Sets the function: the closure returns its value at x and writes its gradient into the second argument, a vector like `like`.
-    /// Collective.
+    /// Sets the objective function and its gradient. Collective.
+    ///
+    /// The closure returns the value at x and writes the gradient into its second argument, a
+    /// vector like `like`.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_objective(
         &mut self,
         like: &Vector,
@@ -87,10 +95,12 @@ impl<'a> Tao<'a> {
         set
     }
 
-    /// Sets the second derivative: `matrix` holds its value for the first step, the closure updates it for another x. Collective.
+    /// Sets the Hessian, which the closure updates for a new x. Collective.
+    ///
+    /// `matrix` holds its value for the first step.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_hessian(
         &mut self,
         matrix: &Matrix,
@@ -105,19 +115,22 @@ impl<'a> Tao<'a> {
         set
     }
 
-    /// Sets the bounds; none is minus or plus [`super::INFINITY`]. Collective.
+    /// Sets the bounds; an absent one is minus or plus [`super::INFINITY`]. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_bounds(&mut self, lower: &Vector, upper: &Vector) -> Result<()> {
         call!(TaoSetVariableBounds(self.raw, lower.raw, upper.raw))
     }
 
-    /// Sets tolerances on the projected gradient's norm (absolute, relative to the function's value, relative to its start) and the largest
-    /// number of iterations. Options go before if [`Tao::set_from_options`] comes later. Collective.
+    /// Sets tolerances and the iteration limit. Collective.
+    ///
+    /// The tolerances are on the norm of the projected gradient: absolute, relative to the
+    /// function's value, relative to its start. Options override them if [`Tao::set_from_options`]
+    /// comes later.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where one is not a number.
+    /// Returns [`crate::Error::Petsc`] where one is not a number.
     pub fn set_tolerances(
         &mut self,
         absolute: f64,
@@ -133,25 +146,27 @@ impl<'a> Tao<'a> {
     /// Reads the options. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where an option has an impossible value.
+    /// Returns [`crate::Error::Petsc`] where an option has an impossible value.
     pub fn set_from_options(&mut self) -> Result<()> {
         call!(TaoSetFromOptions(self.raw))
     }
 
-    /// Solves from the start in `x`, and leaves the last iterate there. Whether it converged is [`Tao::reason`]'s answer. Collective.
+    /// Solves from the start in `x`, which then holds the last iterate. Collective.
+    ///
+    /// [`Tao::reason`] tells whether the solve converged.
     ///
     /// # Errors
-    /// A callback's own error; [`crate::Error::Petsc`].
+    /// Returns the error of a callback, or [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn solve(&mut self, x: &mut Vector) -> Result<()> {
         call!(TaoSetSolution(self.raw, x.raw))?;
         let result = call!(TaoSolve(self.raw));
         settle(&self.failure, result)
     }
 
-    /// Why the last solve ended.
+    /// Returns why the last solve ended.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn reason(&self) -> Result<Reason> {
         let mut code = sys::TaoConvergedReason(0);
         call!(TaoGetConvergedReason(self.raw, &mut code))?;
@@ -173,30 +188,30 @@ impl<'a> Tao<'a> {
         Ok(Reason { code: code.0, text: text.into() })
     }
 
-    /// Number of iterations of the last solve.
+    /// Returns the number of iterations of the last solve.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn iterations(&self) -> Result<usize> {
         let mut iterations = 0;
         call!(TaoGetIterationNumber(self.raw, &mut iterations))?;
         Ok(iterations as usize)
     }
 
-    /// Number of linear iterations of the last solve.
+    /// Returns the number of linear iterations of the last solve.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn linear_iterations(&self) -> Result<usize> {
         let mut iterations = 0;
         call!(TaoGetLinearSolveIterations(self.raw, &mut iterations))?;
         Ok(iterations as usize)
     }
 
-    /// The linear solver inside; none for methods without one.
+    /// Returns the linear solver of the method, or `None` if it has none.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn linear_solver(&self) -> Result<Option<Ksp>> {
         let mut raw = std::ptr::null_mut();
         call!(TaoGetKSP(self.raw, &mut raw))?;
@@ -208,21 +223,21 @@ impl<'a> Tao<'a> {
         Ok(Some(solver))
     }
 
-    /// Name of the method.
+    /// Returns the name of the method.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn kind(&self) -> Result<String> {
         let mut name = std::ptr::null();
         call!(TaoGetType(self.raw, &mut name))?;
-        // SAFETY: PETSc lends the name, or null before one is set.
+        // SAFETY: the name belongs to PETSc; it is null before one is set.
         Ok(unsafe { text(name) })
     }
 
     /// Prints the solver. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn view(&self) -> Result<()> {
         call!(TaoView(self.raw, std::ptr::null_mut()))
     }
@@ -249,13 +264,13 @@ unsafe extern "C" fn call_objective(
     gradient: sys::Vec,
     state: *mut c_void,
 ) -> sys::PetscErrorCode {
-    // SAFETY: `state` is the callback that `set_objective` registered; it lives while the solver does, and only this function
-    // borrows it, never twice: an objective cannot reach its own solver.
+    // SAFETY: `state` is the callback that `set_objective` registered, and lives as long as the
+    // solver. Only this function borrows it, never twice: an objective cannot reach its own solver.
     let callback = unsafe { &mut *state.cast::<Callback<Objective>>() };
     let Callback { context, failure, run } = callback;
     guard(failure, || {
         let result = run(&Vector::sharing(x, context)?, &mut Vector::sharing(gradient, context)?)?;
-        // SAFETY: PETSc points to its variable.
+        // SAFETY: PETSc passes a pointer to its own variable.
         unsafe { *value = result };
         Ok(())
     })

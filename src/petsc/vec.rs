@@ -8,15 +8,15 @@ use std::ops::Range;
 use std::rc::Rc;
 
 handle! {
-    /// A vector of which each rank owns a contiguous part. Creating and dropping it is collective.
+    /// Vector of which each rank owns a contiguous part. Creating and dropping it is collective.
     Vector, Vec, VecDestroy
 }
 
 impl Vector {
-    /// A vector of zeros of which this rank owns `local` entries. Collective.
+    /// Creates a vector of zeros of which this rank owns `local` entries. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, local: usize) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(VecCreate(context.raw(comm), &mut raw))?;
@@ -27,20 +27,20 @@ impl Vector {
         Ok(vector)
     }
 
-    /// A vector of which this rank owns these entries. Collective.
+    /// Creates a vector of which this rank owns the given entries. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn from_slice(context: &Rc<Context>, comm: Comm, local: &[f64]) -> Result<Self> {
         let mut vector = Self::new(context, comm, local.len())?;
         vector.set_local(local)?;
         Ok(vector)
     }
 
-    /// A vector of zeros of the same layout. Collective.
+    /// Creates a vector of zeros with the same layout. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn duplicate(&self) -> Result<Self> {
         let mut raw = std::ptr::null_mut();
         call!(VecDuplicate(self.raw, &mut raw))?;
@@ -49,26 +49,26 @@ impl Vector {
         Ok(vector)
     }
 
-    /// Number of entries over all ranks.
+    /// Returns the number of entries over all ranks.
     pub fn size(&self) -> usize {
         let mut size = 0;
-        // It cannot fail: the vector has sizes.
+        // This call cannot fail: the vector has sizes.
         let _ = call!(VecGetSize(self.raw, &mut size));
         size as usize
     }
 
-    /// Number of entries that this rank owns.
+    /// Returns the number of entries that this rank owns.
     pub fn local_size(&self) -> usize {
         let mut size = 0;
-        // It cannot fail: the vector has sizes.
+        // This call cannot fail: the vector has sizes.
         let _ = call!(VecGetLocalSize(self.raw, &mut size));
         size as usize
     }
 
-    /// Positions of this rank's entries in the whole.
+    /// Returns the global positions of this rank's entries.
     pub fn range(&self) -> Range<Index> {
         let (mut start, mut end) = (0, 0);
-        // It cannot fail: the vector has a layout.
+        // This call cannot fail: the vector has a layout.
         let _ = call!(VecGetOwnershipRange(self.raw, &mut start, &mut end));
         start..end
     }
@@ -76,7 +76,7 @@ impl Vector {
     /// Reads this rank's entries.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn with_local<T>(&self, read: impl FnOnce(&[f64]) -> T) -> Result<T> {
         let mut array = std::ptr::null();
         call!(VecGetArrayRead(self.raw, &mut array))?;
@@ -86,10 +86,13 @@ impl Vector {
         Ok(result)
     }
 
-    /// Reads and writes this rank's entries. Collective in effect: norms that PETSc keeps are forgotten on every rank or on none.
+    /// Reads and writes this rank's entries. Collective.
+    ///
+    /// Every rank must make the call, because PETSc discards its cached norms on the ranks that
+    /// make it.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn with_local_mut<T>(&mut self, write: impl FnOnce(&mut [f64]) -> T) -> Result<T> {
         let mut array = std::ptr::null_mut();
         call!(VecGetArray(self.raw, &mut array))?;
@@ -97,33 +100,33 @@ impl Vector {
         let result = if length == 0 {
             write(&mut [])
         } else {
-            // SAFETY: PETSc's array has the local size, and the exclusive borrow keeps others off.
+            // SAFETY: PETSc's array has the local size, and the exclusive borrow prevents aliases.
             write(unsafe { std::slice::from_raw_parts_mut(array, length) })
         };
         call!(VecRestoreArray(self.raw, &mut array))?;
         Ok(result)
     }
 
-    /// Sets this rank's entries; `values` has [`Vector::local_size`] of them. All ranks do it.
+    /// Sets this rank's entries, [`Vector::local_size`] in number. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn set_local(&mut self, values: &[f64]) -> Result<()> {
         self.with_local_mut(|local| local.copy_from_slice(values))
     }
 
-    /// Copies this rank's entries out; `values` has [`Vector::local_size`] of them.
+    /// Copies this rank's entries into `values`, [`Vector::local_size`] in number.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn copy_to(&self, values: &mut [f64]) -> Result<()> {
         self.with_local(|local| values.copy_from_slice(local))
     }
 
-    /// This rank's entries.
+    /// Returns this rank's entries.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn to_vec(&self) -> Result<Vec<f64>> {
         self.with_local(<[f64]>::to_vec)
     }
@@ -131,7 +134,7 @@ impl Vector {
     /// Sets every entry. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn fill(&mut self, value: f64) -> Result<()> {
         call!(VecSet(self.raw, value))
     }
@@ -139,15 +142,15 @@ impl Vector {
     /// Copies a vector of the same layout. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where the layouts differ.
+    /// Returns [`crate::Error::Petsc`] where the layouts differ.
     pub fn copy_from(&mut self, other: &Vector) -> Result<()> {
         call!(VecCopy(other.raw, self.raw))
     }
 
-    /// Multiplies by a number. Collective.
+    /// Multiplies the vector by a factor. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn scale(&mut self, factor: f64) -> Result<()> {
         call!(VecScale(self.raw, factor))
     }
@@ -155,45 +158,45 @@ impl Vector {
     /// Adds `factor` times a vector of the same layout. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where the layouts differ.
+    /// Returns [`crate::Error::Petsc`] where the layouts differ.
     pub fn add_scaled(&mut self, factor: f64, other: &Vector) -> Result<()> {
         call!(VecAXPY(self.raw, factor, other.raw))
     }
 
-    /// Scalar product. Collective.
+    /// Returns the scalar product. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`] where the layouts differ.
+    /// Returns [`crate::Error::Petsc`] where the layouts differ.
     pub fn dot(&self, other: &Vector) -> Result<f64> {
         let mut product = 0.0;
         call!(VecDot(self.raw, other.raw, &mut product))?;
         Ok(product)
     }
 
-    /// Euclidean norm. Collective.
+    /// Returns the Euclidean norm. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn norm(&self) -> Result<f64> {
         let mut norm = 0.0;
         call!(VecNorm(self.raw, sys::NormType::NORM_2, &mut norm))?;
         Ok(norm)
     }
 
-    /// Largest magnitude of an entry. Collective.
+    /// Returns the largest magnitude of an entry. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn norm_infinity(&self) -> Result<f64> {
         let mut norm = 0.0;
         call!(VecNorm(self.raw, sys::NormType::NORM_INFINITY, &mut norm))?;
         Ok(norm)
     }
 
-    /// Largest entry; minus the largest f64 for an empty vector. Collective.
+    /// Returns the largest entry, or minus the largest f64 for an empty vector. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn maximum(&self) -> Result<f64> {
         let mut largest = 0.0;
         call!(VecMax(self.raw, std::ptr::null_mut(), &mut largest))?;
@@ -203,21 +206,21 @@ impl Vector {
     /// Prints all entries in order. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Petsc`].
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn view(&self) -> Result<()> {
         call!(VecView(self.raw, std::ptr::null_mut()))
     }
 }
 
-/// A slice of what PETSc points to: null stands for none.
+/// Converts a C array into a slice; a null pointer gives an empty slice.
 ///
 /// # Safety
-/// The pointer is null or to `length` values that live as long as the slice.
+/// The pointer is null or points to `length` values that live as long as the slice.
 pub(super) unsafe fn slice<'a, T>(pointer: *const T, length: usize) -> &'a [T] {
     if pointer.is_null() || length == 0 {
         &[]
     } else {
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { std::slice::from_raw_parts(pointer, length) }
     }
 }

@@ -1,4 +1,4 @@
-//! A TOML text and its `--set` overrides as one tree, in which every value knows where it was written.
+//! Tree of a TOML text and its `--set` overrides, in which every value knows where it was written.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
@@ -9,13 +9,13 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::{Error, Result};
 
-/// The most parts an override's key may have: more than any key of a scene.
+/// Limit on the parts of an override's key, more than any key of a scene has.
 const DEEPEST_KEY: usize = 8;
 
-/// The longest piece of a user's string that a message repeats.
+/// Limit on the characters of a user's string that a message repeats.
 const LONGEST_QUOTE: usize = 60;
 
-/// A scene's text, read but not yet understood.
+/// Parsed TOML text of a scene, before its keys are read.
 pub(super) struct Document<'a> {
     file: &'a str,
     text: &'a str,
@@ -23,36 +23,36 @@ pub(super) struct Document<'a> {
     root: Node,
 }
 
-/// Where something was written.
+/// Position at which a value was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Place {
-    /// At this byte of the file.
+    /// Byte of the file.
     Byte(usize),
-    /// In this one of the overrides.
+    /// Index of an override.
     Override(usize),
 }
 
-/// A value and its place.
+/// Value and the position at which it was written.
 pub(super) struct Node {
     pub place: Place,
     pub value: Value,
 }
 
-/// A TOML value, as far as a scene needs to know it.
+/// TOML value, as far as a scene distinguishes its types.
 pub(super) enum Value {
     Text(String),
     Integer(i64),
     Float(f64),
     Truth(bool),
     Array(Vec<Node>),
-    /// Each key with its own place.
+    /// Entries by key, each with the position of its key.
     Table(BTreeMap<String, (Place, Node)>),
-    /// What no key of a scene takes, by its name.
+    /// Name of a type that no key of a scene accepts.
     Other(&'static str),
 }
 
 impl<'a> Document<'a> {
-    /// Reads the bytes of `file`, then applies the overrides in their order.
+    /// Parses the bytes of `file`, then applies the overrides in their order.
     pub fn parse(bytes: &'a [u8], file: &'a str, overrides: &'a [String]) -> Result<Self> {
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         let text = std::str::from_utf8(bytes).map_err(|error| {
@@ -72,24 +72,26 @@ impl<'a> Document<'a> {
         Ok(document)
     }
 
-    /// The value of a dotted key such as `obstacle.0.height`; the empty key is the whole scene.
+    /// Returns the value of a dotted key such as `obstacle.0.height`; the empty key is the whole
+    /// scene.
     pub fn get(&self, key: &str) -> Option<&Node> {
         parts(key).try_fold(&self.root, |node, part| node.child(part))
     }
 
-    /// The path of a file that the scene names: beside the scene's own, unless it is absolute.
+    /// Resolves a file name relative to the scene's own file.
     pub fn beside(&self, file: &str) -> String {
         let folder = Path::new(self.file).parent().unwrap_or(Path::new(""));
         folder.join(file).to_string_lossy().into_owned()
     }
 
-    /// Whether a key has its value from an override.
+    /// Returns whether an override gives the value of a key.
     pub fn is_overridden(&self, key: &str) -> bool {
         self.get(key).is_some_and(|node| matches!(node.place, Place::Override(_)))
     }
 
-    /// The error for a key, in one line: its place (or, where it is missing, that of its table), the key, what is
-    /// wrong.
+    /// Creates the error for a key, in one line: its position, the key, and what is wrong.
+    ///
+    /// A missing key has the position of its table.
     pub fn fault(&self, key: &str, wrong: impl Display) -> Error {
         let mut node = &self.root;
         for part in parts(key) {
@@ -99,7 +101,7 @@ impl<'a> Document<'a> {
         self.fault_at(node.place, key, wrong)
     }
 
-    /// The error for a key at a known place.
+    /// Creates the error for a key at a known position.
     pub fn fault_at(&self, place: Place, key: &str, wrong: impl Display) -> Error {
         error_at(&self.describe(place), &format!("{key}: {wrong}"))
     }
@@ -111,7 +113,9 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// Puts the value of one override, `key=value`, into the tree; tables and one more array entry as needed.
+    /// Puts the value of one override, `key=value`, into the tree.
+    ///
+    /// Missing tables are added, and at most one array entry.
     fn apply(&mut self, index: usize) -> Result<()> {
         let place = Place::Override(index);
         let (key, leaf) = parse_override(&self.overrides[index], place)
@@ -131,7 +135,7 @@ impl<'a> Document<'a> {
 }
 
 impl Node {
-    /// An empty array if its child is called by a number, else an empty table.
+    /// Creates an empty array if the name of its child is a number, otherwise an empty table.
     fn blank(place: Place, child: Option<&str>) -> Self {
         let is_array = child.is_some_and(|part| part.parse::<usize>().is_ok());
         let value = if is_array { Value::Array(Vec::new()) } else { Value::Table(BTreeMap::new()) };
@@ -146,7 +150,7 @@ impl Node {
         }
     }
 
-    /// The child of that name, which becomes `blank` if there is none.
+    /// Returns the child of that name, and inserts `blank` if there is none.
     fn child_or(&mut self, part: &str, blank: Node) -> std::result::Result<&mut Node, String> {
         match &mut self.value {
             Value::Table(entries) => {
@@ -208,7 +212,7 @@ impl Display for Value {
     }
 }
 
-/// A string, cut where it is long.
+/// Shortens a long string.
 pub(super) fn cut(text: &str) -> String {
     match text.char_indices().nth(LONGEST_QUOTE) {
         Some((end, _)) => format!("{}...", &text[..end]),
@@ -216,22 +220,23 @@ pub(super) fn cut(text: &str) -> String {
     }
 }
 
-/// A string in quotes, cut where it is long.
+/// Quotes a string, shortened if it is long.
 pub(super) fn quote(text: &str) -> String {
     format!("{:?}", cut(text))
 }
 
-/// A number as TOML spells it.
+/// Formats a number in TOML's notation.
 pub(super) fn spell(number: f64) -> String {
     format!("{number:?}").to_lowercase()
 }
 
-/// The parts of a dotted key; none for the empty one.
+/// Splits a dotted key into its parts; the empty key has none.
 fn parts(key: &str) -> impl Iterator<Item = &str> {
     key.split('.').filter(|_| !key.is_empty())
 }
 
-/// The key and the value of `key=value`. A word or a formula, which are no TOML values without quotes, stand for themselves.
+/// Parses `key=value`. A word or a formula, which is no TOML value without quotes, counts as a
+/// string.
 fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node), String> {
     let form = "expected --set key=value, such as --set time.step=1e-6";
     let (key, value) = text.split_once('=').ok_or_else(|| format!("there is no \"=\"; {form}"))?;
@@ -256,12 +261,16 @@ fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node),
     Ok((key, Node { place, value }))
 }
 
-/// Whether a value which is no TOML is meant for a formula: it calculates, and is no list, table or string that was left open.
+/// Returns whether an invalid value looks like a formula.
+///
+/// A formula calculates, and is no list, table or string that was left open.
 fn is_like_formula(value: &str) -> bool {
     value.contains(['(', '*', '^', '/']) && !value.starts_with(['[', '{', '"', '\''])
 }
 
-/// The key that a value which is no TOML goes on with after a comma, as in `1,time.end=2`; a formula's comparison is none.
+/// Finds a second key after a comma in an invalid value, as in `1,time.end=2`.
+///
+/// Comparisons in formulas do not count.
 fn second_key(value: &str) -> Option<&str> {
     let is_name = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || c == '_');
     value.split(',').skip(1).find_map(|piece| {
@@ -272,14 +281,14 @@ fn second_key(value: &str) -> Option<&str> {
     })
 }
 
-/// What the TOML parser says, in this program's form.
+/// Formats an error of the TOML parser in the style of this program.
 fn syntax(error: &toml::de::Error) -> String {
     let message =
         error.message().replacen(", expected nothing", "", 1).replacen(", expected ", "; expected ", 1);
     format!("invalid TOML: {message}")
 }
 
-/// `FILE:LINE:COLUMN`, counted from 1, columns in characters.
+/// Formats a position as `FILE:LINE:COLUMN`, counted from 1, columns in characters.
 fn position(file: &str, text: &[u8], at: usize) -> String {
     let before = &text[..at.min(text.len())];
     let line_start = before.iter().rposition(|&byte| byte == b'\n').map_or(0, |newline| newline + 1);
@@ -289,7 +298,7 @@ fn position(file: &str, text: &[u8], at: usize) -> String {
     format!("{file}:{line}:{column}")
 }
 
-/// The error, with whatever would break its line escaped.
+/// Creates the error, with control characters escaped so that it stays on one line.
 fn error_at(place: &str, wrong: &str) -> Error {
     let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
     Error::Scene(format!("{place}: {wrong}").chars().map(escape).collect())

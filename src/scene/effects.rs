@@ -1,9 +1,11 @@
-//! What a scene calls for beyond the plate's own elasticity and inertia: each thing named costs, and what is not named does not.
+//! Effects that a scene includes beyond the plate's own elasticity and inertia.
+//!
+//! Each effect named costs time; effects not named cost nothing.
 
 use super::{Given, Initial, Load, Scene, Scheme, Side};
 
 impl Scene {
-    /// What acts on the plate beyond its own elasticity and inertia, in words.
+    /// Returns the names of the effects beyond the plate's own elasticity and inertia.
     pub fn effects(&self) -> Vec<String> {
         let mut effects = Vec::new();
         let mut add = |is_on: bool, name: &str| {
@@ -48,24 +50,24 @@ impl Scene {
         effects
     }
 
-    /// Whether something may touch something: obstacles or balls.
+    /// Returns whether contact is possible: with obstacles or balls.
     pub fn has_contact(&self) -> bool {
         !self.obstacles.is_empty() || !self.balls.is_empty()
     }
 
-    /// What the scene may give as a function of time: loads, heights of obstacles, motions of supports.
+    /// Returns all fields that may depend on time: loads, obstacle heights, support motions.
     pub fn of_time(&self) -> impl Iterator<Item = &Given> {
         let loads = self.load.iter().flat_map(Load::fields);
         let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
         loads.chain(heights).chain(self.motions())
     }
 
-    /// Motions of the supports.
+    /// Returns the motions of the supports.
     pub fn motions(&self) -> impl Iterator<Item = &Given> {
         self.supports.iter().filter_map(|support| support.motion.as_ref())
     }
 
-    /// Whether loads or obstacles change with time, or supports move: one of the keys that say so.
+    /// Returns one key of a load, an obstacle or a support motion that changes with time, if any.
     pub fn changes(&self) -> Option<String> {
         self.of_time().find(|given| given.changes()).or(self.motions().next()).map(|given| given.key.clone())
     }

@@ -1,4 +1,4 @@
-//! What a scene gives as a *field*: a formula of place and time, or a table of time, and where on the plate it holds.
+//! Fields of a scene: formulas of place and time, tables of time, and the region where they hold.
 
 use super::Time;
 use crate::element::adaptive::Integrand;
@@ -8,42 +8,43 @@ use crate::field::{
 };
 use crate::mesh::Point;
 
-/// A number, a formula of x, y (m) and t (s), or a table of t times a formula of x and y.
+/// Field input: a number, a formula of x, y (m) and t (s), or a table of t times a formula of x and
+/// y.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Given {
-    /// The key that gives it, for messages.
+    /// Key that gives the field, for messages.
     pub key: String,
-    /// What is given.
+    /// Value of the field.
     pub value: Value,
 }
 
-/// What a [`Given`] is.
+/// Value of a [`Given`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// A number or a formula.
+    /// Number or formula.
     Formula(Field),
-    /// Measured over time.
+    /// Table of measured values over time.
     Table {
-        /// The file, as the scene writes it.
+        /// File name as the scene writes it.
         file: String,
-        /// Where it was found.
+        /// Path where the file was found.
         path: String,
-        /// Between its rows.
+        /// Interpolation between the rows.
         interpolation: Interpolation,
-        /// Its values.
+        /// Rows of the table.
         table: Table,
-        /// What they are multiplied by: a formula of x and y.
+        /// Formula of x and y that multiplies the table.
         shape: Field,
     },
 }
 
 impl Given {
-    /// A number.
+    /// Creates a constant field.
     pub fn constant(key: &str, value: f64) -> Given {
         Given { key: key.into(), value: Value::Formula(value.into()) }
     }
 
-    /// The number, if it is one.
+    /// Returns the number if the field is a constant formula.
     pub fn number(&self) -> Option<f64> {
         match &self.value {
             Value::Formula(field) => field.constant(),
@@ -51,12 +52,12 @@ impl Given {
         }
     }
 
-    /// Whether it is the number zero: as good as absent.
+    /// Returns whether the field is the number zero, which counts as absent.
     pub fn is_zero(&self) -> bool {
         self.number() == Some(0.0)
     }
 
-    /// Whether it may change with time.
+    /// Returns whether the field may change with time.
     pub fn changes(&self) -> bool {
         match &self.value {
             Value::Formula(field) => field.depends_on(Names::T),
@@ -64,7 +65,7 @@ impl Given {
         }
     }
 
-    /// Whether it is the same at all places.
+    /// Returns whether the field is independent of the place.
     pub fn is_even(&self) -> bool {
         match &self.value {
             Value::Formula(field) => !field.depends_on(Names::XY),
@@ -72,10 +73,10 @@ impl Given {
         }
     }
 
-    /// Its value at a place (m) and a time (s).
+    /// Returns the value at a place (m) and a time (s).
     ///
     /// # Errors
-    /// [`Error::Scene`] naming the key where the formula has no finite value.
+    /// Returns [`Error::Scene`] naming the key where the formula has no finite value.
     pub fn at(&self, at: Point, t: f64) -> Result<f64> {
         match &self.value {
             Value::Formula(field) => field.value(at, t).map_err(|fault| self.fault(&fault)),
@@ -85,10 +86,10 @@ impl Given {
         }
     }
 
-    /// Its value at a place (m) and its slopes along x and y; at time 0, if that matters.
+    /// Returns the value and the slopes along x and y at a place (m), at time 0.
     ///
     /// # Errors
-    /// As [`Given::at`], and where the formula is not smooth.
+    /// Returns the errors of [`Given::at`], and [`Error::Scene`] where the formula is not smooth.
     pub fn gradient(&self, at: Point) -> Result<[f64; 3]> {
         let of = |field: &Field| field.gradient(at, 0.0).map_err(|fault| self.fault(&fault));
         match &self.value {
@@ -97,10 +98,10 @@ impl Given {
         }
     }
 
-    /// Its values at a time (s), one a place (m).
+    /// Writes the values at a time (s), one per place (m).
     ///
     /// # Errors
-    /// As [`Given::at`].
+    /// Returns the errors of [`Given::at`].
     pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<()> {
         match &self.value {
             Value::Formula(field) => field.values(points, t, values).map_err(|fault| self.fault(&fault)),
@@ -113,10 +114,10 @@ impl Given {
         }
     }
 
-    /// The value at a time (s) of what does not depend on the place, with its first two derivatives.
+    /// Returns the value of a field without dependence on place, with two derivatives in time (s).
     ///
     /// # Errors
-    /// As [`Given::at`], and where the formula is not smooth.
+    /// Returns the errors of [`Given::at`], and [`Error::Scene`] where the formula is not smooth.
     pub fn jet(&self, t: f64) -> Result<Jet> {
         match &self.value {
             Value::Formula(field) => field.jet(Point::origin(), t).map_err(|fault| self.fault(&fault)),
@@ -128,7 +129,9 @@ impl Given {
         }
     }
 
-    /// Its kinks and jumps at a place (m) up to an instant (s), found in at most so many looks: see [`Field::breaks`].
+    /// Finds kinks and jumps at a place (m) up to an instant (s) in at most `looks` evaluations.
+    ///
+    /// See [`Field::breaks`].
     pub fn breaks(&self, at: Point, end: f64, looks: usize) -> Breaks {
         match &self.value {
             Value::Formula(field) => field.breaks(at, 0.0, end, looks),
@@ -136,7 +139,9 @@ impl Given {
         }
     }
 
-    /// Tells the first jump at a place (m) before the end, and the remedy; `None` without one. Sought in at most so many looks.
+    /// Describes the first jump at a place (m) before the end, with a remedy; `None` without one.
+    ///
+    /// The search takes at most `looks` evaluations.
     pub fn jump(&self, at: Point, time: &Time, looks: usize) -> Option<String> {
         let breaks = self.breaks(at, time.end, looks);
         let Break { time: instant, jump, .. } = breaks.found.into_iter().find(|of| of.jump != 0.0)?;
@@ -148,7 +153,8 @@ impl Given {
         ))
     }
 
-    /// Where steps from the start to the end see least of it, less a number, at a place (m): see [`Field::missed`].
+    /// Returns where steps miss most of the field less a constant, at a place (m); see
+    /// [`Field::missed`].
     pub fn missed(&self, at: Point, less: f64, time: &Time) -> Option<Missed> {
         match &self.value {
             Value::Formula(field) => field.missed(at, less, time.step, time.steps()),
@@ -159,7 +165,9 @@ impl Given {
         }
     }
 
-    /// The terms g(t) h(x, y) whose sum it is, if it has such a form: pairs of g and h, each with the name of the key.
+    /// Splits the field into a sum of products g(t) h(x, y), if it has such a form.
+    ///
+    /// Each pair is g and h, with the name of the key.
     pub fn terms(&self) -> Option<Vec<[Given; 2]>> {
         let part = |field| Given { key: self.key.clone(), value: Value::Formula(field) };
         match &self.value {
@@ -176,7 +184,7 @@ impl Given {
         }
     }
 
-    /// Its formula of place, whose value at a time (s) a factor multiplies.
+    /// Returns the formula of place and the factor that multiplies it at a time (s).
     fn place(&self, t: f64) -> (&Field, f64) {
         match &self.value {
             Value::Formula(field) => (field, 1.0),
@@ -184,34 +192,36 @@ impl Given {
         }
     }
 
-    /// Whether it is a polynomial in x and y of so low a degree that a rule of degree 6 gives its load without error.
+    /// Returns whether a quadrature rule of degree 6 integrates the load of this field exactly.
+    ///
+    /// This holds for polynomials of degree 3 or less in x and y.
     pub fn is_low(&self) -> bool {
         self.place(0.0).0.degree().is_some_and(|degree| degree <= 3)
     }
 
-    /// Whether it is a polynomial in x and y of any degree.
+    /// Returns whether the field is a polynomial in x and y.
     pub fn is_polynomial(&self) -> bool {
         self.place(0.0).0.degree().is_some()
     }
 
-    /// Bounds over the rectangle between two corners (m), between two times (s).
+    /// Encloses the values over the rectangle between two corners (m) and between two times (s).
     pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
         let (field, factor) = self.place(t.low);
         field.enclose(low, high, t).scaled(factor)
     }
 
-    /// The field at a time (s), to be integrated over the plate.
+    /// Freezes the field at a time (s), for integration over the plate.
     pub fn still(&self, t: f64) -> Still<'_> {
         Still { given: self, t }
     }
 
-    /// The error of its formula.
+    /// Creates the error of a formula, with the key.
     fn fault(&self, fault: &Fault) -> Error {
         Error::Scene(format!("{}: {fault}", self.key))
     }
 }
 
-/// A field at an instant.
+/// Field at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct Still<'g> {
     given: &'g Given,
@@ -232,7 +242,7 @@ impl Integrand for Still<'_> {
     }
 }
 
-/// The sum of some fields.
+/// Sum of several fields.
 impl Integrand for Vec<Still<'_>> {
     fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()> {
         values.fill(0.0);
@@ -255,19 +265,19 @@ impl Integrand for Vec<Still<'_>> {
     }
 }
 
-/// Which part of the plate something concerns.
+/// Region of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Region {
-    /// All of it.
+    /// Whole plate.
     All,
-    /// Where a condition on x and y holds.
+    /// Region where a condition on x and y holds.
     Where(Condition),
-    /// The cells of a physical group.
+    /// Cells of a physical group.
     Group(String),
-    /// One node.
+    /// Single node at these coordinates, in m.
     At([f64; 2]),
-    /// The nodes of a physical point.
+    /// Nodes of a physical point.
     Point(String),
-    /// The nodes on a line from one point to another.
+    /// Nodes on the line between two points, in m.
     Line([[f64; 2]; 2]),
 }

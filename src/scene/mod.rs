@@ -1,21 +1,26 @@
-//! The scene: TOML text to a validated [`Scene`].
+//! Scenes: TOML text is read into a validated [`Scene`].
 //!
 //! ```
 //! use rebond::scene::Scene;
 //!
 //! let text = r#"
-//!     plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
 //!     mesh = { element = "fvs", cells = [10, 4] }
 //!     time = { scheme = "midpoint", mass = "singular", step = 1e-5, end = 0.5 }
+//!     [plate]
+//!     length = 1.2
+//!     width = 0.4
+//!     thickness = 0.01
+//!     youngs_modulus = 210e9
+//!     poissons_ratio = 0.3
+//!     density = 7770
 //! "#;
 //! let scene = Scene::from_str(text, "beam.toml", &["time.step=2e-5".into()])?;
 //! assert_eq!(scene.time.steps(), 25_000);
 //!
 //! let error = Scene::from_str(text, "beam.toml", &["plate.width=-1".into()]).unwrap_err();
-//! assert_eq!(
-//!     error.to_string(),
-//!     "--set plate.width=-1: plate.width: -1 is not positive; expected a width in m greater than 0"
-//! );
+//! let place = "--set plate.width=-1: plate.width";
+//! let fault = "-1 is not positive; expected a width in m greater than 0";
+//! assert_eq!(error.to_string(), format!("{place}: {fault}"));
 //! # Ok::<(), rebond::Error>(())
 //! ```
 
@@ -47,7 +52,7 @@ pub use given::{Given, Region, Still, Value};
 pub use study::{Horizon, Study};
 pub use words::SchemeName;
 
-/// The columns of `history.csv` before those of the probes; no probe may take their names.
+/// Columns of `history.csv` before those of the probes, which cannot take these names.
 pub const HISTORY_COLUMNS: [&str; 10] = [
     "step",
     "time",
@@ -61,24 +66,24 @@ pub const HISTORY_COLUMNS: [&str; 10] = [
     "kkt",
 ];
 
-/// A simulation, validated and with every default filled in. All quantities are in SI units.
+/// Simulation input, validated and with every default filled in, in SI units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// One line of text; by default the name of the file without its extension.
+    /// Title, one line of text; by default the name of the file without its extension.
     pub title: String,
-    /// The plate.
+    /// Plate.
     pub plate: Panel,
-    /// Parts of it that are of other thickness or material; of several in one place the last counts.
+    /// Parts of the plate with another thickness or material; the last one wins where they overlap.
     pub parts: Vec<Part>,
-    /// Its discretisation.
+    /// Discretisation.
     pub mesh: Grid,
-    /// The Gmsh file that gives shape and mesh, in place of a rectangle.
+    /// Gmsh file that gives shape and mesh, in place of a rectangle.
     pub file: Option<MeshFile>,
-    /// What holds it; edges not named are free.
+    /// Supports; edges not named are free.
     pub supports: Vec<Support>,
     /// Rigid obstacles; where several lie on one side, the nearest counts.
     pub obstacles: Vec<Obstacle>,
-    /// What pushes the plate; `None` costs nothing.
+    /// Loads; `None` costs nothing.
     pub load: Option<Load>,
     /// Elastic foundations; their stiffnesses add up.
     pub foundations: Vec<Foundation>,
@@ -86,58 +91,58 @@ pub struct Scene {
     pub springs: Vec<Spring>,
     /// Masses fixed on the plate.
     pub masses: Vec<PointMass>,
-    /// Rigid bodies that fly free and hit the plate.
+    /// Rigid bodies that move freely up and down and hit the plate.
     pub balls: Vec<Ball>,
-    /// What takes energy away; `None` costs nothing.
+    /// Damping; `None` costs nothing.
     pub damping: Option<Damping>,
-    /// How it starts.
+    /// Initial state.
     pub initial: Initial,
-    /// How it moves through time.
+    /// Time scheme and steps.
     pub time: Time,
-    /// What solves each step.
+    /// Linear algebra and contact solver.
     pub solver: Solver,
-    /// What is written.
+    /// Output files.
     pub output: Output,
-    /// What `rebond study` compares, where the scene says so.
+    /// Runs that `rebond study` compares, where the scene says so.
     pub study: Option<Study>,
 }
 
-/// The plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
+/// Plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panel {
-    /// Along x, m; 0 where a file gives the shape.
+    /// Length along x, in m; 0 where a file gives the shape.
     pub length: f64,
-    /// Along y, m; 0 where a file gives the shape.
+    /// Width along y, in m; 0 where a file gives the shape.
     pub width: f64,
     /// Thickness and material.
     pub plate: Plate,
-    /// A thickness that is no number, in m; then that of `plate` is its value at the origin.
+    /// Thickness in m if it varies; that of `plate` is then its value at the origin.
     pub thickness: Option<Given>,
 }
 
-/// A part of the plate.
+/// Part of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
-    /// Which: cells of a group, or those whose centre satisfies a condition.
+    /// Cells of a group, or those whose centre satisfies a condition.
     pub region: Region,
-    /// Its thickness and material.
+    /// Thickness and material of the part.
     pub plate: Plate,
-    /// A thickness that is no number, in m.
+    /// Thickness in m if it varies.
     pub thickness: Option<Given>,
 }
 
-/// A mesh from a file.
+/// Mesh from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshFile {
-    /// As the scene writes it.
+    /// File name as the scene writes it.
     pub file: String,
-    /// Where it was found.
+    /// Path where the file was found.
     pub path: String,
-    /// What its coordinates are multiplied by to be metres; `None`: they are.
+    /// Factor that turns coordinates into metres; `None` if they are in metres.
     pub scale: Option<f64>,
-    /// Nodes this near to each other, in m, become one; `None`: none do.
+    /// Distance in m below which nodes are merged; `None` merges none.
     pub merge: Option<f64>,
-    /// Parts that nothing connects.
+    /// Number of unconnected parts that the scene declares.
     pub parts: usize,
 }
 
@@ -145,7 +150,8 @@ impl MeshFile {
     /// Reads the mesh.
     ///
     /// # Errors
-    /// As [`Mesh::load_gmsh_as`], and where the mesh is in other parts than the scene says.
+    /// Returns the errors of [`Mesh::load_gmsh_as`], and [`crate::Error::Mesh`] where the number of
+    /// parts differs from the scene's.
     pub fn load(&self) -> Result<Mesh> {
         let import = Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0) };
         let mesh = Mesh::load_gmsh_as(&self.path, import)?;
@@ -154,222 +160,225 @@ impl MeshFile {
     }
 }
 
-/// A grid of rectangles that carries the elements.
+/// Grid of rectangles that carries the elements.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Grid {
-    /// The finite element; in a mesh from a file each cell has its own.
+    /// Finite element; in a mesh from a file each cell has its own.
     pub element: ElementKind,
-    /// Rectangles along x and y, before refinement; none where a file gives the mesh.
+    /// Numbers of rectangles along x and y before refinement; zeros where a file gives the mesh.
     pub cells: [usize; 2],
-    /// How each rectangle is cut into two triangles; `None` for quadrilaterals.
+    /// Cut of each rectangle into two triangles; `None` for quadrilaterals.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diagonal: Option<Diagonal>,
-    /// Uniform refinements: each cuts a cell in four.
+    /// Number of uniform refinements, each of which cuts a cell in four.
     pub refine: u32,
 }
 
-/// A support.
+/// Support of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Support {
-    /// Where it stands.
+    /// Location.
     pub stand: Stand,
-    /// What is held there.
+    /// Constrained dofs.
     pub kind: SupportKind,
-    /// How it moves up and down, w(t) in m; `None`: it stands still.
+    /// Vertical motion w(t) in m; `None` for a support at rest.
     pub motion: Option<Given>,
 }
 
-/// Where a support stands.
+/// Location of a support.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Stand {
-    /// On an edge, or the part of it where a condition holds at both ends of a cell's side.
+    /// Edge, or the cell sides on it whose two ends satisfy a condition.
     Edge {
-        /// `left`, `right`, `bottom`, `top`, or a physical group.
+        /// Name of the edge: `left`, `right`, `bottom`, `top`, or a physical group.
         edge: String,
-        /// The part, if not all of it.
+        /// Condition that selects a part of the edge.
         part: Option<Condition>,
     },
-    /// At a node, m.
+    /// Node at these coordinates, in m.
     At([f64; 2]),
-    /// At the nodes of a physical group.
+    /// Nodes of a physical group.
     Point(String),
 }
 
-/// A rigid obstacle that the plate cannot cross.
+/// Rigid obstacle that the plate cannot cross.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Obstacle {
-    /// The side of the plate on which it lies.
+    /// Side of the plate on which the obstacle lies.
     pub side: Side,
-    /// Its height, m.
+    /// Height in m.
     pub height: Given,
-    /// Which part of the plate it is opposite to.
+    /// Region of the plate that can touch the obstacle.
     pub region: Region,
 }
 
-/// A side of the plate.
+/// Side of the plate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
-    /// The deflection stays above the height.
+    /// Below the plate: the deflection stays above the obstacle's height.
     Below,
-    /// The deflection stays under the height.
+    /// Above the plate: the deflection stays under the obstacle's height.
     Above,
 }
 
-/// What pushes the plate.
+/// Loads on the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Load {
-    /// Upward pressure, Pa.
+    /// Upward pressure in Pa.
     pub pressure: Given,
-    /// Gravity, m/s2, downward: on the plate, on masses fixed on it, and on balls.
+    /// Downward gravity in m/s2, on the plate, on masses fixed to it, and on balls.
     pub gravity: f64,
     /// Point forces.
     pub forces: Vec<Force>,
 }
 
-/// A force at a point.
+/// Point force.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Force {
-    /// Where, m.
+    /// Coordinates in m.
     pub at: [f64; 2],
-    /// The physical point there, if that is how the scene names the place.
+    /// Physical point that names the place, if the scene uses one.
     pub point: Option<String>,
-    /// Upward, N.
+    /// Upward force in N.
     pub value: Given,
 }
 
-/// Springs side by side under the plate.
+/// Elastic (Winkler) foundation under the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Foundation {
-    /// N/m3.
+    /// Stiffness in N/m3.
     pub stiffness: Given,
-    /// Which part of the plate rests on it.
+    /// Region of the plate that rests on it.
     pub region: Region,
 }
 
-/// A spring to the ground, relaxed where the plate is flat.
+/// Spring to the ground, relaxed where the plate is flat.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spring {
-    /// Where, m.
+    /// Coordinates in m.
     pub at: [f64; 2],
-    /// The physical point there, if that is how the scene names the place.
+    /// Physical point that names the place, if the scene uses one.
     pub point: Option<String>,
-    /// N/m.
+    /// Stiffness in N/m.
     pub stiffness: f64,
 }
 
-/// A mass fixed on the plate.
+/// Mass fixed to the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointMass {
-    /// Where, m.
+    /// Coordinates in m.
     pub at: [f64; 2],
-    /// The physical point there, if that is how the scene names the place.
+    /// Physical point that names the place, if the scene uses one.
     pub point: Option<String>,
-    /// kg.
+    /// Mass in kg.
     pub mass: f64,
 }
 
-/// A rigid body that moves up and down and touches the plate at one point, without sticking.
+/// Rigid body that moves up and down and touches the plate at one point, without adhesion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ball {
-    /// Above or below which point of the plate, m.
+    /// Coordinates of the contact point, in m.
     pub at: [f64; 2],
-    /// The physical point there, if that is how the scene names the place.
+    /// Physical point that names the place, if the scene uses one.
     pub point: Option<String>,
-    /// The side of the plate on which it is.
+    /// Side of the plate on which the ball is.
     pub side: Side,
-    /// kg.
+    /// Mass in kg.
     pub mass: f64,
-    /// Height of the point that will touch, at the start, m.
+    /// Initial height of the ball's contact point, in m.
     pub height: f64,
-    /// Velocity at the start, upward, m/s.
+    /// Initial upward velocity in m/s.
     pub velocity: f64,
 }
 
-/// What takes energy away.
+/// Damping of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Damping {
-    /// Rayleigh's alpha, 1/s.
+    /// Rayleigh's mass coefficient alpha, in 1/s.
     pub mass: f64,
-    /// Rayleigh's beta, s.
+    /// Rayleigh's stiffness coefficient beta, in s.
     pub stiffness: f64,
-    /// Damping ratios of the first modes, the lowest first; the others have none beside Rayleigh's.
+    /// Damping ratios of the lowest modes in addition to Rayleigh's; zero for higher modes.
     pub modal: Vec<f64>,
 }
 
-/// The start.
+/// Initial state of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Initial {
-    /// Upward pressure whose static deflection the plate starts from, Pa.
+    /// Upward pressure in Pa that gives the initial static deflection.
     pub static_pressure: Given,
-    /// Whether the loads of the first instant belong to that static start.
+    /// Whether the static deflection includes the loads of the first instant.
     pub equilibrium: bool,
-    /// Deflection that the plate starts from instead, m.
+    /// Initial deflection in m, in place of a static one.
     pub deflection: Given,
-    /// Upward velocity, m/s.
+    /// Initial upward velocity in m/s.
     pub velocity: Given,
-    /// Another run whose last deflection and velocity the plate starts with instead of all these.
+    /// Run whose last deflection and velocity replace all of the above.
     pub from: Option<StartFrom>,
 }
 
-/// The last state of another run.
+/// Last state of another run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartFrom {
-    /// The run folder, as the scene writes it.
+    /// Run folder as the scene writes it.
     pub folder: String,
-    /// Where it was found.
+    /// Path where the folder was found.
     pub path: String,
-    /// The state.
+    /// Deflection and velocity.
     pub motion: Arc<Motion>,
 }
 
-/// The scheme and its steps.
+/// Time scheme and its steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Time {
-    /// The time scheme.
+    /// Time scheme.
     pub scheme: Scheme,
-    /// The mass matrix.
+    /// Mass matrix.
     pub mass: Mass,
-    /// The time step, s.
+    /// Time step in s.
     pub step: f64,
-    /// The end, s. A run makes [`Time::steps`] steps: its last time is the multiple of the step nearest to `end`.
+    /// End time in s.
+    ///
+    /// A run makes [`Time::steps`] steps, so that its last time is the multiple of the step nearest
+    /// to `end`.
     pub end: f64,
 }
 
-/// A time scheme.
+/// Time scheme.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "scheme", rename_all = "snake_case")]
 pub enum Scheme {
-    /// Newmark-e-beta.
+    /// Newmark scheme with beta and the restitution coefficient e of Paoli and Schatzman.
     Newmark {
-        /// Newmark's beta, at least 1/4.
+        /// Parameter beta, at least 1/4.
         beta: f64,
-        /// Paoli and Schatzman's restitution coefficient e, from 0 to 1.
+        /// Restitution coefficient e of Paoli and Schatzman, from 0 to 1.
         restitution: f64,
     },
-    /// Implicit midpoint.
+    /// Implicit midpoint scheme.
     Midpoint {
-        /// What becomes of the massless part of the displacement.
+        /// Treatment of the massless part of the displacement.
         massless: Massless,
     },
-    /// Implicit midpoint, relaxed so that it keeps the energy; with the singular mass only.
+    /// Implicit midpoint scheme with relaxation to conserve the energy; singular mass only.
     Conserving,
-    /// Event-driven, without any error of the step; with the singular mass only.
+    /// Event-driven scheme without time discretisation error; singular mass only.
     Exact,
 }
 
-/// A mass matrix.
+/// Mass matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mass {
-    /// The singular one, of velocities constant on each cell.
+    /// Singular mass, from velocities that are constant on each cell.
     Singular,
-    /// The consistent one.
+    /// Consistent mass.
     Consistent,
 }
 
 impl Mass {
-    /// What the midpoint scheme makes of the massless part of the displacement unless told otherwise.
+    /// Returns the midpoint scheme's default treatment of the massless part of the displacement.
     pub fn massless(self) -> Massless {
         match self {
             Mass::Singular => Massless::Equilibrium,
@@ -378,78 +387,78 @@ impl Mass {
     }
 }
 
-/// What solves each step, and how well.
+/// Solver of the steps and its tolerances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solver {
-    /// Linear algebra.
+    /// Linear algebra engine.
     pub engine: EngineName,
-    /// The solver of the contact problem.
+    /// Contact solver.
     pub vi: ViName,
-    /// Relative KKT residual that every step must meet.
+    /// Limit on the relative KKT residual of every step.
     pub tolerance: f64,
-    /// Energy over its start past which a run stops.
+    /// Ratio of the energy to its start beyond which a run stops.
     pub energy_guard: f64,
 }
 
-/// An engine's name. Whether this build has it is not the scene's to judge.
+/// Linear algebra engine; a build without it refuses it later, not the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EngineName {
-    /// Rust alone, on one process.
+    /// Engine in Rust alone, on one process.
     Native,
-    /// PETSc, on any number of ranks.
+    /// Engine of PETSc, on any number of ranks.
     Petsc,
 }
 
-/// A contact solver's name. Whether this build has it is not the scene's to judge.
+/// Contact solver; a build without it refuses it later, not the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ViName {
-    /// Active sets on the Schur complement of the contact candidates.
+    /// Active-set method on the Schur complement of the contact dofs.
     Condensed,
-    /// PETSc's SNES.
+    /// Complementarity solver of PETSc (SNES).
     Snes,
-    /// PETSc's TAO.
+    /// Bound-constrained minimiser of PETSc (TAO).
     Tao,
 }
 
-/// What is written.
+/// Output settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
-    /// Steps between rows of the history.
+    /// Number of steps between rows of the history.
     pub every: u64,
     /// Snapshots of the plate; `None` costs nothing.
     pub fields: Option<Snapshots>,
-    /// Steps between checkpoints; `None`: only where a run is interrupted.
+    /// Number of steps between checkpoints; `None` writes one only on interruption.
     pub checkpoint_every: Option<u64>,
     /// Points whose deflection is a column of the history.
     pub probes: Vec<Probe>,
 }
 
-/// When and how finely snapshots of the plate are taken.
+/// Frequency and resolution of the snapshots of the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Snapshots {
-    /// Steps between them.
+    /// Number of steps between snapshots.
     pub every: u64,
-    /// Small cells along each edge of a cell.
+    /// Number of parts into which snapshots divide each cell edge.
     pub subdivide: usize,
 }
 
-/// A point to watch.
+/// Probe: a point whose deflection is recorded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Probe {
-    /// The name of its column.
+    /// Name of the column.
     pub name: String,
-    /// Its x and y, m.
+    /// Coordinates x and y in m.
     pub at: [f64; 2],
-    /// The physical point there, if that is how the scene names the place.
+    /// Physical point that names the place, if the scene uses one.
     pub point: Option<String>,
-    /// The ball there, by its number, whose height is told in place of the plate's.
+    /// Index of a ball whose height is recorded in place of the plate's.
     pub ball: Option<usize>,
 }
 
 impl Serialize for Scene {
-    /// As [`Scene::resolved`].
+    /// Serialises the table of [`Scene::resolved`].
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let table: toml::Table = toml::from_str(&self.resolved()).map_err(serde::ser::Error::custom)?;
         table.serialize(serializer)
@@ -462,7 +471,7 @@ impl Scene {
         Scene::load_for(path, overrides, EngineName::Native)
     }
 
-    /// As [`Scene::load`], with the engine of a scene that names none.
+    /// Works as [`Scene::load`], with the default engine for a scene that names none.
     pub fn load_for(path: impl AsRef<Path>, overrides: &[String], engine: EngineName) -> Result<Scene> {
         let path = path.as_ref();
         let bytes = input::read(path, input::LARGEST_SCENE)?;
@@ -475,53 +484,60 @@ impl Scene {
         Scene::from_bytes(text.as_bytes(), file_name, overrides)
     }
 
-    /// Reads a scene from a file's bytes. Whatever they are, the answer is a scene or [`crate::Error::Scene`]; where it names points of a
-    /// mesh, also what reading that mesh says.
+    /// Reads a scene from the bytes of a file.
+    ///
+    /// Any bytes give a scene or [`crate::Error::Scene`]. A scene that names points of a mesh file
+    /// can also give the errors of reading that mesh.
     pub fn from_bytes(bytes: &[u8], file_name: &str, overrides: &[String]) -> Result<Scene> {
         read::scene(&Document::parse(bytes, file_name, overrides)?, file_name, EngineName::Native)
     }
 
-    /// The scene as TOML with every default filled in. It reads back to an equal scene.
+    /// Returns the scene as TOML with every default filled in, which reads back as an equal scene.
     pub fn resolved(&self) -> String {
         resolved::text(self, true)
     }
 
-    /// As [`Scene::resolved`], with files named as they were written: it reads back as an equal scene where the scene's file is.
+    /// Works as [`Scene::resolved`], with file names as they were written.
+    ///
+    /// The text reads back as an equal scene in the folder of the scene's file.
     pub fn written(&self) -> String {
         resolved::text(self, false)
     }
 
-    /// The supports in a text that is the same for the same ones.
+    /// Returns a text that is equal for equal supports.
     pub fn supports_in_words(&self) -> String {
         format!("{:?}", self.supports)
     }
 
-    /// What `rebond study` compares.
+    /// Returns the study of the scene, or the default one.
     pub fn study(&self) -> Study {
         self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
     }
 
-    /// The FNV-1a hash of [`Scene::resolved`] with the names of files as they were written, and of the values in its tables: 64 bits in
-    /// 16 hexadecimal digits, the same on every machine.
+    /// Returns the FNV-1a hash of the scene and of the values in its tables, in 16 hexadecimal
+    /// digits.
+    ///
+    /// The hash covers [`Scene::resolved`] with file names as written, and is the same on every
+    /// machine.
     pub fn hash(&self) -> String {
         format!("{:016x}", resolved::fnv1a(resolved::identity(self).as_bytes()))
     }
 }
 
 impl Load {
-    /// Its fields.
+    /// Returns all fields of the load.
     pub fn fields(&self) -> impl Iterator<Item = &Given> {
         std::iter::once(&self.pressure).chain(self.forces.iter().map(|force| &force.value))
     }
 }
 
 impl Grid {
-    /// Whether a file gives the mesh that is refined.
+    /// Returns whether a file gives the mesh before refinement.
     pub fn is_of_file(&self) -> bool {
         self.cells == [0, 0]
     }
 
-    /// A mesh of the same kind with other cells.
+    /// Returns a mesh of the same kind with other cells.
     pub fn with(&self, element: ElementKind, cells: [usize; 2], refine: u32) -> Grid {
         let diagonal =
             (element == ElementKind::Hct && cells != [0, 0]).then(|| self.diagonal.unwrap_or_default());
@@ -530,7 +546,7 @@ impl Grid {
 }
 
 impl Scheme {
-    /// Its name.
+    /// Returns the name of the scheme.
     pub fn name(&self) -> SchemeName {
         match self {
             Scheme::Newmark { .. } => SchemeName::Newmark,
@@ -542,8 +558,9 @@ impl Scheme {
 }
 
 impl Time {
-    /// Number of factors, as large as each other, that the scheme holds at once. With the singular mass `midpoint` needs a second
-    /// one for its velocities, if for nothing else.
+    /// Returns the number of factors, all of the same size, that the scheme holds at once.
+    ///
+    /// With the singular mass, `midpoint` needs a second one at least for its velocities.
     pub fn factors(&self) -> usize {
         match (self.scheme, self.mass) {
             (Scheme::Conserving, _) | (Scheme::Midpoint { .. }, Mass::Singular) => 2,
@@ -551,7 +568,7 @@ impl Time {
         }
     }
 
-    /// The number of steps: `end / step`, rounded to the nearest.
+    /// Returns the number of steps, `end / step` rounded to the nearest integer.
     pub fn steps(&self) -> u64 {
         (self.end / self.step).round() as u64
     }

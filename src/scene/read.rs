@@ -1,4 +1,5 @@
-//! From a document to a scene: one function a table, its keys in the order of the file.
+//! Translation of a document into a scene: one function per table, its keys in the order of the
+//! file.
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
@@ -20,16 +21,16 @@ use crate::mesh::Point;
 use crate::motion::{self, Motion};
 use crate::plate::Orthotropy;
 
-/// The most rectangles of a mesh, after refinement.
+/// Limit on the rectangles of a mesh after refinement.
 const MOST_RECTANGLES: u64 = 4_000_000;
 
-/// The most parts into which snapshots cut an edge.
+/// Limit on the parts into which snapshots divide an edge.
 const MOST_PARTS: u64 = 64;
 
-/// From here on, not every number of steps is a floating-point number.
+/// Limit on the number of steps: all smaller integers are exact floating-point numbers.
 const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
 
-/// How far the end may be from a whole number of steps, relative to it: rounding of decimals.
+/// Relative distance of the end from a whole number of steps that rounding of decimals explains.
 const WHOLE: f64 = 1e-9;
 
 const LENGTH: Quantity = Quantity::new("a length in m", Range::POSITIVE);
@@ -76,7 +77,7 @@ const SCALE: Quantity = Quantity::new("a factor that makes coordinates metres", 
 const MERGE: Quantity = Quantity::new("a distance in m", Range::POSITIVE);
 const COORDINATE: Quantity = Quantity::new("a coordinate in m", Range::ANY);
 
-/// The tables of a scene.
+/// Names of a scene's tables.
 const TABLES: [&str; 17] = [
     "title",
     "plate",
@@ -97,7 +98,7 @@ const TABLES: [&str; 17] = [
     "study",
 ];
 
-/// The whole scene, with the engine that it gets if it names none.
+/// Reads the whole scene; `engine` is the default.
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
     doc.allow("", &TABLES)?;
     let title = title(doc, file_name)?;
@@ -145,7 +146,7 @@ fn title(doc: &Document, file_name: &str) -> Result<String> {
     Ok(title.to_owned())
 }
 
-/// What gives a plate its thickness and material.
+/// Keys of thickness and material.
 const MATERIAL: [&str; 7] = [
     "thickness",
     "youngs_modulus",
@@ -170,7 +171,7 @@ fn panel(doc: &Document, has_file: bool) -> Result<Panel> {
     Ok(Panel { length, width, plate, thickness })
 }
 
-/// Thickness and material of a table; what it does not name is as in `base`.
+/// Reads thickness and material of a table; missing keys take their values from `base`.
 fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate, Option<Given>)> {
     let number = |name: &str, quantity: &Quantity, of: fn(&Plate) -> f64| {
         let key = format!("{table}.{name}");
@@ -184,7 +185,7 @@ fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate,
     let (thickness, field) = match given {
         Some(given) => match given.number() {
             Some(thickness) => (thickness, None),
-            // Where the plate has no origin, nothing is asked of the formula there.
+            // The origin need not lie on the plate, so that an error there does not matter.
             None => (given.at(Point::origin(), 0.0).unwrap_or(0.0), Some(given)),
         },
         None => (number("thickness", &THICKNESS, |plate| plate.thickness)?, None),
@@ -202,7 +203,7 @@ fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate,
     Ok((Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy }, field))
 }
 
-/// The second set of moduli, of a plate that has a grain.
+/// Reads the second set of moduli, for an orthotropic plate.
 fn orthotropy(doc: &Document, table: &str, base: Option<Orthotropy>) -> Result<Option<Orthotropy>> {
     let key = |name: &str| format!("{table}.{name}");
     let across = doc.optional_number(&key("youngs_modulus_across"), &YOUNGS_MODULUS)?;
@@ -239,7 +240,9 @@ fn parts(doc: &Document, plate: &Panel) -> Result<Vec<Part>> {
     (0..count).map(part).collect()
 }
 
-/// The part of the plate that a table's keys, some of `where`, `group`, `at`, `point` and `line`, name; all of it without them.
+/// Reads the region that one of `keys` names (`where`, `group`, `at`, `point`, `line`).
+///
+/// Without any of them, the region is the whole plate.
 fn region(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
     let mut named = keys.iter().filter(|key| doc.get(&format!("{table}.{key}")).is_some());
     let Some(first) = named.next() else { return Ok(Region::All) };
@@ -260,7 +263,7 @@ fn region(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
     })
 }
 
-/// A text that is not empty.
+/// Reads a text that is not empty.
 fn name(doc: &Document, key: &str, expected: &str) -> Result<String> {
     let text = doc.optional_text(key, expected)?.ok_or_else(|| doc.missing(key, expected))?;
     if text.trim().is_empty() {
@@ -269,13 +272,13 @@ fn name(doc: &Document, key: &str, expected: &str) -> Result<String> {
     Ok(text.to_owned())
 }
 
-/// A point, in m.
+/// Reads a point, in m.
 fn point(doc: &Document, key: &str) -> Result<[f64; 2]> {
     doc.pair(key, "expected [x, y] in m")?;
     Ok([doc.number(&format!("{key}.0"), &COORDINATE)?, doc.number(&format!("{key}.1"), &COORDINATE)?])
 }
 
-/// A point of the plate, as far as that can be said before a mesh is read.
+/// Reads a point and checks it against the rectangle, or not at all where a file gives the shape.
 fn point_on(doc: &Document, key: &str, plate: &Panel) -> Result<[f64; 2]> {
     let [x, y] = point(doc, key)?;
     let Panel { length, width, .. } = *plate;
@@ -289,16 +292,17 @@ fn point_on(doc: &Document, key: &str, plate: &Panel) -> Result<[f64; 2]> {
     Ok([x, y])
 }
 
-/// Where things can be that lie at a point of the plate: its sides and the points of its file.
+/// Coordinates of named points: those of the plate's mesh file.
 struct Places<'p> {
     plate: &'p Panel,
     file: Option<&'p MeshFile>,
-    /// The points of the file, read where one is asked for.
+    /// Points of the file, read at the first use.
     points: OnceCell<BTreeMap<String, Vec<Point>>>,
 }
 
 impl Places<'_> {
-    /// The place of a table's `at`, or of the one node of its `point`, with the name of that.
+    /// Returns the coordinates of a table's `at`, or of the single node of its `point` with its
+    /// name.
     fn of(&self, doc: &Document, table: &str) -> Result<([f64; 2], Option<String>)> {
         let (at, key) = (format!("{table}.at"), format!("{table}.point"));
         if doc.get(&key).is_none() {
@@ -380,7 +384,7 @@ fn diagonal(doc: &Document, element: ElementKind) -> Result<Option<Diagonal>> {
     }
 }
 
-/// The numbers of rectangles along x and y.
+/// Reads the numbers of rectangles along x and y.
 fn cells(doc: &Document, key: &str) -> Result<[usize; 2]> {
     doc.pair(key, "expected [nx, ny], the numbers of rectangles along x and y")?;
     let nx = doc.count(&format!("{key}.0"), "a number of rectangles along x", 1)?;
@@ -389,21 +393,21 @@ fn cells(doc: &Document, key: &str) -> Result<[usize; 2]> {
     refinements(cells, 0).map(|_| cells).ok_or_else(|| too_many(doc, key, cells, 0))
 }
 
-/// The refinements, if the mesh they lead to is not too large.
+/// Returns the refinements as a number, if the refined mesh is not too large.
 fn refinements([nx, ny]: [usize; 2], refine: u64) -> Option<u32> {
     let refine = u32::try_from(refine).ok()?;
     let rectangles = (nx as u64).checked_mul(ny as u64)?.checked_mul(4_u64.checked_pow(refine)?)?;
     (rectangles <= MOST_RECTANGLES).then_some(refine)
 }
 
-/// The error for a mesh that is too large.
+/// Creates the error for a mesh that is too large.
 fn too_many(doc: &Document, key: &str, [nx, ny]: [usize; 2], refine: u64) -> Error {
     let refined = if refine == 0 { String::new() } else { format!(", refined {refine} times,") };
     let wrong = format!("{nx} x {ny} rectangles{refined} are too many");
     doc.fault(key, format!("{wrong}; expected at most {MOST_RECTANGLES} in all"))
 }
 
-/// The edges of a rectangle.
+/// Names of the edges of a rectangle.
 const EDGES: [&str; 4] = ["left", "right", "bottom", "top"];
 
 fn supports(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
@@ -460,7 +464,7 @@ fn stand(doc: &Document, table: &str, has_file: bool) -> Result<Stand> {
     }
 }
 
-/// How a support moves: [`check_jumps`].
+/// Reads the motion of a support; [`check_jumps`] refuses jumps.
 fn motion(doc: &Document, key: &str) -> Result<Option<Given>> {
     Ok(doc.given(key, &DEFLECTION, Names::T)?.filter(|motion| !motion.is_zero()))
 }
@@ -496,7 +500,7 @@ fn obstacles(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
-/// The heights of two planes on opposite sides that cross.
+/// Returns the heights of two planes on opposite sides that leave no room for the plate.
 fn no_room(one: &Obstacle, other: &Obstacle) -> Option<[f64; 2]> {
     let all = one.region == Region::All && other.region == Region::All;
     let heights = [one.height.number()?, other.height.number()?];
@@ -628,7 +632,9 @@ fn initial(doc: &Document) -> Result<Initial> {
     Ok(initial)
 }
 
-/// The run whose last state is the start: its folder is beside the scene's file or, where there is none, where the command runs.
+/// Reads the run whose last state is the start.
+///
+/// Its folder is relative to the scene's file or, failing that, to the working folder.
 fn from_run(doc: &Document) -> Result<Option<StartFrom>> {
     let key = "initial.from";
     if doc.get(key).is_none() {
@@ -670,14 +676,14 @@ fn time(doc: &Document) -> Result<Time> {
     Ok(time)
 }
 
-/// Refuses an end between two steps, and names what would fit.
+/// Refuses an end between two steps, and suggests values that fit.
 fn whole_steps(doc: &Document, time: &Time) -> Result<()> {
     let Time { step, end, .. } = *time;
     let steps = end / step;
     if (steps - steps.round()).abs() <= WHOLE * steps {
         return Ok(());
     }
-    // Twelve digits are enough to be taken, and short where the numbers are round.
+    // Twelve digits pass the check and stay short for round numbers.
     let tidy = |value: f64| spell(format!("{value:.11e}").parse().unwrap_or(value));
     let counts = [steps.floor(), steps.floor() + 1.0];
     let [long, short] = counts.map(|count| tidy(end / count));
@@ -722,7 +728,7 @@ fn scheme(doc: &Document) -> Result<Scheme> {
     }
 }
 
-/// A scheme that goes with the singular mass alone, and why.
+/// Returns a scheme after the check that the mass is singular, which it needs for the reason `why`.
 fn only_singular(doc: &Document, scheme: Scheme, why: &str) -> Result<Scheme> {
     if doc.choice::<Mass>("time.mass")? == Mass::Consistent {
         let name = doc.choice::<SchemeName>("time.scheme")?.word();
@@ -749,7 +755,7 @@ fn massless(doc: &Document) -> Result<Massless> {
     Ok(massless)
 }
 
-/// What a state of another run does not tell.
+/// Refuses keys that a start from another run excludes.
 fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
     let Some(StartFrom { folder, motion, .. }) = &scene.initial.from else { return Ok(()) };
     let refuse = |what: &str| Err(doc.fault("initial.from", format!("{} {what}", quote(folder))));
@@ -765,7 +771,7 @@ fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// What schemes cannot do.
+/// Refuses combinations that the scheme does not support.
 fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     let name = scene.time.scheme.name();
     let damping = scene.damping.as_ref();
@@ -806,7 +812,7 @@ fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {
     })
 }
 
-/// Snapshots; unless told otherwise, the finer the mesh, the less its cells are cut for them.
+/// Reads the settings of snapshots; by default finer meshes divide their cells less.
 fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
     let Some(every) = doc.optional_count("output.fields_every", "a number of steps", 1)? else {
         doc.forbid("output.subdivide", "has no use without output.fields_every")?;
@@ -865,7 +871,7 @@ fn probe(doc: &Document, table: &str, places: &Places, balls: &[Ball]) -> Result
     Ok(Probe { name, at: ball.at, point: None, ball: Some(number) })
 }
 
-/// A name that can head a column of the history.
+/// Reads a name that is valid as a column of the history.
 fn probe_name(doc: &Document, key: &str) -> Result<String> {
     let expected = "expected a name without commas, quotes and control characters";
     let name = doc.optional_text(key, expected)?.ok_or_else(|| doc.missing(key, expected))?;
@@ -948,7 +954,7 @@ fn study(doc: &Document, mesh: &Grid, time: &Time, solver: &Solver) -> Result<Op
     Ok(Some(study))
 }
 
-/// An instant of the run.
+/// Reads an instant of the run.
 fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
     let at = doc.number(key, &INSTANT)?;
     if at > time.end {
@@ -957,7 +963,7 @@ fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
     Ok(at)
 }
 
-/// What moves must not jump, as far as no mesh is needed to tell.
+/// Refuses jumps of obstacles and supports, as far as they can be found without a mesh.
 fn check_jumps(doc: &Document, scene: &Scene) -> Result<()> {
     let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
     for given in scene.motions().chain(heights).filter(|given| given.is_even() && given.changes()) {
@@ -968,7 +974,7 @@ fn check_jumps(doc: &Document, scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// A plate that starts flat must not start beyond an obstacle.
+/// Refuses a flat start beyond an obstacle.
 fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
     let Initial { static_pressure, equilibrium, deflection, from, .. } = &scene.initial;
     let moves = scene.supports.iter().any(|support| support.motion.is_some());

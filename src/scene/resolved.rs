@@ -1,4 +1,4 @@
-//! The resolved scene as TOML, aligned and commented, and its hash.
+//! Resolved scene as TOML, aligned and commented, and its hash.
 
 use super::typed::Choice;
 use super::words::SchemeName;
@@ -9,17 +9,17 @@ use super::{
 use crate::field::Field;
 use crate::plate::Orthotropy;
 
-/// One line of a table: key, value, comment.
+/// Line of a table: key, value, comment.
 type Row = (&'static str, String, &'static str);
 
-/// The scene as TOML; files by the path where they were found, or as they were written.
+/// Formats the scene as TOML, with files by the path where they were found, or as written.
 pub(super) fn text(scene: &Scene, found: bool) -> String {
     let mut text = format!("title = {}\n", string(&scene.title));
     let mut section = |header: &str, rows: &[Row]| section(&mut text, header, rows);
     section("[plate]", &plate(&scene.plate, found));
     for part in &scene.parts {
         let mut material = material(&part.plate, part.thickness.as_ref(), found);
-        // The plate's own formula goes without saying: repeated here it would be the part's.
+        // A part inherits the plate's formula; written here, it would become the part's own.
         if part.thickness == scene.plate.thickness && part.thickness.is_some() {
             material.retain(|(key, ..)| *key != "thickness");
         }
@@ -81,7 +81,7 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
     text
 }
 
-/// What the hash of a scene is taken of: its text as written, the values of its tables, and the state that it starts from.
+/// Returns the hashed text: the scene as written, its table values, and the state it starts from.
 pub(super) fn identity(scene: &Scene) -> String {
     let values = |given: &Given| match &given.value {
         Value::Table { table, .. } => format!("{table:?}\n"),
@@ -91,14 +91,14 @@ pub(super) fn identity(scene: &Scene) -> String {
     text(scene, false) + &scene.of_time().map(values).collect::<String>() + &from
 }
 
-/// FNV-1a, 64 bits.
+/// Computes the 64-bit FNV-1a hash.
 pub(super) fn fnv1a(bytes: &[u8]) -> u64 {
     bytes
         .iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// A number, a formula, or a table.
+/// Formats a number, a formula, or a table.
 fn given(given: &Given, found: bool) -> String {
     match &given.value {
         Value::Formula(field) => formula(field),
@@ -114,7 +114,7 @@ fn formula(field: &Field) -> String {
     field.constant().map_or_else(|| string(&field.to_string()), number)
 }
 
-/// A place, by the name of its physical point if it has one.
+/// Formats a place, by the name of its physical point if it has one.
 fn place(at: &[f64; 2], point: Option<&str>) -> Row {
     point.map_or_else(|| ("at", numbers(at), "m"), |name| ("point", string(name), ""))
 }
@@ -321,7 +321,7 @@ fn numbers(values: &[f64]) -> String {
     format!("[{}]", numbers.join(", "))
 }
 
-/// A table whose equal signs and comments stand below one another.
+/// Appends a table with aligned equal signs and comments.
 fn section(text: &mut String, header: &str, rows: &[Row]) {
     let key_width = rows.iter().map(|(key, ..)| key.len()).max().unwrap_or(0);
     let value_width = rows.iter().map(|(_, value, _)| value.len()).max().unwrap_or(0);
@@ -334,7 +334,7 @@ fn section(text: &mut String, header: &str, rows: &[Row]) {
     }
 }
 
-/// The shortest text that reads back to the same number.
+/// Formats a number as the shortest text that reads back as the same number.
 fn number(value: f64) -> String {
     let (plain, scientific) = (format!("{value:?}"), format!("{value:e}"));
     if plain.len() > 9 && scientific.len() < plain.len() { scientific } else { plain }

@@ -1,15 +1,15 @@
-//! The `[study]` table: what `rebond study` compares.
+//! Table `[study]`: the runs that `rebond study` compares.
 
 use super::{ElementKind, EngineName, Grid, Mass, SchemeName, Solver, Time, ViName};
 use serde::{Deserialize, Serialize};
 
-/// Runs are compared at about as many instants as this.
+/// Approximate number of instants at which runs are compared.
 const INSTANTS: f64 = 1000.0;
 
-/// The fewest instants that tell runs apart.
+/// Least number of instants for a comparison.
 const FEWEST_INSTANTS: f64 = 20.0;
 
-/// What a study compares: every combination of these lists that makes sense.
+/// Study: every valid combination of these lists is a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Study {
     /// Time schemes.
@@ -20,42 +20,44 @@ pub struct Study {
     pub restitutions: Vec<f64>,
     /// Time steps, s, for schemes that have one.
     pub steps: Vec<f64>,
-    /// Elements.
+    /// Finite elements.
     pub elements: Vec<ElementKind>,
-    /// Rectangles along x and y.
+    /// Numbers of rectangles along x and y.
     pub cells: Vec<[usize; 2]>,
-    /// Uniform refinements of each.
+    /// Numbers of uniform refinements of each mesh.
     pub refinements: Vec<u32>,
-    /// Engines.
+    /// Linear algebra engines.
     pub engines: Vec<EngineName>,
     /// Contact solvers.
     pub vi: Vec<ViName>,
-    /// Rectangles of the mesh on which the error in space is measured; none where a file gives the mesh.
+    /// Rectangles of the mesh that measures the error in space; zeros where a file gives the mesh.
     pub reference_cells: [usize; 2],
-    /// Uniform refinements of that mesh: of the file's; 0 for a rectangle.
+    /// Uniform refinements of the file's mesh that measures the error in space; 0 for a rectangle.
     pub reference_refine: u32,
-    /// Instants at which errors of the whole deflection are told, s.
+    /// Instants at which errors of the whole deflection are reported, in s.
     pub at: Vec<f64>,
-    /// How long runs are compared when they are ranked.
+    /// Horizon up to which runs are ranked.
     pub until: Horizon,
-    /// Timed repetitions of each run.
+    /// Number of timed repetitions of each run.
     pub repeat: u32,
 }
 
-/// The part of a run that ranks it.
+/// Part of a run that determines its rank.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Horizon {
     /// Free motion up to the first impact.
     FirstImpact,
-    /// Up to the second impact: the first one and what it leaves.
+    /// Motion up to the second impact, which includes the effect of the first.
     SecondImpact,
-    /// The whole run.
+    /// Whole run.
     End,
 }
 
 impl Study {
-    /// What a study compares unless told otherwise: all schemes and masses on the scene's mesh, with its step and four coarser ones.
+    /// Creates the default study: all schemes and masses on the scene's mesh, with five steps.
+    ///
+    /// These are the scene's own step and four coarser ones.
     pub(super) fn of(mesh: &Grid, time: &Time, solver: &Solver) -> Study {
         let fits = |step: &f64| FEWEST_INSTANTS * step <= time.end;
         let mut steps: Vec<f64> =
@@ -81,9 +83,10 @@ impl Study {
         }
     }
 
-    /// Time between two instants of comparison, s: a multiple of every step, so that no run is interpolated.
+    /// Returns the time between two instants of comparison, in s.
     ///
-    /// `None` where the steps have no common multiple short enough to tell runs apart.
+    /// The time is a multiple of every step, so that no run is interpolated. `None` means that the
+    /// steps have no common multiple short enough for a comparison.
     pub fn interval(&self, end: f64) -> Option<f64> {
         let common = common_multiple(&self.steps)?;
         let interval = common * (end / INSTANTS / common).ceil().max(1.0);
@@ -91,16 +94,16 @@ impl Study {
     }
 }
 
-/// Twice the rectangles of the finest mesh along each side.
+/// Returns twice the numbers of rectangles of the finest mesh along each side.
 pub(super) fn finer(cells: &[[usize; 2]], refinements: &[u32]) -> [usize; 2] {
     let times = 2_usize.saturating_pow(refinements.iter().copied().max().unwrap_or(0)).saturating_mul(2);
     let finest = cells.iter().max_by_key(|[nx, ny]| nx.saturating_mul(*ny)).copied().unwrap_or([1, 1]);
     finest.map(|count| count.saturating_mul(times))
 }
 
-/// The least number of which each of these decimals is a part, if it has no more than the digits of an integer.
+/// Returns the least common multiple of decimals, if its digits fit into an integer.
 fn common_multiple(steps: &[f64]) -> Option<f64> {
-    // The shortest decimal that reads back as the step: digits, and a power of ten.
+    // Each step becomes the integer digits of its shortest decimal and a power of ten.
     let decimals: Vec<(u128, i32)> = steps
         .iter()
         .map(|step| {

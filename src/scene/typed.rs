@@ -1,4 +1,4 @@
-//! Typed reading: numbers in their range, counts, words, text, and the errors of each.
+//! Typed reading of keys: numbers with ranges, counts, words, text, and their errors.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -8,13 +8,13 @@ use super::{self as scene, Given};
 use crate::error::{Error, Result, suggestion};
 use crate::field::{Condition, Field, Names, Table};
 
-/// A physical quantity: what it is, with its unit, and where its values may lie.
+/// Physical quantity: its name with unit, and the range of its values.
 pub(super) struct Quantity {
     pub what: &'static str,
     pub range: Range,
 }
 
-/// The values that a number may take.
+/// Range of a number.
 pub(super) struct Range {
     limits: &'static str,
     fault: &'static str,
@@ -28,7 +28,7 @@ impl Range {
 
     pub const NOT_NEGATIVE: Range = Range::new(" of at least 0", "is negative", |value| value >= 0.0);
 
-    /// A range in words: `limits` follows what is expected, `fault` what was found.
+    /// Creates a range; `limits` completes the expectation and `fault` describes a violation.
     pub const fn new(limits: &'static str, fault: &'static str, holds: fn(f64) -> bool) -> Self {
         Range { limits, fault, holds }
     }
@@ -44,19 +44,19 @@ impl Quantity {
     }
 }
 
-/// An enum whose cases have names in a scene.
+/// Enum whose variants have names in a scene.
 pub(super) trait Choice: Copy + PartialEq + 'static {
-    /// Every case with its word.
+    /// All variants with their words.
     const WORDS: &'static [(&'static str, Self)];
 
-    /// The word of this case.
+    /// Returns the word of this variant.
     fn word(self) -> &'static str {
         Self::WORDS.iter().find(|(_, case)| *case == self).map_or("", |(word, _)| word)
     }
 }
 
 impl Document<'_> {
-    /// An error unless the table, if it is there, has no other keys than these.
+    /// Refuses a table with keys other than these; an absent table passes.
     pub fn allow(&self, table: &str, keys: &[&str]) -> Result<()> {
         let Some(node) = self.get(table) else { return Ok(()) };
         let Value::Table(entries) = &node.value else {
@@ -69,7 +69,7 @@ impl Document<'_> {
         Err(self.fault_at(*place, &full, wrong))
     }
 
-    /// How many entries an array has; none if it is absent.
+    /// Returns the number of entries of an array; 0 if it is absent.
     pub fn entries(&self, array: &str, expected: &str) -> Result<usize> {
         match self.get(array).map(|node| &node.value) {
             None => Ok(0),
@@ -78,7 +78,7 @@ impl Document<'_> {
         }
     }
 
-    /// An array of at least one entry, each different and read by its key; `None` if it is absent.
+    /// Reads an array of at least one entry, all different; `None` if it is absent.
     pub fn list<T: PartialEq>(&self, key: &str, entry: impl Fn(&str) -> Result<T>) -> Result<Option<Vec<T>>> {
         if self.get(key).is_none() {
             return Ok(None);
@@ -99,7 +99,7 @@ impl Document<'_> {
         Ok(Some(list))
     }
 
-    /// An error unless the key is an array of two.
+    /// Refuses a value that is no array of two.
     pub fn pair(&self, key: &str, expected: &str) -> Result<()> {
         match self.entries(key, expected)? {
             2 => Ok(()),
@@ -108,12 +108,12 @@ impl Document<'_> {
         }
     }
 
-    /// A number that must be there.
+    /// Reads a required number.
     pub fn number(&self, key: &str, quantity: &Quantity) -> Result<f64> {
         self.optional_number(key, quantity)?.ok_or_else(|| self.missing(key, quantity.expected()))
     }
 
-    /// A finite number within its range, if it is there.
+    /// Reads an optional number, finite and within its range.
     pub fn optional_number(&self, key: &str, quantity: &Quantity) -> Result<Option<f64>> {
         let Some(node) = self.get(key) else { return Ok(None) };
         let (number, written) = match &node.value {
@@ -129,12 +129,15 @@ impl Document<'_> {
         Err(self.fault(key, format!("{written} {fault}; {}", quantity.expected())))
     }
 
-    /// A field that must be there.
+    /// Reads a required field.
     pub fn needed(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Given> {
         self.given(key, quantity, names)?.ok_or_else(|| self.missing(key, quantity.expected()))
     }
 
-    /// A number within its range, a formula of these variables, or `{ table = "file.csv", ... }` of time, if it is there.
+    /// Reads an optional field: a number within its range, a formula of the variables `names`, or a
+    /// table.
+    ///
+    /// A table is written `{ table = "file.csv", ... }` and needs a field that may depend on time.
     pub fn given(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Option<Given>> {
         let Some(node) = self.get(key) else { return Ok(None) };
         let given = |value| Some(Given { key: key.to_owned(), value });
@@ -159,13 +162,13 @@ impl Document<'_> {
                 let wrong = format!("{} {}; {}", spell(number), quantity.range.fault, quantity.expected());
                 Err(self.fault(key, wrong))
             }
-            // As good as absent, however it is written.
+            // Zero counts as absent, however it is written.
             Some(0.0) => Ok(0.0.into()),
             _ => Ok(field),
         }
     }
 
-    /// A table of time.
+    /// Reads a table of values over time.
     fn table(&self, key: &str, names: Names) -> Result<scene::Value> {
         let of = |name: &str| format!("{key}.{name}");
         self.allow(key, &["table", "interpolation", "times"])?;
@@ -188,14 +191,14 @@ impl Document<'_> {
         Ok(scene::Value::Table { file, path, interpolation, table, shape })
     }
 
-    /// A condition on x and y.
+    /// Reads a condition on x and y.
     pub fn condition(&self, key: &str) -> Result<Condition> {
         let expected = "expected a condition on x and y, such as \"x > 0.5 and y < 0.2\"";
         let text = self.optional_text(key, expected)?.ok_or_else(|| self.missing(key, expected))?;
         Condition::parse(text, Names::XY).map_err(|fault| self.fault(key, fault))
     }
 
-    /// One of these words.
+    /// Reads one of these words.
     pub fn one_of<'w>(&self, key: &str, words: &[&'w str]) -> Result<&'w str> {
         let list: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
         let expected = format!("expected one of {}", list.join(", "));
@@ -206,7 +209,7 @@ impl Document<'_> {
         })
     }
 
-    /// `true` or `false`, if it is there.
+    /// Reads an optional boolean.
     pub fn optional_truth(&self, key: &str) -> Result<Option<bool>> {
         match self.get(key).map(|node| &node.value) {
             None => Ok(None),
@@ -215,13 +218,13 @@ impl Document<'_> {
         }
     }
 
-    /// A count that must be there.
+    /// Reads a required count.
     pub fn count(&self, key: &str, what: &str, least: u32) -> Result<u64> {
         self.optional_count(key, what, least)?
             .ok_or_else(|| self.missing(key, format!("expected {what} of at least {least}")))
     }
 
-    /// A whole number of at least `least`, if it is there.
+    /// Reads an optional whole number of at least `least`.
     pub fn optional_count(&self, key: &str, what: &str, least: u32) -> Result<Option<u64>> {
         let expected = format!("expected {what} of at least {least}");
         match self.get(key).map(|node| &node.value) {
@@ -232,7 +235,7 @@ impl Document<'_> {
         }
     }
 
-    /// Text, if it is there.
+    /// Reads an optional text.
     pub fn optional_text(&self, key: &str, expected: impl Display) -> Result<Option<&str>> {
         match self.get(key).map(|node| &node.value) {
             None => Ok(None),
@@ -241,12 +244,12 @@ impl Document<'_> {
         }
     }
 
-    /// A word that must be there.
+    /// Reads a required word of an enum.
     pub fn choice<T: Choice>(&self, key: &str) -> Result<T> {
         self.optional_choice(key)?.ok_or_else(|| self.missing(key, expected_words::<T>()))
     }
 
-    /// One of the words of an enum, if it is there.
+    /// Reads an optional word of an enum.
     pub fn optional_choice<T: Choice>(&self, key: &str) -> Result<Option<T>> {
         let Some(text) = self.optional_text(key, expected_words::<T>())? else { return Ok(None) };
         if let Some((_, case)) = T::WORDS.iter().find(|(word, _)| *word == text) {
@@ -257,24 +260,25 @@ impl Document<'_> {
         Err(self.fault(key, format!("{} is not valid; {expected}", quote(text))))
     }
 
-    /// An error if a key is there although another one leaves it no meaning.
+    /// Refuses a key that another key makes meaningless.
     pub fn forbid(&self, key: &str, wrong: impl Display) -> Result<()> {
         self.get(key).map_or(Ok(()), |_| Err(self.fault(key, wrong)))
     }
 
-    /// As [`Document::forbid`], for a parameter of a choice that was not made. Where an override made the choice, the file's parameters
-    /// have gone with its own.
+    /// Works as [`Document::forbid`], for a parameter of an option that was not chosen.
+    ///
+    /// Where an override made the choice, parameters of the file's own choice are ignored.
     pub fn forbid_with(&self, choice: &str, key: &str, wrong: impl Display) -> Result<()> {
         let gone = self.is_overridden(choice) && !self.is_overridden(key);
         if gone { Ok(()) } else { self.forbid(key, wrong) }
     }
 
-    /// The error for a key that must be there.
+    /// Creates the error for a missing key.
     pub fn missing(&self, key: &str, expected: impl Display) -> Error {
         self.fault(key, format!("missing; {expected}"))
     }
 
-    /// The error for a value of the wrong type.
+    /// Creates the error for a value of the wrong type.
     pub fn found(&self, key: &str, value: &Value, expected: impl Display) -> Error {
         self.fault(key, format!("found {value}; {expected}"))
     }

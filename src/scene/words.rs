@@ -1,4 +1,4 @@
-//! The words of every enum, as a scene writes them.
+//! Words by which a scene names the variants of every enum.
 
 use super::typed::Choice;
 use super::{Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind, ViName};
@@ -6,26 +6,26 @@ use crate::field::Interpolation;
 use serde::Serialize;
 use std::fmt;
 
-/// The name of a time scheme, without its parameters.
+/// Name of a time scheme, without its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SchemeName {
-    /// Newmark-e-beta.
+    /// Newmark scheme with beta and restitution e.
     Newmark,
-    /// Implicit midpoint.
+    /// Implicit midpoint scheme.
     Midpoint,
-    /// Implicit midpoint, relaxed to the energy of the start.
+    /// Implicit midpoint scheme with relaxation to the initial energy.
     Conserving,
-    /// Event-driven.
+    /// Event-driven scheme.
     Exact,
 }
 
 impl SchemeName {
-    /// All of them.
+    /// All schemes.
     pub const ALL: [SchemeName; 4] =
         [SchemeName::Newmark, SchemeName::Midpoint, SchemeName::Conserving, SchemeName::Exact];
 
-    /// Whether its accuracy is a matter of the step.
+    /// Returns whether the accuracy depends on the time step.
     pub fn has_step(self) -> bool {
         self != SchemeName::Exact
     }
@@ -86,7 +86,7 @@ impl Choice for Horizon {
         &[("first_impact", Self::FirstImpact), ("second_impact", Self::SecondImpact), ("end", Self::End)];
 }
 
-/// Names shown as a scene writes them.
+/// Implements `Display` with the words of a scene.
 macro_rules! shown_as_words {
     ($($name:ty),*) => {
         $(impl fmt::Display for $name {
