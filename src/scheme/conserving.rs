@@ -1,77 +1,93 @@
-//! The conserving scheme: the midpoint rule, relaxed so that every state has the energy of the start, and what came in since.
+//! Conserving scheme: the midpoint rule with a relaxation that keeps the energy, external work
+//! included, exact at every state.
 //!
-//! With the singular mass the impact problem is `$C \ddot p = -\nabla \varphi(p)$`, with φ convex, C^1,1 and piecewise
-//! quadratic, see [`super::potential`]; a state is (p, v), its displacement U(p), its energy
-//! `$E(p, v) = \tfrac12 |v|_C^2 + \varphi(p)$`. A midpoint step gives
+//! With the singular mass the impact problem is `$C \ddot p = -\nabla \varphi(p)$` with `$\varphi$`
+//! convex, `$C^{1,1}$` and piecewise quadratic, see [`super::potential`]. A state is (p, v), with
+//! displacement U(p) and energy `$E(p, v) = \tfrac12 |v|_C^2 + \varphi(p)$`. A midpoint step
+//! (paper, equation 6) gives
 //!
 //! ```math
 //! dp = \Delta t\, (v + \tfrac12 dv), \qquad dv = -\Delta t\, C^{-1} \nabla \varphi(p + \tfrac12 dp) .
 //! ```
 //!
-//! Where the active bounds stay, φ is quadratic along dp and the step keeps E exactly. Where they change it does not; then the
-//! scheme goes
+//! While the active bounds do not change, `$\varphi$` is quadratic along dp and the step conserves
+//! E exactly. Where they change it does not, and the scheme then takes the relaxed step
 //!
 //! ```math
 //! (p, v) \to (p + \gamma\, dp,\; v + \gamma\, dv), \quad t \to t + \gamma \Delta t, \qquad E(p + \gamma\, dp, v + \gamma\, dv) = E_0
 //! ```
 //!
-//! (relaxation: Ketcheson, SIAM J. Numer. Anal. 57, 2019; here for a potential that is only C^1,1).
+//! (relaxation after Ketcheson, SIAM J. Numer. Anal. 57, 2019; here for a potential that is only
+//! `$C^{1,1}$`).
 //!
 //! # Such a gamma exists, is unique, and is at least 1/2
 //!
-//! Let m = p + dp/2 be the middle and w = v + dv/2. As φ is convex and `$m - p = \tfrac12 \Delta t\, w$`,
+//! Let m = p + dp/2 and w = v + dv/2 be the midpoint state. Since `$\varphi$` is convex and
+//! `$m - p = \tfrac12 \Delta t\, w$`,
 //!
 //! ```math
 //! \varphi(p) \ge \varphi(m) - \nabla\varphi(m) \cdot (m - p) = \varphi(m) + \tfrac12 w \cdot C\, dv, \qquad
 //!    \tfrac12 |v|_C^2 = \tfrac12 |w|_C^2 - \tfrac12 w \cdot C\, dv + \tfrac18 |dv|_C^2 ,
 //! ```
 //!
-//! so that `$E(p, v) \ge E(m, w) + \tfrac18 |dv|_C^2$`: at gamma = 1/2 the energy is below its value at gamma = 0. In gamma it is
-//! convex, piecewise quadratic, and tends to infinity with `$\gamma^2 |dv|_C^2 / 2$`: it comes back to E_0 once, at some gamma
-//! of at least 1/2. This holds at every step, however long: the scheme never gains nor loses energy. The root is found by Newton's
-//! method, with the curvature of the last two slopes (exact as soon as they lie in one piece) inside a bracket; each trial is one U(p).
+//! so that `$E(p, v) \ge E(m, w) + \tfrac18 |dv|_C^2$`: at gamma = 1/2 the energy is below its
+//! value at gamma = 0. As a function of gamma the energy is convex and piecewise quadratic, and
+//! grows without bound like `$\gamma^2 |dv|_C^2 / 2$`. It therefore returns to `$E_0$` exactly
+//! once, at some gamma of at least 1/2. This holds for steps of any length: the scheme neither
+//! gains nor loses energy. The root is found by Newton's method, with the curvature from the last
+//! two slopes (exact once both lie in one quadratic piece) inside a bracket. Each trial evaluates
+//! one U(p).
 //!
-//! Above, gamma has no bound: a step that meets its middle in stiff contact and leaves in free flight comes out long; and one that leaves
-//! contact for a flight without force before its middle has dv = 0, and no root unless it meets another obstacle. Past [`LONGEST`] it is done
-//! again with half the step, on a factor that is kept. Of a step short enough the middle lies where the start does, and gamma is 1.
+//! There is no upper bound on gamma. A step whose midpoint is in stiff contact and whose end is in
+//! free flight has a large gamma. A step that leaves contact for a force-free flight before its
+//! midpoint has dv = 0, and no root unless it meets another obstacle. A step with gamma above
+//! [`LONGEST`] is repeated with half the length, with a factor that is kept. For short enough steps
+//! the midpoint has the active bounds of the start, and gamma is 1.
 //!
 //! # Damping, loads and obstacles that change with time
 //!
-//! Damping by mass, D = alpha M, takes `$\gamma \Delta t\, \alpha |w|_C^2$` of a step, and E must come back to E_0 less all that. In the middle
-//! `$C\,dv = -\Delta t\,(\nabla\varphi(m) + \alpha C w)$` now, so that the first inequality above has `$\tfrac12 \Delta t\, \alpha |w|_C^2$` more on its right:
+//! Mass-proportional damping, D = alpha M, dissipates `$\gamma \Delta t\, \alpha |w|_C^2$` in a
+//! step, and E must return to `$E_0$` less the total dissipated. At the midpoint now
+//! `$C\,dv = -\Delta t\,(\nabla\varphi(m) + \alpha C w)$`, so that the first inequality above gains
+//! `$\tfrac12 \Delta t\, \alpha |w|_C^2$` on its right-hand side:
 //!
 //! ```math
 //! E(p, v) \ge E(m, w) + \tfrac12 \Delta t\, \alpha |w|_C^2 + \tfrac18 |dv|_C^2 ,
 //! ```
 //!
-//! and at gamma = 1/2 the energy is again below its target, a linear function of gamma. All else holds as it stands. Damping by
-//! stiffness makes U no function of p, and is refused.
+//! and at gamma = 1/2 the energy is again below its target, a linear function of gamma. The rest of
+//! the argument is unchanged. Stiffness-proportional damping is refused, since U is then no
+//! function of p.
 //!
-//! What changes with time gives a step the work
+//! Time-dependent loads and obstacles do the work
 //!
 //! ```math
 //! \tfrac12 (F_0 + F_1) \cdot (U_\gamma - U_0) + r \cdot (l_\gamma - l_0) ,
 //! ```
 //!
-//! with the loads at the ends of the whole step, whose mean the middle has, the middle's reactions r, and the obstacles l that they belong
-//! to; a state is U(p) under the load and within the obstacles of its own instant. While the active bounds stay, U is affine in p, F
-//! and l together, and the middle is the mean of both ends: then this is the change of E at gamma = 1, exactly, and the step is a
-//! midpoint step at its cost. (The load of the middle's own instant would leave gamma - 1 of order dt in free flight.) Where contact
-//! changes nothing proves that a gamma exists; where none is found after [`MOST_HALVINGS`] the target stays, and later steps make up
-//! for it.
+//! with the loads `$F_0$`, `$F_1$` at the ends of the whole step, whose mean acts at the midpoint,
+//! the midpoint reactions r, and the obstacles l in contact. A state is U(p) under the load and
+//! within the obstacles of its own instant. While the active bounds do not change, U is affine in
+//! p, F and l together, and the midpoint is the mean of both ends: this work is then exactly the
+//! change of E at gamma = 1, and the step is a midpoint step at the cost of one. (With the load at
+//! the midpoint's own instant, gamma - 1 would be of order dt in free flight.) Where the active
+//! bounds change, a root gamma is not guaranteed. Where none is found after [`MOST_HALVINGS`]
+//! halvings the energy target is kept, and later steps make up the difference.
 //!
-//! Where supports move, the deflections are counted during a step from a frame that goes evenly to the supports' place a whole step
-//! later, see [`super::midpoint`]: nothing is inertial there, whatever gamma, and all above holds. The next step starts from where the
-//! frame has come to, gamma of the way, so that no kink is lost or counted twice.
+//! Where supports move, deflections are measured during a step relative to a frame that moves
+//! uniformly to the support places one whole step later, see [`super::midpoint`]. No inertial force
+//! arises in this frame for any gamma, and the above holds. The next step starts from where the
+//! frame has arrived, the fraction gamma of the way, so that no kink is lost or counted twice.
 //!
 //! # Order
 //!
-//! In free flight and in lasting contact gamma is 1 and the scheme is the midpoint rule: order 2. A step in which contact changes is off by
-//! O(dt^2) whatever gamma, for the acceleration is continuous there and only its slope jumps: with finitely many changes order
-//! 2 again, once the step follows the fastest motion. Measured on the paper's plate, 10 x 4 cells, against the exact trajectory, root mean
-//! square error of the tip's corners:
+//! In free flight and in lasting contact gamma is 1 and the scheme is the midpoint rule, of order
+//! 2. A step in which contact changes has an error of `$O(\Delta t^2)$` for any gamma, since only
+//! the slope of the acceleration jumps there. With finitely many contact changes the order is again
+//! 2, once the step resolves the fastest vibration. Measured on the paper's plate, 10 x 4 cells,
+//! against the exact trajectory, root mean square error at the corners of the tip:
 //!
-//! | element, fastest motion | up to | errors (m) at steps (s) |
+//! | element, highest frequency | time span | errors (m) at steps (s) |
 //! |---|---|---|
 //! | fvs, 9.1 kHz | 0.05 s, free flight | 1.1e-7 at 5e-6, 1.7e-8 at 2e-6, 4.4e-9 at 1e-6 |
 //! | fvs | 0.1 s, one impact | 2.8e-5 at 5e-6, 4.9e-6 at 2e-6, 1.3e-6 at 1e-6 |
@@ -79,25 +95,34 @@
 //! | hct, 61 kHz | 0.05 s, free flight | 9.6e-9 at 1e-6, 5.2e-10 at 2e-7, 2.6e-10 at 1e-7 (the reference's) |
 //! | hct | 0.1 s, one impact | 1.8e-4 at 1e-6, 6.5e-5 at 5e-7, 6.2e-6 at 2e-7, 1.5e-6 at 1e-7 |
 //!
-//! At longer steps the order after an impact is about 1. Keeping the energy does not by itself keep to the trajectory: at these steps the
-//! plain midpoint rule errs as much; where it multiplies its energy, at 1e-3 s, two to three times as much.
+//! At longer steps the order after an impact is about 1. Energy conservation alone does not
+//! guarantee the trajectory: at these steps the errors of the plain midpoint rule are as large, and
+//! two to three times as large at 1e-3 s, where its energy multiplies.
 //!
 //! # Cost
 //!
-//! A step whose active bounds stay is a midpoint step. One in which they change takes some four trials of gamma, two or three
-//! rounds each. Over Newmark's time (measured, processor time): 1.2 at the paper's 5e-6 s; at 1e-4 s 1.5 on 10 x 4 and 2.2
-//! on 80 x 32 cells, where a tenth of the steps are relaxed. The midpoint scheme, which needs U(p) without a gamma, takes 1.1 to 1.3.
+//! A step whose active bounds do not change costs a midpoint step. A step in which they change
+//! takes about four trials of gamma, with two or three multiplier rounds each. Processor time
+//! relative to Newmark (measured): 1.2 at the paper's 5e-6 s; at 1e-4 s 1.5 on 10 x 4 cells and 2.2
+//! on 80 x 32 cells, where a tenth of the steps are relaxed. The midpoint scheme, which needs U(p)
+//! without a gamma, takes 1.1 to 1.3.
 //!
 //! # What is reported
 //!
-//! Steps of gamma dt do not meet the grid of instants n dt. The scheme goes on until it has reached or passed t = n dt and reports
-//! - the displacement on the chord between the two states around t: admissible, as both are and the bounds are convex, and as
-//!   accurate as the scheme (the chord is off by dt^2/8 of the acceleration);
-//! - the velocity on the chord between theirs, as the rate of U(p) that goes with it: its momentum is on the chord of momenta;
-//! - the energies *of the state at or just after* t, an actual state of the scheme: nothing is interpolated there;
-//! - the impulses of the obstacles from (n - 1) dt to n dt. A step changes the momentum by `$\gamma \Delta t\,(F - K U + G^T r)$` of its middle, and
-//!   gives each instant between its ends its share: so the impulses add up to the change of the momentum reported;
-//! - the reactions' mean over that time: their impulse over dt; at the start those at U(p).
+//! Steps of length gamma dt do not end at the grid instants n dt. The scheme advances until it has
+//! reached or passed t = n dt and reports
+//!
+//! - the displacement interpolated linearly between the two states around t: admissible, since both
+//!   are and the bounds are convex, and as accurate as the scheme (the interpolation error is
+//!   `$\Delta t^2 / 8$` times the acceleration);
+//! - the velocity as the rate of U(p) for the linearly interpolated V, so that the momentum is
+//!   interpolated linearly too;
+//! - the energies *of the state at or just after* t, without interpolation;
+//! - the impulses of the obstacles from (n - 1) dt to n dt. A step changes the momentum by
+//!   `$\gamma \Delta t\,(F - K U + G^T r)$` at its midpoint, divided among grid intervals in
+//!   proportion to time, so that the impulses add up to the change of the reported momentum;
+//! - the mean reactions over that time, i.e. the impulses divided by dt; at the start those at
+//!   U(p).
 
 use super::drive::Moment;
 use super::half_step::{HalfStep, Images, State, change_frame};
@@ -112,69 +137,75 @@ use crate::vi::{Condensed, Solver, SolverFactory, Verdict};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// The longest gamma accepted. After [`MOST_HALVINGS`] it is the longest step, in dt.
+/// Largest gamma accepted; after [`MOST_HALVINGS`] halvings the longest step, in units of dt.
 pub const LONGEST: f64 = 2.5;
-/// Halvings that shorten a step which comes out long.
+/// Number of halvings after which a step with a large gamma is accepted.
 pub const MOST_HALVINGS: usize = 3;
-/// Halvings where a gamma exists, but for rounding: contact that holds 1e-13 of the energy ends within 1e-7 of its own period.
+/// Largest number of halvings where a root gamma exists up to rounding: contact that holds 1e-13 of
+/// the energy ends within 1e-7 of its own period.
 const ALL_HALVINGS: usize = 40;
 
-/// A step moves the energy if by more than this part of it: above what a step rounds off, far below what contact changes.
+/// Relative change of energy above which a step is relaxed: above the rounding error of a step, far
+/// below the effect of a contact change.
 const MOVED: f64 = 1e-13;
-/// The energy is kept if to this part of it.
+/// Relative energy error at which the search for gamma ends.
 const KEPT: f64 = 4.0 * f64::EPSILON;
-/// What rounding alone has moved is put right within this range of gamma.
+/// Range of gamma in which a change of energy from rounding alone is corrected.
 const ROUNDING: Range<f64> = 0.9..1.1;
-/// Where that cannot, no force being at work, it is taken from the velocity if to this part of the kinetic energy, or left to a later step.
+/// Largest rounding error, relative to the kinetic energy, that is removed by scaling the velocity
+/// where no gamma corrects it (force-free flight). Larger ones are left to later steps.
 const ROUNDED: f64 = 1e-10;
-/// Trials of gamma. Some four are enough; where rounding hides the root, bisection closes the bracket.
+/// Largest number of trials of gamma. About four suffice; where rounding hides the root, bisection
+/// closes the bracket.
 const MOST_TRIALS: usize = 60;
 
-/// What it took to keep the energy.
+/// Statistics of the relaxation.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Relaxation {
-    /// Steps, of any length, that the scheme took between the instants of its grid.
+    /// Number of steps of any length taken between the grid instants.
     pub states: u64,
-    /// Those with gamma other than 1 because contact changed.
+    /// Number of steps with gamma other than 1, because contact changed.
     pub relaxed_steps: u64,
-    /// Steps done again with half the length.
+    /// Number of steps repeated with half the length.
     pub halved_steps: u64,
-    /// Least gamma.
+    /// Smallest gamma.
     pub least_gamma: f64,
     /// Largest gamma.
     pub largest_gamma: f64,
-    /// What damping has taken, in J.
+    /// Energy dissipated by damping, in J.
     pub dissipated: f64,
 }
 
-/// The scheme at an instant n of its grid; see the [module page](self).
+/// Conserving scheme at grid instant n; see the [module page](self).
 pub struct Conserving<'s, E: Engine> {
     system: &'s System<E>,
-    /// Of dt, dt/2, dt/4, ... as far as they have been needed.
+    /// Half steps for lengths dt, dt/2, dt/4, ..., built as needed.
     halves: Vec<HalfStep<'s, E>>,
-    /// Which of them led to the present state.
+    /// Index of the half step that led to the present state.
     last: usize,
     solver: &'s SolverFactory<E>,
     potential: Potential<'s, E>,
     images: Rc<Images>,
-    /// The energy of the start, and the work that what changes with time has given since, in J.
+    /// Energy at the start, and work of time-dependent data since then, in J.
     start: f64,
     given: f64,
     n: u64,
-    /// The state at or just after n dt, the one before it, the time between them, and from n dt to the later one, in s.
+    /// State at or just after n dt, the state before it, the time between them (s), and the time
+    /// from n dt to the later one (s).
     now: State,
     before: State,
     span: f64,
     ahead: f64,
-    /// U at n dt, at the bounds, and mean reactions over the last dt.
+    /// Reported U at n dt (m), its values at the bounds (m), and the mean reactions over the last
+    /// dt (N).
     u: Vec<f64>,
     admissible: Vec<f64>,
-    /// The bounds there, where they move.
+    /// Bounds at n dt, where they move.
     limits: Moment,
     reaction: Vec<f64>,
-    /// Impulses of the obstacles over the last dt, in N s.
+    /// Impulses of the obstacles over the last dt, in N s, one entry per bound.
     impulses: Vec<f64>,
-    /// Each bounded dof's rate in the last step, and where it last was without reaction.
+    /// Rates in the last step (m/s), and the last states without reaction, one entry per bound.
     rates: Vec<f64>,
     free: Vec<Approach>,
     relaxation: Relaxation,
@@ -185,11 +216,11 @@ impl<'s, E: Engine + 'static> Conserving<'s, E>
 where
     E::Factor: 'static,
 {
-    /// Starts with the condensed solver and steps of `dt` seconds.
+    /// Starts the scheme with the condensed solver and steps of `dt` seconds.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where 4 M / dt^2 + K is not positive definite; [`crate::Error::Usage`] for damping by stiffness or of
-    /// single modes.
+    /// Returns [`crate::Error::Singular`] where `$4 M / \Delta t^2 + K$` is not positive definite,
+    /// and [`crate::Error::Usage`] for stiffness-proportional or modal damping.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Conserving<'s, E>> {
         Conserving::with_solver(system, dt, start, &|engine, sum, bounded| {
             Ok(Box::new(Condensed::new(engine, sum, bounded)?) as Box<dyn Solver<E>>)
@@ -198,11 +229,11 @@ where
 }
 
 impl<'s, E: Engine> Conserving<'s, E> {
-    /// Starts with solvers of the midpoint rule's matrices, 4 M / dt^2 + K, made as they are needed. U(p) is found by the
-    /// condensed solver whatever these are.
+    /// Starts the scheme with a factory of solvers for the step matrices `$4 M / \Delta t^2 + K$`,
+    /// called as step lengths are needed. U(p) is always found by the condensed solver.
     ///
     /// # Errors
-    /// As [`Conserving::new`].
+    /// Returns the same errors as [`Conserving::new`].
     pub fn with_solver(
         system: &'s System<E>,
         dt: f64,
@@ -263,18 +294,18 @@ impl<'s, E: Engine> Conserving<'s, E> {
         Ok(())
     }
 
-    /// Adds the impulses of so many seconds of the last step.
+    /// Adds the impulses of the reactions of the last step over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
         let reactions = &self.halves[self.last].reaction;
         self.impulses.iter_mut().zip(reactions).for_each(|(impulse, r)| *impulse += seconds * r);
     }
 
-    /// dt, in s.
+    /// Returns the length dt of a grid step, in s.
     fn dt(&self) -> f64 {
         self.halves[0].dt
     }
 
-    /// Goes to the next state, from an instant.
+    /// Advances from the present state, at `time` (s), to the next.
     fn step_on(&mut self, time: f64) -> Result<()> {
         std::mem::swap(&mut self.now, &mut self.before);
         let target = self.start + self.given - self.relaxation.dissipated;
@@ -329,20 +360,21 @@ impl<'s, E: Engine> Conserving<'s, E> {
     }
 }
 
-/// Energies of a state without their signs: what its energy is rounded to.
+/// Returns the sum of the magnitudes of the energies, in J, as the scale of their rounding errors.
 fn size(state: &State) -> f64 {
     let Energies { kinetic, elastic, work } = state.energies;
     kinetic + elastic + work.abs()
 }
 
-/// What the energy of a state on the line has beyond the target at the line's start and what has come in and been taken since, in J.
+/// Returns the energy of a state on the line beyond its target, in J: `target` at the start of the
+/// line, plus the work done and less the energy dissipated since.
 fn excess<E: Engine>(line: &Line<E>, target: f64, gamma: f64, state: &State) -> Result<f64> {
     let [given, dissipated] = line.exchange(gamma, state)?;
     Ok(state.energies.total() - (target + given - dissipated))
 }
 
-/// From gamma = 1, finds the larger gamma on the line at which the energy has no excess, and makes `to` the state there; `None`
-/// if it is not in the range.
+/// Finds the larger root gamma of the energy excess, starting from gamma = 1, and sets `to` to the
+/// state there. Returns `None` where the root is outside `range`.
 fn keep_energy<E: Engine>(
     line: &mut Line<E>,
     target: f64,
@@ -390,7 +422,7 @@ fn keep_energy<E: Engine>(
         gamma = next;
         line.at(gamma, to)?;
     }
-    // No number lies nearer to the root, or rounding hides it.
+    // The root is resolved to rounding, or hidden by it.
     if gamma != best.1 {
         line.at(best.1, to)?;
     }
@@ -446,14 +478,15 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         &self.u
     }
 
-    /// The rate of U(p) where p moves at the velocity on the chord between the states around the instant, with the rates of the obstacles at
-    /// the nodes that they push in the later one. At the start v_0.
+    /// Returns the rate of U(p) for the V interpolated between the states around the instant, with
+    /// the nodes in contact at the later state following their obstacles, in m/s. At the start it
+    /// is `$v_0$`.
     fn velocity(&mut self) -> Result<Vec<f64>> {
         let half = &self.halves[self.last];
         if self.n == 0 {
             return Ok(half.first_velocity());
         }
-        // As seen from the frame of the step between the two states.
+        // Measure both velocities relative to the frame of the step between the two states.
         let seen = |state: &State| {
             let mut v = state.v.clone();
             change_frame(&self.images, &state.rates, half.chords(), &mut v);
@@ -466,22 +499,23 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.potential.rate(&v, &self.now.reaction, &change)
     }
 
-    /// Those throughout the step; at the start those of the motions.
+    /// Returns the frame velocities during the last step, in m/s; at the start those of the
+    /// motions.
     fn support_rates(&self) -> Result<Vec<f64>> {
         if self.n == 0 { self.system.drive.rates(0.0) } else { Ok(self.halves[self.last].chords().to_vec()) }
     }
 
-    /// The displacement reported, at each bound.
+    /// Returns the reported displacement, in m, one entry per bound.
     fn admissible(&self) -> &[f64] {
         &self.admissible
     }
 
-    /// On the chord between the bounds of the two states around the instant.
+    /// Returns the bounds interpolated between the two states around the instant, in m.
     fn limits(&self) -> &Bounds {
         self.limits.bounds(&self.system.bounds)
     }
 
-    /// Their mean over the last dt; at the start those at U(p).
+    /// Returns the mean reactions over the last dt, in N; at the start those at U(p).
     fn reaction(&self) -> &[f64] {
         &self.reaction
     }
@@ -490,7 +524,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         &self.impulses
     }
 
-    /// Those of the state at or just after the instant.
+    /// Returns the energies of the state at or just after the instant.
     fn energies(&self) -> Result<Energies> {
         let energies = self.now.energies;
         Ok(Energies { work: energies.work + self.given, ..energies })

@@ -1,7 +1,8 @@
-//! What a structure meets besides its own stiffness and mass: damping, loads and obstacles that change with time.
+//! Damping, support motions, and loads and obstacles that depend on time.
 //!
-//! Each is absent unless a scene has it, and then costs a step one test. The schemes hold loads and bounds of the instants of a step
-//! only: two of the midpoint rule, three of Newmark.
+//! Each is absent unless the scene has it; an absent one costs a single test per step. The schemes
+//! store loads and bounds at the instants of one step only: two for the midpoint rule, three for
+//! Newmark.
 
 use crate::archive::{Archive, Over};
 use crate::error::{Error, Result};
@@ -14,47 +15,48 @@ use std::fmt;
 /// Rayleigh damping alpha M + beta K.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Damping {
-    /// alpha, in 1/s.
+    /// Mass coefficient alpha, in 1/s.
     pub mass: f64,
-    /// beta, in s.
+    /// Stiffness coefficient beta, in s.
     pub stiffness: f64,
 }
 
 impl Damping {
-    /// Whether nothing is damped.
+    /// Returns whether both coefficients are zero.
     pub fn is_none(&self) -> bool {
         *self == Damping::default()
     }
 }
 
-/// Adds the load of an instant (s), in N, to a vector over the dofs.
+/// Function that adds the load at an instant (s) to a vector, in N, one entry per dof.
 pub type LoadOfTime = dyn Fn(f64, &mut [f64]) -> Result<()>;
 
-/// Sets the bounds of an instant (s); their dofs stay.
+/// Function that sets the bounds (m) at an instant (s); their dofs stay the same.
 pub type BoundsOfTime = dyn Fn(f64, &mut Bounds) -> Result<()>;
 
-/// Damping of single modes, each by a ratio of its own: the force
-/// `$-\sum_k 2 \zeta_k w_k\, M \phi_k\, (\phi_k^T M V)$`, of as low a rank as there are modes.
+/// Modal damping with one damping ratio per mode: the force
+/// `$-\sum_k 2 \zeta_k w_k\, M \phi_k\, (\phi_k^T M V)$`, whose rank is the number of damped modes.
 ///
-/// A matrix of a step has no room for it, dense as it is. So it acts on a velocity extrapolated from the last two steps: second order,
-/// and stable at steps that are short against the time in which a mode dies out, which are asked for.
+/// The corresponding matrix is dense and cannot be added to the step matrix. The force therefore
+/// acts on a velocity extrapolated from the last two steps. This is second order, and stable for
+/// steps that are short compared with the decay time of each mode, which is checked.
 #[derive(Debug, Clone, Default)]
 pub struct ModalDamping {
     shapes: Vec<Vec<f64>>,
-    /// M phi.
+    /// Products M phi, one vector per mode.
     momenta: Vec<Vec<f64>>,
-    /// 2 zeta w, in 1/s.
+    /// Decay rates `$2 \zeta w$`, in 1/s.
     rates: Vec<f64>,
 }
 
-/// Most of zeta w dt.
+/// Largest `$\zeta w \Delta t$` accepted.
 const LARGEST_DECAY: f64 = 0.1;
 
 impl ModalDamping {
-    /// Damps modes by ratios of critical damping.
+    /// Builds the damping of `modes` by `ratios` of critical damping, one per mode.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn new<E: Engine>(
         engine: &E,
         mass: &E::Form,
@@ -72,7 +74,7 @@ impl ModalDamping {
         Ok(damping)
     }
 
-    /// Whether a step is short enough.
+    /// Returns an error where the step `dt` (s) is too long for the damped modes.
     pub(super) fn check(&self, dt: f64) -> Result<()> {
         let fastest = self.rates.iter().fold(0.0, |a: f64, b| a.max(0.5 * b));
         if fastest * dt <= LARGEST_DECAY {
@@ -84,17 +86,17 @@ impl ModalDamping {
         )))
     }
 
-    /// The modes' shares of a velocity with this momentum.
+    /// Returns the modal coordinates of a velocity, given its momentum. Collective.
     pub(super) fn of_momentum<E: Engine>(&self, engine: &E, momentum: &[f64]) -> Result<Vec<f64>> {
         project(engine, &self.shapes, momentum)
     }
 
-    /// The modes' shares of a rate of displacement.
+    /// Returns the modal coordinates of a rate of displacement. Collective.
     pub(super) fn of_rate<E: Engine>(&self, engine: &E, rate: &[f64]) -> Result<Vec<f64>> {
         project(engine, &self.momenta, rate)
     }
 
-    /// Takes the damping of these shares from a force.
+    /// Subtracts the modal damping force of given modal velocities from `force`.
     pub(super) fn resist(&self, shares: impl Iterator<Item = f64>, force: &mut [f64]) {
         for ((rate, momentum), share) in self.rates.iter().zip(&self.momenta).zip(shares) {
             force.iter_mut().zip(momentum).for_each(|(force, m)| *force -= rate * share * m);
@@ -102,69 +104,73 @@ impl ModalDamping {
     }
 }
 
-/// Products with each of some vectors over all processes.
+/// Returns the inner products of x with each vector of `onto`, summed over all processes.
+/// Collective.
 fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f64>> {
     let own: Vec<f64> = onto.iter().map(|y| x.iter().zip(y).map(|(x, y)| x * y).sum()).collect();
     let (all, _) = engine.concatenate(&own)?;
     Ok((0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect())
 }
 
-/// What changes with time, and what acts on single modes. With several processes each calls both at the same instants.
+/// Time-dependent loads, obstacles and supports, and modal damping. All processes evaluate them at
+/// the same instants.
 #[derive(Default)]
 pub struct Drive {
-    /// The load beyond the constant one.
+    /// Time-dependent part of the load.
     pub load: Option<Box<LoadOfTime>>,
-    /// Where the obstacles are; in the frame of the supports once these have moved by 0.
+    /// Time-dependent obstacles, given for supports at their initial place.
     pub bounds: Option<Box<BoundsOfTime>>,
-    /// Motions of the supports, in whose frame the deflections are counted.
+    /// Support motions; deflections are measured in their frame.
     pub supports: Vec<SupportMotion>,
     /// Damping of single modes.
     pub modal: Option<ModalDamping>,
 }
 
-/// A motion of supports, and the shape that it gives the plate, per metre of motion.
+/// Motion of supports, and the quasi-static shape that it gives the plate per metre.
 ///
-/// Deflections are counted from that shape. No second derivative of the motion is ever asked for: Newmark's load of inertia is
-/// its second difference, and the schemes with velocities let the frame go evenly from instant to instant, with an impulse where its
-/// velocity changes. So a kink of the motion has its whole impulse, wherever in a step it lies.
+/// Deflections are measured relative to that shape. No second derivative of the motion is needed:
+/// Newmark uses its second difference as inertial load, and the schemes with velocities move the
+/// frame uniformly between instants, with an impulse where its velocity jumps. A kink of the motion
+/// therefore has its full impulse wherever in a step it lies.
 pub struct SupportMotion {
-    /// Place of the supports at an instant (s), in m.
+    /// Support place at an instant (s), in m.
     pub place: Box<dyn Fn(f64) -> Result<f64>>,
-    /// Velocity just after an instant (s), in m/s.
+    /// Support velocity just after an instant (s), in m/s.
     pub rate: Box<dyn Fn(f64) -> Result<f64>>,
-    /// Momentum of the shape that moves at 1 m/s, in kg, one entry per dof.
+    /// Momentum of the shape moving at 1 m/s, in kg, one entry per dof.
     pub momentum: Vec<f64>,
-    /// Force with which the shape of 1 m resists, in N, one entry per dof; `None` where it is in equilibrium.
+    /// Restoring force of the shape at 1 m, in N, one entry per dof; `None` where the shape is in
+    /// equilibrium.
     pub stiffness: Option<Vec<f64>>,
-    /// The shape of 1 m at each bounded dof.
+    /// Shape at 1 m, one entry per bound.
     pub at_bounds: Vec<f64>,
-    /// The shape of 1 m, one entry per dof.
+    /// Shape at 1 m, one entry per dof.
     pub shape: Vec<f64>,
 }
 
 impl Drive {
-    /// Whether loads or obstacles change.
+    /// Returns whether loads, obstacles or supports depend on time.
     pub fn varies(&self) -> bool {
         self.load.is_some() || self.bounds.is_some() || !self.supports.is_empty()
     }
 
-    /// Places of the supports at an instant (s), in m, one per motion.
+    /// Returns the support places at an instant (s), in m, one entry per motion.
     pub(super) fn places(&self, time: f64) -> Result<Vec<f64>> {
         self.supports.iter().map(|motion| (motion.place)(time)).collect()
     }
 
-    /// Velocities of the supports just after an instant (s), in m/s, one per motion.
+    /// Returns the support velocities just after an instant (s), in m/s, one entry per motion.
     ///
     /// # Errors
-    /// Those of the motions.
+    /// Returns the errors of the motions.
     pub fn rates(&self, time: f64) -> Result<Vec<f64>> {
         self.supports.iter().map(|motion| (motion.rate)(time)).collect()
     }
 
-    /// Bounds of an instant (s) as seen from the supports.
+    /// Returns the bounds at an instant (s) relative to the supports, in m.
     ///
     /// # Errors
-    /// Those of the motions.
+    /// Returns the errors of the motions.
     pub fn carried(&self, time: f64, bounds: Bounds) -> Result<Bounds> {
         let places = vec![0.0; self.supports.len()];
         let mut moment = Moment { load: None, bounds: Some(bounds), places };
@@ -172,10 +178,10 @@ impl Drive {
         Ok(moment.bounds.unwrap_or_default())
     }
 
-    /// Adds the load of an instant (s) with which the supports' shape resists.
+    /// Adds the restoring force of the support shapes at an instant (s) to `load`, in N.
     ///
     /// # Errors
-    /// Those of the motions.
+    /// Returns the errors of the motions.
     pub fn pull(&self, time: f64, load: &mut [f64]) -> Result<()> {
         for (motion, place) in self.supports.iter().zip(self.places(time)?) {
             let stiffness = motion.stiffness.iter().flatten();
@@ -184,26 +190,28 @@ impl Drive {
         Ok(())
     }
 
-    /// Takes the inertia of the supports' accelerations (m/s^2, one per motion) from a force.
+    /// Subtracts the inertia of the support accelerations (m/s^2, one entry per motion) from
+    /// `force`.
     pub(super) fn subtract_inertia(&self, accelerations: &[f64], force: &mut [f64]) {
         for (motion, a) in self.supports.iter().zip(accelerations) {
             force.iter_mut().zip(&motion.momentum).for_each(|(force, m)| *force -= a * m);
         }
     }
 
-    /// Adds the shapes of some motions (m or m/s, one per motion) to values over the dofs.
+    /// Adds the support shapes, scaled by `sizes` (m or m/s, one entry per motion), to values per
+    /// dof.
     pub(super) fn add_shapes(&self, sizes: impl Iterator<Item = f64>, values: &mut [f64]) {
         for (motion, size) in self.supports.iter().zip(sizes) {
             values.iter_mut().zip(&motion.shape).for_each(|(value, r)| *value += size * r);
         }
     }
 
-    /// Whether a load changes with time; so does that of springs to the ground where supports move.
+    /// Returns whether the load depends on time; springs to the ground count where supports move.
     pub(super) fn pushes(&self) -> bool {
         self.load.is_some() || self.supports.iter().any(|motion| motion.stiffness.is_some())
     }
 
-    /// Refuses the damping of single modes for a scheme.
+    /// Returns an error where modal damping is combined with the named scheme.
     pub(super) fn refuse_modal(&self, scheme: &str) -> Result<()> {
         match self.modal {
             None => Ok(()),
@@ -223,19 +231,19 @@ impl fmt::Debug for Drive {
     }
 }
 
-/// What changes with time, at an instant: `None` what does not.
+/// Time-dependent data at one instant; `None` for constant data.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Moment {
-    /// The load beyond the constant one, in N.
+    /// Time-dependent part of the load, in N, one entry per dof.
     pub load: Option<Vec<f64>>,
-    /// The bounds.
+    /// Bounds, in m.
     pub bounds: Option<Bounds>,
-    /// Where the frame of the supports is, in m, one per motion.
+    /// Places of the support frame, in m, one entry per motion.
     pub places: Vec<f64>,
 }
 
 impl Moment {
-    /// Room for a drive's moments: no load, and the bounds at rest.
+    /// Allocates the data with zero load and the bounds at rest.
     pub fn new(drive: &Drive, dofs: usize, at_rest: &Bounds) -> Moment {
         Moment {
             load: drive.pushes().then(|| vec![0.0; dofs]),
@@ -244,7 +252,7 @@ impl Moment {
         }
     }
 
-    /// Sets load and bounds to those of an instant.
+    /// Sets load, bounds and support places to those at `time` (s).
     pub fn set(&mut self, drive: &Drive, time: f64) -> Result<()> {
         if let Some(load) = &mut self.load {
             load.fill(0.0);
@@ -260,7 +268,8 @@ impl Moment {
         Ok(())
     }
 
-    /// Moves the frame of the supports, and with it what is seen from there.
+    /// Moves the support frame to `places` (m, one entry per motion) and transforms load and
+    /// bounds.
     pub fn carry(&mut self, drive: &Drive, places: &[f64]) {
         for (motion, (place, to)) in drive.supports.iter().zip(self.places.iter_mut().zip(places)) {
             let way = to - *place;
@@ -277,7 +286,7 @@ impl Moment {
         }
     }
 
-    /// Sets each number to what `map` makes of those of two other moments.
+    /// Sets each number to `map` of the corresponding numbers of two other instants.
     pub fn combine(&mut self, a: &Moment, b: &Moment, map: impl Fn(f64, f64) -> f64) {
         let each = |to: &mut [f64], a: &[f64], b: &[f64]| {
             to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (a, b))| *to = map(*a, *b));
@@ -292,7 +301,7 @@ impl Moment {
         each(&mut self.places, &a.places, &b.places);
     }
 
-    /// Shows an archive all of it.
+    /// Saves all data to an archive or restores them from it.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         if let Some(load) = &mut self.load {
             archive.vector(Over::Dofs, load)?;
@@ -304,30 +313,31 @@ impl Moment {
         archive.value(&mut self.places)
     }
 
-    /// Takes what another moment has.
+    /// Copies the data of another instant.
     pub fn copy(&mut self, of: &Moment) {
         self.combine(of, of, |value, _| value);
     }
 
-    /// Sets each number to where an even change from `now` to `next` has it, `steps` such changes after `now`. An obstacle that is not
-    /// there now is not there.
+    /// Sets each number by linear extrapolation from `now` to `next`, `steps` steps after `now`. An
+    /// obstacle absent at `now` stays absent.
     pub fn extrapolate(&mut self, now: &Moment, next: &Moment, steps: f64) {
         self.combine(now, next, |now, next| if now.is_finite() { now + steps * (next - now) } else { now });
     }
 
-    /// The bounds of this instant, given those at rest.
+    /// Returns the bounds of this instant; `at_rest` where they are constant.
     pub fn bounds<'m>(&'m self, at_rest: &'m Bounds) -> &'m Bounds {
         self.bounds.as_ref().unwrap_or(at_rest)
     }
 
-    /// Adds the load to a force.
+    /// Adds the time-dependent load to `force`, in N.
     pub fn push(&self, force: &mut [f64]) {
         if let Some(load) = &self.load {
             force.iter_mut().zip(load).for_each(|(force, load)| *force += load);
         }
     }
 
-    /// This process's part of the work, in J, that reactions do where the bounds go from here to there.
+    /// Returns this process's part of the work of the reactions as the bounds move to those of
+    /// `to`, in J.
     pub fn carried(&self, to: &Moment, reaction: &[f64]) -> f64 {
         let (Some(from), Some(to)) = (&self.bounds, &to.bounds) else { return 0.0 };
         let way = |i: usize| {

@@ -1,4 +1,4 @@
-//! Half a step of the midpoint rule: what [`super::Midpoint`] and [`super::Conserving`] share.
+//! Implicit half of a midpoint step, shared by [`super::Midpoint`] and [`super::Conserving`].
 
 use super::System;
 use super::drive::Moment;
@@ -10,27 +10,28 @@ use crate::obstacle::Bounds;
 use crate::vi::{Solver, Step, Verdict};
 use std::rc::Rc;
 
-/// A state (U, V) and what follows from it.
+/// State (U, V) with its forces, reactions and energies.
 #[derive(Debug, Clone)]
 pub(super) struct State {
-    /// U.
+    /// Displacement U, in m, one entry per dof.
     pub u: Vec<f64>,
-    /// V.
+    /// Velocity V, in m/s, one entry per velocity dof.
     pub v: Vec<f64>,
-    /// Reactions of the obstacles at U, where U is in equilibrium with its velocities held.
+    /// Reactions of the obstacles where U is in equilibrium for given p, in N, one entry per bound.
     pub reaction: Vec<f64>,
-    /// F - K U with the constant load.
+    /// Force F - K U with the constant load, in N, one entry per dof.
     pub force: Vec<f64>,
-    /// What changes with time, at its instant.
+    /// Time-dependent data at the instant of the state.
     pub moment: Moment,
-    /// Velocities of the frame of the supports that V is counted from, in m/s, one per motion.
+    /// Velocities of the support frame that V is measured relative to, in m/s, one entry per
+    /// motion.
     pub rates: Vec<f64>,
-    /// Its energies; the work is that of the constant load.
+    /// Energies of the state; the work is that of the constant load, in J.
     pub energies: Energies,
 }
 
 impl State {
-    /// The state of a displacement and its rate at the start.
+    /// Builds the initial state from a displacement (m) and its rate (m/s).
     pub fn new<E: Engine>(system: &System<E>, u: Vec<f64>, rate: &[f64]) -> Result<State> {
         let System { engine, mass, bounds, .. } = system;
         let mut v = vec![0.0; engine.velocities(mass)];
@@ -43,7 +44,7 @@ impl State {
         Ok(state)
     }
 
-    /// Shows an archive all of it.
+    /// Saves the state to an archive or restores it from there.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.energies)?;
         self.moment.archive(archive)?;
@@ -54,7 +55,7 @@ impl State {
         archive.vector(Over::Bounds, &mut self.reaction)
     }
 
-    /// Sets force and energies to those of U and V.
+    /// Updates force and energies from U and V.
     pub fn weigh<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
         let elastic = system.force(&self.u, &mut self.force)?;
         let kinetic = 0.5 * system.engine.vis_viva(&system.mass, &self.v)?;
@@ -62,7 +63,8 @@ impl State {
         Ok(())
     }
 
-    /// Counts V from the velocities of the supports just after an instant. Returns the work that this is to the plate, in J.
+    /// Measures V relative to the support velocities just after `time` (s). Returns the change of
+    /// kinetic energy, which counts as work, in J.
     pub fn ride<E: Engine>(&mut self, system: &System<E>, images: &Images, time: f64) -> Result<f64> {
         if images.is_empty() {
             return Ok(0.0);
@@ -75,7 +77,7 @@ impl State {
         Ok(self.energies.kinetic - before)
     }
 
-    /// Takes from V, without turning it, a little of its energy, in J.
+    /// Scales V so that the kinetic energy decreases by `energy` (J).
     pub fn shed(&mut self, energy: f64) {
         let kept = 1.0 - energy / self.energies.kinetic;
         self.v.iter_mut().for_each(|v| *v *= kept.sqrt());
@@ -83,17 +85,18 @@ impl State {
     }
 }
 
-/// Velocities V that have the momenta of the shapes of moving supports at 1 m/s, one vector per motion.
+/// Velocities V with the momentum of the support shape at 1 m/s, one vector per motion.
 pub(super) type Images = [Vec<f64>];
 
-/// Counts a velocity from a frame of other velocities (m/s, one per motion).
+/// Changes the frame of the velocity v from frame velocities `from` to `to` (m/s, one entry per
+/// motion).
 pub(super) fn change_frame(images: &Images, from: &[f64], to: &[f64], v: &mut [f64]) {
     for (image, (from, to)) in images.iter().zip(from.iter().zip(to)) {
         v.iter_mut().zip(image).for_each(|(v, image)| *v -= (to - from) * image);
     }
 }
 
-/// The implicit half of a step, from a state to the middle (U + x, V + dV/2).
+/// Solver for the implicit half of a step, from a state (U, V) to the midpoint (U + x, V + dV/2).
 pub(super) struct HalfStep<'s, E: Engine> {
     system: &'s System<E>,
     sum: [(f64, &'s E::Form); 2],
@@ -102,35 +105,37 @@ pub(super) struct HalfStep<'s, E: Engine> {
     pub dt: f64,
     b: Vec<f64>,
     bounds: Bounds,
-    /// What changes with time, at the end of the step, and the mean of both ends.
+    /// Time-dependent data at the end of the step, and the mean of both ends.
     end: Moment,
     mean: Moment,
-    /// Shares of V in the modes that are damped, of the last step.
+    /// Modal coordinates of V in the damped modes at the start of the last step.
     shares: Option<Vec<f64>>,
     images: Rc<Images>,
-    /// Velocities of the supports' frame throughout the step, in m/s, V at its start as seen from there, and the work of going there, in J.
+    /// Velocities of the support frame during the step (m/s, one entry per motion), V at its start
+    /// relative to that frame (m/s), and the work of the change of frame (J).
     chords: Vec<f64>,
     v: Vec<f64>,
     ridden: f64,
-    /// x.
+    /// Displacement increment x to the midpoint, in m, one entry per dof.
     pub x: Vec<f64>,
-    /// C^-1 B x: half the change of p.
+    /// Half the change of p, `$C^{-1} B x$`, in m, one entry per velocity dof.
     pub rate: Vec<f64>,
-    /// dV.
+    /// Velocity change dV over the whole step, in m/s, one entry per velocity dof.
     pub dv: Vec<f64>,
-    /// Reactions in the middle.
+    /// Reactions at the midpoint, in N, one entry per bound.
     pub reaction: Vec<f64>,
 }
 
 impl<'s, E: Engine> HalfStep<'s, E> {
-    /// The matrix of a step, 4 M / dt^2 + K + 2 D / dt.
+    /// Returns the step matrix `$4 M / \Delta t^2 + K + 2 D / \Delta t$` (paper, equation 6, with
+    /// damping).
     pub fn sum(system: &'s System<E>, dt: f64) -> [(f64, &'s E::Form); 2] {
         let System { mass, stiffness, damping, .. } = system;
         let rate = 2.0 / dt;
         [(4.0 / (dt * dt) + rate * damping.mass, mass), (1.0 + rate * damping.stiffness, stiffness)]
     }
 
-    /// With a solver of [`HalfStep::sum`].
+    /// Builds the step from a solver for the matrix [`HalfStep::sum`].
     pub fn new(
         system: &'s System<E>,
         dt: f64,
@@ -165,7 +170,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         })
     }
 
-    /// Takes the increment that a first velocity makes, as of a step that ends at the start.
+    /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
     pub fn begin(&mut self, velocity: &[f64], start: &Moment) -> Result<()> {
         self.x.iter_mut().zip(velocity).for_each(|(x, v)| *x = 0.5 * self.dt * v);
         self.end.set(&self.system.drive, self.dt)?;
@@ -173,12 +178,15 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(())
     }
 
-    /// The first velocity, in m/s, before any step.
+    /// Returns the initial velocity, in m/s, as long as no step was taken.
     pub fn first_velocity(&self) -> Vec<f64> {
         self.x.iter().map(|x| 2.0 / self.dt * x).collect()
     }
 
-    /// Solves (4 M / dt^2 + K + 2 D / dt) x = 2/dt B^T V + F - K U + G^T r for U + x within the bounds, of a state at an instant.
+    /// Solves
+    /// `$(4 M / \Delta t^2 + K + 2 D / \Delta t)\, x = \frac{2}{\Delta t} B^T V + F - K U + G^T r$`
+    /// with U + x within the bounds (paper, equation 6, in increments). The state `from` is that at
+    /// `time` (s).
     pub fn solve(&mut self, from: &State, time: f64) -> Result<Verdict> {
         let System { engine, mass, drive, .. } = self.system;
         let dt = self.dt;
@@ -212,8 +220,8 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(verdict)
     }
 
-    /// Sets V at the start to that of a state, and b to its momentum, as seen from a frame that goes evenly to the supports' places at
-    /// the end.
+    /// Sets v to the initial velocity relative to the frame that moves uniformly to the support
+    /// places at the end of the step, and b to the momentum of v.
     fn ride_evenly(&mut self, from: &State) -> Result<()> {
         self.v.copy_from_slice(&from.v);
         if self.images.is_empty() {
@@ -227,13 +235,13 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         engine.momentum(mass, &self.v, &mut self.b)
     }
 
-    /// Shares of the momentum in b in the modes that are damped.
+    /// Returns the modal coordinates, in the damped modes, of the velocity whose momentum is b.
     fn shares(&self) -> Result<Option<Vec<f64>>> {
         let System { engine, drive, .. } = self.system;
         drive.modal.as_ref().map(|modal| modal.of_momentum(engine, &self.b)).transpose()
     }
 
-    /// Takes a state for that from which the last step went.
+    /// Restores the modal coordinates of the state at which the last step started.
     pub fn recall(&mut self, from: &State) -> Result<()> {
         let System { engine, mass, .. } = self.system;
         engine.momentum(mass, &from.v, &mut self.b)?;
@@ -241,22 +249,23 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(())
     }
 
-    /// Velocities of the supports' frame throughout the step, in m/s, one per motion.
+    /// Returns the velocities of the support frame during the step, in m/s, one entry per motion.
     pub fn chords(&self) -> &[f64] {
         &self.chords
     }
 
-    /// The bounds on U + x.
+    /// Returns the bounds on U + x, in m.
     pub fn limits(&self) -> &Bounds {
         self.mean.bounds(&self.system.bounds)
     }
 
-    /// The load on U + x beyond the constant one, added to a force.
+    /// Adds the time-dependent part of the midpoint load to `force`, in N.
     pub fn push(&self, force: &mut [f64]) {
         self.mean.push(force);
     }
 
-    /// Sets what changes with time to that at gamma of the step from a state at an instant.
+    /// Sets `to` to the time-dependent data at the fraction gamma of the step from the state at
+    /// `time` (s).
     pub fn reach(&self, from: &State, time: f64, gamma: f64, to: &mut Moment) -> Result<()> {
         if gamma == 1.0 {
             to.copy(&self.end);
@@ -264,14 +273,16 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         }
         let drive = &self.system.drive;
         to.set(drive, time + gamma * self.dt)?;
-        // The frame goes evenly; the next step makes up for what the supports' own place is beyond.
+        // The frame moves uniformly; the next step makes up for the difference to the true support
+        // place.
         let way = |(from, chord): (&f64, &f64)| from + gamma * self.dt * chord;
         let places: Vec<f64> = from.moment.places.iter().zip(&self.chords).map(way).collect();
         to.carry(drive, &places);
         Ok(())
     }
 
-    /// Work, in J, that what changes with time gives from a state to one on the line of this step.
+    /// Returns the work, in J, of time-dependent data between a state and another one on the line
+    /// of this step.
     pub fn given(&self, from: &State, to: &State) -> Result<f64> {
         if !self.system.drive.varies() {
             return Ok(0.0);
@@ -282,17 +293,17 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(self.ridden + self.system.total(loads + from.moment.carried(&to.moment, &self.reaction))?)
     }
 
-    /// Rate of the energy, in W, that damping by mass takes throughout the step.
+    /// Returns the power dissipated by mass-proportional damping during the step, in W.
     pub fn loss(&self) -> Result<f64> {
         let System { engine, mass, damping, .. } = self.system;
         if damping.mass == 0.0 {
             return Ok(0.0);
         }
-        // In the middle V + dV/2 = 2/dt C^-1 B x.
+        // The midpoint velocity is V + dV/2 = 2/dt C^-1 B x.
         Ok(damping.mass * (2.0 / self.dt).powi(2) * engine.vis_viva(mass, &self.rate)?)
     }
 
-    /// U + 2 gamma x and V + gamma dV.
+    /// Sets `to` to the state (U + 2 gamma x, V + gamma dV).
     pub fn extend(&self, from: &State, gamma: f64, to: &mut State) {
         for (to, (u, x)) in to.u.iter_mut().zip(from.u.iter().zip(&self.x)) {
             *to = u + 2.0 * gamma * x;
@@ -303,7 +314,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         to.rates.copy_from_slice(&self.chords);
     }
 
-    /// Shows an archive what remains of the last solution, and the solver.
+    /// Saves or restores the last solution and the solver.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.mean.archive(archive)?;
         archive.value(&mut self.chords)?;
@@ -312,7 +323,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
-    /// Numeric factorisations so far.
+    /// Returns the number of numeric factorisations so far.
     pub fn factorisations(&self) -> u64 {
         self.solver.factorisations()
     }

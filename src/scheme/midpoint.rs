@@ -1,6 +1,7 @@
-//! The midpoint scheme (the paper's section 4.2, equation 6).
+//! Midpoint scheme (paper, section 4.2, equation 6).
 //!
-//! Find U^{n+1/2} in K^h; its unknown here is the increment x = U^{n+1/2} - U^n:
+//! The scheme finds `$U^{n+1/2}$` in `$K^h$`. The unknown solved for is the increment
+//! `$x = U^{n+1/2} - U^n$`:
 //!
 //! ```math
 //! \Bigl(\frac{4}{\Delta t^2} M + K\Bigr) x = \frac{2}{\Delta t} B^T V^n - K U^n + F + G^T r,
@@ -10,42 +11,51 @@
 //! U^{n+1} = U^n + 2 x, \qquad V^{n+1} = \frac{4}{\Delta t} C^{-1} B\, x - V^n .
 //! ```
 //!
-//! With the consistent mass B = C = M_r, and the scheme gains energy at impacts without bound.
+//! With the consistent mass, `$B = C = M_r$`, the scheme gains energy at impacts without bound.
 //!
-//! With the singular mass this is the implicit midpoint rule of the equation `$C \ddot p = -\nabla \varphi(p)$` of
-//! [`super::potential`]: the step sees U^n only through `$p^n = C^{-1} B U^n$`. The massless part of U^{n+1} is then a
-//! matter of report, see [`Massless`].
+//! With the singular mass the scheme is the implicit midpoint rule for
+//! `$C \ddot p = -\nabla \varphi(p)$`, see [`super::potential`]. A step depends on `$U^n$` only
+//! through `$p^n = C^{-1} B U^n$`; the massless part of `$U^{n+1}$` is a choice of what to report,
+//! see [`Massless`].
 //!
-//! Damping D = alpha M + beta K adds 2 D / dt to the matrix of a step, and nothing else: the velocity in the middle is 2 x / dt. Of
-//! loads and obstacles that change with time a step knows the means of its two ends. They do as well as those of the middle, which
-//! they differ from by O(dt^2), and where the same nodes touch throughout they make the energy exact: it grows by
+//! The damping matrix D = alpha M + beta K adds `$2 D / \Delta t$` to the step matrix and nothing
+//! to the right-hand side, since the midpoint velocity is `$2 x / \Delta t$`. Time-dependent loads
+//! and obstacles enter as the mean of their values at the two ends of the step. This differs from
+//! their value at the midpoint by `$O(\Delta t^2)$` and makes the energy balance exact while the
+//! set of nodes in contact does not change: the energy grows by
 //!
 //! ```math
 //! \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t,
 //! ```
 //!
-//! with l the obstacles that are touched; the first two terms add up to the work that [`Energies`] carries. Damping of single modes
-//! ([`super::ModalDamping`]) acts on the extrapolated velocity `$\tfrac32 V^n - \tfrac12 V^{n-1}$`.
+//! with l the obstacles in contact; the first two terms add up to the work in [`Energies`]. Modal
+//! damping ([`super::ModalDamping`]) acts on the extrapolated velocity
+//! `$\tfrac32 V^n - \tfrac12 V^{n-1}$`.
 //!
 //! # Momentum
 //!
-//! A step changes the momentum by that of the forces in its middle,
+//! A step changes the momentum by the impulse of the forces at the midpoint,
 //!
 //! ```math
 //! B^T (V^{n+1} - V^n) = \Delta t\,(F - K U^{n+1/2} - D V^{n+1/2} + G^T r) ,
 //! ```
 //!
-//! and the obstacles' impulse is dt r. The reactions reported at an instant are those of the step that led there, their mean over it;
-//! at the start those at U^0 where the scheme knows them, [`Massless::Equilibrium`], else none. The velocity reported is that of the instant: with the
-//! singular mass the rate of U(p) where p moves at V^n and the nodes in contact keep to their obstacles.
+//! and the impulse of the obstacles is `$\Delta t\, r$`. The reactions reported at an instant are
+//! the mean over the step that led there. At the start they are those at `$U^0$` with
+//! [`Massless::Equilibrium`], and zero otherwise. The reported velocity is that of the instant:
+//! with the singular mass it is the rate of U(p) where p moves at `$V^n$` and the nodes in contact
+//! follow their obstacles.
 //!
 //! # Supports that move
 //!
-//! U is counted from the shape R s(t) that their motion s gives the plate, and during a step from a frame that goes evenly from s^n to
-//! s^{n+1}: nothing is inertial in it. At each instant the frame's velocity changes, and V with it by the momentum M R times
-//! that change. So the plate has the impulse of every kink of s, at its instant to second order, and U + R s is what the scheme makes
-//! of the plate and its supports at rest in any frame. Between steps V is counted from s' just after the instant. The kinetic
-//! energy that V gains where its frame changes is work.
+//! U is measured relative to the shape `$R s(t)$` that the support motion s gives the plate. During
+//! a step the reference frame moves at the constant velocity that leads from `$s^n$` to
+//! `$s^{n+1}$`, so that no inertial force arises in it. At each instant the frame velocity jumps,
+//! and the momentum of V changes by `$-M R$` times that jump. The plate therefore receives the
+//! impulse of every kink of s, at its instant to second order, and U + R s does not depend on the
+//! inertial frame in which plate and supports are described. Between steps V is measured relative
+//! to s' just after the instant. The kinetic energy that V gains where the frame velocity changes
+//! counts as work.
 
 use super::half_step::{HalfStep, Images, State};
 use super::{Approach, Potential, Scheme, Start, System};
@@ -57,41 +67,46 @@ use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, Verdict};
 use std::rc::Rc;
 
-/// What the midpoint scheme takes for the part of U that has no mass.
+/// Choice of the massless part of U that the midpoint scheme reports.
 ///
-/// The motion of p is the same; contact makes the difference, and the energy shows it.
+/// Both choices give the same motion of p. They differ after contact, which shows in the energy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Massless {
-    /// U^n = U(p^n), in equilibrium and admissible. At steps that resolve impacts its energy errs some ten times less than
-    /// the paper's: on the paper's quadrilaterals, over four impacts, by 1e-2 instead of 8e-2 at 5e-5 s, by 5e-4 instead of 1e-2 at 1e-5 s.
+    /// Takes `$U^n = U(p^n)$`, which is in equilibrium and admissible. At steps that resolve
+    /// impacts the energy error is about ten times smaller than with the paper's choice: on the
+    /// paper's quadrilaterals, over four impacts, 1e-2 instead of 8e-2 at 5e-5 s and 5e-4 instead
+    /// of 1e-2 at 1e-5 s.
     Equilibrium,
-    /// The paper's U^{n+1} = 2 U^{n+1/2} - U^n: once disturbed by contact, the massless part flips from side to side at each
-    /// step, undamped. The only choice with the consistent mass, which leaves nothing massless.
+    /// Takes the paper's `$U^{n+1} = 2 U^{n+1/2} - U^n$` (equation 6). Once disturbed by contact,
+    /// the massless part changes sign at each step, undamped. This is the only choice with the
+    /// consistent mass, which has no massless part.
     Reflected,
 }
 
-/// The scheme at an instant n: U^n and V^n.
+/// Midpoint scheme at instant n, with state `$U^n$`, `$V^n$`.
 pub struct Midpoint<'s, E: Engine> {
     system: &'s System<E>,
     half: HalfStep<'s, E>,
-    /// Of [`Massless::Equilibrium`].
+    /// Minimiser U(p) for [`Massless::Equilibrium`].
     potential: Option<Potential<'s, E>>,
-    /// What finds velocities for [`Massless::Reflected`] with the singular mass, once asked for.
+    /// Solver that recovers velocities for [`Massless::Reflected`] with the singular mass, built on
+    /// first use.
     lift: Option<Potential<'s, E>>,
     n: u64,
     now: State,
     next: State,
-    /// G U^0.
+    /// Initial deflections `$G U^0$`, in m, one entry per bound.
     start: Vec<f64>,
     images: Rc<Images>,
-    /// Work of what changes with time, in J.
+    /// Work of the time-dependent loads, obstacles and supports, in J.
     given: f64,
-    /// G U^{n-1/2} of the last step, and of the two before it.
+    /// Midpoint deflections `$G U^{n-1/2}$`, `$G U^{n-3/2}$` and `$G U^{n-5/2}$`, in m, one entry
+    /// per bound.
     admissible: Vec<f64>,
     earlier: Vec<f64>,
     earliest: Vec<f64>,
-    /// Impulses of the obstacles over the last step, in N s.
+    /// Impulses of the obstacles over the last step, in N s, one entry per bound.
     impulses: Vec<f64>,
     verdict: Verdict,
 }
@@ -100,11 +115,11 @@ impl<'s, E: Engine + 'static> Midpoint<'s, E>
 where
     E::Factor: 'static,
 {
-    /// Starts with the condensed solver and a step of `dt` seconds.
+    /// Starts the scheme with the condensed solver and a step of `dt` seconds.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where the matrix of a step is not positive definite; [`crate::Error::Usage`] where
-    /// [`Massless::Equilibrium`] meets damping by stiffness.
+    /// Returns [`crate::Error::Singular`] where the step matrix is not positive definite, and
+    /// [`crate::Error::Usage`] for [`Massless::Equilibrium`] with stiffness-proportional damping.
     pub fn new(system: &'s System<E>, dt: f64, massless: Massless, start: Start) -> Result<Midpoint<'s, E>> {
         let solver = Condensed::new(&system.engine, &Self::sum(system, dt), system.bounds.len())?;
         Midpoint::with_solver(system, dt, massless, start, Box::new(solver))
@@ -112,15 +127,16 @@ where
 }
 
 impl<'s, E: Engine> Midpoint<'s, E> {
-    /// The matrix of a step, 4 M / dt^2 + K + 2 D / dt.
+    /// Returns the step matrix `$4 M / \Delta t^2 + K + 2 D / \Delta t$` (paper, equation 6, with
+    /// damping).
     pub fn sum(system: &'s System<E>, dt: f64) -> [(f64, &'s E::Form); 2] {
         HalfStep::sum(system, dt)
     }
 
-    /// Starts with a given solver of [`Midpoint::sum`].
+    /// Starts the scheme with a given solver for the matrix [`Midpoint::sum`].
     ///
     /// # Errors
-    /// As [`Midpoint::new`].
+    /// Returns the same errors as [`Midpoint::new`].
     pub fn with_solver(
         system: &'s System<E>,
         dt: f64,
@@ -128,7 +144,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         start: Start,
         solver: Box<dyn Solver<E>>,
     ) -> Result<Midpoint<'s, E>> {
-        // The plate comes to U^0 at its first velocity.
+        // The deflections before the start are extrapolated with the initial velocity.
         let before = |steps: f64| {
             let at = |&dof: &usize| start.displacement[dof] - steps * dt * start.velocity[dof];
             system.bounds.dofs.iter().map(at).collect::<Vec<f64>>()
@@ -210,8 +226,10 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         &self.now.u
     }
 
-    /// V^n with the consistent mass. With the singular one V^n has values in cells only: the rate of U(p) that has these, and the rates
-    /// of the obstacles at the nodes that they pushed in the last step. At the start v_0.
+    /// Returns the velocity at the present instant, in m/s. With the consistent mass this is
+    /// `$V^n$`. With the singular mass `$V^n$` has values per cell only; the result is then the
+    /// rate of U(p) with these cell values that follows the obstacles at the nodes in contact
+    /// during the last step. At the start it is `$v_0$`.
     fn velocity(&mut self) -> Result<Vec<f64>> {
         let Midpoint { system, half, potential, lift, now, n, .. } = self;
         if *n == 0 {
@@ -233,7 +251,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         }
     }
 
-    /// Those just after the instant.
+    /// Returns the support velocities just after the instant, in m/s, one entry per motion.
     fn support_rates(&self) -> Result<Vec<f64>> {
         Ok(self.now.rates.clone())
     }
@@ -246,7 +264,8 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.half.limits()
     }
 
-    /// Their mean over the last step; at the start those at U^0, or none with [`Massless::Reflected`].
+    /// Returns the mean reactions over the last step, in N, one entry per bound. At the start they
+    /// are those at `$U^0$`, or zero with [`Massless::Reflected`].
     fn reaction(&self) -> &[f64] {
         if self.n == 0 { &self.now.reaction } else { &self.half.reaction }
     }
@@ -265,7 +284,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     }
 
     fn approach(&self, bound: usize) -> Approach {
-        // The present step solved for the middle of the last interval.
+        // The present step was solved for the middle of the last interval.
         let dt = self.half.dt;
         let velocity = (self.earlier[bound] - self.earliest[bound]) / dt;
         Approach { time: (self.n as f64 - 1.5) * dt, deflection: self.earlier[bound], velocity }

@@ -1,23 +1,26 @@
-//! The time schemes. They know matrices and bounds, never a mesh: a bouncing ball runs through the same code as a plate.
+//! Time integration schemes. They work on matrices and bounds and know no mesh, so that a bouncing
+//! ball runs through the same code as a plate.
 //!
-//! Symbols are the paper's (Pozzolini, Renard, Salaün, CSMA 2013):
+//! The symbols are those of the paper (Pozzolini, Renard, Salaün, CSMA 2013):
 //!
-//! | code | paper | is |
+//! | code | paper | meaning |
 //! |---|---|---|
-//! | `system.stiffness` | K | stiffness |
-//! | `system.mass` | M = B^T C^-1 B, or M_r | singular, or consistent mass |
+//! | `system.stiffness` | K | stiffness matrix |
+//! | `system.mass` | M = B^T C^-1 B, or M_r | singular mass matrix (equation 5), or consistent mass matrix |
 //! | `system.bounds` | K^h, G, alpha | admissible deflections at the nodes |
-//! | `system.load` | F | load, and `system.drive.load` what changes of it |
-//! | `system.damping` | - | alpha M + beta K |
-//! | `e`, `beta`, `dt` | e, beta, Delta t | restitution, Newmark parameter, step |
+//! | `system.load` | F | constant load; `system.drive.load` is its time-dependent part |
+//! | `system.damping` | - | Rayleigh damping alpha M + beta K |
+//! | `e`, `beta`, `dt` | e, beta, Delta t | coefficient of restitution, Newmark parameter, time step |
 //! | `u`, `v` | U^n, V^n | displacement, velocity |
 //! | `d` | U^n - U^{n-1} | displacement increment of a step |
-//! | `x` | - | unknown of the step, an increment: small, and so are its roundings |
+//! | `x` | - | unknown of the step, an increment: small, and so are its rounding errors |
 //!
-//! The unknown of a step is an increment that solves A x = b + G^T r under bounds, with b made of K U^n applied cell by cell:
-//! at small steps the paper's literal right-hand sides lose the digits that this form keeps.
+//! The unknown of a step is an increment x that solves `$A x = b + G^T r$` under bounds; b contains
+//! `$K U^n$`, applied cell by cell. At small steps the paper's right-hand sides, taken literally,
+//! lose digits that this form keeps.
 //!
-//! Damping, loads and obstacles that change with time come on top: see each scheme, and [`drive`](Drive).
+//! Damping, time-dependent loads and moving obstacles extend the paper: see each scheme, and
+//! [`Drive`].
 
 pub mod conserving;
 mod drive;
@@ -44,27 +47,28 @@ use crate::obstacle::Bounds;
 use crate::vi::Verdict;
 use drive::Moment;
 
-/// A semi-discrete impact problem: M U'' + (alpha M + beta K) U' + K U = F + G^T r within bounds.
+/// Semi-discrete impact problem `$M \ddot U + (\alpha M + \beta K) \dot U + K U = F + G^T r$` under
+/// bounds on G U (paper, equation 5, with damping).
 #[derive(Debug)]
 pub struct System<E: Engine> {
-    /// The linear algebra.
+    /// Linear algebra backend.
     pub engine: E,
-    /// K, in N/m (and the units of slopes).
+    /// Stiffness matrix K, in N/m (rotational dofs accordingly).
     pub stiffness: E::Form,
-    /// M or M_r, in kg.
+    /// Mass matrix, M or `$M_r$`, in kg.
     pub mass: E::Form,
-    /// alpha and beta.
+    /// Rayleigh damping coefficients alpha and beta.
     pub damping: Damping,
-    /// What of F does not change with time, in N; `None` where that is nothing.
+    /// Constant part of the load F, in N, one entry per dof; `None` where it is zero.
     pub load: Option<Vec<f64>>,
-    /// Bounds on the deflections, at rest where they move.
+    /// Bounds on the deflections, in m; at their rest position where obstacles move.
     pub bounds: Bounds,
-    /// What changes with time.
+    /// Time-dependent loads and obstacles, support motions and modal damping.
     pub drive: Drive,
 }
 
 impl<E: Engine> System<E> {
-    /// F - K U with the constant load. Returns the elastic energy, in J.
+    /// Sets `force` to F - K U with the constant load, in N. Returns the elastic energy, in J.
     fn force(&self, u: &[f64], force: &mut [f64]) -> Result<f64> {
         let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, force)?;
         match &self.load {
@@ -74,7 +78,7 @@ impl<E: Engine> System<E> {
         Ok(elastic)
     }
 
-    /// Takes the damping of `weight` times a rate from a force; `product` is room for it.
+    /// Subtracts `weight` times the damping force D `rate` from `force`; `product` is work space.
     fn damp(&self, rate: &[f64], weight: f64, force: &mut [f64], product: &mut [f64]) -> Result<()> {
         let Damping { mass, stiffness } = self.damping;
         for (factor, form) in [(mass, &self.mass), (stiffness, &self.stiffness)] {
@@ -86,27 +90,29 @@ impl<E: Engine> System<E> {
         Ok(())
     }
 
-    /// F . U with the constant load, in J.
+    /// Returns the work F . U of the constant load, in J.
     fn work(&self, u: &[f64]) -> Result<f64> {
         self.load.as_ref().map_or(Ok(0.0), |load| self.engine.dot(load, u))
     }
 
-    /// Scale of the deflections at the nodes with these bounds, in m.
+    /// Returns the length scale of the deflections and bounds, in m. Collective.
     fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
         let deflections = bounds.dofs.iter().map(|&dof| u[dof].abs());
         let largest = deflections.fold(bounds.magnitude(), |m, w| if w > m { w } else { m });
         self.engine.maximum(largest)
     }
 
-    /// What changes with time, at an instant.
+    /// Returns the time-dependent data at `time` (s).
     fn moment(&self, time: f64) -> Result<Moment> {
         let mut moment = Moment::new(&self.drive, self.engine.dofs(), &self.bounds);
         moment.set(&self.drive, time)?;
         Ok(moment)
     }
 
-    /// Rates of change of load (N/s) and bounds (m/s) at the end of a step of `dt` seconds, as seen from a frame of supports that moves
-    /// at `rates` (m/s, one per motion): second order in dt, from instants of the step alone, for a formula may end with the run.
+    /// Returns the rates of change of load (N/s) and bounds (m/s) at the end of a step of `dt`
+    /// seconds, relative to a support frame moving at `rates` (m/s, one entry per motion). The
+    /// rates are second order in dt and use instants within the step only, since a formula may be
+    /// undefined beyond the end of the run.
     fn change(&self, time: f64, dt: f64, rates: &[f64]) -> Result<Moment> {
         let still = vec![0.0; rates.len()];
         let moment = |steps: f64| {
@@ -119,17 +125,17 @@ impl<E: Engine> System<E> {
         whole.combine(&last, &first, |last, first| last - first);
         change.combine(&last, &middle, |last, middle| 4.0 * (last - middle));
         let both = change.clone();
-        // Where there is no obstacle there is no rate.
+        // Absent obstacles have infinite bounds and get the rate zero.
         let finite = |rate: f64| if rate.is_finite() { rate } else { 0.0 };
         change.combine(&both, &whole, |both, whole| finite((both - whole) / dt));
         change.carry(&self.drive, rates);
         Ok(change)
     }
 
-    /// The bounds of an instant (s), as seen from the supports. Collective.
+    /// Returns the bounds at `time` (s) relative to the supports, in m. Collective.
     ///
     /// # Errors
-    /// Those of the motions.
+    /// Returns the errors of the support motions and of the obstacles.
     pub fn bounds_at(&self, time: f64) -> Result<Bounds> {
         let mut bounds = self.bounds.clone();
         match &self.drive.bounds {
@@ -141,34 +147,35 @@ impl<E: Engine> System<E> {
         }
     }
 
-    /// The processes' own parts of a number, added.
+    /// Returns the sum of `own` over all processes. Collective.
     fn total(&self, own: f64) -> Result<f64> {
         Ok(self.engine.concatenate(&[own])?.0.iter().sum())
     }
 }
 
-/// Where the motion starts; both vectors over the displacement's dofs.
+/// Initial conditions, both vectors with one entry per displacement dof.
 #[derive(Debug, Clone)]
 pub struct Start {
-    /// U_0, in m.
+    /// Initial displacement `$U_0$`, in m.
     pub displacement: Vec<f64>,
-    /// Rate of U at the start, in m/s; its velocity is V_0 = C^-1 B of it.
+    /// Initial rate of U, in m/s; the scheme starts from its projection
+    /// `$V_0 = C^{-1} B \dot U_0$`.
     pub velocity: Vec<f64>,
 }
 
-/// A dof just before the contact of the present step.
+/// State of a bounded dof just before the contact of the present step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Approach {
-    /// Instant, in s.
+    /// Time, in s.
     pub time: f64,
-    /// Its value, in m.
+    /// Deflection, in m.
     pub deflection: f64,
-    /// Its velocity, in m/s.
+    /// Velocity, in m/s.
     pub velocity: f64,
 }
 
 impl Approach {
-    /// Shows an archive approaches, one a bound.
+    /// Saves or restores approaches, one per bound.
     fn archive(approaches: &mut [Approach], archive: &mut Archive) -> Result<()> {
         archive.items(
             Over::Bounds,
@@ -179,120 +186,131 @@ impl Approach {
     }
 }
 
-/// A node that touches an obstacle, or leaves it, at an instant of its own.
+/// Closing or opening of the gap at one node, at its own instant.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Event {
-    /// Instant, in s.
+    /// Time, in s.
     pub time: f64,
-    /// Which bound (an index into the bounds).
+    /// Index of the bound.
     pub bound: usize,
-    /// Whether the gap closes; else it opens.
+    /// `true` where the gap closes, `false` where it opens.
     pub closes: bool,
-    /// Velocity of the node, in m/s: before it touches, or after it leaves.
+    /// Velocity of the node, in m/s: before the gap closes, or after it opens.
     pub velocity: f64,
-    /// Sum of all reactions at that instant, in N; the node's own is 0, for reactions are continuous.
+    /// Sum of all reactions at that instant, in N. The reaction of the node itself is 0, since
+    /// reactions are continuous in time.
     pub force: f64,
 }
 
-/// What a scheme that follows events has done so far.
+/// Work counters of an event-driven scheme.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Tally {
-    /// Touches and leaves of single nodes.
+    /// Number of closings and openings of single nodes.
     pub events: u64,
-    /// Active sets whose modes were computed.
+    /// Number of active sets whose modes were computed.
     pub active_sets: u64,
-    /// Most memory that modes kept for later took, in bytes.
+    /// Peak memory of the cache of modes, in bytes.
     pub cached_bytes: usize,
-    /// Instants at which the search looked at all gaps and reactions.
+    /// Number of instants at which all gaps and reactions were evaluated by the event detection.
     pub evaluations: u64,
 }
 
-/// A time scheme at an instant of its grid.
+/// Time scheme at an instant of its grid.
 pub trait Scheme {
-    /// Moves one step ahead.
+    /// Advances one step.
     ///
     /// # Errors
-    /// Where a matrix cannot be factored. What the solver reached is in [`Scheme::verdict`].
+    /// Returns an error where a matrix cannot be factored. The accuracy that the solver reached is
+    /// in [`Scheme::verdict`].
     fn advance(&mut self) -> Result<()>;
 
-    /// Number of the present instant; 0 at the start.
+    /// Returns the index of the present instant; 0 at the start.
     fn step(&self) -> u64;
 
-    /// The present instant, in s.
+    /// Returns the present time, in s.
     fn time(&self) -> f64;
 
-    /// U^n, in m.
+    /// Returns the displacement `$U^n$`, in m, one entry per dof.
     fn displacement(&self) -> &[f64];
 
-    /// Rate of U at the present instant, in m/s, over the displacement's dofs. M times it is the momentum of the scheme, whose change
-    /// is the impulse of loads, damping and [`Scheme::impulses`]. The next steps do not notice. Collective.
+    /// Returns the rate of U at the present instant, in m/s, one entry per displacement dof. The
+    /// product of M with it is the momentum of the scheme, whose change is the impulse of loads,
+    /// damping and [`Scheme::impulses`]. The call does not change later steps. Collective.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     fn velocity(&mut self) -> Result<Vec<f64>>;
 
-    /// Velocities of the supports that [`Scheme::velocity`] is counted from, in m/s, one per motion.
+    /// Returns the support velocities that [`Scheme::velocity`] is relative to, in m/s, one entry
+    /// per motion.
     ///
     /// # Errors
-    /// Those of the motions.
+    /// Returns the errors of the support motions.
     fn support_rates(&self) -> Result<Vec<f64>> {
         Ok(Vec::new())
     }
 
-    /// The configuration of the present step that the obstacles bound (the paper's U^{n+1,e} or U^{n+1/2}), at each bound.
+    /// Returns the bounded configuration of the present step (the paper's `$U^{n+1,e}$` or
+    /// `$U^{n+1/2}$`), in m, one entry per bound.
     fn admissible(&self) -> &[f64];
 
-    /// The bounds that [`Scheme::admissible`] keeps.
+    /// Returns the bounds that [`Scheme::admissible`] satisfies, in m.
     fn limits(&self) -> &Bounds;
 
-    /// Reactions of the obstacles, in N, one per bound; positive upwards. See each scheme for the instant that they belong to.
+    /// Returns the reactions of the obstacles, in N, one entry per bound, positive upwards. Each
+    /// scheme states the instant that they belong to.
     fn reaction(&self) -> &[f64];
 
-    /// Impulses that the obstacles have given over the step to the present instant, by the scheme's own balance of momentum, in N s, one
-    /// per bound; positive upwards. Zero at the start.
+    /// Returns the impulses of the obstacles over the step to the present instant, from the
+    /// scheme's own balance of momentum, in N s, one entry per bound, positive upwards. They are
+    /// zero at the start.
     fn impulses(&self) -> &[f64];
 
-    /// The energies natural to the scheme, in J.
+    /// Returns the kinetic energy, elastic energy and work of the scheme at the present instant, in
+    /// J.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     fn energies(&self) -> Result<Energies>;
 
-    /// The energy of the scheme's own theory, in J: what is constant in free flight, whatever the step. Unless the scheme has
-    /// another, the total of [`Scheme::energies`].
+    /// Returns the discrete energy that the scheme conserves in free flight at any step size, in J.
+    /// By default this is the total of [`Scheme::energies`].
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     fn invariant(&self) -> Result<f64> {
         Ok(self.energies()?.total())
     }
 
-    /// What the last solve reached.
+    /// Returns iterations and accuracy of the last solve.
     fn verdict(&self) -> Verdict;
 
-    /// A bounded dof (an index into the bounds) just before the present step.
+    /// Returns the state of a bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
 
-    /// Shows an archive all that the next steps depend on, down to the last digit. Restores a scheme at its start.
+    /// Saves everything that later steps depend on to an archive, exactly, or restores it into a
+    /// scheme at its start.
     ///
     /// # Errors
-    /// [`crate::Error::Checkpoint`], and what the solver says.
+    /// Returns [`crate::Error::Checkpoint`] where the archive does not fit, and the errors of the
+    /// solver.
     fn state(&mut self, archive: &mut Archive) -> Result<()>;
 
-    /// Numeric factorisations so far; diagonalisations for a modal scheme.
+    /// Returns the number of numeric factorisations so far; of diagonalisations for a modal scheme.
     fn factorisations(&self) -> u64;
 
-    /// What it took so far to keep the energy; `None` for a scheme that does not.
+    /// Returns the relaxation statistics; `None` for a scheme that does not relax its steps.
     fn relaxation(&self) -> Option<Relaxation> {
         None
     }
 
-    /// The events since the last call, in their order; none from a scheme that does not follow them.
+    /// Returns the events since the last call in order of time; none for a scheme without event
+    /// detection.
     fn take_events(&mut self) -> Vec<Event> {
         Vec::new()
     }
 
-    /// Work of a scheme that follows events.
+    /// Returns the work counters of an event-driven scheme.
     fn tally(&self) -> Option<Tally> {
         None
     }

@@ -1,12 +1,14 @@
-//! Newmark-e-beta with restitution (the paper's section 4.1, after Paoli and Schatzman 2007).
+//! Newmark-e-beta scheme with coefficient of restitution (paper, section 4.1; Paoli and Schatzman
+//! 2007).
 //!
-//! Find U^{n+1,e} = (U^{n+1} + e U^{n-1}) / (1 + e) in K^h such that, with beta-averages of U and F,
+//! The scheme finds `$U^{n+1,e} = (U^{n+1} + e\,U^{n-1}) / (1 + e)$` in `$K^h$` such that, with
+//! `$F = \beta F^{n+1} + (1 - 2 \beta) F^n + \beta F^{n-1}$`,
 //!
 //! ```math
 //! M \frac{U^{n+1} - 2 U^n + U^{n-1}}{\Delta t^2} + K\,(\beta U^{n+1} + (1 - 2 \beta) U^n + \beta U^{n-1}) = F + G^T r .
 //! ```
 //!
-//! Its unknown here is the second difference x = U^{n+1} - 2 U^n + U^{n-1}:
+//! The unknown solved for is the second difference `$x = U^{n+1} - 2 U^n + U^{n-1}$`:
 //!
 //! ```math
 //! \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} .
@@ -14,14 +16,16 @@
 //!
 //! # The start
 //!
-//! The ghost value U^{-1} = U^1 - 2 dt v_0 makes the energy at 0 exact, and U^1 is that of half a trapezoidal step:
+//! The ghost value `$U^{-1} = U^1 - 2 \Delta t\, v_0$` makes the energy at t = 0 exact. `$U^1$`
+//! follows from half a trapezoidal step:
 //!
 //! ```math
 //! \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r .
 //! ```
 //!
-//! It is second order, sees v_0 through the momentum M v_0 alone, and gains no energy however rough that is (a clamped plate thrown as a
-//! whole, a single node): for beta = 1/2 and y = U^1 - U^0, with `$A = M / \Delta t^2 + K / 2$`, no load and nothing touching,
+//! The start is second order and depends on `$v_0$` only through the momentum `$M v_0$`. It gains
+//! no energy however rough `$v_0$` is (a clamped plate thrown as a whole, a single node): for beta
+//! = 1/2, no load, no contact, `$y = U^1 - U^0$` and `$A = M / \Delta t^2 + K / 2$`,
 //!
 //! ```math
 //! H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
@@ -30,45 +34,54 @@
 //!
 //! # Damping, loads and obstacles that change with time
 //!
-//! D = alpha M + beta_d K acts on the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t$`, d = U^n - U^{n-1}: the
-//! matrix of a step gains D / (2 dt), its right-hand side - D d / dt; at the start it acts on `$(U^1 - U^0) / \Delta t$`.
+//! The damping matrix D = alpha M + beta_d K multiplies the central velocity
+//! `$(U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t$` with `$d = U^n - U^{n-1}$`: the
+//! step matrix gains `$D / 2 \Delta t$`, the right-hand side `$-D d / \Delta t$`. At the start D
+//! multiplies `$(U^1 - U^0) / \Delta t$`.
 //!
-//! F is the beta-average of its instants too, and the obstacles are those of their own:
+//! The load F is the beta-average of its values at the three instants, and the bounds l, u are
+//! averaged with the weights of `$U^{n+1,e}$`:
 //!
 //! ```math
 //! \frac{l^{n+1} + e\, l^{n-1}}{1 + e} \le G U^{n+1,e} \le \frac{u^{n+1} + e\, u^{n-1}}{1 + e} .
 //! ```
 //!
-//! So the motion relative to the obstacle has the same law of restitution whatever the obstacle's speed; a plate and its obstacle
-//! carried along at a constant one move as they do at rest. Before the start both are taken to have gone on evenly. Damping of single
-//! modes ([`super::ModalDamping`]) acts on the extrapolated velocity `$(3 d - d_{before}) / 2 \Delta t$`.
+//! The motion relative to an obstacle therefore obeys the same law of restitution at any speed of
+//! the obstacle, and a plate carried along with its obstacle at constant speed moves as it does at
+//! rest. Loads and obstacles are extrapolated linearly to the instant before the start. Modal
+//! damping ([`super::ModalDamping`]) acts on the extrapolated velocity
+//! `$(3 d - d_{before}) / 2 \Delta t$`.
 //!
-//! The work that both give, with r at the obstacles that it touches (l stands for either),
+//! Time-dependent loads and obstacles do the work `$W_n$`, with r the reactions and l the obstacle
+//! (lower or upper) in contact:
 //!
 //! ```math
 //! w_n = \tfrac12 F_\beta^n \cdot (U^{n+1} - U^{n-1}) + \tfrac12 r^n \cdot (l^{n+1} - l^{n-1}), \qquad W_n = W_{n-1} + \tfrac12 (w_{n-1} + w_n),
 //! ```
 //!
-//! balances the invariant of beta = 1/2 to rounding: H grows by w_n, less dt V^T D V of the central velocity V, less what contact
-//! takes.
+//! This work closes the balance of the beta = 1/2 invariant to rounding: H grows by `$w_n$`, less
+//! `$\Delta t\, V^T D V$` with V the central velocity, less the energy lost in contact.
 //!
 //! # Momentum
 //!
-//! The velocity reported is the central one, `$V^n = (U^{n+1} - U^{n-1}) / 2 \Delta t$`, and `$V^0 = v_0$` by the ghost value. Two equations of
-//! successive instants add up to
+//! The reported velocity is the central difference `$V^n = (U^{n+1} - U^{n-1}) / 2 \Delta t$`; the
+//! ghost value makes `$V^0 = v_0$`. Two equations of successive instants add up to
 //!
 //! ```math
 //! M\,(V^n - V^{n-1}) = \tfrac{\Delta t}{2} \bigl( f^{n-1} + G^T r^{n-1} + f^n + G^T r^n \bigr) ,
 //! ```
 //!
-//! with f all other forces, from n = 1 on, for the start's equation is that of the instant 0: the obstacles' impulse over a step is
-//! the trapezoidal sum of the reactions at its ends. The reactions are those of the instant itself.
+//! with f all other forces, from n = 1 on, since the equation of the start is that of instant 0.
+//! The impulse of the obstacles over a step is therefore the trapezoidal sum of the reactions at
+//! its ends. The reported reactions are those of the instant itself.
 //!
 //! # Supports that move
 //!
-//! U is counted from the shape R s(t) that their motion s gives the plate. The scheme for U + R s is the scheme for U with the load
-//! `$-M R\,(s^{n+1} - 2 s^n + s^{n-1}) / \Delta t^2$` at its instant, whatever s: the acceleration's mean with a hat of width
-//! 2 dt, jumps of the velocity included. At the start `$s^{-1} = s^1 - 2 \Delta t\, s'(0)$`, as U^{-1} is.
+//! U is measured relative to the shape `$R s(t)$` that the support motion s gives the plate. The
+//! scheme for U + R s equals the scheme for U with the additional load
+//! `$-M R\,(s^{n+1} - 2 s^n + s^{n-1}) / \Delta t^2$` at instant n, for any s: this is the mean
+//! acceleration weighted with a hat function of width 2 dt, which includes jumps of the velocity.
+//! The ghost value at the start is `$s^{-1} = s^1 - 2 \Delta t\, s'(0)$`, analogous to `$U^{-1}$`.
 
 use super::drive::Moment;
 use super::{Approach, Scheme, Start, System};
@@ -82,66 +95,66 @@ use crate::vi::{Condensed, Solver, Step, Verdict};
 /// Parameters of [`Newmark`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NewmarkParameters {
-    /// beta, at least 1/4 (unconditionally stable); 1/2 in the paper.
+    /// Newmark parameter beta, at least 1/4 (unconditionally stable); 1/2 in the paper.
     pub beta: f64,
-    /// e, from 0 (absorbing) to 1 (perfect).
+    /// Coefficient of restitution e, from 0 (absorbing) to 1 (perfect).
     pub restitution: f64,
-    /// Delta t, in s.
+    /// Time step `$\Delta t$`, in s.
     pub step: f64,
 }
 
-/// The scheme at an instant n: U^n, and the step ahead to U^{n+1} already solved.
+/// Newmark-e-beta scheme at instant n, with the step to `$U^{n+1}$` already solved.
 pub struct Newmark<'s, E: Engine> {
     system: &'s System<E>,
     sum: [(f64, &'s E::Form); 2],
     solver: Step<E>,
     parameters: NewmarkParameters,
     n: u64,
-    /// U^n.
+    /// `$U^n$`, in m.
     u: Vec<f64>,
-    /// U^n - U^{n-1}.
+    /// `$U^n - U^{n-1}$`, in m.
     d: Vec<f64>,
-    /// U^{n+1} - U^n.
+    /// `$U^{n+1} - U^n$`, in m.
     d_next: Vec<f64>,
     x: Vec<f64>,
     b: Vec<f64>,
-    /// A product of the damping; empty without.
+    /// Work space for D times a vector; empty without damping.
     product: Vec<f64>,
     bounds: Bounds,
     admissible: Vec<f64>,
     reaction: Vec<f64>,
-    /// Impulses of the obstacles from n - 1 to n, in N s.
+    /// Impulses of the obstacles from n - 1 to n, in N s, one entry per bound.
     impulses: Vec<f64>,
-    /// G v_0.
+    /// Initial velocity `$G v_0$` at the bounded dofs, in m/s, one entry per bound.
     arriving: Vec<f64>,
     elastic: f64,
-    /// Where anything changes with time.
+    /// Data of the instants n - 1, n and n + 1, present if any of them depends on time.
     varying: Option<Varying>,
-    /// Shares of U^n - U^{n-1} in the modes that are damped.
+    /// Modal coordinates of `$U^n - U^{n-1}$` in the damped modes.
     shares: Option<Vec<f64>>,
     verdict: Verdict,
 }
 
-/// What changes with time at n - 1, n and n + 1.
+/// Time-dependent data at instants n - 1, n and n + 1.
 struct Varying {
     before: Moment,
     now: Moment,
     next: Moment,
-    /// The bounds on U^{n+1,e}.
+    /// Bounds on `$U^{n+1,e}$`, in m.
     limits: Option<Bounds>,
-    /// W_n and w_n, in J.
+    /// Accumulated work `$W_n$` and increment `$w_n$`, in J.
     work: f64,
     given: f64,
 }
 
 impl Varying {
-    /// At the start: what is before it goes on evenly through it.
+    /// Evaluates the data at the start; the instant -1 is extrapolated linearly.
     fn new<E: Engine>(system: &System<E>, parameters: NewmarkParameters) -> Result<Varying> {
         let now = system.moment(0.0)?;
         let next = system.moment(parameters.step)?;
         let mut before = now.clone();
         before.extrapolate(&now, &next, -1.0);
-        // That of U^{-1}: the place at U^1, less two steps at the first velocity.
+        // The ghost place s^{-1} is s^1 less two steps at the initial velocity.
         let ways = system.drive.rates(0.0)?.into_iter().map(|rate| 2.0 * parameters.step * rate);
         let places: Vec<f64> = next.places.iter().zip(ways).map(|(next, way)| next - way).collect();
         before.carry(&system.drive, &places);
@@ -150,7 +163,7 @@ impl Varying {
         Ok(varying)
     }
 
-    /// Shows an archive all of it.
+    /// Saves all data to an archive or restores them from it.
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.work)?;
         archive.value(&mut self.given)?;
@@ -162,7 +175,7 @@ impl Varying {
         archive.vector(Over::Bounds, upper)
     }
 
-    /// Goes to the instant whose next one is given.
+    /// Moves one step ahead; `next` is the time of the new instant n + 1, in s.
     fn advance<E: Engine>(&mut self, system: &System<E>, restitution: f64, next: f64) -> Result<()> {
         std::mem::swap(&mut self.before, &mut self.now);
         std::mem::swap(&mut self.now, &mut self.next);
@@ -171,7 +184,8 @@ impl Varying {
         Ok(())
     }
 
-    /// Sets the bounds on U^{n+1,e}. Where there is no obstacle at one of the instants, the other has the word.
+    /// Sets the bounds on `$U^{n+1,e}$`. Where one of the two instants has no obstacle, the bound
+    /// of n + 1 is used alone.
     fn limit(&mut self, e: f64) {
         let of = |before: f64, next: f64| {
             let average = (next + e * before) / (1.0 + e);
@@ -187,7 +201,8 @@ impl Varying {
         }
     }
 
-    /// F_beta, at each dof; nothing where the load does not change.
+    /// Returns the beta-averaged load, in N, one entry per dof; empty where no load depends on
+    /// time.
     fn load(&self, beta: f64) -> impl Iterator<Item = f64> {
         let [before, now, next] =
             [&self.before, &self.now, &self.next].map(|moment| moment.load.as_deref().unwrap_or(&[]));
@@ -195,7 +210,7 @@ impl Varying {
         instants.map(move |(now, (before, next))| now + beta * (next - 2.0 * now + before))
     }
 
-    /// Second differences of the supports' places over dt^2, in m/s^2.
+    /// Returns second differences of the support places over dt^2, in m/s^2, one entry per motion.
     fn accelerations(&self, dt: f64) -> Vec<f64> {
         let [before, now, next] = [&self.before, &self.now, &self.next].map(|moment| &moment.places);
         let instants = now.iter().zip(before.iter().zip(next));
@@ -207,10 +222,10 @@ impl<'s, E: Engine + 'static> Newmark<'s, E>
 where
     E::Factor: 'static,
 {
-    /// Starts with the condensed solver.
+    /// Starts the scheme with the condensed solver.
     ///
     /// # Errors
-    /// [`crate::Error::Singular`] where the matrix of a step is not positive definite.
+    /// Returns [`crate::Error::Singular`] where the step matrix is not positive definite.
     pub fn new(system: &'s System<E>, parameters: NewmarkParameters, start: Start) -> Result<Newmark<'s, E>> {
         let sum = Self::sum(system, parameters);
         let solver = Condensed::new(&system.engine, &sum, system.bounds.len())?;
@@ -219,7 +234,8 @@ where
 }
 
 impl<'s, E: Engine> Newmark<'s, E> {
-    /// The matrix of a step, M / dt^2 + beta K + D / (2 dt).
+    /// Returns the step matrix `$M / \Delta t^2 + \beta K + D / 2 \Delta t$` (paper, section 4.1,
+    /// with damping).
     pub fn sum(system: &'s System<E>, parameters: NewmarkParameters) -> [(f64, &'s E::Form); 2] {
         let System { mass, stiffness, damping, .. } = system;
         let NewmarkParameters { beta, step: dt, .. } = parameters;
@@ -230,10 +246,10 @@ impl<'s, E: Engine> Newmark<'s, E> {
         ]
     }
 
-    /// Starts with a given solver of [`Newmark::sum`].
+    /// Starts the scheme with a given solver for the matrix [`Newmark::sum`].
     ///
     /// # Errors
-    /// What the solver says.
+    /// Returns the errors of the solver.
     pub fn with_solver(
         system: &'s System<E>,
         parameters: NewmarkParameters,
@@ -268,7 +284,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         if let Some(modal) = &system.drive.modal {
             modal.check(parameters.step)?;
         }
-        // x = 2 (U^1 - U^0), and U^{0,e} = U^0 + x / 2 - 2 dt v_0 e / (1 + e).
+        // At the start x = 2 (U^1 - U^0), and U^{0,e} = U^0 + x / 2 - 2 dt v_0 e / (1 + e).
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
         let drift = |dof: usize| -2.0 * dt * start.velocity[dof] * e / (1.0 + e);
         let mut v = vec![0.0; system.engine.velocities(&system.mass)];
@@ -296,8 +312,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
         Ok(scheme)
     }
 
-    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift; `push` adds what else there is to the forces, and has
-    /// room for a product.
+    /// Solves for x, where the bounded configuration is U^n + x / stretch + drift. The closure
+    /// `push` adds further forces to the right-hand side and may use its last argument as work
+    /// space.
     fn solve(
         &mut self,
         stretch: f64,
@@ -326,7 +343,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         Ok(())
     }
 
-    /// Takes note of the work that what changes with time has given.
+    /// Updates the work `$W_n$`, `$w_n$` of the time-dependent loads and obstacles.
     fn weigh(&mut self) -> Result<()> {
         let Some(varying) = &mut self.varying else { return Ok(()) };
         let ways = self.d.iter().zip(&self.d_next).map(|(d, d_next)| d + d_next);
@@ -344,23 +361,27 @@ impl<'s, E: Engine> Newmark<'s, E> {
         Ok(())
     }
 
-    /// (U^{n+1} - U^{n-1}) / (2 dt), in m/s.
+    /// Returns the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
     fn central_velocity(&self) -> Vec<f64> {
         self.d.iter().zip(&self.d_next).map(|(d, e)| (d + e) / (2.0 * self.parameters.step)).collect()
     }
 
-    /// W_n, in J.
+    /// Returns the accumulated work `$W_n$`, in J.
     fn given(&self) -> f64 {
         self.varying.as_ref().map_or(0.0, |varying| varying.work)
     }
 
-    /// The discrete invariant of beta = 1/2 between n and n + 1, in J:
-    /// `$H = \frac12 |\frac{U^{n+1} - U^n}{\Delta t}|_M^2 + \frac14 (|U^{n+1}|_K^2 + |U^n|_K^2) - \frac12 F (U^{n+1} + U^n)$`,
-    /// with the constant load F, less the work `$W_n + \frac12 w_n$` of what changes with time.
-    /// Constant in free flight without damping; for e = 0 it never rises.
+    /// Returns the discrete invariant of beta = 1/2 between n and n + 1, in J:
+    ///
+    /// ```math
+    /// H = \frac12 \Bigl|\frac{U^{n+1} - U^n}{\Delta t}\Bigr|_M^2 + \frac14 \bigl(|U^{n+1}|_K^2 + |U^n|_K^2\bigr) - \frac12 F \cdot (U^{n+1} + U^n) - W_n - \frac12 w_n ,
+    /// ```
+    ///
+    /// with the constant load F and the work `$W_n$`, `$w_n$` of time-dependent data. H is constant
+    /// in free flight without damping; for e = 0 it never rises.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn invariant(&self) -> Result<f64> {
         let System { engine, stiffness, mass, .. } = self.system;
         let rate: Vec<f64> = self.d_next.iter().map(|d| d / self.parameters.step).collect();
@@ -422,12 +443,12 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         &self.u
     }
 
-    /// The central difference (U^{n+1} - U^{n-1}) / (2 dt).
+    /// Returns the central difference `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
     fn velocity(&mut self) -> Result<Vec<f64>> {
         Ok(self.central_velocity())
     }
 
-    /// The central differences of their places.
+    /// Returns central differences of the support places, in m/s, one entry per motion.
     fn support_rates(&self) -> Result<Vec<f64>> {
         let Some(Varying { before, next, .. }) = &self.varying else { return Ok(Vec::new()) };
         let ends = before.places.iter().zip(&next.places);
@@ -443,7 +464,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         moving.unwrap_or(&self.system.bounds)
     }
 
-    /// Those of the present instant.
+    /// Returns the reactions at the present instant, in N, one entry per bound.
     fn reaction(&self) -> &[f64] {
         &self.reaction
     }
@@ -452,7 +473,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         &self.impulses
     }
 
-    /// The paper's E_n, of the central difference.
+    /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity.
     fn energies(&self) -> Result<Energies> {
         let System { engine, mass, .. } = self.system;
         let rate = self.central_velocity();
@@ -473,7 +494,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn approach(&self, bound: usize) -> Approach {
         let dof = self.system.bounds.dofs[bound];
-        // U^0 - U^{-1} is no way that was gone.
+        // U^{-1} is a ghost value, not a displacement that occurred.
         let velocity = if self.n == 0 { self.arriving[bound] } else { self.d[dof] / self.parameters.step };
         Approach { time: self.time(), deflection: self.u[dof], velocity }
     }

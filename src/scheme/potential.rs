@@ -1,40 +1,52 @@
-//! The potential of the cells' mean deflections, and the displacement that goes with them.
+//! Reduced potential `$\varphi(p)$` of the cell means p of the deflection, and its minimiser U(p).
 //!
-//! With the singular mass M = B^T C^-1 B only p = C^-1 B U has inertia. All else of U, the *massless* part in the kernel of B,
-//! is at every instant where the elastic energy is least:
+//! With the singular mass `$M = B^T C^{-1} B$` (paper, section 3) only `$p = C^{-1} B U$` has
+//! inertia. The rest of U, the *massless* part in the kernel of B, minimises the elastic energy at
+//! every instant:
 //!
 //! ```math
 //! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser},
 //! ```
 //!
-//! and the semi-discrete impact problem is the ordinary differential equation
+//! The semi-discrete impact problem (paper, equation 5) is then the ordinary differential equation
 //!
 //! ```math
 //! C \ddot p = -\nabla \varphi(p), \qquad \nabla \varphi(p) = C \lambda \text{ where } K U - F - G^T r = B^T \lambda .
 //! ```
 //!
-//! *U(p) is unique*: K is positive definite on the kernel of B. *φ is convex*, as the least value over U of a function convex in
-//! (p, U) together. *φ is C^1,1*: while the set of active bounds stays, U and λ are affine in p; the pieces are finitely many
-//! polyhedra on which U, being unique, agrees where they meet; and λ is unique with it, because the reactions r are: the inf-sup
-//! condition says that no combination of active bounds is a combination of rows of B. So ∇φ is continuous and affine on each
-//! piece, hence Lipschitz. The equation then has one solution; it conserves ½ v^T C v + φ(p), its velocity never jumps, and
-//! it asks for no law of restitution. With loads F and bounds l, u that change with time φ and U(p) are those of the instant, and
-//! damping alpha M makes it `$C (\ddot p + \alpha \dot p) = -\nabla \varphi(p)$`. Damping by stiffness leaves no such equation: then the massless
-//! part of U has a rate of its own and is no function of p.
+//! - *U(p) is unique*, since K is positive definite on the kernel of B.
+//! - *`$\varphi$` is convex*, as the minimum over U of a function convex in (p, U).
+//! - *`$\varphi$` is `$C^{1,1}$`*. While the set of active bounds does not change, U and
+//!   `$\lambda$` are affine in p. The pieces are finitely many polyhedra, and U, being unique,
+//!   agrees where they meet. `$\lambda$` is unique because the reactions r are: by the inf-sup
+//!   condition no combination of active bounds is a combination of rows of B. Hence
+//!   `$\nabla\varphi$` is continuous and affine on each piece, and Lipschitz.
 //!
-//! # How U(p) is found
+//! The equation therefore has exactly one solution. It conserves `$\tfrac12 v^T C v + \varphi(p)$`,
+//! its velocity never jumps, and it needs no law of restitution. With time-dependent loads F and
+//! bounds l, u, `$\varphi$` and U(p) are those of the instant. Mass-proportional damping alpha M
+//! gives `$C (\ddot p + \alpha \dot p) = -\nabla \varphi(p)$`. Stiffness-proportional damping is
+//! excluded: the massless part of U then has a rate of its own and is no function of p.
 //!
-//! By multipliers (Hestenes 1969, Powell 1969): U minimises the energy with the penalty s/2 |p - C^-1 B U|_C^2 added and a
-//! guess of λ; then λ grows by s (p - C^-1 B U). A round is one contact step with the matrix K + s M, symmetric positive
-//! definite, by the same factor and condensed solver as a step of time, on any engine: no saddle point is factored. It
-//! shrinks the error of p by at least w^2 / (w^2 + s), w the fastest frequency of the semi-discrete problem, and its answer is U of
-//! *its own* p whatever λ was.
+//! # Computing U(p)
 //!
-//! The penalty costs no digits in the end. Every round starts from the residual F - K U + B^T λ, with K applied cell by cell, and
-//! restores what the one before rounded off; the long waves, where an assembled K loses digits as h^-4, are ruled by s M. Measured
-//! on the paper's plate, triangles, from the middle of a step on, s = 10^4 w^2: the first round leaves 1e-10 (at most 5e-7) of
-//! p's way on 10 x 4 cells and 1e-13 (at most 8e-8) on 80 x 32, the second some roundings. One round is not enough on fine
-//! meshes: with s = 10^8 w^2 it hits p at once, but leaves U so far from equilibrium that energies are off by 1e-6 on 80 x 32.
+//! U(p) is found by the method of multipliers (Hestenes 1969, Powell 1969): U minimises the energy
+//! with the penalty `$\tfrac{s}{2} |p - C^{-1} B U|_C^2$` and an estimate of `$\lambda$`; then
+//! `$\lambda$` grows by `$s (p - C^{-1} B U)$`. Each round is one contact solve with the symmetric
+//! positive definite matrix K + s M, by the same factor and condensed solver as a time step, on any
+//! engine; no saddle-point matrix is factored. A round reduces the error of p by at least
+//! `$\omega^2 / (\omega^2 + s)$`, with `$\omega$` the highest angular frequency of the
+//! semi-discrete problem, and its result is U of *its own* p for any `$\lambda$`.
+//!
+//! The penalty does not limit the accuracy. Every round starts from the residual
+//! `$F - K U + B^T \lambda$`, with K applied cell by cell, and corrects the rounding errors of the
+//! previous round. Long waves, for which an assembled K loses digits as h^-4, are dominated by s M.
+//! Measured on the paper's plate, triangles, from the middle of a step on, with
+//! `$s = 10^4 \omega^2$`: the first round leaves an error of 1e-10 (at most 5e-7) of the
+//! displacement of p on 10 x 4 cells and 1e-13 (at most 8e-8) on 80 x 32; the second leaves
+//! rounding errors. A single round is not enough on fine meshes: with `$s = 10^8 \omega^2$` it
+//! meets p at once, but leaves U so far from equilibrium that energies are wrong by 1e-6 on 80 x
+//! 32.
 
 mod rate;
 
@@ -49,30 +61,33 @@ use crate::vi::kkt::Judge;
 use crate::vi::{Condensed, Side, Solver, Verdict};
 use std::rc::Rc;
 
-/// The penalty over the square of the fastest frequency: what is aimed at, and what is accepted.
+/// Penalty s relative to the square of the highest angular frequency: target and accepted range.
 const STIFFNESS: f64 = 1e4;
 const STIFF_ENOUGH: std::ops::Range<f64> = 1e3..1e6;
 
-/// Attempts at a penalty, and power iterations of each: its order of magnitude is enough.
+/// Largest number of attempts at a penalty, and power iterations of each; the order of magnitude
+/// suffices.
 const ATTEMPTS: usize = 8;
 const POWERS: usize = 6;
 
-/// Strain over that of its parts below which a motion is rigid, as all that have inertia may be on a few cells: then no frequency is the
-/// fastest, and the first penalty will do. Cells n times as long as wide have motions of n^-2, rounding is below 1e-12.
+/// Ratio of a motion's strain to that of its parts below which it counts as rigid. On a few cells
+/// all motions with inertia may be rigid; no highest frequency exists then, and the first penalty
+/// is used. Cells n times as long as wide have ratios of n^-2; rounding is below 1e-12.
 const RIGID: f64 = 1e-10;
 
-/// Error of p, relative to the way it goes, at which the rounds end.
+/// Error of p, relative to its displacement, at which the rounds end.
 const CLOSE: f64 = 1e-12;
-/// Error of p, likewise, that no rounding makes: there is no such U. Met are some 1e-7 by one round, where inf-sup holds, and 1e-6 where a
-/// plate carries 1e9 times its own mass.
+/// Relative error of p above rounding, from which U(p) is taken not to exist. Observed are about
+/// 1e-7 after one round where the inf-sup condition holds, and 1e-6 where a plate carries 1e9 times
+/// its own mass.
 const MISSED: f64 = 1e-4;
-/// The first round leaves what its solve rounds off, the second does not.
+/// Least and largest number of rounds. The second round corrects the rounding errors of the first.
 const ROUNDS: std::ops::RangeInclusive<u32> = 2..=40;
 
-/// Finds U(p); see the [module page](self).
+/// Solver for U(p); see the [module page](self).
 pub struct Potential<'s, E: Engine> {
     system: &'s System<E>,
-    /// s, in 1/s^2.
+    /// Penalty s, in 1/s^2.
     penalty: f64,
     sum: [(f64, &'s E::Form); 2],
     solver: Condensed<E>,
@@ -81,15 +96,15 @@ pub struct Potential<'s, E: Engine> {
     bounds: Bounds,
     b: Vec<f64>,
     x: Vec<f64>,
-    /// Velocities: C^-1 B x, what p lacks, λ + s of that.
+    /// Work vectors per velocity dof: C^-1 B x, the residual of p, and λ + s times that residual.
     moved: Vec<f64>,
     lack: Vec<f64>,
     pull: Vec<f64>,
-    /// The last answer: U, λ and reactions.
+    /// Last solution: U, λ and reactions.
     u: Vec<f64>,
     multiplier: Vec<f64>,
     reaction: Vec<f64>,
-    /// U, λ and the lack of p that rounds began with.
+    /// U, λ and residual of p at which the rounds started.
     from: [Vec<f64>; 3],
 }
 
@@ -97,8 +112,8 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// Chooses the penalty and factors K + s M.
     ///
     /// # Errors
-    /// [`Error::Singular`] where that is not positive definite, or no estimate of the fastest frequency holds.
-    /// [`Error::Usage`] for damping by stiffness.
+    /// Returns [`Error::Singular`] where K + s M is not positive definite or the highest frequency
+    /// cannot be estimated, and [`Error::Usage`] for stiffness-proportional damping.
     pub fn new(system: &'s System<E>) -> Result<Potential<'s, E>> {
         if system.damping.stiffness != 0.0 {
             return Err(Error::Usage(
@@ -110,9 +125,11 @@ impl<'s, E: Engine> Potential<'s, E> {
         Potential::factor(system)
     }
 
-    /// Velocities that have the momenta of the shapes of moving supports, one per motion: those of least energy.
+    /// Returns the velocities V of least energy that have the momentum of the support shapes at 1
+    /// m/s, one vector per motion.
     ///
-    /// M R = B^T V is solved by K + s M, which misses w^2 / (w^2 + s) of a motion of frequency w each time.
+    /// The equation M R = B^T V is solved iteratively with K + s M; each iteration leaves the
+    /// fraction `$\omega^2 / (\omega^2 + s)$` of a vibration of angular frequency `$\omega$`.
     pub(super) fn images(system: &System<E>) -> Result<Rc<Images>> {
         let System { engine, mass, drive, .. } = system;
         if drive.supports.is_empty() {
@@ -144,7 +161,8 @@ impl<'s, E: Engine> Potential<'s, E> {
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);
         let (mut moved, mut pull) = (vec![0.0; velocities], vec![0.0; velocities]);
-        // A rough displacement first guesses the fastest frequency, of which each factor then gives an estimate.
+        // A rough displacement gives the first guess of the highest frequency; each factor then
+        // yields an estimate.
         let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
         let rough = |i: usize| (0.618_033_988_749_895 * (i + 1) as f64).fract() - 0.5;
         for (i, (x, d)) in x.iter_mut().zip(&diagonal).enumerate() {
@@ -158,8 +176,9 @@ impl<'s, E: Engine> Potential<'s, E> {
             let sum = [(1.0, stiffness), (penalty, mass)];
             let mut solver = Condensed::new(engine, &sum, bounds.len())?;
             factorisations += 1;
-            // T = s C^-1 B (K + s M)^-1 B^T has the eigenvalues s / (w^2 + s) on the velocities that displacements give, and 0 on
-            // those that none gives: a checkerboard, on a uniform grid held all around. T (1 - T) leaves these out.
+            // The operator T = s C^-1 B (K + s M)^-1 B^T has the eigenvalues s / (w^2 + s) on
+            // velocities that displacements can attain, and 0 on the others, such as a checkerboard
+            // on a uniform grid held all around. T (1 - T) excludes the latter.
             let mut apply = |v: &[f64], image: &mut [f64]| -> Result<()> {
                 engine.momentum(mass, v, &mut b)?;
                 solver.solve(engine, &sum, &b, &Bounds::default(), &mut x, &mut [])?;
@@ -181,7 +200,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 std::mem::swap(&mut pull, &mut moved);
                 largest = engine.vis_viva(mass, &pull)?.sqrt();
             }
-            // Rayleigh's quotient of the displacement that gave this velocity.
+            // Rayleigh quotient of the displacement with this velocity.
             engine.multiply_with_magnitude(&sum[..1], &x, &mut b, &mut sizes)?;
             let elastic = engine.multiply(stiffness, &x, &mut b)?;
             x.iter_mut().for_each(|x| *x = x.abs());
@@ -215,16 +234,17 @@ impl<'s, E: Engine> Potential<'s, E> {
         Err(Error::Singular("no estimate of the fastest natural frequency holds".into()))
     }
 
-    /// Moves a displacement to U(p) of its own p = C^-1 B U at an instant; sets the reactions of the obstacles there.
+    /// Moves a displacement to U(p) of its own `$p = C^{-1} B U$` at `time` (s) and sets the
+    /// reactions of the obstacles there, in N.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub fn settle(&mut self, time: f64, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
         let moment = self.system.moment(time)?;
         self.settle_at(&moment, u, reaction)
     }
 
-    /// Settles a state at its own moment.
+    /// Moves a state to U(p) at its own instant.
     pub(super) fn settle_state(&mut self, state: &mut State) -> Result<Verdict> {
         let State { moment, u, reaction, .. } = state;
         let verdict = self.settle_at(moment, u, reaction)?;
@@ -245,7 +265,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         Ok(verdict)
     }
 
-    /// The states on the line of a half step from an instant.
+    /// Returns the line of states along a half step that starts at `time` (s).
     pub(super) fn line<'l>(
         &'l mut self,
         from: &'l State,
@@ -265,8 +285,9 @@ impl<'s, E: Engine> Potential<'s, E> {
         })
     }
 
-    /// Moves the last answer to U(p + lack) at a moment, which exists wherever the inf-sup condition holds; `way` is the length, in
-    /// the norm of C, that p goes in all.
+    /// Moves the last solution to U(p) at p plus the residual, for the data of one instant. The
+    /// solution exists wherever the inf-sup condition holds. `way` is the norm, by C, of the whole
+    /// displacement of p.
     fn reach(&mut self, way: f64, moment: &Moment) -> Result<Verdict> {
         let System { engine, bounds, .. } = self.system;
         let length = self.system.length(moment.bounds(bounds), &self.u)?;
@@ -274,7 +295,8 @@ impl<'s, E: Engine> Potential<'s, E> {
             kept.clone_from(from);
         }
         let (mut verdict, mut missed) = self.rounds(way, length, moment)?;
-        // The penalty makes the flexibility of neighbours alike: where both touch, their Schur complement may be all rounding.
+        // The penalty gives neighbouring nodes nearly equal flexibility: where both touch, their
+        // Schur complement may consist of rounding errors.
         let poor = missed || verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance();
         if poor && self.solver.distrust(engine, &self.sum)? {
             for (kept, to) in self.from.iter().zip([&mut self.u, &mut self.multiplier, &mut self.lack]) {
@@ -294,7 +316,8 @@ impl<'s, E: Engine> Potential<'s, E> {
         Ok(verdict)
     }
 
-    /// The rounds that lead there; whether they miss p. `length` is the scale of the deflection, in m, that gaps are measured against.
+    /// Runs the rounds of multipliers. Returns also whether they miss p. `length` is the length
+    /// scale of gaps, in m.
     fn rounds(&mut self, way: f64, length: f64, moment: &Moment) -> Result<(Verdict, bool)> {
         let System { engine, mass, bounds, .. } = self.system;
         let bounds = moment.bounds(bounds);
@@ -328,14 +351,14 @@ impl<'s, E: Engine> Potential<'s, E> {
             if round < least || !reached && round < *ROUNDS.end() {
                 continue;
             }
-            // K U = F + B^T λ + G^T r within the bounds.
+            // Check K U = F + B^T λ + G^T r within the bounds.
             engine.momentum(mass, &self.multiplier, &mut self.b)?;
             let [load, varying] =
                 [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
             let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
             let kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
             let last = std::mem::replace(&mut verdict.kkt, kkt);
-            // Where cells differ much in size, p is reached before U is in equilibrium.
+            // Where cell sizes differ much, p converges before U is in equilibrium.
             if kkt <= self.solver.tolerance() || kkt.is_nan() || kkt > 0.5 * last {
                 break;
             }
@@ -343,41 +366,42 @@ impl<'s, E: Engine> Potential<'s, E> {
         Ok((verdict, distance > MISSED * farthest))
     }
 
-    /// Shows an archive the solver: each answer begins anew.
+    /// Saves or restores the solver; each solution starts afresh.
     pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
-    /// Numeric factorisations so far.
+    /// Returns the number of numeric factorisations so far.
     pub fn factorisations(&self) -> u64 {
         self.factorisations + self.solver.factorisations()
     }
 }
 
-/// The states (p + gamma dp, V + gamma dV) of a half step; gamma = 1 is the midpoint rule's.
+/// Line of the states (p + gamma dp, V + gamma dV) of a half step; gamma = 1 is the midpoint rule.
 pub(super) struct Line<'l, 's, E: Engine> {
     potential: &'l mut Potential<'s, E>,
     from: &'l State,
     half: &'l HalfStep<'s, E>,
-    /// When it begins, in s.
+    /// Time at the start of the line, in s.
     time: f64,
-    /// Rate of the energy that damping takes, in W.
+    /// Power dissipated by damping, in W.
     loss: f64,
-    /// Where the potential's last answer lies, once it lies on this line.
+    /// Value of gamma of the last solution, once it lies on this line.
     gamma: Option<f64>,
-    /// The kinetic energy's slope in the middle, and its curvature.
+    /// Slope of the kinetic energy at the midpoint, and its curvature.
     kinetic_slope: Option<[f64; 2]>,
-    /// What solves on this line have reached.
+    /// Accuracy that the solves on this line have reached.
     pub verdict: Verdict,
     /// Whether the last state has the same active bounds as the start.
     pub same_piece: bool,
 }
 
 impl<E: Engine> Line<'_, '_, E> {
-    /// Makes `to` the state at gamma.
+    /// Sets `to` to the state at gamma.
     ///
-    /// While the active bounds stay, U(p) is affine on the line, and the middle lies on it: no solve. So it is where the load or the
-    /// bounds change, at gamma = 1, whose are the means that the middle has.
+    /// While the active bounds do not change, U(p) is affine on the line and passes through the
+    /// midpoint: no solve is needed. With time-dependent data the same holds at gamma = 1 only,
+    /// since the midpoint has the mean data of both ends.
     pub fn at(&mut self, gamma: f64, to: &mut State) -> Result<()> {
         let Line { half, from, time, .. } = *self;
         half.extend(from, gamma, to);
@@ -391,21 +415,23 @@ impl<E: Engine> Line<'_, '_, E> {
         to.weigh(self.potential.system)
     }
 
-    /// Energy, in J, that came in up to the state last made, and what damping took.
+    /// Returns the work done and the energy dissipated, in J, up to the last state, which is at
+    /// gamma.
     pub fn exchange(&self, gamma: f64, at: &State) -> Result<[f64; 2]> {
         Ok([self.half.given(self.from, at)?, gamma * self.half.dt * self.loss])
     }
 
-    /// Rate with gamma, in J, of the energy that is not accounted for, at the state last made:
-    /// dV^T C V - 2 x^T (F - K U + G^T r), and what damping takes. F is that of the middle, whose work counts as given; so does the work
-    /// of the middle's reactions where bounds move, here at an even velocity.
+    /// Returns the derivative with respect to gamma, in J, of the energy less work and dissipation,
+    /// at the last state: `$dV^T C V - 2 x^T (F - K U + G^T r)$` plus dissipation. F is the
+    /// midpoint load, whose work is counted as external; so is the work of the midpoint reactions
+    /// where bounds move, taken here at uniform velocity.
     pub fn slope(&mut self, gamma: f64, at: &State) -> Result<f64> {
         let System { engine, mass, bounds, .. } = self.potential.system;
         let work = &mut self.potential.b;
         let [middle, rise] = match self.kinetic_slope {
             Some(known) => known,
             None => {
-                // V = 2/dt C^-1 B x in the middle, where gamma = 1/2.
+                // At the midpoint, gamma = 1/2, V = 2/dt C^-1 B x.
                 engine.momentum(mass, &self.half.dv, work)?;
                 let middle = 2.0 / self.half.dt * engine.dot(work, &self.half.x)?;
                 *self.kinetic_slope.insert([middle, engine.vis_viva(mass, &self.half.dv)?])
@@ -426,8 +452,8 @@ impl<E: Engine> Line<'_, '_, E> {
         Ok(middle + (gamma - 0.5) * rise + elastic + carried + half.dt * self.loss)
     }
 
-    /// Whether the extended displacement is admissible with the active bounds of the start and of the middle, that is,
-    /// satisfies all conditions of U(p). Sets its reactions.
+    /// Returns whether the extended displacement satisfies all conditions of U(p) with the active
+    /// bounds of the start and of the midpoint, and sets its reactions.
     fn goes_straight(&self, gamma: f64, to: &mut State) -> Result<bool> {
         let System { engine, bounds, .. } = self.potential.system;
         let bounds = to.moment.bounds(bounds);
@@ -446,7 +472,7 @@ impl<E: Engine> Line<'_, '_, E> {
         Ok(engine.maximum(f64::from(u8::from(!straight)))? == 0.0)
     }
 
-    /// Makes the potential's answer that at gamma, from its last on this line or from the middle.
+    /// Moves the solution to gamma, from the last one on this line or from the midpoint.
     fn solve(&mut self, gamma: f64, moment: &Moment) -> Result<()> {
         let (potential, half) = (&mut *self.potential, self.half);
         let last = match self.gamma.replace(gamma) {
@@ -455,7 +481,8 @@ impl<E: Engine> Line<'_, '_, E> {
                 for (u, (from, x)) in potential.u.iter_mut().zip(self.from.u.iter().zip(&half.x)) {
                     *u = from + x;
                 }
-                // The midpoint rule: dV = -dt (λ + alpha V) in the middle, where V = 2/dt C^-1 B x.
+                // The midpoint rule has dV = -dt (λ + alpha V) with the midpoint velocity V = 2/dt
+                // C^-1 B x.
                 let damping = potential.system.damping.mass * 2.0 / half.dt;
                 let middle = half.dv.iter().zip(&half.rate);
                 for (multiplier, (dv, rate)) in potential.multiplier.iter_mut().zip(middle) {
@@ -474,7 +501,7 @@ impl<E: Engine> Line<'_, '_, E> {
     }
 }
 
-/// The bound that a reaction belongs to.
+/// Returns the side of the bound that a reaction belongs to.
 fn side(reaction: f64) -> Side {
     match reaction {
         r if r > 0.0 => Side::Lower,
