@@ -1,4 +1,4 @@
-//! Static equilibrium, to the last digit.
+//! Static equilibrium, accurate to rounding.
 
 use crate::error::Result;
 use crate::linalg::{Engine, Sum};
@@ -6,26 +6,29 @@ use crate::obstacle::Bounds;
 use crate::vi::kkt::Judge;
 use crate::vi::{Condensed, Step, Verdict};
 
-/// Corrections after the first solve. The first removes what rounding the entries of the factored K has spoilt
-/// (some 1e-16 h^-4); the second is there for the finest meshes.
+/// Number of corrections after the first solve. The first removes the effect of rounding the
+/// entries of the factored K (about 1e-16 h^-4); the second is needed on the finest meshes.
 const CORRECTIONS: usize = 2;
 
-/// Proximal steps at most, in all and without one that halves the residual.
+/// Largest number of proximal steps, in all and in succession without halving the residual.
 const MOST_STEPS: u32 = 2000;
 const MOST_IDLE_STEPS: u32 = 200;
 
-/// An increment that is below this part of the largest one of a bounded deflection stays where it is.
+/// Relative size, compared with the largest increment of a bounded deflection, below which an
+/// increment counts as zero.
 const STAYS: f64 = 1e-12;
 
-/// Relative KKT residual below which proximal steps go on only as long as each halves it.
+/// Relative KKT residual below which proximal steps continue only while each halves it.
 const CLOSE: f64 = 1e-12;
 
-/// Equilibrium under a load within bounds: K U = F + G^T r. Returns U, r and what the solver reached.
+/// Solves the static equilibrium K U = F + G^T r under bounds. Returns U (m), r (N) and the
+/// accuracy that the solver reached.
 ///
-/// The factored K loses digits as h^-4; corrections by its residual, K applied cell by cell, bring them back.
+/// The factored K loses digits as h^-4; corrections with the residual, K applied cell by cell,
+/// restore them.
 ///
 /// # Errors
-/// [`crate::Error::Singular`] where K is: the structure is a mechanism.
+/// Returns [`crate::Error::Singular`] where K is singular, i.e. the structure is a mechanism.
 pub fn equilibrium<E: Engine + 'static>(
     engine: &E,
     stiffness: &E::Form,
@@ -44,17 +47,19 @@ where
     Ok((search.u, search.reaction, search.verdict))
 }
 
-/// Equilibrium under a load within bounds of a structure that only the bounds hold: K is singular, and the minimum of
-/// U^T K U / 2 - F^T U within the bounds exists nevertheless. Returns U, r and what the solver reached.
+/// Solves the static equilibrium under bounds of a structure supported by the bounds alone: K is
+/// singular, but U^T K U / 2 - F^T U has a minimum within the bounds. Returns U (m), r (N) and the
+/// accuracy that the solver reached.
 ///
-/// Proximal steps: each solves the problem with K + c H, H a positive definite form such as a mass, for the increment of U, and goes
-/// on along it, within the bounds, to the least energy. While the same bounds bear, increments are made conjugate as in the method
-/// of conjugate gradients: rigid motions, which K + c H holds back most, take a few steps. What holds back the increment
-/// vanishes with it: the limit is the equilibrium itself, judged with K alone. Of several equilibria, as of a plate that balances
-/// on a ridge, it is one near U = 0.
+/// The method uses proximal steps. Each solves the problem with K + c H for the increment of U,
+/// with H positive definite such as a mass matrix, and goes along it, within the bounds, to the
+/// least energy. While the active bounds do not change, increments are conjugate as in the method
+/// of conjugate gradients, so that rigid motions, which K + c H restrains most, take few steps. The
+/// proximal term vanishes with the increment: the limit is the equilibrium itself, judged with K
+/// alone. Of several equilibria, for instance of a plate balanced on a ridge, it is one near U = 0.
 ///
 /// # Errors
-/// [`crate::Error::Singular`] where K + c H is.
+/// Returns [`crate::Error::Singular`] where K + c H is singular.
 pub fn equilibrium_on_bounds<E: Engine + 'static>(
     engine: &E,
     stiffness: &E::Form,
@@ -80,7 +85,7 @@ where
         let kkt = judge.residual(engine, &alone, &[load], bounds, length, u, reaction)?;
         search.verdict.kkt = kkt;
         (best, idle) = if kkt < 0.5 * best { (kkt, 0) } else { (best, idle + 1) };
-        // An answer as good as rounding allows gets no better.
+        // An answer accurate to rounding cannot improve.
         if kkt.is_nan() || (kkt <= CLOSE && idle > 0) || idle == MOST_IDLE_STEPS {
             break;
         }
@@ -88,20 +93,20 @@ where
     Ok((search.u, search.reaction, search.verdict))
 }
 
-/// The increment of the step before.
+/// Increment of the previous step.
 #[derive(Default)]
 struct Last {
     increment: Vec<f64>,
-    /// K times it, and its product with that.
+    /// Product of K with the increment, and the curvature x^T K x.
     force: Vec<f64>,
     curvature: f64,
-    /// Whether no bound ended the step.
+    /// Whether no bound limited the step.
     is_free: bool,
-    /// Whether this step's increment was made conjugate to it.
+    /// Whether the increment of the present step was made conjugate to it.
     is_used: bool,
 }
 
-/// A search for the equilibrium by increments, each from what the deflection so far leaves of the problem.
+/// Iteration for the equilibrium by increments of the deflection.
 struct Search<'s, E: Engine> {
     engine: &'s E,
     sum: &'s Sum<'s, E>,
@@ -110,11 +115,11 @@ struct Search<'s, E: Engine> {
     bounds: &'s Bounds,
     step: Step<E>,
     u: Vec<f64>,
-    /// The last increment.
+    /// Last increment, in m, one entry per dof.
     x: Vec<f64>,
-    /// F - K U before it.
+    /// Residual F - K U before the increment, in N, one entry per dof.
     b: Vec<f64>,
-    /// The bounds on it.
+    /// Bounds on the increment, in m.
     left: Bounds,
     reaction: Vec<f64>,
     verdict: Verdict,
@@ -124,7 +129,7 @@ impl<'s, E: Engine + 'static> Search<'s, E>
 where
     E::Factor: 'static,
 {
-    /// Starts at U = 0, with increments from the matrix of a sum.
+    /// Starts at U = 0, with increments from the matrix `sum`.
     fn new(
         engine: &'s E,
         sum: &'s Sum<'s, E>,
@@ -150,7 +155,7 @@ where
         })
     }
 
-    /// Solves for the next increment. Returns the scale of the deflection, in m. Collective.
+    /// Solves for the next increment. Returns the length scale of the deflection, in m. Collective.
     fn increment(&mut self) -> Result<f64> {
         let Search { engine, sum, u, b, left, bounds, .. } = self;
         engine.multiply(self.stiffness, u, b)?;
@@ -166,12 +171,12 @@ where
         Ok(length)
     }
 
-    /// Largest magnitude of a bounded deflection, in m. Collective.
+    /// Returns the largest magnitude of a bounded deflection, in m. Collective.
     fn largest(&self, x: &[f64]) -> Result<f64> {
         self.engine.maximum(self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs())))
     }
 
-    /// Whether deflections that something bears on stay where they are. Collective.
+    /// Returns whether x leaves all deflections with a nonzero reaction unchanged. Collective.
     fn bearing_stays(&self, x: &[f64]) -> Result<bool> {
         let stays = STAYS * self.largest(x)?;
         let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
@@ -179,7 +184,7 @@ where
         Ok(self.engine.maximum(f64::from(u8::from(moves)))? == 0.0)
     }
 
-    /// Makes the increment conjugate to the last one, where the same bounds bear. Collective.
+    /// Makes the increment conjugate to the last one if the active bounds are the same. Collective.
     fn conjugate(&mut self, last: &mut Last) -> Result<()> {
         let same = last.is_free && last.curvature > 0.0;
         last.is_used = same && self.bearing_stays(&last.increment)? && self.bearing_stays(&self.x)?;
@@ -194,8 +199,9 @@ where
         Ok(())
     }
 
-    /// How many times the increment the deflection goes, within the bounds, to the least energy; at least 1 unless it was made
-    /// conjugate, for all of an answer is within the bounds. Collective.
+    /// Returns the multiple of the increment at which the energy within the bounds is least. It is
+    /// at least 1 unless the increment was made conjugate, since a full increment is within the
+    /// bounds. Collective.
     fn reach(&self, last: &mut Last) -> Result<f64> {
         let Search { engine, x, b, left, .. } = self;
         let stays = STAYS * self.largest(x)?;

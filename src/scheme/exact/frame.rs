@@ -1,7 +1,8 @@
-//! Coordinates of the velocities that displacements can give.
+//! Orthonormal coordinates of the velocities that displacements can attain.
 //!
-//! z = Q^T C^1/2 p, the columns of Q being orthonormal. Q is the identity unless B misses some velocities: on a uniform grid that is
-//! held all around no displacement gives its cells the mean deflections of a checkerboard. Nothing moves that way; Q spans the rest.
+//! The coordinates are `$z = Q^T C^{1/2} p$` with orthonormal columns of Q. Q is the identity
+//! unless B has no full row rank: on a uniform grid clamped all around, no displacement has the
+//! cell means of a checkerboard. No motion has that component, and Q spans the rest.
 
 use super::modes::eigenvectors;
 use crate::error::{Error, Result};
@@ -10,34 +11,34 @@ use crate::scheme::System;
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side as Triangle};
 
-/// Velocities that displacements give with less than this part of the ease of the others are missed.
+/// Relative compliance below which a velocity counts as unattainable.
 const MISSED: f64 = 1e-10;
 
-/// See the [module page](self).
+/// Basis of the attainable velocities; see the [module page](self).
 #[derive(Debug)]
 pub(super) struct Frame {
-    /// C^1/2, N.
+    /// Diagonal of C^1/2, N entries.
     root_mass: Vec<f64>,
-    /// Q, N x r; `None` for the identity.
+    /// Basis Q, N x r; `None` for the identity.
     span: Option<Mat<f64>>,
 }
 
 impl Frame {
-    /// The frame of all velocities.
+    /// Builds the basis of all velocities.
     ///
     /// # Errors
-    /// [`Error::Singular`] for a mass that is not singular.
+    /// Returns [`Error::Singular`] for a consistent mass.
     pub fn new<E: Engine>(system: &System<E>) -> Result<Frame> {
         let System { engine, mass, .. } = system;
         let mut unit = vec![0.0; engine.velocities(mass)];
-        // The entries of C are the kinetic energies of single velocities.
+        // The entries of C are the kinetic energies of unit velocities.
         let mut entries = Vec::with_capacity(unit.len());
         for k in 0..unit.len() {
             unit[k] = 1.0;
             entries.push(engine.vis_viva(mass, &unit)?);
             unit[k] = 0.0;
         }
-        // Velocities that are coupled are those of a consistent mass.
+        // Coupled velocities are those of a consistent mass.
         let ones = vec![1.0; entries.len()];
         let (whole, sum) = (engine.vis_viva(mass, &ones)?, entries.iter().sum::<f64>());
         if (whole - sum).abs() > 1e-9 * sum {
@@ -49,8 +50,9 @@ impl Frame {
         Ok(Frame { root_mass: entries.into_iter().map(f64::sqrt).collect(), span: None })
     }
 
-    /// Leaves out what B misses, given the matrix B~ A^-1 B~^T of all velocities with A positive definite; returns its factor in the
-    /// coordinates that remain, `None` if those are none.
+    /// Removes the velocities that B cannot attain, given the matrix `$\tilde B A^{-1} \tilde B^T$`
+    /// of all velocities with A positive definite. Returns the Cholesky factor in the remaining
+    /// coordinates, `None` if there are none.
     pub fn reduce(&mut self, compliance: &Mat<f64>) -> Option<Llt<f64>> {
         let largest = (0..compliance.nrows()).map(|k| compliance[(k, k)]).fold(0.0, f64::max);
         let pivot = |llt: &Llt<f64>, k: usize| llt.L()[(k, k)].powi(2);
@@ -69,12 +71,12 @@ impl Frame {
         llt
     }
 
-    /// Number of coordinates.
+    /// Returns the number of coordinates.
     pub fn size(&self) -> usize {
         self.span.as_ref().map_or(self.root_mass.len(), Mat::ncols)
     }
 
-    /// Coordinates of the velocities that go with displacements (n x k).
+    /// Returns the coordinates of the cell means of displacements (n x k).
     pub fn of<E: Engine>(&self, system: &System<E>, displacements: &Mat<f64>) -> Result<Mat<f64>> {
         let mut all = Mat::zeros(self.root_mass.len(), displacements.ncols());
         for j in 0..displacements.ncols() {
@@ -85,7 +87,7 @@ impl Frame {
         Ok(self.narrow(all))
     }
 
-    /// Q^T of columns.
+    /// Returns the product of Q^T with columns.
     pub fn narrow(&self, all: Mat<f64>) -> Mat<f64> {
         match &self.span {
             Some(span) => span.transpose() * all,
@@ -93,7 +95,7 @@ impl Frame {
         }
     }
 
-    /// The velocity with these coordinates, one number a cell.
+    /// Returns the velocity with the coordinates z, one entry per cell.
     pub fn velocity(&self, z: &[f64]) -> Vec<f64> {
         let over_root = |of: &[f64]| of.iter().zip(&self.root_mass).map(|(v, c)| v / c).collect();
         match &self.span {
@@ -102,7 +104,7 @@ impl Frame {
         }
     }
 
-    /// B~^T of coordinates: the forces of that momentum, n.
+    /// Sets `forces` to the product of `$\tilde B^T$` with z, n entries.
     pub fn momentum<E: Engine>(&self, system: &System<E>, z: &[f64], forces: &mut [f64]) -> Result<()> {
         system.engine.momentum(&system.mass, &self.velocity(z), forces)
     }

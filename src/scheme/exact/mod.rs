@@ -1,48 +1,66 @@
-//! The exact motion of the semi-discrete problem, from event to event.
+//! Event-driven scheme: the exact motion of the semi-discrete problem (paper, equation 5).
 //!
-//! No step error: between two changes of the set of touching nodes the motion is a sum of sinusoids, and each change is found to the
-//! last digit. The grid of instants only says where to look.
+//! The scheme has no time discretisation error. Between two changes of the set of nodes in contact
+//! the motion is a sum of sinusoids, and each change is located to rounding. The time grid only
+//! determines the instants of output.
 //!
-//! # The motion is that of a potential
+//! # The motion in a potential
 //!
-//! Let B U = C p tie displacements to the cells' velocities p' = v, K be positive definite on ker B, and
+//! Let B U = C p relate displacements to the cells' velocities p' = v, let K be positive definite
+//! on ker B, and define
 //!
 //! ```math
 //! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U : B U = C p, \; l \le G U \le u \}.
 //! ```
 //!
-//! **Fact 1: phi is convex and `$C^{1,1}$`, and piecewise quadratic.** *Proof.* The set of pairs (p, U) that are admissible is a convex
-//! polyhedron, and the function is convex in U; its minimum over U is convex in p, and piecewise quadratic (parametric quadratic
-//! programming). On the piece with active set A the optimality conditions K U = F + B^T mu + G^T r, with r = 0 off A, are linear, and
-//! grad phi = C mu. The minimiser U(p) is unique, for K is definite on ker B. If moreover G maps ker B onto all deflections (the inf-sup
-//! condition: `$\inf_Q \sup_{W \in \ker B} Q \cdot G W / |Q||W| > 0$`), the feasible set is never empty, and r, with it mu, is unique:
-//! take the conditions on ker B, where K U - F = G^T r, and G is onto. Two pieces that meet at p therefore have the same mu there: grad phi
-//! is continuous, and being piecewise linear with finitely many pieces, Lipschitz. ∎
+//! **Fact 1: `$\varphi$` is convex, `$C^{1,1}$` and piecewise quadratic.** *Proof.* The admissible
+//! pairs (p, U) form a convex polyhedron, and the function is convex in U; its minimum over U is
+//! convex in p, and piecewise quadratic (parametric quadratic programming). On the piece with
+//! active set A the optimality conditions `$K U = F + B^T \mu + G^T r$`, with r = 0 off A, are
+//! linear, and `$\nabla\varphi = C \mu$`. The minimiser U(p) is unique, since K is definite on ker
+//! B. Suppose moreover that G maps ker B onto all deflections (the paper's inf-sup condition,
+//! section 3: `$\inf_Q \sup_{W \in \ker B} Q \cdot G W / |Q||W| > 0$`). Then the feasible set is
+//! never empty, and r, and hence `$\mu$`, is unique: on ker B the conditions read K U - F = G^T r,
+//! and G is onto. Two pieces that meet at p therefore have the same `$\mu$` there:
+//! `$\nabla\varphi$` is continuous and, being piecewise linear with finitely many pieces,
+//! Lipschitz. ∎
 //!
-//! **Fact 2: the semi-discrete problem with the singular mass is** `$C p'' = -\nabla \varphi(p)$`. *Proof.* M U'' + K U = F + G^T r with
-//! M = B^T C^-1 B is K U = F - B^T p'' + G^T r: the conditions above with mu = -p''. ∎ So the problem, which for a regular mass needs a law of
-//! restitution and is still not well posed, is an ordinary differential equation with a Lipschitz right-hand side: one motion goes
-//! from each start, forwards and backwards in time; velocities never jump and reactions are continuous (Renard, *The singular
-//! dynamic method for constrained second order hyperbolic equations*, J. Comput. Appl. Math. 234, 2010).
+//! **Fact 2: the semi-discrete problem with the singular mass is** `$C p'' = -\nabla \varphi(p)$`.
+//! *Proof.* `$M U'' + K U = F + G^T r$` with `$M = B^T C^{-1} B$` is `$K U = F - B^T p'' + G^T r$`:
+//! the conditions above with `$\mu = -p''$`. ∎ With a regular mass the problem needs a law of
+//! restitution and is still not well posed. With the singular mass it is an ordinary differential
+//! equation with a Lipschitz right-hand side: each start has exactly one motion, forwards and
+//! backwards in time; velocities never jump, and reactions are continuous (Renard, *The singular
+//! dynamic method for constrained second order hyperbolic equations*, J. Comput. Appl. Math. 234,
+//! 2010).
 //!
-//! **Fact 3: energy is conserved.** *Proof.* d/dt (v^T C v / 2 + phi(p)) = v^T (C p'' + grad phi(p)) = 0, across changes of piece too, because phi is
-//! `$C^1$`. ∎ With damping alpha M, `$C (p'' + \alpha p') = -\nabla \varphi(p)$`, whose right-hand side is as Lipschitz, it falls by alpha v^T C v. An impact turns energy into vibration, all of which is kept; so do these formulas, to rounding, since each piece is
-//! advanced by its exact solution.
+//! **Fact 3: energy is conserved.** *Proof.*
+//! `$\frac{d}{dt} (\tfrac12 v^T C v + \varphi(p)) = v^T (C p'' + \nabla\varphi(p)) = 0$`, across
+//! changes of piece too, since `$\varphi$` is `$C^1$`. ∎ With damping alpha M the equation is
+//! `$C (p'' + \alpha p') = -\nabla \varphi(p)$`, with a Lipschitz right-hand side as well, and the
+//! energy decreases at the rate `$\alpha v^T C v$`. An impact converts energy into vibration and
+//! conserves the sum. The formulas here conserve it to rounding, since each piece is advanced by
+//! its exact solution.
 //!
-//! **Fact 4: what fails without inf-sup.** Take G and ker B with a reaction Q that no W in ker B feels. Then Q . G U is a function of p
-//! alone: the obstacle bounds p itself, phi is infinite beyond, and the velocity must jump. (P1 displacements with P0 velocities
-//! on a bar: ker B = {0}.) [`Exact::new`] computes the compliance G S G^T of the bounded dofs on ker B, which is positive definite if and only
-//! if inf-sup holds, and refuses where it is not.
+//! **Fact 4: failure without the inf-sup condition.** Suppose that a reaction Q acts on no W in ker
+//! B. Then Q . G U is a function of p alone: the obstacle bounds p itself, `$\varphi$` is infinite
+//! beyond, and the velocity must jump. (An example is P1 displacements with P0 velocities on a bar,
+//! where ker B = {0}.) [`Exact::new`] computes the compliance `$G S G^T$` of the bounded dofs on
+//! ker B, which is positive definite if and only if the inf-sup condition holds, and returns an
+//! error otherwise.
 //!
-//! # How it moves
+//! # Algorithm
 //!
-//! `reduction` solves the saddle point behind phi for all that follows; `modes` diagonalises the motion of an active set, once, and
-//! remembers it; `search` certifies that nothing happens up to the next event, and locates that; `switch` decides what touches
-//! after it. What it costs: N^3 for each new active set of N cells, N times the bounded dofs for each interval certified and each instant
-//! looked at; and memory for the sets remembered ([`ExactOptions::memory`]).
+//! The module `reduction` solves the saddle-point problem behind `$\varphi$`; `modes` diagonalises
+//! the motion of each active set once and caches the result; `search` certifies that no event
+//! occurs before the next one, and locates that; `switch` determines the active set after it. The
+//! cost is N^3 per new active set for N cells, and N times the number of bounded dofs per certified
+//! interval and per instant of output. The cache of modes takes further memory
+//! ([`ExactOptions::memory`]).
 //!
-//! Damping by mass is each mode's own alike, and exact; damping by stiffness, or loads and obstacles that change with time, are not: the
-//! massless part of U would have a rate of its own, and modes would need the particular solution of each load.
+//! Mass-proportional damping damps all modes alike and is exact. Stiffness-proportional damping and
+//! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of
+//! its own, and modes would need the particular solution of each load.
 
 mod frame;
 mod modes;
@@ -68,36 +86,39 @@ use reduction::{Reduction, Saddle};
 use search::Search;
 use std::cell::OnceCell;
 
-/// Instants between those that are judged, as are all that follow an event.
+/// Number of grid instants per check of the residual; instants after an event are always checked.
 const JUDGE_EVERY: u64 = 16;
 
-/// Residual from which a shape is corrected. Where a motion that the velocities hardly see is soft, as of two cells that can all but turn
-/// without moving their means, held nodes lose the digits that its compliance takes: residuals of up to 1e-9 were met.
+/// Residual above which a shape is corrected. Residuals of up to 1e-9 occur at held nodes where a
+/// motion that the velocities hardly resolve is soft, such as two cells that can almost turn
+/// without changing their means.
 const SPOILT: f64 = 1e-11;
 
-/// Bytes of dense arrays beyond which nothing is begun: the first diagonalisation alone would take minutes, and impacts need hundreds.
+/// Largest total size of the dense arrays, in bytes. Beyond it the first diagonalisation alone
+/// takes minutes, and impacts need hundreds.
 const LARGEST: usize = 1 << 33;
 
-/// Bytes at the peak of the dense arrays, estimated: for so many dofs, cells and bounded dofs.
+/// Returns the estimated peak memory of the dense arrays, in bytes.
 pub fn estimated_memory(dofs: usize, cells: usize, bounded: usize) -> usize {
-    // Of those sizes at once: in the solution for R, and in the diagonalisation of a set.
+    // Number of arrays of these sizes held at once: in the solution for R, and in the
+    // diagonalisation of a set.
     let (lifts, squares) = (7 * dofs * cells, 8 * cells * cells);
     let at_bounds = bounded * (2 * dofs + 4 * cells + 3 * bounded);
-    // An impact goes through about as many active sets as there are nodes to touch.
+    // An impact visits about as many active sets as there are nodes that come into contact.
     let cached = bounded.max(1).saturating_mul(size_of::<f64>() * cells * (cells + bounded));
     size_of::<f64>() * (lifts + squares + at_bounds) + cached.min(ExactOptions::default().memory)
 }
 
-/// What the event search trusts and allows. The motion does not depend on any of it, but for rounding.
+/// Options of the event detection. The motion depends on them only through rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExactOptions {
-    /// Roundings of a gap or reaction within which it counts as at its limit.
+    /// Multiple of the rounding error of a gap or reaction within which it counts as zero.
     pub roundings: f64,
-    /// First interval of the search, in periods of the fastest mode over 2 pi.
+    /// First interval of the search, in units of 1/w of the fastest mode.
     pub stride: f64,
-    /// Bytes of modes kept for active sets that may come back.
+    /// Memory of the cache of modes, in bytes.
     pub memory: usize,
-    /// Most events in a step of the grid.
+    /// Largest number of events per grid step.
     pub events_per_step: u64,
 }
 
@@ -107,7 +128,7 @@ impl Default for ExactOptions {
     }
 }
 
-/// The motion at an instant n of the grid.
+/// Event-driven scheme at instant n of the time grid.
 pub struct Exact<'s, E: Engine> {
     system: &'s System<E>,
     options: ExactOptions,
@@ -118,15 +139,15 @@ pub struct Exact<'s, E: Engine> {
     search: Search,
     dt: f64,
     n: u64,
-    /// q, q' and what is watched now, with rates.
+    /// Modal state (q, q'), and the watched quantities with their rates.
     state: Mat<f64>,
     watched: Mat<f64>,
-    /// G U and reactions now.
+    /// Deflections G U (m) and reactions (N) at the present instant, one entry per bound.
     admissible: Vec<f64>,
     reaction: Vec<f64>,
-    /// Impulses of the obstacles over the last step, in N s.
+    /// Impulses of the obstacles over the last step, in N s, one entry per bound.
     impulses: Vec<f64>,
-    /// U and v now, once asked for.
+    /// U and v at the present instant, computed on request.
     shape: OnceCell<Shape>,
     events: Vec<Event>,
     touches: Vec<Approach>,
@@ -135,29 +156,30 @@ pub struct Exact<'s, E: Engine> {
     tally: Tally,
 }
 
-/// A state in the dofs of the structure.
+/// State in the dofs of the structure.
 #[derive(Debug)]
 struct Shape {
     displacement: Vec<f64>,
     velocity: Vec<f64>,
-    /// v' + alpha v, which the judge needs.
+    /// Acceleration v' + alpha v, needed for the residual.
     acceleration: Vec<f64>,
 }
 
 impl<'s, E: Engine> Exact<'s, E> {
-    /// Starts from the position and velocity of a start, looked at every `dt` seconds.
+    /// Starts the scheme from initial position and velocity, with output every `dt` seconds.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the mass is not singular, the inf-sup condition fails, or some motion has neither stiffness nor
-    /// inertia; [`Error::Usage`] where the matrices, which are dense, would be too large, or the damping or the loads are not for this scheme.
+    /// Returns [`Error::Singular`] where the mass is not singular, the inf-sup condition fails, or
+    /// some motion has neither stiffness nor inertia, and [`Error::Usage`] where the dense matrices
+    /// would be too large or the damping or loads are not supported.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<Exact<'s, E>> {
         Exact::with_options(system, dt, start, ExactOptions::default())
     }
 
-    /// As [`Exact::new`], with an event search of one's own.
+    /// Starts the scheme like [`Exact::new`], with given options of the event detection.
     ///
     /// # Errors
-    /// As [`Exact::new`].
+    /// Returns the same errors as [`Exact::new`].
     pub fn with_options(
         system: &'s System<E>,
         dt: f64,
@@ -234,13 +256,14 @@ impl<'s, E: Engine> Exact<'s, E> {
         Ok(exact)
     }
 
-    /// Takes the state at an instant of the present motion.
+    /// Sets the state to that of the present motion at an instant, in s.
     fn look(&mut self, at: f64) {
         self.motion.state(at, &mut self.state);
         self.watch();
     }
 
-    /// Adds the impulses of so many seconds of the present motion from the state on; `step` where these are a step of the grid.
+    /// Adds the impulses of the present motion over a duration (s) from the state on; `step` tells
+    /// that the duration is a grid step.
     fn add_impulses(&mut self, seconds: f64, step: bool) {
         let modes = self.motion.modes.clone();
         let touching: Vec<usize> = (0..modes.sides.len()).filter(|&i| modes.sides[i] != Side::Free).collect();
@@ -255,7 +278,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         }
     }
 
-    /// Takes what is watched from the state.
+    /// Evaluates the watched quantities at the state.
     fn watch(&mut self) {
         let System { bounds, .. } = self.system;
         self.shape.take();
@@ -270,7 +293,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         }
     }
 
-    /// U and v of the state.
+    /// Returns U and v of the state, computed on first use.
     fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| {
             let Reduction { lift, push, rest, frame, .. } = &self.reduction;
@@ -296,7 +319,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         })
     }
 
-    /// Judges the present shape, corrected where rounding spoils it and that helps.
+    /// Checks the residual of the present shape, and corrects the shape where rounding is too large
+    /// and the correction helps.
     fn judge(&mut self) -> Result<()> {
         self.verdict.kkt = self.residual()?;
         if self.verdict.kkt > SPOILT {
@@ -315,7 +339,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         Ok(())
     }
 
-    /// -B^T (v' + alpha v) of the present shape.
+    /// Returns the inertial force `$-B^T (v' + \alpha v)$` of the present shape, in N, one entry
+    /// per dof.
     fn inertia(&self) -> Result<Vec<f64>> {
         let System { engine, mass, .. } = self.system;
         let mut b = vec![0.0; engine.dofs()];
@@ -324,7 +349,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         Ok(b)
     }
 
-    /// The relative residual of K U = F - B^T (v' + alpha v) + G^T r and of the bounds.
+    /// Returns the relative residual of `$K U = F - B^T (v' + \alpha v) + G^T r$` and of the
+    /// bounds.
     fn residual(&mut self) -> Result<f64> {
         let System { engine, stiffness, bounds, load, .. } = self.system;
         let b = self.inertia()?;
@@ -335,7 +361,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         self.judge.residual(engine, &sum, &terms, bounds, length, &displacement, &self.reaction)
     }
 
-    /// The present shape and reactions, with what their residual gives in the saddle point where the active bounds hold.
+    /// Returns the present shape and reactions corrected by a solution of the saddle-point problem
+    /// for their residual, with the active bounds held.
     fn corrected(&self) -> Result<(Shape, Vec<f64>)> {
         let System { bounds, .. } = self.system;
         let Reduction { lift_at, push, compliance, frame, .. } = &self.reduction;
@@ -349,7 +376,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let position = &modes.vectors * self.state.get(.., ..1);
         let position = position - frame.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
-        // Reactions that hold the active bounds: as definite as when the modes were found.
+        // The compliance of the active bounds is as definite as when the modes were found.
         let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != Side::Free).collect();
         let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
         let llt = block.llt(Triangle::Lower).map_err(|_| {
@@ -377,7 +404,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         Ok((shape, sum(&self.reaction, forces.col_as_slice(0))))
     }
 
-    /// Goes through the event at an instant of the present motion.
+    /// Switches the active set at an event of the present motion, at the instant `at` (s).
     fn switch(&mut self, at: f64, bound: usize) -> Result<()> {
         self.look(at);
         let before = self.motion.modes.clone();
@@ -426,19 +453,19 @@ impl<'s, E: Engine> Exact<'s, E> {
         Ok(())
     }
 
-    /// V = C^-1 B U' of the present instant, one a cell, in m/s.
+    /// Returns the velocity `$V = C^{-1} B U'$` at the present instant, in m/s, one entry per cell.
     pub fn cell_velocity(&self) -> &[f64] {
         &self.shape().velocity
     }
 }
 
-/// Strain of a rigid motion relative to that of its parts: rounding.
+/// Strain of a motion, relative to that of its parts, below which it is rigid to rounding.
 const RIGID_STRAIN: f64 = 1e-12;
-/// Part of the start's elastic energy that may hide in motions taken for rigid.
+/// Largest part of the initial elastic energy that may lie in motions taken for rigid.
 const HIDDEN: f64 = 1e-6;
 
-/// Checks that what of a start goes into rigid motions bends nothing: the slowest motions of a strip ten thousand times longer than wide
-/// are lost in the rounding of the fastest.
+/// Checks that the rigid part of the initial state has no strain: the slowest modes of a strip ten
+/// thousand times longer than wide are lost in the rounding error of the fastest.
 fn check_rigid<E: Engine>(
     system: &System<E>,
     reduction: &Reduction,
@@ -465,7 +492,8 @@ fn check_rigid<E: Engine>(
     Ok(())
 }
 
-/// The active set at a start: that of the minimiser in phi(p), and where a node just touches, what it does next.
+/// Returns the active set at the start: that of the minimiser U(p), and for nodes just in contact,
+/// the side to which they move next.
 fn first_sides<E: Engine>(
     system: &System<E>,
     reduction: &Reduction,
@@ -481,7 +509,7 @@ fn first_sides<E: Engine>(
     let inside = |i: usize, value: f64| (bounds.lower[i]..=bounds.upper[i]).contains(&value);
     let mut scale: Vec<f64> = (0..bounds.len()).map(|_| 0.0).collect();
     if !values.iter().enumerate().all(|(i, &value)| inside(i, value)) {
-        // Positive definite: checked by the reduction.
+        // The compliance is positive definite: checked by the reduction.
         if let Ok(llt) = reduction.compliance.llt(Triangle::Lower) {
             let stiffness = llt.inverse();
             let wanted = &stiffness * &free;
@@ -525,7 +553,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         self.n += 1;
         let time = self.time();
         let mut switches = 0;
-        // Where the state is, counted from the start of the motion.
+        // Time of the state, counted from the start of the motion.
         let mut from = (self.n - 1) as f64 * self.dt - self.motion.start;
         self.impulses.fill(0.0);
         loop {
@@ -590,12 +618,12 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         &self.system.bounds
     }
 
-    /// Those of the present instant.
+    /// Returns the reactions at the present instant, in N, one entry per bound.
     fn reaction(&self) -> &[f64] {
         &self.reaction
     }
 
-    /// Integrals of the reactions, from event to event in closed form.
+    /// Returns the integrals of the reactions, in closed form from event to event, in N s.
     fn impulses(&self) -> &[f64] {
         &self.impulses
     }

@@ -1,18 +1,22 @@
-//! The modes of an active set, and a cache of them.
+//! Vibration modes of an active set, and a cache of them.
 //!
-//! While the set A of touching nodes stays, their reactions hold them at their bounds g:
+//! While the set A of nodes in contact does not change, their reactions hold them at their bounds
+//! g:
 //!
 //! ```math
 //! r = \rho - W z, \qquad W = S_{AA}^{-1} R_A, \quad \rho = S_{AA}^{-1} (g - G_A U_F),
 //! ```
 //!
-//! and the motion is linear, `$z'' + \alpha z' = h - H_A z$` with `$H_A = H + R_A^T W$`, `$h = h_F + R_A^T \rho$`. In the eigenvectors V of
-//! H_A each coordinate of q = V^T z oscillates by itself.
+//! and the motion is linear, `$z'' + \alpha z' = h - H_A z$` with `$H_A = H + R_A^T W$`,
+//! `$h = h_F + R_A^T \rho$`. In the eigenvectors V of `$H_A$` the coordinates `$q = V^T z$` are
+//! decoupled.
 //!
-//! A dense eigenvalue solver leaves errors of a rounding of the largest eigenvalue, which is 10^6 to 10^12 times the lowest; and so
-//! does the rounding of the entries of H_A. The modes' shapes X = (R - S_A W) V know better: with K applied cell by cell, X^T K X is
-//! V^T H_A V with each entry right to its own size, and nearly diagonal. Turning all pairs of modes by first-order perturbation, a
-//! few times, does the rest. V stays orthogonal to rounding throughout: the state goes from one set's modes to the next's as V V^T z.
+//! A dense eigenvalue solver has errors of the rounding of the largest eigenvalue, which is 10^6 to
+//! 10^12 times the lowest; so have the entries of `$H_A$`. The mode shapes `$X = (R - S_A W) V$`
+//! are more accurate: with K applied cell by cell, `$X^T K X = V^T H_A V$` has entries accurate
+//! relative to their own size, and is nearly diagonal. A few Jacobi-like sweeps, rotating all pairs
+//! of modes by first-order perturbation, complete the diagonalisation. V stays orthogonal to
+//! rounding throughout, since the state passes from one set's modes to the next's as `$V V^T z$`.
 
 use super::reduction::Reduction;
 use crate::archive::Archive;
@@ -30,49 +34,56 @@ use faer::{Auto, Mat, Par, Side as Triangle};
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// An eigenvalue below this many roundings of the largest is that of a rigid motion.
+/// Multiple of the rounding error of the largest eigenvalue below which an eigenvalue is that of a
+/// rigid motion.
 const RIGID: f64 = 4.0;
-/// Where all motions are rigid the largest is rounding itself: then it is this part of what |K| gives of the shapes.
+/// Part of |x|^T |K| |x| that replaces the largest eigenvalue where all motions are rigid and it is
+/// rounding itself.
 const STIFF: f64 = 1e-4;
 
-/// Modes coupled by less than this share of their energies are left as they are: of pairs of fast modes, that is rounding.
+/// Coupling of two modes, relative to their energies, below which they are not rotated; between
+/// fast modes it is rounding.
 const COUPLING: f64 = 1e-12;
 const MOST_TURNS: usize = 4;
 
-/// Corrections of a turn towards the orthogonal, and the defect (Frobenius) whose square is rounding.
+/// Largest number of corrections of a rotation towards orthogonality, and the defect (Frobenius
+/// norm) whose square is below rounding.
 const MOST_CORRECTIONS: usize = 8;
 const SETTLED: f64 = 1e-8;
 
-/// Modes that would turn by more than this are too near to each other for their basis to matter.
+/// Largest rotation angle. Modes that would rotate by more have nearly equal eigenvalues, for which
+/// the choice of basis does not matter.
 const LARGEST_ANGLE: f64 = 1e-3;
 
-/// An active set and its modes.
+/// Modes of one active set.
 #[derive(Debug)]
 pub(super) struct Modes {
-    /// Where each bounded dof is.
+    /// Contact status of each bounded dof.
     pub sides: Vec<Side>,
-    /// Frequencies, in rad/s, ascending; rigid motions at 0 come first.
+    /// Angular frequencies, in rad/s, ascending; rigid motions come first with 0.
     pub frequencies: Vec<f64>,
-    /// How many of those there are.
+    /// Number of rigid motions.
     pub rigid: usize,
-    /// alpha, in 1/s.
+    /// Damping coefficient alpha, in 1/s.
     pub damping: f64,
-    /// V, N x N.
+    /// Eigenvectors V, N x N.
     pub vectors: Mat<f64>,
-    /// V^T h.
+    /// Modal forces V^T h, N entries.
     pub force: Vec<f64>,
-    /// What is watched at each bound, `offset + rows q`: its deflection where it is free, its reaction where it touches.
+    /// Watched quantity `offset + rows q` per bound: the deflection (m) where the node is free, the
+    /// reaction (N) where it is in contact.
     pub offset: Vec<f64>,
     pub rows: Mat<f64>,
-    /// Where that must stay: between the obstacles, or of the sign that pushes.
+    /// Interval in which the quantity must stay: between the obstacles, or the admissible sign of
+    /// the reaction.
     pub limits: Vec<[f64; 2]>,
 }
 
 impl Modes {
-    /// Diagonalises the motion with these bounds active.
+    /// Diagonalises the motion with the bounds of `sides` active.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the eigenvalue solver does not converge.
+    /// Returns [`Error::Singular`] where the eigenvalue solver does not converge.
     pub fn new<E: Engine>(system: &System<E>, reduction: &Reduction, sides: &[Side]) -> Result<Modes> {
         let Reduction { stiffness, force, rest_at, lift, push, lift_at, compliance, .. } = reduction;
         let bounds = &system.bounds;
@@ -80,7 +91,7 @@ impl Modes {
         let active: Vec<usize> = (0..bounded).filter(|&i| sides[i] != Side::Free).collect();
         let failed =
             |what: &str| Error::Singular(format!("the modes of {} nodes in contact: {what}", active.len()));
-        // Columns of one solve: S_AA^-1 of R_A and of g - G_A U_F.
+        // Solve at once for all columns S_AA^-1 R_A and S_AA^-1 (g - G_A U_F).
         let mut held = Mat::from_fn(active.len(), cells + 1, |k, j| match active[k] {
             i if j < cells => lift_at[(i, j)],
             i if sides[i] == Side::Lower => bounds.lower[i] - rest_at[(i, 0)],
@@ -105,7 +116,7 @@ impl Modes {
         let rigid = values.iter().take_while(|value| **value <= floor).count();
         let frequencies =
             values.iter().map(|value| if *value <= floor { 0.0 } else { value.sqrt() }).collect();
-        // What is watched, as functions of z.
+        // Watched quantities as functions of z.
         let coupling = Mat::from_fn(bounded, active.len(), |i, k| compliance[(i, active[k])]);
         let mut rows = lift_at - &coupling * w;
         let mut offset = rest_at + &coupling * rho;
@@ -132,7 +143,7 @@ impl Modes {
         })
     }
 
-    /// Memory of the arrays, in bytes.
+    /// Returns the memory of the arrays, in bytes.
     fn bytes(&self) -> usize {
         let entries = self.vectors.nrows() * self.vectors.ncols() + self.rows.nrows() * self.rows.ncols();
         let vectors = 2 * self.frequencies.len() + 3 * self.sides.len();
@@ -140,8 +151,8 @@ impl Modes {
     }
 }
 
-/// Improves the eigenvectors of the energy of z -> shape z; returns the eigenvalues, and the largest |x|^T |K| |x| of a shape x. See the
-/// [module page](self).
+/// Improves the eigenvectors of the energy of z -> shape z. Returns the eigenvalues and the largest
+/// |x|^T |K| |x| of a shape x. See the [module page](self).
 fn polish<E: Engine>(
     system: &System<E>,
     shape: &Mat<f64>,
@@ -161,8 +172,9 @@ fn polish<E: Engine>(
     Ok(((0..energies.nrows()).map(|k| energies[(k, k)].max(0.0)).collect(), largest))
 }
 
-/// Turns the vectors until the matrix, which is symmetric and nearly diagonal, is diagonal: all pairs at once, to first order, with
-/// the rotation made orthogonal to rounding: z must come back whole when the active set changes.
+/// Rotates the vectors until the matrix, symmetric and nearly diagonal, is diagonal. All pairs are
+/// rotated at once to first order, and the rotation is made orthogonal to rounding, since z must be
+/// recovered exactly when the active set changes.
 fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
     let size = matrix.nrows();
     for _ in 0..MOST_TURNS {
@@ -189,21 +201,23 @@ fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
     }
 }
 
-/// The orthogonal matrix next to one that nearly is: G (3 - G^T G) / 2 (Newton and Schulz), again until the defect is rounding.
+/// Replaces a nearly orthogonal matrix by the nearest orthogonal one with the Newton-Schulz
+/// iteration G (3 - G^T G) / 2, until the defect is rounding.
 fn orthogonalise(matrix: &mut Mat<f64>) {
     let size = matrix.nrows();
     for _ in 0..MOST_CORRECTIONS {
         let defect = Mat::<f64>::identity(size, size) - matrix.transpose() * &*matrix;
         *matrix += &*matrix * &defect * faer::Scale(0.5);
-        // The next defect is 3/4 of this one's square.
+        // The next defect is 3/4 of the square of this one.
         if defect.norm_l2() <= SETTLED {
             break;
         }
     }
 }
 
-/// Eigenvectors of a symmetric matrix, their eigenvalues ascending, by implicit QR of the tridiagonal form. The divide and conquer
-/// that faer turns to from 128 rows on leaves residuals of up to 2e-5 of the largest eigenvalue on matrices as graded as these.
+/// Returns the eigenvectors of a symmetric matrix, eigenvalues ascending, by implicit QR of the
+/// tridiagonal form. The divide and conquer method that faer uses from 128 rows on leaves residuals
+/// of up to 2e-5 of the largest eigenvalue on matrices as graded as these.
 pub(super) fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, EvdError> {
     let size = matrix.nrows();
     let params = SelfAdjointEvdParams {
@@ -223,30 +237,31 @@ pub(super) fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, E
     Ok(vectors)
 }
 
-/// Modes of the active sets met so far, the longest unused of which make room for new ones.
+/// Cache of the modes of active sets, with the least recently used ones evicted first.
 #[derive(Debug)]
 pub(super) struct Cache {
-    /// Modes, not yet computed again for those of an archive, and when they were last used.
+    /// Modes of each set and the time of their last use. Modes restored from an archive are
+    /// recomputed on demand.
     sets: HashMap<Vec<Side>, (Option<Rc<Modes>>, u64)>,
     limit: usize,
     bytes: usize,
     clock: u64,
-    /// Diagonalisations so far.
+    /// Number of diagonalisations so far.
     pub computed: u64,
-    /// Most bytes held at once.
+    /// Peak memory, in bytes.
     pub peak: usize,
 }
 
 impl Cache {
-    /// An empty cache of at most so many bytes (and at least one set).
+    /// Builds an empty cache of at most `limit` bytes (and at least one set).
     pub fn new(limit: usize) -> Cache {
         Cache { sets: HashMap::new(), limit, bytes: 0, clock: 0, computed: 0, peak: 0 }
     }
 
-    /// The modes of a set.
+    /// Returns the modes of a set, from the cache or computed.
     ///
     /// # Errors
-    /// As [`Modes::new`].
+    /// Returns the same errors as [`Modes::new`].
     pub fn get<E: Engine>(
         &mut self,
         system: &System<E>,
@@ -268,7 +283,7 @@ impl Cache {
         while self.bytes > self.limit && !self.sets.is_empty() {
             let oldest = self.sets.iter().min_by_key(|(_, (_, used))| *used).map(|(sides, _)| sides.clone());
             oldest.and_then(|sides| self.sets.remove(&sides));
-            // All sets are of one size.
+            // All sets have the same size.
             self.bytes -= modes.bytes();
         }
         self.peak = self.peak.max(self.bytes);
@@ -276,7 +291,7 @@ impl Cache {
         Ok(modes)
     }
 
-    /// Shows an archive which sets are known: their modes follow from the sets.
+    /// Saves or restores the list of known sets, from which their modes follow.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         let used = |(sides, (_, used)): (&Vec<Side>, &(_, u64))| (*used, sides.clone());
         let mut sets: Vec<(u64, Vec<Side>)> = self.sets.iter().map(used).collect();

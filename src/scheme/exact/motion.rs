@@ -1,39 +1,46 @@
-//! The motion of an active set: each mode by itself, in closed form.
+//! Motion of an active set: each mode in closed form.
 //!
-//! A mode's answers to a unit impulse and to a unit step of force, g and its integral from g(0) = 0, g'(0) = 1, make all its motions:
+//! The motion of a mode is expressed by its responses to a unit impulse and to a unit step of
+//! force, g and its integral, with g(0) = 0 and g'(0) = 1:
 //!
 //! ```math
 //! q = q_0 + q_0' g + (f - w^2 q_0) \int g, \qquad s = w g, \quad v = w^2 \int g, \quad g' = 1 - v - \tfrac{\alpha}{w} s .
 //! ```
 //!
-//! Without damping s = sin wt and v = 1 - cos wt. With a = alpha/2 < w and `$\omega^2 = w^2 - a^2$`
+//! Without damping s = sin wt and v = 1 - cos wt. With a = alpha/2 < w and
+//! `$\omega^2 = w^2 - a^2$`,
 //!
 //! ```math
 //! g = e^{-at} \frac{\sin \omega t}{\omega}, \qquad v = 1 - e^{-at} + e^{-at} (1 - \cos \omega t) - a g,
 //! ```
 //!
-//! and with a >= w, `$\omega^2 = a^2 - w^2$` and the slow rate `$\sigma = w^2 / (a + \omega)$`, which loses no digit to a - omega,
+//! and with a >= w, `$\omega^2 = a^2 - w^2$` and the slow rate `$\sigma = w^2 / (a + \omega)$`,
+//! which avoids the cancellation in a - omega,
 //!
 //! ```math
 //! g = e^{-\sigma t} \frac{1 - e^{-2 \omega t}}{2 \omega}, \qquad v = 1 - e^{-\sigma t} - \sigma g .
 //! ```
 //!
-//! Reactions are linear in q, and their impulse over an interval is that of its integral: from the state at the interval's start
+//! Reactions are linear in q, and their impulse over an interval follows from the integral of q,
+//! from the state at the start of the interval:
 //!
 //! ```math
 //! \int q = q_0 t + q_0' \int g + (f - w^2 q_0) \iint g, \qquad \int s = \frac{v}{w}, \quad \int v = t - \frac{s}{w} - \frac{\alpha v}{w^2},
 //! ```
 //!
-//! the last, where the difference would lose digits, from the power series of v and `$\int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s$`.
+//! Where the difference in the last formula would lose digits, the integral of v is taken from the
+//! power series of v and `$\int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s$`.
 //!
-//! Along a grid of instants these are not taken anew: with s_h and v_h of a step,
+//! Along a time grid s and v are advanced by recurrence: with `$s_h$` and `$v_h$` of one step,
 //!
 //! ```math
 //! s(t+h) = s + s_h - s v_h - v s_h - \tfrac{\alpha}{w} s s_h, \qquad v(t+h) = v + v_h - v v_h + s s_h.
 //! ```
 //!
-//! A step is a rotation, or shrinks: it passes errors on no larger, and adds at most four roundings. Taken anew every [`ANCHOR`] instants,
-//! phases are right to 4 ANCHOR roundings, and to w times the rounding of the instants, as they are from sin and cos.
+//! Each recurrence step is a rotation or a contraction: it does not amplify errors, and adds at
+//! most four roundings. With s and v evaluated directly every [`ANCHOR`] instants, phases are
+//! accurate to 4 ANCHOR roundings plus w times the rounding of the instants, which sin and cos have
+//! as well.
 
 use super::modes::Modes;
 use crate::archive::Archive;
@@ -42,32 +49,33 @@ use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 use std::rc::Rc;
 
-/// Instants of a grid from one at which sines are taken to the next.
+/// Number of grid instants between direct evaluations of sin and cos.
 const ANCHOR: u32 = 32;
 
-/// A motion that began at a known instant.
+/// Motion of one active set from a known initial state.
 #[derive(Debug)]
 pub(super) struct Motion {
-    /// The active set.
+    /// Modes of the active set.
     pub modes: Rc<Modes>,
-    /// When it began, in s; instants below count from there.
+    /// Time at which the motion began, in s; instants below are relative to it.
     pub start: f64,
-    /// q(0), then the factors of s and v; for rigid motions those of t and t^2, or what damping makes of these.
+    /// Initial q(0), then the coefficients of s and v; for rigid motions those of t and t^2, or
+    /// their damped equivalents.
     place: Vec<f64>,
     sine: Vec<f64>,
     versine: Vec<f64>,
-    /// s and v at the last instant of the grid, and of one of its steps.
+    /// Phases s and v at the last grid instant, and of one grid step.
     phases: [Vec<f64>; 2],
     turn: [Vec<f64>; 2],
-    /// Instants of the grid so far.
+    /// Number of grid instants so far.
     walked: u32,
-    /// Integrals of s and v over one of its steps, once asked for; they follow from the modes alone.
+    /// Integrals of s and v over one grid step, computed on request from the modes alone.
     sums: Vec<[f64; 2]>,
     arch: Arch,
 }
 
 impl Motion {
-    /// The motion from the state q, q' (columns) on.
+    /// Builds the motion from the state (q, q'), in columns.
     pub fn new(modes: Rc<Modes>, start: f64, state: &Mat<f64>) -> Motion {
         let count = modes.frequencies.len();
         let (mut sine, mut versine) = (vec![0.0; count], vec![0.0; count]);
@@ -92,7 +100,7 @@ impl Motion {
         }
     }
 
-    /// Shows an archive all but the modes.
+    /// Saves or restores all but the modes.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.start)?;
         archive.value(&mut self.walked)?;
@@ -103,8 +111,9 @@ impl Motion {
         archive.value(&mut self.turn)
     }
 
-    /// A bound, for all time, of a mode's distance from its equilibrium: the motion without damping through the same start has it for
-    /// its amplitude, and more energy. Of a rigid motion, of its distance from what it tends to; 0 without damping.
+    /// Returns a bound, for all time, of a mode's distance from its equilibrium: the amplitude of
+    /// the undamped motion from the same start, whose energy is no less. For a rigid motion the
+    /// distance is that from its limit; 0 without damping.
     pub fn amplitude(&self, k: usize) -> f64 {
         match self.modes.damping {
             _ if k >= self.modes.rigid => self.sine[k].hypot(self.versine[k]),
@@ -113,20 +122,22 @@ impl Motion {
         }
     }
 
-    /// A bound of the growth of a mode's derivatives: the j-th is at most the amplitude times its j-th power. With y' = w z and
-    /// z' = -w y - alpha z it is the norm of that matrix.
+    /// Returns a growth factor of a mode's derivatives: the j-th derivative is at most the
+    /// amplitude times the j-th power of it, in 1/s. It is the norm of the matrix of y' = w z, z' =
+    /// -w y - alpha z.
     pub fn pace(&self, k: usize) -> f64 {
         let (w, decay) = (self.modes.frequencies[k], 0.5 * self.modes.damping);
         if decay == 0.0 { w } else { decay + decay.hypot(w) }
     }
 
-    /// A bound of what a mode's coordinate is made of (of a rigid motion's, at the start).
+    /// Returns a bound on the magnitude of the terms that add up to a modal coordinate (for a rigid
+    /// motion, at the start).
     pub fn magnitude(&self, k: usize) -> f64 {
         let swing = if k < self.modes.rigid { 0.0 } else { 2.0 * self.amplitude(k) };
         self.place[k].abs() + swing
     }
 
-    /// q and q' (columns) at an instant.
+    /// Computes q and q' (columns) at an instant.
     pub fn state(&self, at: f64, state: &mut Mat<f64>) {
         self.rigid_state(at, state);
         let damping = self.modes.damping;
@@ -137,7 +148,7 @@ impl Motion {
         }
     }
 
-    /// As [`Motion::state`], at the next instant of a grid of this step.
+    /// Computes q and q' like [`Motion::state`], at the next instant of a grid with this step.
     pub fn walk(&mut self, at: f64, step: f64, state: &mut Mat<f64>) {
         let rigid = self.modes.rigid;
         let (frequencies, damping) = (&self.modes.frequencies[rigid..], self.modes.damping);
@@ -169,7 +180,8 @@ impl Motion {
         }
     }
 
-    /// Integral of q over so many seconds from a state on; `step` where these are those of the grid.
+    /// Returns the integral of q over a duration (s) from a state on; `step` tells that the
+    /// duration is a grid step.
     pub fn integral(&mut self, state: &Mat<f64>, seconds: f64, step: bool) -> Vec<f64> {
         let Modes { frequencies, force, rigid, damping, .. } = &*self.modes;
         let all = || frequencies.iter().skip(*rigid).map(|w| sums(*w, *damping, seconds)).collect();
@@ -198,7 +210,7 @@ impl Motion {
         (0..frequencies.len()).map(integral).collect()
     }
 
-    /// The rigid motions' part of the state.
+    /// Computes the part of the state in rigid motions.
     fn rigid_state(&self, at: f64, state: &mut Mat<f64>) {
         if self.modes.rigid == 0 {
             return;
@@ -211,7 +223,7 @@ impl Motion {
         }
     }
 
-    /// The watched quantities of a state, and their rates (columns).
+    /// Computes the watched quantities of a state and their rates (columns).
     pub fn watch(&self, state: &Mat<f64>, values: &mut Mat<f64>) {
         let Modes { offset, rows, .. } = &*self.modes;
         let (value, rate) = values.two_cols_mut(0, 1);
@@ -225,13 +237,14 @@ impl Motion {
     }
 }
 
-/// sin and 1 - cos of an angle: the latter is 2 sin^2 of the half, which keeps its digits near 0.
+/// Returns sin and 1 - cos of an angle; the latter as 2 sin^2 of half the angle, which is accurate
+/// near 0.
 fn turn(angle: f64) -> (f64, f64) {
     let (s, c) = (0.5 * angle).sin_cos();
     (2.0 * s * c, 2.0 * s * s)
 }
 
-/// s and v of a mode; see the [module page](self).
+/// Returns s and v of a mode; see the [module page](self).
 fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
     if damping == 0.0 {
         return turn(w * at);
@@ -254,25 +267,26 @@ fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
     (w * g, v)
 }
 
-/// The difference that gives the integral of v is right to this share of the time, at least, and is taken where it exceeds a hundred
-/// such: elsewhere v is small throughout.
+/// Relative accuracy below which the difference formula for the integral of v is not used. It is
+/// used where the integral exceeds a hundred times its rounding error; elsewhere v is small
+/// throughout.
 const FAIR: f64 = 0.01;
 
-/// Integrals of s and v of a mode from 0 to an instant; see the [module page](self).
+/// Returns the integrals of s and v of a mode from 0 to an instant; see the [module page](self).
 fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
     let (s, v) = phase(w, damping, at);
     let direct = at - s / w - damping * v / (w * w);
     if direct > FAIR * at {
         return [v / w, direct];
     }
-    // Halved until the series has a few terms, and doubled again.
+    // Halve the time until the series has a few terms, then double again.
     let fastest = w.max(damping) * at;
     let halvings = if fastest > 0.5 { (2.0 * fastest).log2().ceil() } else { 0.0 };
     let mut time = at / halvings.exp2();
     let (angle, drag) = (w * time, damping * time);
     let (mut before, mut term, mut k) = (0.0, 0.5 * angle * angle, 2.0);
     let mut sum = 0.0;
-    // Without damping every other term is none.
+    // Without damping every other term vanishes.
     while f64::abs(term) + f64::abs(before) > f64::EPSILON * f64::abs(sum) {
         sum += term / (k + 1.0);
         let next = -(drag * k * term + angle * angle * before) / ((k + 1.0) * k);
@@ -287,7 +301,7 @@ fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
     [v / w, of_v]
 }
 
-/// The first and the second integral of a rigid motion's g from 0 to an instant.
+/// Returns the first and second integrals of a rigid motion's g from 0 to an instant.
 fn glide_sums(damping: f64, at: f64) -> [f64; 2] {
     let (g, mean) = glide(damping, at);
     let first = 0.5 * g * mean;
@@ -304,7 +318,8 @@ fn glide_sums(damping: f64, at: f64) -> [f64; 2] {
     [first, at * at * at * sum]
 }
 
-/// g of a rigid motion, and twice its integral over it: both t without damping.
+/// Returns g of a rigid motion and twice the ratio of its integral to it; both equal t without
+/// damping.
 fn glide(damping: f64, at: f64) -> (f64, f64) {
     let x = damping * at;
     if x == 0.0 {
@@ -314,7 +329,7 @@ fn glide(damping: f64, at: f64) -> (f64, f64) {
     if x > 1.0 {
         return (g, 2.0 * (at - g) / (damping * g));
     }
-    // 2 sum_k (-x)^k / (k + 2)!: the difference would lose digits.
+    // The series 2 sum_k (-x)^k / (k + 2)! avoids the cancellation of the difference.
     let (mut sum, mut term, mut k) = (1.0, 1.0, 3.0);
     while f64::abs(term) > f64::EPSILON {
         term *= -x / k;
@@ -324,10 +339,11 @@ fn glide(damping: f64, at: f64) -> (f64, f64) {
     (g, at * at * sum / g)
 }
 
-/// Columns of P taken together: fewer passes over the sums.
+/// Number of columns of P processed together, to make fewer passes over the sums.
 const TOGETHER: usize = 4;
 
-/// value += P q, rate += P q' in the widest registers of the processor, in one pass over P.
+/// Kernel of value += P q, rate += P q' with the widest registers of the processor, in one pass
+/// over P.
 struct Watch<'a> {
     rows: &'a Mat<f64>,
     state: &'a Mat<f64>,

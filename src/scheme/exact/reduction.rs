@@ -1,13 +1,15 @@
-//! The saddle point behind phi, solved once for all that a motion can ask of it.
+//! Saddle-point problem behind `$\varphi$`, reduced to the coordinates of velocities.
 //!
-//! With z the coordinates of p in a [`Frame`] and `$\tilde B = Q^T C^{-1/2} B$`, the displacement U and the acceleration a that go with a position z and
-//! forces f = F + G^T r on the structure, a = z'' + alpha z' where mass is damped, solve
+//! Let z be the coordinates of p in a [`Frame`] and `$\tilde B = Q^T C^{-1/2} B$`. For a position z
+//! and forces `$f = F + G^T r$` the displacement U and the acceleration a (with mass damping,
+//! `$a = z'' + \alpha z'$`) solve
 //!
 //! ```math
 //! K U + \tilde B^T a = f, \qquad \tilde B U = z.
 //! ```
 //!
-//! Both are linear in (f, z), and the operator is symmetric: U = U_F + R z + S G^T r, a = h_F - H z + R^T G^T r.
+//! Both are linear in (f, z), and the operator is symmetric: `$U = U_F + R z + S G^T r$`,
+//! `$a = h_F - H z + R^T G^T r$`.
 
 use super::frame::Frame;
 use crate::error::{Error, Result};
@@ -19,43 +21,45 @@ use faer::{Mat, Side as Triangle};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Corrections of the saddle point by its residual, K applied cell by cell.
+/// Number of corrections of the saddle-point solution by its residual, with K applied cell by cell.
 const CORRECTIONS: usize = 2;
 
-/// Of the compliance that a bounded dof has among its free neighbours, the constraint B U = C p must leave at least this part.
+/// Least part of a bounded dof's compliance among its free neighbours that must remain under the
+/// constraint B U = C p.
 const INF_SUP: f64 = 1e-11;
 
-/// The shift of a structure whose finite eigenvalues all vanish, relative to what a random motion sees.
+/// Shift used where all finite eigenvalues vanish, relative to the Rayleigh quotient of a random
+/// vector.
 const LEAST_SHIFT: f64 = 1e-6;
 
-/// What a motion in p knows of the structure; N coordinates of velocities, n dofs, m bounds.
+/// Reduced model of the structure; N velocity coordinates, n dofs, m bounds.
 #[derive(Debug)]
 pub(super) struct Reduction {
-    /// Its N coordinates.
+    /// Basis of the N velocity coordinates.
     pub frame: Rc<Frame>,
-    /// alpha, in 1/s.
+    /// Damping coefficient alpha, in 1/s.
     pub damping: f64,
-    /// H, N x N: the stiffness that z feels where nothing touches.
+    /// Stiffness H in z without contact, N x N.
     pub stiffness: Mat<f64>,
-    /// h_F, N.
+    /// Force h_F, N entries.
     pub force: Mat<f64>,
-    /// U_F, n.
+    /// Displacement U_F at z = 0, n entries.
     pub rest: Mat<f64>,
-    /// R, n x N.
+    /// Displacements R per unit z, n x N.
     pub lift: Mat<f64>,
-    /// S G^T, n x m.
+    /// Displacements S G^T per unit reaction, n x m.
     pub push: Mat<f64>,
-    /// G U_F, G R and G S G^T: m, m x N, m x m.
+    /// Values at the bounds: G U_F (m entries), G R (m x N) and the compliance G S G^T (m x m).
     pub rest_at: Mat<f64>,
     pub lift_at: Mat<f64>,
     pub compliance: Mat<f64>,
 }
 
 impl Reduction {
-    /// Solves for all columns.
+    /// Solves the saddle-point problem for all columns.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the inf-sup condition fails with these bounds.
+    /// Returns [`Error::Singular`] where the inf-sup condition fails with these bounds.
     pub fn new<E: Engine>(saddle: &Saddle<E>) -> Result<Reduction> {
         let system = saddle.system;
         let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
@@ -83,7 +87,8 @@ impl Reduction {
         Ok(reduction)
     }
 
-    /// Compares the pivots of the compliance G S G^T with those that it has without B U = C p.
+    /// Compares the pivots of the compliance G S G^T with those of the compliance without the
+    /// constraint B U = C p.
     fn check_inf_sup(&self, unbound: &Mat<f64>) -> Result<()> {
         let fails = || {
             Error::Singular(
@@ -103,28 +108,30 @@ impl Reduction {
     }
 }
 
-/// (A + A^T) / 2 times a factor.
+/// Returns (A + A^T) / 2 times a factor.
 fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
     Mat::from_fn(a.nrows(), a.ncols(), |i, j| 0.5 * factor * (a[(i, j)] + a[(j, i)]))
 }
 
-/// The saddle point, by the factor of K + s M: definite where K and M share no rigid motion, and the same where B U is given.
+/// Saddle-point solver with the factor of K + s M, which is definite where K and M share no rigid
+/// motion and gives the same solution where B U is prescribed.
 pub(super) struct Saddle<'s, E: Engine> {
     system: &'s System<E>,
     frame: Rc<Frame>,
     shift: f64,
     factor: RefCell<E::Factor>,
-    /// (K + s M)^-1 B~^T, n x N.
+    /// Solution (K + s M)^-1 B~^T, n x N.
     columns: Mat<f64>,
-    /// B~ (K + s M)^-1 B~^T, N x N.
+    /// Cholesky factor of B~ (K + s M)^-1 B~^T, N x N.
     schur: Llt<f64>,
 }
 
 impl<'s, E: Engine> Saddle<'s, E> {
-    /// Factors it.
+    /// Factors the matrices.
     ///
     /// # Errors
-    /// [`Error::Singular`] where the mass is not a singular one, or leaves some rigid motion without inertia.
+    /// Returns [`Error::Singular`] where the mass is not a singular one, or leaves some rigid
+    /// motion without inertia.
     pub fn new(system: &'s System<E>) -> Result<Saddle<'s, E>> {
         let System { engine, stiffness, mass, .. } = system;
         let mut frame = Frame::new(system)?;
@@ -152,12 +159,12 @@ impl<'s, E: Engine> Saddle<'s, E> {
         let schur = frame.reduce(&compliance).ok_or_else(|| {
             Error::Singular("time.scheme = \"exact\": no displacement moves any cell; refine the mesh".into())
         })?;
-        // Each row of (K + s M)^-1 B~^T is one of velocities.
+        // Each row of (K + s M)^-1 B~^T is a vector of velocities.
         let columns = frame.narrow(columns.transpose().to_owned()).transpose().to_owned();
         Ok(Saddle { system, frame: Rc::new(frame), shift, factor: factor.into(), columns, schur })
     }
 
-    /// U and a of forces (n x k) and positions (N x k).
+    /// Returns U and a for forces (n x k) and positions (N x k).
     pub fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
         let System { engine, stiffness, .. } = self.system;
         let mut u = Mat::zeros(forces.nrows(), forces.ncols());
@@ -183,7 +190,7 @@ impl<'s, E: Engine> Saddle<'s, E> {
         Ok((u, acceleration))
     }
 
-    /// One solution with the factor.
+    /// Returns one solution with the factor, without correction.
     fn propose(&self, forces: Mat<f64>, positions: &Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
         let mut u = forces;
         for j in 0..u.ncols() {
@@ -197,7 +204,7 @@ impl<'s, E: Engine> Saddle<'s, E> {
         Ok((u, acceleration))
     }
 
-    /// G (K + s M)^-1 G^T: the compliance of bounded dofs without the constraint.
+    /// Returns the compliance G (K + s M)^-1 G^T of the bounded dofs without the constraint, m x m.
     fn unbound(&self, mut unit_forces: Mat<f64>, bounds: &Bounds) -> Result<Mat<f64>> {
         for j in 0..unit_forces.ncols() {
             self.factor.borrow_mut().solve(unit_forces.col_as_slice_mut(j))?;
@@ -206,11 +213,12 @@ impl<'s, E: Engine> Saddle<'s, E> {
     }
 }
 
-/// A shift of the order of the finite eigenvalues of K x = w^2 M x: their mean, by two looks at one vector.
+/// Returns a shift of the order of the finite eigenvalues of K x = w^2 M x: their mean, estimated
+/// from one vector.
 fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
     let System { engine, stiffness, mass, .. } = system;
     let mut product = vec![0.0; engine.dofs()];
-    // Entries without pattern: the golden ratio's multiples modulo 1.
+    // Pseudo-random entries: multiples of the golden ratio modulo 1.
     let mut x: Vec<f64> =
         (1..=product.len()).map(|i| (i as f64 * 0.618_033_988_749_895).fract() - 0.5).collect();
     let mut quotient = |x: &[f64]| -> Result<f64> {
@@ -224,6 +232,6 @@ fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
     engine.multiply(mass, &x, &mut image)?;
     factor.solve(&mut image)?;
     x.copy_from_slice(&image);
-    // Where only rigid motions have inertia the mean is rounding.
+    // Where only rigid motions have inertia, the mean is rounding.
     Ok(quotient(&x)?.max(LEAST_SHIFT * first))
 }

@@ -1,27 +1,33 @@
-//! The search for the next event, which proves that nothing happens before it.
+//! Event detection: finds the next event and certifies that none occurs before it.
 //!
-//! # Nothing is missed
+//! # Certification
 //!
-//! Each watched quantity is y(t) = c + sum_k P_k q_k(t), a sum of sinusoids of known amplitudes A_k and frequencies w_k. Over an
-//! interval of length h, s in [0, 1], let H be the cubic with the values and slopes of y at both ends, and e = y - H. Mode by mode,
-//! with x = w h,
+//! Each watched quantity is `$y(t) = c + \sum_k P_k q_k(t)$`, a sum of sinusoids of known
+//! amplitudes `$A_k$` and frequencies `$w_k$`. On an interval of length h, with s in [0, 1], let H
+//! be the cubic Hermite interpolant of y, and e = y - H. For each mode, with x = w h,
 //!
 //! ```math
 //! |e| \le A\,\kappa(x)\, s^2 (1-s)^2, \qquad |h e'| \le A\,\kappa(x), \qquad
 //!    \kappa(x) = \min\bigl(x^4 / 24,\; 2 (x^2 + 6 x + 12)\bigr).
 //! ```
 //!
-//! The first is the remainder of Hermite's interpolation, `$y''''(\xi)\, h^4 s^2 (1-s)^2 / 24$`, with |e''| at most h^2 max|y''''| / 12 for
-//! the slope (Birkhoff and Priver 1967). The second holds where the mode is too fast for the interval: |h^2 e''| is at most
-//! (x^2 + 6 x + 12) A, the sum of what y'' and H'' can be, and e and e' vanish at both ends. Rigid motions are quadratic: H is exact.
+//! The first bound is the remainder of Hermite interpolation,
+//! `$y''''(\xi)\, h^4 s^2 (1-s)^2 / 24$`, with `$|e''| \le h^2 \max |y''''| / 12$` for the slope
+//! (Birkhoff and Priver 1967). The second holds where the mode is too fast for the interval:
+//! `$|h^2 e''| \le (x^2 + 6 x + 12) A$`, the sum of the bounds on y'' and H'', and e and e' vanish
+//! at both ends. Rigid motions are quadratic, and H is exact for them.
 //!
-//! Written in Bernstein's quartics the remainder touches one coefficient only, the middle one, by D/6 with D the sum of |P_k| A_k kappa:
-//! if all five stay inside the limit, so does y throughout, also where it starts on the limit. If not, and all three coefficients of
-//! h H' are below -D, y falls strictly and crosses the limit once: there the zero is found to the last digit. Else the
-//! interval is halved. Damping changes none of this: w is then a mode's pace, by which each derivative outgrows the one before at
-//! most, and rigid motions, which tend to an even one, have a remainder too. Each interval costs one evaluation; after a certified one the next may be twice as long.
+//! In Bernstein form of degree four the remainder changes the middle coefficient only, by at most
+//! D/6, where D is the sum of `$|P_k| A_k \kappa$`. If all five coefficients stay inside the limit,
+//! so does y on the whole interval, also where it starts on the limit. Otherwise, if all three
+//! coefficients of h H' are below -D, y decreases strictly and crosses the limit once, and the
+//! crossing is located to rounding. Otherwise the interval is halved. With damping, w is a mode's
+//! growth factor of derivatives ([`Motion::pace`]), and rigid motions, which tend to uniform ones,
+//! have a remainder too. Each interval costs one evaluation; after a certified interval the next
+//! may be twice as long.
 //!
-//! Limits are met to `roundings` times the rounding of y: a plate that rests on an obstacle does not chatter about it.
+//! Limits are met to `roundings` times the rounding error of y, so that a plate resting on an
+//! obstacle does not chatter.
 
 use super::motion::Motion;
 use crate::archive::Archive;
@@ -30,44 +36,45 @@ use crate::vi::Side;
 use faer::Mat;
 use std::collections::HashMap;
 
-/// Halvings of the stride below which an undecided interval counts as an event at its start.
+/// Level of halving of the stride below which an undecided interval counts as an event at its
+/// start.
 const SHORTEST: i32 = -80;
 
-/// A quantity this near to its limit, in parts of the slack, is there: less is rounding.
+/// Distance from a limit, relative to the slack, below which a quantity counts as at the limit.
 const ZERO: f64 = 1.0 / 32.0;
 
-/// How far a motion is known to go on.
+/// Event search along one motion.
 #[derive(Debug)]
 pub(super) struct Search {
-    /// How far each quantity may pass its limits and still respect them.
+    /// Distance by which each quantity may violate its limits, from rounding.
     slack: Vec<f64>,
-    /// The next event and the bound whose it is, once found.
+    /// Time of the next event (s) and its bound, once found.
     pub next: Option<(f64, usize)>,
-    /// Nothing happens before this sample.
+    /// Sample before which no event occurs.
     certified: Sample,
-    /// Samples beyond, nearest last, with the level of the interval that each ends.
+    /// Samples beyond it, nearest last, each with the level of the interval that it ends.
     pending: Vec<(Sample, i32)>,
-    /// Level of the next interval: its length is 2^level strides.
+    /// Level of the next interval, whose length is 2^level strides.
     pub level: i32,
     stride: f64,
-    /// D of each quantity, by level.
+    /// Remainders D of each quantity, by level.
     remainders: HashMap<i32, Vec<f64>>,
-    /// Samples to use again.
+    /// Samples whose memory is reused.
     spare: Vec<Sample>,
-    /// Room for q, q'.
+    /// Work space for q, q'.
     state: Mat<f64>,
-    /// Looks at all watched quantities.
+    /// Number of evaluations of all watched quantities.
     pub evaluations: u64,
 }
 
-/// The watched quantities at an instant: values and rates (columns).
+/// Watched quantities at an instant: values and rates (columns).
 #[derive(Debug)]
 struct Sample {
     at: f64,
     values: Mat<f64>,
 }
 
-/// What an interval says of one limit.
+/// Result of the test of one limit on an interval.
 enum Finding {
     Inside,
     Crosses,
@@ -75,7 +82,8 @@ enum Finding {
 }
 
 impl Search {
-    /// A search along a motion, with a stride in units of 1 / w of the fastest mode; `level` is where it begins.
+    /// Starts a search along a motion, with a stride in units of 1/w of the fastest mode, at the
+    /// interval length `level`.
     pub fn new(motion: &Motion, stride: f64, roundings: f64, level: i32) -> Search {
         let modes = &motion.modes;
         let mut slack = weighted(motion, |k| motion.magnitude(k));
@@ -96,7 +104,7 @@ impl Search {
             evaluations: 0,
         };
         search.certified = search.sample(motion, 0.0);
-        // The start respects the limits: what it misses them by is the rounding of how it was found.
+        // The start respects the limits up to the rounding of its computation.
         for i in 0..search.slack.len() {
             let missed = -search.depth(motion, i, &search.certified);
             search.slack[i] = search.slack[i].max(2.0 * missed);
@@ -104,7 +112,7 @@ impl Search {
         search
     }
 
-    /// Shows an archive how far the search has come along its motion; samples are taken again.
+    /// Saves or restores the progress of the search along its motion; samples are evaluated anew.
     pub fn archive(&mut self, motion: &Motion, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.next)?;
         archive.value(&mut self.level)?;
@@ -131,7 +139,8 @@ impl Search {
         sample
     }
 
-    /// The bounds whose quantity is at a limit at an instant, given its values then, and the side that the limit is on.
+    /// Returns the bounds whose quantity is at a limit at an instant, given its values there, with
+    /// the side of that limit.
     pub fn at_limit(&self, motion: &Motion, values: &Mat<f64>) -> Vec<(usize, Side)> {
         let mut found = Vec::new();
         for (i, &side) in motion.modes.sides.iter().enumerate() {
@@ -148,7 +157,7 @@ impl Search {
         found
     }
 
-    /// Looks for the next event until it is found, or certain not to come before an instant.
+    /// Searches for the next event until it is found, or certified not to occur before an instant.
     pub fn extend(&mut self, motion: &Motion, until: f64) {
         while self.next.is_none() && self.certified.at < until {
             if self.pending.is_empty() {
@@ -164,11 +173,13 @@ impl Search {
         self.stride * 2.0_f64.powi(level)
     }
 
-    /// Certifies the interval up to the nearest pending sample, finds the event in it, or halves it.
+    /// Certifies the interval up to the nearest pending sample, finds the event in it, or halves
+    /// it.
     fn examine(&mut self, motion: &Motion) {
         let Some((end, level)) = self.pending.pop() else { return };
         if end.at <= self.certified.at || level < SHORTEST {
-            // Rounding leaves nothing to decide: the quantity nearest to leaving does so now.
+            // The interval is as short as rounding allows: the quantity nearest to leaving its
+            // limits does so now.
             let worst = (0..self.slack.len()).min_by(|&i, &j| {
                 (self.depth(motion, i, &end) / self.slack[i])
                     .total_cmp(&(self.depth(motion, j, &end) / self.slack[j]))
@@ -206,13 +217,13 @@ impl Search {
         }
     }
 
-    /// Distance inside the nearest limit at a sample.
+    /// Returns the distance to the nearest limit at a sample, positive inside.
     fn depth(&self, motion: &Motion, i: usize, sample: &Sample) -> f64 {
         let y = sample.values[(i, 0)];
         finite_limits(motion, i).map(|(sign, limit)| sign * (y - limit)).fold(f64::INFINITY, f64::min)
     }
 
-    /// See the [module page](self).
+    /// Tests one limit on an interval; see the [module page](self).
     fn find(&self, i: usize, sign: f64, limit: f64, level: i32, end: &Sample) -> Finding {
         let (a, b) = (&self.certified.values, &end.values);
         let h = end.at - self.certified.at;
@@ -231,7 +242,8 @@ impl Search {
         }
     }
 
-    /// Where a falling quantity passes its limit, to the last digit: Newton's method, kept inside the bracket.
+    /// Returns the instant at which a decreasing quantity crosses its limit, to rounding, by
+    /// Newton's method within the bracket.
     fn zero(&mut self, motion: &Motion, i: usize, sign: f64, limit: f64, end: f64) -> f64 {
         let (mut inside, mut outside) = (self.certified.at, end);
         let state = &mut self.state;
@@ -250,7 +262,7 @@ impl Search {
             }
             let newton = at - value / rate;
             if at == outside && outside == self.certified.at {
-                break; // It is outside from the start.
+                break; // The quantity is outside from the start.
             }
             let next = if newton > inside && newton < outside { newton } else { 0.5 * (inside + outside) };
             let settled = value.abs() <= ZERO * self.slack[i] || (newton - at).abs() <= f64::EPSILON * at;
@@ -263,12 +275,12 @@ impl Search {
     }
 }
 
-/// See the [module page](self).
+/// Returns the remainder bound kappa(x); see the [module page](self).
 fn kappa(x: f64) -> f64 {
     (x.powi(4) / 24.0).min(2.0 * (x * x + 6.0 * x + 12.0))
 }
 
-/// |P| times a weight a mode.
+/// Returns the sum of |P| times a weight per mode, one entry per quantity.
 fn weighted(motion: &Motion, weight: impl Fn(usize) -> f64) -> Vec<f64> {
     let rows = &motion.modes.rows;
     let mut sums = vec![0.0; rows.nrows()];
@@ -281,7 +293,8 @@ fn weighted(motion: &Motion, weight: impl Fn(usize) -> f64) -> Vec<f64> {
     sums
 }
 
-/// The limits of a quantity that are not infinite, with the sign that makes `sign (y - limit) >= 0` the inside.
+/// Returns the finite limits of a quantity, each with the sign for which `sign (y - limit) >= 0` is
+/// inside.
 fn finite_limits(motion: &Motion, i: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
     let [lower, upper] = motion.modes.limits[i];
     [(1.0, lower), (-1.0, upper)].into_iter().filter(|(_, limit)| limit.is_finite())

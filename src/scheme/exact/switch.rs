@@ -1,30 +1,33 @@
-//! Which nodes touch right after an instant at which that is about to change.
+//! Active set after an event: which nodes are in contact just after a change of contact.
 //!
-//! phi is piecewise quadratic: at the border of several pieces the motion goes into the one that its first derivative which does not
-//! vanish points to. With U_c = u + R z + S r and S = G S G^T positive definite, the k-th derivatives of gaps and reactions of the
-//! undecided nodes solve, order by order,
+//! Since `$\varphi$` is piecewise quadratic, the motion enters, at a border of several pieces, the
+//! piece selected by its first non-vanishing derivative. With `$U_c = u + R z + S r$` and
+//! `$S = G S G^T$` positive definite, the k-th derivatives of gaps and reactions of the undecided
+//! nodes solve, order by order,
 //!
 //! ```math
 //! U^{(k)}_c = R z^{(k)} + S r^{(k)}, \qquad 0 \le U^{(k)}_i \perp r^{(k)}_i \ge 0,
 //! ```
 //!
-//! a linear complementarity problem with one solution; nodes for which both vanish go on to the next order, whose
-//! `$z^{(k+2)} = -H z^{(k)} - \alpha z^{(k+1)} + R^T r^{(k)}$` is then known. So a touch that only grazes, several at once, a start at rest in contact: all are
-//! decided by the same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM J. Control
-//! Optim. 44, 2005): events do not accumulate.
+//! a linear complementarity problem with a unique solution. Nodes for which both vanish pass to the
+//! next order, for which `$z^{(k+2)} = -H z^{(k)} - \alpha z^{(k+1)} + R^T r^{(k)}$` is then known.
+//! Grazing contact, simultaneous contacts and a start at rest in contact are thus decided by the
+//! same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM
+//! J. Control Optim. 44, 2005): events do not accumulate.
 
 use super::reduction::Reduction;
 use crate::vi::{Side, dense};
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side as Triangle};
 
-/// Derivatives looked at. Where all vanish the node neither leaves nor presses: it counts as free.
+/// Number of derivatives evaluated. A node for which all vanish neither separates nor presses, and
+/// counts as free.
 const ORDERS: usize = 6;
 
-/// The sides right after an instant.
+/// Returns the contact status of all bounds just after an instant.
 ///
-/// `sides` before, the `undecided` bounds with the side of the limit they are at, position and velocity z, z' (columns), and the
-/// reactions of all bounds at that instant.
+/// Arguments are the `sides` before, the `undecided` bounds with the side of the limit they are at,
+/// position and velocity z, z' (columns), and the reactions of all bounds at that instant.
 pub(super) fn next_sides(
     reduction: &Reduction,
     sides: &[Side],
@@ -37,12 +40,12 @@ pub(super) fn next_sides(
     for &(i, _) in undecided {
         next[i] = Side::Free;
     }
-    // The nodes that touch, then those undecided.
+    // The nodes in contact come first, then the undecided ones.
     let touching: Vec<usize> = (0..sides.len()).filter(|&i| next[i] != Side::Free).collect();
     let places: Vec<usize> = touching.iter().copied().chain(undecided.iter().map(|(i, _)| *i)).collect();
     let size = places.len();
     let compliance = Mat::from_fn(size, size, |i, j| reduction.compliance[(places[i], places[j])]);
-    // Positive definite as a block of a matrix that was factored.
+    // This block of a factored matrix is positive definite.
     let Ok(llt) = compliance.llt(Triangle::Lower) else { return next };
     let stiffness = llt.inverse();
     let lift = Mat::from_fn(size, state.nrows(), |i, k| reduction.lift_at[(places[i], k)]);
@@ -60,7 +63,7 @@ pub(super) fn next_sides(
     };
     let forces = Mat::from_fn(size, 1, |k, _| if k < touching.len() { reactions[places[k]] } else { 0.0 });
     let position = state.get(.., ..1).to_owned();
-    // The derivative at hand, and the one after it.
+    // Current derivative, and the one after it.
     let mut derivative = state.get(.., 1..2).to_owned();
     let mut following = acceleration(&position, &derivative, &forces) + &reduction.force;
     let mut open: Vec<usize> = (0..undecided.len()).collect();

@@ -1,14 +1,18 @@
-//! The rate of U(p), for whoever looks at velocities: with the singular mass a scheme knows them as means over cells only.
+//! Rate of U(p), evaluated where velocities are reported: with the singular mass a scheme knows the
+//! velocity only as means over cells.
 //!
-//! While the active bounds A stay, U(p) follows p, the load and the bounds affinely, and its rate W, where p moves at the velocity V, is
+//! While the set A of active bounds does not change, U(p) is affine in p, the load and the bounds.
+//! If p moves at the velocity V, its rate W is
 //!
 //! ```math
 //! \text{the least of } \tfrac12 W^T K W - F'^T W \text{ with } B W = C V, \quad G_A W = l'_A .
 //! ```
 //!
-//! The means come by multipliers, as those of U(p) do. In each round conjugate gradients find the reactions that hold the nodes of A:
-//! where the means are given a push at a node moves its neighbours little, and some twenty iterations do on any mesh. So the
-//! factor is used as it is, whatever its candidates, and the next steps do not notice that someone looked.
+//! The constraint B W = C V is met by the method of multipliers, as for U(p). In each round
+//! conjugate gradients find the reactions that hold the nodes of A: with given cell means a force
+//! at a node hardly moves its neighbours, and about twenty iterations suffice on any mesh. The
+//! factor is used as it is, whatever its contact candidates, so that reporting a velocity does not
+//! change later steps.
 
 use super::{CLOSE, Potential, ROUNDS};
 use crate::error::Result;
@@ -17,24 +21,25 @@ use crate::obstacle::Bounds;
 use crate::scheme::System;
 use crate::scheme::drive::Moment;
 
-/// Iterations, at most, for the reactions that hold nodes at the rates of their bounds, and the error of these rates, relative to the first
-/// guess, at which they end.
+/// Largest number of iterations for the reactions that hold nodes at the rates of their bounds, and
+/// the error of these rates, relative to the first guess, at which the iteration ends.
 const MOST_HOLDS: usize = 200;
 const HELD: f64 = 1e-11;
 
-/// Error of the means, relative to V, from which the nodes at obstacles are let go for them.
+/// Error of the cell means, relative to V, above which the nodes in contact are released.
 const LOOSE: f64 = 1e-10;
 
-/// Solves A x = b, x in place of b.
+/// Closure that solves A x = b, with x in place of b.
 type Solve<'s> = dyn FnMut(&mut [f64]) -> Result<()> + 's;
 
 impl<E: Engine> Potential<'_, E> {
-    /// Returns the rate of U(p) in m/s, one entry per dof, where p moves at the velocity V, load and bounds at the rates of `change`, and
-    /// the obstacles push with these reactions. Where no rate has both the means and the rates of the bounds, as without the inf-sup
-    /// condition, it has the means. Collective.
+    /// Returns the rate of U(p), in m/s, one entry per dof, where p moves at the velocity v, load
+    /// and bounds change at the rates `change`, and the nodes with a nonzero `reaction` follow
+    /// their bounds. If no rate satisfies both the cell means and the rates of the bounds, as is
+    /// possible without the inf-sup condition, the cell means take precedence. Collective.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub(in crate::scheme) fn rate(
         &mut self,
         v: &[f64],
@@ -57,7 +62,7 @@ impl<E: Engine> Potential<'_, E> {
     }
 }
 
-/// What a rate has to satisfy.
+/// Conditions on the rate of U(p).
 struct Search<'a, 's, E: Engine> {
     system: &'s System<E>,
     penalty: f64,
@@ -66,7 +71,8 @@ struct Search<'a, 's, E: Engine> {
 }
 
 impl<E: Engine> Search<'_, '_, E> {
-    /// The rounds that lead to it; the rate, and how far its means are from V, in the norm of C.
+    /// Runs the multiplier rounds. Returns the rate and the distance of its cell means from V in
+    /// the norm of C.
     fn rounds(&self, held: &mut Held<E>, solve: &mut Solve) -> Result<(Vec<f64>, f64)> {
         let Search { system: System { engine, mass, stiffness, .. }, penalty, v, change } = *self;
         let way = engine.vis_viva(mass, v)?.sqrt();
@@ -101,20 +107,20 @@ impl<E: Engine> Search<'_, '_, E> {
     }
 }
 
-/// The nodes that obstacles push, as the rest moves.
+/// Nodes in contact and the reaction rates that make them follow their obstacles.
 struct Held<'s, E: Engine> {
     system: &'s System<E>,
     nodes: Vec<Node>,
-    /// Square of the size of the first error of the rates.
+    /// Square of the norm of the first error of the rates.
     first: Option<f64>,
 }
 
-/// A node that an obstacle pushes.
+/// Node in contact.
 struct Node {
     dof: usize,
-    /// Rate of its bound, in m/s.
+    /// Rate of the bound, in m/s.
     rate: f64,
-    /// Entry of K on the diagonal, in N/m: how hard it is to move.
+    /// Diagonal entry of K, in N/m, used as preconditioner.
     weight: f64,
     /// Rate of the reaction, in N/s.
     push: f64,
@@ -133,12 +139,12 @@ impl<'s, E: Engine> Held<'s, E> {
         Ok(Held { system, nodes, first: None })
     }
 
-    /// Adds the reactions' rates found so far to a force.
+    /// Adds the reaction rates found so far to `force`.
     fn push(&self, force: &mut [f64]) {
         self.nodes.iter().for_each(|node| force[node.dof] += node.push);
     }
 
-    /// Adds to x what more reactions make of it, so that w + x has the rates of the bounds.
+    /// Adds to x the response to further reaction rates, so that w + x has the rates of the bounds.
     fn hold(&mut self, w: &[f64], x: &mut [f64], solve: &mut Solve) -> Result<()> {
         let Held { system, nodes, first } = self;
         let total = |a: &[f64], b: &[f64]| system.total(a.iter().zip(b).map(|(a, b)| a * b).sum());
