@@ -69,7 +69,8 @@ use std::rc::Rc;
 
 /// Choice of the massless part of U that the midpoint scheme reports.
 ///
-/// Both choices give the same motion of p. They differ after contact, which shows in the energy.
+/// Both choices give the same motion of p. They differ once there has been contact, which shows in
+/// the energy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Massless {

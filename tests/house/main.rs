@@ -170,7 +170,6 @@ const UNREVISED: &[&str] = &[
     "petsc",
     "plate",
     "scene",
-    "scheme",
     "simulation",
     "space",
     "study",

@@ -267,9 +267,9 @@ fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
     (w * g, v)
 }
 
-/// Relative accuracy below which the difference formula for the integral of v is not used. It is
-/// used where the integral exceeds a hundred times its rounding error; elsewhere v is small
-/// throughout.
+/// Ratio of the integral of v to the time above which the difference formula is used: its relative
+/// error is then about a hundred roundings at most. Below it v is small throughout and the series
+/// is used.
 const FAIR: f64 = 0.01;
 
 /// Returns the integrals of s and v of a mode from 0 to an instant; see the [module page](self).
