@@ -1,7 +1,7 @@
-//! From cells to matrices: the only loop over cells.
+//! Assembly of cells into matrices and loads; this is the only loop over cells.
 //!
-//! Congruent cells (translates of one another) share one set of local arrays: a regular mesh computes its element matrices
-//! a handful of times.
+//! Congruent cells (translates of one another) share one set of local arrays, so that a regular
+//! mesh computes its element matrices only a few times.
 
 use crate::element::adaptive::{Rules, Triangle};
 use crate::element::quadrature::{self, Node, Rule};
@@ -19,41 +19,43 @@ use std::rc::Rc;
 /// Local arrays of a cell, shared by all cells congruent to it.
 #[derive(Debug, Clone)]
 pub struct Local {
-    /// K, n x n, row by row, in N/m for deflections.
+    /// Stiffness K, n x n, row by row, in N/m between deflections.
     pub stiffness: Rc<[f64]>,
-    /// M_r, n x n, row by row, in kg for deflections.
+    /// Consistent mass M_r, n x n, row by row, in kg between deflections.
     pub mass: Rc<[f64]>,
-    /// Integrals of the basis functions, n entries, in m2 for deflections.
+    /// Integrals of the basis functions, n entries, in m^2 for deflections.
     pub moments: Rc<[f64]>,
-    /// The row of B, n entries: surface density times the moments.
+    /// Row of B, the integrals of surface density times basis function, n entries, in kg for
+    /// deflections.
     pub coupling: Rc<[f64]>,
-    /// The entry of C: the mass of the cell, in kg.
+    /// Entry of C, the mass of the cell, in kg.
     pub weight: f64,
-    /// K as the square of its root.
+    /// Stiffness K as the square of its root.
     pub bending: Rc<Bending>,
 }
 
-/// A cell in the numbering of a space.
+/// Local arrays of a cell, with its dofs in the numbering of a space.
 #[derive(Debug, Clone)]
 pub struct CellArrays {
-    /// Free dofs of the local ones.
+    /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: Rc<[Option<usize>]>,
-    /// What each dof's value is multiplied by to give the local one, where that is not 1 for all (beside supports askew).
+    /// Factor of each local dof's value relative to its free dof, where not all are 1 (at supports
+    /// with oblique axes).
     pub factors: Option<Rc<[f64]>>,
     /// Number of the class of congruent cells.
     pub class: usize,
-    /// Its arrays, of local dofs.
+    /// Arrays of the cell, over local dofs.
     pub local: Rc<Local>,
 }
 
 impl CellArrays {
-    /// A local dof of a vector over the dofs.
+    /// Returns a local dof's value for a vector over the free dofs.
     pub fn value(&self, local: usize, x: &[f64]) -> f64 {
         let factor = self.factors.as_ref().map_or(1.0, |factors| factors[local]);
         self.dofs[local].map_or(0.0, |dof| factor * x[dof])
     }
 
-    /// Adds a local vector, such as a load, to one over the dofs.
+    /// Adds a local vector, such as a load, to a vector over the free dofs.
     pub fn add(&self, local: &[f64], x: &mut [f64]) {
         for (i, value) in local.iter().enumerate() {
             if let Some(dof) = self.dofs[i] {
@@ -62,14 +64,15 @@ impl CellArrays {
         }
     }
 
-    /// Adds the product of a local matrix, symmetric and row by row, with local values to a vector over the dofs.
+    /// Adds the product of a symmetric local matrix, row by row, with local values to a vector over
+    /// the free dofs.
     pub fn add_product(&self, matrix: &[f64], values: &[f64], x: &mut [f64]) {
         let dot = |row: &[f64]| row.iter().zip(values).map(|(a, value)| a * value).sum();
         let product: Vec<f64> = matrix.chunks_exact(values.len()).map(dot).collect();
         self.add(&product, x);
     }
 
-    /// A local vector as function of the dofs.
+    /// Returns a local vector in terms of the free dofs, with their factors applied.
     fn of_dofs(&self, local: &Rc<[f64]>) -> Rc<[f64]> {
         match &self.factors {
             None => local.clone(),
@@ -77,7 +80,7 @@ impl CellArrays {
         }
     }
 
-    /// A local matrix as form of the dofs.
+    /// Returns a local matrix as a form over the free dofs, with their factors applied.
     fn block(&self, matrix: &Rc<[f64]>, bending: Option<&Rc<Bending>>) -> Block {
         let (dofs, class) = (self.dofs.clone(), self.class);
         match &self.factors {
@@ -92,17 +95,18 @@ impl CellArrays {
     }
 }
 
-/// What a class of cells has in common: shape, and the number of its uniform section; a varying section makes a class of its own, as do
-/// dofs with factors.
+/// Key of a class of congruent cells: the shape, and the number of the uniform section. A varying
+/// section makes a class of its own, and so do dofs with factors.
 type Class = (Vec<i64>, std::result::Result<usize, usize>);
 
-/// All cells of a mesh with their local arrays, in the order of the cells.
+/// Returns all cells of a mesh with their local arrays, in the order of the cells.
 ///
 /// # Errors
-/// [`Error::Mesh`] naming a cell that cannot carry its element; what the sections say.
+/// Returns [`Error::Mesh`] naming a cell that cannot carry its element, and the errors of the
+/// sections.
 pub fn cells(mesh: &Mesh, space: &Space, sections: &impl Sections) -> Result<Vec<CellArrays>> {
     let extent = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()));
-    // Positions that differ by a few roundings of the largest coordinate are one.
+    // Positions that differ by a few roundings of the largest coordinate count as equal.
     let grain = 16.0 * f64::EPSILON * extent;
     let mut classes: HashMap<Class, (usize, Rc<Local>)> = HashMap::new();
     let mut cells = Vec::with_capacity(mesh.cells.len());
@@ -162,7 +166,7 @@ fn arrays<const N: usize>(
     if sections.kind(number).is_some() {
         let energies = first.bending.diagonal() * area;
         return Ok(Local {
-            // Symmetric, so that column by column is row by row.
+            // The matrix is symmetric, so that column by column is row by row.
             stiffness: flat(first.stiffness(element)),
             bending: bending(element, vertices, number, (&quadrature::DEGREE_2).into(), |_| first, energies)?,
             mass: flat(first.consistent_mass(element)),
@@ -202,11 +206,15 @@ fn arrays<const N: usize>(
     fault.into_inner().map_or(Ok(local), Err)
 }
 
-/// Relative error of the energy of a bent cell beyond which its stiffness is rounding.
+/// Largest relative error of the energy of a bent cell; beyond it, its stiffness is mostly
+/// rounding.
 const LOST: f64 = 1e-3;
 
-/// The stiffness of a cell as the square of its root, checked on x^2/2, xy and y^2/2, which every cell contains: `energies` are twice theirs.
-/// A cell of aspect ratio a is a^2 times stiffer across than along, and the soft direction sees the roundings of the stiff one.
+/// Returns the stiffness of a cell as the square of its root, checked on the deflections x^2/2, xy
+/// and y^2/2, which every cell contains; `energies` are twice their exact energies.
+///
+/// A cell of aspect ratio a is a^2 times stiffer across than along, and the soft direction suffers
+/// from the rounding of the stiff one.
 fn bending<const N: usize>(
     element: &Element<N>,
     vertices: &[Point],
@@ -226,27 +234,27 @@ fn bending<const N: usize>(
         ((&root * dofs).norm_squared() / energies[shape] - 1.0).abs()
     };
     if (0..3).map(error).fold(0.0, |a: f64, b| if a > b { a } else { b }) <= LOST {
-        // Row by row is column by column of the transpose.
+        // The transpose, column by column, is the root row by row.
         return Ok(Rc::new(Bending { arms, root: root.transpose().as_slice().into() }));
     }
     let list: Vec<String> = vertices.iter().map(|p| format!("({}, {})", p.x, p.y)).collect();
     Err(Error::Mesh(format!(
-        "cell {number} is too flat: rounding takes its stiffness apart; its vertices are {}",
+        "cell {number} is too flat: its stiffness is lost to rounding; its vertices are {}",
         list.join(", ")
     )))
 }
 
-/// The contributions to the stiffness K.
+/// Returns the cells' contributions to the stiffness K.
 pub fn stiffness(cells: &[CellArrays]) -> Vec<Block> {
     cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.bending))).collect()
 }
 
-/// The contributions to the consistent mass M_r.
+/// Returns the cells' contributions to the consistent mass M_r.
 pub fn consistent_mass(cells: &[CellArrays]) -> Vec<Block> {
     cells.iter().map(|cell| cell.block(&cell.local.mass, None)).collect()
 }
 
-/// The rows of B and the entries of C of the singular mass.
+/// Returns the rows of B and the entries of C of the singular mass.
 pub fn singular_mass(cells: &[CellArrays]) -> Vec<Average> {
     let average = |cell: &CellArrays| Average {
         dofs: cell.dofs.clone(),
@@ -257,7 +265,7 @@ pub fn singular_mass(cells: &[CellArrays]) -> Vec<Average> {
     cells.iter().map(average).collect()
 }
 
-/// The load F of a uniform pressure (Pa, upward) over `dofs` free dofs, in N.
+/// Returns the load F of a uniform upward pressure, in Pa, over `dofs` free dofs, in N.
 pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64> {
     let mut load = vec![0.0; dofs];
     for cell in cells {
@@ -267,10 +275,10 @@ pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64
     load
 }
 
-/// The pieces of all cells, cell by cell.
+/// Returns the pieces of all cells, cell by cell.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a cell that cannot carry its element.
+/// Returns [`Error::Mesh`] for a cell that cannot carry its element.
 pub fn pieces(mesh: &Mesh) -> Result<Vec<Triangle>> {
     fn of<const N: usize>(cell: usize, element: &Element<N>, pieces: &mut Vec<Triangle>) {
         pieces.extend(element.pieces.iter().enumerate().map(|(piece, of)| Triangle {
@@ -293,21 +301,24 @@ pub fn pieces(mesh: &Mesh) -> Result<Vec<Triangle>> {
     Ok(pieces)
 }
 
-/// Points of every cell at which a pressure that changes from place to place is asked, and what it does there.
+/// Quadrature of a pressure that varies over the plate: its points in every cell, and the load that
+/// their values make.
 #[derive(Debug, Clone)]
 pub struct Pressure {
-    /// Nodes and cells.
+    /// Mesh with nodes and cells only.
     mesh: Mesh,
     points: Vec<Point>,
-    /// Each cell, its first point, and the weights of its points: one a point and local dof.
+    /// Arrays of each cell, the index of its first point, and the weights of its points, one per
+    /// point and local dof.
     cells: Vec<(CellArrays, usize, Rc<[f64]>)>,
 }
 
 impl Pressure {
-    /// The points of a rule of degree 6 on each piece of the cells: exact up to rounding for a pressure of degree 3.
+    /// Chooses the points of a rule of degree 6 on each piece of the cells, which is exact up to
+    /// rounding for a pressure of degree 3.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a cell that cannot carry its element.
+    /// Returns [`Error::Mesh`] for a cell that cannot carry its element.
     pub fn new(mesh: &Mesh, cells: &[CellArrays]) -> Result<Pressure> {
         fn of<const N: usize>(element: &Element<N>, points: &mut Vec<Point>) -> Vec<f64> {
             let mut weights = Vec::new();
@@ -339,10 +350,10 @@ impl Pressure {
         Ok(pressure)
     }
 
-    /// Adds the load, in N, of a pressure (Pa, upward) that fills in its values at points.
+    /// Adds the load, in N, of a function that computes an upward pressure, in Pa, at points.
     ///
     /// # Errors
-    /// What the pressure says.
+    /// Returns the errors of the pressure.
     pub fn load(
         &self,
         pressure: impl Fn(&[Point], &mut [f64]) -> Result<()>,
@@ -351,10 +362,10 @@ impl Pressure {
         self.load_by(&Rules::new(), pressure, load)
     }
 
-    /// As [`Pressure::load`], by rules of their own on some cells.
+    /// Adds a load like [`Pressure::load`], with other quadrature rules on some cells.
     ///
     /// # Errors
-    /// As [`Pressure::load`].
+    /// Returns the errors of [`Pressure::load`].
     pub fn load_by(
         &self,
         rules: &Rules,
@@ -381,7 +392,7 @@ impl Pressure {
 }
 
 impl Pressure {
-    /// The load on a cell by rules of its own.
+    /// Returns the load on a cell by its own rules.
     fn by_own_rules(
         &self,
         number: usize,
@@ -415,7 +426,7 @@ impl Pressure {
     }
 }
 
-/// The weight of the plate under a gravity of g m/s2, downward, in N.
+/// Returns the weight of the plate under gravity g, in m/s^2 downward, over `dofs` free dofs, in N.
 pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
     let mut load = vec![0.0; dofs];
     for cell in cells {
@@ -425,11 +436,14 @@ pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
     load
 }
 
-/// The contributions of an elastic foundation to the stiffness, each with its cell; its own stiffness, in N/m3, may be 0 on some cells:
-/// then they have none. Some cells have rules of their own.
+/// Returns the contributions of an elastic foundation to the stiffness, each with its cell.
+///
+/// `stiffness` is the foundation's stiffness, in N/m^3; cells where it is 0 have no contribution.
+/// `rules` gives other quadrature rules for some cells.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a cell that cannot carry its element; what the stiffness says.
+/// Returns [`Error::Mesh`] for a cell that cannot carry its element, and the errors of the
+/// stiffness.
 pub fn foundation(
     mesh: &Mesh,
     cells: &[CellArrays],
@@ -445,7 +459,7 @@ pub fn foundation(
     })?;
     let under =
         matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
-    // Each with a class of its own, after those of the cells.
+    // Each block is a class of its own, numbered after those of the cells.
     let block = |(number, matrix): (usize, Vec<f64>)| {
         let class = BARE + cells.len() + number;
         (number, Block { class, ..cells[number].block(&matrix.into(), None) })
@@ -453,13 +467,13 @@ pub fn foundation(
     Ok(under.map(block).collect())
 }
 
-/// The element of a cell.
+/// Element of a cell.
 enum AnyElement<'e> {
     Triangle(&'e Element<9>),
     Quadrilateral(&'e Element<12>),
 }
 
-/// Integrals of something over each cell, where `value` gives that at a point of a cell.
+/// Returns integrals over each cell, where `value` gives the integrand at a point of a cell.
 fn on_elements(
     mesh: &Mesh,
     value: &dyn Fn(usize, Point) -> Result<f64>,
@@ -488,14 +502,15 @@ fn on_elements(
     fault.into_inner().map_or(Ok(integrals), Err)
 }
 
-/// Adds the forces K U, over the free dofs, of a displacement U given at all dofs of the mesh (three a node), held ones included.
+/// Adds the forces K U over the free dofs, in N for deflections. U holds the values at all dofs of
+/// the mesh, three per node, held ones included.
 pub fn forces(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], force: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
         cell.add(&cell.local.bending.product(&on_nodes(of, shape)), force);
     }
 }
 
-/// U^T K U and U^T M_r U, in N m and kg m2, of a displacement U (m) given as in [`forces`].
+/// Returns U^T K U in N m and U^T M_r U in kg m^2 for a displacement U given as in [`forces`].
 pub fn squares(mesh: &Mesh, cells: &[CellArrays], shape: &[f64]) -> [f64; 2] {
     let mut sums = [0.0; 2];
     for (cell, of) in cells.iter().zip(&mesh.cells) {
@@ -508,14 +523,14 @@ pub fn squares(mesh: &Mesh, cells: &[CellArrays], shape: &[f64]) -> [f64; 2] {
     sums
 }
 
-/// Adds the momenta M_r V, over the free dofs, of velocities V given as in [`forces`].
+/// Adds the momenta M_r V over the free dofs for velocities V given as in [`forces`].
 pub fn consistent_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
         cell.add_product(&cell.local.mass, &on_nodes(of, shape), momentum);
     }
 }
 
-/// Adds the momenta of the singular mass, over the free dofs, of velocities given as in [`forces`].
+/// Adds the momenta of the singular mass over the free dofs for velocities given as in [`forces`].
 pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
         let Local { coupling, weight, .. } = &*cell.local;
@@ -525,33 +540,35 @@ pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], moment
     }
 }
 
-/// What is given at all dofs of the mesh, at those of a cell.
+/// Returns the entries at the dofs of a cell of a vector over all dofs of the mesh.
 fn on_nodes(cell: &Cell, shape: &[f64]) -> Vec<f64> {
     cell.nodes().iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]).copied().collect()
 }
 
-/// The deflection at a point, as a sum over dofs.
+/// Deflection at a point, as a weighted sum of dofs.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Probe {
     weights: Vec<(usize, f64)>,
 }
 
-/// A basis function smaller than this at a point, in units of the cell's largest there, is zero: the point is a node.
+/// Share of the cell's largest basis function at a point below which another counts as zero there:
+/// the point is a node.
 const ROUNDING: f64 = 1e-14;
 
 impl Probe {
-    /// The deflection at a point of the mesh, over the free dofs of a space.
+    /// Creates the deflection at a point of the mesh, over the free dofs of a space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a point outside.
+    /// Returns [`Error::Mesh`] for a point outside the mesh.
     pub fn new(mesh: &Mesh, space: &Space, point: Point) -> Result<Probe> {
         Ok(Probe::of_shape(mesh, point)?.within(space))
     }
 
-    /// The deflection at a point of the mesh over all of its deflections and slopes, three a node, held or not.
+    /// Creates the deflection at a point of the mesh over all deflections and slopes, three per
+    /// node, held or not.
     ///
     /// # Errors
-    /// As [`Probe::new`].
+    /// Returns the errors of [`Probe::new`].
     pub fn of_shape(mesh: &Mesh, point: Point) -> Result<Probe> {
         let outside = || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
         let cell = mesh.cells[mesh.locate(point).ok_or_else(outside)?];
@@ -570,7 +587,7 @@ impl Probe {
         Ok(Probe { weights: dofs.zip(values).filter(|(_, value)| value.abs() > zero).collect() })
     }
 
-    /// The same over the free dofs of a space.
+    /// Restricts a probe over all dofs of the mesh to the free dofs of a space.
     pub fn within(&self, space: &Space) -> Probe {
         let free = |&(of_shape, weight): &(usize, f64)| {
             let (dof, factor) = space.dof(of_shape)?;
@@ -579,7 +596,7 @@ impl Probe {
         Probe { weights: self.weights.iter().filter_map(free).collect() }
     }
 
-    /// The probe that multiplies each dof by a weight.
+    /// Creates the probe that multiplies each dof by a weight.
     pub fn from_weights(weights: &[f64]) -> Probe {
         let nonzero = weights.iter().copied().enumerate().filter(|(_, weight)| *weight != 0.0);
         Probe { weights: nonzero.collect() }
@@ -592,30 +609,33 @@ impl Probe {
         }
     }
 
-    /// The deflection, in m.
+    /// Returns the deflection, in m.
     pub fn deflection(&self, u: &[f64]) -> f64 {
         self.weights.iter().map(|&(dof, weight)| weight * u[dof]).sum()
     }
 
-    /// The dofs and their weights.
+    /// Returns the dofs and their weights.
     pub fn weights(&self) -> &[(usize, f64)] {
         &self.weights
     }
 
-    /// The probe that adds the value of one more dof.
+    /// Adds one more dof with its weight to the probe.
     pub fn with(mut self, dof: usize, weight: f64) -> Probe {
         self.weights.push((dof, weight));
         self
     }
 
-    /// The form k w w^T of a spring of k N/m (or, as consistent mass, of k kg) at the point. Its class, from [`BARE`] on, must be
-    /// its own: those up to twice the number of cells are taken.
+    /// Returns the form k w w^T of a spring of stiffness k at the point, in N/m, or of a consistent
+    /// mass k, in kg.
+    ///
+    /// `class` must belong to this form alone and be at least [`BARE`] plus twice the number of
+    /// cells; the classes below are taken.
     pub fn spring(&self, k: f64, class: usize) -> Block {
         let entries = self.weights.iter().flat_map(|(_, a)| self.weights.iter().map(move |(_, b)| k * a * b));
         Block { dofs: self.dofs(), matrix: entries.collect(), bending: None, class }
     }
 
-    /// The velocity of a mass of m kg at the point, as one more row of B and entry of C.
+    /// Returns one more row of B and entry of C, for the velocity of a mass of m kg at the point.
     pub fn rider(&self, m: f64, class: usize) -> Average {
         Average {
             dofs: self.dofs(),

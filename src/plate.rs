@@ -1,11 +1,14 @@
-//! Material and thickness, and the matrices they give an element.
+//! Material and thickness of a plate, and the element matrices that follow from them.
 //!
-//! With `u` the deflection (m), the plate's elastic energy is `a(u, u) / 2` with, over its mid-plane,
+//! The elastic energy of a deflection u, in m, is `$a(u, u)/2$` with, over the mid-plane,
 //!
-//! `a(u, w) = ∫ D [(1 - nu) u_ab w_ab + nu (lap u)(lap w)]`, summed over `a, b` in `x, y`.
+//! ```math
+//! a(u, w) = \int D \left[(1 - \nu) \sum_{a,b \in \{x,y\}} u_{ab} w_{ab}
+//!           + \nu \, \Delta u \, \Delta w \right].
+//! ```
 //!
-//! Entry `i` of a vector and row `i` of a matrix belong to dof `i` of the cell: force (N) for a deflection, couple (N m)
-//! for a slope.
+//! Entry `i` of a vector and row `i` of a matrix belong to dof `i` of the cell: a force, in N, for
+//! a deflection, and a couple, in N m, for a slope.
 
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector};
 
@@ -14,46 +17,49 @@ use crate::element::quadrature::{self, Node, Rule};
 use crate::error::Result;
 use crate::mesh::Point;
 
-/// What a plate is at a point.
+/// Bending stiffness and mass per area of the plate at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Section {
-    /// Moments per length that curvatures `(u_xx, u_xy, u_yy)` do work with, in N m; symmetric. Its middle row counts the twist
-    /// for `u_xy` and `u_yx`.
+    /// Symmetric matrix that maps curvatures `(u_xx, u_xy, u_yy)` to the moments per length that do
+    /// work with them, in N m. Its middle row includes the twist of both `u_xy` and `u_yx`.
     pub bending: Matrix3<f64>,
-    /// Mass of a unit of area, in kg/m2.
+    /// Mass per unit area, in kg/m^2.
     pub density: f64,
 }
 
-/// The sections of a plate, cell by cell.
+/// Sections of a plate, cell by cell.
 pub trait Sections {
-    /// Cells of one number share one uniform section; `None` where it changes inside the cell.
+    /// Returns the number of a cell's uniform section, which cells of the same number share; `None`
+    /// where the section varies inside the cell.
     fn kind(&self, cell: usize) -> Option<usize>;
 
-    /// The section at a point of a cell.
+    /// Returns the section at a point of a cell.
     ///
     /// # Errors
-    /// [`crate::Error::Scene`] where a formula has no sense there.
+    /// Returns [`crate::Error::Scene`] where a formula has no valid value.
     fn section(&self, cell: usize, at: Point) -> Result<Section>;
 
-    /// The rules for the pieces of a cell whose section changes inside it, where that of degree 6 does not do.
+    /// Returns the quadrature rules for the pieces of a cell whose section varies, where the rule
+    /// of degree 6 does not suffice.
     fn rules(&self, cell: usize) -> Option<&[Vec<Node>]> {
         let _ = cell;
         None
     }
 }
 
-/// Stiffness along two axes in the plate's plane.
+/// Orthotropic stiffness along two axes in the plane of the plate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orthotropy {
-    /// Young's modulus across the grain, E_2, in Pa; [`Plate::youngs_modulus`] is E_1 along it, [`Plate::poissons_ratio`] nu_12.
+    /// Young's modulus E_2 across the grain, in Pa. [`Plate::youngs_modulus`] is E_1 along it, and
+    /// [`Plate::poissons_ratio`] is nu_12.
     pub across: f64,
     /// Shear modulus G_12, in Pa.
     pub shear_modulus: f64,
-    /// Angle of the grain from x, counter-clockwise, in degrees.
+    /// Angle of the grain from the x axis, counter-clockwise, in degrees.
     pub grain: f64,
 }
 
-/// A homogeneous Kirchhoff-Love plate.
+/// Homogeneous Kirchhoff-Love plate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plate {
     /// Thickness h, in m.
@@ -62,19 +68,21 @@ pub struct Plate {
     pub youngs_modulus: f64,
     /// Poisson's ratio nu, dimensionless.
     pub poissons_ratio: f64,
-    /// Density rho, in kg/m3.
+    /// Density rho, in kg/m^3.
     pub density: f64,
-    /// `None`: isotropic.
+    /// Orthotropic constants; `None` for an isotropic plate.
     pub orthotropy: Option<Orthotropy>,
 }
 
 impl Plate {
-    /// An isotropic plate: thickness in m, Young's modulus in Pa, Poisson's ratio, density in kg/m3.
+    /// Creates an isotropic plate from its thickness in m, Young's modulus in Pa, Poisson's ratio,
+    /// and density in kg/m^3.
     pub const fn isotropic(thickness: f64, youngs_modulus: f64, poissons_ratio: f64, density: f64) -> Plate {
         Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy: None }
     }
 
-    /// The bending rigidity D = E h^3 / (12 (1 - nu^2)), in N m; of an orthotropic plate that along the grain.
+    /// Returns the bending rigidity `$D = E h^3 / (12 (1 - \nu^2))$`, for an orthotropic plate the
+    /// one along the grain, in N m.
     pub fn rigidity(&self) -> f64 {
         let coupled = match self.orthotropy {
             None => self.poissons_ratio.powi(2),
@@ -83,15 +91,16 @@ impl Plate {
         self.youngs_modulus * self.thickness.powi(3) / (12.0 * (1.0 - coupled))
     }
 
-    /// The mass of a unit of area, rho h, in kg/m2.
+    /// Returns the mass per unit area, rho h, in kg/m^2.
     pub fn surface_density(&self) -> f64 {
         self.density * self.thickness
     }
 
-    /// The section.
+    /// Returns the section of the plate.
     ///
-    /// Orthotropic: S. G. Lekhnitskii, *Anisotropic Plates*, 1968, chapter 9; a rotation by the angle of the grain makes
-    /// the curvatures along and across it of those along x and y.
+    /// The orthotropic stiffness follows S. G. Lekhnitskii, *Anisotropic Plates*, 1968, chapter 9.
+    /// A rotation by the angle of the grain turns the curvatures along x and y into those along and
+    /// across the grain.
     pub fn section(&self) -> Section {
         let nu = self.poissons_ratio;
         let bending = match self.orthotropy {
@@ -131,20 +140,24 @@ impl Sections for Plate {
 }
 
 impl Section {
-    /// The stiffness of a cell of this section; see [`stiffness`]. Exact up to rounding.
+    /// Returns the stiffness of a cell with this uniform section, exact up to rounding; see
+    /// [`stiffness`].
     pub fn stiffness<const N: usize>(&self, element: &Element<N>) -> SMatrix<f64, N, N> {
         stiffness(element, &quadrature::DEGREE_2, |_| *self)
     }
 
-    /// The consistent mass of a cell of this section, in kg between deflections; see [`mass`]. Exact up to rounding.
+    /// Returns the consistent mass of a cell with this uniform section, exact up to rounding, in kg
+    /// between deflections; see [`mass`].
     pub fn consistent_mass<const N: usize>(&self, element: &Element<N>) -> SMatrix<f64, N, N> {
         mass(element, |_| self.density)
     }
 }
 
-/// The stiffness of a cell: the bilinear form `a` on its basis functions, N by N, symmetric to the bit.
+/// Returns the stiffness of a cell, the bilinear form `a` on its basis functions, N x N and
+/// symmetric to the bit, in N/m between deflections.
 ///
-/// In N/m between deflections. The rule gives the points of each piece at which `section` is asked: degree 2 will do for a uniform one.
+/// The rule gives the points of each piece at which `section` is evaluated; degree 2 suffices for a
+/// uniform section.
 pub fn stiffness<'r, const N: usize>(
     element: &Element<N>,
     rule: impl Into<Rule<'r>>,
@@ -163,11 +176,13 @@ pub fn stiffness<'r, const N: usize>(
     (stiffness + stiffness.transpose()) / 2.0
 }
 
-/// The root of the stiffness of a cell: R, upper triangular, (N - 3) x (N - 3), over the dofs d of the nodes after the first. |R d|^2 is
-/// `d . K d` where the first node's are zero, which fixes K, for it vanishes on rigid motions.
+/// Returns the root R of a cell's stiffness, upper triangular, (N - 3) x (N - 3), over the dofs d
+/// of the nodes after the first. `None` where a section is not positive definite.
 ///
-/// R comes from the strains at the points of the rule by Householder's reflections. In a cell of aspect ratio a rounding then takes a^2
-/// roundings of the energy of a bent shape; the entries of K, squares, lose a^4. `None` where a section is not positive definite.
+/// The square |R d|^2 is `d . K d` where the dofs of the first node are zero; this determines K,
+/// which vanishes on rigid motions. R follows from the strains at the points of the rule by
+/// Householder reflections. In a cell of aspect ratio a, rounding then causes a relative error of
+/// a^2 roundings in the energy of a bent shape; the entries of K, which are squares, lose a^4.
 pub fn stiffness_root<'r, const N: usize>(
     element: &Element<N>,
     rule: impl Into<Rule<'r>>,
@@ -188,13 +203,16 @@ pub fn stiffness_root<'r, const N: usize>(
     Some(strains.qr().r())
 }
 
-/// The form of a density d over the cell, `∫ d phi_i phi_j`, N by N, symmetric to the bit: of a mass per area the consistent mass; of
-/// a foundation's stiffness per area (N/m3) its stiffness, in N/m between deflections. Exact up to rounding for a uniform density.
+/// Returns the form `$\int d\,\phi_i\phi_j$` of a density d over the cell, N x N and symmetric
+/// to the bit. It is exact up to rounding for a uniform density.
+///
+/// A mass per area, in kg/m^2, gives the consistent mass, in kg between deflections; a foundation's
+/// stiffness per area, in N/m^3, gives its stiffness, in N/m between deflections.
 pub fn mass<const N: usize>(element: &Element<N>, density: impl Fn(Point) -> f64) -> SMatrix<f64, N, N> {
     mass_by(element, (&quadrature::DEGREE_6).into(), density)
 }
 
-/// As [`mass`], by other rules.
+/// Returns the form of a density like [`mass`], by another quadrature rule.
 pub fn mass_by<const N: usize>(
     element: &Element<N>,
     rule: Rule,
@@ -211,10 +229,11 @@ pub fn mass_by<const N: usize>(
     (mass + mass.transpose()) / 2.0
 }
 
-/// The integrals of the basis functions over the cell, `∫ phi_i`, N entries; exact up to rounding.
+/// Returns the integrals `$\int \phi_i$` of the basis functions over the cell, N entries, exact up
+/// to rounding, in m^2 for deflections.
 ///
-/// In m2 for deflections. Times a uniform pressure they are its load; times a surface density they couple the cell's velocity, a
-/// constant, to its deflection in the singular mass.
+/// Times a uniform pressure, they are its load. Times a surface density, they couple the cell's
+/// constant velocity to its deflection in the singular mass.
 pub fn moments<const N: usize>(element: &Element<N>) -> SVector<f64, N> {
     let mut moments = SVector::zeros();
     for piece in &element.pieces {
@@ -225,14 +244,15 @@ pub fn moments<const N: usize>(element: &Element<N>) -> SVector<f64, N> {
     moments
 }
 
-/// The load of a pressure on the cell, `∫ pressure phi_i`, N entries, in N for deflections.
+/// Returns the load `$\int p\,\phi_i$` of an upward pressure p, in Pa, on the cell, N entries, in
+/// N for deflections.
 ///
-/// The pressure is in Pa, upward positive. Exact up to rounding for a pressure of degree 3.
+/// It is exact up to rounding for a pressure of degree 3.
 pub fn load<const N: usize>(element: &Element<N>, pressure: impl Fn(Point) -> f64) -> SVector<f64, N> {
     load_by(element, (&quadrature::DEGREE_6).into(), pressure)
 }
 
-/// As [`load`], by other rules.
+/// Returns the load of a pressure like [`load`], by another quadrature rule.
 pub fn load_by<const N: usize>(
     element: &Element<N>,
     rule: Rule,

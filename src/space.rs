@@ -1,4 +1,4 @@
-//! The space of deflections: three dofs (w, w_x, w_y) a node, those that supports hold left out.
+//! Space of deflections: three dofs (w, w_x, w_y) per node, without those that supports hold.
 
 use crate::error::Result;
 use crate::linalg::Layout;
@@ -6,70 +6,72 @@ use crate::mesh::{Mesh, Point};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::collections::HashMap;
 
-/// Dofs of a node: the deflection and its two slopes.
+/// Number of dofs per node: the deflection and its two slopes.
 pub const PER_NODE: usize = 3;
 
-/// What a support holds along an edge.
+/// Kind of support along an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Support {
-    /// No deflection and no slope.
+    /// Clamped: no deflection and no slope.
     Clamped,
-    /// No deflection, free to turn.
+    /// Simply supported: no deflection, free to rotate.
     SimplySupported,
-    /// No slope, free to move.
+    /// Guided: no slope across the edge, free to deflect.
     Guided,
 }
 
 impl Support {
-    /// Which of w, the slope along the edge and the slope across it are held.
+    /// Returns whether w, the slope along the edge and the slope across it are held.
     fn holds(self) -> [bool; 3] {
         match self {
             Support::Clamped => [true, true, true],
-            // w = 0 all along the edge takes the slope along it with it.
+            // Where w = 0 all along the edge, the slope along it vanishes too.
             Support::SimplySupported => [true, true, false],
             Support::Guided => [false, false, true],
         }
     }
 
-    /// Whether it holds the deflection.
+    /// Returns whether the support holds the deflection.
     pub fn holds_deflection(self) -> bool {
         self.holds()[0]
     }
 }
 
-/// Where a support stands.
+/// Location of a support.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
-    /// On these edges, each a pair of nodes.
+    /// Edges, each given by a pair of nodes.
     Edges(Vec<[usize; 2]>),
-    /// At these nodes.
+    /// Single nodes.
     Nodes(Vec<usize>),
 }
 
-/// What supports hold at a node.
+/// Constraints of the supports at a node.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Hold {
-    /// How many hold the deflection.
+    /// Number of supports that hold the deflection.
     pub deflection: f64,
-    /// Sum of d d^T over the directions d in which they hold the slope: xx, xy, yy.
+    /// Sum of d d^T over the directions d in which supports hold the slope, as xx, xy, yy.
     pub slopes: [f64; 3],
 }
 
-/// Edges that meet at less than 45 degrees are one smooth edge, of their mean direction: this is the ratio of the tensor's eigenvalues
-/// there. To hold the slope along both would clamp the nodes of a curved edge (Babuska's paradox).
+/// Ratio of the eigenvalues of the slope tensor for two edges that meet at 45 degrees. Edges at a
+/// smaller angle count as one smooth edge in their mean direction: to hold the slope along both
+/// would clamp the nodes of a curved edge (Babuska's paradox).
 const SMOOTH: f64 = 0.17;
 
-/// A direction that is this near to an axis is that of the axis.
+/// Tolerance within which a direction counts as that of an axis.
 const ALONG_AXIS: f64 = 1e-12;
 
 impl Hold {
-    /// Adds what a support holds, in the direction of an edge; of none at a node.
+    /// Adds the constraints of a support along an edge with unit direction `along`, or at a single
+    /// node where it is `None`.
     pub fn add(&mut self, support: Support, along: Option<[f64; 2]>) {
         let [deflection, slope_along, slope_across] = support.holds();
         self.deflection += f64::from(u8::from(deflection));
         let Some([x, y]) = along else {
-            // At a point no slope is that of an edge.
+            // A single node has no edge direction: to hold the slope across means to hold both.
             if slope_across {
                 self.slopes = [self.slopes[0] + 1.0, self.slopes[1], self.slopes[2] + 1.0];
             }
@@ -84,12 +86,12 @@ impl Hold {
         }
     }
 
-    /// Whether anything is held.
+    /// Returns whether anything is held.
     pub fn is_any(&self) -> bool {
         *self != Hold::default()
     }
 
-    /// What becomes of the slopes.
+    /// Returns how the slopes are constrained.
     fn slope(&self) -> Slope {
         let [xx, xy, yy] = self.slopes;
         let (mean, radius) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
@@ -103,51 +105,52 @@ impl Hold {
         if xy.abs() <= ALONG_AXIS * most {
             return Slope::Axes([xx > yy, yy > xx]);
         }
-        // The eigenvector of the larger eigenvalue is held; the slope goes on along the other.
+        // The eigenvector of the larger eigenvalue is held; the slope along the other one is free.
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         Slope::Askew([-angle.sin(), angle.cos()])
     }
 }
 
-/// The slopes that a node has left.
+/// Slopes that a node has left.
 enum Slope {
     /// Whether w_x and w_y are held.
     Axes([bool; 2]),
-    /// The slope in this direction is free, that across it held.
+    /// Unit direction in which the slope is free; the slope across it is held.
     Askew([f64; 2]),
 }
 
-/// The numbering of the free dofs, node by node, and of extra ones that belong to no node.
+/// Numbering of the free dofs, node by node, and of extra ones that belong to no node.
 ///
-/// Beside a support askew to the axes, w_x and w_y of a node are one dof, the slope in its free direction, times a factor each.
+/// At a support oblique to the axes, w_x and w_y of a node share one dof, the slope in the free
+/// direction, with one factor each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Space {
     free: Vec<Option<usize>>,
-    /// Factors of dofs askew; of all others 1.
+    /// Factors of the dofs at oblique supports; those of all others are 1.
     factors: HashMap<usize, f64>,
     count: usize,
     extra: usize,
 }
 
 impl Space {
-    /// All dofs of a mesh, before supports.
+    /// Numbers all dofs of a mesh, before supports.
     pub fn unsupported(mesh: &Mesh) -> Space {
         let count = PER_NODE * mesh.nodes.len();
         Space { free: (0..count).map(Some).collect(), factors: HashMap::new(), count, extra: 0 }
     }
 
-    /// The dofs that supports on named edges leave free.
+    /// Numbers the dofs that supports on named edges leave free.
     ///
     /// # Errors
-    /// [`Mesh`](crate::Error::Mesh) for an edge that the mesh does not have.
+    /// Returns [`Mesh`](crate::Error::Mesh) for an edge that the mesh does not have.
     pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
         Ok(Space::of(&Space::holds(mesh, &Space::on_edges(mesh, supports)?)))
     }
 
-    /// Supports on all of named edges.
+    /// Returns supports on all sides of named edges.
     ///
     /// # Errors
-    /// As [`Space::new`].
+    /// Returns the errors of [`Space::new`].
     pub fn on_edges<'n>(
         mesh: &Mesh,
         supports: impl IntoIterator<Item = (&'n str, Support)>,
@@ -159,7 +162,7 @@ impl Space {
         supports.into_iter().map(place).collect()
     }
 
-    /// What supports hold, node by node.
+    /// Returns the constraints of the supports, one entry per node.
     pub fn holds(mesh: &Mesh, supports: &[(Place, Support)]) -> Vec<Hold> {
         let mut holds = vec![Hold::default(); mesh.nodes.len()];
         for (place, support) in supports {
@@ -178,18 +181,18 @@ impl Space {
         holds
     }
 
-    /// The dofs that are left free.
+    /// Numbers the dofs that the constraints leave free.
     pub fn of(holds: &[Hold]) -> Space {
         Space::numbered(holds, true, 0)
     }
 
-    /// As [`Space::of`], but each dof has a number, held or not, and so many that are of no node come first: `extra` + 3 n + k is dof k
-    /// of node n.
+    /// Numbers every dof, held or not, with `extra` dofs of no node first: `extra` + 3 n + k is dof
+    /// k of node n.
     pub fn of_all(holds: &[Hold], extra: usize) -> Space {
         Space::numbered(holds, false, extra)
     }
 
-    /// Which of its three dofs a node with such a hold has not.
+    /// Returns which of a node's three dofs do not exist under its constraints.
     pub fn held(hold: &Hold) -> [bool; PER_NODE] {
         let [x, y] = match hold.slope() {
             Slope::Axes(held) => held,
@@ -215,35 +218,36 @@ impl Space {
         space
     }
 
-    /// The dofs of a deflection with these slopes, given at all nodes (three a node); extra dofs are 0, and what supports hold is lost.
+    /// Returns the free dofs of a deflection given by its values and slopes at all nodes, three per
+    /// node. Extra dofs are 0, and values that supports hold are lost.
     pub fn interpolate(&self, shape: &[f64]) -> Vec<f64> {
         let mut x = vec![0.0; self.dofs()];
         for (i, value) in shape.iter().enumerate() {
             if let Some((dof, factor)) = self.dof(i) {
-                // Of a slope askew the part in the free direction.
+                // At an oblique support, the part of the slope in the free direction remains.
                 x[dof] += factor * value;
             }
         }
         x
     }
 
-    /// Deflection and slopes at all nodes, three a node; 0 where held.
+    /// Returns deflection and slopes at all nodes, three per node; 0 where held.
     pub fn shape(&self, x: &[f64]) -> Vec<f64> {
         (0..self.free.len()).map(|i| self.dof(i).map_or(0.0, |(dof, factor)| factor * x[dof])).collect()
     }
 
-    /// The space with so many extra dofs after those of the nodes.
+    /// Returns the space with `extra` more dofs after those of the nodes.
     pub fn with_extra(mut self, extra: usize) -> Space {
         self.extra = extra;
         self
     }
 
-    /// The number of an extra dof that comes after those of the nodes.
+    /// Returns the index of an extra dof after those of the nodes.
     pub fn extra(&self, number: usize) -> usize {
         self.count + number
     }
 
-    /// The factors of the dofs of some nodes, node by node, where not all are 1.
+    /// Returns the factors of the dofs of some nodes, node by node, or `None` where all are 1.
     pub fn factors_of(&self, nodes: &[usize]) -> Option<Vec<f64>> {
         let dofs = || nodes.iter().flat_map(|&node| PER_NODE * node..PER_NODE * (node + 1));
         let factor = |dof: usize| self.factors.get(&dof).copied();
@@ -251,32 +255,34 @@ impl Space {
             .then(|| dofs().map(|dof| factor(dof).unwrap_or(1.0)).collect())
     }
 
-    /// Number of free dofs.
+    /// Returns the number of free dofs.
     pub fn dofs(&self) -> usize {
         self.count + self.extra
     }
 
-    /// Number of the deflection of a node, if it is free.
+    /// Returns the dof of a node's deflection, if it is free.
     pub fn deflection(&self, node: usize) -> Option<usize> {
         self.free[PER_NODE * node]
     }
 
-    /// The free dof of one of all dofs of the mesh (three a node), and the factor that makes the latter of it.
+    /// Returns the free dof that determines a dof of the mesh (three per node), and the factor
+    /// between them.
     pub fn dof(&self, of_shape: usize) -> Option<(usize, f64)> {
         Some((self.free[of_shape]?, self.factors.get(&of_shape).copied().unwrap_or(1.0)))
     }
 
-    /// Numbers of all dofs of some nodes, node by node.
+    /// Returns the free dofs of some nodes, three per node; `None` for those that are held.
     pub fn dofs_of<'s>(&'s self, nodes: &'s [usize]) -> impl Iterator<Item = Option<usize>> + 's {
         nodes.iter().flat_map(|&node| self.free[PER_NODE * node..PER_NODE * (node + 1)].iter().copied())
     }
 
-    /// Free deflection dofs and their nodes, ascending.
+    /// Returns the free deflection dofs and their nodes, ascending.
     pub fn deflections(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         (0..self.free.len() / PER_NODE).filter_map(|node| Some((self.deflection(node)?, node)))
     }
 
-    /// An order of the dofs for products cell by cell: kind by kind, along the lines of nodes in x.
+    /// Returns the layout of the dofs for products cell by cell: dof kind by dof kind, along lines
+    /// of nodes in x.
     pub fn layout(&self, mesh: &Mesh) -> Layout {
         let nodes = mesh.nodes.len();
         let mut order: Vec<usize> = (0..nodes).collect();
@@ -288,7 +294,7 @@ impl Space {
         for (place, &node) in order.iter().enumerate() {
             rank[node] = place;
         }
-        // What is of no node has a place after all others.
+        // Dofs that belong to no node come after all others.
         let mut places: Vec<usize> = (0..self.dofs()).map(|dof| self.free.len() + dof).collect();
         for (dof, free) in self.free.iter().enumerate() {
             if let Some(free) = free {
@@ -299,38 +305,39 @@ impl Space {
     }
 }
 
-/// A rigid motion of which less than this is held, in the square, is free.
+/// Largest eigenvalue of the constraint matrix at which a rigid motion counts as free.
 const HELD: f64 = 1e-9;
 
-/// The rigid motions that something holds: w = a + b x + c y, of the place relative to some point and size.
+/// Constraints on the rigid motions w = a + b x + c y, with x and y relative to a centre and a
+/// size.
 #[derive(Debug, Clone, Copy)]
 pub struct Rigid {
     centre: Point,
     size: f64,
-    /// Sum of the squares of what is held, as functions of a, b, c.
+    /// Sum of the squares of the constraints, as functions of a, b, c.
     seen: Matrix3<f64>,
 }
 
 impl Rigid {
-    /// Nothing is held yet of a plate around a point, of this size (m).
+    /// Creates the unconstrained state for a plate around a point, with its size in m.
     pub fn new(centre: Point, size: f64) -> Rigid {
         Rigid { centre, size, seen: Matrix3::zeros() }
     }
 
-    /// A plate's centre and size.
+    /// Creates the unconstrained state for the centre and size of a mesh.
     pub fn of(mesh: &Mesh) -> Rigid {
         let centre = mesh.nodes.iter().fold(Point::origin(), |c, p| c + p.coords / mesh.nodes.len() as f64);
         Rigid::new(centre, mesh.nodes.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max))
     }
 
-    /// Holds the deflection at a point.
+    /// Constrains the deflection at a point.
     pub fn hold_deflection(&mut self, at: Point) {
         let arm = (at - self.centre) / self.size;
         let row = Vector3::new(1.0, arm.x, arm.y);
         self.seen += row * row.transpose();
     }
 
-    /// Holds what supports hold at a node.
+    /// Adds the constraints of the supports at a node.
     pub fn hold(&mut self, at: Point, hold: &Hold) {
         if hold.deflection > 0.0 {
             self.hold_deflection(at);
@@ -339,22 +346,22 @@ impl Rigid {
         self.seen += Matrix3::new(0.0, 0.0, 0.0, 0.0, xx, xy, 0.0, xy, yy);
     }
 
-    /// What is held, as numbers: those of several processes add up.
+    /// Returns the constraints as numbers that add up over ranks.
     pub fn seen(&self) -> &[f64] {
         self.seen.as_slice()
     }
 
-    /// Takes the sum of what all processes hold.
+    /// Sets the constraints to the sum over all ranks.
     pub fn see(&mut self, sum: &[f64]) {
         self.seen = Matrix3::from_column_slice(sum);
     }
 
-    /// The centre and the size (m) that the motions are relative to.
+    /// Returns the centre and the size, in m, to which the motions are relative.
     pub fn frame(&self) -> (Point, f64) {
         (self.centre, self.size)
     }
 
-    /// The rigid motions that are left, as a, b and c; orthonormal.
+    /// Returns the rigid motions that are free, as orthonormal vectors (a, b, c).
     pub fn left(&self) -> Vec<Vector3<f64>> {
         let eigen = SymmetricEigen::new(self.seen);
         (0..3)
@@ -363,7 +370,7 @@ impl Rigid {
             .collect()
     }
 
-    /// The rigid motions that are left, in words; `None` where there is none.
+    /// Returns the free rigid motions in words, or `None` where there is none.
     pub fn mechanism(&self) -> Option<&'static str> {
         let eigen = SymmetricEigen::new(self.seen);
         let loose = eigen.eigenvalues.iter().filter(|&&value| value < HELD).count();
