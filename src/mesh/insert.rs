@@ -1,50 +1,54 @@
-//! Nodes where a scene asks for them: at points, and where lines cross the sides of cells.
+//! Insertion of nodes at points, and where lines cross the sides of cells.
 //!
-//! A point becomes a node by the best of several changes of the cells around it: a node near by moves there, or the cell (also
-//! together with neighbours) is cut into triangles that meet in the point. The best one is that whose worst new cell has the
-//! best angles. Boundaries, named edges and those between groups keep their shape: a point near one gets a second node opposite to it
-//! there, if that makes better angles.
+//! A point becomes a node by the best of several changes of the cells around it. Either a nearby
+//! node moves there, or the cell (alone or with neighbours) is divided into triangles that meet in
+//! the point. The best change is the one whose worst new cell has the best angles. Boundaries,
+//! named edges and edges between groups keep their shape; a point near one gets a second node
+//! opposite to it there if that makes better angles.
 
 use std::collections::{HashMap, HashSet};
 
 use super::{Cell, Grid, Mesh, Point, quality};
 use crate::error::{Error, Result};
 
-/// A node counts as at a point if it is not farther from it than this part of the plate's size.
+/// Distance up to which a node counts as at a point, relative to the size of the plate.
 pub(crate) const NEAR: f64 = 1e-6;
 
-/// A node moves by this part of the shortest side around it at most.
+/// Largest distance by which a node moves, relative to the shortest side around it.
 const FARTHEST_MOVE: f64 = 0.35;
 
-/// The least quality of a cell that is made: angles from 0.03 to 177 degrees. Right-angled needles keep the elements' accuracy (the
-/// maximum angle condition), and rounding leaves them enough digits.
+/// Least quality of a new cell, which admits angles from 0.03 to 177 degrees. Right-angled needles
+/// keep the elements' accuracy (the maximum angle condition), and rounding leaves them enough
+/// digits.
 const LEAST_QUALITY: f64 = 5e-4;
 
-/// A side this near to a point, relative to the side's length, may get a node opposite to it.
+/// Distance of a side from a point, relative to the side's length, up to which the side may get a
+/// node opposite to the point.
 const BESIDE: f64 = 0.5;
 
-/// Searches for sides that a line crosses, at most.
+/// Largest number of searches for sides that a line crosses.
 const MOST_PASSES: usize = 100;
 
-/// Where nodes are to be.
+/// Location where nodes are required.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mark {
-    /// At a point.
+    /// Node at a point.
     At(Point),
-    /// At the ends of a line, where they lie in the plate, and where it crosses the sides of cells.
+    /// Nodes at the ends of a line, where they lie in the plate, and where it crosses the sides of
+    /// cells.
     Line([Point; 2]),
 }
 
-/// A node that was made.
+/// Node that was made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Made {
-    /// Its position, in m.
+    /// Position of the node, in m.
     pub at: Point,
-    /// Where it was before, in m; `None` for a new one.
+    /// Previous position of a moved node, in m; `None` for a new one.
     pub moved_from: Option<Point>,
 }
 
-/// A segment, to measure along and across it.
+/// Segment with coordinates along and across it.
 #[derive(Clone, Copy)]
 struct Segment {
     from: Point,
@@ -59,7 +63,7 @@ impl Segment {
         Segment { from, along: if length > 0.0 { side / length } else { side }, length }
     }
 
-    /// The place of a point along it, in m, and its distance to the left of the line.
+    /// Returns a point's coordinate along the segment and its distance to the left of it, in m.
     fn measure(&self, point: Point) -> [f64; 2] {
         let arm = point - self.from;
         [arm.dot(&self.along), self.along.perp(&arm)]
@@ -71,13 +75,13 @@ impl Segment {
     }
 }
 
-/// How near a node must be to a place to count as there, in m.
+/// Returns the distance from a place, in m, up to which a node counts as there.
 pub(crate) fn nearness(nodes: &[Point], place: Point) -> f64 {
     NEAR * nodes.iter().map(|p| (p - place).norm()).fold(0.0, f64::max)
 }
 
 impl Mark {
-    /// The place that its nearness is measured from.
+    /// Returns the point from which the mark's nearness is measured.
     fn place(&self) -> Point {
         match self {
             Mark::At(at) => *at,
@@ -87,12 +91,13 @@ impl Mark {
 }
 
 impl Grid {
-    /// Whether a grid has nodes wherever marks ask for them; a line askew to it counts as one that has not.
+    /// Returns whether a grid has nodes wherever marks require them; for an oblique line the answer
+    /// is no.
     pub fn has_nodes(&self, marks: &[(String, Mark)]) -> bool {
         let end = self.node(self.nodes() - 1);
         let corners = [Point::origin(), Point::new(end.x, 0.0), Point::new(0.0, end.y), end];
         let [nx, ny] = self.divisions();
-        // The nearest line of nodes, if it is near enough.
+        // Whether the nearest line of nodes is near enough.
         let on = |axis: usize, value: f64, near: f64| {
             let count = [nx, ny][axis] as f64;
             let number = (value / end[axis] * count).round().clamp(0.0, count);
@@ -115,11 +120,13 @@ impl Grid {
 }
 
 impl Mesh {
-    /// The mesh with nodes wherever marks, named for messages, ask for them, and the nodes that were moved or made for that. A
-    /// mesh that has them all stays as it is.
+    /// Returns the mesh with nodes wherever marks require them, and the nodes that were moved or
+    /// made for this. A mesh that has them all stays unchanged. The marks' names appear in
+    /// messages.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a point outside, and for one where a node would leave cells too flat.
+    /// Returns [`Error::Mesh`] for a point outside the mesh, and for one where a node would make
+    /// cells too flat.
     pub fn with_nodes(self, marks: &[(String, Mark)]) -> Result<(Mesh, Vec<Made>)> {
         if marks.iter().all(|(_, mark)| self.has(mark)) {
             return Ok((self, Vec::new()));
@@ -131,7 +138,7 @@ impl Mesh {
                 Mark::At(at) => work.place(key, *at, near)?,
                 Mark::Line(ends) => {
                     for end in ends {
-                        // An end too near to an edge is none.
+                        // An end too near to an edge gets no node.
                         if let Some(cell) = work.mesh.locate(*end) {
                             work.settle(*end, cell, near);
                         }
@@ -147,7 +154,7 @@ impl Mesh {
         work.finish()
     }
 
-    /// Whether nodes are wherever a mark asks for them.
+    /// Returns whether nodes exist wherever a mark requires them.
     fn has(&self, mark: &Mark) -> bool {
         let near = nearness(&self.nodes, mark.place());
         let has_node = |at: &Point| self.nodes.iter().any(|node| (node - at).norm() <= near);
@@ -160,7 +167,8 @@ impl Mesh {
         }
     }
 
-    /// The sides of cells that a segment crosses away from nodes, in its order, each once, with a cell to their left.
+    /// Returns the sides of cells that a segment crosses away from nodes, ordered along it, each
+    /// once, with a cell to its left.
     fn crossed(&self, segment: &Segment, near: f64) -> Vec<([usize; 2], usize)> {
         let mut found = Vec::new();
         let mut seen = HashSet::new();
@@ -182,32 +190,32 @@ impl Mesh {
     }
 }
 
-/// A change of the mesh.
+/// Change of the mesh.
 struct Plan {
-    /// Positions of new nodes; the numbers go on from the mesh's.
+    /// Positions of new nodes, which are numbered after those of the mesh.
     nodes: Vec<Point>,
-    /// A node that moves, and where to.
+    /// Node that moves, and its new position.
     moved: Option<(usize, Point)>,
-    /// Cells that go.
+    /// Cells that are removed.
     removed: Vec<usize>,
-    /// Cells that come, each with one that goes, whose groups it is in.
+    /// Cells that are added, each with a removed cell whose groups it inherits.
     added: Vec<(Cell, usize)>,
-    /// Sides that are cut in two, and the new node on each.
+    /// Sides that are divided in two, with the new node on each.
     cuts: Vec<([usize; 2], usize)>,
-    /// The least quality of the cells.
+    /// Least quality of the changed cells.
     quality: f64,
 }
 
-/// A mesh that changes.
+/// Mesh under change.
 struct Work {
     mesh: Mesh,
-    /// The cell to the left of each side.
+    /// Cell to the left of each side.
     owners: HashMap<[usize; 2], usize>,
-    /// Sides with a name, ascending nodes.
+    /// Sides with a name, as ascending node pairs.
     named: HashSet<[usize; 2]>,
-    /// The groups that each cell is in.
+    /// Groups to which each cell belongs.
     groups: Vec<Vec<usize>>,
-    /// Nodes that stay where they are.
+    /// Nodes that must stay where they are.
     fixed: HashSet<usize>,
     made: Vec<Made>,
 }
@@ -278,7 +286,7 @@ impl Work {
         self.mesh.nodes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).copied().unwrap_or(at)
     }
 
-    /// The cell of a point that lies outside by no more than `near`.
+    /// Returns the cell next to a point that lies outside by no more than `near`.
     fn on_boundary(&self, key: &str, at: Point, near: f64) -> Result<usize> {
         for (number, cell) in self.mesh.cells.iter().enumerate() {
             for side in cell.edges().filter(|[a, b]| !self.owners.contains_key(&[*b, *a])) {
@@ -295,7 +303,8 @@ impl Work {
         )))
     }
 
-    /// Makes nodes where a segment crosses the sides of cells. Where that would leave cells too flat, the side stays whole.
+    /// Makes nodes where a segment crosses the sides of cells. A side stays whole where a node
+    /// would make cells too flat.
     fn cross(&mut self, key: &str, ends: [Point; 2], near: f64) -> Result<()> {
         let segment = Segment::new(ends);
         let mut left_whole = HashSet::new();
@@ -312,7 +321,7 @@ impl Work {
                 };
                 let [from, to] = [a, b].map(|node| self.mesh.nodes[node]);
                 let [[_, left], [_, right]] = [from, to].map(|p| segment.measure(p));
-                // Nodes may have moved onto the line since.
+                // Nodes may have moved onto the line in the meantime.
                 if left * right >= 0.0 || left.abs() <= near || right.abs() <= near {
                     continue;
                 }
@@ -332,19 +341,19 @@ impl Work {
         Segment::new(side.map(|node| self.mesh.nodes[node]))
     }
 
-    /// The cell on the other side of a cell's side.
+    /// Returns the cell on the other side of a cell's side.
     fn beyond(&self, [a, b]: [usize; 2]) -> Option<usize> {
         self.owners.get(&[b, a]).copied()
     }
 
-    /// Whether a side must keep its shape: one of the boundary, with a name, or between groups.
+    /// Returns whether a side must keep its shape: on the boundary, named, or between groups.
     fn is_hard(&self, side: [usize; 2]) -> bool {
         let own = self.owners.get(&side).map(|&cell| &self.groups[cell]);
         let other = self.beyond(side).map(|cell| &self.groups[cell]);
         own.is_none() || other.is_none() || own != other || self.named.contains(&ascending(side))
     }
 
-    /// The cells around a node that may move, from one of them on.
+    /// Returns the cells around a node that may move, starting from one of them.
     fn around(&self, node: usize, first: usize) -> Option<Vec<usize>> {
         if self.fixed.contains(&node) {
             return None;
@@ -367,7 +376,8 @@ impl Work {
         }
     }
 
-    /// The best change that makes a node at a point of a cell; `None` if each would leave cells too flat.
+    /// Returns the best change that makes a node at a point of a cell, or `None` if each would make
+    /// cells too flat.
     fn best(&self, at: Point, cell: usize, near: f64) -> Option<Plan> {
         let sides: Vec<[usize; 2]> = self.mesh.cells[cell].edges().collect();
         let distance = |side: &[usize; 2]| self.segment(*side).distance(at);
@@ -375,7 +385,7 @@ impl Work {
         let on = (distance(&nearest) <= near).then_some(nearest);
         let on_hard = on.filter(|side| self.is_hard(*side));
         let at = match on_hard {
-            // Rounding must not leave the boundary.
+            // Projection keeps the point on the boundary despite rounding.
             Some(side) => {
                 let segment = self.segment(side);
                 let [along, _] = segment.measure(at);
@@ -427,7 +437,7 @@ impl Work {
         best
     }
 
-    /// The move of a node of a cell to a point.
+    /// Plans the move of a node of a cell to a point.
     fn moving(&self, node: usize, at: Point, cell: usize) -> Option<Plan> {
         let around = self.around(node, cell)?;
         let sides = around.iter().flat_map(|&cell| self.mesh.cells[cell].edges());
@@ -450,7 +460,8 @@ impl Work {
         })
     }
 
-    /// The cut of some cells into triangles that meet in a point, on one of their outer sides or inside, with nodes at its feet on others.
+    /// Plans the division of some cells into triangles that meet in a point, on one of their outer
+    /// sides or inside, with nodes at its feet on other sides.
     fn cut(
         &self,
         cavity: &[usize],
@@ -576,7 +587,8 @@ impl Work {
     }
 }
 
-/// How good the angles of a cell are: 1 for an equilateral triangle and a rectangle at most, 0 for a flat cell, less for an inverted one.
+/// Returns the quality of a cell's angles: at most 1, for an equilateral triangle and a rectangle;
+/// 0 for a flat cell; less for an inverted one.
 fn cell_quality(vertices: &[Point]) -> f64 {
     use std::f64::consts::PI;
     let count = vertices.len();

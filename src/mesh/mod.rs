@@ -1,7 +1,8 @@
-//! Nodes, cells and the names of their parts: what the elements stand on.
+//! Meshes: nodes, cells, and the names of their parts.
 //!
-//! A mesh is plain data. [`Mesh::rectangle`] and [`Mesh::load_gmsh`] give sound ones; a mesh from elsewhere is sound once [`Mesh::check`]
-//! says so, and the other methods rely on it: they panic on an index that is out of range.
+//! A mesh is plain data. [`Mesh::rectangle`] and [`Mesh::load_gmsh`] return valid meshes; a mesh
+//! from elsewhere is valid once [`Mesh::check`] accepts it. The other methods rely on this and
+//! panic on an index that is out of range.
 
 mod gmsh;
 mod insert;
@@ -22,20 +23,20 @@ pub use rectangle::{Diagonal, ElementKind, Grid};
 
 use crate::error::{Error, Result};
 
-/// A point of the plate's mid-plane, in metres.
+/// Point of the plate's mid-plane, in m.
 pub type Point = nalgebra::Point2<f64>;
 
-/// A cell: the numbers of its nodes, counter-clockwise.
+/// Cell, given by the numbers of its nodes, counter-clockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cell {
-    /// Carries the reduced Hsieh-Clough-Tocher element.
+    /// Triangle, which carries the reduced Hsieh-Clough-Tocher element.
     Triangle([usize; 3]),
-    /// Strictly convex; carries the reduced Fraeijs de Veubeke-Sander element.
+    /// Strictly convex quadrilateral, which carries the reduced Fraeijs de Veubeke-Sander element.
     Quadrilateral([usize; 4]),
 }
 
 impl Cell {
-    /// The cell's nodes, counter-clockwise.
+    /// Returns the cell's nodes, counter-clockwise.
     pub fn nodes(&self) -> &[usize] {
         match self {
             Cell::Triangle(nodes) => nodes,
@@ -43,43 +44,45 @@ impl Cell {
         }
     }
 
-    /// The cell's edges, counter-clockwise: the cell lies to the left of each. The first starts at the first node.
+    /// Returns the cell's edges, counter-clockwise, from the first node on; the cell lies to the
+    /// left of each.
     pub fn edges(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
         let nodes = self.nodes();
         (0..nodes.len()).map(|i| [nodes[i], nodes[(i + 1) % nodes.len()]])
     }
 }
 
-/// A conforming mesh of triangles, quadrilaterals or both: the two elements fit together along an edge.
+/// Conforming mesh of triangles, quadrilaterals or both; the two elements fit together along an
+/// edge.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Coordinates of the nodes, in metres.
+    /// Coordinates of the nodes, in m.
     pub nodes: Vec<Point>,
-    /// The cells.
+    /// Cells of the mesh.
     pub cells: Vec<Cell>,
-    /// Edges by name: what a support can hold. Each is a pair of nodes and an edge of a cell.
+    /// Named edges, which supports can hold. Each is a list of node pairs that are edges of cells.
     pub edges: BTreeMap<String, Vec<[usize; 2]>>,
-    /// Cells by name, their numbers: a part of the plate.
+    /// Named groups of cells, as cell numbers: parts of the plate.
     pub groups: BTreeMap<String, Vec<usize>>,
-    /// Nodes by name, their numbers.
+    /// Named nodes, as node numbers.
     pub points: BTreeMap<String, Vec<usize>>,
 }
 
-/// How far outside a cell a point may lie and still count as inside, relative to the cell's longest edge.
+/// Distance from a cell up to which a point counts as inside, relative to the cell's longest edge.
 const LOCATE: f64 = 1e-10;
 
 impl Mesh {
-    /// The vertices of a cell, counter-clockwise.
+    /// Returns the vertices of a cell, counter-clockwise.
     pub fn vertices(&self, cell: usize) -> Vec<Point> {
         self.cells[cell].nodes().iter().map(|&node| self.nodes[node]).collect()
     }
 
-    /// The area of a cell, in square metres; negative if its nodes run clockwise.
+    /// Returns the area of a cell, in m^2; it is negative if the nodes run clockwise.
     pub fn area(&self, cell: usize) -> f64 {
         quality::area(&self.vertices(cell))
     }
 
-    /// The centre of gravity of a cell.
+    /// Returns the centroid of a cell, in m.
     pub fn centroid(&self, cell: usize) -> Point {
         let vertices = self.vertices(cell);
         let (mut area, mut moment) = (0.0, nalgebra::Vector2::zeros());
@@ -91,7 +94,8 @@ impl Mesh {
         vertices[0] + moment / area
     }
 
-    /// The first cell that contains a point, its boundary included, or `None` outside the mesh.
+    /// Returns the first cell that contains a point, its boundary included, or `None` outside the
+    /// mesh.
     ///
     /// A point within 1e-10 of the cell's longest edge from the cell counts as inside.
     pub fn locate(&self, point: Point) -> Option<usize> {
@@ -102,10 +106,11 @@ impl Mesh {
         })
     }
 
-    /// The nodes of the edges of that name, in increasing order, each once.
+    /// Returns the nodes of the edges with a name, in increasing order, each once.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if the mesh has no such edge; the message lists those it has.
+    /// Returns [`Error::Mesh`] if the mesh has no such edge; the message lists the names that it
+    /// has.
     pub fn edge_nodes(&self, name: &str) -> Result<Vec<usize>> {
         let edges = self.edges.get(name).ok_or_else(|| {
             let known: Vec<&str> = self.edges.keys().map(String::as_str).collect();

@@ -1,19 +1,19 @@
-//! Parts of a mesh that nothing connects.
+//! Connected parts of a mesh.
 
 use super::{Mesh, Point};
 use crate::error::{Error, Result};
 
-/// Sets of numbers that grow together.
+/// Disjoint sets of numbers that can be united (union-find).
 #[derive(Debug, Clone)]
 pub(crate) struct Unions(Vec<usize>);
 
 impl Unions {
-    /// Each number by itself.
+    /// Creates one set per number.
     pub fn new(count: usize) -> Unions {
         Unions((0..count).collect())
     }
 
-    /// The least number of a set.
+    /// Returns the least number of a set.
     pub fn first(&mut self, mut number: usize) -> usize {
         while self.0[number] != number {
             self.0[number] = self.0[self.0[number]];
@@ -22,13 +22,14 @@ impl Unions {
         number
     }
 
-    /// Makes the sets of two numbers one.
+    /// Unites the sets of two numbers.
     pub fn unite(&mut self, one: usize, other: usize) {
         let (a, b) = (self.first(one), self.first(other));
         self.0[a.max(b)] = a.min(b);
     }
 
-    /// The number of each one's set, in the order of their least numbers, and how many there are.
+    /// Returns the index of each number's set, ordered by their least numbers, and the number of
+    /// sets.
     pub fn sets(mut self) -> (Vec<usize>, usize) {
         let mut count = 0;
         let mut sets = vec![0; self.0.len()];
@@ -45,17 +46,17 @@ impl Unions {
     }
 }
 
-/// A part of a mesh that shares no node with the rest.
+/// Part of a mesh that shares no node with the rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
     /// Numbers of the cells.
     pub cells: Vec<usize>,
-    /// Corners of the rectangle around it, in m.
+    /// Corners of the bounding rectangle, in m.
     pub corners: [Point; 2],
 }
 
 impl Mesh {
-    /// For each node the part it belongs to: what shares no node with the rest is a part; and how many there are.
+    /// Returns the index of the part to which each node belongs, and the number of parts.
     pub fn part_of_nodes(&self) -> (Vec<usize>, usize) {
         let mut unions = Unions::new(self.nodes.len());
         for cell in &self.cells {
@@ -65,7 +66,7 @@ impl Mesh {
         unions.sets()
     }
 
-    /// The parts that nothing connects, in the order of their first nodes.
+    /// Returns the connected parts, in the order of their first nodes.
     pub fn parts(&self) -> Vec<Part> {
         let (of_node, count) = self.part_of_nodes();
         let corners =
@@ -82,10 +83,10 @@ impl Mesh {
         parts
     }
 
-    /// Checks that the mesh is in so many parts.
+    /// Checks that the mesh consists of `expected` parts.
     ///
     /// # Errors
-    /// [`Error::Mesh`] with their number, sizes and places.
+    /// Returns [`Error::Mesh`] with the number, sizes and positions of the parts.
     pub fn require_parts(&self, expected: usize) -> Result<()> {
         let (_, count) = self.part_of_nodes();
         if count == expected {
@@ -101,12 +102,12 @@ impl Mesh {
         let listed: Vec<String> = self.parts().iter().take(LISTED).map(describe).collect();
         let more = if count > LISTED { format!("; and {} more", count - LISTED) } else { String::new() };
         Err(Error::Mesh(format!(
-            "the mesh is in {count} parts that nothing connects: {}{more}; mesh.merge = (a distance in m) makes nodes of theirs \
-             one that are near to each other, mesh.parts = {count} says that they are meant to be apart",
+            "the mesh is in {count} parts that nothing connects: {}{more}; set mesh.merge to a distance in m within which \
+             nodes become one, or mesh.parts = {count} if the parts are meant to be separate",
             listed.join("; ")
         )))
     }
 }
 
-/// Parts that a message lists.
+/// Number of parts that a message lists.
 const LISTED: usize = 4;

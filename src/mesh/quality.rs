@@ -1,4 +1,4 @@
-//! What a cell and a mesh must be for the elements to exist and to fit together.
+//! Checks that cells can carry the elements and that a mesh is conforming.
 
 use std::collections::{HashMap, HashSet};
 use std::fmt::Display;
@@ -8,26 +8,29 @@ use nalgebra::Vector2;
 use super::{Cell, Mesh, Point};
 use crate::error::{Error, Result};
 
-/// A corner whose two sides span less than this times the square of the longest side is flat.
+/// Smallest cross product of the two sides at a corner, relative to the square of the longest side,
+/// above which the corner is not flat.
 ///
-/// At that flatness the second derivatives of the element, differences of order flatness squared, are all rounding.
+/// At that flatness the element's second derivatives, which are differences of the order of its
+/// square, consist of rounding only.
 const FLAT: f64 = 1e-8;
 
-/// A node this near to an edge, relative to the edge's length, lies on it; less than what [`FLAT`] keeps a cell's own apart.
+/// Distance, relative to an edge's length, up to which a node lies on the edge. It is smaller than
+/// the distance that [`FLAT`] keeps between a cell's own nodes and edges.
 const JOINT: f64 = 1e-9;
 
-/// A gap between cells narrower than this part of their sides is none that anyone meant.
+/// Gap between cells, relative to their sides, below which it cannot be intended.
 const GAP: f64 = 1e-4;
 
-/// How a node touches an edge that is not its own; distances in m.
+/// Way in which a node touches an edge that is not its own, with the distance in m.
 enum Touch {
     /// At a node of the edge.
     Node(usize, f64),
-    /// Between its nodes.
+    /// Between the nodes of the edge.
     Side(f64),
 }
 
-/// A distance to merge nodes by that are so far apart: ten times more, as one digit.
+/// Returns a merging distance for nodes at a distance: ten times more, with one digit.
 fn merge(distance: f64) -> String {
     if distance > 0.0 { format!("{:.0e}", 10.0 * distance) } else { "1e-9".into() }
 }
@@ -36,12 +39,17 @@ impl Mesh {
     /// Checks that the mesh can carry the elements.
     ///
     /// # Errors
-    /// [`Error::Mesh`] names the first flaw, with the numbers (from 0) and coordinates of what is at fault: no cell; a
-    /// node whose coordinates are not finite, or that no cell uses; a cell with a node that does not exist or appears
-    /// twice, or that is flat, clockwise or not strictly convex; cells that overlap along an edge (as they must when
-    /// more than two share it), or that touch along one without sharing its nodes: two nodes at one place (a slit of no
-    /// width is none), a node inside the edge of another cell; a named edge that is not an edge of a cell; a named cell
-    /// or node that does not exist.
+    /// Returns [`Error::Mesh`] for the first flaw, with the numbers (from 0) and coordinates of the
+    /// culprits:
+    ///
+    /// - no cell;
+    /// - a node with coordinates that are not finite, or one that no cell uses;
+    /// - a cell with a node that does not exist or appears twice;
+    /// - a cell that is flat, clockwise or not strictly convex;
+    /// - cells that overlap along an edge, as they must when more than two share it;
+    /// - cells that touch along an edge without sharing its nodes: two nodes at one place (a slit
+    ///   of zero width is not a gap), or a node inside the edge of another cell;
+    /// - a named edge that is not an edge of a cell, or a named cell or node that does not exist.
     pub fn check(&self) -> Result<()> {
         if self.cells.is_empty() {
             return Err(Error::Mesh("the mesh has no cell".into()));
@@ -87,10 +95,11 @@ impl Mesh {
         Ok(())
     }
 
-    /// Checks that no node of the boundary lies on an edge of the boundary other than its own, or beyond a gap that is narrow beside
-    /// the cells there.
+    /// Checks that no boundary node lies on a boundary edge other than its own, or across a gap
+    /// that is narrow relative to the cells there.
     ///
-    /// Of an edge, only the nodes in its extent along x or y, the longer of the two, are looked at.
+    /// For each edge, only the nodes within its extent along x or y, the longer of the two, are
+    /// tested.
     fn check_joints(&self, owners: &HashMap<[usize; 2], usize>) -> Result<()> {
         let boundary: Vec<[usize; 2]> = (self.cells.iter().flat_map(Cell::edges))
             .filter(|&[a, b]| !owners.contains_key(&[b, a]))
@@ -101,7 +110,7 @@ impl Mesh {
             nodes.dedup();
             nodes
         });
-        // The shortest side that each node is an end of.
+        // Length of the shortest side at each node.
         let mut shortest = vec![f64::INFINITY; self.nodes.len()];
         for [a, b] in self.cells.iter().flat_map(Cell::edges) {
             let side = (self.nodes[b] - self.nodes[a]).norm();
@@ -140,31 +149,31 @@ impl Mesh {
                         count => format!(", and so are {} more pairs, up to {farthest:.1e} m apart", count - 1),
                     };
                     if distance <= JOINT * shortest[node] {
-                        format!("nodes {first} and {second} are both at {at}{more}: merge them, as by mesh.merge = {}", merge(farthest))
+                        format!("nodes {first} and {second} are both at {at}{more}: merge them, for example with mesh.merge = {}", merge(farthest))
                     } else {
                         format!(
                             "nodes {first} and {second} at {at} are {distance:.1e} m apart, too near for a gap{more}: merge \
-                             them, as by mesh.merge = {}",
+                             them, for example with mesh.merge = {}",
                             merge(farthest)
                         )
                     }
                 }
                 Touch::Side(distance) => format!(
-                    "node {node} at {at} hangs: it lies {distance:.1e} m from the edge {ends} of cell {owner}, of which it is no \
-                     node"
+                    "node {node} at {at} hangs: it lies {distance:.1e} m from the edge {ends} of cell {owner} but is not one \
+                     of its nodes"
                 ),
             }))
         })
     }
 
-    /// How a node beyond the owner of an edge touches that edge, if it does.
+    /// Returns how a node outside the owner of an edge touches that edge, if it does.
     fn touch(&self, owner: usize, [a, b]: [usize; 2], node: usize, gap: f64) -> Option<Touch> {
         let [start, end, point] = [a, b, node].map(|node| self.nodes[node]);
         let side = end - start;
         let length = side.norm();
         let beyond = -side.perp(&(point - start)) / length;
         let slack = JOINT * length;
-        // On the cell's own side of the edge lies the plate, unless cells overlap.
+        // The plate lies on the cell's own side of the edge, unless cells overlap.
         let vertices = self.vertices(owner);
         let is_inside = |by: f64| {
             sides(&vertices).all(|(start, side)| side.perp(&(point - start)) >= by * side.norm_squared())
@@ -202,7 +211,7 @@ impl Mesh {
     }
 }
 
-/// Checks that a polygon is finite, counter-clockwise and strictly convex; `name` is what the message calls it.
+/// Checks that a polygon is finite, counter-clockwise and strictly convex; messages call it `name`.
 pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<()> {
     let flat = FLAT * longest_edge(vertices).powi(2);
     let area = area(vertices);
@@ -214,7 +223,7 @@ pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<(
     let flaw = if vertices.iter().any(|v| !(v.x.is_finite() && v.y.is_finite())) {
         "has a coordinate that is not a finite number"
     } else if area.abs() <= flat || area.is_nan() {
-        "is degenerate: it has no area to speak of"
+        "is degenerate: its area is negligible"
     } else if area < 0.0 {
         "is inverted: its nodes run clockwise"
     } else if !spans.all(|span| span > flat) {
@@ -225,22 +234,22 @@ pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<(
     Err(Error::Mesh(format!("{name} {flaw}; its vertices are {}", list(vertices))))
 }
 
-/// The start of each side of a polygon, and the side as a vector.
+/// Returns the start of each side of a polygon, and the side as a vector.
 pub(super) fn sides(vertices: &[Point]) -> impl Iterator<Item = (Point, Vector2<f64>)> + '_ {
     vertices.iter().zip(vertices.iter().cycle().skip(1)).map(|(a, b)| (*a, b - a))
 }
 
-/// The length of the longest side of a polygon, in metres.
+/// Returns the length of the longest side of a polygon, in m.
 pub(super) fn longest_edge(vertices: &[Point]) -> f64 {
     sides(vertices).map(|(_, side)| side.norm()).fold(0.0, f64::max)
 }
 
-/// The signed area of a polygon, in square metres, from differences of coordinates.
+/// Returns the signed area of a polygon, computed from differences of coordinates, in m^2.
 pub(super) fn area(vertices: &[Point]) -> f64 {
     vertices.windows(2).skip(1).map(|v| (v[0] - vertices[0]).perp(&(v[1] - vertices[0]))).sum::<f64>() / 2.0
 }
 
-/// The points as text: `(0, 0), (1, 0), (0, 1)`.
+/// Formats points as `(0, 0), (1, 0), (0, 1)`.
 fn list(points: &[Point]) -> String {
     points.iter().map(|p| format!("({}, {})", p.x, p.y)).collect::<Vec<_>>().join(", ")
 }

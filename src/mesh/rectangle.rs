@@ -3,37 +3,37 @@
 use super::{Cell, Mesh, Point};
 use crate::error::{Error, Result};
 
-/// Which way each rectangle is cut into two triangles.
+/// Direction of the diagonal that divides each rectangle into two triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Diagonal {
-    /// `/`: from the lower left corner to the upper right one.
+    /// `/`, from the lower left corner to the upper right one.
     #[default]
     Right,
-    /// `\`: the mirror image of [`Diagonal::Right`] under `y -> width - y`.
+    /// `\`, the mirror image of [`Diagonal::Right`] under `y -> width - y`.
     Left,
-    /// A checkerboard of both; the rectangle at the origin has `/`.
+    /// Both in a checkerboard; the rectangle at the origin has `/`.
     Alternating,
 }
 
-/// The element, and with it the shape of the cells.
+/// Kind of element, which determines the shape of the cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ElementKind {
-    /// Reduced Hsieh-Clough-Tocher, on triangles.
+    /// Reduced Hsieh-Clough-Tocher triangles.
     Hct,
-    /// Reduced Fraeijs de Veubeke-Sander, on quadrilaterals.
+    /// Reduced Fraeijs de Veubeke-Sander quadrilaterals.
     Fvs,
 }
 
-/// The most nodes a mesh may have: the numbers of their three dofs fit a signed 32-bit integer.
+/// Largest number of nodes, for which the numbers of their three dofs fit a signed 32-bit integer.
 const MOST_NODES: usize = i32::MAX as usize / 3;
 
-/// A rectangle `(0, sides[0]) x (0, sides[1])`, in metres, cut into equal rectangles: its nodes and cells one by one, for whoever
-/// builds only a part of it.
+/// Rectangle `(0, sides[0]) x (0, sides[1])`, in m, divided into equal rectangles. Nodes and cells
+/// are computed one by one, so that a part of the mesh can be built alone.
 ///
-/// Each rectangle is one quadrilateral, or two triangles as `diagonal` says. Nodes and rectangles are numbered with
-/// x fastest; the two triangles of a rectangle follow each other.
+/// Each rectangle is one quadrilateral, or two triangles according to `diagonal`. Nodes and
+/// rectangles are numbered with x fastest; the two triangles of a rectangle are consecutive.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid {
     sides: [f64; 2],
@@ -43,10 +43,11 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid of `cells[0]` by `cells[1]` rectangles.
+    /// Creates a grid of `cells[0]` by `cells[1]` rectangles.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if a side is not positive and finite, a count is zero, or the nodes cannot be numbered.
+    /// Returns [`Error::Mesh`] if a side is not positive and finite, a count is zero, or the nodes
+    /// cannot be numbered.
     pub fn new(sides: [f64; 2], cells: [usize; 2], kind: ElementKind, diagonal: Diagonal) -> Result<Grid> {
         for (name, side) in ["length", "width"].into_iter().zip(sides) {
             if !(side > 0.0 && side.is_finite()) {
@@ -64,28 +65,28 @@ impl Grid {
         Ok(Grid { sides, cells, kind, diagonal })
     }
 
-    /// Number of nodes.
+    /// Returns the number of nodes.
     pub fn nodes(&self) -> usize {
         (self.cells[0] + 1) * (self.cells[1] + 1)
     }
 
-    /// Position of a node.
+    /// Returns the position of a node, in m.
     pub fn node(&self, number: usize) -> Point {
         let ([length, width], [nx, ny]) = (self.sides, self.cells);
         Point::new(division(length, number % (nx + 1), nx), division(width, number / (nx + 1), ny))
     }
 
-    /// Number of rectangles along x and y.
+    /// Returns the number of rectangles along x and y.
     pub fn divisions(&self) -> [usize; 2] {
         self.cells
     }
 
-    /// Number of rectangles.
+    /// Returns the number of rectangles.
     pub fn rectangles(&self) -> usize {
         self.cells[0] * self.cells[1]
     }
 
-    /// The cells of a rectangle, in order.
+    /// Returns the cells of a rectangle, in order.
     pub fn cells(&self, rectangle: usize) -> impl Iterator<Item = Cell> {
         let nx = self.cells[0];
         let (i, j) = (rectangle % nx, rectangle / nx);
@@ -109,12 +110,15 @@ fn too_many([nx, ny]: [usize; 2]) -> Error {
 }
 
 impl Mesh {
-    /// The rectangle `(0, length) x (0, width)`, in metres, cut into `cells[0]` by `cells[1]` equal rectangles; see [`Grid`].
+    /// Creates the rectangle `(0, length) x (0, width)`, in m, divided into `cells[0]` by
+    /// `cells[1]` equal rectangles; see [`Grid`].
     ///
-    /// The edges are named `left` (x = 0), `right`, `bottom` (y = 0) and `top`, and run counter-clockwise around the plate.
+    /// The edges are named `left` (x = 0), `right`, `bottom` (y = 0) and `top`, and run
+    /// counter-clockwise around the plate.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if a side is not positive and finite, a count is zero, or the mesh cannot be held in memory.
+    /// Returns [`Error::Mesh`] if a side is not positive and finite, a count is zero, or the mesh
+    /// does not fit into memory.
     pub fn rectangle(
         length: f64,
         width: f64,
@@ -141,7 +145,7 @@ impl Mesh {
     }
 }
 
-/// The `i`-th of the points that divide `side` into `n` equal parts; the last is `side` to the bit.
+/// Returns point `i` of the division of `side` into `n` equal parts; the last is `side` to the bit.
 fn division(side: f64, i: usize, n: usize) -> f64 {
     if i == n { side } else { side * i as f64 / n as f64 }
 }

@@ -1,14 +1,15 @@
-//! Uniform refinement.
+//! Uniform refinement of a mesh.
 
 use std::collections::HashMap;
 
 use super::{Cell, Mesh, Point};
 
 impl Mesh {
-    /// The mesh with every cell cut into four by the midpoints of its edges; what has a name keeps it.
+    /// Returns the mesh with every cell divided into four by the midpoints of its edges. Named
+    /// parts keep their names.
     ///
-    /// The old nodes keep their numbers. Cell `k` becomes cells `4k` to `4k + 3`: first the one at each of its corners,
-    /// in order (for a triangle, then the middle one).
+    /// The old nodes keep their numbers. Cell `k` becomes cells `4k` to `4k + 3`: first the one at
+    /// each of its corners, in order (for a triangle, then the middle one).
     pub fn refine(&self) -> Mesh {
         let mut nodes = self.nodes.clone();
         let mut midpoints = HashMap::new();

@@ -66,14 +66,14 @@ fn nodes_beside_an_edge_that_is_not_theirs_are_refused() {
         assert_refused(&refusal(&text(&file, "", CLAMPED)), &["4 more pairs"]);
         assert_refused(
             &refusal(&text(&file, ", merge = 1e-6", CLAMPED)),
-            &["hangs", "of which it is no node"],
+            &["hangs", "but is not one of its nodes"],
         );
         let file = halves(false, gap, 0.03, 4).write(&format!("shifted_{number}.msh"));
         assert_refused(&refusal(&text(&file, "", CLAMPED)), &["hangs"]);
     }
     // Sheets over one another.
     let file = halves(false, -0.15, 0.02, 4).write("overlapping.msh");
-    assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["of which it is no node"]);
+    assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["but is not one of its nodes"]);
 }
 
 #[test]

@@ -1,22 +1,24 @@
-//! The bytes of a file from front to back, as words of text or numbers of fixed width; what is wrong, and where.
+//! Cursor over the bytes of a file, which reads words of text or numbers of fixed width and reports
+//! errors with their position.
 
 use std::fmt::Display;
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
 
-/// How numbers are written.
+/// Encoding of numbers.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     /// Words between white space.
     Text,
-    /// Fixed width, the lowest byte first.
+    /// Fixed width, lowest byte first.
     LittleEndian,
-    /// Fixed width, the highest byte first.
+    /// Fixed width, highest byte first.
     BigEndian,
 }
 
-/// A place in a file. Every read moves it on; `expected` is what the error says should stand there.
+/// Position in a file, which every read advances. The `expected` arguments say in error messages
+/// what should stand there.
 pub struct Cursor<'a> {
     file: &'a str,
     bytes: &'a [u8],
@@ -24,7 +26,7 @@ pub struct Cursor<'a> {
     pub encoding: Encoding,
 }
 
-/// Binary numbers of one type: those of the other byte order are the same bytes reversed.
+/// Reads a binary number of one type in the byte order of the file.
 macro_rules! fixed_width {
     ($cursor:expr, $number:ty, $expected:expr) => {
         $cursor.bytes($expected).map(|bytes| match $cursor.encoding {
@@ -39,7 +41,7 @@ impl<'a> Cursor<'a> {
         Cursor { file, bytes, at: 0, encoding: Encoding::Text }
     }
 
-    /// Where the next word or number starts.
+    /// Returns the offset of the next word or number.
     pub fn place(&mut self) -> usize {
         if self.encoding == Encoding::Text {
             self.skip_blanks();
@@ -47,7 +49,7 @@ impl<'a> Cursor<'a> {
         self.at
     }
 
-    /// An error at a place: its line in a text file, its offset in a binary one.
+    /// Returns an error at an offset, with the line in a text file or the offset in a binary one.
     pub fn fault(&self, place: usize, wrong: impl Display) -> Error {
         let file = self.file;
         Error::Mesh(if self.encoding == Encoding::Text {
@@ -58,12 +60,13 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    /// An error of the file as a whole.
+    /// Returns an error about the file as a whole.
     pub fn fault_of_file(&self, wrong: impl Display) -> Error {
         Error::Mesh(format!("{}: {wrong}", self.file))
     }
 
-    /// A word of text, whatever the encoding of numbers; `None` at the end of the file.
+    /// Returns the next word of text, whatever the encoding of numbers; `None` at the end of the
+    /// file.
     fn next_word(&mut self) -> Option<&'a [u8]> {
         self.skip_blanks();
         let rest = &self.bytes[self.at..];
@@ -72,14 +75,14 @@ impl<'a> Cursor<'a> {
         (length > 0).then_some(&rest[..length])
     }
 
-    /// A word of text as a value.
+    /// Reads a word of text as a value.
     pub fn word<T: FromStr>(&mut self, expected: &str) -> Result<T> {
         let word = self.next_word().ok_or_else(|| self.end(expected))?;
         let value = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
         value.ok_or_else(|| self.unexpected(self.at - word.len(), expected, word))
     }
 
-    /// An `int`.
+    /// Reads an `int`.
     pub fn int(&mut self, expected: &str) -> Result<i64> {
         match self.encoding {
             Encoding::Text => self.word(expected),
@@ -87,7 +90,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// A `size_t`.
+    /// Reads a `size_t`.
     pub fn size(&mut self, expected: &str) -> Result<u64> {
         match self.encoding {
             Encoding::Text => self.word(expected),
@@ -95,7 +98,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// A `double`, finite.
+    /// Reads a finite `double`.
     pub fn real(&mut self, expected: &str) -> Result<f64> {
         let place = self.place();
         let value: f64 = match self.encoding {
@@ -109,10 +112,11 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Checks that `count` things of so many numbers each, counted just now, can fit in the rest of the file.
+    /// Checks that `count` things of `numbers` numbers each can fit in the rest of the file. The
+    /// count is the last number read.
     pub fn claim(&self, count: u64, things: &str, numbers: usize) -> Result<usize> {
         let left = self.bytes.len() - self.at;
-        // A digit and a space, or an int.
+        // A number takes at least a digit and a space, or the bytes of an int.
         let each = numbers * if self.encoding == Encoding::Text { 2 } else { 4 };
         let fits = usize::try_from(count).ok().filter(|count| *count <= left.div_ceil(each));
         fits.ok_or_else(|| {
@@ -123,7 +127,7 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    /// Text in double quotes that ends on its line.
+    /// Reads text in double quotes that ends on its line.
     pub fn quoted(&mut self, expected: &str) -> Result<&'a str> {
         self.skip_blanks();
         let rest = &self.bytes[self.at..];
@@ -138,7 +142,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// The name of the next section, with its place; `None` at the end of the file.
+    /// Reads the name of the next section, with its position; `None` at the end of the file.
     pub fn section(&mut self) -> Result<Option<(&'a str, usize)>> {
         let Some(word) = self.next_word() else { return Ok(None) };
         let place = self.at - word.len();
@@ -149,7 +153,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Past the end of the line: binary numbers start right after it.
+    /// Moves past the end of the line, after which binary numbers start.
     pub fn end_line(&mut self) -> Result<()> {
         let line = &self.bytes[self.at..];
         let length = line.iter().take_while(|byte| matches!(byte, b' ' | b'\r')).count();
@@ -160,7 +164,7 @@ impl<'a> Cursor<'a> {
         Ok(())
     }
 
-    /// The `$End` of a section, right here.
+    /// Reads the `$End` of a section, which must come next.
     pub fn end_section(&mut self, name: &str) -> Result<()> {
         let expected = format!("$End{name}");
         let word = self.next_word().ok_or_else(|| self.end(&expected))?;
@@ -171,7 +175,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Past the `$End` of a section whose content does not matter.
+    /// Moves past the `$End` of a section that is ignored.
     pub fn skip_section(&mut self, name: &str) -> Result<()> {
         let end = format!("$End{name}");
         let found = self.bytes[self.at..].windows(end.len()).position(|window| window == end.as_bytes());

@@ -1,7 +1,7 @@
-//! Meshes from Gmsh: MSH 2.2 and 4.1, text and binary of either byte order.
+//! Meshes from Gmsh: MSH 2.2 and 4.1, in text or in binary of either byte order.
 //!
-//! Source: C. Geuzaine and J.-F. Remacle, *Gmsh reference manual*, "MSH file format" and "MSH file format version 2
-//! (Legacy)".
+//! Source: C. Geuzaine and J.-F. Remacle, *Gmsh reference manual*, "MSH file format" and "MSH file
+//! format version 2 (Legacy)".
 
 mod cursor;
 mod sections;
@@ -15,15 +15,15 @@ use crate::input;
 use cursor::Cursor;
 use sections::{Block, Node, Sections, physical};
 
-/// How far from the plane of the others a node may lie, relative to the plate's size.
+/// Largest distance of a node from the plane of the others, relative to the size of the plate.
 const FLAT: f64 = 1e-9;
 
-/// What is done to a mesh as it is read.
+/// Conversion of a mesh as it is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Import {
-    /// What coordinates are multiplied by to be metres.
+    /// Factor that converts coordinates to m.
     pub scale: f64,
-    /// Nodes this near to each other, in m, become one; 0: none do.
+    /// Distance up to which nodes are merged, in m; 0 merges none.
     pub merge: f64,
 }
 
@@ -34,51 +34,59 @@ impl Default for Import {
 }
 
 impl Mesh {
-    /// Reads a mesh that Gmsh saved: MSH 2.2 or 4.1, text or binary.
+    /// Reads a mesh saved by Gmsh: MSH 2.2 or 4.1, text or binary.
     ///
-    /// - Triangles and quadrangles become cells, in the order of the file; those that run clockwise are turned over.
-    ///   Nodes keep their order; those that no cell uses are dropped. A cell that is repeated, as 2.2 does for each
-    ///   of its groups, is one.
-    /// - Physical curves become named [`edges`](Mesh::edges), physical surfaces [`groups`](Mesh::groups) of cells,
-    ///   physical points named [`points`](Mesh::points). One without a name goes by its number (`"7"`); those of one
-    ///   name and kind are one. An edge of the boundary has its cell on the left.
-    /// - Curved boundaries are the straight edges between their nodes. Lengths are metres.
-    /// - Whole and partitioned files are the same. Parametric coordinates, periodicity, post-processing data and sections
-    ///   of other programs are passed over.
+    /// - Triangles and quadrangles become cells, in the order of the file; clockwise ones are
+    ///   reversed. Nodes keep their order; those that no cell uses are dropped. A repeated cell, as
+    ///   2.2 writes it for each of its groups, counts once.
+    /// - Physical curves become named [`edges`](Mesh::edges), physical surfaces
+    ///   [`groups`](Mesh::groups) of cells, and physical points named [`points`](Mesh::points). One
+    ///   without a name is called by its number (`"7"`); those of one name and kind are united. A
+    ///   boundary edge has its cell on the left.
+    /// - Curved boundaries become the straight edges between their nodes. Lengths are in m.
+    /// - Whole and partitioned files give the same mesh. Parametric coordinates, periodicity,
+    ///   post-processing data and sections of other programs are ignored.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] for a file that cannot be read. [`crate::Error::Mesh`], with the line or the offset where there is one,
-    /// for a file that is not as the format asks; another version; elements of higher order or of volumes; no cell at all;
-    /// nodes that are not in one plane of constant z; a physical group that names nothing, or no edge or node of a cell;
-    /// what [`Mesh::check`] refuses.
+    /// Returns [`crate::Error::Io`] for a file that cannot be read. Returns [`crate::Error::Mesh`],
+    /// with the line or the offset where there is one, for
+    ///
+    /// - a file that does not follow the format, or another version of it;
+    /// - elements of higher order or volumes, or no cell at all;
+    /// - nodes that do not lie in one plane of constant z;
+    /// - a physical group that contains nothing, or no edge or node of a cell;
+    /// - a mesh that [`Mesh::check`] refuses.
     pub fn load_gmsh(path: impl AsRef<Path>) -> Result<Mesh> {
         Mesh::load_gmsh_as(path, Import::default())
     }
 
-    /// As [`Mesh::load_gmsh`], with coordinates of another unit or nodes to be merged.
+    /// Reads a mesh like [`Mesh::load_gmsh`], with coordinates in another unit or nodes to be
+    /// merged.
     ///
     /// # Errors
-    /// As [`Mesh::load_gmsh`], and where nodes of one cell would become one.
+    /// Returns the errors of [`Mesh::load_gmsh`], and [`crate::Error::Mesh`] where nodes of one
+    /// cell would be merged.
     pub fn load_gmsh_as(path: impl AsRef<Path>, import: Import) -> Result<Mesh> {
         let path = path.as_ref();
-        // The memory that is left is the limit.
+        // Only the available memory limits the size of the file.
         let bytes = input::read(path, u64::MAX)?;
         Mesh::from_gmsh_as(&bytes, &path.display().to_string(), import)
     }
 
-    /// As [`Mesh::load_gmsh`], from a file's bytes. Whatever they are, the answer is a sound mesh or [`crate::Error::Mesh`].
+    /// Reads a mesh like [`Mesh::load_gmsh`], from the bytes of a file. Any bytes give either a
+    /// valid mesh or [`crate::Error::Mesh`].
     pub fn from_gmsh(bytes: &[u8], file_name: &str) -> Result<Mesh> {
         Mesh::from_gmsh_as(bytes, file_name, Import::default())
     }
 
-    /// As [`Mesh::load_gmsh_as`], from a file's bytes.
+    /// Reads a mesh like [`Mesh::load_gmsh_as`], from the bytes of a file.
     pub fn from_gmsh_as(bytes: &[u8], file_name: &str, import: Import) -> Result<Mesh> {
         Sections::read(Cursor::new(file_name, bytes))?.mesh(import)
     }
 }
 
 impl Sections<'_> {
-    /// The mesh of all elements, checked.
+    /// Returns the mesh of all elements, checked.
     fn mesh(&self, import: Import) -> Result<Mesh> {
         let (mut mesh, numbers) = self.flat_nodes(import)?;
         self.add_cells(&mut mesh, &numbers);
@@ -95,7 +103,7 @@ impl Sections<'_> {
         self.blocks.iter().filter(some)
     }
 
-    /// Checks that each named group has an element. Volumes may lack theirs.
+    /// Checks that each named group has an element, except for volumes.
     fn require_members(&self) -> Result<()> {
         let groups = |dimension| {
             self.blocks_of(dimension)
@@ -130,7 +138,7 @@ impl Sections<'_> {
         })
     }
 
-    /// A mesh of the nodes that cells use, and the numbers of all nodes there.
+    /// Returns a mesh of the nodes that cells use, and for each node of the file its number there.
     fn flat_nodes(&self, import: Import) -> Result<(Mesh, Vec<Option<usize>>)> {
         let mut used = vec![false; self.nodes.len()];
         self.blocks_of(2).flat_map(|block| &block.nodes).for_each(|&index| used[index] = true);
@@ -159,7 +167,7 @@ impl Sections<'_> {
         let mut numbers: Vec<Option<usize>> = Vec::with_capacity(places.len());
         for (index, place) in places.iter().enumerate() {
             let number = place.map(|place| {
-                // The first of those that become one stands for all.
+                // The first of several merged nodes stands for all of them.
                 numbers.get(first_of[index]).copied().flatten().unwrap_or_else(|| {
                     mesh.nodes.push(place);
                     mesh.nodes.len() - 1
@@ -248,14 +256,15 @@ impl Sections<'_> {
         }
     }
 
-    /// A node in words.
+    /// Describes a node in words.
     fn spot(&self, index: usize) -> String {
         let Node { number, position: [x, y, _], .. } = self.nodes[index];
         format!("node {number} at ({x}, {y})")
     }
 }
 
-/// For each of some places the first that it becomes one with: those within a distance, and what these are near to in their turn.
+/// Returns for each place the first place with which it is merged: places within a distance are,
+/// and so are chains of them.
 fn merged(places: &[Option<Point>], distance: f64) -> Vec<usize> {
     let mut first_of: Vec<usize> = (0..places.len()).collect();
     if distance <= 0.0 {
@@ -268,7 +277,7 @@ fn merged(places: &[Option<Point>], distance: f64) -> Vec<usize> {
         }
         index
     }
-    // In squares of that side only neighbours can be near.
+    // In squares of this side, only places in neighbouring squares can be near.
     let square = |place: Point| [place.x, place.y].map(|x| (x / distance).floor() as i64);
     let mut squares: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
     for (index, place) in places.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The sections of a file: nodes, elements and the names of their groups, as they stand.
+//! Sections of a file: nodes, elements and the names of their groups, as the file gives them.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::rc::Rc;
@@ -23,7 +23,7 @@ pub struct Block {
     pub nodes: Vec<usize>,
 }
 
-/// The elements that a plate has a use for.
+/// Shapes of elements that a plate can use.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     Point,
@@ -76,15 +76,15 @@ impl Shape {
     }
 }
 
-/// What the sections say.
+/// Contents of the sections.
 pub struct Sections<'a> {
     pub cursor: Cursor<'a>,
-    /// Names, with their places, by dimension and number.
+    /// Names of physical groups, with their positions in the file, by dimension and number.
     pub names: BTreeMap<(usize, u64), (&'a str, usize)>,
     /// Groups of the entities, by dimension and number.
     entities: HashMap<(usize, i64), Groups>,
     pub nodes: Vec<Node>,
-    /// Indices of the nodes by their numbers.
+    /// Indices of the nodes by their numbers in the file.
     indices: HashMap<u64, usize>,
     pub blocks: Vec<Block>,
 }
@@ -128,7 +128,7 @@ impl<'a> Sections<'a> {
         Ok(sections)
     }
 
-    /// Reads `$MeshFormat`, comments before it passed over; whether the version is 2.2.
+    /// Reads `$MeshFormat`, ignoring comments before it. Returns whether the version is 2.2.
     fn format(&mut self) -> Result<bool> {
         let cursor = &mut self.cursor;
         loop {
@@ -183,7 +183,7 @@ impl<'a> Sections<'a> {
         Ok(legacy)
     }
 
-    /// `$PhysicalNames`: text in every file.
+    /// Reads `$PhysicalNames`, which is text in every file.
     fn physical_names(&mut self) -> Result<()> {
         for _ in 0..self.cursor.word("the number of physical names")? {
             let dimension: usize = self.cursor.word("the dimension of a physical group")?;
@@ -198,12 +198,12 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// `$Entities`: what lies on a curve belongs to the groups of the curve.
+    /// Reads `$Entities`: elements on a curve belong to the groups of the curve.
     fn entities(&mut self) -> Result<()> {
         self.entities_of(false)
     }
 
-    /// `$PartitionedEntities`: the pieces of the entities, each with the groups of the whole.
+    /// Reads `$PartitionedEntities`: the pieces of the entities, each with the groups of the whole.
     fn partitioned_entities(&mut self) -> Result<()> {
         self.cursor.size("the number of partitions")?;
         let ghosts = self.cursor.size("the number of ghost entities")?;
@@ -242,14 +242,14 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// A count and as many ints.
+    /// Reads a count and as many ints.
     fn ints(&mut self, things: &str) -> Result<Vec<i64>> {
         let count = self.cursor.size(&format!("the number of {things}"))?;
         let count = self.cursor.claim(count, things, 1)?;
         (0..count).map(|_| self.cursor.int(things)).collect()
     }
 
-    /// `$Nodes` of 4.1: blocks of numbers, then of positions.
+    /// Reads `$Nodes` of 4.1: blocks of numbers, then of positions.
     fn nodes(&mut self) -> Result<()> {
         let [blocks, total] = self.block_counts("nodes", 4)?;
         for _ in 0..blocks {
@@ -274,7 +274,7 @@ impl<'a> Sections<'a> {
         self.require_total("nodes", total, self.nodes.len())
     }
 
-    /// `$Nodes` of 2.2.
+    /// Reads `$Nodes` of 2.2.
     fn legacy_nodes(&mut self) -> Result<()> {
         for _ in 0..self.legacy_count("nodes", 4)? {
             let (place, number) = (self.cursor.place(), self.legacy_number()?);
@@ -284,14 +284,14 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// `$ParametricNodes` of 2.2: each node with the entity it lies on and its parameters there.
+    /// Reads `$ParametricNodes` of 2.2: each node with its entity and its parameters there.
     fn legacy_parametric_nodes(&mut self) -> Result<()> {
         for _ in 0..self.legacy_count("nodes", 6)? {
             let (place, number) = (self.cursor.place(), self.legacy_number()?);
             let position = self.position()?;
             let dimension = self.cursor.int("the dimension of an entity")?;
             self.cursor.int("the number of an entity")?;
-            // None for volumes.
+            // A volume has no parameters.
             for _ in 0..if (1..=2).contains(&dimension) { dimension } else { 0 } {
                 self.cursor.real("a parameter of a node")?;
             }
@@ -300,7 +300,7 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// `$Elements` of 4.1: blocks of one shape on one entity.
+    /// Reads `$Elements` of 4.1: blocks of one shape on one entity.
     fn elements(&mut self) -> Result<()> {
         let [blocks, total] = self.block_counts("elements", 2)?;
         let mut read = 0;
@@ -331,7 +331,7 @@ impl<'a> Sections<'a> {
         self.require_total("elements", total, read)
     }
 
-    /// `$Elements` of 2.2: one by one in text, in runs of one shape in binary.
+    /// Reads `$Elements` of 2.2: one by one in text, in runs of one shape in binary.
     fn legacy_elements(&mut self) -> Result<()> {
         let text = self.cursor.encoding == Encoding::Text;
         let mut left = self.legacy_count("elements", 3)?;
@@ -375,7 +375,8 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// The head of `$Nodes` and `$Elements` of 4.1: the numbers of blocks and, over all of them, of things.
+    /// Reads the head of `$Nodes` and `$Elements` of 4.1: the number of blocks, and the number of
+    /// things in all of them.
     fn block_counts(&mut self, things: &str, numbers: usize) -> Result<[usize; 2]> {
         let blocks = self.cursor.size("the number of blocks")?;
         let blocks = self.cursor.claim(blocks, "blocks", 4)?;
@@ -395,7 +396,7 @@ impl<'a> Sections<'a> {
         Err(self.cursor.fault(place, text))
     }
 
-    /// The head of `$Nodes` and `$Elements` of 2.2: text in every file.
+    /// Reads the head of `$Nodes` and `$Elements` of 2.2, which is text in every file.
     fn legacy_count(&mut self, things: &str, numbers: usize) -> Result<usize> {
         let count = self.cursor.word(&format!("the number of {things}"))?;
         if self.cursor.encoding != Encoding::Text {
@@ -404,7 +405,7 @@ impl<'a> Sections<'a> {
         self.cursor.claim(count, things, numbers)
     }
 
-    /// The number of a node in 2.2.
+    /// Reads the number of a node in 2.2.
     fn legacy_number(&mut self) -> Result<u64> {
         let place = self.cursor.place();
         let number = self.cursor.int("the number of a node")?;
@@ -445,7 +446,7 @@ impl<'a> Sections<'a> {
     }
 }
 
-/// A physical group's kind in words.
+/// Returns the kind of a physical group in words.
 pub fn physical(dimension: usize) -> &'static str {
     ["physical point", "physical curve", "physical surface"].get(dimension).unwrap_or(&"physical volume")
 }
