@@ -1,18 +1,20 @@
-//! The largest eigenvalue of an operator that is only known by what it does.
+//! Largest eigenvalue of an operator that is known only by its products.
 
 use crate::error::Result;
 use faer::{Mat, Side};
 
-/// Steps between looks at the eigenvalues of the tridiagonal matrix.
+/// Number of steps between computations of the eigenvalues of the tridiagonal matrix.
 const LOOK_EVERY: usize = 10;
 
-/// The largest eigenvalue of an operator that is self-adjoint in the scalar product of a positive definite metric.
+/// Returns the largest eigenvalue of an operator that is self-adjoint in the scalar product of a
+/// positive definite metric.
 ///
-/// Lanczos with full reorthogonalisation (twice), from a fixed start. Stops when the residual bound of the eigenvalue is
-/// below `tolerance` of it, or after `steps`; what it returns is a Rayleigh quotient, never above the truth but for rounding.
+/// This is Lanczos' method with full reorthogonalisation (twice), from a fixed start. It stops when
+/// the residual bound of the eigenvalue is below `tolerance` times the eigenvalue, or after `steps`
+/// steps. The result is a Rayleigh quotient and, up to rounding, never exceeds the eigenvalue.
 ///
 /// # Errors
-/// Those of the operator and of the metric.
+/// Returns the errors of the operator and of the metric.
 pub fn largest(
     size: usize,
     steps: usize,
@@ -58,7 +60,8 @@ pub fn largest(
     Ok(if diagonal.is_empty() { 0.0 } else { top(&diagonal, &off_diagonal[..diagonal.len() - 1]).0 })
 }
 
-/// Largest eigenvalue of a symmetric tridiagonal matrix and the last entry of its eigenvector.
+/// Returns the largest eigenvalue of a symmetric tridiagonal matrix and the last entry of its
+/// eigenvector.
 fn top(diagonal: &[f64], off_diagonal: &[f64]) -> (f64, f64) {
     let size = diagonal.len();
     let matrix = Mat::from_fn(size, size, |i, j| match i.abs_diff(j) {
@@ -72,12 +75,12 @@ fn top(diagonal: &[f64], off_diagonal: &[f64]) -> (f64, f64) {
     }
 }
 
-/// Scalar product.
+/// Returns the scalar product.
 pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
-/// Numbers in (-1, 1) without pattern, the same at every call (splitmix64).
+/// Returns pseudo-random numbers in (-1, 1), the same at every call with one seed (splitmix64).
 pub fn scatter(size: usize, seed: u64) -> Vec<f64> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mut next = || {

@@ -1,9 +1,12 @@
-//! Natural modes: K x = (2 pi f)^2 M x, with the consistent or the singular mass, at any mesh size.
+//! Natural modes: `$K x = (2 \pi f)^2 M x$` with the consistent or the singular mass, at any mesh
+//! size.
 //!
-//! [`lowest`], on any engine, is subspace iteration with a factored K. Rounding the entries of the assembled K spoils its low modes as h^-4;
-//! here the assembled matrix only proposes directions: every solve is corrected once with the residual of the
-//! cell-by-cell operator, and the values are Rayleigh quotients of that operator. [`highest`] is Lanczos' method on a
-//! factored K + sigma M. Both see the finite modes only: the kernel of a singular mass moves at no cost of inertia.
+//! [`lowest`], on any engine, is subspace iteration with a factored K. Rounding the entries of the
+//! assembled K perturbs its low modes as h^-4. The assembled matrix therefore only proposes
+//! directions: every solve is corrected once with the residual of the cell-by-cell operator, and
+//! the eigenvalues are Rayleigh quotients of that operator. [`highest`] is Lanczos' method on a
+//! factored `$K + \sigma M$`. Both find the finite modes only, because the kernel of a singular
+//! mass moves without inertia.
 
 pub(crate) mod lanczos;
 
@@ -13,38 +16,42 @@ use faer::{Mat, Side};
 use lanczos::scatter;
 use std::f64::consts::TAU;
 
-/// Change of an eigenvalue, relative to it, at which subspace iteration stops. What is left is smaller: each iteration
-/// gains a digit or two.
+/// Relative change of an eigenvalue at which subspace iteration stops. The remaining error is
+/// smaller, because each iteration gains a digit or two.
 const SETTLED: f64 = 1e-11;
 
-/// What rounding leaves of an eigenvalue, relative to the block's largest.
+/// Rounding error of an eigenvalue, relative to the block's largest.
 const ROUNDING: f64 = 1e-14;
 const MOST_ITERATIONS: usize = 200;
 
-/// A direction that keeps less than this of its length when those before it are taken out adds none.
+/// Share of its length below which a direction, after orthogonalisation, counts as linearly
+/// dependent.
 const DEPENDENT: f64 = 1e-12;
 
-/// Shift of a mechanism relative to the largest eigenvalue of the block, and how far it may drift before K + shift M is
-/// factored again. Small against the wanted eigenvalues, large against rounding.
+/// Shift for a mechanism, relative to the largest eigenvalue of the block, and the factor by which
+/// it may drift before K + shift M is factored again. The shift is small against the wanted
+/// eigenvalues and large against rounding.
 const SHIFT: f64 = 1e-4;
 const SHIFT_DRIFT: f64 = 100.0;
 
-/// An eigenvalue of a mechanism below this part of the block's largest is a rigid motion's: it is rounding.
+/// Share of the block's largest eigenvalue below which an eigenvalue of a mechanism is rounding and
+/// belongs to a rigid motion.
 const RIGID: f64 = 1e-11;
 
-/// A natural mode.
+/// Natural mode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
-    /// f, in Hz; 0 of a rigid motion.
+    /// Frequency f, in Hz; 0 for a rigid motion.
     pub frequency: f64,
-    /// x, of modal mass x^T M x = 1 kg.
+    /// Mode shape x with modal mass x^T M x = 1 kg, one entry per dof.
     pub shape: Vec<f64>,
 }
 
-/// The `count` lowest natural frequencies, in Hz, ascending and with their multiplicity; fewer if there are no more.
+/// Returns the `count` lowest natural frequencies, ascending and with their multiplicity, or fewer
+/// if there are no more, in Hz.
 ///
 /// # Errors
-/// As [`shapes`].
+/// Returns the errors of [`shapes`].
 pub fn lowest<E: Engine>(
     engine: &E,
     stiffness: &E::Form,
@@ -56,12 +63,15 @@ pub fn lowest<E: Engine>(
     Ok(modes.into_iter().map(|mode| mode.frequency).collect())
 }
 
-/// The `count` lowest natural modes, ascending; fewer if there are no more. Shapes are right to some 1e-6.
+/// Returns the `count` lowest natural modes, ascending, or fewer if there are no more. The shapes
+/// are accurate to about 1e-6.
 ///
-/// `mechanism` says that K is singular: the rigid motions come first, at exactly 0.
+/// `mechanism` says that K is singular: the rigid motions come first, with a frequency of exactly
+/// 0.
 ///
 /// # Errors
-/// [`Error::Singular`] where K is singular and was not said to be, or the iteration does not settle.
+/// Returns [`Error::Singular`] where K is singular without `mechanism`, or the iteration does not
+/// converge.
 pub fn shapes<E: Engine>(
     engine: &E,
     stiffness: &E::Form,
@@ -73,7 +83,7 @@ pub fn shapes<E: Engine>(
     let (sizes, before) = engine.concatenate(&[dofs as f64, engine.velocities(mass) as f64])?;
     let all = |which: usize| sizes.iter().skip(which).step_by(2).sum::<f64>() as usize;
     let width = (2 * count + 8).min(all(1)).min(all(0));
-    // Each process scatters numbers of its own.
+    // Each rank draws different numbers.
     let seed = |i: usize| (i + width * before) as u64;
     let mut block: Vec<Vec<f64>> = (0..width).map(|i| scatter(dofs, seed(i))).collect();
     let mut pencil = Pencil::new(engine, stiffness, mass);
@@ -100,12 +110,12 @@ pub fn shapes<E: Engine>(
     )))
 }
 
-/// K and M with what subspace iteration needs of them.
+/// Matrices K and M, with the factor and the work vectors of subspace iteration.
 struct Pencil<'e, E: Engine> {
     engine: &'e E,
     stiffness: &'e E::Form,
     mass: &'e E::Form,
-    /// K + shift M, factored, and the shift.
+    /// Factor of K + shift M, and the shift.
     factor: Option<(E::Factor, f64)>,
     product: Vec<f64>,
     right: Vec<f64>,
@@ -117,7 +127,7 @@ impl<'e, E: Engine> Pencil<'e, E> {
         Pencil { engine, stiffness, mass, factor: None, product: zeros(), right: zeros() }
     }
 
-    /// Factors K + shift M, unless the factor at hand is of a shift near enough.
+    /// Factors K + shift M, unless the present factor has a shift near enough.
     fn prepare(&mut self, shift: f64) -> Result<()> {
         let near = |old: f64| old <= shift * SHIFT_DRIFT && shift <= old * SHIFT_DRIFT;
         if self.factor.as_ref().is_none_or(|(_, old)| !near(*old)) {
@@ -128,7 +138,7 @@ impl<'e, E: Engine> Pencil<'e, E> {
         Ok(())
     }
 
-    /// x becomes (K + shift M)^-1 M x, corrected once.
+    /// Replaces x by (K + shift M)^-1 M x, corrected once by its residual.
     fn invert(&mut self, x: &mut [f64]) -> Result<()> {
         let Some((factor, shift)) = &mut self.factor else { return Ok(()) };
         self.engine.multiply(self.mass, x, &mut self.right)?;
@@ -145,7 +155,8 @@ impl<'e, E: Engine> Pencil<'e, E> {
         Ok(())
     }
 
-    /// Replaces the block by the M-orthonormal Ritz vectors of its span; returns their values (rad/s)^2, ascending.
+    /// Replaces the block by the M-orthonormal Ritz vectors of its span. Returns their eigenvalues,
+    /// ascending, in (rad/s)^2.
     fn rayleigh_ritz(&mut self, block: &mut Vec<Vec<f64>>) -> Result<Vec<f64>> {
         self.orthonormalise(block)?;
         let size = block.len();
@@ -174,7 +185,8 @@ impl<'e, E: Engine> Pencil<'e, E> {
         Ok(values)
     }
 
-    /// Gram-Schmidt, twice, in the scalar product of M; directions that add nothing are dropped.
+    /// Orthonormalises a block by Gram-Schmidt, twice, in the scalar product of M. Linearly
+    /// dependent directions are dropped.
     fn orthonormalise(&mut self, block: &mut Vec<Vec<f64>>) -> Result<()> {
         let (mut basis, mut duals) = (Vec::<Vec<f64>>::new(), Vec::<Vec<f64>>::new());
         for mut x in std::mem::take(block) {
@@ -197,18 +209,21 @@ impl<'e, E: Engine> Pencil<'e, E> {
     }
 }
 
-/// Steps of Lanczos' method for the highest frequency and the accuracy it asks for (a bound, often met by its square): while
-/// sigma is found, and then.
+/// Steps and tolerance of Lanczos' method for the highest frequency: first while sigma is sought,
+/// then for the result. The tolerance is a bound, and the actual error is often near its square.
 const ROUGHLY: (usize, f64) = (20, 0.1);
 const HIGHEST: (usize, f64) = (400, 1e-6);
 
-/// The highest natural frequency, in Hz: the fastest motion that a step of time has to follow.
+/// Returns the highest natural frequency, of the fastest motion that a time step has to follow, in
+/// Hz.
 ///
-/// Velocities v see the operator 1 - sigma W (K + sigma M)^-1 W^T, where W^T v is the momentum of v: its eigenvalues are
-/// lambda / (lambda + sigma). With sigma near the largest lambda nothing is lost to rounding.
+/// Velocities v see the operator `$1 - \sigma W (K + \sigma M)^{-1} W^T$`, where `$W^T v$` is the
+/// momentum of v; its eigenvalues are `$\lambda / (\lambda + \sigma)$`. With sigma near the largest
+/// lambda, rounding does no harm.
 ///
 /// # Errors
-/// [`Error::Singular`] where K + sigma M is: the mass does not see some rigid motion.
+/// Returns [`Error::Singular`] where K + sigma M is singular, because the mass does not see some
+/// rigid motion.
 pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let dofs = engine.dofs();
     let x = scatter(dofs, 1);
