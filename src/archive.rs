@@ -1,54 +1,55 @@
-//! A state on its way into a checkpoint, or back out of it.
+//! Saving and restoring the state of a run in a checkpoint.
 //!
-//! A struct shows all that its next bit depends on to an [`Archive`], once, in one function; an archive that saves copies what it
-//! is shown, one that restores puts back what was saved in the same place. Neither can forget what the other has.
+//! In one function, a type passes everything that its next result depends on to an [`Archive`],
+//! once. An archive that saves copies each value; one that restores overwrites it with the value
+//! saved at the same place. Saving and restoring thus cannot disagree about what the state is.
 //!
-//! Vectors over dofs, velocities or bounds are kept in an order that does not depend on the number of processes, see
-//! [`Numbering`]: each takes its own part, whoever had it before.
+//! Vectors over dofs, velocities or bounds are stored in an order that does not depend on the
+//! number of ranks, see [`Numbering`]: each rank takes its own part, whichever rank saved it.
 
 use crate::error::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// What the entries of a vector belong to.
+/// Kind of the entries of a vector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Over {
-    /// Displacement dofs of a process.
+    /// Displacement dofs of a rank.
     Dofs,
-    /// Velocities of a process: its cells, or its dofs.
+    /// Velocity dofs of a rank: its cells, or its displacement dofs.
     Velocities,
-    /// Bounded dofs of a process.
+    /// Bounded dofs of a rank.
     Bounds,
 }
 
-/// Something saved.
+/// Saved item of an archive.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Entry {
-    /// A value that is the same on every process.
+    /// Value that is the same on every rank.
     Value(Vec<u8>),
-    /// As many numbers for each entry of a vector.
+    /// Vector with a fixed number of numbers per entry.
     Vector(Over, Vec<f64>),
-    /// Any numbers of each process.
+    /// Numbers of each rank, in lists of any length.
     Lists(Vec<Vec<f64>>),
 }
 
-/// The numbers of a process's dofs, velocities or bounds among those of all: the same however they are shared out.
+/// Global numbers of a rank's dofs, velocities or bounds, which do not depend on the partition.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Numbers {
-    /// Of its own.
+    /// Numbers of this rank's own entries.
     pub own: Vec<usize>,
-    /// How many there are.
+    /// Total number of entries over all ranks.
     pub total: usize,
 }
 
-/// The numbers of all that a process has.
+/// Global numbers of everything that a rank owns.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Numbering {
-    /// Of dofs.
+    /// Numbers of the dofs.
     pub dofs: Numbers,
-    /// Of velocities.
+    /// Numbers of the velocities.
     pub velocities: Numbers,
-    /// Of bounded dofs.
+    /// Numbers of the bounded dofs.
     pub bounds: Numbers,
 }
 
@@ -62,16 +63,17 @@ impl Numbering {
     }
 }
 
-/// See the [module page](self).
+/// Archive that saves or restores a state; see the [module page](self).
 #[derive(Debug)]
 pub enum Archive {
-    /// Copies what it is shown.
+    /// Archive that copies the values passed to it.
     Saves(Vec<Entry>),
-    /// Puts back what was saved, in the same order; the number of processes that did so is not always the present one.
+    /// Archive that returns saved values in the same order. The number of ranks may differ from
+    /// that of the run which saved them.
     Restores {
-        /// What remains.
+        /// Entries not yet restored.
         entries: std::vec::IntoIter<Entry>,
-        /// Whether there are as many processes as saved it.
+        /// Whether the number of ranks is the same as when saving.
         same_processes: bool,
     },
 }
@@ -80,18 +82,18 @@ fn unfit(what: impl std::fmt::Display) -> Error {
     Error::Checkpoint(format!("the checkpoint does not fit its scene: {what}"))
 }
 
-/// The bytes of a value.
+/// Serialises a value.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] for a value that has none.
+/// Returns [`Error::Checkpoint`] for a value that cannot be serialised.
 pub fn to_bytes(value: &impl Serialize) -> Result<Vec<u8>> {
     postcard::to_stdvec(value).map_err(unfit)
 }
 
-/// A value from its bytes.
+/// Deserialises a value.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] where they are not of such a value.
+/// Returns [`Error::Checkpoint`] where the bytes are not those of such a value.
 pub fn from_bytes<T: DeserializeOwned>(bytes: &[u8]) -> Result<T> {
     match postcard::take_from_bytes(bytes) {
         Ok((value, [])) => Ok(value),
@@ -101,12 +103,12 @@ pub fn from_bytes<T: DeserializeOwned>(bytes: &[u8]) -> Result<T> {
 }
 
 impl Archive {
-    /// Whether it saves.
+    /// Returns whether the archive saves.
     pub fn saves(&self) -> bool {
         matches!(self, Archive::Saves(_))
     }
 
-    /// What it saved; what it has not restored.
+    /// Returns the entries saved, or those not yet restored.
     pub fn into_entries(self) -> Vec<Entry> {
         match self {
             Archive::Saves(entries) => entries,
@@ -114,10 +116,11 @@ impl Archive {
         }
     }
 
-    /// A value that is the same on every process.
+    /// Saves or restores a value that is the same on every rank.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`], as of all below, where something else was saved in this place.
+    /// Returns [`Error::Checkpoint`], like all methods below, where something else was saved at
+    /// this place.
     pub fn value<T: Serialize + DeserializeOwned>(&mut self, value: &mut T) -> Result<()> {
         match self {
             Archive::Saves(entries) => entries.push(Entry::Value(to_bytes(value)?)),
@@ -129,10 +132,11 @@ impl Archive {
         Ok(())
     }
 
-    /// A value that only as many processes as saved it can use. Returns whether the value is right now.
+    /// Saves or restores a value that is valid only for the same number of ranks. Returns whether
+    /// `value` is valid now.
     ///
     /// # Errors
-    /// As [`Archive::value`].
+    /// Returns the errors of [`Archive::value`].
     pub fn value_of_same<T: Serialize + DeserializeOwned + Clone>(&mut self, value: &mut T) -> Result<bool> {
         let mut saved = value.clone();
         self.value(&mut saved)?;
@@ -143,18 +147,18 @@ impl Archive {
         Ok(use_it)
     }
 
-    /// A number for each dof, velocity or bound.
+    /// Saves or restores one number per dof, velocity or bound.
     ///
     /// # Errors
-    /// As [`Archive::value`].
+    /// Returns the errors of [`Archive::value`].
     pub fn vector(&mut self, over: Over, values: &mut [f64]) -> Result<()> {
         self.items(over, values, |&value| [value], |[value]| value)
     }
 
-    /// An item for each dof, velocity or bound, made of N numbers and to be made of them again.
+    /// Saves or restores one item per dof, velocity or bound, converted to N numbers and back.
     ///
     /// # Errors
-    /// As [`Archive::value`].
+    /// Returns the errors of [`Archive::value`].
     pub fn items<T, const N: usize>(
         &mut self,
         over: Over,
@@ -178,10 +182,11 @@ impl Archive {
         Ok(())
     }
 
-    /// Any numbers of this process; where the number of processes has changed, the first has those of all.
+    /// Saves or restores any numbers of this rank. Where the number of ranks has changed, the first
+    /// rank gets the numbers of all.
     ///
     /// # Errors
-    /// As [`Archive::value`].
+    /// Returns the errors of [`Archive::value`].
     pub fn list(&mut self, values: &mut Vec<f64>) -> Result<()> {
         match self {
             Archive::Saves(entries) => entries.push(Entry::Lists(vec![values.clone()])),
@@ -194,10 +199,10 @@ impl Archive {
     }
 }
 
-/// Puts what each process saved, with its numbering, together in the order of the numbers.
+/// Joins what each rank saved, with its numbering, in the order of the global numbers.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] where the processes did not save the same things.
+/// Returns [`Error::Checkpoint`] where the ranks did not save the same things.
 pub fn join(parts: Vec<(Vec<Entry>, Numbering)>) -> Result<Vec<Entry>> {
     let (mut parts, numberings): (Vec<_>, Vec<_>) =
         parts.into_iter().map(|(entries, numbering)| (entries.into_iter(), numbering)).unzip();
@@ -233,10 +238,10 @@ pub fn join(parts: Vec<(Vec<Entry>, Numbering)>) -> Result<Vec<Entry>> {
     Ok(joined)
 }
 
-/// What was joined, as an archive that restores one of some processes.
+/// Returns the archive from which one rank restores its part of what was joined.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] where there is less than the numbers say.
+/// Returns [`Error::Checkpoint`] where there are fewer values than the numbering requires.
 pub fn part(joined: Vec<Entry>, numbering: &Numbering, rank: usize, same: bool) -> Result<Archive> {
     let own = |entry| {
         Ok(match entry {

@@ -1,4 +1,4 @@
-//! The energy ledger of a run, and the guard that stops it when energy appears from nowhere.
+//! Energies of a run, and the guard that stops it when energy appears from nowhere.
 
 use crate::archive::Archive;
 use crate::error::{Error, Result};
@@ -6,30 +6,32 @@ use crate::error::{Error, Result};
 /// Energies at one instant, in J.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Energies {
-    /// Kinetic energy.
+    /// Kinetic energy, in J.
     pub kinetic: f64,
-    /// Elastic energy.
+    /// Elastic energy, in J.
     pub elastic: f64,
-    /// Potential of the constant loads, F . U: what they have given since the flat plate; and what loads and obstacles that change with
-    /// time have given since the start.
+    /// Work of the constant loads, F . U, since the flat plate, and of loads and obstacles that
+    /// change with time, since the start, in J.
     pub work: f64,
 }
 
 impl Energies {
-    /// What an undamped plate conserves: kinetic + elastic - work.
+    /// Returns the energy that an undamped plate conserves, kinetic + elastic - work, in J.
     pub fn total(&self) -> f64 {
         self.kinetic + self.elastic - self.work
     }
 }
 
-/// Share of the energy at the speed of sound that, times the guard's limit, a plate may hold: at 100 all of it.
+/// Share of the kinetic energy at the speed of sound that, times the guard's limit, a plate may
+/// hold; a limit of 100 allows all of it.
 const HELD: f64 = 0.01;
 
-/// What to do where a plate holds more energy than it can.
-const TOO_FAST: &str = "an obstacle, a support or a load moves it within a step as no plate can move: check them, or take a smaller \
+/// Advice for a plate that holds more energy than is possible.
+const TOO_FAST: &str = "an obstacle, a support or a load moves the plate faster than any plate can move: check them, or set a smaller \
                         time.step";
 
-/// Stops a run whose energy exceeds a multiple of its start, or what any plate can hold.
+/// Guard that stops a run whose energy exceeds a multiple of its start, or more than any plate can
+/// hold.
 #[derive(Debug, Clone, Copy)]
 pub struct Guard {
     start: f64,
@@ -40,11 +42,13 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard at `limit` times the energy of the start; `advice` ends the message.
+    /// Creates a guard at `limit` times the energy of the start; `advice` ends the message.
     ///
-    /// Under loads the start's energy may vanish or be negative: energies are measured against the largest part of it. What changes
-    /// with time gives energy that the total does not show; `sonic` is the plate's kinetic energy at the speed of sound of its
-    /// material, in J, above which it is no elastic plate: infinite where nothing changes with time.
+    /// Under loads the total at the start may vanish or be negative, so energies are measured
+    /// against its largest part. Loads, supports and obstacles that change with time give energy
+    /// that the total does not show. `sonic` is the plate's kinetic energy at its material's speed
+    /// of sound, in J, above which it is no elastic plate; it is infinite where nothing changes
+    /// with time.
     pub fn new(start: Energies, sonic: f64, limit: f64, advice: &'static str) -> Guard {
         let scale = [start.total(), start.kinetic, start.elastic, start.work]
             .into_iter()
@@ -52,38 +56,44 @@ impl Guard {
         Guard { start: start.total(), scale, held: scale.max(HELD * sonic), limit, advice }
     }
 
-    /// Shows an archive what energies are measured against.
+    /// Saves or restores the energies that serve as reference.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`].
+    /// Returns [`Error::Checkpoint`] where the archive does not fit.
     pub fn state(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.start)?;
         archive.value(&mut self.scale)
     }
 
-    /// Looks at the energy of a step.
+    /// Checks the energy of a step.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a NaN or an infinity, [`Error::EnergyGuard`] past the limit.
+    /// Returns [`Error::NotFinite`] for a NaN or an infinity, and [`Error::EnergyGuard`] past the
+    /// limit.
     pub fn check(&mut self, step: u64, time: f64, now: Energies) -> Result<()> {
         let energy = now.total();
         if !energy.is_finite() {
             return Err(Error::NotFinite { step, time, what: "the energy" });
         }
-        // A start at rest in the flat position has no energy: the work done since sets the scale.
+        // A start at rest in the flat position has no energy, so the work done since sets the
+        // scale.
         self.scale = self.scale.max(now.work.abs());
         let growth = energy - self.start;
         let Guard { scale, held, limit, .. } = *self;
         let guarded =
             |ratio: f64, of, advice| Err(Error::EnergyGuard { step, time, ratio, of, limit, advice });
-        // Contact and damping take at most what there was and what work has given.
+        // Contact and damping remove at most the energy at the start and the work done since.
         if growth > (limit - 1.0) * scale || growth < -(limit + 1.0) * scale {
             return guarded(1.0 + growth / scale, "its start", self.advice);
         }
-        // Work hides in the total what it gives: the plate itself must be able to hold it.
+        // Work cancels in the total, so the plate itself must be able to hold its energy.
         let content = now.kinetic + now.elastic;
         if content > limit * held {
-            return guarded(content / held, "what the plate has at a tenth of its speed of sound", TOO_FAST);
+            return guarded(
+                content / held,
+                "the plate's kinetic energy at a tenth of its speed of sound",
+                TOO_FAST,
+            );
         }
         Ok(())
     }

@@ -1,49 +1,51 @@
-//! The one error type, the exit code of each case, and the hint of a message.
+//! Error type of the crate, the exit code of each case, and name suggestions for messages.
 
 use std::path::PathBuf;
 
-/// Everything that can go wrong, in the user's words.
+/// Everything that can go wrong, with messages for the user.
 ///
-/// [`Error::exit_code`] gives the code with which the command ends.
+/// [`Error::exit_code`] returns the exit code of the command.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A scene that cannot be read or makes no sense. The message is complete: file, line, key, what was expected.
+    /// Scene that cannot be read or is invalid. The message is complete: file, line, key, and what
+    /// was expected.
     #[error("{0}")]
     Scene(String),
-    /// A command line that makes no sense.
+    /// Invalid command line.
     #[error("{0}")]
     Usage(String),
-    /// A mesh that cannot carry the elements: the message names the cell, node or edge.
+    /// Mesh that cannot carry the elements. The message names the cell, node or edge.
     #[error("{0}")]
     Mesh(String),
-    /// The structure or its discretisation has no unique answer (a mechanism, a singular matrix).
+    /// Structure or discretisation without a unique answer (a mechanism, a singular matrix).
     #[error("{0}")]
     Singular(String),
-    /// Work that takes more memory than the machine and its limits leave. The message has both figures and what would fit.
+    /// Work that needs more memory than the machine and its limits leave. The message gives both
+    /// figures and what would fit.
     #[error("{0}")]
     Memory(String),
-    /// A step whose solution does not meet the tolerance.
+    /// Step whose solution does not meet the tolerance.
     #[error(
         "step {step}, t = {time:.9} s: the contact solver reached a relative KKT residual of {residual:.1e}, asked for {tolerance:.1e}"
     )]
     NotConverged {
-        /// Step at which it happened.
+        /// Number of the step.
         step: u64,
-        /// Its time, in seconds.
+        /// Time of the step, in s.
         time: f64,
         /// Relative KKT residual reached, dimensionless.
         residual: f64,
-        /// Relative KKT residual asked for, dimensionless.
+        /// Relative KKT residual required, dimensionless.
         tolerance: f64,
     },
-    /// A NaN or an infinity, caught at the step where it appears.
+    /// NaN or infinity, reported at the step where it appears.
     #[error("step {step}, t = {time:.9} s: {what} is not a finite number")]
     NotFinite {
-        /// Step at which it appeared.
+        /// Number of the step.
         step: u64,
-        /// Its time, in seconds.
+        /// Time of the step, in s.
         time: f64,
-        /// What is not finite.
+        /// Name of the quantity that is not finite.
         what: &'static str,
     },
     /// Solvers under comparison that did not reach the end, each with its reason.
@@ -54,72 +56,74 @@ pub enum Error {
         "step {step}, t = {time:.12} s: {count} events since the step began, the last at {place}; set a smaller time.step"
     )]
     Events {
-        /// Step at which it happened.
+        /// Number of the step.
         step: u64,
-        /// Time of the last event, in seconds.
+        /// Time of the last event, in s.
         time: f64,
-        /// How many there were.
+        /// Number of events in the step.
         count: u64,
-        /// The bound of the last one (an index into the bounds).
+        /// Bound of the last event (an index into the bounds).
         bound: usize,
-        /// Where that is.
+        /// Position of the last event, in words.
         place: String,
     },
-    /// PETSc or MPI refused a call: the function, what it said, its code.
+    /// Call that PETSc or MPI refused: the function, its message and its code.
     #[error("PETSc: {0}")]
     Petsc(String),
-    /// What another process found: its words and its exit code.
+    /// Error of another rank, with its message and exit code.
     #[error("{words}")]
     Elsewhere {
-        /// What it says.
+        /// Message of the error.
         words: String,
-        /// With what it ends the command.
+        /// Exit code of the error.
         code: u8,
     },
-    /// The energy grew past the guard.
+    /// Energy above the limit of the guard.
     #[error(
         "step {step}, t = {time:.9} s: the energy is {ratio:.4} times {of}, past the guard of {limit}; {advice}"
     )]
     EnergyGuard {
-        /// Step at which it happened.
+        /// Number of the step.
         step: u64,
-        /// Its time, in seconds.
+        /// Time of the step, in s.
         time: f64,
-        /// Energy over what it is measured against, dimensionless.
+        /// Ratio of the energy to its reference, dimensionless.
         ratio: f64,
-        /// What that is.
+        /// Name of the reference.
         of: &'static str,
-        /// The guard, dimensionless.
+        /// Limit of the ratio, dimensionless.
         limit: f64,
-        /// What the user can do.
+        /// Advice to the user.
         advice: &'static str,
     },
-    /// A checkpoint that cannot be gone on from.
+    /// Checkpoint from which a run cannot be resumed.
     #[error("{0}")]
     Checkpoint(String),
-    /// A run that was asked to stop, and has written a checkpoint.
+    /// Run that was interrupted and has written a checkpoint.
     #[error(
         "interrupted at step {step}, t = {time:.9} s; `rebond resume` with the run folder goes on from there"
     )]
     Interrupted {
-        /// Step at which it stopped.
+        /// Number of the last step.
         step: u64,
-        /// Its time, in seconds.
+        /// Time of the last step, in s.
         time: f64,
     },
-    /// A file or folder that cannot be read or written.
+    /// File or folder that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
 }
 
 impl Error {
-    /// Exit code of the command: 2 scene or usage, 3 no convergence or a refusal of PETSc, 4 reading or writing, 5 energy guard,
-    /// 130 interrupted.
+    /// Returns the exit code of the command: 2 for an invalid scene, mesh or command line, a
+    /// singular problem or lack of memory, 3 for failed convergence or a PETSc error, 4 for input
+    /// and output, 5 for the energy guard, 130 for an interruption. An error of another rank has
+    /// that error's code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) | Error::Memory(_) => 2,
@@ -135,17 +139,17 @@ impl Error {
         }
     }
 
-    /// Attaches a path to an input or output error.
+    /// Returns a function that attaches a path to an input or output error.
     pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.into();
         move |source| Error::Io { path, source }
     }
 }
 
-/// The crate's result.
+/// Result with the crate's error type.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// The valid name that a wrong one was probably meant to be.
+/// Returns a hint with the valid name that was probably meant, or an empty string.
 pub(crate) fn suggestion(wrong: &str, valid: &[&str]) -> String {
     let alike = |name: &&&str| strsim::jaro_winkler(wrong, name);
     let nearest = valid.iter().max_by(|a, b| alike(a).total_cmp(&alike(b))).filter(|name| alike(name) > 0.75);

@@ -1,35 +1,36 @@
 //! Thin elastic plates that vibrate and hit rigid obstacles.
 //!
-//! A Kirchhoff-Love plate with deflection u moves by \( M \ddot U + K U = F + G^T r \) between rigid obstacles
-//! \( \alpha^- \le G U \le \alpha^+ \) that push back with the reactions r, and only where they touch. The crate
-//! discretises it with conforming C1 elements, steps through time with the schemes of Pozzolini, Renard and Salaün
-//! (CSMA 2013), and solves each step's bound-constrained problem exactly.
+//! A Kirchhoff-Love plate with deflection u satisfies `$M \ddot U + K U = F + G^T r$` between rigid
+//! obstacles `$\alpha^- \le G U \le \alpha^+$`, which push back with the reactions r only where
+//! they touch. The crate discretises it with conforming C1 elements, steps through time with the
+//! schemes of Pozzolini, Renard and Salaün (CSMA 2013), and solves each step's bound-constrained
+//! problem exactly.
 //!
-//! A module imports only what stands above it:
+//! A module imports only modules above it:
 //!
-//! | module | is |
+//! | module | contents |
 //! |---|---|
-//! | [`error`] | the one error type and its exit codes |
-//! | [`memory`] | what the machine leaves, and what does not fit |
-//! | [`archive`] | a state on its way into a checkpoint and back |
-//! | [`motion`] | a state that another run starts from |
-//! | [`mesh`] | nodes, cells, their names; rectangles and Gmsh's files |
+//! | [`error`] | the error type and its exit codes |
+//! | [`memory`] | available memory, and refusal of work that does not fit |
+//! | [`archive`] | saving and restoring the state of a run |
+//! | [`motion`] | a state from which another run starts |
+//! | [`mesh`] | nodes, cells and their names; rectangles and Gmsh files |
 //! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
-//! | [`plate`] | thickness and material to element matrices |
+//! | [`plate`] | element matrices from thickness and material |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
-//! | [`space`] | three dofs a node, supports |
-//! | `petsc` | safe handles on PETSc's objects, the engine over all ranks (feature `petsc`) |
+//! | [`space`] | three dofs per node, supports |
+//! | `petsc` | safe handles on PETSc objects, the distributed engine (feature `petsc`) |
 //! | [`modes`] | natural frequencies and shapes |
 //! | [`assembly`] | the only loop over cells |
 //! | [`obstacle`] | bounds on the deflections |
-//! | [`vi`] | the bound-constrained problem of a step, and its judge |
-//! | [`energy`] | the ledger and the guard |
-//! | [`scheme`] | Newmark with restitution, midpoint, the conserving and the exact scheme, static equilibrium |
-//! | [`scene`] | TOML to a validated scene |
-//! | [`simulation`] | model, main loop, observer |
+//! | [`vi`] | the bound-constrained problem of a step, and the check of its answers |
+//! | [`energy`] | energies and the energy guard |
+//! | [`scheme`] | Newmark, midpoint, conserving and exact schemes, static equilibrium |
+//! | [`scene`] | validated scenes from TOML |
+//! | [`simulation`] | the model, the main loop and its observers |
 //! | [`output`] | csv, json, vtu, svg, png, progress |
-//! | [`study`] | a look at a scene, the inf-sup constant, engines and solvers compared, what accuracy costs, the paper's figures |
+//! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
 //! | [`cli`] | the command |
 //!
 //! ```
@@ -37,12 +38,19 @@
 //!
 //! let scene = Scene::from_str(
 //!     r#"
-//!     plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
 //!     mesh = { element = "fvs", cells = [4, 2] }
 //!     support = [{ edge = "left", kind = "clamped" }]
 //!     obstacle = [{ side = "below", height = -0.1 }]
 //!     initial = { static_pressure = 14600 }
 //!     time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.1 }
+//!
+//!     [plate]
+//!     length = 1.2
+//!     width = 0.4
+//!     thickness = 0.01
+//!     youngs_modulus = 210e9
+//!     poissons_ratio = 0.3
+//!     density = 7770
 //!     "#,
 //!     "fall.toml",
 //!     &[],

@@ -1,55 +1,58 @@
-//! The memory that the machine and its limits leave to this process, and whether a piece of work fits into it.
+//! Memory that the machine and its limits leave to this process, and checks that work fits into it.
 //!
-//! An allocation that fails ends a Rust program, and one that Linux cannot keep may end any program of the machine. Work that takes
-//! much memory is therefore estimated and compared with the room there is before it begins. Four limits are read where Linux shows
-//! them: what the whole machine has available, the control groups of the process (both versions), and the process's own limits
-//! on addresses (`ulimit -v`) and data (`ulimit -d`). Elsewhere nothing is known, and nothing refused.
+//! An allocation that fails aborts a Rust program, and one that Linux cannot back may end any
+//! program of the machine. Work that takes much memory is therefore estimated and compared with the
+//! available memory before it begins. Four limits are read where Linux shows them: the available
+//! memory of the machine, the control groups of the process (both versions), and the process's own
+//! limits on its address space (`ulimit -v`) and data (`ulimit -d`). On other systems nothing is
+//! known, and nothing is refused.
 
 use crate::error::{Error, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Memory that is left.
+/// Available memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Room {
-    /// In bytes.
+    /// Available memory, in bytes.
     pub bytes: u64,
-    /// The limit that leaves no more.
+    /// Name of the limit that is the tightest.
     pub limit: &'static str,
 }
 
-/// Work below this, in bytes, is begun without a look at the limits.
+/// Size of work, in bytes, below which the limits are not read.
 const SMALL: u64 = 1 << 20;
 
-/// Bytes that are left to what nobody estimates: buffers, texts, pictures.
+/// Memory kept free for small things that are not estimated (buffers, texts, pictures), in bytes.
 const RESERVE: u64 = 1 << 25;
 
-/// Refuses to begin at all where hardly any memory is left.
+/// Checks at the start that some memory is left.
 ///
 /// # Errors
-/// [`Error::Memory`].
+/// Returns [`Error::Memory`] where hardly any is left.
 pub fn require_some() -> Result<()> {
-    require(SMALL, "any work at all", |_| "leave it more".into())
+    require(SMALL, "any work at all", |_| "free some memory or raise the limit".into())
 }
 
-/// The memory that is left to this process and to others of its machine that grow as it does: each gets its share of what they have
-/// in common. `None` where the system does not tell.
+/// Returns the memory left to this process if `processes` processes of the machine share what they
+/// have in common. `None` where the system does not tell.
 pub fn room(processes: usize) -> Option<Room> {
     room_of(&Sources::system(), processes as u64)
 }
 
-/// Refuses work that takes more memory than is left.
+/// Checks that work fits into the memory that is left.
 ///
 /// # Errors
-/// [`Error::Memory`] with both figures; `fits` tells, from the share of the work that would fit, what to do.
+/// Returns [`Error::Memory`] with both figures where it does not. `fits` turns the share of the
+/// work that would fit into advice.
 pub fn require(bytes: u64, what: &str, fits: impl FnOnce(f64) -> String) -> Result<()> {
     require_of_each(bytes, 1, what, fits)
 }
 
-/// As [`require`], where several processes of the machine take as much each.
+/// Checks like [`require`], where several processes of the machine take as much each.
 ///
 /// # Errors
-/// As [`require`].
+/// Returns the errors of [`require`].
 pub fn require_of_each(
     bytes: u64,
     processes: usize,
@@ -72,12 +75,12 @@ pub fn require_of_each(
     }
 }
 
-/// Number of processes that a launcher of parallel programs has started, as Open MPI or MPICH tell.
+/// Returns the number of processes that an MPI launcher (Open MPI or MPICH) has started.
 pub fn processes() -> usize {
     told(["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"])
 }
 
-/// Number of those on this machine.
+/// Returns the number of these processes on this machine.
 pub fn processes_here() -> usize {
     told(["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"])
 }
@@ -86,18 +89,18 @@ fn told(names: [&str; 2]) -> usize {
     names.iter().find_map(|name| std::env::var(name).ok()?.parse().ok()).unwrap_or(1)
 }
 
-/// A number of bytes in words, with two digits or three: `930 MB`, `12.4 GB`.
+/// Formats a number of bytes with two or three digits: `930 MB`, `12.4 GB`.
 pub fn size(bytes: u64) -> String {
     let bytes = bytes as f64;
     let (value, unit) = if bytes >= 1e9 { (bytes / 1e9, "GB") } else { (bytes / 1e6, "MB") };
     if value >= 100.0 { format!("{value:.0} {unit}") } else { format!("{value:.1} {unit}") }
 }
 
-/// Where Linux shows its limits.
+/// Folders where Linux shows its limits.
 struct Sources {
-    /// `/proc`.
+    /// Folder of processes, `/proc`.
     processes: PathBuf,
-    /// `/sys/fs/cgroup`.
+    /// Folder of control groups, `/sys/fs/cgroup`.
     groups: PathBuf,
 }
 
@@ -125,16 +128,16 @@ fn room_of(sources: &Sources, processes: u64) -> Option<Room> {
     Some(Room { bytes, limit })
 }
 
-/// The first number after a key at the start of a line; `None` for `unlimited`.
+/// Returns the first number after a key at the start of a line; `None` for `unlimited`.
 fn number_after(text: &str, key: &str) -> Option<u64> {
     text.lines().find_map(|line| line.strip_prefix(key))?.split_whitespace().next()?.parse().ok()
 }
 
-/// Bytes that the tightest of the control groups around this process leaves.
+/// Returns the bytes that the tightest of the control groups around this process leaves.
 fn group_room(sources: &Sources, membership: &str) -> Option<u64> {
     let mut least: Option<u64> = None;
     for line in membership.lines() {
-        // hierarchy:controllers:path; the second version has no controllers.
+        // The format is hierarchy:controllers:path; version 2 has no controllers.
         let mut parts = line.splitn(3, ':');
         let (Some(_), Some(controllers), Some(path)) = (parts.next(), parts.next(), parts.next()) else {
             continue;
@@ -147,13 +150,14 @@ fn group_room(sources: &Sources, membership: &str) -> Option<u64> {
             ),
             _ => continue,
         };
-        // Inside a container the path may be that of the machine outside: the root is then the group's own.
+        // Inside a container the path may be that of the host; the root is then the group's own
+        // folder.
         let path = Path::new(path.trim_start_matches('/'));
         for folder in path.ancestors().map(|part| root.join(part)) {
             let read = |name: &str| fs::read_to_string(folder.join(name)).ok();
             let number = |name: &str| read(name)?.trim().parse::<u64>().ok();
             let (Some(limit), Some(used)) = (number(names[0]), number(names[1])) else { continue };
-            // Cached files give way.
+            // Cached files can be evicted.
             let cached = read("memory.stat").and_then(|stat| number_after(&stat, &format!("{} ", names[2])));
             let left = limit.saturating_sub(used.saturating_sub(cached.unwrap_or(0)));
             least = Some(least.map_or(left, |least| least.min(left)));
@@ -168,7 +172,7 @@ mod tests {
 
     const GIB: u64 = 1 << 30;
 
-    /// A machine with 8 GiB available, as Linux shows it.
+    /// Creates a machine with 8 GiB available, as Linux shows it.
     fn machine(name: &str, membership: &str, groups: &[(&str, &str)]) -> Sources {
         let folder = std::env::temp_dir().join(format!("rebond-memory-{name}-{}", std::process::id()));
         let _ = fs::remove_dir_all(&folder);
@@ -202,7 +206,7 @@ mod tests {
         assert_eq!(room_of(&sources, 4), Some(Room { bytes: 2 * GIB, limit: "the machine" }));
         limits(&sources, &(3 * GIB).to_string(), "unlimited");
         assert_eq!(room_of(&sources, 1), Some(Room { bytes: 2 * GIB, limit: "`ulimit -v`" }));
-        // Each process has such a limit to itself.
+        // Each process has this limit to itself.
         assert_eq!(room_of(&sources, 4), Some(Room { bytes: 2 * GIB, limit: "`ulimit -v`" }));
         limits(&sources, "unlimited", &GIB.to_string());
         assert_eq!(room_of(&sources, 1), Some(Room { bytes: GIB / 2, limit: "`ulimit -d`" }));
@@ -232,7 +236,7 @@ mod tests {
         let groups: Vec<_> = first.iter().map(|(path, text)| (*path, text.as_str())).collect();
         let sources = machine("first", "9:name=systemd:/\n4:cpu,memory:/c\n0::/\n", &groups);
         assert_eq!(room_of(&sources, 2), Some(Room { bytes: GIB / 2, limit }));
-        // In a container the path leads nowhere, and the root is the group's own.
+        // In a container the path does not exist, and the root is the group's own folder.
         let groups = [("memory.max", "1073741824"), ("memory.current", "0")];
         let sources = machine("container", "0::/machine/pod/x\n", &groups);
         assert_eq!(room_of(&sources, 1), Some(Room { bytes: GIB, limit }));

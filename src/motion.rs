@@ -1,7 +1,7 @@
-//! Deflection and velocity of a plate at an instant, in a file that another run may start from.
+//! Deflection and velocity of a plate at an instant, in a file from which another run can start.
 //!
-//! The file is a line of text (what it is, and of which version), the [`Motion`] in postcard's format, and a CRC-32 of all that,
-//! little-endian.
+//! The file consists of a line of text (its kind and version), the [`Motion`] in postcard's format,
+//! and a little-endian CRC-32 of all that precedes.
 
 use crate::archive;
 use crate::error::{Error, Result};
@@ -11,33 +11,33 @@ use std::path::Path;
 /// Name of the file in the run folder.
 pub const FILE: &str = "end.motion";
 
-/// Number of the format: one more whenever what a file holds, or in what order, changes.
+/// Number of the format, which increases whenever the contents of the file or their order change.
 const FORMAT: u32 = 1;
 
-/// Displacement and velocity of all dofs.
+/// Displacement and velocity of all dofs at an instant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Motion {
     /// Number of the step.
     pub step: u64,
-    /// Its time, in s.
+    /// Time of the step, in s.
     pub time: f64,
-    /// The supports, in a text that is the same for the same ones.
+    /// Supports as text, which is equal for equal supports.
     pub supports: String,
-    /// For each dof its place (x and y in m, and which dof of its node), its displacement (m, or 1) and its rate (m/s, or 1/s); by
-    /// line, column and dof.
+    /// Position (x and y in m, and the number of the dof at its node), displacement (in m, or 1 for
+    /// slopes) and its rate (in m/s, or 1/s) per dof, ordered by line, column and dof.
     pub dofs: Vec<[f64; 5]>,
 }
 
-/// The first line.
+/// Returns the first line of the file.
 fn head() -> String {
     format!("rebond motion, format {FORMAT}, version {}\n", env!("CARGO_PKG_VERSION"))
 }
 
 impl Motion {
-    /// The bytes of the file.
+    /// Returns the bytes of the file.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`].
+    /// Returns [`Error::Checkpoint`] where the motion cannot be serialised.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let mut bytes = head().into_bytes();
         bytes.extend(archive::to_bytes(self)?);
@@ -45,7 +45,8 @@ impl Motion {
         Ok(bytes)
     }
 
-    /// The motion that the bytes of a file hold. Whatever they are, the answer is what was written, or words for what is wrong.
+    /// Reads the motion from the bytes of a file. Any other bytes than those written give a message
+    /// that says what is wrong.
     pub fn from_bytes(bytes: &[u8]) -> std::result::Result<Motion, String> {
         let damaged = || "damaged: not what was written".to_owned();
         let (content, sum) = bytes.split_last_chunk().ok_or_else(damaged)?;
@@ -64,7 +65,8 @@ impl Motion {
     /// Reads the file of a run folder.
     ///
     /// # Errors
-    /// [`Error::Io`] for a file that cannot be read, [`Error::Scene`] for one that holds no motion.
+    /// Returns [`Error::Io`] for a file that cannot be read and [`Error::Scene`] for one that does
+    /// not hold a motion.
     pub fn read(folder: &Path) -> Result<Motion> {
         let path = folder.join(FILE);
         let bytes = std::fs::read(&path).map_err(Error::io(&path))?;

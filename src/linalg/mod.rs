@@ -188,11 +188,12 @@ pub trait Engine: Sized {
     /// otherwise [`Engine::dofs`].
     fn velocities(&self, mass: &Self::Form) -> usize;
 
-    /// Whether a mass is a singular one, M = B^T C^-1 B, that leaves part of the displacement without inertia.
+    /// Returns whether a mass is a singular one, `$M = B^T C^{-1} B$`, which leaves part of the
+    /// displacement without inertia.
     fn is_singular(&self, mass: &Self::Form) -> bool;
 
-    /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass, V
-    /// = x for a consistent one.
+    /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass,
+    /// `$V = x$` for a consistent one.
     fn velocity(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]) -> Result<()>;
 
     /// Computes the momentum of a velocity: `$y = B^T V$` for the singular mass, `$y = M_r V$` for

@@ -117,11 +117,11 @@ impl<E: Engine> Condensed<E> {
         Ok(dense)
     }
 
-    /// Hands out solves of A x = b without any bound, x in place of b, and leaves the solver as it was: the next steps do not notice.
-    /// Collective.
+    /// Calls `act` with a function that solves A x = b without any bound, in place, and restores
+    /// the solver for the next steps. Collective.
     ///
     /// # Errors
-    /// What the engine and `act` say.
+    /// Returns the errors of the engine and of `act`.
     pub fn without_bounds<R>(
         &mut self,
         bounds: &Bounds,

@@ -75,7 +75,7 @@ fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Resul
     let mut solver = Tao::new(context, Comm::World, prefix)?;
     solver.set_type(&kind)?;
     if ["bntr", "bntl"].contains(&kind.as_str()) {
-        // These methods need a linear solver that respects a trust region.
+        // Both methods need a linear solver that respects a trust region.
         set_defaults(context, prefix, &[("tao_bnk_ksp_type", "stcg")])?;
     }
     solver.default_to_cholesky()?;

@@ -149,32 +149,7 @@ fn a_name_has_one_meaning() {
 }
 
 /// Modules whose comments do not keep the rules yet.
-const UNREVISED: &[&str] = &[
-    "archive",
-    "assembly",
-    "cli",
-    "element",
-    "energy",
-    "error",
-    "field",
-    "input",
-    "lib",
-    "linalg",
-    "main",
-    "memory",
-    "mesh",
-    "modes",
-    "motion",
-    "obstacle",
-    "output",
-    "petsc",
-    "plate",
-    "scene",
-    "simulation",
-    "space",
-    "study",
-    "vi",
-];
+const UNREVISED: &[&str] = &["cli", "field", "output", "petsc", "scene", "simulation", "study"];
 
 /// Words with which no comment of an item begins: they need a sentence before them.
 const OPENERS: [&str; 9] = ["What", "Its", "It", "As", "Of", "Those", "That", "These", "Whose"];
