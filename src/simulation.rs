@@ -1,4 +1,4 @@
-//! From a scene to a run: the model, the scheme, and the main loop with its observer.
+//! Simulation of a scene: model, scheme, and the main loop with its observer.
 
 mod body;
 mod contacts;
@@ -44,40 +44,42 @@ use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use std::time::Instant;
 
-/// A scene turned into matrices, ready to run.
+/// Semi-discrete model of a scene, ready to run.
 pub struct Model<E: Engine = Native> {
-    /// The semi-discrete problem.
+    /// Semi-discrete impact problem.
     pub system: System<E>,
-    /// Where the motion starts.
+    /// Initial conditions.
     pub start: Start,
-    /// The scene's probes: what this process's dofs add to each, in the frame of the supports.
+    /// Probes of the scene: the contributions of this process's dofs to each, in the frame of the
+    /// supports.
     pub probes: Vec<Probe>,
-    /// What moves that frame.
+    /// Support motions and their contributions to the probes.
     frame: Frame,
-    /// The deflections of this process, where they are; those that are bounded come in the order of the bounds.
+    /// Free deflections of this process with their positions; the bounded ones come first, in the
+    /// order of the bounds.
     pub sites: Vec<Site>,
-    /// Where its dofs and velocities are.
+    /// Positions of the dofs and velocities of this process.
     pub places: Places,
-    /// What samples snapshots, if the scene asks for them.
+    /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
-    /// The rigid motions that nothing holds, in words; `None` where there is none.
+    /// Rigid motions that nothing restrains, in words; `None` if there are none.
     pub mechanism: Option<&'static str>,
-    /// What was found doubtful while the model was built, one sentence each; the same on every process.
+    /// Warnings from the set-up, one sentence each; the same on every process.
     pub warnings: Vec<String>,
-    /// Kinetic energy of the plate at the speed of sound of its material, in J.
+    /// Kinetic energy of the plate moving at the speed of sound of its material, in J.
     sonic: f64,
-    /// Seconds spent on mesh and matrices, and on the static start.
+    /// Wall time of mesh and matrices, and of the static start, in s.
     pub seconds: [f64; 2],
 }
 
-/// A free deflection.
+/// Free deflection at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Site {
-    /// Its dof.
+    /// Index of the dof.
     pub dof: usize,
-    /// Its node, in the mesh's numbering.
+    /// Index of the node in the mesh.
     pub node: usize,
-    /// Its position, in m.
+    /// Position, in m.
     pub at: [f64; 2],
 }
 
@@ -85,47 +87,48 @@ fn nothing_free() -> Error {
     Error::Mesh("the supports hold every dof of the mesh: nothing can move".into())
 }
 
-/// Moves of the frame of the supports, and what each adds to the probes.
+/// Support motions, each with its contribution to the probes per metre.
 #[derive(Default)]
 struct Frame(Vec<(Rc<Given>, Vec<f64>)>);
 
-/// The free dofs of a scene's mesh.
+/// Returns the free dofs of a scene's mesh.
 ///
 /// # Errors
-/// [`Error::Mesh`] where a support stands nowhere.
+/// Returns [`Error::Mesh`] where a support applies to no part of the mesh.
 pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
     Ok(Space::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
 }
 
-/// What the plate is, cell by cell.
+/// Returns thickness and material of the plate, cell by cell.
 ///
 /// # Errors
-/// As [`Model::new`].
+/// Returns the same errors as [`Model::new`].
 pub fn sections<'s>(scene: &'s Scene, mesh: &Mesh) -> Result<impl Sections + use<'s>> {
     Body::new(scene, mesh, &Alone)
 }
 
-/// The rigid motions that nothing holds, in words; `None` where there is none.
+/// Returns the rigid motions that nothing restrains, in words; `None` if there are none.
 ///
 /// # Errors
-/// As [`Model::new`].
+/// Returns the same errors as [`Model::new`].
 pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
     on_ground(scene, mesh, &holds(scene, mesh)?, effects::mechanism)
 }
 
-/// The matrices of a scene on its mesh: over all dofs, or over those that the supports leave free.
+/// Returns the matrices of a scene on its mesh, over the free dofs if `supported`, else over all
+/// dofs.
 ///
 /// # Errors
-/// As [`Model::new`].
+/// Returns the same errors as [`Model::new`].
 pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices> {
     let holds = if supported { holds(scene, mesh)? } else { vec![Hold::default(); mesh.nodes.len()] };
     on_ground(scene, mesh, &holds, effects::matrices)
 }
 
-/// Forces and moments of the loads of a scene.
+/// Returns resultant forces and moments of the loads of a scene.
 ///
 /// # Errors
-/// As [`Model::new`].
+/// Returns the same errors as [`Model::new`].
 pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
     if scene.load.is_none() && scene.initial.static_pressure.is_zero() {
         return Ok(Vec::new());
@@ -133,12 +136,12 @@ pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
     on_ground(scene, mesh, &vec![Hold::default(); mesh.nodes.len()], effects::load_totals)
 }
 
-/// What a scene's supports hold at each node.
+/// Returns the constraints that the supports of a scene put on each node.
 fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<Hold>> {
     Ok(Space::holds(mesh, &body::supports(scene, mesh, &Alone)?))
 }
 
-/// Does something on the ground of one process.
+/// Calls a closure with the build context of a single process.
 fn on_ground<R>(
     scene: &Scene,
     mesh: &Mesh,
@@ -169,11 +172,12 @@ fn on_ground<R>(
 }
 
 impl Model {
-    /// Builds what the scene calls for, and nothing else.
+    /// Builds the model of a scene on the native engine, without parts that the scene does not use.
     ///
     /// # Errors
-    /// [`Error::Usage`] for an engine or contact solver that this build does not have; [`Error::Mesh`] and
-    /// [`Error::Singular`] for a plate that has no unique answer; [`Error::Scene`] for a formula without a value.
+    /// Returns [`Error::Usage`] for an engine or contact solver that this build does not have,
+    /// [`Error::Mesh`] and [`Error::Singular`] for a plate without a unique solution, and
+    /// [`Error::Scene`] for a formula without a value.
     pub fn new(scene: &Scene) -> Result<Model> {
         serves(scene, EngineName::Native, &[ViName::Condensed])?;
         let clock = Instant::now();
@@ -186,7 +190,7 @@ impl Model {
     }
 }
 
-/// Composes what the scene calls for. Collective.
+/// Assembles the model of a scene on an engine. Collective.
 fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -> Result<Model<E>> {
     let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
         effects::compose(engine, ground)?;
@@ -205,7 +209,8 @@ fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -
     Ok(Model { system, start, probes, frame, sites, places, fields, mechanism, warnings, sonic, seconds })
 }
 
-/// Kinetic energy of the plate at the speed of sound of its stiffest material, sqrt(E / rho), in J. Collective.
+/// Returns the kinetic energy of the plate moving at the speed of sound of its stiffest material,
+/// sqrt(E / rho), in J. Collective.
 fn sonic_energy<T: Team>(ground: &Ground<T>) -> f64 {
     let mass: f64 = ground.cells.iter().map(|cell| cell.local.weight).sum();
     let mass: f64 = ground.team.gather(&[mass]).iter().sum();
@@ -222,20 +227,21 @@ impl<E: Engine + 'static> Model<E>
 where
     E::Factor: 'static,
 {
-    /// The scene's scheme at its start, with the condensed contact solver; factors the matrix of a step.
+    /// Returns the scene's scheme at its start, with the condensed contact solver. The step matrix
+    /// is factored.
     ///
     /// # Errors
-    /// [`Error::Singular`] where that matrix is not positive definite.
+    /// Returns [`Error::Singular`] where the step matrix is not positive definite.
     pub fn scheme(&self, scene: &Scene) -> Result<Box<dyn Scheme + '_>> {
         self.scheme_with(scene, &condensed)
     }
 }
 
 impl<E: Engine> Model<E> {
-    /// The scene's scheme at its start, with a contact solver of its own.
+    /// Returns the scene's scheme at its start, with contact solvers from a factory.
     ///
     /// # Errors
-    /// What the solver says of its matrix.
+    /// Returns the errors of the solver on its matrix.
     pub fn scheme_with<'m>(
         &'m self,
         scene: &Scene,
@@ -260,7 +266,7 @@ impl<E: Engine> Model<E> {
         })
     }
 
-    /// Deflections at the probes at an instant, in m.
+    /// Computes the deflections at the probes at an instant (s), in m.
     fn probe(&self, time: f64, u: &[f64], values: &mut [f64]) -> Result<()> {
         let mut own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
         for (motion, lift) in &self.frame.0 {
@@ -275,10 +281,10 @@ impl<E: Engine> Model<E> {
     }
 }
 
-/// The condensed solver, on any engine.
+/// Builds the condensed contact solver, on any engine.
 ///
 /// # Errors
-/// [`Error::Singular`] where the matrix is not positive definite.
+/// Returns [`Error::Singular`] where the matrix is not positive definite.
 pub fn condensed<E: Engine + 'static>(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Box<dyn Solver<E>>>
 where
     E::Factor: 'static,
@@ -286,7 +292,7 @@ where
     Ok(Box::new(Condensed::new(engine, sum, bounded)?))
 }
 
-/// Whether an engine and its contact solvers are what the scene asks for.
+/// Returns an error unless this engine and its contact solvers are those that the scene asks for.
 fn serves(scene: &Scene, engine: EngineName, solvers: &[ViName]) -> Result<()> {
     if scene.solver.engine != engine {
         return Err(Error::Usage(format!(
@@ -306,7 +312,7 @@ fn serves(scene: &Scene, engine: EngineName, solvers: &[ViName]) -> Result<()> {
     Ok(())
 }
 
-/// Turns a KKT residual above the tolerance into an error.
+/// Returns an error for a KKT residual above the tolerance.
 pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
     if !residual.is_finite() {
         return Err(Error::NotFinite { step, time, what: "the displacement" });
@@ -317,211 +323,221 @@ pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Resu
     Ok(())
 }
 
-/// A row of the history.
+/// Row of the history.
 #[derive(Debug, Clone, Copy)]
 pub struct Row<'r> {
-    /// Number of the step.
+    /// Index of the step.
     pub step: u64,
     /// Time, in s.
     pub time: f64,
-    /// The energy natural to the scheme, in J.
+    /// Energy of the scheme, in J.
     pub energy: f64,
     /// Kinetic energy, in J.
     pub kinetic: f64,
     /// Elastic energy, in J.
     pub elastic: f64,
-    /// Work of the loads, in J.
+    /// Work of the external loads, in J.
     pub work: f64,
-    /// Nodes in contact at this instant.
+    /// Number of nodes in contact at this instant.
     pub contact_nodes: usize,
-    /// Sum of the obstacles' reactions at this instant, in N, upward.
+    /// Sum of the reactions of the obstacles at this instant, in N, positive upwards.
     pub contact_force: f64,
     /// Iterations of the contact solver since the last row.
     pub vi_iterations: u64,
-    /// Worst relative KKT residual since the last row.
+    /// Largest relative KKT residual since the last row.
     pub kkt: f64,
     /// Deflections at the probes, in m.
     pub probes: &'r [f64],
 }
 
-/// What watches a run.
+/// Receiver of the results of a run.
 pub trait Observer {
-    /// A row of the history, every `output.every` steps and at the end.
+    /// Receives a row of the history, every `output.every` steps and at the end.
     ///
     /// # Errors
-    /// Whatever keeps it from going on; the run stops.
+    /// Returns any error that must stop the run.
     fn row(&mut self, row: &Row) -> Result<()>;
 
-    /// Contacts that ended since the last row, or with the run.
+    /// Receives the contacts that ended since the last row, or at the end of the run.
     ///
     /// # Errors
-    /// As [`Observer::row`].
+    /// Returns the same errors as [`Observer::row`].
     fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
         let _ = ended;
         Ok(())
     }
 
-    /// What this process sees of the plate, every `output.fields_every` steps and at the end.
+    /// Receives this process's part of a snapshot, every `output.fields_every` steps and at the
+    /// end.
     ///
     /// # Errors
-    /// As [`Observer::row`].
+    /// Returns the same errors as [`Observer::row`].
     fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
         let _ = snapshot;
         Ok(())
     }
 
-    /// Every process has seen the fields of that step and time.
+    /// Receives the notice that every process has received its part of the snapshot of that step
+    /// and time (s).
     ///
     /// # Errors
-    /// As [`Observer::row`].
+    /// Returns the same errors as [`Observer::row`].
     fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
         let _ = (step, time);
         Ok(())
     }
 
-    /// A node touches or leaves an obstacle; only from a scheme that follows such events, before the row of its step.
+    /// Receives the closing or opening of a gap at a node, before the row of its step. Only
+    /// event-driven schemes report these.
     ///
     /// # Errors
-    /// Whatever keeps it from going on; the run stops.
+    /// Returns any error that must stop the run.
     fn event(&mut self, event: &NodeEvent) -> Result<()> {
         let _ = event;
         Ok(())
     }
 
-    /// The scheme itself, after each row.
+    /// Receives the scheme itself, after each row.
     ///
     /// # Errors
-    /// As [`Observer::row`].
+    /// Returns the same errors as [`Observer::row`].
     fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
         let _ = scheme;
         Ok(())
     }
 
-    /// The whole state of the run, every `output.checkpoint_every` steps and before an interruption; on the first process only.
+    /// Receives the whole state of the run, every `output.checkpoint_every` steps and before an
+    /// interruption; on the first process only.
     ///
     /// # Errors
-    /// As [`Observer::row`].
+    /// Returns the same errors as [`Observer::row`].
     fn pause(&mut self, pause: Pause) -> Result<()> {
         let _ = pause;
         Ok(())
     }
 
-    /// Whether to show the state at the last step to [`Observer::end`]; the same on all processes.
+    /// Returns whether [`Observer::end`] needs the state at the last step; the same on all
+    /// processes.
     fn keeps_end(&self) -> bool {
         false
     }
 
-    /// The whole state of the run at its last step, before what only an end adds to its files: a run to a later end goes on from it as
-    /// if there had been none; and the motion then, which another run may start from. On the first process only.
+    /// Receives the whole state of the run at its last step, and the motion at that instant, from
+    /// which another run may start; on the first process only. The state is taken before the
+    /// additions to the files that mark the end, so that a run to a later end continues from it as
+    /// if there had been no end.
     ///
     /// # Errors
-    /// As [`Observer::row`].
+    /// Returns the same errors as [`Observer::row`].
     fn end(&mut self, pause: Pause, motion: Motion) -> Result<()> {
         let _ = (pause, motion);
         Ok(())
     }
 
-    /// Whether the run shall stop after this step; called often, must cost nothing.
+    /// Returns whether the run shall stop after this step. The call is frequent and must be cheap.
     fn interrupts(&self) -> bool {
         false
     }
 
-    /// The end of a step; called often, must cost nothing.
+    /// Receives the end of a step. The call is frequent and must be cheap.
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let _ = (step, contact_nodes);
     }
 }
 
-/// A node that touches an obstacle, or leaves it.
+/// Closing or opening of the gap at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeEvent {
-    /// The node.
+    /// Index of the node.
     pub node: usize,
-    /// Its position, in m.
+    /// Position of the node, in m.
     pub at: [f64; 2],
-    /// When and how.
+    /// Time, direction and velocity of the event.
     pub event: Event,
 }
 
-/// The first touch of an obstacle.
+/// First impact on an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Impact {
-    /// Time, in s: where the last free motion, extended, meets the obstacle; that of the event, if the scheme follows events.
+    /// Time, in s: where the extrapolated free motion meets the obstacle, or the time of the event
+    /// for an event-driven scheme.
     pub time: f64,
-    /// The node that meets it first.
+    /// Index of the first node in contact.
     pub node: usize,
-    /// Its position, in m.
+    /// Position of the node, in m.
     pub at: [f64; 2],
-    /// Its velocity relative to the obstacle before they meet, in m/s, positive upward: negative where they close from above the obstacle,
-    /// whichever of them moves. The frame that it is seen from does not matter. Of a ball that of its gap, relative to the plate.
+    /// Velocity relative to the obstacle before impact, in m/s, positive upwards: negative where
+    /// the gap closes from above the obstacle, whichever of the two moves, in any frame. For a ball
+    /// it is the velocity of its gap, relative to the plate.
     pub velocity: f64,
 }
 
-/// Start, end and extremes of the energy over the rows, in J.
+/// Energy at the start and end and its extremes over the rows, in J.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EnergySpan {
-    /// At the start.
+    /// Energy at the start, in J.
     pub start: f64,
-    /// At the last row.
+    /// Energy at the last row, in J.
     pub end: f64,
-    /// Least.
+    /// Least energy, in J.
     pub min: f64,
-    /// Largest.
+    /// Largest energy, in J.
     pub max: f64,
 }
 
-/// Seconds of wall time by phase.
+/// Wall time by phase, in s.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Seconds {
-    /// Mesh and matrices.
+    /// Time for mesh and matrices, in s.
     pub assembly: f64,
-    /// Static start.
+    /// Time for the static start, in s.
     pub equilibrium: f64,
-    /// First factorisation.
+    /// Time for the first factorisation, in s.
     pub factor: f64,
-    /// All steps, with what watches them.
+    /// Time for all steps and their observers, in s.
     pub stepping: f64,
 }
 
-/// What a run was.
+/// Summary of a finished run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Free dofs.
+    /// Number of free dofs.
     pub dofs: usize,
-    /// Dofs that an obstacle bounds.
+    /// Number of dofs bounded by an obstacle.
     pub bounded_dofs: usize,
-    /// Steps made.
+    /// Number of steps.
     pub steps: u64,
-    /// Those in which something touched.
+    /// Number of steps with contact.
     pub contact_steps: u64,
-    /// Iterations of the contact solver.
+    /// Number of iterations of the contact solver.
     pub vi_iterations: u64,
-    /// Numeric factorisations of the step's matrix.
+    /// Number of numeric factorisations of the step matrix.
     pub factorisations: u64,
-    /// Steps that were solved again in a safer way, because the solver's answer did not meet the tolerance.
+    /// Number of steps solved again by a more robust method, because the first solution did not
+    /// meet the tolerance.
     pub retries: u64,
-    /// Most nodes in contact at once.
+    /// Largest number of nodes in contact at once.
     pub most_contact_nodes: usize,
-    /// What a scheme that follows events has done.
+    /// Work counters of an event-driven scheme.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub tally: Option<Tally>,
-    /// Energy.
+    /// Energy at the start and end and its extremes.
     pub energy: EnergySpan,
-    /// First touch; `None` if nothing ever touched.
+    /// First impact; `None` if there was no contact.
     pub first_impact: Option<Impact>,
-    /// Intervals in which the plate touches any obstacle, in s; those closer than a hundredth of the run, or in successive steps, are
-    /// joined.
+    /// Intervals in which the plate touches any obstacle, in s. Intervals closer than a hundredth
+    /// of the run, or in successive steps, are joined.
     pub contacts: Vec<[f64; 2]>,
-    /// Contacts of single nodes: the rows of contacts.csv.
+    /// Number of contacts of single nodes, i.e. of rows of contacts.csv.
     pub node_contacts: u64,
-    /// Worst relative KKT residual of all steps.
+    /// Largest relative KKT residual of all steps.
     pub worst_kkt: f64,
     /// Largest violation of a bound in all steps, in m.
     pub worst_penetration: f64,
-    /// What it took to keep the energy, by a scheme that does.
+    /// Relaxation statistics of a conserving scheme.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relaxation: Option<Relaxation>,
-    /// Where the time went.
+    /// Wall time by phase, in s.
     pub seconds: Seconds,
 }
 
@@ -553,7 +569,7 @@ impl Outcome {
         })
     }
 
-    /// Shows an archive what steps change; schemes know the rest.
+    /// Saves or restores what steps change here; the rest is in the schemes.
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         for count in [&mut self.steps, &mut self.contact_steps, &mut self.vi_iterations, &mut self.retries] {
             archive.value(count)?;
@@ -568,14 +584,15 @@ impl Outcome {
         archive.value(&mut self.seconds.stepping)
     }
 
-    /// Joins intervals of contact that are close in a run to its present end, and were not in the one to an earlier end.
+    /// Joins intervals of contact that are close in a run to its present end but were not in the
+    /// run to an earlier end.
     fn join_contacts(&mut self, scene: &Scene) {
         let mut joined = Vec::new();
         self.contacts.iter().for_each(|&interval| note_interval(&mut joined, scene, interval));
         self.contacts = joined;
     }
 
-    /// Takes note of what happened on the way to the present instant, and returns it.
+    /// Records the events up to the present instant, and returns them.
     fn note_events<E: Engine>(
         &mut self,
         scene: &Scene,
@@ -596,7 +613,8 @@ impl Outcome {
         Ok(events)
     }
 
-    /// Takes note of a step, in which there were events or not; returns its nodes in contact and their total force.
+    /// Records a step and its events. Returns the number of nodes in contact and their total force,
+    /// in N.
     fn note<E: Engine>(
         &mut self,
         scene: &Scene,
@@ -637,12 +655,12 @@ impl Outcome {
     }
 }
 
-/// Adds an instant of contact to the intervals: see [`Outcome::contacts`].
+/// Adds an instant of contact (s) to the intervals, see [`Outcome::contacts`].
 pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
     note_interval(contacts, scene, [time, time]);
 }
 
-/// Adds an interval of contact after others, joined to the last of them where it is close.
+/// Adds an interval of contact (s) to the intervals, joined to the last one where it is close.
 fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64; 2]) {
     let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
     match contacts.last_mut() {
@@ -651,11 +669,12 @@ fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64
     }
 }
 
-/// Of the bounds met in this step, the one that is reached first if node and obstacle go on evenly. Collective.
+/// Returns the impact that comes first among the bounds met in this step, if node and obstacle move
+/// uniformly. Collective.
 fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> Result<Option<Impact>> {
     let System { engine, drive, .. } = &model.system;
     let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
-    // Where the obstacles were before any of these nodes came, and a step later.
+    // Places of the obstacles at the last instant before contact, and one step later.
     let times = touched().map(|(bound, _)| scheme.approach(bound).time);
     let before = -engine.maximum(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)))?;
     let before = if before.is_finite() { before.max(0.0) } else { 0.0 };
@@ -664,7 +683,7 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
         let approach = scheme.approach(bound);
         let of = |bounds: &Bounds| if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
         let rate = (of(&to) - of(&from)) / step;
-        // An obstacle that was not there has no rate.
+        // An absent obstacle has infinite height and gets the rate zero.
         let rate = if rate.is_finite() { rate } else { 0.0 };
         let target = if drive.bounds.is_some() && of(&from).is_finite() {
             of(&from) + rate * (approach.time - before)
@@ -686,7 +705,7 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
     Ok(first.map(|of| Impact { time: of[0], node: of[2] as usize, at: [of[3], of[4]], velocity: of[1] }))
 }
 
-/// What a user can do when energy appears from nowhere.
+/// Returns advice for the user on a spurious gain of energy.
 pub(crate) fn advice(scene: &Scene) -> &'static str {
     match (scene.time.scheme, scene.time.mass) {
         (scene::Scheme::Midpoint { .. }, Mass::Consistent) => {
@@ -702,16 +721,16 @@ pub(crate) fn advice(scene: &Scene) -> &'static str {
     }
 }
 
-/// What a process whose observer failed asks for, above one that was interrupted.
+/// Request of a process whose observer failed; it takes precedence over that of an interrupted one.
 const FAILED: f64 = 2.0;
 
-/// Steps between looks at the energy where rows are further apart.
+/// Number of steps between checks of the energy where rows are further apart.
 const GUARD_EVERY: u64 = 100;
 
-/// Runs a model with a contact solver. Whatever happens on the way, the outcome tells how far it came.
+/// Runs a model with a contact solver. The outcome shows how far the run came, whatever stopped it.
 ///
 /// # Errors
-/// Where the run cannot start.
+/// Returns an error where the run cannot start.
 pub fn run<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
@@ -724,10 +743,11 @@ pub fn run<E: Engine>(
     follow(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
 }
 
-/// As [`run`], going on where a run of the same scene paused: nothing tells what follows from what would have.
+/// Runs a model like [`run`], from a paused run of the same scene. The resumed run is bitwise
+/// identical to an uninterrupted one.
 ///
 /// # Errors
-/// As [`run`], and [`Error::Checkpoint`] for the pause of another scene.
+/// Returns the same errors as [`run`], and [`Error::Checkpoint`] for the state of another scene.
 pub fn resume<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
@@ -742,10 +762,10 @@ pub fn resume<E: Engine>(
     walk(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
 }
 
-/// As [`run`], with a scheme at its start, which took so many seconds to make.
+/// Runs a model like [`run`], with a scheme at its start that took `factor` seconds to build.
 ///
 /// # Errors
-/// As [`run`].
+/// Returns the same errors as [`run`].
 pub fn follow<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
@@ -756,7 +776,7 @@ pub fn follow<E: Engine>(
     walk(scene, model, scheme, seconds, None, observer)
 }
 
-/// As [`follow`], from the start or from where an archive was.
+/// Runs the scheme from its start or from the state in an archive.
 fn walk<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
@@ -780,16 +800,16 @@ fn walk<E: Engine>(
     Ok((outcome, ended))
 }
 
-/// What the main loop keeps from step to step.
+/// State of the main loop that persists between steps.
 struct Watch {
     guard: Guard,
-    /// Since the last row.
+    /// Number of iterations since the last row.
     iterations: u64,
     kkt: f64,
     contacts: Contacts,
-    /// Whether the present step has been taken note of.
+    /// Whether the present step has been recorded.
     noted: bool,
-    /// Seconds before the clock was started.
+    /// Time of the steps before the clock was started, in s.
     before: f64,
     clock: Instant,
 }
@@ -807,12 +827,12 @@ impl Watch {
         })
     }
 
-    /// Seconds of all steps so far.
+    /// Returns the time of all steps so far, in s.
     fn seconds(&self) -> f64 {
         self.before + self.clock.elapsed().as_secs_f64()
     }
 
-    /// Shows an archive the whole run between two steps.
+    /// Saves or restores the whole run between two steps.
     fn archive<E: Engine>(
         &mut self,
         model: &Model<E>,
@@ -826,7 +846,7 @@ impl Watch {
         archive.value(&mut self.kkt)?;
         archive.value(&mut self.noted)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
-        // A last state has no seconds: what did the same leaves the same bytes.
+        // A last state has no times, so that equal runs leave equal bytes.
         outcome.seconds.stepping = if self.noted { self.seconds() } else { 0.0 };
         outcome.archive(archive)?;
         if !archive.saves() {
@@ -836,8 +856,8 @@ impl Watch {
     }
 }
 
-/// Shows a snapshot where one is due, or has a process's part of one that failed before left out. Returns what this process's observer
-/// says.
+/// Passes a snapshot to the observer where one is due; a process whose observer failed earlier only
+/// takes part in the sampling. Returns the result of this process's observer.
 fn show_fields<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
@@ -866,7 +886,8 @@ fn march<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<()> {
     let mut probes = vec![0.0; model.probes.len()];
-    // What this process's observer says, a full disk for instance: it goes on until all processes know of it.
+    // Result of this process's observer, for instance an error of a full disk; the process
+    // continues until all processes know of it.
     let mut watched = Ok(());
     let engine = &model.system.engine;
     if watch.noted {
@@ -962,7 +983,8 @@ fn march<E: Engine>(
     }
 }
 
-/// Names the node of an error that a scheme, which knows no mesh, could only number.
+/// Adds node and position to the error of a scheme, which knows no mesh and only the index of the
+/// bound.
 fn locate<E: Engine>(error: Error, model: &Model<E>) -> Error {
     match error {
         Error::Events { step, time, count, bound, .. } => {

@@ -1,4 +1,4 @@
-//! From a scene to a body: mesh, sections and supports.
+//! Mesh, sections and supports of a scene.
 
 use crate::assembly;
 use crate::element::adaptive::{self, Integrand, Rules};
@@ -12,34 +12,35 @@ use crate::scene::{ElementKind, EngineName, Given, Grid, Part, Region, Scene, Sc
 use crate::scheme::exact;
 use crate::space::Place;
 
-/// The processes that build a model together, each with a part of the mesh.
+/// Processes that build a model together, each with a part of the mesh.
 pub(super) trait Team {
-    /// The numbers of all, one after the other. Collective.
+    /// Returns the numbers of all processes, concatenated. Collective.
     fn gather(&self, own: &[f64]) -> Vec<f64>;
 
-    /// The number of this process.
+    /// Returns the rank of this process.
     fn rank(&self) -> usize;
 
-    /// An error of one as that of all. Collective.
+    /// Turns an error on one process into an error on all. Collective.
     ///
     /// # Errors
-    /// That of any.
+    /// Returns the error of any process.
     fn together<R>(&self, mine: Result<R>) -> Result<R>;
 
-    /// Numbers added up over all. Collective.
+    /// Returns the entrywise sums over all processes. Collective.
     fn sum(&self, own: &[f64]) -> Vec<f64> {
         let all = self.gather(own);
         (0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect()
     }
 
-    /// Sums of what all say of each node of this process. Collective.
+    /// Returns, for each node of this process, the sum of the values of all processes that have the
+    /// node. Collective.
     ///
     /// # Errors
-    /// What carries it says.
+    /// Returns the errors of communication.
     fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>>;
 }
 
-/// One process, which has the whole mesh.
+/// Single process that has the whole mesh.
 pub(super) struct Alone;
 
 impl Team for Alone {
@@ -60,21 +61,24 @@ impl Team for Alone {
     }
 }
 
-/// Bytes at the peak of the set-up per triangle and per quadrangle: mesh, local arrays, the entries of a step's matrix. Measured,
-/// where congruent cells share their arrays; others take up to twice as much.
+/// Peak memory of the set-up, in bytes per triangle and per quadrangle: mesh, local arrays, entries
+/// of the step matrix. Measured for congruent cells, which share their arrays; others take up to
+/// twice as much.
 const PER_CELL: [u64; 2] = [2_400, 6_500];
 
-/// The same on PETSc, whose matrices have both triangles and are built from lists.
+/// Peak memory on PETSc, in bytes per cell; its matrices store both triangles and are built from
+/// lists.
 const PER_CELL_ON_PETSC: [u64; 2] = [5_000, 12_000];
 
-/// Bytes that a run takes at least, from the numbers of triangles and quadrangles: the set-up, and a factor as sparse as it can be.
-/// `across` is the number of rectangles along the shorter side of a grid.
+/// Returns a lower bound of the memory of a run, in bytes, from the numbers of triangles and
+/// quadrangles: the set-up, and the sparsest possible factor. `across` is the number of rectangles
+/// along the shorter side of a grid.
 fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) -> u64 {
     let cells = triangles + quadrangles;
     let dofs = 3 * (triangles / 2 + quadrangles);
     let of = if scene.solver.engine == EngineName::Petsc { PER_CELL_ON_PETSC } else { PER_CELL };
     let set_up = of[0] * triangles + of[1] * quadrangles;
-    // Entries of a row of the factor, in minimum degree and of a band.
+    // Entries per row of the factor, by minimum degree ordering and by banded ordering.
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
     let dense = match scene.time.scheme {
@@ -84,11 +88,12 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     set_up + factors + dense as u64
 }
 
-/// Refuses a mesh for which the memory of a run cannot suffice, before it is built: from the numbers of triangles and quadrangles
-/// before refinement, for each of some ranks.
+/// Returns an error, before the mesh is built, where the memory is too small for a run. `cells` are
+/// the numbers of triangles and quadrangles before refinement, and each of `ranks` processes has
+/// its part.
 ///
 /// # Errors
-/// [`Error::Memory`] with the figures, and the mesh that would fit.
+/// Returns [`Error::Memory`] with the figures and the largest mesh that would fit.
 pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize) -> Result<()> {
     let grid = &scene.mesh;
     let pieces = 4_u64.saturating_pow(grid.refine);
@@ -119,24 +124,26 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize) -> Re
     })
 }
 
-/// The mesh of a scene, with nodes at the points and along the lines of its obstacles and supports.
+/// Builds the mesh of a scene, with nodes at the points and along the lines of its obstacles and
+/// supports.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a mesh that cannot carry the elements, and for a point that cannot be a node; [`Error::Memory`] for a mesh that
-/// is too large; what reading its file says.
+/// Returns [`Error::Mesh`] for a mesh that cannot carry the elements and for a point that cannot be
+/// a node, [`Error::Memory`] for a mesh that is too large, and the errors of reading its file.
 pub fn mesh(scene: &Scene) -> Result<Mesh> {
     mesh_and_made(scene).map(|(mesh, _)| mesh)
 }
 
-/// The mesh of a scene, and the nodes that were moved or made for its obstacles and supports.
+/// Builds the mesh of a scene and returns also the nodes moved or created for its obstacles and
+/// supports.
 ///
 /// # Errors
-/// As [`mesh()`].
+/// Returns the same errors as [`mesh()`].
 pub fn mesh_and_made(scene: &Scene) -> Result<(Mesh, Vec<Made>)> {
     plain_mesh(scene)?.with_nodes(&marks(scene))
 }
 
-/// The points and lines where a scene's obstacles and supports need nodes, by key.
+/// Returns the points and lines where obstacles and supports need nodes, by key.
 pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
     let obstacles = scene.obstacles.iter().enumerate().filter_map(|(number, obstacle)| {
         let key = format!("obstacle.{number}");
@@ -153,7 +160,7 @@ pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
     obstacles.chain(supports).collect()
 }
 
-/// The mesh of a scene as it says, before nodes are made.
+/// Builds the mesh that the scene describes, before nodes are created.
 fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     let grid = &scene.mesh;
     let ranks = if scene.solver.engine == EngineName::Petsc { memory::processes() } else { 1 };
@@ -176,13 +183,13 @@ fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     Ok(mesh)
 }
 
-/// Numbers of the triangles and quadrangles of a mesh.
+/// Returns the numbers of triangles and quadrangles of a mesh.
 pub(super) fn kinds(mesh: &Mesh) -> [u64; 2] {
     let triangles = mesh.cells.iter().filter(|cell| cell.nodes().len() == 3).count();
     [triangles, mesh.cells.len() - triangles].map(|count| count as u64)
 }
 
-/// Numbers of the triangles and quadrangles of a grid, before its refinement.
+/// Returns the numbers of triangles and quadrangles of a grid before refinement.
 pub(super) fn rectangles(grid: &Grid) -> [u64; 2] {
     let rectangles = grid.cells.map(|cells| cells as u64).iter().product();
     match grid.element {
@@ -191,7 +198,7 @@ pub(super) fn rectangles(grid: &Grid) -> [u64; 2] {
     }
 }
 
-/// Where the supports of a scene stand on this process's part of the mesh. Collective.
+/// Returns the locations of the supports on this process's part of the mesh. Collective.
 pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<Vec<(Place, SupportKind)>> {
     let mut supports = Vec::new();
     for (number, support) in scene.supports.iter().enumerate() {
@@ -223,7 +230,7 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
     Ok(supports)
 }
 
-/// The nodes of a physical point that this process owns. Collective.
+/// Returns the nodes of a physical point that this process owns. Collective.
 fn nodes_of_point(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usize>> {
     let nodes = mesh.points.get(name).cloned().unwrap_or_default();
     require(team, !nodes.is_empty(), || {
@@ -233,18 +240,18 @@ fn nodes_of_point(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Resul
     Ok(nodes)
 }
 
-/// Whether a table's condition holds at a place.
+/// Returns whether a condition of a table holds at a point.
 pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool> {
     condition.holds(at, 0.0).map_err(|fault| Error::Scene(format!("{key}.where: {fault}")))
 }
 
-/// An error unless it is so on some process.
+/// Returns an error unless `here` is true on some process. Collective.
 fn require(team: &impl Team, here: bool, wrong: impl Fn() -> String) -> Result<()> {
     let anywhere = team.gather(&[f64::from(u8::from(here))]).contains(&1.0);
     if anywhere { Ok(()) } else { Err(Error::Mesh(wrong())) }
 }
 
-/// The nodes of this process at a point. Collective.
+/// Returns the nodes of this process at a point. Collective.
 fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Team, key: &str) -> Result<Vec<usize>> {
     let at = Point::new(x, y);
     let distance = |node: usize| (mesh.nodes[node] - at).norm();
@@ -265,7 +272,7 @@ fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Team, key: &str) -> Resul
     Ok((0..mesh.nodes.len()).filter(|&node| distance(node) <= NEAR * size).collect())
 }
 
-/// The nodes of this process that a region of the plate concerns. Collective.
+/// Returns the nodes of this process in a region of the plate. Collective.
 pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<usize>> {
     let nodes = 0..mesh.nodes.len();
     match region {
@@ -308,7 +315,7 @@ pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
     }
 }
 
-/// The cells of this process in a group. Collective.
+/// Returns the cells of this process in a group. Collective.
 fn group(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usize>> {
     let cells = mesh.groups.get(name).cloned().unwrap_or_default();
     require(team, !cells.is_empty(), || {
@@ -318,7 +325,8 @@ fn group(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usi
     Ok(cells)
 }
 
-/// Which cells of this process a region of the plate concerns: those of its group, or whose centre satisfies its condition. Collective.
+/// Returns a flag per cell of this process, set for those in a region of the plate: cells of its
+/// group, or cells whose centre satisfies its condition. Collective.
 pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<bool>> {
     let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
     match region {
@@ -342,14 +350,14 @@ pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
 /// Thickness and material of a scene's plate, cell by cell.
 pub(super) struct Body<'s> {
     scene: &'s Scene,
-    /// For each cell the number of its part, from 1 on; 0: none.
+    /// Index of the part of each cell, from 1 on; 0 for none.
     part_of: Vec<usize>,
-    /// Rules of their own on the cells where the thickness asks for them.
+    /// Special quadrature rules on the cells where the thickness needs them.
     rules: Rules,
 }
 
 impl<'s> Body<'s> {
-    /// Finds the part of each cell. Collective.
+    /// Determines the part of each cell. Collective.
     pub fn new(scene: &'s Scene, mesh: &Mesh, team: &impl Team) -> Result<Body<'s>> {
         let mut part_of = vec![0; mesh.cells.len()];
         for (number, part) in scene.parts.iter().enumerate() {
@@ -361,7 +369,8 @@ impl<'s> Body<'s> {
         Ok(body)
     }
 
-    /// Rules of their own on the cells where a thickness jumps, or changes faster than the usual one sees. Collective.
+    /// Determines special quadrature rules for cells in which the thickness jumps, or varies too
+    /// fast for the usual rule. Collective.
     fn find_rules(&self, mesh: &Mesh, team: &impl Team) -> Result<Rules> {
         let rough = |given: &&Given| !given.is_polynomial();
         let of_parts = self.scene.parts.iter().map(|part| part.thickness.as_ref());
@@ -377,7 +386,7 @@ impl<'s> Body<'s> {
         super::effects::seen("plate.thickness", team.together(refined)?)
     }
 
-    /// The plate of a cell, and its thickness where that is no number.
+    /// Returns the plate of a cell, and its thickness field where it is no constant.
     fn plate(&self, cell: usize) -> (&'s Plate, Option<&'s Given>) {
         match self.part_of[cell].checked_sub(1).map(|part| &self.scene.parts[part]) {
             Some(Part { plate, thickness, .. }) => (plate, thickness.as_ref()),

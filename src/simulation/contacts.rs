@@ -1,26 +1,27 @@
-//! When each node touches an obstacle, and how hard.
+//! Contacts of single nodes with obstacles: their intervals and impulses.
 
 use super::Site;
 use crate::archive::{Archive, Over};
 use crate::error::Result;
 use crate::scheme::{Event, Scheme};
 
-/// A node's contact with an obstacle, from its first to its last step.
+/// Contact of a node with an obstacle, from its first to its last step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// The node.
+    /// Index of the node.
     pub node: usize,
-    /// Its position, in m.
+    /// Position of the node, in m.
     pub at: [f64; 2],
-    /// First instant with a reaction in the history, in s; that of the event, from a scheme that follows events.
+    /// First instant with a reaction in the history, in s; for an event-driven scheme the time of
+    /// the event.
     pub begin: f64,
-    /// Last instant with a reaction, or event, in s.
+    /// Last instant with a reaction, or time of the event, in s.
     pub end: f64,
-    /// Impulse of the obstacle, upward, in N s: the sum of [`Scheme::impulses`].
+    /// Impulse of the obstacle, the sum of [`Scheme::impulses`], in N s, positive upwards.
     pub impulse: f64,
 }
 
-/// Numbers in a contact: what ranks exchange.
+/// Number of values per contact in the exchange between ranks.
 pub(super) const NUMBERS: usize = 6;
 
 impl Contact {
@@ -29,19 +30,20 @@ impl Contact {
     }
 }
 
-/// The contacts of this process's nodes, as they come and go.
+/// Recorder of the contacts of this process's nodes.
 #[derive(Default)]
 pub(super) struct Contacts {
     /// Bounds in contact.
     open: Vec<usize>,
-    /// By bound: begin, end, impulse of its contact, if it is open.
+    /// Begin (s), end (s) and impulse (N s) of the contact that is open, one entry per bound.
     state: Vec<Option<[f64; 3]>>,
-    /// Contacts that ended and were not taken yet.
+    /// Contacts that ended since the last call of `take`.
     ended: Vec<f64>,
 }
 
 impl Contacts {
-    /// Takes note of a scheme's step, in which there were these events. A node that lets go for one step only stays in contact.
+    /// Records a step of a scheme and its events. A node without reaction for a single step remains
+    /// in contact.
     pub fn note(&mut self, sites: &[Site], step: f64, scheme: &dyn Scheme, events: &[Event]) {
         let (time, reactions) = (scheme.time(), scheme.reaction());
         self.state.resize(reactions.len(), None);
@@ -59,7 +61,7 @@ impl Contacts {
         self.close(sites, time - 1.5 * step);
     }
 
-    /// Extends the contact of a bound to an instant, where it begins if it is not open.
+    /// Extends the contact of a bound to an instant (s), or begins one there.
     fn extend(&mut self, bound: usize, time: f64) {
         if self.state[bound].is_none() {
             self.open.push(bound);
@@ -68,7 +70,7 @@ impl Contacts {
         *end = time;
     }
 
-    /// Ends the contacts that were last seen before an instant.
+    /// Ends the contacts last seen before an instant (s).
     pub fn close(&mut self, sites: &[Site], before: f64) {
         let Contacts { open, state, ended } = self;
         open.retain(|&bound| match state[bound] {
@@ -82,9 +84,9 @@ impl Contacts {
         });
     }
 
-    /// Shows an archive the contacts of all bounds.
+    /// Saves or restores the contacts of all bounds.
     pub fn archive(&mut self, bounds: usize, archive: &mut Archive) -> Result<()> {
-        // The place of each among those open, or -1, then its state.
+        // Each entry is the position among the open contacts, or -1, followed by the state.
         let mut all = vec![[-1.0; 4]; bounds];
         for (place, &bound) in self.open.iter().enumerate() {
             if let Some([begin, end, impulse]) = self.state[bound] {
@@ -104,7 +106,7 @@ impl Contacts {
         Ok(())
     }
 
-    /// What ended since the last call, in groups of [`NUMBERS`].
+    /// Returns the contacts that ended since the last call, in groups of [`NUMBERS`].
     pub fn take(&mut self) -> Vec<f64> {
         std::mem::take(&mut self.ended)
     }

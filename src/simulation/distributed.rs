@@ -1,4 +1,4 @@
-//! The model of a scene over all ranks.
+//! Model of a scene distributed over all ranks.
 
 use super::body::{self, Body, Team};
 use super::effects::Ground;
@@ -14,16 +14,17 @@ use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
 use std::time::Instant;
 
-/// Whether the engine and PETSc's options can do what the scene asks for. Nothing is built.
+/// Checks that the engine and PETSc's options can run the scene; nothing is built.
 ///
 /// # Errors
-/// [`Error::Usage`] for a contact solver that the engine does not have, and for an option that cannot work.
+/// Returns [`Error::Usage`] for a contact solver that the engine does not have, and for an option
+/// that cannot work.
 pub fn check_options(scene: &Scene, context: &Context) -> Result<()> {
     super::serves(scene, EngineName::Petsc, &[ViName::Condensed, ViName::Snes, ViName::Tao])?;
     family(scene).map_or(Ok(()), |family| family.check_options(context))
 }
 
-/// The PETSc solvers that the scene names; none for the condensed one.
+/// Returns the family of PETSc solvers that the scene names; `None` for the condensed solver.
 fn family(scene: &Scene) -> Option<Family> {
     match scene.solver.vi {
         ViName::Condensed => None,
@@ -33,7 +34,7 @@ fn family(scene: &Scene) -> Option<Family> {
 }
 
 impl Model<Distributed> {
-    /// Makes the contact solver that the scene names.
+    /// Returns a factory of the contact solver that the scene names.
     pub fn solver(&self, scene: &Scene) -> Box<SolverFactory<Distributed>> {
         let tolerance = scene.solver.tolerance;
         match family(scene) {
@@ -44,10 +45,10 @@ impl Model<Distributed> {
         }
     }
 
-    /// Builds what the scene calls for on PETSc, each rank its own part. Collective.
+    /// Builds the model of a scene on PETSc, one part per rank. Collective.
     ///
     /// # Errors
-    /// As [`check_options`] and [`Model::new`], and [`Error::Petsc`].
+    /// Returns the same errors as [`check_options`] and [`Model::new`], and [`Error::Petsc`].
     pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
         check_options(scene, context)?;
         let clock = Instant::now();
@@ -113,7 +114,7 @@ impl Model<Distributed> {
             owns: &|node| part.owns[node],
         };
         let mut model = super::compose(clock, engine, &ground)?;
-        // Nodes in the order of the ranks and of their dofs.
+        // Nodes are numbered in the order of the ranks and of their dofs.
         let counts = context.gather(&[model.sites.len() as u64]);
         let before = counts[..context.rank()].iter().sum::<u64>() as usize;
         let mut order: Vec<usize> = (0..model.sites.len()).collect();
@@ -123,7 +124,7 @@ impl Model<Distributed> {
     }
 }
 
-/// The grid of a scene without a file; `None` where nodes must be made in it.
+/// Returns the grid of a scene without a mesh file; `None` where nodes must be created in it.
 fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
     let grid = scene.mesh;
     let sides = [scene.plate.length, scene.plate.width];
@@ -133,7 +134,8 @@ fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
     Ok(fine.has_nodes(marks).then_some(rectangles))
 }
 
-/// The whole mesh of a scene, and how often it is still to be refined: not at all where nodes were made in it.
+/// Returns the whole mesh of a scene and its remaining number of refinements, which is 0 where
+/// nodes were created in it.
 fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     if let (Some(file), true) = (&scene.file, marks.is_empty()) {
         let mesh = file.load()?;
@@ -147,7 +149,7 @@ fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     }
 }
 
-/// All ranks, and what they share once they have a mesh.
+/// All ranks, with the part of the mesh that they share once it exists.
 struct Ranks<'c> {
     context: &'c Context,
     plex: Option<&'c Part>,

@@ -1,7 +1,8 @@
-//! Snapshots of the plate: its C1 deflection sampled finely enough that it looks as curved as it is.
+//! Snapshots of the plate, sampled finely enough that the C1 deflection looks as curved as it is.
 //!
-//! Each cell is cut into `output.subdivide` squared smaller ones of its own kind; deflection, slopes and velocity are evaluated at
-//! their corners by the element itself. Cells share the points on their common edge. The first points are the nodes of the mesh,
+//! Each cell is divided into `output.subdivide` squared smaller cells of the same shape;
+//! deflection, slopes and velocity are evaluated at their corners with the element's basis
+//! functions. Cells share the points on common edges. The first points are the nodes of the mesh,
 //! in its order.
 
 use super::body::{self, Team};
@@ -17,68 +18,72 @@ use crate::space::PER_NODE;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// The points and the small cells of this process.
+/// Sampling points and small cells of this process.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Lattice {
-    /// Positions, in m.
+    /// Positions of the points, in m.
     pub points: Vec<[f64; 2]>,
-    /// Corners of each small cell, counter-clockwise: three or four.
+    /// Corners of each small cell, three or four, counter-clockwise.
     pub cells: Vec<Vec<usize>>,
-    /// The cell of the mesh in which each small cell lies.
+    /// Cell of the mesh that contains each small cell.
     pub parents: Vec<usize>,
 }
 
-/// The plate at an instant, sampled on a [`Lattice`].
+/// Snapshot: the plate at an instant, sampled on a [`Lattice`].
 #[derive(Debug, Clone)]
 pub struct Snapshot<'f> {
-    /// Number of the instant.
+    /// Index of the step.
     pub step: u64,
-    /// Its time, in s.
+    /// Time, in s.
     pub time: f64,
-    /// Where it is sampled.
+    /// Sampling points and small cells.
     pub lattice: &'f Lattice,
-    /// Deflection, in m.
+    /// Deflection, in m, one entry per point.
     pub deflection: Vec<f64>,
-    /// Its derivatives along x and y.
+    /// Derivatives of the deflection along x and y, one entry per point.
     pub slope: Vec<[f64; 2]>,
-    /// Velocity, in m/s: see [`Scheme::velocity`].
+    /// Velocity, in m/s, one entry per point; see [`Scheme::velocity`].
     pub velocity: Vec<f64>,
-    /// Room to the nearest obstacle, in m, NaN where none is opposite; `None` without obstacles.
+    /// Gap to the nearest obstacle, in m, one entry per point, NaN at points without an obstacle;
+    /// `None` without obstacles.
     pub gap: Option<Vec<f64>>,
-    /// Height of the nearest obstacle below, and above, in m, NaN where none is opposite; `None` without obstacles.
+    /// Heights of the nearest obstacles below and above, in m, one entry per point, NaN at points
+    /// without an obstacle; `None` without obstacles.
     pub obstacles: Option<[Vec<f64>; 2]>,
-    /// Force of the obstacles on each node, upward, in N: zero at points that are not nodes of the mesh. `None` without obstacles.
+    /// Reaction of the obstacles on each node, in N, positive upwards, zero at points that are not
+    /// nodes of the mesh; `None` without obstacles.
     pub reaction: Option<Vec<f64>>,
-    /// Mean velocity of each cell of the mesh, in m/s, in the frame of the supports; with the singular mass the velocity of the paper.
+    /// Mean velocity of each cell of the mesh relative to the supports, in m/s; with the singular
+    /// mass it is the velocity of the paper.
     pub mean_velocity: Vec<f64>,
 }
 
-/// What samples a model's states.
+/// Sampling of the states of a model.
 pub struct Fields {
     lattice: Lattice,
-    /// The cell that evaluates each point, and the point's number in its class.
+    /// Cell that evaluates each point, and index of the point in the table of its class.
     samples: Vec<(u32, u32)>,
     cells: Vec<CellArrays>,
-    /// By class of cells: the basis functions at its points.
+    /// Basis functions at the points, by class of congruent cells.
     tables: HashMap<usize, Vec<Rows>>,
-    /// The dof of each node's deflection.
+    /// Dof of the deflection of each node.
     deflections: Vec<Option<usize>>,
-    /// Each obstacle: its side, height, and the points opposite to it.
+    /// Side, height and affected points of each obstacle.
     obstacles: Vec<(Side, Given, Vec<usize>)>,
-    /// Motions of the supports, with the deflection and slopes that they make at the points.
+    /// Support motions with the deflection and slopes that they cause at the points, per metre.
     lifts: Vec<(Rc<Given>, [Vec<f64>; 3])>,
 }
 
-/// Values, and derivatives along x and y, of a cell's basis functions at a point.
+/// Values of a cell's basis functions at a point, and their derivatives along x and y.
 type Rows = [Vec<f64>; 3];
 
-/// A point of a subdivided cell.
+/// Point of a subdivided cell.
 struct Corner {
     at: Point,
     place: Place,
 }
 
-/// What a point of a cell lies on; edges and inner points by their order.
+/// Entity of the cell on which a point lies; points on edges and inside are numbered in order.
 enum Place {
     Node(usize),
     Edge { nodes: [usize; 2], step: usize },
@@ -86,7 +91,7 @@ enum Place {
 }
 
 impl Fields {
-    /// Prepares sampling, if the scene asks for snapshots. Collective.
+    /// Prepares sampling if the scene asks for snapshots. Collective.
     pub(super) fn new<T: Team>(ground: &Ground<T>, lifts: &[Lift]) -> Result<Option<Fields>> {
         let Ground { scene, team, mesh, space, cells, .. } = *ground;
         let Some(snapshots) = scene.output.fields else { return Ok(None) };
@@ -162,7 +167,7 @@ impl Fields {
         Ok(Some(fields))
     }
 
-    /// The points opposite to an obstacle of a region. Collective.
+    /// Returns the points affected by an obstacle of a region. Collective.
     fn opposite(&self, region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<usize>> {
         let points = 0..self.lattice.points.len();
         match region {
@@ -190,7 +195,8 @@ impl Fields {
         }
     }
 
-    /// Heights of the nearest obstacle below, and above, at an instant, in m: NaN where none is opposite.
+    /// Returns the heights of the nearest obstacles below and above at an instant (s), in m, NaN
+    /// where there is none.
     fn heights(&self, time: f64) -> Result<[Vec<f64>; 2]> {
         let nowhere = || vec![f64::NAN; self.lattice.points.len()];
         let [mut floor, mut ceiling] = [nowhere(), nowhere()];
@@ -209,7 +215,7 @@ impl Fields {
         Ok([floor, ceiling])
     }
 
-    /// The state of a scheme. Collective.
+    /// Returns the snapshot of the present state of a scheme. Collective.
     pub(super) fn sample<E: Engine>(
         &self,
         system: &System<E>,
@@ -258,7 +264,7 @@ impl Fields {
         })
     }
 
-    /// One row of the basis functions times the dofs of each point's cell.
+    /// Returns, per point, the product of one row of the basis functions with the dofs of its cell.
     fn evaluate(&self, dofs: &[f64], row: usize) -> Vec<f64> {
         let value = |&(cell, local): &(u32, u32)| {
             let cell = &self.cells[cell as usize];
@@ -269,13 +275,14 @@ impl Fields {
     }
 }
 
-/// Mean of a field over a cell.
+/// Returns the mean of a field over a cell.
 fn mean(cell: &CellArrays, dofs: &[f64]) -> f64 {
     let sum: f64 = cell.local.coupling.iter().enumerate().map(|(i, c)| c * cell.value(i, dofs)).sum();
     sum / cell.local.weight
 }
 
-/// The points of a cell cut into `parts` along each edge, and the corners of its small cells.
+/// Returns the points of a cell divided into `parts` along each edge, and the corners of its small
+/// cells.
 fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Vec<Vec<usize>>) {
     let share = |i: usize| i as f64 / parts as f64;
     let mut corners = Vec::new();
@@ -339,7 +346,7 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
     (corners, small)
 }
 
-/// The basis functions of a cell at its points.
+/// Returns the basis functions of a cell at its points.
 fn basis(vertices: &[Point], corners: &[Corner]) -> Result<Vec<Rows>> {
     fn rows<const N: usize>(basis: Basis<N>) -> Rows {
         let along = |axis: usize| basis.gradient.row(axis).iter().copied().collect();

@@ -1,4 +1,4 @@
-//! Obstacles opposite to the probes, for pictures.
+//! Heights of the obstacles at the probes, for plots.
 
 use super::body;
 use crate::error::Result;
@@ -6,13 +6,13 @@ use crate::mesh::{Mesh, Point};
 use crate::scene::{Region, Scene};
 use std::collections::BTreeMap;
 
-/// Distance at which a probe is at a point or on a line, relative to the coordinates.
+/// Distance, relative to the coordinates, below which a probe lies at a point or on a line.
 const NEAR: f64 = 1e-6;
 
-/// Heights of the obstacles that stand still opposite to each probe of the plate, by its name, in m.
+/// Returns the heights of the fixed obstacles at each probe of the plate, by its name, in m.
 ///
 /// # Errors
-/// What reading a mesh and a formula says.
+/// Returns the errors of reading the mesh and of evaluating formulas.
 pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
     let is_named = |region: &Region| matches!(region, Region::Group(_) | Region::Point(_));
     let has_names = scene.obstacles.iter().any(|obstacle| is_named(&obstacle.region));
@@ -34,7 +34,7 @@ pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
     Ok(opposite)
 }
 
-/// Whether a point lies in a region of the plate.
+/// Returns whether a point lies in a region of the plate.
 fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
     Ok(match region {
         Region::All => true,
@@ -52,7 +52,7 @@ fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
     })
 }
 
-/// Whether a point lies on the straight line between two ends.
+/// Returns whether a point lies on the straight line between two ends.
 fn is_on(ends: [[f64; 2]; 2], at: Point) -> bool {
     let [from, to] = ends.map(Point::from);
     let side = to - from;

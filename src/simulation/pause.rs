@@ -1,4 +1,4 @@
-//! A run between two steps, as it goes into a checkpoint and comes back, on any number of processes.
+//! Saves and restores the state of a run between two steps, on any number of processes.
 
 use super::Model;
 use super::body::Team;
@@ -12,35 +12,39 @@ use crate::scheme::{Scheme, System};
 use crate::space::PER_NODE;
 use serde::{Deserialize, Serialize};
 
-/// Positions nearer than this share of the plate are the same.
+/// Relative distance, in units of the plate size, below which positions are equal.
 const SAME: f64 = 1e-9;
 
-/// Dofs of two runs are in the same place up to this part of the plate.
+/// Relative distance, in units of the plate size, up to which the dofs of two runs coincide.
 const NEAR: f64 = 1e-6;
 
-/// The whole state of a run between two steps: the scheme's and the main loop's.
+/// Whole state of a run between two steps: that of the scheme and of the main loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Pause {
-    /// Number of the last step made.
+    /// Index of the last step made.
     pub step: u64,
-    /// Its time, in s.
+    /// Time of that step, in s.
     pub time: f64,
-    /// How many processes made it: as many go on to the last digit as if there had been no pause.
+    /// Number of processes. A resumed run with the same number is bitwise identical to an
+    /// uninterrupted one.
     pub processes: usize,
     entries: Vec<Entry>,
 }
 
-/// Where the dofs and velocities of a process are: what numbers them whatever process has them.
+/// Positions of the dofs and velocities of a process, by which they are numbered independently of
+/// the distribution.
 #[derive(Debug, Clone, Default)]
 pub struct Places {
-    /// Position, in m, and which dof of its node.
+    /// Position, in m, and index of the dof at its node.
     dofs: Vec<[f64; 3]>,
-    /// Centres of the cells and what is carried, in m, or the dofs again.
+    /// Centres of the cells and positions of attached masses, in m, or the dofs again for a
+    /// consistent mass.
     velocities: Vec<[f64; 3]>,
 }
 
 impl Places {
-    /// Those of a process's part of a plate, with the engine's number of dofs there, and of the masses that it carries.
+    /// Returns the positions for a process's part of a plate, given the engine's numbers of its
+    /// dofs and the attached masses.
     pub(super) fn new<T: Team>(
         ground: &Ground<T>,
         count: usize,
@@ -75,10 +79,11 @@ impl Places {
         Places { dofs, velocities }
     }
 
-    /// Displacement and velocity of all processes' dofs, in the order of their places, on the first. Collective.
+    /// Returns displacement and velocity of all dofs, in the order of their positions, on the first
+    /// process. Collective.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub(super) fn motion<E: Engine>(
         &self,
         engine: &E,
@@ -104,10 +109,11 @@ impl Places {
         Ok(Some(Motion { step, time, supports: scene.supports_in_words(), dofs }))
     }
 
-    /// Displacement and velocity of this process's dofs in a motion, which all have. Collective.
+    /// Returns displacement and velocity of this process's dofs from a motion that all processes
+    /// have. Collective.
     ///
     /// # Errors
-    /// [`Error::Scene`] where its dofs are elsewhere, on all processes.
+    /// Returns [`Error::Scene`] on all processes where the positions of the dofs differ.
     pub(super) fn start<E: Engine>(&self, engine: &E, motion: &Motion) -> Result<[Vec<f64>; 2]> {
         let Numbers { own, total } = numbers(engine, &self.dofs)?;
         let extent = motion.dofs.iter().fold(0.0, |extent: f64, [x, y, ..]| extent.max(x.abs()).max(y.abs()));
@@ -127,7 +133,7 @@ impl Places {
         Ok([3, 4].map(|which| own.iter().map(|&number| motion.dofs[number][which]).collect()))
     }
 
-    /// The numbers of all that this process has. Collective.
+    /// Returns the global numbering of all dofs of this process. Collective.
     fn numbering<E: Engine>(&self, engine: &E, bounded: &[usize]) -> Result<Numbering> {
         let bounds: Vec<[f64; 3]> = bounded.iter().map(|&dof| self.dofs[dof]).collect();
         Ok(Numbering {
@@ -138,7 +144,7 @@ impl Places {
     }
 }
 
-/// Numbers places by line, column and dof: which process has them does not matter. Collective.
+/// Numbers positions by row, column and dof, independently of the distribution. Collective.
 fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Result<Numbers> {
     let (all, before) = engine.concatenate(own.as_flattened())?;
     let (all, before) = (all.as_chunks::<3>().0, before / 3);
@@ -156,7 +162,7 @@ fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Result<Numbers> {
     Ok(Numbers { own: numbers[before..][..own.len()].to_vec(), total: all.len() })
 }
 
-/// Which of the different values each is, ascending.
+/// Returns the rank of each value among the different values, ascending.
 fn ranks(values: &[f64], same: f64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
@@ -168,10 +174,10 @@ fn ranks(values: &[f64], same: f64) -> Vec<usize> {
 }
 
 impl Pause {
-    /// Takes what `state` shows of a run after a step; only the first process gets it. Collective.
+    /// Collects the state that `state` shows after a step, on the first process only. Collective.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine.
     pub(super) fn take<E: Engine>(
         model: &Model<E>,
         step: u64,
@@ -192,10 +198,10 @@ impl Pause {
         first.then(|| Ok(Pause { step, time, processes, entries: archive::join(parts)? })).transpose()
     }
 
-    /// What restores this process's part of it. Collective.
+    /// Returns the archive that restores this process's part of the state. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Checkpoint`] where it is that of another model.
+    /// Returns [`crate::Error::Checkpoint`] where the state is that of another model.
     pub(super) fn part<E: Engine>(self, model: &Model<E>) -> Result<Archive> {
         let System { engine, bounds, .. } = &model.system;
         let (processes, rank) = engine.concatenate(&[0.0])?;

@@ -1,21 +1,21 @@
-//! What the set-up of a run is busy with, for whoever wants to tell.
+//! Phases of the set-up of a run, for progress reports.
 
 use std::cell::RefCell;
 
-/// Hears the name of each phase.
+/// Callback that receives the name of each phase.
 type Listener = Box<dyn Fn(&'static str)>;
 
 thread_local! {
     static LISTENER: RefCell<Option<Listener>> = const { RefCell::new(None) };
 }
 
-/// Lets a listener hear, in a word or two, what the set-up of runs on this thread is busy with; another one takes its place, and
-/// `None` ends it.
+/// Sets the listener that receives the phases of set-ups on this thread, in a word or two. It
+/// replaces any other; `None` removes it.
 pub fn on_phase(listener: Option<Listener>) {
     LISTENER.with(|of| *of.borrow_mut() = listener);
 }
 
-/// Tells the listener, if there is one, that a phase begins.
+/// Reports the beginning of a phase to the listener, if there is one.
 pub(crate) fn phase(name: &'static str) {
     LISTENER.with(|of| {
         if let Ok(listener) = of.try_borrow()

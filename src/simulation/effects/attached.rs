@@ -1,4 +1,5 @@
-//! What is attached to the plate: foundations, springs, masses and balls; and the forms of all together.
+//! Attachments of the plate: foundations, springs, masses and balls; and the matrices of all
+//! together.
 
 use super::ground::{Ground, Spot, Team, seen};
 use super::parts;
@@ -12,38 +13,39 @@ use crate::scene;
 use crate::simulation::body;
 use crate::space::{PER_NODE, Rigid};
 
-/// A spring (N/m) or a mass (kg) at a point.
+/// Spring (N/m) or mass (kg) at a point.
 pub(super) struct Lump {
     pub amount: f64,
     pub at: Point,
     pub spot: Spot,
 }
 
-/// A ball, in the dofs.
+/// Ball, with its dofs.
 pub(super) struct Rider<'s> {
-    /// Which of the scene's balls it is.
+    /// Index of the ball in the scene.
     pub number: usize,
     pub ball: &'s scene::Ball,
-    /// The point of the plate under it.
+    /// Point of the plate under the ball.
     pub spot: Spot,
-    /// The dof of its gap: its height over the plate.
+    /// Dof of the gap, i.e. of the height of the ball over the plate.
     pub gap: usize,
 }
 
-/// What is attached to this process's part of the plate.
+/// Attachments of this process's part of the plate.
 pub(super) struct Attached<'s> {
-    /// Contributions to K, each with its cell.
+    /// Contributions of the foundations to K, each with its cell.
     foundations: Vec<(usize, Block)>,
     springs: Vec<Lump>,
-    /// Masses fixed on the plate, then balls: `spot.free` is what moves with them.
+    /// Masses fixed on the plate, then balls; `spot.free` gives their deflection in terms of the
+    /// dofs.
     masses: Vec<Lump>,
     pub balls: Vec<Rider<'s>>,
-    /// The first class that no cell of a form has.
+    /// First class number that is not used by the cells of a matrix.
     first_class: usize,
 }
 
 impl<'s> Attached<'s> {
-    /// Finds where everything is. Collective.
+    /// Locates all attachments. Collective.
     pub fn new<T: Team>(ground: &Ground<'s, T>) -> Result<Attached<'s>> {
         let scene = ground.scene;
         let lump = |key: String, at: [f64; 2], amount: f64| {
@@ -69,12 +71,13 @@ impl<'s> Attached<'s> {
         Ok(Attached { foundations: foundations(ground)?, springs, masses, balls, first_class })
     }
 
-    /// An error where one of several parts of the mesh is not held by itself. Collective.
+    /// Returns an error where the mesh has several parts and one of them is not held by itself.
+    /// Collective.
     pub fn require_held_parts<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
         parts::require_held(ground, &self.springs, self.foundations.iter().map(|(cell, _)| *cell))
     }
 
-    /// K: the plate, foundations and springs.
+    /// Returns K of plate, foundations and springs.
     pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<Block> {
         let mut blocks = assembly::stiffness(cells);
         blocks.extend(self.foundations.iter().map(|(_, block)| block.clone()));
@@ -82,7 +85,7 @@ impl<'s> Attached<'s> {
         blocks
     }
 
-    /// K with a spring of 1 N/m in each ball's gap, which holds it where nothing pulls at it.
+    /// Returns K with a spring of 1 N/m in each ball's gap, which fixes a gap without load.
     pub fn stiffness_that_holds_balls(&self, cells: &[CellArrays]) -> Vec<Block> {
         let mut blocks = self.stiffness(cells);
         let first = self.first_class + self.springs.len();
@@ -91,14 +94,14 @@ impl<'s> Attached<'s> {
         blocks
     }
 
-    /// M_r: the plate and what it carries.
+    /// Returns `$M_r$` of the plate and its masses.
     pub fn consistent_mass(&self, cells: &[CellArrays]) -> Vec<Block> {
         let mut blocks = assembly::consistent_mass(cells);
         blocks.extend(self.forms(&self.masses));
         blocks
     }
 
-    /// B and C: the plate and what it carries.
+    /// Returns B and C of the plate and its masses.
     pub fn singular_mass(&self, cells: &[CellArrays]) -> Vec<Average> {
         let mut rows = assembly::singular_mass(cells);
         let row = |(k, mass): (usize, &Lump)| mass.spot.free.rider(mass.amount, self.first_class + k);
@@ -111,12 +114,13 @@ impl<'s> Attached<'s> {
         lumps.iter().enumerate().map(form)
     }
 
-    /// Adds the weight of masses and balls under a gravity, downward.
+    /// Adds the weight of masses and balls to `load` for a gravity (m/s^2), downward.
     pub fn weigh(&self, gravity: f64, load: &mut [f64]) {
         self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
     }
 
-    /// Adds the forces of foundations and springs under a shape, three numbers a node, to those that bend the plate.
+    /// Adds the forces of foundations and springs under a shape (three values per node) to `force`,
+    /// in N.
     pub fn add_forces<T: Team>(&self, ground: &Ground<T>, shape: &[f64], force: &mut [f64]) {
         for (cell, block) in &self.foundations {
             let nodes = ground.mesh.cells[*cell].nodes();
@@ -129,30 +133,31 @@ impl<'s> Attached<'s> {
         }
     }
 
-    /// Adds the momenta of masses and balls at a velocity of this shape.
+    /// Adds the momenta of masses and balls for a velocity of this shape to `momentum`.
     pub fn add_momenta(&self, shape: &[f64], momentum: &mut [f64]) {
         for Lump { amount, spot, .. } in &self.masses {
             spot.free.push(amount * spot.of_shape.deflection(shape), momentum);
         }
     }
 
-    /// Where masses and balls are, in the order of their rows of B.
+    /// Returns the positions of masses and balls, in m, in the order of their rows of B.
     pub fn carried(&self) -> impl Iterator<Item = [f64; 2]> {
         self.masses.iter().map(|mass| mass.at.into())
     }
 
-    /// The rigid motions that nothing holds, in words. Collective.
+    /// Returns the rigid motions that nothing restrains, in words. Collective.
     pub fn mechanism<T: Team>(&self, ground: &Ground<T>) -> Option<&'static str> {
         self.held(ground, &[]).mechanism()
     }
 
-    /// The rigid motions that supports, springs and foundations hold. Collective.
+    /// Returns the rigid motions that supports, springs and foundations restrain. Collective.
     pub fn rigid<T: Team>(&self, ground: &Ground<T>) -> Rigid {
         self.held(ground, &[])
     }
 
-    /// An error where nothing holds a rigid motion and the singular mass does not feel it either: the means over all cells vanish, as
-    /// where a single row of cells turns about its middle. Collective.
+    /// Returns an error where nothing restrains a rigid motion and the singular mass gives it no
+    /// inertia either: its means over all cells vanish, as for a single row of cells rotating about
+    /// its centre line. Collective.
     pub fn refuse_weightless<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
         let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
         let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
@@ -165,7 +170,8 @@ impl<'s> Attached<'s> {
         }
     }
 
-    /// The rigid motions that are held by what holds the plate and by some points at rest. Collective.
+    /// Returns the rigid motions that the supports, attachments and some fixed points restrain.
+    /// Collective.
     fn held<T: Team>(&self, ground: &Ground<T>, at_rest: &[Point]) -> Rigid {
         let nodes = &ground.mesh.nodes;
         let farthest = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
@@ -192,7 +198,8 @@ impl<'s> Attached<'s> {
         rigid
     }
 
-    /// An error where a mass sits on a node that can be stopped: its velocity would jump. Collective.
+    /// Returns an error where a mass is attached to a node that an obstacle can stop, since its
+    /// velocity would jump. Collective.
     pub fn refuse_stopped<T: Team>(&self, ground: &Ground<T>, bounds: &Bounds) -> Result<()> {
         let stops = |dof: usize| (ground.own)(dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok());
         let stopped = |mass: &Lump| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
@@ -208,7 +215,7 @@ impl<'s> Attached<'s> {
     }
 }
 
-/// The foundations' contributions to K, each with its cell. Collective.
+/// Returns the contributions of the foundations to K, each with its cell. Collective.
 fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
     let foundations = &ground.scene.foundations;
     if foundations.is_empty() {
@@ -234,13 +241,13 @@ fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
     ground.team.together(assembly::foundation(ground.mesh, ground.cells, &stiffness, &rules))
 }
 
-/// Rules of their own on the cells where foundations ask for them. Collective.
+/// Returns special quadrature rules for cells in which foundations need them. Collective.
 fn foundation_rules<T: Team>(ground: &Ground<T>, reaches: &[Vec<bool>]) -> Result<Rules> {
     let foundations = &ground.scene.foundations;
     if foundations.iter().all(|of| of.stiffness.is_low()) {
         return Ok(Rules::new());
     }
-    // One sum for all cells that the same foundations reach.
+    // One sum serves all cells that the same foundations cover.
     let mut sums = Vec::new();
     let mut known: Vec<Vec<bool>> = Vec::new();
     let mut sum_of = Vec::with_capacity(ground.mesh.cells.len());

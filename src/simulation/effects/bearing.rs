@@ -1,7 +1,8 @@
-//! Equilibrium of a plate that supports leave a mechanism, and that obstacles keep in its place.
+//! Equilibrium of a plate that is a mechanism on its supports and is held by obstacles.
 //!
-//! It exists if and only if some reactions of the obstacles, none of which pulls, balance the load on the rigid motions that nothing
-//! else holds (Farkas); else there is a motion that no obstacle stops and that the load drives, and the message names it.
+//! An equilibrium exists if and only if some non-negative reactions of the obstacles balance the
+//! load on the unrestrained rigid motions (Farkas' lemma). Otherwise there is a rigid motion that
+//! no obstacle stops and on which the load does work, and the error message names it.
 
 use super::OfCells;
 use super::ground::Team;
@@ -14,22 +15,25 @@ use crate::simulation::judge;
 use crate::space::Rigid;
 use nalgebra::{DMatrix, Vector3};
 
-/// The stiffness of the proximal steps on the rigid motions, relative to that of the plate's slowest bending.
+/// Stiffness of the proximal steps on the rigid motions, relative to that of the plate's lowest
+/// bending mode.
 const HOLD: f64 = 1e-4;
 
-/// The part of a load, relative to all of it, that may stay unbalanced: rounding.
+/// Largest unbalanced part of a load, relative to the whole, that counts as rounding.
 const BALANCED: f64 = 1e-10;
 
-/// A rigid motion whose slopes, times the plate's size, are below this part of it goes straight up or down.
+/// Slope of a rigid motion times the plate size, relative to its deflection, up to which it counts
+/// as a translation.
 const STRAIGHT: f64 = 1e-3;
 
-/// Exchanges of reactions at most, in the search for those that balance a load.
+/// Largest number of exchanges in the search for reactions that balance a load.
 const MOST_EXCHANGES: usize = 1000;
 
-/// The equilibrium under a load of a plate that is a mechanism, within the bounds. Collective.
+/// Computes the equilibrium under a load of a plate that is a mechanism, within the bounds.
+/// Collective.
 ///
 /// # Errors
-/// [`Error::Singular`] where nothing holds the plate down: `key` and the motion.
+/// Returns [`Error::Singular`], with `key` and the motion, where no equilibrium exists.
 pub(super) fn equilibrium<E: OfCells, T: Team>(
     statics: &Statics<T>,
     key: &str,
@@ -49,7 +53,7 @@ pub(super) fn equilibrium<E: OfCells, T: Team>(
             in_words(&rigid, escape)
         )));
     }
-    // The square of the angular frequency of a plate that bends to a bowl.
+    // Square of the angular frequency of a plate bending to a bowl.
     let (centre, size) = rigid.frame();
     let bowl = ground.mesh.nodes.iter().flat_map(|node| {
         let arm = (node - centre) / size;
@@ -65,8 +69,8 @@ pub(super) fn equilibrium<E: OfCells, T: Team>(
     Ok(u)
 }
 
-/// The rigid motion a + b x + c y along which a load drives the plate away from all bounds; `None` if reactions balance the load.
-/// Collective.
+/// Returns the rigid motion a + b x + c y along which a load drives the plate away from all bounds;
+/// `None` if reactions balance the load. Collective.
 fn escape<E: OfCells, T: Team>(
     statics: &Statics<T>,
     rigid: &Rigid,
@@ -95,7 +99,7 @@ fn escape<E: OfCells, T: Team>(
     if total == 0.0 {
         return Ok(None);
     }
-    // What a unit reaction at a bound adds to the forces.
+    // Force of a unit reaction at a bound on the rigid motions.
     let at = |dof: usize| Vector3::from_fn(|k, _| shapes.get(k).map_or(0.0, |shape| shape[dof]));
     let reactions = || {
         bounds.dofs.iter().enumerate().flat_map(move |(i, &dof)| {
@@ -104,7 +108,7 @@ fn escape<E: OfCells, T: Team>(
             up.into_iter().chain(down).filter(|reaction| reaction.norm() > 0.0)
         })
     };
-    // The reaction of all processes that takes most of what is left.
+    // Reaction of all processes that reduces the remainder most.
     let most = |left: Vector3<f64>| {
         let own = reactions().map(|reaction| reaction.normalize());
         let best = own.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default();
@@ -117,8 +121,9 @@ fn escape<E: OfCells, T: Team>(
     Ok((left.norm() > BALANCED).then(motion))
 }
 
-/// The least that a sum of reactions, each times a number that is not negative, leaves of a force (Lawson and Hanson's NNLS). `most`
-/// finds the reaction that takes most of what is left.
+/// Returns the smallest remainder of a force after subtraction of non-negative multiples of
+/// reactions (Lawson and Hanson's NNLS). The closure `most` returns the reaction that reduces a
+/// remainder most.
 fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Vector3<f64> {
     let mut taken: Vec<(Vector3<f64>, f64)> = Vec::new();
     let mut left = force;
@@ -129,7 +134,7 @@ fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) 
             break;
         }
         taken.push((reaction, 0.0));
-        // Those that would have to pull go.
+        // Remove the reactions that would have to pull.
         while !taken.is_empty() {
             let columns: Vec<Vector3<f64>> = taken.iter().map(|(reaction, _)| *reaction).collect();
             let svd = DMatrix::from_fn(3, columns.len(), |i, j| columns[j][i]).svd(true, true);
@@ -149,7 +154,7 @@ fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) 
     left
 }
 
-/// A rigid motion in words.
+/// Describes a rigid motion in words.
 fn in_words(rigid: &Rigid, motion: Vector3<f64>) -> String {
     let (centre, size) = rigid.frame();
     let slope = motion.yz();

@@ -1,4 +1,4 @@
-//! Where a model is built.
+//! Build context of a model.
 
 pub(in crate::simulation) use super::super::body::Team;
 use crate::assembly::{self, CellArrays, Pressure, Probe};
@@ -9,51 +9,55 @@ use crate::scene::{self, Given, Scene};
 use crate::space::{Hold, PER_NODE, Space};
 use std::rc::Rc;
 
-/// Adds up what all processes have over their spaces, on the engine's dofs. Collective.
+/// Function that sums the contributions of all processes over their dofs, on the engine's dofs.
+/// Collective.
 pub(in crate::simulation) type AddUp = dyn Fn(&[f64]) -> Result<Vec<f64>>;
 
-/// Makes an error of one process that of all, in the midst of a run too: one that left alone would wait for the others to take
-/// down with it what they own together. Collective.
+/// Function that turns an error on one rank into an error on all ranks, so that none destroys a
+/// shared PETSc object alone and deadlocks. Collective.
 pub(in crate::simulation) type Agree = dyn Fn(Result<()>) -> Result<()>;
 
-/// Adds numbers up over all processes. Collective.
+/// Function that sums numbers over all processes. Collective.
 pub(in crate::simulation) type Sum = dyn Fn(&[f64]) -> Vec<f64>;
 
-/// Where a model is built: this process's part of the mesh, and how it and the engine's dofs belong together.
+/// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
+/// of the engine.
 pub(in crate::simulation) struct Ground<'g, T: Team> {
     pub scene: &'g Scene,
     pub team: &'g T,
     pub mesh: &'g Mesh,
-    /// What supports hold at the nodes.
+    /// Constraints of the supports at the nodes.
     pub holds: &'g [Hold],
-    /// Dofs of the part of the mesh, and the gaps of balls.
+    /// Dofs of this part of the mesh, and the gaps of balls.
     pub space: &'g Space,
-    /// The dof of each ball's gap, on the process that has it.
+    /// Dof of each ball's gap, on the process that owns it.
     pub gaps: &'g [Option<usize>],
     pub cells: &'g [CellArrays],
-    /// The engine's number of one of the space's dofs, if this process owns it.
+    /// Function that maps a local dof to the engine's dof, if this process owns it.
     pub own: &'g dyn Fn(usize) -> Option<usize>,
-    /// See there.
+    /// Sum over processes, see [`AddUp`].
     pub add_up: Rc<AddUp>,
-    /// See there.
+    /// Agreement on errors, see [`Agree`].
     pub agree: Rc<Agree>,
-    /// See there.
+    /// Sum of numbers, see [`Sum`].
     pub sum: Rc<Sum>,
-    /// Whether this process owns each node.
+    /// Function that tells whether this process owns a node.
     pub owns: &'g dyn Fn(usize) -> bool,
 }
 
-/// A point of this process's part of the plate.
+/// Evaluation of the deflection at a point of this process's part of the plate.
 #[derive(Clone)]
 pub(super) struct Spot {
-    /// Its deflection as a sum over the space's dofs.
+    /// Deflection as a linear combination of the free dofs.
     pub free: Probe,
-    /// Its deflection as a sum over all deflections and slopes of the part, three a node.
+    /// Deflection as a linear combination of all deflections and slopes of the part, three per
+    /// node.
     pub of_shape: Probe,
 }
 
 impl<T: Team> Ground<'_, T> {
-    /// A point of the plate on the process that speaks for it; `None` on the others. Collective.
+    /// Locates a point of the plate, on the one process that evaluates it; `None` on the others.
+    /// Collective.
     pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<Spot>> {
         let at = Point::new(x, y);
         let here = self.mesh.locate(at).is_some();
@@ -68,7 +72,8 @@ impl<T: Team> Ground<'_, T> {
         }
     }
 
-    /// What a probe sees, over the engine's dofs, and this process's part of what it sees of shapes. Collective.
+    /// Returns the coefficients of a scene's probe over the engine's dofs, and this process's part
+    /// of its values for given shapes. Collective.
     pub fn probe(&self, probe: &scene::Probe, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
         let spot = self.spot(&format!("probe \"{}\"", probe.name), probe.at)?;
         let mut local = vec![0.0; self.space.dofs()];
@@ -82,7 +87,7 @@ impl<T: Team> Ground<'_, T> {
         Ok((Probe::from_weights(&(self.add_up)(&local)?), shapes.iter().map(of).collect()))
     }
 
-    /// Deflection and slopes of a formula of place at all nodes, three a node.
+    /// Returns deflection and slopes of a formula of x and y at all nodes, three values per node.
     pub(super) fn shape_of(&self, given: &Given) -> Result<Vec<f64>> {
         let mut shape = Vec::with_capacity(PER_NODE * self.mesh.nodes.len());
         for &node in &self.mesh.nodes {
@@ -91,7 +96,7 @@ impl<T: Team> Ground<'_, T> {
         Ok(shape)
     }
 
-    /// Values over the space's dofs as those of the engine's that this process owns.
+    /// Converts values over the local dofs to those over the engine's dofs that this process owns.
     pub(super) fn owned(&self, local: &[f64], dofs: usize) -> Vec<f64> {
         let mut own = vec![0.0; dofs];
         for (dof, value) in local.iter().enumerate() {
@@ -102,7 +107,7 @@ impl<T: Team> Ground<'_, T> {
         own
     }
 
-    /// The load of a pressure that does not change with time, on the space's dofs. Collective.
+    /// Returns the load of a constant pressure, on the local dofs. Collective.
     pub(super) fn pressed(&self, pressure: &Given) -> Result<Vec<f64>> {
         let dofs = self.space.dofs();
         if let Some(pressure) = pressure.number() {
@@ -118,7 +123,7 @@ impl<T: Team> Ground<'_, T> {
         self.team.together(integral())
     }
 
-    /// Rules of their own on the cells where a field that does not change with time asks for them. Collective.
+    /// Returns special quadrature rules for cells in which a constant field needs them. Collective.
     fn rules(&self, given: &Given) -> Result<Rules> {
         if given.is_low() {
             return Ok(Rules::new());
@@ -130,10 +135,11 @@ impl<T: Team> Ground<'_, T> {
     }
 }
 
-/// Share of a field's integral that may stay open where its refinement was given up.
+/// Largest uncertain part of a field's integral that is accepted where its refinement stopped.
 const LEFT: f64 = 0.01;
 
-/// The rules found for a key's field, unless too much of it stays open.
+/// Returns the quadrature rules found for the field of a key, or an error where too much of its
+/// integral is uncertain.
 pub(in crate::simulation) fn seen(key: &str, refined: Refined) -> Result<Rules> {
     let Refined { rules, size, left, .. } = refined;
     if left <= LEFT * size {

@@ -1,4 +1,4 @@
-//! Where the obstacles are, as bounds on deflections.
+//! Heights of the obstacles as bounds on deflections.
 
 use super::Lift;
 use super::attached::Rider;
@@ -11,7 +11,7 @@ use crate::scene::{self, Given, Side};
 use crate::simulation::{Site, body};
 use std::rc::Rc;
 
-/// The nodes of this process that each obstacle is opposite to. Collective.
+/// Returns the nodes of this process that each obstacle bounds. Collective.
 pub(super) fn opposite<T: Team>(ground: &Ground<T>) -> Result<Vec<Vec<usize>>> {
     let nodes = |(number, obstacle): (usize, &scene::Obstacle)| {
         body::nodes_in(&obstacle.region, ground.mesh, ground.team, &format!("obstacle.{number}"))
@@ -19,8 +19,9 @@ pub(super) fn opposite<T: Team>(ground: &Ground<T>) -> Result<Vec<Vec<usize>>> {
     ground.scene.obstacles.iter().enumerate().map(nodes).collect()
 }
 
-/// The engine's deflections: first those that something bounds, ascending dofs, then the others; and how many are bounded. The gap of
-/// ball k goes as that of a node, the k-th past the mesh's last.
+/// Returns the engine's deflections, first the bounded ones in ascending order of dofs, then the
+/// others; and the number of bounded ones. The gap of ball k counts as the deflection of a node k
+/// places past the mesh's last.
 pub(super) fn sites<T: Team>(
     ground: &Ground<T>,
     opposite: &[Vec<usize>],
@@ -43,7 +44,7 @@ pub(super) fn sites<T: Team>(
     (sites.into_iter().map(|(_, site)| site).collect(), bounded)
 }
 
-/// An obstacle, the bounds that it concerns, and where these are.
+/// Obstacle with the bounds that it affects, and their positions.
 struct Opposite {
     side: Side,
     height: Given,
@@ -51,20 +52,20 @@ struct Opposite {
     points: Vec<Point>,
 }
 
-/// Where the obstacles are at the bounded dofs of this process.
+/// Bounds from the obstacles at the bounded dofs of this process.
 pub(super) struct Heights {
-    /// Bounds by what stands still: obstacles, and 0 at the gaps of balls.
+    /// Bounds from fixed obstacles, and 0 at the gaps of balls.
     still: Bounds,
-    /// Obstacles that move.
+    /// Moving obstacles.
     moving: Vec<Opposite>,
-    /// Whether supports move, which carry the bounds along.
+    /// Whether supports move, which shifts the bounds.
     carried: bool,
     places: Vec<[f64; 2]>,
     agree: Rc<Agree>,
 }
 
 impl Heights {
-    /// Asks once for what stands still. Collective.
+    /// Evaluates the fixed obstacles once. Collective.
     pub fn new<T: Team>(
         ground: &Ground<T>,
         opposite: &[Vec<usize>],
@@ -75,7 +76,7 @@ impl Heights {
         let nodes = mesh.nodes.len();
         let dofs = bounded.iter().map(|site| site.dof).collect();
         let mut still = Bounds::uniform(dofs, f64::NEG_INFINITY, f64::INFINITY);
-        // A gap is small as long as the ball lies on the plate.
+        // A gap is small while the ball lies on the plate.
         let falls = scene.balls.iter().map(|ball| ball.height.abs().max(scene.plate.plate.thickness));
         still.size = falls.fold(0.0, f64::max);
         let mut bound_of = vec![None; nodes];
@@ -109,22 +110,23 @@ impl Heights {
         })
     }
 
-    /// Whether any bound changes with time.
+    /// Returns whether any bound depends on time.
     pub fn vary(&self) -> bool {
         !self.moving.is_empty() || self.carried
     }
 
-    /// The bounds of the first instant, before supports carry them along. Collective.
+    /// Returns the bounds at the first instant, before support motions are subtracted, in m.
+    /// Collective.
     pub fn at_start(&self) -> Result<Bounds> {
         let mut bounds = self.still.clone();
         (self.agree)(self.place(0.0, &mut bounds))?;
         Ok(bounds)
     }
 
-    /// Sets the bounds of an instant, before supports carry them along. Collective.
+    /// Sets the bounds at an instant (s), before support motions are subtracted, in m. Collective.
     pub fn set(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         let placed = self.place(t, bounds);
-        // Motions of supports alone are the same on all processes.
+        // Support motions alone are the same on all processes.
         if self.moving.is_empty() { placed } else { (self.agree)(placed) }
     }
 
@@ -144,12 +146,12 @@ impl Heights {
     }
 }
 
-/// Points of an obstacle at which jumps of its height are sought.
+/// Number of points of an obstacle at which jumps of its height are detected.
 const WATCHED: usize = 64;
 
 impl Opposite {
-    /// An error where the height jumps, at one of some points spread over the obstacle. Of one that is the same everywhere the scene's
-    /// reader has told.
+    /// Returns an error where the height jumps in time, at one of some points spread over the
+    /// obstacle. Heights that do not depend on the place were checked when the scene was read.
     fn refuse_jumps(&self, time: &scene::Time) -> Result<()> {
         let watched = if self.height.is_even() { 0 } else { self.points.len().min(WATCHED) };
         for k in 0..watched {
@@ -161,7 +163,8 @@ impl Opposite {
         Ok(())
     }
 
-    /// Leaves no more room than this obstacle does at an instant: of several on a side the nearest counts.
+    /// Restricts the bounds to the height of this obstacle at an instant (s): of several obstacles
+    /// on one side the nearest counts.
     fn narrow(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         let mut heights = vec![0.0; self.points.len()];
         self.height.values(&self.points, t, &mut heights)?;

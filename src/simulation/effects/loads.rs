@@ -1,4 +1,4 @@
-//! What pushes the plate: pressure, point forces, gravity.
+//! Loads of the plate: pressure, point forces, gravity.
 
 use super::attached::Attached;
 use super::ground::{AddUp, Agree, Ground, Sum, Team, seen};
@@ -16,34 +16,35 @@ use std::rc::Rc;
 
 /// Loads on the engine's dofs.
 pub(super) struct Loads {
-    /// What does not change with time, in N; `None` where that is nothing.
+    /// Constant part of the load, in N; `None` where it is zero.
     pub constant: Option<Vec<f64>>,
-    /// g(t) times a load.
+    /// Products of a factor g(t) and a load vector (N).
     terms: Vec<(Given, Vec<f64>)>,
     wave: Option<Wave>,
 }
 
-/// A pressure that is no sum of products g(t) h(x, y): integrated anew each time.
+/// Pressure that is no sum of products g(t) h(x, y), integrated at every instant.
 struct Wave {
     pressure: Given,
     points: Pressure,
     pieces: Vec<Triangle>,
-    /// Dofs of the space.
+    /// Number of local dofs.
     dofs: usize,
     /// Time step, in s.
     step: f64,
-    /// Number of the last window looked at, and whether it is calm, by the length of the window in steps.
+    /// Index of the last time window tested and the result, by length of the window in steps.
     calm: RefCell<BTreeMap<u32, (u64, bool)>>,
     add_up: Rc<AddUp>,
     agree: Rc<Agree>,
     sum: Rc<Sum>,
 }
 
-/// Steps in a window of time over which it is asked whether a wave is smooth enough for the usual rule throughout. Windows start at
-/// multiples of their length, so that a resumed run asks the same.
+/// Lengths, in steps, of the time windows in which a wave is tested for being smooth enough for the
+/// usual quadrature rule. Windows start at multiples of their length, so that a resumed run makes
+/// the same tests.
 const WINDOWS: [u32; 2] = [256, 16];
 
-/// A wave at the start of a window, bounded over all of it.
+/// Wave at the start of a time window, with bounds over the whole window.
 struct Window<'w> {
     pressure: &'w Given,
     from: f64,
@@ -65,7 +66,7 @@ impl Integrand for Window<'_> {
 }
 
 impl Wave {
-    /// Finds where to ask for the wave. Collective.
+    /// Prepares the integration of a pressure. Collective.
     fn new<T: Team>(ground: &Ground<T>, pressure: &Given) -> Result<Wave> {
         let Ground { scene, mesh, cells, space, add_up, agree, sum, .. } = ground;
         Ok(Wave {
@@ -81,7 +82,8 @@ impl Wave {
         })
     }
 
-    /// Whether the usual rule does in the window of so many steps around an instant. Collective.
+    /// Returns whether the usual quadrature rule suffices in the window of `steps` steps around an
+    /// instant (s). Collective.
     fn is_calm(&self, t: f64, steps: u32) -> Result<bool> {
         let length = f64::from(steps) * self.step;
         let number = (t / length).floor().max(0.0);
@@ -90,14 +92,14 @@ impl Wave {
             return Ok(calm);
         }
         let window = Window { pressure: &self.pressure, from: number * length, to: (number + 1.0) * length };
-        // A window that cannot be computed is not calm; its instants say what is wrong.
+        // A window that cannot be evaluated is not calm; its instants report the error.
         let calm = adaptive::is_calm(&self.pieces, &window, adaptive::EACH_TIME, &*self.sum);
         let calm = (self.sum)(&[f64::from(u8::from(!matches!(calm, Ok(true))))])[0] == 0.0;
         self.calm.borrow_mut().insert(steps, (number as u64, calm));
         Ok(calm)
     }
 
-    /// Rules of their own on the cells that ask for them at an instant. Collective.
+    /// Returns special quadrature rules for cells that need them at an instant (s). Collective.
     fn rules(&self, t: f64) -> Result<Rules> {
         for steps in WINDOWS {
             if self.is_calm(t, steps)? {
@@ -109,7 +111,7 @@ impl Wave {
         seen(&self.pressure.key, refined)
     }
 
-    /// The load of an instant, on the dofs of the space. Collective.
+    /// Returns the load at an instant (s), in N, on the local dofs. Collective.
     fn load(&self, t: f64) -> Result<Vec<f64>> {
         let mut local = vec![0.0; self.dofs];
         let rules = self.rules(t);
@@ -119,17 +121,18 @@ impl Wave {
     }
 }
 
-/// Force and moments of a load.
+/// Resultant force and moments of a load.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Resultant {
-    /// Upward, in N.
+    /// Force, in N, positive upwards.
     pub force: f64,
-    /// About the x and y axes, through the origin of the coordinates, in N m.
+    /// Moments about the x and y axes through the origin of the coordinates, in N m.
     pub moments: [f64; 2],
 }
 
 impl Resultant {
-    /// Sums of what pushes at the deflections and slopes of all nodes, three a node.
+    /// Returns the resultant of a load on the deflections and slopes of all nodes, three entries
+    /// per node.
     fn of(nodes: &[Point], load: &[f64]) -> Resultant {
         let mut sum = Resultant::default();
         for (node, of) in nodes.iter().zip(load.chunks_exact(PER_NODE)) {
@@ -146,24 +149,26 @@ impl Resultant {
     }
 }
 
-/// Force and moments of a load over the run.
+/// Resultants of a load over the run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LoadTotal {
-    /// Key of the load.
+    /// Key of the load in the scene.
     pub key: String,
-    /// At the start.
+    /// Resultant at the start.
     pub start: Resultant,
-    /// At the instant (s) of the run at which it pushes most, as far as a thousand of them tell; for loads in time.
+    /// Instant (s) and resultant of the largest load, among a thousand instants of the run; for
+    /// time-dependent loads.
     pub largest: Option<(f64, Resultant)>,
 }
 
-/// Instants at which loads in time are looked at.
+/// Number of instants at which time-dependent loads are evaluated for their resultants.
 const INSTANTS: u64 = 1000;
 
-/// Instants at which loads are looked at that are integrated anew each time.
+/// Number of instants for loads that must be integrated at each.
 const WAVE_INSTANTS: u64 = 100;
 
-/// Forces and moments of all loads. The ground must be one where nothing is held, in one process.
+/// Returns the resultants of all loads. The build context must have all dofs free and a single
+/// process.
 pub(super) fn totals<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Vec<LoadTotal>> {
     let Ground { scene, mesh, cells, space, .. } = ground;
     let of = |load: &[f64]| Resultant::of(&mesh.nodes, load);
@@ -233,7 +238,7 @@ pub(super) fn totals<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result
 }
 
 impl Loads {
-    /// Integrates what can be integrated once. Collective.
+    /// Integrates the loads that can be integrated in advance. Collective.
     pub fn new<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Loads> {
         let Ground { scene, cells, space, add_up, .. } = ground;
         let dofs = space.dofs();
@@ -273,12 +278,12 @@ impl Loads {
         Ok(loads)
     }
 
-    /// Whether any changes with time.
+    /// Returns whether any load depends on time.
     pub fn vary(&self) -> bool {
         !self.terms.is_empty() || self.wave.is_some()
     }
 
-    /// Adds the loads of an instant that change with time. Collective.
+    /// Adds the time-dependent loads at an instant (s) to `load`, in N. Collective.
     pub fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
         for (factor, of) in &self.terms {
             add(factor.at(Point::origin(), t)?, of, load);

@@ -1,8 +1,10 @@
-//! What a scene calls for, composed once into the semi-discrete problem: forms, loads, bounds, and what of them changes with time.
+//! Effects of a scene, composed once into the semi-discrete problem: matrices, loads, bounds, and
+//! their time-dependent parts.
 //!
-//! Supports that move carry the plate's frame with them: U is the deflection beyond the one that their motion makes by itself, the
-//! *lift*. In that frame supports stand still, obstacles move by less the lift, and inertia is a load (the pseudo-static
-//! decomposition of earthquake engineering: Clough and Penzien, *Dynamics of Structures*, section 26-1).
+//! Where supports move, U is the deflection relative to the *lift*, the quasi-static shape that the
+//! support motion gives the plate. In that frame supports are at rest, obstacles move by less the
+//! lift, and inertia is a load (the pseudo-static decomposition of earthquake engineering: Clough
+//! and Penzien, *Dynamics of Structures*, section 26-1).
 
 mod attached;
 mod bearing;
@@ -32,9 +34,9 @@ use loads::Loads;
 use start::Statics;
 use std::time::Instant;
 
-/// An engine whose forms the native one makes, of this process's cells.
+/// Engine whose matrices are those of the native engine over this process's cells.
 pub(super) trait OfCells: Engine<Form = Form, Factor: 'static> + 'static {
-    /// The native engine.
+    /// Returns the native engine.
     fn native(&self) -> &Native;
 }
 
@@ -51,40 +53,40 @@ impl OfCells for crate::petsc::Distributed {
     }
 }
 
-/// The matrices of a scene, piece by piece.
+/// Matrices of a scene, in element contributions.
 pub struct Matrices {
-    /// K.
+    /// Contributions to K.
     pub stiffness: Vec<Block>,
-    /// M_r.
+    /// Contributions to `$M_r$`.
     pub consistent: Vec<Block>,
-    /// The rows of B and entries of C.
+    /// Rows of B and entries of C.
     pub singular: Vec<Average>,
-    /// F of `initial.static_pressure` or, where that is 0, of what does not change with time in `[load]`, in N.
+    /// Load of `initial.static_pressure` or, where that is 0, the constant part of `[load]`, in N.
     pub load: Vec<f64>,
-    /// Dofs that something bounds, ascending.
+    /// Bounded dofs, ascending.
     pub bounded: Vec<usize>,
 }
 
-/// What a scene's effects make of a plate.
+/// Semi-discrete problem of a plate with all effects of a scene.
 pub(super) struct Effects<E: Engine> {
     pub system: System<E>,
     pub start: Start,
     pub lifts: Vec<Lift>,
-    /// The engine's deflections; the bounded ones come first, in the order of the bounds.
+    /// Deflections of the engine's dofs; the bounded ones come first, in the order of the bounds.
     pub sites: Vec<Site>,
     pub places: Places,
-    /// The rigid motions that nothing holds, in words.
+    /// Rigid motions that nothing restrains, in words.
     pub mechanism: Option<&'static str>,
-    /// What is doubtful about the scene, one sentence each; the same on every process.
+    /// Warnings on the scene, one sentence each; the same on every process.
     pub warnings: Vec<String>,
-    /// Seconds that the static start took.
+    /// Wall time of the static start, in s.
     pub seconds: f64,
 }
 
-/// All matrices of a scene.
+/// Returns all matrices of a scene.
 ///
 /// # Errors
-/// What the scene's formulas and regions say of the mesh.
+/// Returns the errors of the scene's formulas and regions on the mesh.
 pub(super) fn matrices<T: Team>(ground: &Ground<T>) -> Result<Matrices> {
     let attached = Attached::new(ground)?;
     let initial = &ground.scene.initial.static_pressure;
@@ -103,28 +105,29 @@ pub(super) fn matrices<T: Team>(ground: &Ground<T>) -> Result<Matrices> {
     })
 }
 
-/// Forces and moments of the loads of a scene, on a ground where nothing is held.
+/// Returns the resultants of the loads of a scene, in a build context with all dofs free.
 ///
 /// # Errors
-/// As [`matrices`].
+/// Returns the same errors as [`matrices`].
 pub(super) fn load_totals<T: Team>(ground: &Ground<T>) -> Result<Vec<LoadTotal>> {
     loads::totals(ground, &Attached::new(ground)?)
 }
 
-/// The rigid motions that nothing holds, in words. Collective.
+/// Returns the rigid motions that nothing restrains, in words. Collective.
 ///
 /// # Errors
-/// As [`matrices`].
+/// Returns the same errors as [`matrices`].
 pub(super) fn mechanism<T: Team>(ground: &Ground<T>) -> Result<Option<&'static str>> {
     let attached = Attached::new(ground)?;
     attached.require_held_parts(ground)?;
     Ok(attached.mechanism(ground))
 }
 
-/// Composes the problem of a scene. Collective.
+/// Builds the semi-discrete problem of a scene. Collective.
 ///
 /// # Errors
-/// What the scene's formulas and regions say of the mesh; [`Singular`](crate::Error::Singular) where a static start is asked of a mechanism.
+/// Returns the errors of the scene's formulas and regions on the mesh, and
+/// [`Singular`](crate::Error::Singular) where a static start is asked of a mechanism.
 pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Result<Effects<E>> {
     let Ground { scene, cells, .. } = *ground;
     let attached = Attached::new(ground)?;
@@ -164,7 +167,7 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     let lifts = motion::lifts(&system, &statics)?;
 
     if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
-        // Rigid motions, which come first, do not count.
+        // Rigid motions come first and do not count.
         let loose = mechanism.is_some() || !scene.balls.is_empty();
         let rigid = if loose { 3 + scene.balls.len() } else { 0 };
         let System { engine, stiffness, mass, .. } = &system;

@@ -1,4 +1,4 @@
-//! Supports that move, and what that does in their frame.
+//! Support motions and their effects in the moving frame.
 
 use super::OfCells;
 use super::attached::Attached;
@@ -14,19 +14,20 @@ use crate::simulation::{Site, body};
 use crate::space::{PER_NODE, Place, Support};
 use std::rc::Rc;
 
-/// How supports move, and the deflection and slopes that a motion of 1 m makes at each node (three a node of this process).
+/// Support motion, with the deflection and slopes that a motion of 1 m causes at each node (three
+/// values per node of this process).
 #[derive(Debug, Clone)]
 pub(in crate::simulation) struct Lift {
     pub motion: Rc<Given>,
     pub shape: Vec<f64>,
-    /// Whether the plate moves rigidly; else its shape is in equilibrium.
+    /// Whether the plate moves rigidly; otherwise its shape is in equilibrium.
     is_rigid: bool,
 }
 
-/// How the supports move: each motion with its lift. Collective.
+/// Returns each support motion with its lift. Collective.
 pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T>) -> Result<Vec<Lift>> {
     let Ground { scene, mesh, team, .. } = *statics.ground;
-    // Guided edges follow the plate, not the other way round.
+    // Guided edges follow the plate and do not drive it.
     let motions: Vec<Option<&Given>> = scene.supports.iter().map(|support| support.motion.as_ref()).collect();
     let holding = || scene.supports.iter().filter(|support| support.kind.holds_deflection());
     let mut different: Vec<&Given> = Vec::new();
@@ -49,7 +50,8 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
         )));
     }
     let places = body::supports(scene, mesh, team)?;
-    // The nodes that supports of one motion hold, or those that stand still, on whatever process. Collective.
+    // Nodes on all processes that supports of one motion hold, or those at rest for `None`.
+    // Collective.
     let nodes_of = |motion: Option<&Given>| {
         let mut nodes = vec![0.0; mesh.nodes.len()];
         let of = |((_, kind), own): &(&(Place, Support), &Option<&Given>)| {
@@ -65,7 +67,7 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
     };
     let mut taken = nodes_of(None)?;
     let lift = |motion: &Given| {
-        // The plate bends statically from held nodes that move to those that stand still.
+        // The plate bends statically between held nodes that move and those at rest.
         let moved = nodes_of(Some(motion))?;
         let torn = (0..taken.len()).find(|&node| moved[node] > 0.0 && taken[node] > 0.0);
         team.together(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
@@ -85,14 +87,15 @@ fn same(one: Option<&Given>, other: Option<&Given>) -> bool {
     one.map(|given| &given.value) == other.map(|given| &given.value)
 }
 
-/// The error of a node that is to move in two ways at once.
+/// Returns the error of a node that is to move in two ways at once.
 fn tears(motion: &Given, at: Point) -> Error {
     let wrong = format!("the node at ({}, {}) is also held by a support that moves otherwise", at.x, at.y);
     Error::Scene(format!("{}: {wrong}; expected them apart, as by where", motion.key))
 }
 
 impl Lift {
-    /// The motion with the forces and momenta of its shape, on the engine's dofs, of which some are bounded. Collective.
+    /// Returns the support motion with forces and momenta of its shape on the engine's dofs, some
+    /// of which are bounded. Collective.
     pub(super) fn moving<T: Team>(
         &self,
         ground: &Ground<T>,
@@ -118,13 +121,13 @@ impl Lift {
         };
         let step = scene.time.step;
         let [place, rate] = [(); 2].map(|()| motion.clone());
-        // The gaps of balls stand past the nodes; nothing carries them.
+        // The gaps of balls are numbered past the nodes; no motion shifts them.
         let at = |site: &Site| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
         Ok(SupportMotion {
             place: Box::new(move |t| place.at(Point::origin(), t)),
             rate: Box::new(move |t| match rate.jet(t) {
                 Ok(jet) => Ok(jet.first),
-                // An infinite one is that over the next step.
+                // An infinite velocity is replaced by the mean one over the next step.
                 Err(_) => Ok((rate.at(Point::origin(), t + step)? - rate.at(Point::origin(), t)?) / step),
             }),
             momentum: add_up(&momentum)?,
@@ -136,7 +139,7 @@ impl Lift {
 }
 
 impl<T: Team> Statics<'_, T> {
-    /// What a shape, three numbers a node, pulls at the plate: K of it, on the engine's dofs. Collective.
+    /// Returns K u for a shape u (three values per node), in N, on the engine's dofs. Collective.
     fn forces(&self, shape: &[f64]) -> Result<Vec<f64>> {
         let Ground { mesh, cells, space, add_up, .. } = self.ground;
         let mut force = vec![0.0; space.dofs()];

@@ -1,4 +1,4 @@
-//! Parts of a mesh that nothing connects: each must be held by itself.
+//! Check that each disconnected part of a mesh is held by itself.
 
 use super::attached::Lump;
 use super::ground::{Ground, Team};
@@ -7,7 +7,7 @@ use crate::mesh::{Point, Unions};
 use crate::space::{PER_NODE, Rigid};
 use std::collections::BTreeSet;
 
-/// An error where a mesh is in several parts of which one is not held: what holds the others says nothing of it. Collective.
+/// Returns an error where the mesh has several parts and one of them is not held. Collective.
 pub(super) fn require_held<T: Team>(
     ground: &Ground<T>,
     springs: &[Lump],
@@ -18,7 +18,7 @@ pub(super) fn require_held<T: Team>(
     }
     let mesh = ground.mesh;
     let (part_of, count) = parts(ground)?;
-    // Number of nodes and sums of their places, part by part: centres.
+    // Number of nodes and sums of their positions per part, for the centres.
     let mut places = vec![0.0; 3 * count];
     for (node, &part) in mesh.nodes.iter().zip(&part_of) {
         [1.0, node.x, node.y].iter().enumerate().for_each(|(k, of)| places[3 * part + k] += of);
@@ -62,13 +62,13 @@ pub(super) fn require_held<T: Team>(
     Ok(())
 }
 
-/// The part of each node of this process, and how many parts all have. Collective.
+/// Returns the part of each node of this process, and the number of parts over all. Collective.
 fn parts<T: Team>(ground: &Ground<T>) -> Result<(Vec<usize>, usize)> {
     let (of_node, own) = ground.mesh.part_of_nodes();
     let counts = ground.team.gather(&[own as f64]);
     let first: f64 = counts[..ground.team.rank()].iter().sum();
     let number = |node: usize| first as usize + of_node[node];
-    // The number that the owner of a node gives its part, and this process's own, are of one part.
+    // The part numbers that the owner of a node and this process give it belong to one part.
     let called = |node: usize| if (ground.owns)(node) { (number(node) + 1) as f64 } else { 0.0 };
     let owners = ground.team.spread(&(0..of_node.len()).map(called).collect::<Vec<_>>())?;
     let pairs: BTreeSet<[usize; 2]> =

@@ -1,4 +1,4 @@
-//! Where the motion starts.
+//! Initial conditions.
 
 use super::OfCells;
 use super::attached::{Attached, Rider};
@@ -13,19 +13,19 @@ use crate::scheme::{self, Start, System};
 use crate::simulation::{Places, judge};
 use crate::space::{PER_NODE, Space};
 
-/// A start counts as within the obstacles, and on its supports, to this part of the deflection.
+/// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;
 
-/// What equilibria are found with.
+/// Context for the computation of equilibria.
 pub(super) struct Statics<'g, T: Team> {
     pub ground: &'g Ground<'g, T>,
     pub attached: &'g Attached<'g>,
-    /// The rigid motions that nothing holds.
+    /// Rigid motions that nothing restrains, in words.
     pub mechanism: Option<&'static str>,
 }
 
 impl<T: Team> Statics<'_, T> {
-    /// Equilibrium of the plate under a load that leaves balls alone: they stay where they are. Collective.
+    /// Computes the equilibrium of the plate under a load, with the balls at rest. Collective.
     pub fn equilibrium<E: OfCells>(
         &self,
         system: &System<E>,
@@ -39,14 +39,14 @@ impl<T: Team> Statics<'_, T> {
         Ok(u)
     }
 
-    /// The stiffness of the plate with balls that stay where they are; `None` where there are none.
+    /// Returns the stiffness of the plate with the balls held at rest; `None` where there are none.
     fn held<E: OfCells>(&self, system: &System<E>) -> Option<E::Form> {
         let Ground { scene, cells, .. } = *self.ground;
         (!scene.balls.is_empty())
             .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)))
     }
 
-    /// The equilibrium that the scene starts from. Collective.
+    /// Computes the equilibrium from which the scene starts. Collective.
     fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads) -> Result<Vec<f64>> {
         let Ground { scene, own, add_up, .. } = self.ground;
         let initial = &scene.initial;
@@ -80,7 +80,8 @@ impl<T: Team> Statics<'_, T> {
         bearing::equilibrium(self, key, system, stiffness, &load, &bounds)
     }
 
-    /// Takes what pulls at balls from a load: it is on their gaps, and on the plate under them, which carries none of it. Collective.
+    /// Removes the loads of balls from `load`, where they act on the gaps and on the plate below:
+    /// held at rest, balls do not load the plate. Collective.
     fn lift_balls(&self, load: &mut [f64]) -> Result<()> {
         let Ground { scene, space, own, add_up, .. } = self.ground;
         if scene.balls.is_empty() {
@@ -98,7 +99,7 @@ impl<T: Team> Statics<'_, T> {
     }
 }
 
-/// The start under `[initial]`, and what is doubtful about it. Collective.
+/// Returns the initial conditions of `[initial]` and warnings on them. Collective.
 pub(super) fn start<E: OfCells, T: Team>(
     system: &System<E>,
     statics: &Statics<T>,
@@ -110,7 +111,7 @@ pub(super) fn start<E: OfCells, T: Team>(
     let Ground { scene, space, team, .. } = **ground;
     let initial = &scene.initial;
     let engine = &system.engine;
-    // Deflections are over those of the supports, velocities are not.
+    // Initial deflections are relative to the supports, velocities are not.
     let given = team.together(ground.shape_of(&initial.velocity))?;
     let rates = system.drive.rates(0.0)?;
     let of_supports = |dof: usize| lifts.iter().zip(&rates).map(|(lift, rate)| rate * lift.shape[dof]).sum();
@@ -153,7 +154,7 @@ pub(super) fn start<E: OfCells, T: Team>(
     Ok((Start { displacement, velocity }, doubt))
 }
 
-/// The deflection of the start, if it is such as the supports allow.
+/// Returns the initial deflection if the supports allow it.
 fn on_supports<T: Team>(ground: &Ground<T>, shape: Vec<f64>) -> Result<Vec<f64>> {
     match contradiction(ground, &shape, |_| 0.0) {
         None => Ok(shape),
@@ -161,17 +162,17 @@ fn on_supports<T: Team>(ground: &Ground<T>, shape: Vec<f64>) -> Result<Vec<f64>>
     }
 }
 
-/// A place where a field that starts the motion is not what a support makes of it.
+/// Violation of a support by an initial field.
 struct Contradiction {
     at: [f64; 2],
-    /// Whether it is the field itself; else its slope, along x or y.
+    /// Whether the field itself violates the support; otherwise its slope along x or y.
     is_value: bool,
     given: f64,
     held: f64,
 }
 
 impl Contradiction {
-    /// In words, with the units of the field and of its slope.
+    /// Describes the violation in words, with the units of the field and of its slope.
     fn words(&self, of_value: &str, of_slope: &str) -> String {
         let Contradiction { at: [x, y], is_value, given, held } = self;
         let (what, unit) = if *is_value { ("", of_value) } else { ("a slope of ", of_slope) };
@@ -181,8 +182,8 @@ impl Contradiction {
     }
 }
 
-/// The first node of this process at which a field, three numbers per node, is not what supports hold it at: itself where they hold
-/// the deflection, its slopes where they clamp.
+/// Returns the first node of this process at which a field (three values per node) violates a
+/// support: in its value where the deflection is held, in its slopes where the plate is clamped.
 fn contradiction<T: Team>(
     ground: &Ground<T>,
     shape: &[f64],
@@ -213,7 +214,7 @@ fn contradiction<T: Team>(
     (0..ground.holds.len()).find_map(wrong)
 }
 
-/// The contradiction of the first process that has one. Collective.
+/// Returns the violation of the first process that has one. Collective.
 fn first_of_all(team: &impl Team, own: Option<Contradiction>) -> Option<Contradiction> {
     let numbers = own.map(|of| [of.at[0], of.at[1], f64::from(u8::from(of.is_value)), of.given, of.held]);
     let all = team.gather(numbers.as_ref().map_or(&[], |of| of));

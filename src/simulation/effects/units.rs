@@ -1,15 +1,17 @@
-//! A question about units, where lengths cannot be metres.
+//! Check for lengths that cannot be in metres.
 
 use super::ground::{Ground, Team};
 
-/// Spans over thickness beyond which a plate is asked for its units: 600 m for 3 mm are 200,000, a foil of 1 m for 0.1 mm 10,000.
+/// Ratio of span to thickness above which a warning asks for the unit: 600 m for 3 mm is 200,000, a
+/// foil of 1 m for 0.1 mm 10,000.
 const FOIL: f64 = 2e4;
 
-/// Span over thickness below which a plate is asked for its units: it is thicker than wide.
+/// Ratio of span to thickness below which a warning asks for the unit: the plate is thicker than
+/// wide.
 const BLOCK: f64 = 1.0;
 
-/// The question whether lengths are in metres, of a plate much too wide or too narrow for its thickness. No question is asked of a mesh
-/// whose unit `mesh.scale` tells. Collective.
+/// Returns a warning that asks whether lengths are in metres, for a plate much too wide or too
+/// narrow for its thickness. A mesh with the key `mesh.scale` is not questioned. Collective.
 pub(super) fn question<T: Team>(ground: &Ground<T>) -> Option<String> {
     let scene = ground.scene;
     let farthest = |sign: f64, axis: usize| {
