@@ -1,4 +1,4 @@
-//! `rebond run`.
+//! Command `rebond run`.
 
 use super::plot::obstacles;
 use super::{SceneArgs, Voice, launch, print, refuse_petsc_options, signal};
@@ -42,7 +42,7 @@ pub struct Run {
     overwrite: bool,
 }
 
-/// A run from its start, or from a checkpoint on.
+/// Run to make, from its start or from a checkpoint.
 pub(super) struct Job {
     pub scene: Scene,
     pub file: PathBuf,
@@ -53,44 +53,44 @@ pub(super) struct Job {
     pub from: Option<Checkpoint>,
 }
 
-/// `summary.json`.
+/// Contents of `summary.json`.
 #[derive(Debug, Serialize)]
 struct Summary<'s> {
     program: &'static str,
     version: &'static str,
-    /// "done", or what ended the run early.
+    /// Status of the run: "done", or the cause of its early end.
     status: String,
     scene_hash: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     mesh_checksum: Option<u32>,
     effects: Vec<String>,
     warnings: &'s [String],
-    /// Heights of the obstacles opposite to each probe, in m.
+    /// Heights of the obstacles at each probe, in m.
     opposite: BTreeMap<String, Vec<f64>>,
     #[serde(flatten)]
     outcome: &'s Outcome,
     scene: &'s Scene,
 }
 
-/// What records a run: rows to the history, contacts, and now and then a look for the terminal. Of several ranks, one
-/// records; but each writes its own fields.
+/// Observer that writes a run's rows, contacts and checkpoints and reports progress to the
+/// terminal. Of several ranks only one writes these; each writes its own fields.
 struct Recorder<'r> {
     job: &'r Job,
     files: Option<Files>,
     fields: Series,
-    /// Until the first row.
+    /// Progress report of the set-up, until the first row.
     set_up: Option<SetUpTold>,
-    /// Energy of the first row and of the last, J.
+    /// Energies of the first and of the last row, in J.
     start: Option<f64>,
     energy: f64,
     check_options: &'r dyn Fn() -> Result<()>,
 }
 
-/// A set-up whose parts are told while it lasts.
+/// Progress report of a set-up, while it lasts.
 pub(super) struct SetUpTold(Rc<SetUp>);
 
 impl SetUpTold {
-    /// Listens to what models are busy with.
+    /// Starts listening to the phases of the set-up.
     pub fn new(voice: Voice) -> SetUpTold {
         let set_up = Rc::new(SetUp::new(voice.is_silent()));
         let told = Rc::clone(&set_up);
@@ -98,7 +98,7 @@ impl SetUpTold {
         SetUpTold(set_up)
     }
 
-    /// Tells a part of its own.
+    /// Reports a phase of the command itself.
     fn part(&self, part: &'static str) {
         self.0.part(part);
     }
@@ -110,17 +110,17 @@ impl Drop for SetUpTold {
     }
 }
 
-/// What one rank alone writes.
+/// Files that only one rank writes.
 struct Files {
     history: History,
     contacts: Option<Contacts>,
-    /// Where the scheme follows events.
+    /// Events file, for event-driven schemes.
     events: Option<Events>,
     progress: Progress,
 }
 
 impl Files {
-    /// Starts the files of a run afresh; those of an earlier one go.
+    /// Creates the files of a new run, and removes those of an earlier one.
     fn create(Job { scene, folder, voice, .. }: &Job) -> Result<Files> {
         checkpoint::clear(folder)?;
         checkpoint::clear_state(folder)?;
@@ -137,7 +137,7 @@ impl Files {
         Ok(Files { history, contacts, events, progress })
     }
 
-    /// Puts the files back to where they were at a checkpoint.
+    /// Truncates the files to their lengths at a checkpoint.
     fn resume(Job { scene, folder, voice, .. }: &Job, from: &Checkpoint) -> Result<Files> {
         let Outputs { history, contacts, events, .. } = from.outputs;
         let Pause { step, time, .. } = from.pause;
@@ -149,7 +149,7 @@ impl Files {
         })
     }
 
-    /// How far they have come, on the disk.
+    /// Returns the lengths of the files on the disk.
     fn outputs(&mut self, fields: &Series) -> Result<Outputs> {
         Ok(Outputs {
             history: self.history.position()?,
@@ -159,7 +159,8 @@ impl Files {
         })
     }
 
-    /// Ends them; unlike a mere drop, says what could not be written.
+    /// Closes the files and returns an error if something could not be written, which a mere drop
+    /// would hide.
     fn finish(self) -> Result<()> {
         self.progress.finish();
         self.history.finish()?;
@@ -169,7 +170,8 @@ impl Files {
 }
 
 impl Recorder<'_> {
-    /// A state of the run with where its files are; none on a process that writes none.
+    /// Returns a checkpoint of a state with the lengths of the files; `None` on a process that
+    /// writes no files.
     fn checkpoint(&mut self, pause: Pause) -> Result<Option<Checkpoint>> {
         let Job { scene, file, identity, petsc, .. } = self.job;
         let Some(files) = &mut self.files else { return Ok(None) };
@@ -180,7 +182,7 @@ impl Recorder<'_> {
 }
 
 impl Recorder<'_> {
-    /// Opens the files of a run, or of one that goes on.
+    /// Opens the files of a new or resumed run.
     fn prepare(&mut self, from: Option<&Checkpoint>) -> Result<()> {
         let Job { scene, folder, .. } = self.job;
         sweep(folder)?;
@@ -189,7 +191,7 @@ impl Recorder<'_> {
             Some(from) => Files::resume(self.job, from)?,
         });
         if let Some(Checkpoint { outputs, pause, .. }) = from {
-            // The snapshot of an end that is none any more goes.
+            // The snapshot of a former end is removed unless one is due at that step.
             let is_due = |every: u64| pause.step.is_multiple_of(every);
             let is_kept = scene.output.fields.is_some_and(|fields| is_due(fields.every));
             let last = if is_kept { pause.step } else { pause.step.saturating_sub(1) };
@@ -298,7 +300,7 @@ impl Job {
         }
     }
 
-    /// Runs on all ranks; an error on any of them ends all.
+    /// Runs on all ranks; an error on any of them ends the run on all.
     #[cfg(feature = "petsc")]
     fn on_petsc(self) -> Result<()> {
         let context = Context::start(&self.petsc)?;
@@ -322,7 +324,7 @@ impl Job {
         ended(&context, run())
     }
 
-    /// Says what will be simulated.
+    /// Prints a description of the run.
     fn announce(&self, engine: &str) -> Result<()> {
         if self.voice.is_silent() {
             return Ok(());
@@ -333,7 +335,7 @@ impl Job {
         print(&format!("{}\n{engine}effects: {}\n{from}", self.scene.title, effects(&self.scene)))
     }
 
-    /// Simulates a model on one of several processes; the first writes and reports.
+    /// Runs a model as one of several processes; the first writes files and reports.
     fn simulate<E: Engine>(
         mut self,
         set_up: Option<SetUpTold>,
@@ -367,14 +369,14 @@ impl Job {
         };
         let Some(files) = recorder.files else { return ended };
         let status = ended.as_ref().err().map_or("done".into(), ToString::to_string);
-        // What ended the run speaks first.
+        // The cause of the run's end takes precedence over errors of the report.
         let told = files.finish().and_then(|()| job.tell(&outcome, warnings, status));
         ended.and(told)?;
-        // The run needs them no more.
+        // A finished run needs no checkpoints.
         checkpoint::clear(folder)
     }
 
-    /// Writes the summary and the picture of a run, and prints its report.
+    /// Writes the summary and the plot of a run, and prints its report.
     fn tell(&self, outcome: &Outcome, warnings: &[String], status: String) -> Result<()> {
         let Job { scene, folder, voice, .. } = self;
         let summary = Summary {
@@ -395,7 +397,8 @@ impl Job {
     }
 }
 
-/// Ends all ranks on an error of any, once those that have it too have written what they have; rank 0 has it to say.
+/// Ends all ranks where any has an error, after the others with errors have written their output;
+/// rank 0 prints the error.
 #[cfg(feature = "petsc")]
 pub(super) fn ended(context: &Context, ended: Result<()>) -> Result<()> {
     if context.size() > 1 { context.settle(ended, super::PATIENCE) } else { ended }
@@ -411,7 +414,7 @@ fn effects(scene: &Scene) -> String {
     if effects.is_empty() { "none".into() } else { effects.join(", ") }
 }
 
-/// Draws `plots/history.svg` from `history.csv`; `rebond plot` draws the rest.
+/// Draws `plots/history.svg` from `history.csv`; `rebond plot` draws the other plots.
 fn draw(folder: &Path, scene: &Scene, opposite: &BTreeMap<String, Vec<f64>>) -> Result<()> {
     let obstacles = serde_json::to_value(scene).map(|scene| obstacles(&scene, opposite)).unwrap_or_default();
     let table = history::read(folder)?;
@@ -419,7 +422,7 @@ fn draw(folder: &Path, scene: &Scene, opposite: &BTreeMap<String, Vec<f64>>) -> 
         .write_svg(&folder.join(plot::FOLDER).join("history.svg"))
 }
 
-/// What a run prints when it ends.
+/// Returns the report printed at the end of a run.
 fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     let Outcome { energy, seconds, .. } = outcome;
     let mut report = Report::new("");
@@ -452,7 +455,8 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
         report.text("first impact", "none");
     }
     report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
-    // What changes with time gives and takes energy; next to what comes and goes, a start at rest is rounding.
+    // Time-dependent data add and remove energy; compared with that, the energy of a start at rest
+    // is rounding.
     let is_measure = energy.start.abs() > 1e-6 * energy.min.abs().max(energy.max.abs());
     if is_measure && scene.changes().is_none() {
         let most = (energy.max - energy.start).max(energy.start - energy.min) / energy.start.abs();
@@ -480,5 +484,5 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     report
 }
 
-/// Contacts that a report lists.
+/// Number of contacts listed in a report.
 const MOST_CONTACTS: usize = 6;

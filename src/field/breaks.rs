@@ -3,44 +3,49 @@
 use super::span::Span;
 use super::{Field, Name, Names, Point, Table, code};
 
-/// An instant at which a function of time jumps, or its rate does.
+/// Instant at which a function of time or its derivative jumps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Break {
-    /// The instant, in s.
+    /// Time, in s.
     pub time: f64,
-    /// Value after it less that before it.
+    /// Value just after the instant less the value just before.
     pub jump: f64,
-    /// Rate after it less that before it, per s; infinite where there is none.
+    /// Derivative just after the instant less the derivative just before, per s; infinite where
+    /// there is none.
     pub kink: f64,
 }
 
-/// Kinks and jumps of a function of time, ascending.
+/// Kinks and jumps of a function of time, in ascending order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Breaks {
-    /// Those found.
+    /// Kinks and jumps found.
     pub found: Vec<Break>,
-    /// Whether these are all; else the search ended before `to`.
+    /// Whether `found` is complete; otherwise the search ended before `to`.
     pub complete: bool,
 }
 
-/// Intervals that a thorough search looks at; some hundred for each kink.
+/// Number of intervals that a thorough search evaluates; about a hundred per kink.
 pub const MOST_LOOKS: usize = 200_000;
 
-/// A change of the value, over the largest value seen, that may be rounding of the formula's own numbers, and of its rate.
+/// Change of the value or of the derivative, relative to the largest seen, that may be rounding of
+/// the formula's numbers.
 const ROUNDED: f64 = 1e-6;
 
-/// Suspects side by side after which two branches count as the same for a while: no search by intervals tells them apart.
+/// Number of adjacent suspect intervals from which two branches are taken to coincide over a time:
+/// interval arithmetic cannot distinguish them.
 const SAME_BRANCHES: u32 = 16;
-/// Instants at which the branches of the formula are asked for where intervals do not tell.
+/// Number of instants at which branches are compared where interval arithmetic is not conclusive.
 const SAMPLES: usize = 4096;
 
 impl Field {
-    /// The kinks and jumps at a point (m) from one instant to another (s), found in at most so many looks at intervals.
+    /// Returns the kinks and jumps at a point (m) between two instants (s), with at most `looks`
+    /// evaluations of intervals.
     ///
-    /// An interval in which no branch of the formula can change is smooth, by interval arithmetic; any other is halved until
-    /// nothing lies between its ends. So none is missed, however the branches are nested. Where that does not tell (two branches have
-    /// the same values for a while, or there is too much to look at) the branches taken at many instants are compared, and the breaks
-    /// found are not known to be all.
+    /// By interval arithmetic the formula is smooth in an interval in which no branch can change;
+    /// any other interval is halved until no number lies between its ends. No break is missed,
+    /// however the branches are nested. Where this is not conclusive (two branches coincide over a
+    /// time, or there are too many intervals) the branches taken at many instants are compared, and
+    /// the breaks found may be incomplete.
     pub fn breaks(&self, at: Point, from: f64, to: f64, looks: usize) -> Breaks {
         if !self.depends_on(Names::T) || from >= to {
             return Breaks { found: Vec::new(), complete: true };
@@ -59,7 +64,7 @@ impl Field {
         search.judged(self, at, None)
     }
 
-    /// What can be said of all values at a point between two instants.
+    /// Returns bounds on value and derivative at a point between two instants (s).
     pub(super) fn span(&self, stack: &mut Vec<Span>, at: Point, from: f64, to: f64) -> Span {
         code::run(&self.code, stack, |name| match name {
             Name::X => code::Number::constant(at.x),
@@ -71,29 +76,29 @@ impl Field {
 
 #[derive(Default)]
 struct Search {
-    /// Where it began, and how far it goes, in s.
+    /// Start and end of the search, in s.
     from: f64,
     length: f64,
-    /// Intervals yet to look at, the first last.
+    /// Intervals still to evaluate, the first one last.
     pending: Vec<(f64, f64)>,
     looks: usize,
-    /// Length of an interval that is not halved any more, in s.
+    /// Length at which intervals are no longer halved, in s.
     least: f64,
-    /// Where breaks may be, ascending.
+    /// Intervals that may contain breaks, ascending.
     suspects: Vec<(f64, f64)>,
-    /// How many of the last suspects are side by side.
+    /// Number of the last suspects that are adjacent.
     adjoining: u32,
-    /// Largest value and rate seen.
+    /// Largest value and derivative seen.
     largest: f64,
     fastest: f64,
 }
 
-/// A formula at an instant.
+/// Branch of a formula at an instant.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
-    /// The instant, in s.
+    /// Time, in s.
     time: f64,
-    /// A number that differs across jumps and kinks.
+    /// Number that differs across jumps and kinks.
     side: u64,
     value: f64,
 }
@@ -103,7 +108,7 @@ impl Search {
         if span.middle.is_finite() {
             self.largest = self.largest.max(span.middle.abs());
         }
-        // Beside a break too it bounds the rates on both sides.
+        // Next to a break this still bounds the derivatives on both sides.
         let rate = span.rate.magnitude();
         let is_settled = !span.breaks || high - low <= ROUNDED * self.length;
         if is_settled && rate.is_finite() {
@@ -119,7 +124,8 @@ impl Search {
             && high - low <= (*end - *begin).max(self.least)
             && (high - *begin <= ROUNDED * self.length || self.adjoining >= SAME_BRANCHES)
         {
-            // Rounding hides where in a neighbourhood the break is: it is not taken apart.
+            // Rounding hides where in this neighbourhood the break is, so the interval is not
+            // halved.
             *end = high;
         } else if high - low <= self.least || middle <= low || middle >= high {
             self.adjoining = if adjoins { self.adjoining + 1 } else { 0 };
@@ -129,7 +135,8 @@ impl Search {
         }
     }
 
-    /// The breaks that the suspects are, those in what was not looked at, if anything was left, included.
+    /// Returns the breaks in the suspect intervals and, if the search ended early, those found in
+    /// the rest.
     fn judged(mut self, of: &Field, at: Point, left: Option<(f64, f64)>) -> Breaks {
         let tells = |(low, high): &(f64, f64)| high - low <= ROUNDED * self.length;
         let (suspects, untold): (Vec<_>, Vec<_>) =
@@ -143,8 +150,9 @@ impl Search {
         Breaks { found, complete }
     }
 
-    /// Where the formula takes another branch, or changes faster than any smooth part of it seen, as far as instants between two
-    /// tell: one place at most for each of [`SAMPLES`] intervals.
+    /// Returns intervals in which the formula changes its branch, or changes faster than in any
+    /// smooth part, as far as a comparison of instants shows: at most one per each of [`SAMPLES`]
+    /// intervals.
     fn changes(&self, of: &Field, at: Point, low: f64, high: f64) -> Vec<(f64, f64)> {
         let look = |t: f64| Sample {
             time: t,
@@ -177,7 +185,8 @@ impl Search {
         samples.windows(2).filter_map(change).collect()
     }
 
-    /// The break between two instants next to each other; `None` where value and rate change by no more than rounding.
+    /// Returns the break between two adjacent instants; `None` where value and derivative change by
+    /// no more than rounding.
     fn judge(&self, of: &Field, at: Point, (low, high): (f64, f64)) -> Option<Break> {
         let side = |t: f64| {
             let value = of.value(at, t).unwrap_or(f64::INFINITY);
@@ -185,7 +194,7 @@ impl Search {
         };
         let way = self.least.max(high - low);
         let (after, rate_after) = side(high + way);
-        // At the start there is a value before, and no rate.
+        // At the start there is a value before, and no derivative.
         let starts = low <= self.from;
         let (before, rate_before) =
             if starts { (side(self.from).0, rate_after) } else { side((low - way).max(self.from)) };
@@ -195,7 +204,7 @@ impl Search {
         } else {
             f64::INFINITY
         };
-        // What a smooth function may change by in between is none.
+        // Changes that a smooth function can make in between are no jumps.
         let smooth = 2.0 * self.fastest * (high - low + 2.0 * way);
         let jumps = jump.is_nan() || jump.abs() > ROUNDED * self.largest + smooth;
         let kinks = kink.abs() > ROUNDED * self.fastest;
@@ -204,7 +213,7 @@ impl Search {
     }
 }
 
-/// The number of fewest digits between two.
+/// Returns the number with the fewest digits between two.
 fn shortest(low: f64, high: f64) -> f64 {
     let middle = 0.5 * (low + high);
     let rounded = (0..17).filter_map(|digits| format!("{middle:.digits$e}").parse::<f64>().ok());
@@ -212,7 +221,8 @@ fn shortest(low: f64, high: f64) -> f64 {
 }
 
 impl Table {
-    /// The kinks from one instant to another (s): those at the rows, where the lines between them change their slopes.
+    /// Returns the kinks between two instants (s): the rows at which the slopes of the lines
+    /// change.
     pub fn breaks(&self, from: f64, to: f64) -> Breaks {
         let rows = self.times.iter().filter(|time| (from..=to).contains(*time));
         let kink = |&time: &f64| {

@@ -1,13 +1,13 @@
-//! A formula as postfix code: one flat list of instructions, run on a stack of any kind of number.
+//! Postfix code of a formula: a flat list of instructions, run on a stack of any number type.
 
 use std::ops::Range;
 
 use super::names::Name;
 
-/// How many points [`Lanes`] holds.
+/// Number of points in [`Lanes`].
 pub(super) const LANES: usize = 16;
 
-/// One number a point, for several points at once.
+/// Values of one number at several points.
 pub(super) type Lanes = [f64; LANES];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,7 +16,8 @@ pub(super) enum Instruction {
     Variable(Name),
     Unary(Unary),
     Binary(Binary),
-    /// Of a condition and two values, the first value if the condition is true, else the second.
+    /// Selects, from a condition and two values, the first value if the condition is true, else the
+    /// second.
     Select,
 }
 
@@ -68,7 +69,7 @@ pub(super) enum Binary {
 }
 
 impl Instruction {
-    /// Whether its value is a condition.
+    /// Returns whether the value is a condition.
     pub fn is_condition(self) -> bool {
         match self {
             Instruction::Unary(op) => op == Unary::Not,
@@ -87,7 +88,7 @@ impl Instruction {
         }
     }
 
-    /// How many values it takes from the stack.
+    /// Returns the number of operands taken from the stack.
     pub fn arity(self) -> usize {
         match self {
             Instruction::Constant(_) | Instruction::Variable(_) => 0,
@@ -98,16 +99,17 @@ impl Instruction {
     }
 }
 
-/// What code computes with. A condition is 1 where it is true, 0 where it is not.
+/// Number type of the evaluation. A condition is 1 where it is true, and 0 where it is false.
 pub(super) trait Number: Copy {
     fn constant(value: f64) -> Self;
     fn unary(self, op: Unary) -> Self;
     fn binary(self, op: Binary, right: Self) -> Self;
-    /// `yes` where the condition `self` is true, else `no`.
+    /// Returns `yes` where the condition `self` is true, else `no`.
     fn select(self, yes: Self, no: Self) -> Self;
 }
 
-/// What a NaN makes of any condition: without this, `sqrt(x) > 1` would be false for a negative x.
+/// Returns a condition on two operands, NaN if one of them is; otherwise `sqrt(x) > 1` would be
+/// false for a negative x.
 fn truth(operands: [f64; 2], holds: bool) -> f64 {
     if operands.iter().any(|value| value.is_nan()) { f64::NAN } else { f64::from(u8::from(holds)) }
 }
@@ -171,7 +173,8 @@ impl Number for f64 {
             Binary::GreaterEqual => truth(operands, self >= right),
             Binary::Equal => truth(operands, self == right),
             Binary::NotEqual => truth(operands, self != right),
-            // The right side counts only where the left one leaves it open: "x > 0 and ln(x) < 1" has a value.
+            // The right operand counts only where the left one leaves the result open: "x > 0 and
+            // ln(x) < 1" has a value.
             Binary::And if self == 1.0 => right,
             Binary::Or if self == 0.0 => right,
             Binary::And | Binary::Or => self,
@@ -211,7 +214,7 @@ impl Number for Lanes {
     }
 }
 
-/// A number that knows the instruction at which it stopped being finite.
+/// Number with the index of the instruction at which it ceased to be finite.
 #[derive(Clone, Copy)]
 struct Traced {
     value: f64,
@@ -237,7 +240,8 @@ impl Number for Traced {
     }
 }
 
-/// The value of code that leaves one. The stack is scratch; `done` sees the result of every instruction.
+/// Returns the value of code that leaves one value. The stack is work space; `done` receives the
+/// result of every instruction.
 #[inline]
 fn trace<T: Number>(
     code: &[Instruction],
@@ -266,13 +270,14 @@ fn trace<T: Number>(
     pop(stack)
 }
 
-/// The value of code that leaves one. The stack is scratch.
+/// Returns the value of code that leaves one value. The stack is work space.
 #[inline]
 pub(super) fn run<T: Number>(code: &[Instruction], stack: &mut Vec<T>, variable: impl Fn(Name) -> T) -> T {
     trace(code, stack, variable, |_, _| {})
 }
 
-/// The first instruction whose value is not finite and reaches the result, if the result is not finite.
+/// Returns the first instruction with a value that is not finite and affects the result, if the
+/// result is not finite.
 pub(super) fn culprit(code: &[Instruction], variable: impl Fn(Name) -> f64) -> Option<(usize, f64)> {
     let blame = |index, number: &mut Traced| {
         number.culprit = (!number.value.is_finite()).then(|| number.culprit.unwrap_or(index));
@@ -287,7 +292,8 @@ pub(super) fn pop<T>(stack: &mut Vec<T>) -> T {
     stack.pop().expect("every instruction finds its operands on the stack")
 }
 
-/// For each instruction, where the code of its value starts: operands stand before what takes them.
+/// Returns, for each instruction, the start of the code of its value; operands precede the
+/// instruction.
 pub(super) fn starts(code: &[Instruction]) -> Vec<usize> {
     let mut stack = Vec::new();
     let start = |(index, instruction): (usize, &Instruction)| {
@@ -298,8 +304,8 @@ pub(super) fn starts(code: &[Instruction]) -> Vec<usize> {
     code.iter().enumerate().map(start).collect()
 }
 
-/// The code with the value of every part that has only constants in it, each instruction with its span. Conditions stay,
-/// so that a constant is always a number.
+/// Folds the constants: every part without variables is replaced by its value, with the spans kept.
+/// Conditions stay, so that a constant is always a number.
 pub(super) fn fold(code: Vec<(Instruction, Range<usize>)>) -> Vec<(Instruction, Range<usize>)> {
     let mut folded: Vec<(Instruction, Range<usize>)> = Vec::with_capacity(code.len());
     for (instruction, span) in code {

@@ -1,17 +1,18 @@
-//! Interval arithmetic: bounds on what a formula can be over a rectangle, with its slopes, and whether it may jump there.
+//! Interval arithmetic in space: bounds on a formula and its slopes over a rectangle, and whether
+//! it may jump there.
 //!
-//! The bounds hold up to rounding. Source: R. E. Moore, R. B. Kearfott and M. J. Cloud, *Introduction to Interval Analysis*,
-//! 2009, chapters 2, 5 and 6 (the mean value form).
+//! The bounds hold up to rounding. Source: R. E. Moore, R. B. Kearfott and M. J. Cloud,
+//! *Introduction to Interval Analysis*, 2009, chapters 2, 5 and 6 (the mean value form).
 
 use super::code::{Binary, Number, Unary};
 use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
 
-/// All numbers between two, which may be infinite.
+/// Interval of numbers; its ends may be infinite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
-    /// The least.
+    /// Lower end.
     pub low: f64,
-    /// The largest.
+    /// Upper end.
     pub high: f64,
 }
 
@@ -20,27 +21,27 @@ impl Interval {
     const ZERO: Interval = Interval::point(0.0);
     const ONE: Interval = Interval::point(1.0);
 
-    /// All numbers between two, in any order; all numbers there are where one of them is none.
+    /// Returns the interval between two numbers, in any order; all numbers if one of them is NaN.
     pub fn new(a: f64, b: f64) -> Interval {
         if a.is_nan() || b.is_nan() { Interval::ALL } else { Interval { low: a.min(b), high: a.max(b) } }
     }
 
-    /// One number.
+    /// Returns the interval of one number.
     pub const fn point(value: f64) -> Interval {
         Interval { low: value, high: value }
     }
 
-    /// The difference of the largest and the least.
+    /// Returns the width of the interval.
     pub fn width(self) -> f64 {
         self.high - self.low
     }
 
-    /// The largest magnitude.
+    /// Returns the largest magnitude.
     pub fn magnitude(self) -> f64 {
         self.high.abs().max(self.low.abs())
     }
 
-    /// Whether a number lies in it.
+    /// Returns whether the interval contains a number.
     pub fn contains(self, value: f64) -> bool {
         self.low <= value && value <= self.high
     }
@@ -53,18 +54,18 @@ impl Interval {
         if self.contains(0.0) { 0.0 } else { self.low.abs().min(self.high.abs()) }
     }
 
-    /// The least interval with both.
+    /// Returns the smallest interval that contains both.
     pub fn hull(self, other: Interval) -> Interval {
         Interval { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// The common part of both, or this one where rounding leaves none.
+    /// Returns the intersection of both, or this interval where rounding leaves it empty.
     fn within(self, other: Interval) -> Interval {
         let (low, high) = (self.low.max(other.low), self.high.min(other.high));
         if low <= high { Interval { low, high } } else { self }
     }
 
-    /// Sum.
+    /// Returns the sum.
     pub fn plus(self, other: Interval) -> Interval {
         Interval::new(self.low + other.low, self.high + other.high)
     }
@@ -73,12 +74,12 @@ impl Interval {
         Interval { low: -self.high, high: -self.low }
     }
 
-    /// Product with a number.
+    /// Returns the product with a number.
     pub fn scaled(self, factor: f64) -> Interval {
         self.times(Interval::point(factor))
     }
 
-    /// Product; nothing times anything is nothing.
+    /// Returns the product; zero times anything is zero.
     fn times(self, other: Interval) -> Interval {
         let product = |a: f64, b: f64| if a == 0.0 || b == 0.0 { 0.0 } else { a * b };
         let corners = [
@@ -107,18 +108,18 @@ impl Interval {
         if self.contains(0.0) { Interval::ALL } else { Interval::new(1.0 / self.low, 1.0 / self.high) }
     }
 
-    /// The values of a function that grows all along.
+    /// Returns the image under an increasing function.
     fn rising(self, function: impl Fn(f64) -> f64) -> Interval {
         Interval::new(function(self.low), function(self.high))
     }
 
-    /// The values of the cosine.
+    /// Returns the image under the cosine.
     fn cos(self) -> Interval {
         if self.width().is_nan() || self.width() >= TAU {
             return Interval { low: -1.0, high: 1.0 };
         }
         let ends = Interval::new(self.low.cos(), self.high.cos());
-        // A whole number of turns within, and of turns and a half.
+        // Whether the interval contains a shifted multiple of a full turn.
         let has = |shift: f64| ((self.high - shift) / TAU).floor() >= ((self.low - shift) / TAU).ceil();
         Interval { low: if has(PI) { -1.0 } else { ends.low }, high: if has(0.0) { 1.0 } else { ends.high } }
     }
@@ -127,7 +128,7 @@ impl Interval {
         self.plus(Interval::point(-FRAC_PI_2)).cos()
     }
 
-    /// The values of u^n, n a number.
+    /// Returns the image under u^n, n a number.
     fn power(self, n: f64) -> Interval {
         if n == 0.0 {
             return Interval::ONE;
@@ -147,14 +148,15 @@ impl Interval {
     }
 }
 
-/// Bounds on a formula over a rectangle: its value, its slopes along x and y, and whether it may jump.
+/// Bounds on a formula over a rectangle: its value, its slopes along x and y, and whether it may
+/// jump.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Enclosure {
     /// Bounds on the value.
     pub value: Interval,
-    /// Bounds on the slopes along x and y; without meaning where it may jump.
+    /// Bounds on the slopes along x and y, meaningless where it may jump.
     pub slope: [Interval; 2],
-    /// Whether it may jump: a condition or a step that is not the same all over the rectangle.
+    /// Whether the formula may jump: a condition or step is not constant on the rectangle.
     pub jumps: bool,
 }
 
@@ -162,24 +164,25 @@ impl Enclosure {
     /// The number 0.
     pub const ZERO: Enclosure = Enclosure { value: Interval::ZERO, slope: [Interval::ZERO; 2], jumps: false };
 
-    /// A variable between bounds, along x (0) or y (1).
+    /// Returns a variable between bounds, along x (0) or y (1).
     pub(super) fn along(axis: usize, value: Interval) -> Enclosure {
         let mut slope = [Interval::ZERO; 2];
         slope[axis] = Interval::ONE;
         Enclosure { value, slope, jumps: false }
     }
 
-    /// Whether the value is the same only along lines, which have no area.
+    /// Returns whether the value is constant at most along lines, which have no area.
     fn is_nowhere_flat(&self) -> bool {
         !self.jumps && self.slope.iter().any(|slope| !slope.contains(0.0))
     }
 
-    /// f(u), from bounds on f and on f'.
+    /// Returns f(u), from bounds on f and on f'.
     fn chain(self, value: Interval, derivative: Interval) -> Enclosure {
         Enclosure { value, slope: self.slope.map(|slope| slope.times(derivative)), ..self }
     }
 
-    /// A piecewise constant: one value, or a jump between those in an interval.
+    /// Returns a piecewise constant function: one value, or a jump between the values of an
+    /// interval.
     fn steps(self, value: Interval) -> Enclosure {
         let jumps = !value.is_point();
         let slope = if jumps { Interval::ALL } else { Interval::ZERO };
@@ -195,7 +198,7 @@ impl Enclosure {
         }
     }
 
-    /// Sum.
+    /// Returns the sum.
     pub fn plus(self, other: Enclosure) -> Enclosure {
         Enclosure {
             value: self.value.plus(other.value),
@@ -204,7 +207,7 @@ impl Enclosure {
         }
     }
 
-    /// Product with a number.
+    /// Returns the product with a number.
     pub fn scaled(self, factor: f64) -> Enclosure {
         Enclosure {
             value: self.value.scaled(factor),
@@ -217,7 +220,7 @@ impl Enclosure {
         Enclosure { value: self.value.negative(), slope: self.slope.map(Interval::negative), ..self }
     }
 
-    /// One of the two, with a kink between them but no jump.
+    /// Returns one of the two, with a possible kink between them but no jump.
     fn either(self, other: Enclosure, value: Interval) -> Enclosure {
         Enclosure {
             value,
@@ -226,7 +229,8 @@ impl Enclosure {
         }
     }
 
-    /// Whether this is less than another, where that is the same everywhere but on lines.
+    /// Returns whether this is less than `other`, if the answer is the same everywhere except on
+    /// lines.
     fn is_less(self, other: Enclosure) -> Option<bool> {
         let gap = self.plus(other.negative());
         let touches = || gap.is_nowhere_flat();
@@ -247,14 +251,14 @@ impl Enclosure {
         (apart || self.plus(other.negative()).is_nowhere_flat()).then_some(false)
     }
 
-    /// The place of a condition that is known, or not.
+    /// Returns the enclosure of a condition that is known, or not.
     fn condition(known: Option<bool>) -> Enclosure {
         let value = known
             .map_or(Interval { low: 0.0, high: 1.0 }, |holds| Interval::point(f64::from(u8::from(holds))));
         Enclosure::constant(0.0).steps(value)
     }
 
-    /// Values of floor: the whole number below, where it is one everywhere but on lines.
+    /// Returns the image under floor: a single integer where it is constant except on lines.
     fn floor(self) -> Interval {
         let Interval { low, high } = self.value;
         if self.is_nowhere_flat() && high == high.floor() && low.floor() == high - 1.0 {
@@ -263,7 +267,7 @@ impl Enclosure {
         self.value.rising(f64::floor)
     }
 
-    /// u - v floor(u / v).
+    /// Returns the remainder u - v floor(u / v).
     fn remainder(self, divisor: Enclosure) -> Enclosure {
         let turns = self.binary(Binary::Divide, divisor).unary(Unary::Floor);
         let rest = self.plus(divisor.times(turns).negative());
@@ -275,7 +279,8 @@ impl Enclosure {
         Enclosure { value: rest.value.within(range), ..rest }
     }
 
-    /// The angle of (v, u) from the axis v, which jumps where u changes its sign at a negative v.
+    /// Returns the angle of (v, u) from the axis v, which jumps where u changes its sign at a
+    /// negative v.
     fn angle(self, across: Enclosure) -> Enclosure {
         let (u, v) = (self.value, across.value);
         if u.contains(0.0) && v.low <= 0.0 {
@@ -378,7 +383,7 @@ impl Number for Enclosure {
                 let n = v.low;
                 self.chain(u.power(n), u.power(n - 1.0).scaled(n))
             }
-            // u^v = exp(v ln u).
+            // The power u^v is computed as exp(v ln u).
             Binary::Power => right.times(self.unary(Unary::Ln)).unary(Unary::Exp),
             Binary::Min if u.high <= v.low => self,
             Binary::Min if v.high <= u.low => right,
@@ -412,12 +417,12 @@ impl Number for Enclosure {
             return if self.value.low == 0.0 { no } else { yes };
         }
         let value = yes.value.hull(no.value);
-        // Where both are one number, the condition does not matter.
+        // Where both branches are the same number, the condition does not matter.
         if value.is_point() { yes } else { Enclosure { value, slope: [Interval::ALL; 2], jumps: true } }
     }
 }
 
-/// A number that remembers on which side of every jump and kink it was taken.
+/// Number with a record of the branch taken at every jump and kink.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sided {
     value: f64,
@@ -429,7 +434,7 @@ impl Sided {
         self.side
     }
 
-    /// Remembers one more choice, by a number of its own; FNV-1a.
+    /// Records one more branch, by a number of its own (FNV-1a hash).
     fn choose(self, value: f64, choice: f64) -> Sided {
         Sided { value, side: (self.side ^ choice.to_bits()).wrapping_mul(0x100_0000_01b3) }
     }

@@ -1,31 +1,32 @@
-//! A number that carries its first two derivatives in time: Taylor arithmetic, cut after the second order.
+//! Forward differentiation in time to second order (truncated Taylor arithmetic).
 
 use super::code::{Binary, Number, Unary};
 use std::f64::consts::LN_10;
 
-/// A value and its derivatives in t.
+/// Value with its first two time derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jet {
-    /// The value.
+    /// Value.
     pub value: f64,
-    /// Its first derivative, a second.
+    /// First derivative, per s.
     pub first: f64,
-    /// Its second derivative, a second squared.
+    /// Second derivative, per s^2.
     pub second: f64,
 }
 
-/// A product in which what does not move wins over an infinite slope: `sqrt(x)` at x = 0 does not depend on time.
+/// Returns a product in which a zero time derivative prevails over an infinite slope: `sqrt(x)` at
+/// x = 0 does not depend on time.
 fn product(slope: f64, motion: f64) -> f64 {
     if motion == 0.0 { 0.0 } else { slope * motion }
 }
 
 impl Jet {
-    /// The variable itself, by which derivatives are taken: the time, unless said otherwise.
+    /// Returns the variable of differentiation, usually the time.
     pub(super) fn moving(value: f64) -> Jet {
         Jet { value, first: 1.0, second: 0.0 }
     }
 
-    /// Whether it is less than another, or equal and less just after.
+    /// Returns whether the value is less than another, or equal and less just after.
     fn goes_below(self, other: Jet) -> bool {
         let [of, than] = [self, other].map(|jet| [jet.value, jet.first, jet.second]);
         of.partial_cmp(&than) == Some(std::cmp::Ordering::Less)
@@ -35,7 +36,7 @@ impl Jet {
         self.first == 0.0 && self.second == 0.0
     }
 
-    /// f(u), from f, f' and f'' at u.
+    /// Returns f(u), from f, f' and f'' at u.
     fn chain(self, f: f64, slope: f64, curvature: f64) -> Jet {
         Jet {
             value: f,
@@ -61,7 +62,8 @@ impl Jet {
         }
     }
 
-    /// u^v. Where v does not move, u may be negative or zero, as far as the power has a derivative there.
+    /// Returns u^v. For constant v, u may be negative or zero as far as the power has a derivative
+    /// there.
     fn power(self, exponent: Jet, f: f64) -> Jet {
         let (u, n) = (self.value, exponent.value);
         if exponent.is_still() {
@@ -162,7 +164,7 @@ impl Number for Jet {
     }
 }
 
-/// First and second derivatives of the arcsine, times a sign.
+/// Returns the first and second derivatives of the arcsine, times a sign.
 fn arcsine(u: f64, sign: f64) -> (f64, f64) {
     let slope = 1.0 / (1.0 - u * u).sqrt();
     (sign * slope, sign * u * slope * slope * slope)

@@ -1,20 +1,23 @@
-//! What a scene gives as a *field*: a number, or a formula of x, y (m) and t (s); and tables of time.
+//! Fields of a scene: numbers or formulas of x, y (m) and t (s), and tables of time.
 //!
 //! | | |
 //! |---|---|
-//! | operators, the weakest first | `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, signs, `^` |
+//! | operators, loosest first | `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, signs, `^` |
 //! | functions | `sin cos tan asin acos atan atan2 sinh cosh tanh exp ln log10 sqrt abs sign floor ceil round step heaviside hypot pow mod min max clamp if` |
 //! | constants | `pi`, `e` |
 //!
-//! A power is taken before its sign and from the right: `-x^2` is `-(x^2)`, `2^3^2` is `2^9`. A product needs its `*`:
-//! `2x` is an error, and `1e-3*x` a number times x. Angles are in radians. `step(u)`, also called `heaviside`, is 1 from
-//! u = 0 on; `mod(u, v)` has the sign of v; `round` takes halves away from 0; `clamp(u, low, high)`;
-//! `if(condition, yes, no)`, of which only the branch taken must be finite. Conditions are no numbers: `100*(x > 1)` is an
-//! error, for `100*step(x - 1)`. A formula has at most 65536 bytes and 100 levels of nesting.
+//! A power binds more tightly than a sign, and associates to the right: `-x^2` is `-(x^2)`, `2^3^2`
+//! is `2^9`. A product needs its `*`: `2x` is an error, and `1e-3*x` a number times x. Angles are
+//! in radians. `step(u)`, also called `heaviside`, is 1 from u = 0 on; `mod(u, v)` has the sign of
+//! v; `round` rounds halves away from 0; `clamp(u, low, high)` limits u; in
+//! `if(condition, yes, no)` only the selected branch must be finite. Conditions are no numbers:
+//! `100*(x > 1)` is an error; write `100*step(x - 1)`. A formula has at most 65536 bytes and
+//! 100 levels of nesting.
 //!
-//! The parser is our own because none of the crates reads all of this: exmex 0.21 takes -x^2 for (-x)^2, 2^3^2 for
-//! (2^3)^2 and refuses 1e-3; evalexpr 13.1 takes 2^3^2 for (2^3)^2 and overflows its stack on nested parentheses;
-//! fasteval 0.2 takes -x^2 for (-x)^2; meval 0.2 has no conditions. None tells the column of an unknown name.
+//! The parser is written by hand because no crate reads all of this: exmex 0.21 takes -x^2 for
+//! (-x)^2, 2^3^2 for (2^3)^2 and refuses 1e-3; evalexpr 13.1 takes 2^3^2 for (2^3)^2 and overflows
+//! its stack on nested parentheses; fasteval 0.2 takes -x^2 for (-x)^2; meval 0.2 has no
+//! conditions. None reports the column of an unknown name.
 //!
 //! ```
 //! use rebond::field::{Field, Names};
@@ -63,16 +66,16 @@ use parse::Kind;
 pub use sampling::{Missed, WINDOW};
 pub use table::{Interpolation, Overshoot, Table};
 
-/// The longest piece of a formula that a message repeats.
+/// Length from which a quotation of the formula in a message is cut, in characters.
 const LONGEST_QUOTE: usize = 60;
 
-/// What is wrong with a formula, and where in it.
+/// Error in a formula, with its position.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("column {column}: {wrong}")]
 pub struct Fault {
-    /// Column in the formula, from 1, in characters.
+    /// Column in the formula, in characters, counted from 1.
     pub column: usize,
-    /// What is wrong, and what was expected.
+    /// Description of the error and of what was expected.
     pub wrong: String,
 }
 
@@ -82,7 +85,7 @@ impl Fault {
     }
 }
 
-/// A piece of a formula, cut where it is long.
+/// Returns a quotation of a piece of a formula, cut where it is long.
 fn cut(text: &str) -> String {
     match text.char_indices().nth(LONGEST_QUOTE) {
         Some((end, _)) => format!("{}...", &text[..end]),
@@ -90,27 +93,27 @@ fn cut(text: &str) -> String {
     }
 }
 
-/// A formula of some of x, y and t, compiled. Prints as it was written.
+/// Compiled formula of some of x, y and t, displayed as it was written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     text: String,
     code: Vec<Instruction>,
-    /// For each instruction, the part of the text that it computes.
+    /// Part of the text that each instruction computes.
     spans: Vec<Range<usize>>,
     names: Names,
 }
 
-/// g(t) h(x, y), as a term of a sum.
+/// Term g(t) h(x, y) of a sum.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
-    /// g, of t alone.
+    /// Factor g, of t alone.
     pub time: Field,
-    /// h, of x and y alone.
+    /// Factor h, of x and y alone.
     pub place: Field,
 }
 
 impl Field {
-    /// Reads a formula of these variables that gives a number.
+    /// Parses a formula of these variables whose value is a number.
     pub fn parse(text: &str, names: Names) -> Result<Field, Fault> {
         Field::read(text, names, Kind::Number)
     }
@@ -133,7 +136,7 @@ impl Field {
         Ok(Field { text: text.to_owned(), code, spans, names })
     }
 
-    /// The number, if the field is one.
+    /// Returns the number, if the field is constant.
     pub fn constant(&self) -> Option<f64> {
         match self.code[..] {
             [Instruction::Constant(value)] => Some(value),
@@ -141,17 +144,19 @@ impl Field {
         }
     }
 
-    /// Whether the value may change with any of these.
+    /// Returns whether the value may depend on any of these variables.
     pub fn depends_on(&self, names: Names) -> bool {
         self.names.meets(names)
     }
 
-    /// The value at a point (m) and a time (s). An error where it is not finite.
+    /// Returns the value at a point (m) and a time (s). An error is returned where it is not
+    /// finite.
     pub fn value(&self, at: Point, t: f64) -> Result<f64, Fault> {
         self.finite(at, t, code::run(&self.code, &mut Vec::new(), variable(at, t)))
     }
 
-    /// The values at a time (s), one a point (m). What does not depend on the place is computed once.
+    /// Computes the values at a time (s), one entry per point (m). Parts that do not depend on the
+    /// place are computed once.
     pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<(), Fault> {
         if !self.depends_on(Names::XY) {
             if !points.is_empty() {
@@ -176,7 +181,8 @@ impl Field {
         Ok(())
     }
 
-    /// Bounds on the value over a rectangle from a corner to the opposite one (m), between two times (s).
+    /// Returns bounds on the value over the rectangle between two corners (m) and between two times
+    /// (s).
     pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
         code::run(&self.code, &mut Vec::new(), |name| match name {
             Name::X => Enclosure::along(0, Interval::new(low.x, high.x)),
@@ -185,13 +191,14 @@ impl Field {
         })
     }
 
-    /// A number that two points (m) share at a time (s) where the formula takes the same turn at every condition, jump
-    /// and kink on its way to a value there.
+    /// Returns a number that is equal for two points (m) at a time (s) where the formula takes the
+    /// same branch at every condition, jump and kink.
     pub fn side(&self, at: Point, t: f64) -> u64 {
         code::run(&self.code, &mut Vec::new(), |name| Sided::constant(variable(at, t)(name))).side()
     }
 
-    /// The degree in x and y, if the formula is a polynomial of these; its coefficients may depend on time.
+    /// Returns the degree in x and y, if the formula is a polynomial in these; its coefficients may
+    /// depend on time.
     pub fn degree(&self) -> Option<u32> {
         let mut stack: Vec<Option<u32>> = Vec::new();
         let mut before = None;
@@ -219,17 +226,19 @@ impl Field {
         code::pop(&mut stack)
     }
 
-    /// The value and its first two derivatives in time, at a point (m) and a time (s). An error where the first is not finite.
+    /// Returns the value and its first two time derivatives at a point (m) and a time (s). An error
+    /// is returned where the first is not finite.
     ///
-    /// At a kink of `abs`, `min` or `max` they are those of what follows, at any other and at a jump those of the side that the value
-    /// belongs to: that of `step(t)` is 0 everywhere.
+    /// At a kink of `abs`, `min` or `max` the derivatives are those just after it. At any other
+    /// kink and at a jump they are those of the side that the value belongs to: those of `step(t)`
+    /// are 0 everywhere.
     pub fn jet(&self, at: Point, t: f64) -> Result<Jet, Fault> {
         self.jet_with(&mut Vec::new(), at, t)
     }
 
-    /// The value and its derivatives along x and y, at a point (m) and a time (s).
+    /// Returns the value and its derivatives along x and y at a point (m) and a time (s).
     ///
-    /// At a jump or a kink they are those of the side that the value belongs to.
+    /// At a jump or a kink the derivatives are those of the side that the value belongs to.
     pub fn gradient(&self, at: Point, t: f64) -> Result<[f64; 3], Fault> {
         let value = self.value(at, t)?;
         let mut stack = Vec::new();
@@ -247,7 +256,7 @@ impl Field {
         Ok([value, along(Name::X)?, along(Name::Y)?])
     }
 
-    /// The values and their derivatives at a time (s), one a point (m).
+    /// Computes the values and their time derivatives at a time (s), one entry per point (m).
     pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Jet]) -> Result<(), Fault> {
         let mut stack = Vec::new();
         for (&at, jet) in points.iter().zip(jets) {
@@ -269,10 +278,12 @@ impl Field {
         Err(Fault::new(&self.text, 0, wrong))
     }
 
-    /// The terms whose sum is the field, or nothing if no such sum is found: then it must be evaluated anew each time.
+    /// Returns the terms whose sum is the field, or `None` where no such sum is found and the field
+    /// must be evaluated anew at each instant.
     ///
-    /// Found are sums, products, quotients, whole powers and `if` of what depends on time and what depends on place,
-    /// and the sine and cosine of a sum of both, as in a travelling wave. The terms agree with the field to rounding.
+    /// The method covers sums, products, quotients, integer powers and `if` of parts that depend on
+    /// time or on place, and the sine and cosine of a sum of both, as in a travelling wave. The
+    /// terms agree with the field to rounding.
     pub fn terms(&self) -> Option<Vec<Term>> {
         let field = |code: Vec<Instruction>, names| Field::parse(&print::print(&code), names).ok();
         let term = |product: separate::Product| {
@@ -293,7 +304,7 @@ impl Field {
         Err(Fault::new(&self.text, span.start, wrong))
     }
 
-    /// ` at x = 0.5, t = 2.0`, with what the formula depends on.
+    /// Returns the text ` at x = 0.5, t = 2.0` with the variables that the formula depends on.
     fn describe(&self, at: Point, t: f64) -> String {
         let name = |name: Name| format!("{} = {:?}", name.word(), variable(at, t)(name));
         let names: Vec<String> = self.names.iter().map(name).collect();
@@ -310,7 +321,7 @@ fn variable(at: Point, t: f64) -> impl Fn(Name) -> f64 + Copy {
 }
 
 impl From<f64> for Field {
-    /// A constant, which must be finite; zero has no sign.
+    /// Converts a constant, which must be finite; zero has no sign.
     fn from(value: f64) -> Field {
         let value = value + 0.0;
         let text = format!("{value:?}");
@@ -326,7 +337,7 @@ impl Display for Field {
 }
 
 impl Serialize for Field {
-    /// As a scene writes it: a number, or the text of a formula.
+    /// Serialises the field as a scene writes it: a number, or the text of a formula.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self.text.trim().parse::<f64>() {
             Ok(value) => serializer.serialize_f64(value),
@@ -335,17 +346,18 @@ impl Serialize for Field {
     }
 }
 
-/// A formula that is true or false, such as `x > 0.5 and y < 0.2`. Prints as it was written.
+/// Compiled condition, such as `x > 0.5 and y < 0.2`, displayed as it was written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condition(Field);
 
 impl Condition {
-    /// Reads a condition on these variables.
+    /// Parses a condition on these variables.
     pub fn parse(text: &str, names: Names) -> Result<Condition, Fault> {
         Field::read(text, names, Kind::Condition).map(Condition)
     }
 
-    /// Whether it holds at a point (m) and a time (s). An error where it compares what has no value.
+    /// Returns whether the condition holds at a point (m) and a time (s). An error is returned
+    /// where an operand has no value.
     pub fn holds(&self, at: Point, t: f64) -> Result<bool, Fault> {
         Ok(self.0.value(at, t)? != 0.0)
     }
@@ -363,17 +375,17 @@ impl Serialize for Condition {
     }
 }
 
-/// A function of time alone: a formula of t, or a table.
+/// Function of time alone: a formula of t, or a table.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Signal {
-    /// A formula of t.
+    /// Formula of t.
     Formula(Field),
-    /// Measured values.
+    /// Table of measured values.
     Table(Table),
 }
 
 impl Signal {
-    /// The value at a time (s). An error where a formula is not finite.
+    /// Returns the value at a time (s). An error is returned where a formula is not finite.
     pub fn value(&self, t: f64) -> Result<f64, Fault> {
         match self {
             Signal::Formula(field) => field.value(Point::origin(), t),
@@ -381,7 +393,7 @@ impl Signal {
         }
     }
 
-    /// The value and its first two derivatives at a time (s).
+    /// Returns the value and its first two derivatives at a time (s).
     pub fn jet(&self, t: f64) -> Result<Jet, Fault> {
         match self {
             Signal::Formula(field) => field.jet(Point::origin(), t),

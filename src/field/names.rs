@@ -1,9 +1,9 @@
-//! What a formula may depend on.
+//! Variables on which a formula may depend.
 
 use std::fmt::{self, Display};
 use std::ops::BitOr;
 
-/// A variable of a formula.
+/// Variable of a formula.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Name {
     X,
@@ -27,21 +27,21 @@ impl Name {
     }
 }
 
-/// Some of the variables x, y (m) and t (s).
+/// Set of the variables x, y (m) and t (s).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Names(u8);
 
 impl Names {
-    /// No variable: a constant.
+    /// Empty set, for constants.
     pub const NONE: Names = Names(0);
-    /// Time.
+    /// Time t.
     pub const T: Names = Names(0b100);
-    /// Place.
+    /// Place x, y.
     pub const XY: Names = Names(0b011);
-    /// Place and time.
+    /// Place x, y and time t.
     pub const XYT: Names = Names(0b111);
 
-    /// Whether the two have a variable in common.
+    /// Returns whether the two sets have a variable in common.
     pub fn meets(self, other: Names) -> bool {
         self.0 & other.0 != 0
     }
@@ -60,7 +60,7 @@ impl BitOr for Names {
 }
 
 impl Display for Names {
-    /// `x, y, t`
+    /// Writes the names, as in `x, y, t`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let words: Vec<&str> = self.iter().map(Name::word).collect();
         f.write_str(&words.join(", "))

@@ -1,4 +1,4 @@
-//! From the text of a formula to postfix code: a Pratt parser, of which every error knows its column.
+//! Pratt parser from the text of a formula to postfix code; every error has its column.
 
 use std::ops::Range;
 
@@ -7,16 +7,16 @@ use super::names::{Name, Names};
 use super::{Fault, cut};
 use crate::error::suggestion;
 
-/// The longest formula, in bytes.
+/// Largest length of a formula, in bytes.
 const LONGEST: usize = 1 << 16;
 
-/// The deepest nesting of parentheses, functions, signs and powers.
+/// Largest depth of nested parentheses, functions, signs and powers.
 const DEEPEST: usize = 100;
 
 /// Instructions, each with the part of the text that it computes.
 pub(super) type Spanned = Vec<(Instruction, Range<usize>)>;
 
-/// What a formula, or a part of it, gives.
+/// Kind of the value of a formula or of a part of it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Number,
@@ -39,20 +39,21 @@ impl Kind {
     }
 }
 
-/// What a name before parentheses stands for.
+/// Meaning of a name before parentheses.
 #[derive(Clone, Copy)]
 pub(super) enum Function {
     Unary(Unary),
     Binary(Binary),
-    /// Two arguments or more, taken together from the left.
+    /// Function of two arguments or more, applied pairwise from the left.
     Fold(Binary),
-    /// clamp(u, low, high)
+    /// Function `clamp(u, low, high)`.
     Clamp,
-    /// if(condition, yes, no)
+    /// Function `if(condition, yes, no)`.
     If,
 }
 
-/// The functions. `step` is 1 from 0 on; `mod` has the sign of its second argument; `round` takes halves away from 0.
+/// Table of functions. `step` is 1 from 0 on; `mod` has the sign of its second argument; `round`
+/// rounds halves away from 0.
 pub(super) const FUNCTIONS: [(&str, Function); 28] = [
     ("sin", Function::Unary(Unary::Sin)),
     ("cos", Function::Unary(Unary::Cos)),
@@ -86,7 +87,7 @@ pub(super) const FUNCTIONS: [(&str, Function); 28] = [
 
 const CONSTANTS: [(&str, f64); 2] = [("pi", std::f64::consts::PI), ("e", std::f64::consts::E)];
 
-/// How strongly an operator binds what stands to its left, and the least that it takes in to its right.
+/// Binding powers of operators: to the left, and the least accepted to the right.
 pub(super) mod binding {
     pub const OR: (u8, u8) = (1, 2);
     pub const AND: (u8, u8) = (3, 4);
@@ -95,11 +96,11 @@ pub(super) mod binding {
     pub const SUM: (u8, u8) = (8, 9);
     pub const PRODUCT: (u8, u8) = (10, 11);
     pub const SIGN: u8 = 12;
-    /// From the right: 2^3^2 is 2^9.
+    /// Associates to the right: 2^3^2 is 2^9.
     pub const POWER: (u8, u8) = (14, 13);
 }
 
-/// The infix operators, with how they bind.
+/// Infix operators with their binding powers.
 pub(super) const INFIX: [(&str, Binary, (u8, u8)); 13] = [
     ("or", Binary::Or, binding::OR),
     ("and", Binary::And, binding::AND),
@@ -116,7 +117,7 @@ pub(super) const INFIX: [(&str, Binary, (u8, u8)); 13] = [
     ("^", Binary::Power, binding::POWER),
 ];
 
-/// What other notations write, and what a formula writes instead.
+/// Spellings of other notations, with those of a formula.
 const FOREIGN: [(&str, &str); 17] = [
     ("**", "^"),
     ("&&", "and"),
@@ -148,23 +149,23 @@ enum Token<'a> {
 struct Parser<'a> {
     text: &'a str,
     names: Names,
-    /// The token to come, and where it stands.
+    /// Next token and its position.
     token: Token<'a>,
     span: Range<usize>,
-    /// Where the token before it ended.
+    /// End of the previous token.
     end: usize,
     depth: usize,
     code: Spanned,
 }
 
-/// A part already parsed: what it gives, and where it starts.
+/// Parsed part: its kind, and where it starts.
 #[derive(Clone, Copy)]
 struct Part {
     kind: Kind,
     start: usize,
 }
 
-/// The code of a formula of these variables, unfolded.
+/// Returns the code of a formula of these variables, without constant folding.
 pub(super) fn parse(text: &str, names: Names, kind: Kind) -> Result<Spanned, Fault> {
     if text.len() > LONGEST {
         let wrong = format!("{} bytes are too many; expected at most {LONGEST}", text.len());
@@ -235,7 +236,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// What binds at least as strongly as `least`.
+    /// Parses an expression whose operators bind at least as strongly as `least`.
     fn expression(&mut self, least: u8) -> Result<Part, Fault> {
         self.depth += 1;
         if self.depth > DEEPEST {
@@ -277,7 +278,7 @@ impl<'a> Parser<'a> {
         Ok(self.emit(instruction, left.start, kind))
     }
 
-    /// A number, a name, a call, parentheses, or one of them after a sign or `not`.
+    /// Parses a number, a name, a call, parentheses, or one of them after a sign or `not`.
     fn primary(&mut self) -> Result<Part, Fault> {
         let start = self.span.start;
         match self.token {
@@ -338,7 +339,7 @@ impl<'a> Parser<'a> {
         self.fault(start, format!("{} is not known; {expected}, or a function{hint}", cut(word)))
     }
 
-    /// A function after its name, at the parenthesis.
+    /// Parses a function call after its name, at the parenthesis.
     fn call(&mut self, word: &str, start: usize) -> Result<Part, Fault> {
         let Some((_, function)) = FUNCTIONS.iter().find(|(name, _)| *name == word) else {
             let is_value = CONSTANTS.iter().any(|(name, _)| *name == word)
@@ -399,7 +400,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// The closing parenthesis for the one at `open`.
+    /// Parses the closing parenthesis of the one at `open`.
     fn close(&mut self, open: usize) -> Result<(), Fault> {
         match self.token {
             Token::Symbol(")") => self.advance(),
@@ -416,7 +417,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// The fault of a token after a complete part.
+    /// Returns the error for a token after a complete part.
     fn expect_operator(&self, expected: &str) -> Result<(), Fault> {
         let found = cut(&self.text[self.span.clone()]);
         let hint = match self.token {
@@ -450,7 +451,8 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// The length of the number at the start of the text: digits, one point, an exponent if it has digits.
+/// Returns the length of the number at the start of the text: digits, one point, and an exponent if
+/// it has digits.
 fn number_length(text: &str) -> usize {
     let bytes = text.as_bytes();
     let digits = |from: usize| bytes[from..].iter().take_while(|byte| byte.is_ascii_digit()).count();

@@ -1,9 +1,9 @@
-//! From postfix code back to a formula.
+//! Conversion of postfix code back to a formula.
 
 use super::code::{Instruction, Unary, pop};
 use super::parse::{FUNCTIONS, Function, INFIX, binding};
 
-/// A part in words, and how strongly its outermost operator binds to either side.
+/// Text of a part, with the binding powers of its outermost operator on either side.
 struct Part {
     text: String,
     left: u8,
@@ -11,7 +11,7 @@ struct Part {
 }
 
 impl Part {
-    /// A part that needs no parentheses anywhere.
+    /// Returns a part that never needs parentheses.
     fn atom(text: String) -> Part {
         Part { text, left: u8::MAX, right: u8::MAX }
     }
@@ -44,7 +44,7 @@ impl Part {
     }
 }
 
-/// The formula that gives this code back, with no more parentheses than it needs.
+/// Returns a formula with this code, with no more parentheses than necessary.
 pub(super) fn print(code: &[Instruction]) -> String {
     let mut stack = Vec::new();
     for &instruction in code {

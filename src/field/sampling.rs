@@ -1,39 +1,40 @@
-//! What steps of time do not see of a function of time.
+//! Detection of functions of time that the time steps do not resolve.
 
 use super::code::{Binary, Number};
 use super::span::{Interval, Span};
 use super::{Field, Names, Point, Table};
 use std::collections::VecDeque;
 
-/// Where steps see least of a function, of which they know the values at their ends.
+/// Worst resolution of a function by the values at the ends of the time steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Missed {
-    /// The end of the step that misses most, in s.
+    /// End of the step with the largest error, in s.
     pub time: f64,
-    /// The integral that is missed, over that of the function's magnitude, among [`WINDOW`] steps around it.
+    /// Error of the integral, relative to the integral of the magnitude, over [`WINDOW`] steps
+    /// around it.
     pub share: f64,
 }
 
-/// Steps that are judged together.
+/// Number of steps that are judged together.
 pub const WINDOW: u64 = 3 * BLOCK;
 const BLOCK: u64 = 10;
-/// Least share that is told.
+/// Least relative error that is reported.
 pub const TOLD: f64 = 0.1;
-/// What is missed is not told where it is less than this part of the largest value over as many steps.
+/// Errors are not reported below this fraction of the largest value over as many steps.
 const LITTLE: f64 = 1e-3;
 
-/// Looks at spans of steps, and blocks of steps that are integrated.
+/// Largest numbers of spans of steps that are bounded, and of blocks of steps that are integrated.
 const MOST_LOOKS: usize = 40_000;
 const MOST_BLOCKS: usize = 600;
-/// Parts of a step that its integral is made of, and how often one is halved.
+/// Largest number of parts of a step in its integral, and of halvings of one part.
 const MOST_PARTS: usize = 400;
 const MOST_HALVINGS: u32 = 40;
-/// What is rounded outwards from 0.
+/// Outward rounding of 0.
 const NOTHING: f64 = 1e-290;
-/// Error of a part's integral over that of its magnitude.
+/// Error of a part's integral relative to that of its magnitude.
 const CLOSE: f64 = 1e-3;
 
-/// A function of time of which bounds are known over any interval.
+/// Function of time with known bounds over any interval.
 trait Bounded {
     fn value(&self, t: f64) -> f64;
     fn span(&self, from: f64, to: f64) -> Span;
@@ -56,7 +57,7 @@ impl Bounded for Table {
         Table::value(self, t)
     }
 
-    /// The hull of the cubics between the rows, by their coefficients.
+    /// Returns the hull of the cubics between the rows, from their coefficients.
     fn span(&self, from: f64, to: f64) -> Span {
         let middle = Table::value(self, 0.5 * (from + to));
         let first = self.times.partition_point(|time| *time <= from);
@@ -80,7 +81,7 @@ impl Bounded for Table {
     }
 }
 
-/// A function less a number.
+/// Function less a constant.
 struct Less<'f> {
     of: &'f dyn Bounded,
     less: f64,
@@ -97,7 +98,8 @@ impl Bounded for Less<'_> {
 }
 
 impl Field {
-    /// Where steps from 0 on see least of the values, less a number, at a point (m); `None` where they see nearly all.
+    /// Returns where steps from 0 on resolve the values, less a number, worst at a point (m);
+    /// `None` where they resolve nearly all.
     pub fn missed(&self, at: Point, less: f64, step: f64, steps: u64) -> Option<Missed> {
         let depends = self.depends_on(Names::T);
         depends.then(|| missed(&Less { of: &At(self, at), less }, step, steps)).flatten()
@@ -105,16 +107,18 @@ impl Field {
 }
 
 impl Table {
-    /// As [`Field::missed`].
+    /// Returns where steps resolve the values worst, like [`Field::missed`].
     pub fn missed(&self, less: f64, step: f64, steps: u64) -> Option<Missed> {
         missed(&Less { of: self, less }, step, steps)
     }
 }
 
-/// Looks at spans of blocks, the longest first, and integrates those blocks in which steps might miss much.
+/// Bounds spans of blocks, the longest first, and integrates the blocks in which the error may be
+/// large.
 ///
-/// The trapezoidal rule over a step dt misses at most dt^2 / 8 times the range of the rate. Work is bounded whatever the number of
-/// steps: where a function has too much to look at, blocks spread over all of it are integrated.
+/// The error of the trapezoidal rule over a step dt is at most dt^2 / 8 times the range of the
+/// derivative. The work is bounded for any number of steps: of a function with too many blocks to
+/// bound, blocks spread over the whole time are integrated.
 fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
     let blocks = steps.div_ceil(BLOCK);
     let instant = |block: u64| (block * BLOCK).min(steps) as f64 * step;
@@ -164,21 +168,22 @@ fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
     worst
 }
 
-/// Integrals over blocks, each found once while its neighbours ask for it.
+/// Integrals over blocks, each computed once while its neighbours need it.
 struct Sums<'f> {
     of: &'f dyn Bounded,
     step: f64,
     steps: u64,
-    /// The last blocks asked for.
+    /// Most recent blocks.
     known: Vec<(u64, Sum)>,
 }
 
-/// Over the steps of a block.
+/// Integrals over the steps of a block.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     /// Integral of the magnitude.
     impulse: f64,
-    /// Magnitudes of what each step misses, added, the largest, and the end of that step.
+    /// Sum of the magnitudes of the errors of the steps, the largest of them, and the end of that
+    /// step.
     missed: f64,
     most: f64,
     time: f64,
@@ -192,7 +197,8 @@ struct Judged {
 }
 
 impl Sums<'_> {
-    /// A block among those around it, in the window in which it looks best: an edge of a long load is nothing beside the load.
+    /// Returns the error of a block relative to its neighbourhood, in the window where it is
+    /// smallest: the edge of a long load is negligible beside the load.
     fn judged(&mut self, block: u64) -> Judged {
         let around: Vec<Sum> =
             (0..5).map(|k| (block + k).checked_sub(2)).map(|block| self.sum(block)).collect();
@@ -202,7 +208,7 @@ impl Sums<'_> {
             let total = |part: fn(&Sum) -> f64| window.iter().map(part).sum::<f64>();
             let (impulse, missed) = (total(|sum| sum.impulse), total(|sum| sum.missed));
             judged.impulse = judged.impulse.max(impulse);
-            // Nothing is missed of what has no value.
+            // Functions that vanish have no error.
             judged.share = judged.share.min(if missed > 0.0 { missed / impulse } else { 0.0 });
         }
         judged
@@ -233,7 +239,8 @@ impl Sums<'_> {
     }
 }
 
-/// Integrals of a function and of its magnitude, by halving where its rate changes.
+/// Returns the integrals of a function and of its magnitude, by halving where its derivative
+/// changes.
 fn integral(of: &dyn Bounded, from: f64, to: f64) -> [f64; 2] {
     let mut pending = VecDeque::from([(from, to, 0)]);
     let [mut sum, mut magnitude] = [0.0, 0.0];

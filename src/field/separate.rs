@@ -1,17 +1,17 @@
-//! A formula as a sum of products of a part of time and a part of place.
+//! Decomposition of a formula into a sum of products of a function of time and a function of place.
 
 use super::code::{Binary, Instruction, Unary, pop};
 use super::names::Names;
 
-/// The most terms of a sum. A term costs a vector and an addition to it each step.
+/// Largest number of terms. A term costs a vector, and adding it at each step.
 const MOST_TERMS: usize = 32;
 
-/// The longest code of all terms of a part together: expanding products copies their factors.
+/// Largest length of the code of all terms of a part; expanding products copies their factors.
 const LONGEST: usize = 1 << 14;
 
 type Code = Vec<Instruction>;
 
-/// g(t) h(x, y), each by its code.
+/// Product g(t) h(x, y), each factor by its code.
 #[derive(Clone)]
 pub(super) struct Product {
     pub time: Code,
@@ -30,7 +30,7 @@ impl Product {
         Product { time: vec![ONE], place }
     }
 
-    /// Puts an operation on the factor of place; on that of time if there is no other.
+    /// Applies an operation to the factor of place, or to that of time if there is no other.
     fn map(mut self, op: Unary) -> Product {
         let factor = if self.place == [ONE] { &mut self.time } else { &mut self.place };
         factor.push(Instruction::Unary(op));
@@ -45,7 +45,7 @@ impl Product {
     }
 }
 
-/// The code of `left op right`, without products by one.
+/// Returns the code of `left op right`, without products by one.
 fn apply(op: Binary, mut left: Code, right: &[Instruction]) -> Code {
     match op {
         Binary::Multiply if left == [ONE] => right.to_vec(),
@@ -58,7 +58,8 @@ fn apply(op: Binary, mut left: Code, right: &[Instruction]) -> Code {
     }
 }
 
-/// A part of the formula: its code if it depends on time alone or on place alone, else its sum.
+/// Part of the formula: its code if it depends on time alone or on place alone, otherwise its sum
+/// of products.
 struct Part {
     names: Names,
     code: Code,
@@ -66,7 +67,7 @@ struct Part {
 }
 
 impl Part {
-    /// Depends on time or on place, not on both.
+    /// Returns whether the part depends on time alone or on place alone.
     fn is_pure(&self) -> bool {
         !(self.names.meets(Names::T) && self.names.meets(Names::XY))
     }
@@ -80,8 +81,9 @@ impl Part {
     }
 }
 
-/// The products whose sum is the formula, if it has such a form: sums, products, quotients by a single product, whole
-/// powers of one, `if` with a condition of time or of place, and the sine and cosine of a sum (a travelling wave).
+/// Returns the products whose sum is the formula, if it has such a form: sums, products, quotients
+/// by a single product, integer powers of one, `if` with a condition of time or of place, and the
+/// sine and cosine of a sum (a travelling wave).
 pub(super) fn separate(code: &[Instruction]) -> Option<Vec<Product>> {
     let mut stack: Vec<Part> = Vec::new();
     for &instruction in code {
@@ -104,7 +106,7 @@ pub(super) fn separate(code: &[Instruction]) -> Option<Vec<Product>> {
     Some(merge(pop(&mut stack).products()))
 }
 
-/// The sum of a part that depends on both time and place.
+/// Returns the sum of products of a part that depends on both time and place.
 fn expand(instruction: Instruction, operands: Vec<Part>) -> Option<Vec<Product>> {
     let mut operands = operands.into_iter();
     let first = operands.next()?;
@@ -145,7 +147,8 @@ fn negate(sum: Vec<Product>) -> Vec<Product> {
     sum.into_iter().map(|product| product.map(Unary::Negate)).collect()
 }
 
-/// sin(a + b) = sin a cos b + cos a sin b, cos(a + b) = cos a cos b - sin a sin b; a of time, b of place.
+/// Expands sin(a + b) = sin a cos b + cos a sin b or cos(a + b) = cos a cos b - sin a sin b, with a
+/// of time and b of place.
 fn wave(op: Unary, argument: Vec<Product>) -> Option<Vec<Product>> {
     let argument = merge(argument);
     let pick = |is_one: fn(&Product) -> bool| argument.iter().find(|product| is_one(product));
@@ -165,14 +168,14 @@ fn wave(op: Unary, argument: Vec<Product>) -> Option<Vec<Product>> {
     })
 }
 
-/// (g h)^n = g^n h^n, which holds for whole n.
+/// Expands (g h)^n = g^n h^n, which holds for integer n.
 fn power(base: Vec<Product>, exponent: &[Instruction]) -> Option<Vec<Product>> {
     let ([base], [Instruction::Constant(n)]) = (&base[..], exponent) else { return None };
     let raise = |code: &Code| apply(Binary::Power, code.clone(), exponent);
     (n.fract() == 0.0).then(|| vec![Product { time: raise(&base.time), place: raise(&base.place) }])
 }
 
-/// Keeps each branch under its condition, so that none is computed where it is not taken.
+/// Keeps each branch under its condition, so that a branch not selected is not computed.
 fn select(condition: Part, yes: Part, no: Part) -> Option<Vec<Product>> {
     if !condition.is_pure() {
         return None;
@@ -194,7 +197,8 @@ fn select(condition: Part, yes: Part, no: Part) -> Option<Vec<Product>> {
     Some(sum)
 }
 
-/// One product for each part of time, then for each part of place: x + 2 x t + y is (x + y) 1 + x (2 t).
+/// Merges products with the same factor of time, then those with the same factor of place: x + 2 x
+/// t + y is (x + y) 1 + x (2 t).
 fn merge(sum: Vec<Product>) -> Vec<Product> {
     let add = |left: &mut Code, right: Code| {
         left.extend(right);

@@ -1,4 +1,5 @@
-//! A number over an interval of time: bounds of its value and of its rate, and whether it may have a kink or a jump there.
+//! Interval arithmetic in time: bounds on a number and its derivative over an interval of time, and
+//! whether it may have a kink or a jump there.
 
 use super::code::{Binary, Number, Unary};
 use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
@@ -13,7 +14,7 @@ pub(super) struct Interval {
 const NOUGHT: Interval = Interval { low: 0.0, high: 0.0 };
 const ALL: Interval = Interval { low: f64::NEG_INFINITY, high: f64::INFINITY };
 
-/// Part of a result that rounding may have taken.
+/// Relative rounding error of a result.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 impl Interval {
@@ -21,7 +22,7 @@ impl Interval {
         if value.is_nan() { ALL } else { Interval { low: value, high: value } }
     }
 
-    /// The interval of some numbers, and what rounding may have taken from it.
+    /// Returns the interval of some numbers, enlarged by their rounding errors.
     fn of(values: impl IntoIterator<Item = f64>) -> Interval {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values {
@@ -37,12 +38,12 @@ impl Interval {
         }
     }
 
-    /// The interval of some numbers, of which there are some.
+    /// Returns the interval of some numbers, at least one.
     pub fn hull_of(values: impl IntoIterator<Item = f64>) -> Interval {
         Interval::of(values)
     }
 
-    /// The least magnitude.
+    /// Returns the least magnitude.
     pub fn least_magnitude(self) -> f64 {
         if self.contains(0.0) { 0.0 } else { self.low.abs().min(self.high.abs()) }
     }
@@ -55,7 +56,7 @@ impl Interval {
         Interval { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// What both have in common; the first where rounding has left nothing.
+    /// Returns the intersection of both; the first where rounding leaves it empty.
     fn meet(self, other: Interval) -> Interval {
         let (low, high) = (self.low.max(other.low), self.high.min(other.high));
         if low <= high { Interval { low, high } } else { self }
@@ -102,14 +103,14 @@ impl Interval {
         if self.contains(0.0) { Interval { low: 0.0, high } } else { Interval { low, high } }
     }
 
-    /// The sine of it, or of it and a shift.
+    /// Returns the sine of the interval plus a shift.
     fn sine(self, shift: f64) -> Interval {
         if !self.low.is_finite() || !self.high.is_finite() || self.high - self.low >= TAU {
             return Interval { low: -1.0, high: 1.0 };
         }
         let shifted = self.plus(Interval::point(shift));
         let mut sine = Interval::of([shifted.low.sin(), shifted.high.sin()]);
-        // Rounding of a large argument.
+        // Rounding error of a large argument.
         let slack = ROUNDING * shifted.magnitude();
         let has = |peak: f64| {
             let turns = ((shifted.low - slack - peak) / TAU).ceil();
@@ -125,24 +126,24 @@ impl Interval {
     }
 }
 
-/// A number at all times of an interval.
+/// Bounds on a number at all times of an interval.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
-    /// The value in the middle.
+    /// Value at the middle of the interval.
     pub middle: f64,
-    /// A bound of what rounding has done to it.
+    /// Bound on the rounding error of that value.
     error: f64,
     pub value: Interval,
-    /// The rate, where there is one.
+    /// Bounds on the derivative, where there is one.
     pub rate: Interval,
-    /// Half the length of the interval, s; 0 where nothing depends on time.
+    /// Half the length of the interval, in s; 0 for constants.
     half: f64,
-    /// Whether there may be a kink or a jump within.
+    /// Whether there may be a kink or a jump in the interval.
     pub breaks: bool,
 }
 
 impl Span {
-    /// The time itself.
+    /// Returns the time itself.
     pub fn moving(from: f64, to: f64) -> Span {
         let middle = 0.5 * (from + to);
         let value = Interval { low: from, high: to };
@@ -150,13 +151,14 @@ impl Span {
         Span { middle, error: 0.0, value, rate: Interval::point(1.0), half, breaks: false }
     }
 
-    /// A number of given bounds.
+    /// Returns a number of given bounds.
     pub fn smooth(middle: f64, value: Interval, rate: Interval, half: f64) -> Span {
         let error = ROUNDING * value.magnitude();
         Span { middle, error, value, rate, half, breaks: false }.tightened()
     }
 
-    /// A smooth function of this number, given its value in the middle, all its values and those of its slope.
+    /// Returns a smooth function of this number, given its value at the middle and the ranges of
+    /// its values and of its derivative.
     fn chain(self, middle: f64, value: Interval, slope: Interval) -> Span {
         let still = self.rate == Interval::point(0.0);
         let rate = if still { self.rate } else { slope.times(self.rate) };
@@ -164,7 +166,7 @@ impl Span {
         Span { middle, error, value, rate, ..self }.tightened()
     }
 
-    /// One of two numbers, it is not known which.
+    /// Returns bounds that hold for either of two numbers.
     fn either(self, other: Span, middle: f64) -> Span {
         Span {
             middle,
@@ -176,7 +178,8 @@ impl Span {
         }
     }
 
-    /// Bounds the value by that in the middle and the rate, where there is one throughout.
+    /// Tightens the bounds on the value by its value at the middle and the derivative, where it
+    /// exists throughout.
     fn tightened(mut self) -> Span {
         let way = (1.0 + ROUNDING) * (self.half * self.rate.magnitude() + self.error);
         if !self.breaks && way.is_finite() && self.middle.is_finite() {
@@ -185,14 +188,15 @@ impl Span {
         self
     }
 
-    /// A number that only jumps. Where it cannot, rounding does not reach its value in the middle either.
+    /// Returns a piecewise constant function. Where it cannot jump, its value at the middle is free
+    /// of rounding.
     fn stepped(self, middle: f64, value: Interval) -> Span {
         let breaks = value.low != value.high;
         let middle = if breaks { middle } else { value.low };
         Span { middle, error: 0.0, value, rate: Interval::point(0.0), breaks, ..self }
     }
 
-    /// A condition, by whether it holds for sure, or fails for sure.
+    /// Returns a condition, given whether it certainly holds or certainly fails.
     fn condition(self, other: Span, middle: f64, holds: bool, fails: bool) -> Span {
         let value = match (holds, fails) {
             (true, _) => Interval::point(1.0),
@@ -208,7 +212,7 @@ impl Span {
         self
     }
 
-    /// A function with a kink or a pole where a condition holds.
+    /// Marks a kink or pole where a condition holds.
     fn broken_where(self, condition: bool) -> Span {
         if condition && self.rate != Interval::point(0.0) { self.broken() } else { self }
     }
@@ -216,7 +220,7 @@ impl Span {
     fn power(self, exponent: Span, middle: f64) -> Span {
         let still = Interval::point(0.0);
         if exponent.rate != still {
-            // u^v is exp(v ln u).
+            // The power u^v is computed as exp(v ln u).
             return exponent.binary(Binary::Multiply, self.unary(Unary::Ln)).unary(Unary::Exp);
         }
         let n = exponent.middle;
@@ -245,10 +249,11 @@ impl Span {
     }
 }
 
-/// No operand.
+/// Absent operand.
 const NONE: (f64, f64) = (0.0, 0.0);
 
-/// A bound of the error of a result, given its value and, of each operand, a bound of its slope and one of the operand's error.
+/// Returns a bound on the error of a result, given its value and, for each operand, bounds on its
+/// slope and on the operand's error.
 fn rounded(value: f64, operands: [(f64, f64); 2]) -> f64 {
     let passed = operands.iter().filter(|(_, error)| *error > 0.0).map(|(slope, error)| 2.0 * slope * error);
     ROUNDING * value.abs() + f64::MIN_POSITIVE + passed.sum::<f64>()
@@ -282,7 +287,7 @@ impl Number for Span {
                 self.chain(middle, u.sine(FRAC_PI_2), Interval { low: -slope.high, high: -slope.low })
             }
             Unary::Tan => {
-                // A pole between two multiples of pi.
+                // There is a pole between two multiples of pi.
                 let turn = |u: f64| ((u + FRAC_PI_2) / PI).floor();
                 let pole = u.high - u.low >= PI || turn(u.low) != turn(u.high);
                 let value = if pole { ALL } else { monotone() };
@@ -373,7 +378,7 @@ impl Number for Span {
             Binary::Divide => {
                 let value = u.over(v);
                 let rate = self.rate.minus(value.times(right.rate)).over(v);
-                // What moves over what may be 0 has a pole.
+                // A varying number divided by one that may be 0 has a pole.
                 let pole = v.contains(0.0) && right.rate != Interval::point(0.0);
                 let least = v.least_magnitude();
                 let of = of(value, rate, [1.0 / least, value.magnitude() / least]);

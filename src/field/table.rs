@@ -1,4 +1,4 @@
-//! Values measured over time: CSV to a piecewise polynomial.
+//! Tables of values over time, read from CSV and interpolated by piecewise polynomials.
 
 use std::path::Path;
 
@@ -6,24 +6,24 @@ use super::{Jet, cut};
 use crate::error::{Error, Result};
 use crate::input;
 
-/// What a table takes between its rows.
+/// Interpolation between the rows of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// Straight lines: jumps of the slope at the rows.
+    /// Straight lines; the slope jumps at the rows.
     Linear,
-    /// The natural cubic spline: two continuous derivatives, no curvature at the ends.
+    /// Natural cubic spline: two continuous derivatives, no curvature at the ends.
     Spline,
 }
 
-/// Bytes that the file of a table has at most.
+/// Largest size of a table file, in bytes.
 const LARGEST: u64 = 1_000_000_000;
 
-/// A function of time through given values; before the first and after the last it holds them.
+/// Interpolated function of time; constant before the first and after the last row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     pub(super) times: Vec<f64>,
     values: Vec<f64>,
-    /// For each interval, the coefficients of 1, s, s^2, s^3, where s is the time since its start.
+    /// Coefficients of 1, s, s^2, s^3 per interval, where s is the time since its start.
     pub(super) pieces: Vec<[f64; 4]>,
 }
 
@@ -34,9 +34,10 @@ impl Table {
         Table::from_csv(&String::from_utf8_lossy(&bytes), &path.display().to_string(), interpolation)
     }
 
-    /// Reads rows of `time,value` with ascending times, after a header or none; `#` starts a comment.
+    /// Parses rows of `time,value` with ascending times and an optional header; `#` starts a
+    /// comment.
     ///
-    /// At least two rows. An error names the line of `file`.
+    /// At least two rows are needed. An error names the line of `file`.
     pub fn from_csv(text: &str, file: &str, interpolation: Interpolation) -> Result<Table> {
         let fault = |line: usize, wrong: String| {
             let escape =
@@ -88,12 +89,13 @@ impl Table {
         Ok(Table { times, values, pieces })
     }
 
-    /// The value at a time (s).
+    /// Returns the value at a time (s).
     pub fn value(&self, t: f64) -> f64 {
         self.jet(t).value
     }
 
-    /// The value and its first two derivatives at a time (s); at a row, those of what follows it.
+    /// Returns the value and its first two derivatives at a time (s); at a row, those just after
+    /// it.
     pub fn jet(&self, t: f64) -> Jet {
         let after = self.times.partition_point(|&time| time <= t);
         let held = |value| Jet { value, first: 0.0, second: 0.0 };
@@ -110,25 +112,26 @@ impl Table {
     }
 }
 
-/// How far a table goes beyond its own rows.
+/// Overshoot of a spline beyond the values of its rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overshoot {
-    /// Where it goes farthest, in s.
+    /// Time of the largest overshoot, in s.
     pub time: f64,
-    /// Its value there.
+    /// Value at that time.
     pub value: f64,
-    /// The way beyond the nearest of all rows' values, over their range.
+    /// Distance from the nearest row value, relative to the range of the rows.
     pub share: f64,
 }
 
 impl Table {
-    /// Where the curve between the rows goes farthest beyond all rows' values; `None` where it stays within.
+    /// Returns the largest overshoot of the curve beyond all row values; `None` where it stays
+    /// within.
     pub fn overshoot(&self) -> Option<Overshoot> {
         let (low, high) =
             self.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let mut worst: Option<Overshoot> = None;
         for ([_, b, c, d], ends) in self.pieces.iter().zip(self.times.windows(2)) {
-            // Where b + 2 c s + 3 d s^2 is 0.
+            // Zeros of b + 2 c s + 3 d s^2.
             let root = (c * c - 3.0 * b * d).max(0.0).sqrt();
             let sum = -(c + root.copysign(*c));
             for s in [sum / (3.0 * d), b / sum] {
@@ -161,8 +164,9 @@ fn pieces(times: &[f64], values: &[f64], interpolation: Interpolation) -> Vec<[f
     (0..lengths.len()).map(piece).collect()
 }
 
-/// Second derivatives m at the rows, 0 at both ends, such that the first ones are continuous:
-/// h[i-1] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i] m[i+1] = 6 (slope[i] - slope[i-1]), by elimination.
+/// Returns the second derivatives m at the rows, 0 at both ends, that make the first derivatives
+/// continuous: h[i-1] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i] m[i+1] = 6 (slope[i] - slope[i-1]),
+/// solved by elimination.
 fn natural_curvatures(lengths: &[f64], slopes: &[f64]) -> Vec<f64> {
     let count = lengths.len();
     let mut m = vec![0.0; count + 1];

@@ -1,9 +1,11 @@
-//! `checkpoint-*.bin`: a run between two steps, to go on from.
+//! Files `checkpoint-*.bin`: the state of a run between two steps, from which it can be resumed.
 //!
-//! A checkpoint is a line of text (what it is, and of which version), what [`Checkpoint`] holds in postcard's format, and a CRC-32
-//! of all that, little-endian. It is whole or not there, and the two newest are kept: should the disk damage one, there is
-//! another. A run that ends removes them, so that a folder with checkpoints is that of an unfinished run, and leaves its last state
-//! in `end.state`, in the same format: a run to a later end goes on from it.
+//! A checkpoint consists of a line of text (kind of file and version), the data of [`Checkpoint`]
+//! in postcard's format, and a CRC-32 of both, little-endian. It is written completely or not at
+//! all, and the two newest are kept: if the disk damages one, the other remains. A finished run
+//! removes its checkpoints, so that a folder with checkpoints is that of an unfinished run, and
+//! leaves its last state in `end.state`, in the same format, from which a run to a later end
+//! continues.
 
 use super::{remove, write_atomic};
 use crate::archive;
@@ -17,33 +19,33 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Number of the format: one more whenever what a checkpoint holds, or in what order, changes.
+/// Version of the format, increased whenever the data of a checkpoint or their order change.
 const FORMAT: u32 = 3;
 
-/// Name of the file of a finished run's last state.
+/// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";
 
-/// How many are kept.
+/// Number of checkpoints kept.
 const KEPT: usize = 2;
 
-/// What a checkpoint holds.
+/// Data of a checkpoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// The resolved scene, as TOML: see [`crate::scene::Scene::written`].
+    /// Resolved scene, as TOML; see [`crate::scene::Scene::written`].
     pub scene: String,
-    /// Its file: others that it names are beside it.
+    /// File of the scene; other files that it names are relative to it.
     pub scene_file: PathBuf,
-    /// What tells it from others.
+    /// Identity of the scene.
     pub identity: Identity,
     /// Options for PETSc.
     pub petsc: Vec<String>,
-    /// Where the run was.
+    /// State of the run.
     pub pause: Pause,
-    /// Where its files were.
+    /// Positions of the output files.
     pub outputs: Outputs,
 }
 
-/// What tells a scene from others: its hash, and the check sum of its mesh, if that comes from a file.
+/// Identity of a scene: its hash, and the checksum of its mesh file, if it has one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     scene: String,
@@ -51,10 +53,10 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// That of a scene.
+    /// Returns the identity of a scene.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where the mesh file cannot be read.
     pub fn of(scene: &Scene) -> Result<Identity> {
         let sum = |file: &MeshFile| {
             input::read(Path::new(&file.path), u64::MAX).map(|bytes| crc32fast::hash(&bytes))
@@ -62,41 +64,41 @@ impl Identity {
         Ok(Identity { scene: scene.hash(), mesh: scene.file.as_ref().map(sum).transpose()? })
     }
 
-    /// That of the scene of a finished run, from its `summary.json`.
+    /// Returns the identity of the scene of a finished run, from its `summary.json`.
     pub(super) fn of_summary(summary: &serde_json::Value) -> Option<Identity> {
         let scene = summary["scene_hash"].as_str()?.to_owned();
         Some(Identity { scene, mesh: summary["mesh_checksum"].as_u64().map(|sum| sum as u32) })
     }
 
-    /// Check sum (CRC-32) of the scene's mesh file, if it has one.
+    /// Returns the checksum (CRC-32) of the scene's mesh file, if it has one.
     pub fn mesh_checksum(&self) -> Option<u32> {
         self.mesh
     }
 }
 
-/// How far the files of a run had come.
+/// Lengths of the output files of a run at a checkpoint.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outputs {
-    /// Bytes of `history.csv`.
+    /// Length of `history.csv`, in bytes.
     pub history: u64,
-    /// Bytes of `contacts.csv`, if there is one.
+    /// Length of `contacts.csv`, in bytes, if the file exists.
     pub contacts: Option<u64>,
-    /// Bytes of `events.csv`, if there is one.
+    /// Length of `events.csv`, in bytes, if the file exists.
     pub events: Option<u64>,
     /// Times (s) and files of the snapshots.
     pub snapshots: Vec<(f64, String)>,
 }
 
-/// The first line.
+/// Returns the first line of the file.
 fn head() -> String {
     format!("rebond checkpoint, format {FORMAT}, version {}\n", env!("CARGO_PKG_VERSION"))
 }
 
 impl Checkpoint {
-    /// The bytes of the file.
+    /// Serialises the checkpoint to the bytes of the file.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`].
+    /// Returns [`Error::Checkpoint`] where the data cannot be serialised.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let mut bytes = head().into_bytes();
         bytes.extend(archive::to_bytes(self)?);
@@ -104,10 +106,10 @@ impl Checkpoint {
         Ok(bytes)
     }
 
-    /// What the bytes of a file hold. Whatever they are, the answer is what was written, or an error.
+    /// Parses the bytes of a file. Damaged bytes give an error, never other data.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`].
+    /// Returns [`Error::Checkpoint`] where the bytes are not those of a checkpoint of this version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Checkpoint> {
         let damaged = || Error::Checkpoint("damaged: not what was written".into());
         let (content, sum) = bytes.split_last_chunk().ok_or_else(damaged)?;
@@ -126,46 +128,48 @@ impl Checkpoint {
         archive::from_bytes(content)
     }
 
-    /// Writes the checkpoint of a run folder, then removes all but it and the one before.
+    /// Writes the checkpoint to a run folder, then removes all but it and the previous one.
     ///
     /// # Errors
-    /// [`Error::Io`]: the earlier ones are still there.
+    /// Returns [`Error::Io`] on a failure to write; earlier checkpoints are then still there.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let step = self.pause.step;
         write_atomic(&folder.join(format!("checkpoint-{step:012}.bin")), &self.to_bytes()?)?;
-        // Later ones are damaged: the run would have gone on from them.
+        // Checkpoints of later steps are damaged, otherwise the run would have resumed from them.
         let (earlier, later): (Vec<_>, Vec<_>) = list(folder)?.into_iter().partition(|(of, _)| *of <= step);
         earlier.iter().rev().skip(KEPT).chain(&later).try_for_each(|(_, path)| remove(path))
     }
 
-    /// Writes the last state of a run that ends.
+    /// Writes the last state of a finished run.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] on a failure to write.
     pub fn write_state(&self, folder: &Path) -> Result<()> {
         write_atomic(&folder.join(STATE), &self.to_bytes()?)
     }
 
-    /// The newest checkpoint of a run folder that is whole, and what is wrong with those after it.
+    /// Returns the newest undamaged checkpoint of a run folder, and the errors of newer ones.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where there is none, [`Error::Io`].
+    /// Returns [`Error::Checkpoint`] where there is none, and [`Error::Io`] where the folder cannot
+    /// be read.
     pub fn newest(folder: &Path) -> Result<(Checkpoint, Vec<Error>)> {
         let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
         Checkpoint::first_whole(folder, paths)
     }
 
-    /// As [`Checkpoint::newest`], or the last state of a finished run where there is no checkpoint.
+    /// Returns the same as [`Checkpoint::newest`], or the last state of a finished run where there
+    /// is no checkpoint.
     ///
     /// # Errors
-    /// As [`Checkpoint::newest`].
+    /// Returns the same errors as [`Checkpoint::newest`].
     pub fn newest_or_last(folder: &Path) -> Result<(Checkpoint, Vec<Error>)> {
         let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
         let last = Some(folder.join(STATE)).filter(|path| path.is_file());
         Checkpoint::first_whole(folder, paths.chain(last))
     }
 
-    /// The first of some files that is whole, and what is wrong with those before it.
+    /// Returns the first undamaged one of some files, and the errors of those before it.
     fn first_whole(folder: &Path, paths: impl Iterator<Item = PathBuf>) -> Result<(Checkpoint, Vec<Error>)> {
         let mut damaged = Vec::new();
         for path in paths {
@@ -191,10 +195,10 @@ impl Checkpoint {
     }
 }
 
-/// Whether a folder has checkpoints: that of an unfinished run.
+/// Returns whether a folder has checkpoints, i.e. belongs to an unfinished run.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where the folder cannot be read.
 pub fn any(folder: &Path) -> Result<bool> {
     Ok(!list(folder)?.is_empty())
 }
@@ -202,31 +206,32 @@ pub fn any(folder: &Path) -> Result<bool> {
 /// Removes all checkpoints of a folder, the oldest first.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where a file cannot be removed.
 pub fn clear(folder: &Path) -> Result<()> {
     list(folder)?.iter().try_for_each(|(_, path)| remove(path))
 }
 
-/// Removes the last state and motion of a finished run, if there are any.
+/// Removes the last state and motion of a finished run, if they exist.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where a file cannot be removed.
 pub fn clear_state(folder: &Path) -> Result<()> {
     remove(&folder.join(motion::FILE))?;
     remove(&folder.join(STATE))
 }
 
-/// Whether a file's name is that of a checkpoint.
+/// Returns whether a file name is that of a checkpoint.
 pub(super) fn is_one(name: &str) -> bool {
     step_of(name).is_some()
 }
 
-/// Step of the checkpoint with that name.
+/// Returns the step in the file name of a checkpoint.
 fn step_of(name: &str) -> Option<u64> {
     name.strip_prefix("checkpoint-")?.strip_suffix(".bin")?.parse().ok()
 }
 
-/// Steps and files of a folder's checkpoints, ascending; none where there is no such folder.
+/// Returns steps and files of a folder's checkpoints, ascending; none where the folder does not
+/// exist.
 fn list(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),

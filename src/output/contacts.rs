@@ -1,4 +1,5 @@
-//! `contacts.csv`: when each node touches an obstacle, and how hard; one row per contact, written when it ends.
+//! File `contacts.csv`: intervals and impulses of the contacts of single nodes; one row per
+//! contact, written when the contact ends.
 
 use super::history::{malformed, number};
 use super::{Lines, remove};
@@ -11,35 +12,36 @@ use std::path::Path;
 
 /// Name of the file in the run folder.
 pub const FILE: &str = "contacts.csv";
-/// Number of the node; its position, m; first and last instant, s; impulse of the obstacle, N s, upward.
+/// Columns: index of the node; its position, m; first and last instant, s; impulse of the obstacle,
+/// N s, positive upwards.
 const HEADER: &str = "node,x,y,begin,end,impulse";
 
-/// Writes `contacts.csv`.
+/// Writer of `contacts.csv`.
 #[derive(Debug)]
 pub struct Contacts {
     lines: Lines,
 }
 
 impl Contacts {
-    /// Starts `contacts.csv` afresh in `folder`, which is created if need be.
+    /// Creates an empty `contacts.csv` in `folder`, and the folder if necessary.
     ///
     /// # Errors
-    /// [`Error::Io`], as all below.
+    /// Returns [`Error::Io`] on a failure to write; so do the functions below.
     pub fn create(folder: &Path) -> Result<Contacts> {
         Ok(Contacts { lines: Lines::create(folder, FILE, HEADER)? })
     }
 
-    /// Goes on with the first `length` bytes of what is there.
+    /// Continues the file after its first `length` bytes.
     pub fn resume(folder: &Path, length: u64) -> Result<Contacts> {
         Ok(Contacts { lines: Lines::resume(folder, FILE, length)? })
     }
 
-    /// How many bytes have reached the disk: all.
+    /// Writes all rows to the disk and returns the length of the file, in bytes.
     pub fn position(&mut self) -> Result<u64> {
         self.lines.position()
     }
 
-    /// Adds rows.
+    /// Appends rows.
     pub fn push(&mut self, contacts: &[Contact]) -> Result<()> {
         contacts.iter().try_for_each(|&Contact { node, at: [x, y], begin, end, impulse }| {
             self.lines.push(|line| {
@@ -52,7 +54,8 @@ impl Contacts {
         })
     }
 
-    /// Ends the file; unlike a mere drop, says when the last rows could not be written.
+    /// Closes the file and returns an error if the last rows could not be written, which a mere
+    /// drop would hide.
     pub fn finish(mut self) -> Result<()> {
         self.lines.flush()
     }
@@ -61,7 +64,7 @@ impl Contacts {
 /// Reads the contacts of a run folder; `None` where there is no such file.
 ///
 /// # Errors
-/// [`Error::Io`]; of a malformed file it names the line.
+/// Returns [`Error::Io`] where the file cannot be read or is malformed, with the line.
 pub fn read(folder: &Path) -> Result<Option<Vec<Contact>>> {
     let path = folder.join(FILE);
     match fs::read_to_string(&path) {
@@ -74,7 +77,7 @@ pub fn read(folder: &Path) -> Result<Option<Vec<Contact>>> {
 /// Removes the file of an earlier run.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where the file cannot be removed.
 pub fn clear(folder: &Path) -> Result<()> {
     remove(&folder.join(FILE))
 }

@@ -81,7 +81,12 @@
 //!
 //! # Order
 //!
-//! In free flight and in lasting contact gamma is 1 and the scheme is the midpoint rule, of order
+//! In free flight and in lasting contact gamma is 1 and the scheme is the midpoint rule, of second
+//! order. A step in which contact changes has an error of `$O(\Delta t^2)$` for any gamma, since
+//! only the slope of the acceleration jumps there. With finitely many contact changes the scheme is
+//! again of second order, once the step resolves the fastest vibration. Measured on the paper's
+//! plate, 10 x 4 cells, against the exact trajectory, root mean square error at the corners of the
+//! tip:
 //! 2. A step in which contact changes has an error of `$O(\Delta t^2)$` for any gamma, since only
 //! the slope of the acceleration jumps there. With finitely many contact changes the order is again
 //! 2, once the step resolves the fastest vibration. Measured on the paper's plate, 10 x 4 cells,
