@@ -432,7 +432,7 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
         "",
     );
     if outcome.steps > 0 {
-        report.number("time a step", 1e6 * seconds.stepping / outcome.steps as f64, "us");
+        report.number("time per step", 1e6 * seconds.stepping / outcome.steps as f64, "us");
     }
     if let Some(tally) = outcome.tally {
         report.count("events", tally.events, "").count("active sets", tally.active_sets, "");

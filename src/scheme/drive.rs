@@ -81,7 +81,7 @@ impl ModalDamping {
             return Ok(());
         }
         Err(Error::Usage(format!(
-            "damping.modal: modes that die out at {fastest:.3e} 1/s ask for a time.step of at most {:.3e} s",
+            "damping.modal: modes that decay at {fastest:.3e} 1/s need a time.step of at most {:.3e} s",
             LARGEST_DECAY / fastest
         )))
     }

@@ -231,7 +231,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 break;
             }
         }
-        Err(Error::Singular("no estimate of the fastest natural frequency holds".into()))
+        Err(Error::Singular("the highest natural frequency cannot be estimated".into()))
     }
 
     /// Moves a displacement to U(p) of its own `$p = C^{-1} B U$` at `time` (s) and sets the

@@ -164,7 +164,7 @@ impl<'s> Attached<'s> {
         match self.held(ground, &fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
             None => Ok(()),
             Some(motion) => Err(Error::Singular(format!(
-                "a rigid motion has neither stiffness nor inertia: {motion}, and the mean velocity of no cell tells; \
+                "a rigid motion has neither stiffness nor inertia: {motion}, with zero mean velocity in every cell; \
                  take more rows of cells, hold the plate, or set time.mass = \"consistent\""
             ))),
         }

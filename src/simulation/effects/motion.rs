@@ -90,7 +90,7 @@ fn same(one: Option<&Given>, other: Option<&Given>) -> bool {
 /// Returns the error of a node that is to move in two ways at once.
 fn tears(motion: &Given, at: Point) -> Error {
     let wrong = format!("the node at ({}, {}) is also held by a support that moves otherwise", at.x, at.y);
-    Error::Scene(format!("{}: {wrong}; expected them apart, as by where", motion.key))
+    Error::Scene(format!("{}: {wrong}; expected separate nodes, as by where", motion.key))
 }
 
 impl Lift {
