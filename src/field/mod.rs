@@ -27,7 +27,7 @@
 //! let value = pressure.value(Point::new(0.25, 0.0), 0.005)?;
 //! assert!((value + 75.0).abs() < 1e-12);
 //!
-//! // One vector of loads integrated once, times a number a step.
+//! // The load vector is integrated once and scaled at each step.
 //! let terms = pressure.terms().expect("a product of time and place");
 //! assert_eq!(terms.len(), 1);
 //! assert!(!terms[0].place.depends_on(Names::T) && !terms[0].time.depends_on(Names::XY));

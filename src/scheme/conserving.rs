@@ -44,7 +44,7 @@
 //! [`LONGEST`] is repeated with half the length, with a factor that is kept. For short enough steps
 //! the midpoint has the active bounds of the start, and gamma is 1.
 //!
-//! # Damping, loads and obstacles that change with time
+//! # Damping, time-dependent loads and obstacles
 //!
 //! Mass-proportional damping, D = alpha M, dissipates `$\gamma \Delta t\, \alpha |w|_C^2$` in a
 //! step, and E must return to `$E_0$` less the total dissipated. At the midpoint now
@@ -87,10 +87,6 @@
 //! again of second order, once the step resolves the fastest vibration. Measured on the paper's
 //! plate, 10 x 4 cells, against the exact trajectory, root mean square error at the corners of the
 //! tip:
-//! 2. A step in which contact changes has an error of `$O(\Delta t^2)$` for any gamma, since only
-//! the slope of the acceleration jumps there. With finitely many contact changes the order is again
-//! 2, once the step resolves the fastest vibration. Measured on the paper's plate, 10 x 4 cells,
-//! against the exact trajectory, root mean square error at the corners of the tip:
 //!
 //! | element, highest frequency | time span | errors (m) at steps (s) |
 //! |---|---|---|
@@ -112,7 +108,7 @@
 //! on 80 x 32 cells, where a tenth of the steps are relaxed. The midpoint scheme, which needs U(p)
 //! without a gamma, takes 1.1 to 1.3.
 //!
-//! # What is reported
+//! # Reported quantities
 //!
 //! Steps of length gamma dt do not end at the grid instants n dt. The scheme advances until it has
 //! reached or passed t = n dt and reports

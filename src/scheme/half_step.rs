@@ -220,8 +220,8 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         Ok(verdict)
     }
 
-    /// Sets v to the initial velocity relative to the frame that moves uniformly to the support
-    /// places at the end of the step, and b to the momentum of v.
+    /// Sets v to the velocity at the start of the step, relative to a frame that moves uniformly to
+    /// the support places at its end, and b to the momentum of v.
     fn ride_evenly(&mut self, from: &State) -> Result<()> {
         self.v.copy_from_slice(&from.v);
         if self.images.is_empty() {

@@ -46,7 +46,7 @@
 //! with the singular mass it is the rate of U(p) where p moves at `$V^n$` and the nodes in contact
 //! follow their obstacles.
 //!
-//! # Supports that move
+//! # Moving supports
 //!
 //! U is measured relative to the shape `$R s(t)$` that the support motion s gives the plate. During
 //! a step the reference frame moves at the constant velocity that leads from `$s^n$` to

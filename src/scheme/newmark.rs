@@ -14,7 +14,7 @@
 //! \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr) x = F - K U^n + G^T r, \qquad U^{n+1,e} = U^n + \frac{x + (1 - e)(U^n - U^{n-1})}{1 + e} .
 //! ```
 //!
-//! # The start
+//! # Start
 //!
 //! The ghost value `$U^{-1} = U^1 - 2 \Delta t\, v_0$` makes the energy at t = 0 exact. `$U^1$`
 //! follows from half a trapezoidal step:
@@ -32,7 +32,7 @@
 //!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 .
 //! ```
 //!
-//! # Damping, loads and obstacles that change with time
+//! # Damping, time-dependent loads and obstacles
 //!
 //! The damping matrix D = alpha M + beta_d K multiplies the central velocity
 //! `$(U^{n+1} - U^{n-1}) / 2 \Delta t = (2 d + x) / 2 \Delta t$` with `$d = U^n - U^{n-1}$`: the
@@ -75,7 +75,7 @@
 //! The impulse of the obstacles over a step is therefore the trapezoidal sum of the reactions at
 //! its ends. The reported reactions are those of the instant itself.
 //!
-//! # Supports that move
+//! # Moving supports
 //!
 //! U is measured relative to the shape `$R s(t)$` that the support motion s gives the plate. The
 //! scheme for U + R s equals the scheme for U with the additional load

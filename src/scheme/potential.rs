@@ -5,7 +5,7 @@
 //! every instant:
 //!
 //! ```math
-//! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser},
+//! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser}.
 //! ```
 //!
 //! The semi-discrete impact problem (paper, equation 5) is then the ordinary differential equation
@@ -34,7 +34,7 @@
 //! with the penalty `$\tfrac{s}{2} |p - C^{-1} B U|_C^2$` and an estimate of `$\lambda$`; then
 //! `$\lambda$` grows by `$s (p - C^{-1} B U)$`. Each round is one contact solve with the symmetric
 //! positive definite matrix K + s M, by the same factor and condensed solver as a time step, on any
-//! engine; no saddle-point matrix is factored. A round reduces the error of p by at least
+//! engine; no saddle-point matrix is factored. A round multiplies the error of p by at most
 //! `$\omega^2 / (\omega^2 + s)$`, with `$\omega$` the highest angular frequency of the
 //! semi-discrete problem, and its result is U of *its own* p for any `$\lambda$`.
 //!
@@ -45,8 +45,8 @@
 //! `$s = 10^4 \omega^2$`: the first round leaves an error of 1e-10 (at most 5e-7) of the
 //! displacement of p on 10 x 4 cells and 1e-13 (at most 8e-8) on 80 x 32; the second leaves
 //! rounding errors. A single round is not enough on fine meshes: with `$s = 10^8 \omega^2$` it
-//! meets p at once, but leaves U so far from equilibrium that energies are wrong by 1e-6 on 80 x
-//! 32.
+//! meets p at once, but leaves U so far from equilibrium on 80 x 32 cells that energies are wrong
+//! by 1e-6.
 
 mod rate;
 

@@ -52,11 +52,10 @@
 //! # Algorithm
 //!
 //! The module `reduction` solves the saddle-point problem behind `$\varphi$`; `modes` diagonalises
-//! the motion of each active set once and caches the result; `search` certifies that no event
-//! occurs before the next one, and locates that; `switch` determines the active set after it. The
-//! cost is N^3 per new active set for N cells, and N times the number of bounded dofs per certified
-//! interval and per instant of output. The cache of modes takes further memory
-//! ([`ExactOptions::memory`]).
+//! the motion of each active set once and caches the result; `search` certifies intervals without
+//! events and locates the next event; `switch` determines the active set after it. The cost is N^3
+//! per new active set for N cells, and N times the number of bounded dofs per certified interval
+//! and per instant of output. The cache of modes takes further memory ([`ExactOptions::memory`]).
 //!
 //! Mass-proportional damping damps all modes alike and is exact. Stiffness-proportional damping and
 //! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of

@@ -11,12 +11,13 @@
 //! `$h = h_F + R_A^T \rho$`. In the eigenvectors V of `$H_A$` the coordinates `$q = V^T z$` are
 //! decoupled.
 //!
-//! A dense eigenvalue solver has errors of the rounding of the largest eigenvalue, which is 10^6 to
-//! 10^12 times the lowest; so have the entries of `$H_A$`. The mode shapes `$X = (R - S_A W) V$`
-//! are more accurate: with K applied cell by cell, `$X^T K X = V^T H_A V$` has entries accurate
-//! relative to their own size, and is nearly diagonal. A few Jacobi-like sweeps, rotating all pairs
-//! of modes by first-order perturbation, complete the diagonalisation. V stays orthogonal to
-//! rounding throughout, since the state passes from one set's modes to the next's as `$V V^T z$`.
+//! A dense eigenvalue solver has errors as large as the rounding error of the largest eigenvalue,
+//! which is 10^6 to 10^12 times the lowest; so have the entries of `$H_A$`. The mode shapes
+//! `$X = (R - S_A W) V$` are more accurate: with K applied cell by cell, `$X^T K X = V^T H_A V$`
+//! has entries accurate relative to their own size, and is nearly diagonal. A few Jacobi-like
+//! sweeps, rotating all pairs of modes by first-order perturbation, complete the diagonalisation. V
+//! is kept orthogonal to rounding throughout, because the state passes from one set's modes to the
+//! next's as `$V V^T z$`.
 
 use super::reduction::Reduction;
 use crate::archive::Archive;

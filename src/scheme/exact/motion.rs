@@ -28,8 +28,8 @@
 //! \int q = q_0 t + q_0' \int g + (f - w^2 q_0) \iint g, \qquad \int s = \frac{v}{w}, \quad \int v = t - \frac{s}{w} - \frac{\alpha v}{w^2},
 //! ```
 //!
-//! Where the difference in the last formula would lose digits, the integral of v is taken from the
-//! power series of v and `$\int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s$`.
+//! and, where the difference in the last formula would lose digits, the integral of v is taken from
+//! the power series of v and `$\int_0^{2t} v = 2 \int_0^t v + v\,(t - \int_0^t v) + s \int_0^t s$`.
 //!
 //! Along a time grid s and v are advanced by recurrence: with `$s_h$` and `$v_h$` of one step,
 //!

@@ -36,8 +36,8 @@ use crate::vi::Side;
 use faer::Mat;
 use std::collections::HashMap;
 
-/// Level of halving of the stride below which an undecided interval counts as an event at its
-/// start.
+/// Level of the interval length, 2^level strides, below which an undecided interval counts as an
+/// event at its start.
 const SHORTEST: i32 = -80;
 
 /// Distance from a limit, relative to the slack, below which a quantity counts as at the limit.
