@@ -674,7 +674,7 @@ fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64
 fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> Result<Option<Impact>> {
     let System { engine, drive, .. } = &model.system;
     let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
-    // Places of the obstacles at the last instant before contact, and one step later.
+    // Bounds at the earliest instant before contact of any of these nodes, and one step later.
     let times = touched().map(|(bound, _)| scheme.approach(bound).time);
     let before = -engine.maximum(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)))?;
     let before = if before.is_finite() { before.max(0.0) } else { 0.0 };

@@ -76,7 +76,7 @@ impl Field {
 
 #[derive(Default)]
 struct Search {
-    /// Start and end of the search, in s.
+    /// Start and length of the search, in s.
     from: f64,
     length: f64,
     /// Intervals still to evaluate, the first one last.
@@ -93,7 +93,7 @@ struct Search {
     fastest: f64,
 }
 
-/// Branch of a formula at an instant.
+/// Sample of a formula at an instant.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     /// Time, in s.

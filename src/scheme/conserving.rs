@@ -140,7 +140,7 @@ use std::rc::Rc;
 
 /// Largest gamma accepted; after [`MOST_HALVINGS`] halvings the longest step, in units of dt.
 pub const LONGEST: f64 = 2.5;
-/// Number of halvings after which a step with a large gamma is accepted.
+/// Largest number of halvings of a step whose gamma is above [`LONGEST`].
 pub const MOST_HALVINGS: usize = 3;
 /// Largest number of halvings where a root gamma exists up to rounding: contact that holds 1e-13 of
 /// the energy ends within 1e-7 of its own period.

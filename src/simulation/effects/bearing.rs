@@ -121,9 +121,9 @@ fn escape<E: OfCells, T: Team>(
     Ok((left.norm() > BALANCED).then(motion))
 }
 
-/// Returns the smallest remainder of a force after subtraction of non-negative multiples of
-/// reactions (Lawson and Hanson's NNLS). The closure `most` returns the reaction that reduces a
-/// remainder most.
+/// Returns the smallest remainder of a force after non-negative multiples of reactions are added
+/// (Lawson and Hanson's NNLS). The closure `most` returns the reaction that reduces a remainder
+/// most.
 fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Vector3<f64> {
     let mut taken: Vec<(Vector3<f64>, f64)> = Vec::new();
     let mut left = force;
