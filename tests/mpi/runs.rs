@@ -173,19 +173,13 @@ fn what_all_ranks_find_wrong_is_said_once() {
     let run = |ranks, arguments: &[&str]| {
         on(&folder, ranks, &[&["run", "fall.toml", "--overwrite"], arguments].concat())
     };
-    for ranks in [2, 4] {
-        assert_fails(
-            &run(ranks, &["--set", "plate.thickness=-1"]),
-            2,
-            &["plate.thickness", "greater than 0"],
-        );
-        let nothing_holds = ["--set", "support=[]", "--set", "obstacle=[]"];
-        assert_fails(&run(ranks, &nothing_holds), 2, &["static_pressure", "mechanism"]);
-        assert_fails(&run(ranks, &["--engine", "native"]), 2, &["one process", "--engine petsc"]);
-        assert_fails(&run(ranks, &["--", "-pc_typ", "lu"]), 2, &["`-pc_typ`", "did you mean `-pc_type`?"]);
-        assert_fails(&run(ranks, &["--", "-pc_type", "nosuch"]), 3, &["PCSetType()", "nosuch"]);
-        assert_fails(&run(ranks, &["--set", "solver.tolerance=1e-18"]), 3, &["KKT", "1.0e-18"]);
-    }
+    let nothing_holds = ["--set", "support=[]", "--set", "obstacle=[]"];
+    assert_fails(&run(2, &["--set", "plate.thickness=-1"]), 2, &["plate.thickness", "greater than 0"]);
+    assert_fails(&run(4, &nothing_holds), 2, &["static_pressure", "mechanism"]);
+    assert_fails(&run(2, &["--engine", "native"]), 2, &["one process", "--engine petsc"]);
+    assert_fails(&run(2, &["--", "-pc_typ", "lu"]), 2, &["`-pc_typ`", "did you mean `-pc_type`?"]);
+    assert_fails(&run(4, &["--", "-pc_type", "nosuch"]), 3, &["PCSetType()", "nosuch"]);
+    assert_fails(&run(2, &["--set", "solver.tolerance=1e-18"]), 3, &["KKT", "1.0e-18"]);
     assert_fails(&on(&folder, 2, &["check", "fall.toml"]), 2, &["check", "one process"]);
     let wrong = on(&folder, 2, &["run"]);
     assert_eq!((wrong.status.code(), text(&wrong.stderr).matches("Usage:").count()), (Some(2), 1));
