@@ -1,4 +1,4 @@
-//! `rebond check` and `rebond inspect`.
+//! Commands `rebond check` and `rebond inspect`.
 
 use super::run::SetUpTold;
 use super::{SceneArgs, launch, refuse_petsc_options};
@@ -16,12 +16,13 @@ pub struct Check {
     scene: SceneArgs,
 }
 
-/// Look into a scene's matrices.
+/// Inspect a scene's matrices.
 #[derive(Debug, Args)]
 pub struct Inspect {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form, all dofs before supports
+    /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form, all dofs before
+    /// supports
     #[arg(long, value_name = "DIR")]
     matrices: Option<PathBuf>,
     /// Replace the matrices of another scene in that folder
@@ -56,7 +57,7 @@ impl Inspect {
         self.scene.voice.print(&inspection, &inspection)
     }
 
-    /// Refuses a folder with files of others, and unless told to overwrite them the matrices of another scene.
+    /// Refuses a folder with foreign files or, without `--overwrite`, matrices of another scene.
     fn refuse_matrices(&self, folder: &Path, scene: &Scene) -> Result<()> {
         claim::refuse_foreign(folder, "matrices", "--matrices", |name| study::MATRICES.contains(&name))?;
         let holds_some = study::MATRICES.iter().any(|name| folder.join(name).exists());

@@ -1,4 +1,4 @@
-//! `rebond compare`.
+//! Command `rebond compare`.
 
 #[cfg(feature = "petsc")]
 use super::run::ended;
@@ -20,13 +20,14 @@ use std::rc::Rc;
 pub struct Compare {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the latter two also with one of
-    /// PETSc's types, as in petsc:tao:bnls; default: those that serve best
+    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the
+    /// latter two also with one of PETSc's types, as in petsc:tao:bnls; default: those that serve
+    /// best
     #[arg(long = "with", value_name = "NAMES", value_delimiter = ',')]
     with: Vec<String>,
 }
 
-/// What is compared unless the user says.
+/// Default contenders.
 const DEFAULT: &[&str] = if cfg!(feature = "petsc") {
     &["native", "petsc", "petsc:snes:vinewtonrsls", "petsc:tao:tron", "petsc:tao:bnls"]
 } else {
@@ -58,7 +59,7 @@ impl Compare {
         comparison.verdict()
     }
 
-    /// Compares on all ranks; an error on one of them that is not the others' ends all.
+    /// Compares on all ranks; an error that only some ranks have ends all.
     #[cfg(feature = "petsc")]
     fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {
         let context = Context::start(&self.scene.petsc)?;
@@ -86,8 +87,9 @@ impl Compare {
     }
 }
 
-/// Refuses options that cannot work, or that nobody uses, before the comparison: while some are left that nobody has looked up, the
-/// contenders make one step each.
+/// Refuses options that cannot work or that nothing uses, before the comparison.
+///
+/// While there are options that nothing has looked up, each contender makes one step.
 #[cfg(feature = "petsc")]
 fn check_options(
     context: &Rc<Context>,
@@ -110,14 +112,14 @@ fn check_options(
             model.scheme_with(&scene, &model.solver(&scene))?.advance()
         };
         if let Err(why) = context.with_option(contender.option(), step) {
-            // The comparison will tell. What this contender would have looked up remains unknown.
+            // The comparison will report this error; the options of this contender remain unknown.
             return recover(why).map(drop);
         }
     }
     context.refuse_unused_options()
 }
 
-/// Lets the native engine run, on every rank for itself.
+/// Runs the native engine, independently on every rank.
 fn natively(
     comparison: &mut Comparison,
     scene: &Scene,

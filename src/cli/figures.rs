@@ -1,4 +1,4 @@
-//! `rebond figures`.
+//! Command `rebond figures`.
 
 use super::{command_line, json, launch, print};
 use crate::error::Result;
@@ -14,10 +14,10 @@ pub struct Figures {
     /// Folder of the figures
     #[arg(long, value_name = "DIR", default_value = "figures")]
     out: PathBuf,
-    /// Leave out steps below this, in s: quicker
+    /// Smallest time step, in s; a larger one saves time
     #[arg(long, value_name = "STEP", default_value_t = 0.0)]
     smallest_step: f64,
-    /// Machine output on standard output
+    /// Print JSON on standard output
     #[arg(long)]
     json: bool,
     /// Print errors only

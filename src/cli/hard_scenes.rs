@@ -1,12 +1,12 @@
-//! The hard scenes that `rebond stability` tries where it is given none: part of the program, so that it needs no repository.
+//! Hard scenes that `rebond stability` runs by default, included in the program.
 
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Names the files of `scenes/hard` and includes their bytes.
+/// Defines the file names of `scenes/hard` and includes their bytes.
 macro_rules! files {
     ($($name:literal,)*) => {
-        /// Name and content of each file: the scenes, and the meshes that they name.
+        /// Name and content of each file: scenes and their meshes.
         const FILES: &[(&str, &[u8])] =
             &[$(($name, include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/hard/", $name)))),*];
     };
@@ -59,18 +59,18 @@ files![
     "wedge.toml",
 ];
 
-/// A folder that holds the hard scenes until it is dropped.
+/// Temporary folder with the hard scenes, removed when dropped.
 pub(super) struct HardScenes(PathBuf);
 
 impl HardScenes {
-    /// Writes the scenes into a new folder among the system's temporary ones.
+    /// Writes the scenes into a new temporary folder.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where a file cannot be written.
     pub fn unpack() -> Result<HardScenes> {
         let name = |number: u32| format!("rebond-hard-scenes-{}-{number}", std::process::id());
         let folders = (0..100).map(|number| std::env::temp_dir().join(name(number)));
-        // A folder that is there already may be another's.
+        // An existing folder may belong to another process.
         let folder = folders.clone().find(|folder| !folder.exists()).unwrap_or_else(std::env::temp_dir);
         std::fs::create_dir(&folder).map_err(Error::io(&folder))?;
         let scenes = HardScenes(folder);
@@ -81,7 +81,7 @@ impl HardScenes {
         Ok(scenes)
     }
 
-    /// The folder.
+    /// Returns the path of the folder.
     pub fn folder(&self) -> &Path {
         &self.0
     }

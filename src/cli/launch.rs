@@ -1,27 +1,27 @@
-//! What the launcher of parallel programs says in the environment, before MPI starts.
+//! Number of processes and rank, read from the launcher's environment before MPI starts.
 
 use crate::error::{Error, Result};
 use std::time::Duration;
 
-/// A number that Open MPI, or MPICH and those that follow it, pass to a process.
+/// Reads a number that Open MPI or MPICH (and its derivatives) pass to a process.
 fn number(names: [&str; 2]) -> Option<usize> {
     names.iter().find_map(|name| std::env::var(name).ok()?.parse().ok())
 }
 
-/// Number of processes that were started together.
+/// Returns the number of processes that were started together.
 pub fn size() -> usize {
     number(["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"]).unwrap_or(1)
 }
 
-/// Number of this process among them.
+/// Returns the number of this process among them, from 0.
 pub fn rank() -> usize {
     number(["OMPI_COMM_WORLD_RANK", "PMI_RANK"]).unwrap_or(0)
 }
 
-/// Refuses to do the same thing in several processes.
+/// Refuses to repeat the same work in several processes.
 ///
 /// # Errors
-/// [`Error::Usage`] where there are several.
+/// Returns [`Error::Usage`] where there are several.
 pub(super) fn one_process(what: &str) -> Result<()> {
     match size() {
         1 => Ok(()),
@@ -31,7 +31,7 @@ pub(super) fn one_process(what: &str) -> Result<()> {
     }
 }
 
-/// Waits for the first process to report an error that all have: as it ends, the launcher ends the others.
+/// Waits for the first process to report an error that all have, and to end the others.
 pub fn wait_turn() {
     let rank = rank() as u64;
     if rank > 0 {

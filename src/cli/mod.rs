@@ -1,4 +1,4 @@
-//! The command line: arguments to calls; nothing else.
+//! Command line: translates arguments into calls.
 
 mod check;
 mod compare;
@@ -19,7 +19,7 @@ use clap::{Args, Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// How long a rank that fails waits for the others to fail too, before it ends them.
+/// Time that a failed rank waits for the others to fail too, before it ends them.
 #[cfg(feature = "petsc")]
 const PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
 
@@ -33,30 +33,34 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Simulate a scene; writes history.csv, contacts.csv, summary.json, fields and a picture into the run folder
+    /// Simulate a scene; writes history.csv, contacts.csv, summary.json, fields and a picture into
+    /// the run folder
     Run(run::Run),
-    /// Go on with a run that was interrupted, from its newest checkpoint, as if it had never stopped
+    /// Resume an interrupted run from its newest checkpoint, bitwise as if without interruption
     Resume(resume::Resume),
     /// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
     Check(check::Check),
-    /// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a scene
+    /// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a
+    /// scene
     Inspect(check::Inspect),
     /// Run a scene on several engines and contact solvers: how far they differ, what each costs
     Compare(compare::Compare),
-    /// What accuracy costs in time: errors against seconds for schemes, masses, steps and meshes
+    /// Measure what accuracy costs in time: errors against seconds for schemes, masses, steps and
+    /// meshes
     Study(Box<study::Study>),
-    /// Put every method to hard scenes: what happens to energy, residual and penetration, and a verdict on each
+    /// Try every method on hard scenes, and judge its energy, residual and penetration
     Stability(stability::Stable),
     /// The six figures of CSMA 2013, and a verdict on each of the paper's claims
     Figures(figures::Figures),
-    /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and PNG
+    /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and
+    /// PNG
     Plot(plot::Plot),
 }
 
-/// What a command says.
+/// Output mode of a command.
 #[derive(Debug, Clone, Copy, Args)]
 struct Voice {
-    /// Machine output on standard output
+    /// Print JSON on standard output
     #[arg(long)]
     json: bool,
     /// Print errors only
@@ -65,12 +69,12 @@ struct Voice {
 }
 
 impl Voice {
-    /// Whether it says nothing on its way.
+    /// Returns whether progress is hidden.
     fn is_silent(self) -> bool {
         self.json || self.quiet
     }
 
-    /// Prints a report, or its value as JSON, unless asked to be quiet.
+    /// Prints a report, or its value as JSON, unless in quiet mode.
     fn print(self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
         match (self.json, self.quiet) {
             (true, _) => print(&json(value)?),
@@ -80,7 +84,7 @@ impl Voice {
     }
 }
 
-/// Which scene, and what to change in it.
+/// Scene file with overrides and solver settings.
 #[derive(Debug, Args)]
 struct SceneArgs {
     /// Scene file (TOML)
@@ -102,12 +106,14 @@ struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// The scene. One that names no engine gets the one that serves as many processes as were started.
+    /// Loads the scene.
+    ///
+    /// A scene that names no engine gets the one that works with the number of started processes.
     fn load(&self) -> Result<Scene> {
         self.load_with(&[])
     }
 
-    /// The same with more overrides.
+    /// Loads the scene with additional overrides.
     fn load_with(&self, more: &[String]) -> Result<Scene> {
         let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
         let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
@@ -119,14 +125,14 @@ impl SceneArgs {
     }
 }
 
-/// Options that nobody will read are an error.
+/// Refuses PETSc options on a run that does not read them.
 fn refuse_petsc_options(options: &[String]) -> Result<()> {
     options.first().map_or(Ok(()), |option| {
         Err(Error::Usage(format!("{option}: options after -- are for PETSc; choose it with --engine petsc")))
     })
 }
 
-/// The command as it was typed, for the foot of a picture.
+/// Returns the command as typed, for the foot of a plot.
 fn command_line() -> String {
     let mut words = std::env::args();
     let program = words.next().map(PathBuf::from);
@@ -141,7 +147,8 @@ fn json(value: &impl serde::Serialize) -> Result<String> {
         .map_err(|why| Error::Io { path: "standard output".into(), source: why.into() })
 }
 
-/// Writes to standard output. A reader that has seen enough, as in `rebond check ... | head`, is no error.
+/// Writes to standard output; a reader that closes the pipe early (`rebond check ... | head`) is no
+/// error.
 fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -152,10 +159,10 @@ fn print(text: &str) -> Result<()> {
     }
 }
 
-/// Does what the arguments ask for.
+/// Executes the command.
 ///
 /// # Errors
-/// Whatever went wrong; [`Error::exit_code`] is the command's.
+/// Returns the error of the command; [`Error::exit_code`] is its exit code.
 pub fn execute(cli: &Cli) -> Result<()> {
     memory::require_some()?;
     match &cli.command {

@@ -1,4 +1,4 @@
-//! `rebond plot`.
+//! Command `rebond plot`.
 
 use super::print;
 use crate::error::{Error, Result};
@@ -79,8 +79,9 @@ impl Plot {
     }
 }
 
-/// The obstacles of a resolved scene that stand still at one height, each once; of those under a part of the plate, the ones that
-/// some probe is opposite to.
+/// Returns the obstacles of a resolved scene that have one constant height, without repetition.
+///
+/// Obstacles that face a part of the plate count if some probe faces them.
 pub(super) fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Obstacle> {
     let mut obstacles = Vec::new();
     for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
@@ -99,7 +100,7 @@ pub(super) fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) ->
     obstacles
 }
 
-/// The sides of a resolved scene's rectangle, in m; none where a file gives the mesh.
+/// Returns the sides of a resolved scene's rectangle, in m; none where a file gives the mesh.
 fn rectangle(scene: &Value) -> Vec<[[f64; 2]; 2]> {
     let side = |name| scene["plate"][name].as_f64().filter(|side| *side > 0.0);
     let (Some(length), Some(width)) = (side("length"), side("width")) else { return Vec::new() };

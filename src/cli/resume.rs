@@ -1,4 +1,4 @@
-//! `rebond resume`.
+//! Command `rebond resume`.
 
 use super::run::Job;
 use super::{Voice, launch};
@@ -10,13 +10,13 @@ use crate::simulation::Pause;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Go on with a run.
+/// Resume a run.
 #[derive(Debug, Args)]
 pub struct Resume {
     /// Run folder with checkpoint-*.bin; with --until also with end.state
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Another end, in s, a whole number of steps: also of a run that is done
+    /// New end in s, a whole number of steps; also for a finished run
     #[arg(long, value_name = "T")]
     until: Option<String>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! Signals that ask a run to stop.
+//! Handler of the signals that ask a run to stop.
 
 use crate::error::{Error, Result};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -7,19 +7,22 @@ use std::sync::OnceLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// When a signal first came.
+/// Time of the first signal.
 static ASKED: OnceLock<Instant> = OnceLock::new();
 
-/// A signal this long after the first one does not wait for the step to end: launchers may send several at once.
+/// Time after the first signal from which another ends the program at once.
+///
+/// Launchers may send several signals at the same time.
 const IMPATIENT: Duration = Duration::from_secs(1);
 
-/// Bytes of the stack of the thread that listens.
+/// Stack size of the listening thread, in bytes.
 const STACK: usize = 1 << 16;
 
-/// From now on SIGINT and SIGTERM are a request, and a second one is an end.
+/// Makes SIGINT and SIGTERM a request to stop; a later one ends the program.
 ///
 /// # Errors
-/// [`Error::Usage`] where the system refuses, [`Error::Memory`] where it has no room for a thread.
+/// Returns [`Error::Usage`] where the system refuses, [`Error::Memory`] where it has no room for a
+/// thread.
 pub(super) fn listen() -> Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])
         .map_err(|why| Error::Usage(format!("signals cannot be caught: {why}")))?;
@@ -34,7 +37,7 @@ pub(super) fn listen() -> Result<()> {
     listener.map(drop).map_err(|why| Error::Memory(format!("signals cannot be listened to: {why}")))
 }
 
-/// Whether a signal has come.
+/// Returns whether a signal was received.
 pub(super) fn came() -> bool {
     ASKED.get().is_some()
 }

@@ -1,4 +1,4 @@
-//! `rebond stability`.
+//! Command `rebond stability`.
 
 use super::hard_scenes::HardScenes;
 use super::{json, launch, print};
@@ -16,7 +16,7 @@ use crate::study::stability::{self, Case, Stability, Trial};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// Put every method to hard scenes.
+/// Try every method on hard scenes.
 #[derive(Debug, Args)]
 pub struct Stable {
     /// Scene files, or folders of them; default: the hard scenes that come with the program
@@ -25,11 +25,11 @@ pub struct Stable {
     /// Change a key of every scene, such as time.step=1e-6; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     overrides: Vec<String>,
-    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the latter two also with one of
-    /// PETSc's types, as in petsc:tao:bnls
+    /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the
+    /// latter two also with one of PETSc's types, as in petsc:tao:bnls
     #[arg(long = "with", value_name = "NAMES", value_delimiter = ',', default_value = "native")]
     with: Vec<String>,
-    /// Machine output on standard output
+    /// Print JSON on standard output
     #[arg(long)]
     json: bool,
     /// Print errors only
@@ -65,7 +65,7 @@ impl Stable {
         self.report(scenes, &contenders, |_, scene, method| Ok(stability::natively(scene, method)))
     }
 
-    /// Tries all, and reports.
+    /// Runs all trials and reports them.
     fn report(
         &self,
         scenes: Vec<(String, Scene)>,
@@ -91,7 +91,7 @@ impl Stable {
     }
 }
 
-/// A scene's file; those of a folder by name.
+/// Returns a scene file, or the scene files of a folder by name.
 fn files(path: &Path) -> Result<Vec<PathBuf>> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);

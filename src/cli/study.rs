@@ -1,4 +1,4 @@
-//! `rebond study`.
+//! Command `rebond study`.
 
 use super::{SceneArgs, launch, print, refuse_petsc_options};
 use crate::error::{Error, Result};
@@ -29,17 +29,17 @@ pub struct Study {
     /// Folder of study.csv, study.json and plots; default: studies/ and the scene file's name
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Start anew, even where the folder holds a part of this very study, or another one
+    /// Start anew, even if the folder holds an unfinished or another study
     #[arg(long)]
     fresh: bool,
-    /// Runs to make at once, on the native engine; their times are then marked as unreliable
+    /// Number of simultaneous runs on the native engine; their times are then marked as unreliable
     #[arg(long, value_name = "N", default_value = "1")]
     jobs: std::num::NonZeroUsize,
     #[command(flatten)]
     lists: Lists,
 }
 
-/// The lists of `[study]`, each separated by commas.
+/// Lists of `[study]`, each separated by commas.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "What to compare, instead of the scene's [study]")]
 struct Lists {
@@ -73,10 +73,10 @@ struct Lists {
     /// Mesh that measures the error in space, such as 40x16
     #[arg(long, value_name = "NXxNY")]
     reference: Option<String>,
-    /// Instants in s at which errors of the whole deflection are told
+    /// Instants in s at which errors of the whole deflection are reported
     #[arg(long, value_name = "NUMBERS")]
     at: Option<String>,
-    /// What ranks the runs: first_impact, second_impact, end
+    /// Horizon that ranks the runs: first_impact, second_impact, end
     #[arg(long, value_name = "PART")]
     until: Option<String>,
     /// Timed repetitions of each run
@@ -85,7 +85,7 @@ struct Lists {
 }
 
 impl Lists {
-    /// As keys of the scene, so that they are judged like those.
+    /// Returns the lists as overrides, so that they are checked like keys of the scene.
     fn overrides(&self) -> Vec<String> {
         let list = |text: &str, quoted: fn(&str) -> String| {
             let items: Vec<String> = text.split(',').map(|item| quoted(item.trim())).collect();
@@ -167,7 +167,7 @@ impl Study {
         Ok(())
     }
 
-    /// Refuses a folder with files that no study writes, and unless told to start anew the study of another scene.
+    /// Refuses a folder with foreign files or, without `--fresh`, the study of another scene.
     fn refuse_results(&self, folder: &Path, hash: &str) -> Result<()> {
         claim::refuse_foreign(folder, "study", "--out", |name| FILES.contains(&name))?;
         let Ok(bytes) = fs::read(folder.join(FILES[0])) else { return Ok(()) };
@@ -188,10 +188,10 @@ impl Study {
     }
 }
 
-/// What a study writes into its folder.
+/// Names of the files that a study writes into its folder.
 const FILES: [&str; 3] = ["study.json", "study.csv", "plots"];
 
-/// Keeps the files up to date, so that a study that is stopped leaves what it knows.
+/// Writer that keeps the files up to date, so that an interrupted study keeps its results.
 struct Files<'f> {
     folder: &'f Path,
     command: &'f str,
@@ -205,7 +205,7 @@ impl Watch for Files<'_> {
         self.line.0.set_length(parts as u64);
         if !self.quiet {
             let time = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
-            // To standard error: standard output is the report's.
+            // The report alone goes to standard output.
             eprintln!("{parts} parts, about {}", HumanDuration(time));
         }
     }
@@ -221,7 +221,7 @@ impl Watch for Files<'_> {
     }
 }
 
-/// The line that moves on the terminal.
+/// Progress line on the terminal.
 struct Line(ProgressBar);
 
 impl Line {

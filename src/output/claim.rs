@@ -1,8 +1,8 @@
-//! The right to write into a folder: one process at a time, over nothing that somebody else may want to keep.
+//! Exclusive right of a process to write into a run folder, without loss of earlier results.
 //!
-//! A process that writes into a run folder holds a lock on the file `.lock` in it, which names the process and the scene. The
-//! system lets go of the lock whichever way the process ends, so that a file which is left behind without one says only
-//! which run was cut off there.
+//! A process that writes into a run folder holds a lock on its file `.lock`, which names the
+//! process and the scene. The system releases the lock however the process ends, so that a file
+//! without a lock only marks a run that was interrupted there.
 
 use super::checkpoint::{self, Identity};
 use super::{contacts, events, history, plot, summary, vtu};
@@ -17,10 +17,10 @@ use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
-/// The file that is locked.
+/// Name of the lock file.
 const LOCK: &str = ".lock";
 
-/// Names of the files and folders that runs write, and what is drawn from them; checkpoints aside.
+/// Names of files and folders that runs and plots write, except checkpoints.
 const RESULTS: [&str; 9] = [
     history::FILE,
     checkpoint::STATE,
@@ -33,28 +33,30 @@ const RESULTS: [&str; 9] = [
     plot::FOLDER,
 ];
 
-/// The content of the lock file.
+/// Content of the lock file.
 #[derive(Debug, Serialize, Deserialize)]
 struct Holder {
     process: u32,
     scene: Identity,
 }
 
-/// A run folder that this process alone writes into. Dropping it removes the lock file, and folders that were made for it and
-/// stayed empty.
+/// Exclusive claim on a run folder.
+///
+/// Dropping it removes the lock file, and folders that were created for it and stayed empty.
 #[derive(Debug)]
 pub struct Claim {
     path: PathBuf,
     _file: File,
-    /// Folders that were made, the innermost first.
+    /// Created folders, the innermost first.
     made: Vec<PathBuf>,
 }
 
 impl Claim {
-    /// Claims a folder for a run of a scene; the folder is made if need be.
+    /// Claims a folder for a run of a scene; the folder is created if necessary.
     ///
     /// # Errors
-    /// [`Error::Io`], also where another process has it.
+    /// Returns [`Error::Io`] where the folder cannot be created or locked, or another process holds
+    /// the lock.
     pub fn new(folder: &Path, scene: &Identity) -> Result<Claim> {
         let made = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
         let made = made.map(Path::to_owned).collect();
@@ -68,13 +70,14 @@ impl Claim {
                 .write(true)
                 .open(&path)
                 .map_err(Error::io(&path))?;
-            // Somebody who looks whether the folder is taken holds the lock too, for an instant.
+            // Another process that only tests the lock holds it for an instant.
             let looks = std::iter::repeat_n(Duration::from_millis(20), 5);
             let is_ours = |file: &mut File| lock(file, File::try_lock);
             if !is_ours(&mut file) && !looks.into_iter().any(|pause| (sleep(pause), is_ours(&mut file)).1) {
                 return Err(taken(folder, &mut file));
             }
-            // The process that had the lock removes the file as it ends: whoever waited for it holds a file without a name.
+            // The former owner removes the file as it ends; a process that waited for the lock then
+            // holds a file without a name.
             if !is_named(&file, &path) {
                 continue;
             }
@@ -93,7 +96,7 @@ impl Drop for Claim {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.path);
         for folder in &self.made {
-            // Refused where something is in it.
+            // The removal fails where the folder is not empty.
             let _ = fs::remove_dir(folder);
         }
     }
@@ -102,14 +105,17 @@ impl Drop for Claim {
 /// Refuses a folder that another process writes into.
 ///
 /// # Errors
-/// [`Error::Io`] naming that process.
+/// Returns [`Error::Io`] naming that process.
 pub fn refuse_running(folder: &Path) -> Result<()> {
     let path = folder.join(LOCK);
     let Ok(mut file) = File::options().read(true).open(&path) else { return Ok(()) };
     if lock(&mut file, File::try_lock_shared) { Ok(()) } else { Err(taken(folder, &mut file)) }
 }
 
-/// Locks a file. Where the file system has no locks, the process that the file names counts, if it is alive.
+/// Locks a file.
+///
+/// On a file system without locks, the lock counts as held if the process that the file names is
+/// alive.
 fn lock(file: &mut File, attempt: impl Fn(&File) -> std::result::Result<(), TryLockError>) -> bool {
     match attempt(file) {
         Ok(()) => true,
@@ -126,7 +132,7 @@ fn holder(file: &mut File) -> Option<Holder> {
     serde_json::from_str(&text).ok()
 }
 
-/// Whether a file still has its name.
+/// Returns whether a file still has its name.
 #[cfg(unix)]
 fn is_named(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -144,11 +150,13 @@ fn taken(folder: &Path, file: &mut File) -> Error {
     Error::io(folder)(io::Error::new(io::ErrorKind::WouldBlock, words))
 }
 
-/// Refuses to start a run where it would write over something: a run that goes on, files that no run writes, an unfinished run,
-/// and the results of another scene. The last two may be overwritten; the same scene may replace its own results.
+/// Refuses to start a run that would overwrite something.
+///
+/// Refused are a run in progress, files that no run writes, an unfinished run, and results of
+/// another scene; `overwrite` permits the last two. The same scene may replace its own results.
 ///
 /// # Errors
-/// [`Error::Usage`], with the remedy, and [`Error::Io`].
+/// Returns [`Error::Usage`] with the remedy, or [`Error::Io`] where the folder cannot be read.
 pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwrite: bool) -> Result<()> {
     refuse_running(folder)?;
     let is_own = |name: &str| name == LOCK || RESULTS.contains(&name) || checkpoint::is_one(name);
@@ -190,10 +198,11 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
     }
 }
 
-/// Refuses a folder with a file or folder that the command does not write there. No folder is no hindrance.
+/// Refuses a folder with files that the command does not write there; a missing folder passes.
 ///
 /// # Errors
-/// [`Error::Usage`] naming the first such file by name and the option that names another folder, and [`Error::Io`].
+/// Returns [`Error::Usage`] naming the first such file and the option for another folder, or
+/// [`Error::Io`] where the folder cannot be read.
 pub fn refuse_foreign(
     folder: &Path,
     command: &str,
@@ -220,13 +229,15 @@ pub fn refuse_foreign(
     })
 }
 
-/// Whether a name is that of a file that comes and goes: those of [`super::write_atomic`], and those that a network's file system
-/// keeps for files without a name.
+/// Returns whether a name is that of a temporary file.
+///
+/// These are the files of [`super::write_atomic`], and those that a network file system keeps for
+/// deleted files that are open.
 fn is_passing(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp") || name.starts_with(".nfs")
 }
 
-/// The first key in which two resolved scenes differ, and both values: `time.step: 1e-5 there, 5e-6 here`.
+/// Describes the first difference of two resolved scenes: `time.step: 1e-5 there, 5e-6 here`.
 fn difference(there: &Value, here: &Value, key: &mut String) -> Option<String> {
     if there == here {
         return None;

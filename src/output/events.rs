@@ -1,4 +1,4 @@
-//! `events.csv`: every touch and leave of a node, from a scheme that follows them.
+//! `events.csv`: closing and opening of contacts, from a scheme that locates them.
 
 use super::{Lines, remove};
 use crate::error::Result;
@@ -10,28 +10,31 @@ use std::path::Path;
 /// Name of the file in the run folder.
 pub const FILE: &str = "events.csv";
 
-/// Writes `events.csv`: time (s, 17 digits), node, x, y (m), kind (`closes` or `opens`), velocity (m/s, before it closes or after it
-/// opens) and reaction (N, of all nodes together; that of the node itself is 0, for reactions are continuous).
+/// Writer of `events.csv`.
+///
+/// The columns are time (s, 17 digits), node, x, y (m), kind (`closes` or `opens`), velocity (m/s,
+/// before a contact closes or after it opens) and reaction (N, the sum over all nodes; that of the
+/// node itself is 0 because reactions are continuous).
 #[derive(Debug)]
 pub struct Events {
     lines: Lines,
 }
 
 impl Events {
-    /// Starts `events.csv` afresh in `folder`, which is created if need be.
+    /// Creates `events.csv` in `folder`, which is created if necessary.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], as all below.
+    /// Returns [`crate::Error::Io`] where the file cannot be written, as do all methods.
     pub fn create(folder: &Path) -> Result<Events> {
         Ok(Events { lines: Lines::create(folder, FILE, "time,node,x,y,kind,velocity,reaction")? })
     }
 
-    /// Goes on with the first `length` bytes of what is there.
+    /// Continues after the first `length` bytes of the file.
     pub fn resume(folder: &Path, length: u64) -> Result<Events> {
         Ok(Events { lines: Lines::resume(folder, FILE, length)? })
     }
 
-    /// How many bytes have reached the disk: all.
+    /// Writes everything to the disk and returns the length of the file in bytes.
     pub fn position(&mut self) -> Result<u64> {
         self.lines.position()
     }
@@ -47,7 +50,7 @@ impl Events {
         })
     }
 
-    /// Ends the file; unlike a mere drop, says when the last events could not be written.
+    /// Finishes the file, and reports errors of the last write, which a drop ignores.
     pub fn finish(mut self) -> Result<()> {
         self.lines.flush()
     }

@@ -1,4 +1,4 @@
-//! `history.csv`: the run in rows, written as it goes and read back for pictures and tests.
+//! `history.csv`: rows of a run, written as it advances, and their reader.
 
 use super::Lines;
 use crate::error::{Error, Result};
@@ -12,10 +12,11 @@ use std::path::Path;
 /// Name of the file in the run folder.
 pub const FILE: &str = "history.csv";
 
-/// Writes `history.csv`.
+/// Writer of `history.csv`.
 ///
-/// Every number reads back as the very same `f64`. Rows reach the file whole, at the latest about a second after the
-/// row before, and when the history is finished or dropped: a run that stops keeps what it wrote.
+/// Every number reads back as the same `f64`. Rows reach the file whole, at most about a second
+/// after the row before, and when the history is finished or dropped, so that an interrupted run
+/// keeps its rows.
 #[derive(Debug)]
 pub struct History {
     lines: Lines,
@@ -23,7 +24,7 @@ pub struct History {
 }
 
 impl History {
-    /// Starts `history.csv` afresh in `folder`, which is created if need be.
+    /// Creates `history.csv` in `folder`, which is created if necessary.
     pub fn create(folder: &Path, probes: &[String]) -> Result<Self> {
         for (i, name) in probes.iter().enumerate() {
             if name.is_empty() || name.contains([',', '"']) || name.contains(char::is_control) {
@@ -42,12 +43,12 @@ impl History {
         Ok(History { lines: Lines::create(folder, FILE, &names.join(","))?, probes: probes.len() })
     }
 
-    /// Goes on with the first `length` bytes of what is there.
+    /// Continues after the first `length` bytes of the file.
     pub fn resume(folder: &Path, probes: usize, length: u64) -> Result<Self> {
         Ok(History { lines: Lines::resume(folder, FILE, length)?, probes })
     }
 
-    /// How many bytes have reached the disk: all.
+    /// Writes everything to the disk and returns the length of the file in bytes.
     pub fn position(&mut self) -> Result<u64> {
         self.lines.position()
     }
@@ -56,7 +57,7 @@ impl History {
     ///
     /// # Panics
     ///
-    /// When the row has more or fewer probes than the header.
+    /// Panics where the row has more or fewer probes than the header.
     pub fn push(&mut self, row: &Row) -> Result<()> {
         assert_eq!(row.probes.len(), self.probes, "a row needs one value per probe");
         self.lines.push(|line| {
@@ -78,12 +79,12 @@ impl History {
         })
     }
 
-    /// Hands every row to the system.
+    /// Passes all rows to the operating system.
     pub fn flush(&mut self) -> Result<()> {
         self.lines.flush()
     }
 
-    /// Ends the file; unlike a mere drop, says when the last rows could not be written.
+    /// Finishes the file, and reports errors of the last write, which a drop ignores.
     pub fn finish(mut self) -> Result<()> {
         self.flush()
     }
@@ -93,14 +94,15 @@ fn integer(line: &mut String, value: u64) {
     write!(line, "{value}").expect("a string takes everything");
 }
 
-/// The shortest decimal that reads back as the same bits, with an exponent where that is easier to read.
+/// Appends the shortest decimal that reads back as the same bits, with an exponent if that is
+/// easier to read.
 pub(super) fn number(line: &mut String, value: f64) {
     let plain = value == 0.0 || (1e-3..1e7).contains(&value.abs());
     if plain { write!(line, "{value}") } else { write!(line, "{value:e}") }
         .expect("a string takes everything");
 }
 
-/// A history read back: named columns of equal length, [`COLUMNS`] first.
+/// History read back: named columns of equal length, [`COLUMNS`] first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     names: Vec<String>,
@@ -108,25 +110,25 @@ pub struct Table {
 }
 
 impl Table {
-    /// How many rows.
+    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.columns[0].len()
     }
 
-    /// The column of that name.
+    /// Returns the column of that name.
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         let index = self.names.iter().position(|n| n == name)?;
         Some(&self.columns[index])
     }
 
-    /// Name and deflection (m) of each probe.
+    /// Returns name and deflection (m) of each probe.
     pub fn probes(&self) -> impl Iterator<Item = (&str, &[f64])> {
         let columns = self.names.iter().zip(&self.columns).skip(COLUMNS.len());
         columns.map(|(name, values)| (name.as_str(), values.as_slice()))
     }
 }
 
-/// Reads the `history.csv` of a run folder. The error for a malformed file names the line.
+/// Reads the `history.csv` of a run folder; the error for a malformed file names the line.
 pub fn read(folder: &Path) -> Result<Table> {
     let path = folder.join(FILE);
     let file = File::open(&path).map_err(Error::io(&path))?;

@@ -1,14 +1,15 @@
-//! Matrix Market files (`*.mtx`): sparse matrices for other programs.
+//! Export of sparse matrices as Matrix Market files (`*.mtx`).
 
 use super::write_atomic;
 use crate::error::Result;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Writes a real general matrix in coordinate form, whole or not at all (see [`write_atomic`]).
+/// Writes a real general matrix in coordinate format, whole or not at all (see [`write_atomic`]).
 ///
-/// `entries` are (row, column, value) from 0; those of one place are summed in their order. The file counts from 1, goes column
-/// by column, and has 17 significant digits: it reads back to the bit. Places where the sum is zero stay in it.
+/// `entries` are (row, column, value) from 0; entries with the same row and column are summed in
+/// their order. The file counts from 1, goes column by column, and has 17 significant digits, so
+/// that it reads back bitwise. Sums of zero are kept.
 pub fn write(path: &Path, [rows, columns]: [usize; 2], mut entries: Vec<(usize, usize, f64)>) -> Result<()> {
     entries.sort_by_key(|&(row, column, _)| (column, row));
     entries.dedup_by(|next, kept| {

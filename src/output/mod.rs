@@ -1,9 +1,18 @@
-//! What a run leaves behind and shows on its way: plain data in, files and text out.
+//! Output of a run: plain data in, files and text out.
 //!
-//! Nothing here knows a plate, a mesh or a scheme.
+//! This module does not depend on plates, meshes or schemes. Its parts are:
 //!
-//! The parts are [`history`] (`history.csv`, written as the run goes, and its reader), [`contacts`] (`contacts.csv`), [`events`] (`events.csv`), [`checkpoint`] (`checkpoint-*.bin`), [`claim`] (who may write into a folder), [`vtu`]
-//! (`fields.pvd` and its snapshots), [`summary`] (`summary.json`), [`plot`] (`plots/*.svg` and `.png`), [`matrix_market`] (`*.mtx`), [`progress`] (the moving line on a terminal) and [`text`] (the report that ends a run).
+//! - [`history`]: `history.csv`, written as the run advances, and its reader,
+//! - [`contacts`]: `contacts.csv`,
+//! - [`events`]: `events.csv`,
+//! - [`checkpoint`]: `checkpoint-*.bin`,
+//! - [`claim`]: the exclusive right to write into a folder,
+//! - [`vtu`]: `fields.pvd` and its snapshots,
+//! - [`summary`]: `summary.json`,
+//! - [`plot`]: `plots/*.svg` and `.png`,
+//! - [`matrix_market`]: `*.mtx`,
+//! - [`progress`]: the progress line on a terminal,
+//! - [`text`]: the report that ends a run.
 
 pub mod checkpoint;
 pub mod claim;
@@ -24,15 +33,15 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Lines wait at most about this long before they reach their file.
+/// Approximate limit on the time that a line waits before it is written.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
-/// They reach it earlier when they exceed this many bytes.
+/// Number of waiting bytes that causes an earlier write.
 const FLUSH_BYTES: usize = 1 << 16;
 
-/// A text file that grows line by line.
+/// Text file that grows line by line.
 ///
-/// Lines reach the file whole, at the latest about a second after the line before, and when it is finished or dropped: a run that
-/// stops keeps what it wrote.
+/// Lines reach the file whole, at most about a second after the line before, and when the file is
+/// finished or dropped, so that an interrupted run keeps its lines.
 #[derive(Debug)]
 struct Lines {
     path: PathBuf,
@@ -42,7 +51,7 @@ struct Lines {
 }
 
 impl Lines {
-    /// Starts the file afresh in a folder, which is created if need be, with a first line.
+    /// Creates the file with its first line; the folder is created if necessary.
     fn create(folder: &Path, name: &str, head: &str) -> Result<Lines> {
         fs::create_dir_all(folder).map_err(Error::io(folder))?;
         let path = folder.join(name);
@@ -52,7 +61,7 @@ impl Lines {
         Ok(lines)
     }
 
-    /// Opens the file of a run that goes on, and forgets what was written after its first `length` bytes.
+    /// Opens the file of a resumed run and truncates it to its first `length` bytes.
     fn resume(folder: &Path, name: &str, length: u64) -> Result<Lines> {
         let path = folder.join(name);
         let attempt = || -> io::Result<File> {
@@ -70,14 +79,14 @@ impl Lines {
         Ok(Lines { path, file, pending: String::new(), flushed: Instant::now() })
     }
 
-    /// How many bytes the file has, all of which have reached the disk.
+    /// Writes everything to the disk and returns the length of the file in bytes.
     fn position(&mut self) -> Result<u64> {
         self.flush()?;
         let synced = self.file.sync_data().and_then(|()| self.file.stream_position());
         synced.map_err(Error::io(&self.path))
     }
 
-    /// Adds a line, without its end.
+    /// Appends a line, without its line break.
     fn push(&mut self, line: impl FnOnce(&mut String)) -> Result<()> {
         line(&mut self.pending);
         self.pending.push('\n');
@@ -87,7 +96,7 @@ impl Lines {
         Ok(())
     }
 
-    /// Hands every line to the system.
+    /// Passes all lines to the operating system.
     fn flush(&mut self) -> Result<()> {
         let written = self.file.write_all(self.pending.as_bytes());
         self.pending.clear();
@@ -98,15 +107,16 @@ impl Lines {
 
 impl Drop for Lines {
     fn drop(&mut self) {
-        // Whoever needs to know calls `flush`.
+        // A caller that needs the error calls `flush`.
         let _ = self.flush();
     }
 }
 
-/// Writes a file whole or not at all: a reader, or a run stopped halfway, never sees a part of it.
+/// Writes a file whole or not at all.
 ///
-/// The bytes go to a temporary file in the same folder, reach the disk, and take the name in one step. On failure the
-/// temporary file is removed and whatever had the name before keeps it.
+/// The bytes go to a temporary file in the same folder, are written to the disk, and take the name
+/// in one atomic step. Neither a reader nor an interrupted run sees a part of the file. On failure
+/// the temporary file is removed, and the file that had the name before stays.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     let temporary = temporary_name(path);
     let attempt = || -> io::Result<()> {
@@ -114,7 +124,8 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
         file.write_all(bytes)?;
         file.sync_all()?;
         fs::rename(&temporary, path)?;
-        // The name reaches the disk with its folder. Not every file system lets a folder be asked.
+        // The new name is in the folder, which must reach the disk too. Some file systems refuse
+        // this.
         let _ = path.parent().map(|folder| File::open(folder).and_then(|folder| folder.sync_all()));
         Ok(())
     };
@@ -124,10 +135,10 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     })
 }
 
-/// Removes the temporary files that killed processes have left in a folder, if there is one.
+/// Removes the temporary files that killed processes left in a folder.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where a file cannot be removed.
 pub fn sweep(folder: &Path) -> Result<()> {
     let Ok(entries) = fs::read_dir(folder) else { return Ok(()) };
     for path in entries.flatten().map(|entry| entry.path()) {
@@ -139,7 +150,7 @@ pub fn sweep(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Removes a file, if it is there.
+/// Removes a file, if it exists.
 pub(crate) fn remove(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
@@ -147,7 +158,8 @@ pub(crate) fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// `folder/.name.<process id>.tmp` for `folder/name`: hidden, and not shared with another process.
+/// Returns `folder/.name.<process id>.tmp` for `folder/name`: hidden, and not shared between
+/// processes.
 fn temporary_name(path: &Path) -> PathBuf {
     let mut name = OsString::from(".");
     name.push(path.file_name().unwrap_or_default());

@@ -1,4 +1,4 @@
-//! How far a run has come: a line that moves on a terminal, a line at each tenth of the steps elsewhere.
+//! Progress of a run: a moving line on a terminal, elsewhere one line per tenth of the steps.
 
 use super::text::{grouped, significant};
 use indicatif::{FormattedDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -10,35 +10,36 @@ use std::time::{Duration, Instant};
 
 /// Time between two drawings of the line.
 const REDRAW: Duration = Duration::from_millis(100);
-/// Time between two looks at the clock, if the steps go on at their pace so far.
+/// Time between two readings of the clock while the steps keep their pace.
 const LOOK: Duration = Duration::from_millis(20);
-/// Most steps between two looks at the clock, lest the line sleep when the steps grow slow.
+/// Limit on the steps between two readings of the clock, in case the steps become slower.
 const MOST_STEPS: u64 = 64;
 
-/// Lines of a run without a terminal, at equal shares of its steps; at the last of them its report follows.
+/// Number of lines without a terminal, at equal shares of the steps; the report replaces the last.
 const LINES: u64 = 10;
-/// Time that a part of the set-up takes before it is told without a terminal.
+/// Time after which a part of the set-up is reported without a terminal.
 const LONG: Duration = Duration::from_secs(2);
-/// Energy over that of the start from which on it is told in J.
+/// Ratio of the energy to its start above which the energy is shown in J.
 const LARGEST_RATIO: f64 = 1e6;
 
-/// What the line shows of the simulation.
+/// State of the simulation that the line shows.
 #[derive(Debug, Clone, Copy)]
 pub struct State {
-    /// Time, s.
+    /// Time in s.
     pub time: f64,
-    /// Nodes that touch an obstacle.
+    /// Number of nodes in contact.
     pub contact_nodes: usize,
-    /// Energy, J.
+    /// Energy in J.
     pub energy: f64,
-    /// Energy of the start, J.
+    /// Initial energy in J.
     pub start: f64,
 }
 
-/// A line on standard error: time, pace, time left, nodes in contact, energy.
+/// Progress line on standard error: time, pace, time left, nodes in contact, energy.
 ///
-/// On a terminal one line moves. Elsewhere, as in a file, a line is added at each tenth of the steps, whatever the clock says, and
-/// a step costs one comparison. When asked to be quiet it is silent.
+/// On a terminal one line moves. Elsewhere, as in a file, a line is added at each tenth of the
+/// steps, independent of the clock, and a step costs one comparison. In quiet mode there is no
+/// output.
 #[derive(Debug)]
 pub struct Progress {
     line: ProgressBar,
@@ -51,7 +52,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress over the `steps` that remain and their `span` of time (s).
+    /// Creates the progress over the remaining `steps` and their `span` of time (in s).
     pub fn new(steps: Range<u64>, span: Range<f64>, quiet: bool) -> Self {
         let line = moving_line(quiet);
         let now = Instant::now();
@@ -72,7 +73,8 @@ impl Progress {
         progress
     }
 
-    /// The first step after one at which a line is due without a terminal; never the last.
+    /// Returns the next step after `step` at which a line is due without a terminal; never the
+    /// last.
     fn after(&self, step: u64) -> u64 {
         let Range { start, end } = self.steps;
         let at =
@@ -80,7 +82,9 @@ impl Progress {
         (1..LINES).map(at).find(|&due| due > step && due < end).unwrap_or(u64::MAX)
     }
 
-    /// Tells that `step` is done; asks for the `state` only when the line is due: some ten times a second on a terminal.
+    /// Reports that `step` is done, and evaluates `state` only if the line is due.
+    ///
+    /// On a terminal this happens about ten times per second.
     #[inline]
     pub fn tick(&mut self, step: u64, state: impl FnOnce() -> State) {
         if step >= self.next {
@@ -106,7 +110,7 @@ impl Progress {
         self.line.finish_and_clear();
     }
 
-    /// Looks at the clock, and plans when to look again.
+    /// Reads the clock if necessary, and plans the next reading.
     fn is_due(&mut self, step: u64) -> bool {
         let elapsed = self.drawn.elapsed();
         let steps = (step - self.drawn_step) as f64 * LOOK.as_secs_f64() / elapsed.as_secs_f64();
@@ -114,7 +118,7 @@ impl Progress {
         elapsed >= REDRAW
     }
 
-    /// The words of the line, which is then the last one drawn.
+    /// Formats the line and records when it is drawn.
     fn words(&mut self, step: u64, state: &State) -> String {
         let now = Instant::now();
         let pace = (step - self.drawn_step) as f64 / (now - self.drawn).as_secs_f64();
@@ -124,19 +128,19 @@ impl Progress {
     }
 }
 
-/// A line that moves on standard error; hidden where that is no terminal, or when asked to be quiet.
+/// Creates a moving line on standard error, hidden in quiet mode and without a terminal.
 fn moving_line(quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let style = ProgressStyle::with_template("{wide_msg}").expect("the template is well-formed");
     ProgressBar::with_draw_target(None, target).with_style(style)
 }
 
-/// Writes a line to standard error, where it can be written.
+/// Writes a line to standard error, and ignores errors.
 fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// What a run is busy with before its first step: at once on a terminal, elsewhere a line for each part that takes long.
+/// Progress of the set-up: at once on a terminal, elsewhere a line for each long part.
 #[derive(Debug)]
 pub struct SetUp {
     line: ProgressBar,
@@ -144,7 +148,7 @@ pub struct SetUp {
 }
 
 impl SetUp {
-    /// A set-up that begins; silent when asked to be quiet.
+    /// Starts the set-up; there is no output in quiet mode.
     pub fn new(quiet: bool) -> SetUp {
         let line = moving_line(quiet);
         let watch = (!quiet && line.is_hidden()).then(|| {
@@ -159,7 +163,7 @@ impl SetUp {
         if self.line.is_hidden() { say(line) } else { self.line.println(line) }
     }
 
-    /// Tells what is being done from now on, in a word or two.
+    /// Reports the part that begins, in a word or two.
     pub fn part(&self, part: &'static str) {
         self.line.set_message(set_up_line(part));
         if let Some((sender, _)) = &self.watch {
@@ -182,7 +186,7 @@ fn set_up_line(part: &str) -> String {
     format!("setting up: {part}")
 }
 
-/// Says each part that has lasted longer than `long` when it does.
+/// Reports each part once it has lasted longer than `long`.
 fn watch(parts: &Receiver<&'static str>, long: Duration, mut say: impl FnMut(&'static str)) {
     let mut present = None;
     loop {
@@ -198,11 +202,11 @@ fn watch(parts: &Receiver<&'static str>, long: Duration, mut say: impl FnMut(&'s
     }
 }
 
-/// The words of the line, which fit 80 columns.
+/// Formats the line, which fits into 80 columns.
 fn words(state: &State, done: f64, pace: f64, elapsed: Duration) -> String {
     let left = Duration::try_from_secs_f64((elapsed.as_secs_f64() * (1.0 / done - 1.0)).ceil());
     let ratio = state.energy / state.start;
-    // A start at rest has no energy, or what rounding has left of it.
+    // A start at rest has no energy, or only its rounding error.
     let energy = if ratio.abs() < LARGEST_RATIO {
         format!("E/E0 {ratio:.4}")
     } else {
@@ -259,7 +263,7 @@ mod tests {
         assert!(progress.is_due(1_000_064));
         assert!(progress.is_due(1_000_064) && progress.next > 1_000_064);
     }
-    /// Steps at which a run without a terminal has lines.
+    /// Returns the steps at which a run without a terminal has lines.
     fn lines(steps: Range<u64>) -> Vec<u64> {
         let progress = Progress::new(steps.clone(), 0.0..1.0, true);
         let next = |step: &u64| Some(progress.after(*step));

@@ -1,4 +1,4 @@
-//! `summary.json`: what was run, how it went and what it cost.
+//! `summary.json`: the scene, the results and the cost of a run.
 
 use super::write_atomic;
 use crate::error::{Error, Result};
@@ -10,7 +10,7 @@ pub const FILE: &str = "summary.json";
 
 /// Writes a value as indented JSON, whole or not at all (see [`write_atomic`]).
 ///
-/// JSON knows no NaN and no infinity: they become `null`.
+/// NaN and infinity, which JSON lacks, become `null`.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     let mut bytes = serde_json::to_vec_pretty(value).map_err(|error| Error::io(path)(error.into()))?;
     bytes.push(b'\n');

@@ -1,4 +1,4 @@
-//! Aligned text: the short report that ends a run.
+//! Aligned text for reports and tables.
 
 use std::fmt;
 
@@ -8,7 +8,8 @@ use std::fmt;
 /// use rebond::output::text::Report;
 ///
 /// let mut report = Report::new("a bouncing plate");
-/// report.text("effects", "contact").count("steps", 100_000, "").number("first impact", 0.0594, "s");
+/// report.text("effects", "contact").count("steps", 100_000, "");
+/// report.number("first impact", 0.0594, "s");
 /// assert_eq!(
 ///     report.to_string(),
 ///     "a bouncing plate\n  \
@@ -36,17 +37,17 @@ enum Value {
 }
 
 impl Report {
-    /// A report without rows under that title.
+    /// Creates a report with a title and no rows.
     pub fn new(title: impl Into<String>) -> Self {
         Report { title: title.into(), rows: Vec::new() }
     }
 
-    /// Adds words.
+    /// Adds a row with a text.
     pub fn text(&mut self, label: impl Into<String>, text: impl Into<String>) -> &mut Self {
         self.row(label.into(), Value::Text(text.into()))
     }
 
-    /// Adds a number, shown with five significant digits.
+    /// Adds a row with a number of five significant digits.
     pub fn number(&mut self, label: impl Into<String>, value: f64, unit: &'static str) -> &mut Self {
         let digits = significant(value);
         let split = digits.find(['.', 'e']).unwrap_or(digits.len());
@@ -54,7 +55,7 @@ impl Report {
         self.row(label.into(), Value::Number { whole: whole.into(), fraction: fraction.into(), unit })
     }
 
-    /// Adds a count, shown with all its digits.
+    /// Adds a row with a count, shown with all its digits.
     pub fn count(&mut self, label: impl Into<String>, value: u64, unit: &'static str) -> &mut Self {
         self.row(label.into(), Value::Number { whole: grouped(value), fraction: String::new(), unit })
     }
@@ -73,7 +74,7 @@ impl fmt::Display for Report {
         for row in &self.rows {
             if let Value::Number { whole, fraction, unit } = &row.value {
                 wholes = wholes.max(length(whole));
-                // A number without a unit may reach under the units.
+                // A number without a unit may extend below the units.
                 fractions = fractions.max(if unit.is_empty() { 0 } else { length(fraction) });
             }
         }
@@ -91,7 +92,8 @@ impl fmt::Display for Report {
     }
 }
 
-/// Rows of cells under heads of one or more lines: the first column to the left, the others to the right.
+/// Rows of cells under heads of one or more lines: the first column to the left, the others to the
+/// right.
 ///
 /// ```
 /// use rebond::output::text::Table;
@@ -105,16 +107,16 @@ impl fmt::Display for Report {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Table {
-    /// Cells, or one note across the table.
+    /// Rows of cells, or notes across the table.
     lines: Vec<std::result::Result<Vec<String>, String>>,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     pub fn new(heads: &[&str]) -> Self {
         let heads: Vec<Vec<&str>> = heads.iter().map(|head| head.lines().collect()).collect();
         let height = heads.iter().map(Vec::len).max().unwrap_or(0);
-        // Heads end on one line.
+        // All heads end on the same line.
         let cell = |head: &Vec<&str>, line: usize| {
             (line + head.len()).checked_sub(height).map_or(String::new(), |line| head[line].into())
         };
@@ -128,7 +130,7 @@ impl Table {
         self
     }
 
-    /// Adds words under the last row.
+    /// Adds a note below the last row.
     pub fn note(&mut self, words: impl Into<String>) -> &mut Self {
         self.lines.push(Err(words.into()));
         self
@@ -164,7 +166,7 @@ impl fmt::Display for Table {
     }
 }
 
-/// Five significant digits without idle zeros; an exponent outside 0.001 to a million.
+/// Formats five significant digits without trailing zeros, with an exponent outside 0.001 to 1e6.
 pub fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".into(); // which -0.0 is too
@@ -186,7 +188,7 @@ fn without_idle_zeros(decimal: &str) -> &str {
     if decimal.contains('.') { decimal.trim_end_matches('0').trim_end_matches('.') } else { decimal }
 }
 
-/// An integer in groups of three digits: `1 234 567`.
+/// Formats an integer in groups of three digits: `1 234 567`.
 pub fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let groups: Vec<&str> =

@@ -1,25 +1,26 @@
-//! `fields.pvd` and `fields/*.vtu`: snapshots of the plate for ParaView and VTK, and their reader for pictures.
+//! `fields.pvd` and `fields/*.vtu`: snapshots of the plate for ParaView and VTK, and their reader.
 //!
-//! A snapshot is an unstructured grid of small triangles or quadrilaterals, flat at z = 0: warp it by `displacement`. Numbers are
-//! appended raw, little-endian, 64 bits. With several ranks each writes its own piece, and a `.pvtu` names them.
+//! A snapshot is an unstructured grid of small triangles or quadrilaterals, flat at z = 0: warp it
+//! by `displacement`. Numbers are appended raw, little-endian, with 64 bits. Each of several ranks
+//! writes its own piece, and a `.pvtu` file lists them.
 //!
-//! | of points | is |
+//! | point data | meaning |
 //! |---|---|
-//! | `deflection` | w, m |
+//! | `deflection` | w, in m |
 //! | `slope` | w_x, w_y |
-//! | `velocity` | rate of w, m/s |
-//! | `displacement` | (0, 0, w), m |
-//! | `gap` | room to the nearest obstacle, m; not a number where none is opposite, as the two that follow |
-//! | `floor`, `ceiling` | height of the nearest obstacle below, and above, m |
-//! | `reaction` | force of the obstacles on a node, upward, N; zero at points that are not nodes |
+//! | `velocity` | time derivative of w, in m/s |
+//! | `displacement` | (0, 0, w), in m |
+//! | `gap` | distance to the nearest obstacle, in m; NaN where there is none |
+//! | `floor`, `ceiling` | height of the nearest obstacle below and above, in m; NaN without one |
+//! | `reaction` | upward force of the obstacles on a node, in N; zero at other points |
 //!
-//! | of cells | is |
+//! | cell data | meaning |
 //! |---|---|
-//! | `mean_velocity` | mean rate of w over the mesh's cell, m/s |
+//! | `mean_velocity` | mean velocity over the mesh's cell, in m/s |
 //! | `cell` | number of the mesh's cell, on its rank |
-//! | `rank` | rank that computes it |
+//! | `rank` | rank that owns the cell |
 //!
-//! `gap`, `floor`, `ceiling` and `reaction` are there where the scene has obstacles.
+//! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
 
 use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
@@ -34,14 +35,14 @@ use std::path::{Path, PathBuf};
 pub const FILE: &str = "fields.pvd";
 /// Folder of the snapshots in the run folder.
 pub const FOLDER: &str = "fields";
-/// What VTK calls shapes of three and four corners.
+/// VTK's codes for triangles and quadrilaterals.
 const TRIANGLE: u8 = 5;
 const QUADRILATERAL: u8 = 9;
 
 const HEADER: &str = "<?xml version=\"1.0\"?>\n";
 const DIALECT: &str = "version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\"";
 
-/// Writes the snapshots of a run as they come: one series a process.
+/// Writer of the snapshots of a run, one series per process.
 #[derive(Debug)]
 pub struct Series {
     folder: PathBuf,
@@ -52,15 +53,17 @@ pub struct Series {
 }
 
 impl Series {
-    /// Starts the series of a rank.
+    /// Creates the series of a rank.
     pub fn new(folder: &Path, rank: usize, ranks: usize) -> Series {
         Series { folder: folder.to_owned(), rank, ranks, times: Vec::new() }
     }
 
-    /// Goes on with the series of which these are the snapshots, with their times (s); removes those after `step`. Rank 0 alone does.
+    /// Continues a series with these snapshots and times (in s), and removes those after `step`.
+    ///
+    /// Only rank 0 calls this.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where a file cannot be removed.
     pub fn resume(&mut self, snapshots: Vec<(f64, String)>, step: u64) -> Result<()> {
         self.times = snapshots;
         if self.times.is_empty() {
@@ -76,7 +79,7 @@ impl Series {
         Ok(())
     }
 
-    /// Times (s) and files of the snapshots so far.
+    /// Returns times (in s) and files of the snapshots so far.
     pub fn snapshots(&self) -> &[(f64, String)] {
         &self.times
     }
@@ -84,17 +87,17 @@ impl Series {
     /// Writes this rank's piece of a snapshot, whole or not at all.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where the file cannot be written.
     pub fn write(&self, snapshot: &Snapshot) -> Result<()> {
         let folder = self.folder.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         write_atomic(&folder.join(self.piece(snapshot.step, self.rank)), &grid(snapshot, self.rank))
     }
 
-    /// Adds a snapshot whose pieces are all written to the index; rank 0 alone does.
+    /// Adds a snapshot to the index once all its pieces are written; only rank 0 calls this.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where the index cannot be written.
     pub fn index(&mut self, step: u64, time: f64, has_obstacles: bool) -> Result<()> {
         let name = match self.ranks {
             1 => self.piece(step, 0),
@@ -129,13 +132,13 @@ impl Series {
 /// Removes the snapshots of an earlier run.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where a file cannot be removed.
 pub fn clear(folder: &Path) -> Result<()> {
     remove(&folder.join(FILE))?;
     pieces(folder)?.iter().try_for_each(|(_, path)| remove(path))
 }
 
-/// Steps and files of all snapshots in a run folder; what killed processes left is swept away.
+/// Returns steps and files of all snapshots in a run folder, and removes temporary files.
 fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     let folder = folder.join(FOLDER);
     sweep(&folder)?;
@@ -149,7 +152,7 @@ fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     Ok(entries.flatten().filter_map(|entry| piece(entry.path())).collect())
 }
 
-/// An array of a grid: its name, type, components and bytes.
+/// Data array of a grid: name, type, number of components, bytes.
 struct Array {
     name: &'static str,
     kind: &'static str,
@@ -169,7 +172,7 @@ impl Array {
     }
 }
 
-/// The file of a snapshot.
+/// Formats the file of a snapshot.
 fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
     let lattice = snapshot.lattice;
     let w = &snapshot.deflection;
@@ -249,7 +252,7 @@ fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
     file
 }
 
-/// The file that names the pieces of all ranks.
+/// Formats the file that lists the pieces of all ranks.
 fn parallel(pieces: &[String], has_obstacles: bool) -> String {
     let mut text = format!(
         "{HEADER}<VTKFile type=\"PUnstructuredGrid\" {DIALECT}>\n<PUnstructuredGrid GhostLevel=\"0\">\n"
@@ -291,25 +294,28 @@ fn line(text: &mut String, what: std::fmt::Arguments) {
     text.push('\n');
 }
 
-/// A snapshot read back.
+/// Snapshot read back.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
-    /// Positions, in m.
+    /// Coordinates of the points, in m.
     pub points: Vec<[f64; 2]>,
     /// Corners of each small cell.
     pub cells: Vec<Vec<usize>>,
     /// Deflection at each point, in m.
     pub deflection: Vec<f64>,
-    /// Force on each point, in N; empty without obstacles.
+    /// Upward force on each point, in N; empty without obstacles.
     pub reaction: Vec<f64>,
-    /// Height of the nearest obstacle below, and above, in m, NaN where none is opposite; empty without obstacles.
+    /// Heights of the nearest obstacles below and above each point, in m.
+    ///
+    /// A height is NaN where there is no obstacle; without any obstacle the arrays are empty.
     pub obstacles: [Vec<f64>; 2],
-    /// The mesh's cell in which each small cell lies, unique among all ranks.
+    /// Number of the mesh's cell that contains each small cell, unique among all ranks.
     pub parents: Vec<usize>,
 }
 
 impl Surface {
-    /// The pairs of points that only one small cell has as a side, in the order of their first points.
+    /// Returns the sides of the cells that belong to one small cell only, ordered by their first
+    /// points.
     pub fn boundary(&self, cells: &[&Vec<usize>]) -> Vec<[usize; 2]> {
         let mut sides: BTreeMap<[usize; 2], usize> = BTreeMap::new();
         for face in cells {
@@ -321,17 +327,17 @@ impl Surface {
         sides.into_iter().filter(|(_, cells)| *cells == 1).map(|(side, _)| side).collect()
     }
 
-    /// The edges of the plate, from point to point, in m.
+    /// Returns the boundary of the plate as pairs of points, in m.
     pub fn outline(&self) -> Vec<[[f64; 2]; 2]> {
         let sides = self.boundary(&self.cells.iter().collect::<Vec<_>>());
         sides.into_iter().map(|side| side.map(|point| self.points[point])).collect()
     }
 }
 
-/// Times (s) and files of the snapshots in a run folder; none where it has no index.
+/// Returns times (in s) and files of the snapshots in a run folder; none where it has no index.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// Returns [`Error::Io`] where the index cannot be read.
 pub fn read_index(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
     let path = folder.join(FILE);
     let text = match fs::read_to_string(&path) {
@@ -348,7 +354,7 @@ pub fn read_index(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
 /// Reads a snapshot that this program wrote: a `.vtu`, or the pieces of a `.pvtu`.
 ///
 /// # Errors
-/// [`Error::Io`], also for a file that is not of this form.
+/// Returns [`Error::Io`] where a file cannot be read or has another format.
 pub fn read(path: &Path) -> Result<Surface> {
     let bytes = fs::read(path).map_err(Error::io(path))?;
     if path.extension().is_some_and(|extension| extension == "pvtu") {
@@ -415,7 +421,7 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
     fits.then_some(surface).ok_or("arrays that do not fit")
 }
 
-/// The tags of a name, without their brackets.
+/// Returns the tags of a name, without their brackets.
 fn tags<'t>(text: &'t str, name: &str) -> impl Iterator<Item = &'t str> {
     let start = format!("<{name} ");
     text.match_indices(&start)

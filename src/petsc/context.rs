@@ -54,10 +54,11 @@ impl Context {
     /// `arguments` are the words after `--` on the command line: `-name value` or `-name`. They
     /// override the environment variable `PETSC_OPTIONS`. PETSc ignores `.petscrc` files, so that a
     /// run does not depend on the folder it starts in; `-skip_petscrc 0` reads them again, and rank
-    /// 0 prints a note where one is ignored. PETSc's signal handlers (`-no_signal_handler 0`) and
-    /// its own report on unused options (`-options_left`) are off, because both fill the screen.
-    /// BLAS gets one thread per rank unless the environment sets `OPENBLAS_NUM_THREADS` or
-    /// `OMP_NUM_THREADS`. With several ranks, a panic on one rank ends all of them. Collective.
+    /// 0 prints a note where one is ignored. PETSc's signal handlers, which fill the screen, are
+    /// off (`-no_signal_handler 0` turns them on), and so is its own report on unused options
+    /// (`-options_left`). BLAS gets one thread per rank unless the environment sets
+    /// `OPENBLAS_NUM_THREADS` or `OMP_NUM_THREADS`. With several ranks, a panic on one rank ends
+    /// all of them. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Usage`] where an argument is no option or the value of an option is NaN,
@@ -91,8 +92,8 @@ impl Context {
         let mut count = pointers.len() as c_int;
         pointers.push(std::ptr::null_mut());
         let mut start = pointers.as_mut_ptr();
-        // PETSc allows an error handler before its own start. SAFETY: `keep` lives as long as the
-        // program and takes no context.
+        // PETSc allows an error handler before its own start.
+        // SAFETY: `keep` lives as long as the program and takes no context.
         check(
             unsafe { sys::PetscPushErrorHandler(Some(keep), std::ptr::null_mut()) },
             "PetscPushErrorHandler",
@@ -237,7 +238,7 @@ impl Context {
     /// # Errors
     /// Returns [`Error::Petsc`] where JSON cannot express the value.
     pub fn share<T: Serialize + DeserializeOwned>(&self, value: &T) -> Result<T> {
-        let unfit = |error| Error::Petsc(format!("ranks cannot tell each other: {error}"));
+        let unfit = |error| Error::Petsc(format!("a value cannot be sent to other ranks: {error}"));
         let mine = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
         serde_json::from_slice(&self.gather(&self.together(mine)?)).map_err(unfit)
     }

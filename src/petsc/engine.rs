@@ -352,7 +352,7 @@ pub struct DistributedFactor {
     solver: Ksp,
     /// Whether a factorisation solves the systems, rather than an iteration chosen by options.
     direct: bool,
-    /// Solver of the matrix with some dofs held at zero, if there are any.
+    /// Solver of the matrix with some dofs held, if there are any.
     pinned: Option<Ksp>,
     /// Held dofs that this rank owns.
     held: Vec<usize>,
@@ -435,7 +435,7 @@ impl DistributedFactor {
         if count > 0 {
             let llt = self.flexibility.llt(faer::Side::Lower).map_err(|_| {
                 crate::Error::Singular(format!(
-                    "the flexibility of {count} contact candidates is not positive definite"
+                    "the flexibility of {count} contact dofs is not positive definite"
                 ))
             })?;
             self.schur = llt.inverse();

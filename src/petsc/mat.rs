@@ -56,7 +56,7 @@ impl Matrix {
         let good = rows.len() == columns.len() && within(rows, ends[0]) && within(columns, ends[1]);
         if !(if comm == Comm::World { context.all(good) } else { good }) {
             return Err(Error::Petsc(format!(
-                "a pattern of {} rows and {} columns, or an index out of the {} x {} matrix",
+                "a pattern of {} rows and {} columns, or an index outside the {} x {} matrix",
                 rows.len(),
                 columns.len(),
                 ends[0],

@@ -148,7 +148,7 @@ impl Given {
         let place = if self.is_even() { String::new() } else { format!(" at ({}, {})", at.x, at.y) };
         let [jump, ramp] = [jump, 10.0 * time.step].map(|of| format!("{of:.5e}").parse().unwrap_or(of));
         Some(format!(
-            "jumps by {jump:?} m at t = {instant:?} s{place}, which nothing rigid can do; expected no jump, as of a ramp over 10 \
+            "jumps by {jump:?} m at t = {instant:?} s{place}, which nothing rigid can do; expected no jump, such as a ramp over 10 \
              steps: {jump:?}*clamp((t - {instant:?})/{ramp:?}, 0, 1)"
         ))
     }

@@ -560,7 +560,7 @@ impl Scheme {
 impl Time {
     /// Returns the number of factors, all of the same size, that the scheme holds at once.
     ///
-    /// With the singular mass, `midpoint` needs a second one at least for its velocities.
+    /// With the singular mass, `midpoint` needs a second one, if only for its velocities.
     pub fn factors(&self) -> usize {
         match (self.scheme, self.mass) {
             (Scheme::Conserving, _) | (Scheme::Midpoint { .. }, Mass::Singular) => 2,

@@ -325,7 +325,7 @@ impl Places<'_> {
         match points.get(&name).map(Vec::as_slice) {
             Some(&[place]) => Ok((place.into(), Some(name))),
             Some(places) => {
-                let wrong = format!("{} is {} nodes; expected a point of one", quote(&name), places.len());
+                let wrong = format!("{} has {} nodes; expected a point with one", quote(&name), places.len());
                 Err(doc.fault(&key, wrong))
             }
             None => {
@@ -760,10 +760,10 @@ fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
     let Some(StartFrom { folder, motion, .. }) = &scene.initial.from else { return Ok(()) };
     let refuse = |what: &str| Err(doc.fault("initial.from", format!("{} {what}", quote(folder))));
     if !scene.balls.is_empty() {
-        return refuse("tells nothing of balls; expected a scene without [[ball]]");
+        return refuse("does not record balls; expected a scene without [[ball]]");
     }
     if scene.motions().next().is_some() {
-        return refuse("tells nothing of supports that move; expected a scene whose supports stand still");
+        return refuse("does not record supports that move; expected a scene whose supports stand still");
     }
     if motion.supports != scene.supports_in_words() {
         return refuse("is a run with other supports; expected the same [[support]]");

@@ -1,8 +1,9 @@
-//! The same scene on several engines and contact solvers, each in step with a reference.
+//! Comparison of engines and contact solvers on one scene, step by step with a reference.
 //!
-//! The reference is the native engine with the condensed solver. A contender and a reference of its own advance in turn; after
-//! each step their deflections are compared at every node. On several ranks each rank compares the nodes it owns with a
-//! reference that it carries itself. Only the contender's calls are timed, after all ranks have met.
+//! The reference is the native engine with the condensed solver. Each contender advances in turn
+//! with a reference of its own; after each step their deflections are compared at every node. On
+//! several ranks, each rank compares the nodes that it owns with a reference that it computes
+//! itself. Only the contender's calls are timed, after a synchronisation of all ranks.
 
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -15,25 +16,28 @@ use std::collections::HashMap;
 use std::fmt;
 use std::time::Instant;
 
-/// Impacts that a report shows; the machine's output has all.
+/// Number of impacts that a report shows; JSON output has all.
 const MOST_IMPACTS: usize = 3;
 
-/// An engine and a contact solver.
+/// Engine with a contact solver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contender {
-    /// The engine.
+    /// Linear algebra engine.
     pub engine: EngineName,
-    /// The contact solver.
+    /// Contact solver.
     pub vi: ViName,
-    /// Its method: one of PETSc's types, whatever the options say.
+    /// Method of the contact solver: one of PETSc's types, which overrides the options.
     pub method: Option<String>,
 }
 
 impl Contender {
-    /// From `native`, `petsc`, `petsc:snes`, `petsc:tao:bnls`, ...: the engine, unless condensed its contact solver, and its method.
+    /// Parses `native`, `petsc`, `petsc:snes`, `petsc:tao:bnls` and the like.
+    ///
+    /// The words are the engine, the contact solver (by default condensed), and its method.
     ///
     /// # Errors
-    /// [`Error::Usage`] for other words. Whether a build has the contender shows when it starts.
+    /// Returns [`Error::Usage`] for other words. Whether a build has the contender shows when it
+    /// starts.
     pub fn parse(name: &str) -> Result<Contender> {
         let mut words = name.split(':');
         let engine = match words.next() {
@@ -54,12 +58,12 @@ impl Contender {
         Ok(Contender { engine, vi, method })
     }
 
-    /// The native engine with the condensed solver.
+    /// Returns the reference: the native engine with the condensed solver.
     fn reference() -> Contender {
         Contender { engine: EngineName::Native, vi: ViName::Condensed, method: None }
     }
 
-    /// PETSc's option that names the method, and its value.
+    /// Returns PETSc's option for the method, and its value.
     pub fn option(&self) -> Option<(&'static str, &str)> {
         let name = match self.vi {
             ViName::Condensed => return None,
@@ -69,7 +73,7 @@ impl Contender {
         Some((name, self.method.as_deref()?))
     }
 
-    /// The scene on this engine with this solver.
+    /// Returns the scene with this engine and solver.
     pub fn scene(&self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         (scene.solver.engine, scene.solver.vi) = (self.engine, self.vi);
@@ -93,70 +97,72 @@ impl fmt::Display for Contender {
     }
 }
 
-/// Seconds of a contender; of the slowest rank.
+/// Times of a contender on the slowest rank, in s.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Seconds {
-    /// Mesh, matrices, static start, first factorisation and first solve.
+    /// Time of mesh, matrices, static start, first factorisation and first solve, in s.
     pub set_up: f64,
-    /// A step in which nothing touches; `None` if there was none.
+    /// Mean time of a step without contact, in s; `None` if there was none.
     pub free_step: Option<f64>,
-    /// A step in contact; `None` if there was none.
+    /// Mean time of a step in contact, in s; `None` if there was none.
     pub contact_step: Option<f64>,
 }
 
-/// How a contender did.
+/// Results of a contender.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Entry {
-    /// Its name.
+    /// Name of the contender.
     pub name: String,
-    /// Why it did not reach the end.
+    /// Reason why it did not reach the end.
     pub failure: Option<String>,
-    /// Steps made.
+    /// Number of steps made.
     pub steps: u64,
-    /// Those in which something touched.
+    /// Number of steps in contact.
     pub contact_steps: u64,
-    /// Largest difference of a deflection from the reference, in m, at any step.
+    /// Largest difference of a deflection from the reference over all steps, in m.
     pub difference: f64,
-    /// The same at the steps up to each impact of the reference.
+    /// Largest difference up to each impact of the reference, in m.
     pub difference_up_to_impact: Vec<f64>,
     /// Worst relative KKT residual.
     pub worst_kkt: f64,
-    /// Iterations of the contact solver.
+    /// Number of iterations of the contact solver.
     pub vi_iterations: u64,
-    /// Numeric factorisations.
+    /// Number of numeric factorisations.
     pub factorisations: u64,
-    /// Steps that were solved again in a safer way.
+    /// Number of steps that were solved again in a safer way.
     pub retries: u64,
-    /// Where the time went.
+    /// Times of the parts of the run.
     pub seconds: Seconds,
 }
 
-/// Contenders side by side.
+/// Comparison of several contenders.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The scene's.
+    /// Title of the scene.
     pub title: String,
     /// Number of processes.
     pub ranks: usize,
-    /// Free dofs.
+    /// Number of free dofs.
     pub dofs: usize,
-    /// When the reference's contacts begin, in s.
+    /// Starts of the reference's contacts, in s.
     pub impacts: Vec<f64>,
-    /// One entry a contender.
+    /// Results, one entry per contender.
     pub entries: Vec<Entry>,
 }
 
 impl Comparison {
-    /// A comparison of nobody yet.
+    /// Creates a comparison without contenders.
     pub fn new(scene: &Scene, ranks: usize) -> Comparison {
         Comparison { title: scene.title.clone(), ranks, dofs: 0, impacts: Vec::new(), entries: Vec::new() }
     }
 
-    /// Lets a contender run beside the reference. `set_up` makes its model, `solver` its contact solver; `recover` is told
-    /// of the contender's error, and whether the comparison goes on. Collective.
+    /// Runs a contender beside the reference. Collective.
+    ///
+    /// `set_up` creates its model and `solver` its contact solver. `recover` receives an error of
+    /// the contender, and decides whether the comparison goes on.
     ///
     /// # Errors
-    /// What fails in the reference, and what `recover` gives back.
+    /// Returns errors of the reference, and those that `recover` returns.
     pub fn run<E: Engine>(
         &mut self,
         scene: &Scene,
@@ -183,10 +189,10 @@ impl Comparison {
         Ok(())
     }
 
-    /// Whether all contenders reached the end.
+    /// Checks that all contenders reached the end.
     ///
     /// # Errors
-    /// [`Error::Unfinished`] naming those that did not, with their reasons.
+    /// Returns [`Error::Unfinished`] naming those that did not, with their reasons.
     pub fn verdict(&self) -> Result<()> {
         let failed = |entry: &Entry| Some(format!("{} ({})", entry.name, entry.failure.as_ref()?));
         let failed: Vec<String> = self.entries.iter().filter_map(failed).collect();
@@ -197,7 +203,7 @@ impl Comparison {
         Err(Error::Unfinished(format!("{some} of {all} did not reach the end: {}", failed.join(", "))))
     }
 
-    /// Steps both to the end, or to where the contender fails: its error comes back.
+    /// Advances both to the end, or until the contender fails, and returns its error.
     fn follow<E: Engine>(
         &mut self,
         scene: &Scene,
@@ -216,7 +222,7 @@ impl Comparison {
             Err(why) => return recover(why).map(Some),
         };
         entry.seconds.set_up += clock.elapsed().as_secs_f64();
-        // Seconds and steps, without contact and in it.
+        // Seconds and numbers of steps, without contact and in contact.
         let mut spent = [(0.0, 0_u64); 2];
         let mut contacts = Vec::new();
         let failure = loop {
@@ -245,7 +251,7 @@ impl Comparison {
                 break None;
             }
             truth.advance()?;
-            // All ranks set out together.
+            // This synchronises all ranks before the clock starts.
             engine.maximum(0.0)?;
             let clock = Instant::now();
             if let Err(why) = scheme.advance() {
@@ -269,7 +275,8 @@ impl Comparison {
         for (total, _) in &mut spent {
             worst(total)?;
         }
-        // Rank 0 has counted the impacts; another machine's reference may round otherwise.
+        // Rank 0 determines the number of impacts, because another machine's reference may round
+        // differently.
         let (counts, _) = engine.concatenate(&[entry.difference_up_to_impact.len() as f64])?;
         entry.difference_up_to_impact.resize(counts[0] as usize, entry.difference);
         for difference in &mut entry.difference_up_to_impact {
@@ -285,18 +292,19 @@ impl Comparison {
     }
 }
 
-/// Whether this process feels an obstacle.
+/// Returns whether an obstacle acts on this process's nodes.
 fn touches(scheme: &dyn Scheme) -> bool {
     scheme.reaction().iter().any(|&r| r != 0.0)
 }
 
-/// What all are compared with.
+/// Reference of a comparison.
 struct Reference {
     scene: Scene,
     model: Model,
-    /// The deflection dof at each place, on a grid far finer than any mesh; none where a ball has one too.
+    /// Deflection dof at each position on a grid far finer than any mesh; `None` where a ball
+    /// shares it.
     places: HashMap<[i64; 2], Option<usize>>,
-    /// Of that grid, in m.
+    /// Spacing of that grid, in m.
     spacing: f64,
 }
 
@@ -317,11 +325,11 @@ impl Reference {
         Ok(Reference { scene, model, places, spacing })
     }
 
-    /// The dofs of the contender's deflections, each with the reference's at the same node.
+    /// Pairs the contender's deflection dofs with those of the reference at the same nodes.
     fn pairs(&self, sites: &[Site]) -> Result<Vec<(usize, usize)>> {
         let pair = |site: &Site| {
             let [x, y] = place(self.spacing, site.at);
-            // A rounding apart may be a grid line apart.
+            // A rounding error may move a position to the adjacent grid point.
             let near = (0..9).find_map(|k| self.places.get(&[x + k % 3 - 1, y + k / 3 - 1]));
             let [x, y] = site.at;
             let missing = || Error::Mesh(format!("the reference has no free node at ({x}, {y})"));
@@ -331,7 +339,7 @@ impl Reference {
     }
 }
 
-/// A position on a grid.
+/// Rounds a position to the grid.
 fn place(spacing: f64, at: [f64; 2]) -> [i64; 2] {
     at.map(|x| (x / spacing).round() as i64)
 }

@@ -1,8 +1,10 @@
-//! The figures of the paper, drawn again, and its claims, measured.
+//! Figures of the paper, drawn again, and tests of its claims.
 //!
-//! C. Pozzolini, Y. Renard, M. Salaün, *Schémas asymptotiquement conservatifs en énergie dans un problème de vibro-impact de
-//! plaques*, CSMA 2013, section 5: deflection of the tip (figures 1 and 2) and energy with Newmark's scheme (3 and 4) and
-//! the midpoint scheme (5 and 6), on triangles (odd) and quadrilaterals (even). The scenes are those of `scenes/csma2013`.
+//! The paper is C. Pozzolini, Y. Renard, M. Salaün, *Schémas asymptotiquement conservatifs en
+//! énergie dans un problème de vibro-impact de plaques*, CSMA 2013, section 5. Its figures show the
+//! deflection of the tip (1 and 2), the energy with Newmark's scheme (3 and 4) and the energy with
+//! the midpoint scheme (5 and 6), on triangles (odd numbers) and quadrilaterals (even numbers). The
+//! scenes are those of `scenes/csma2013`.
 
 use super::accuracy::natively;
 use super::accuracy::trajectory::Trajectory;
@@ -27,34 +29,34 @@ const SCENES: [&str; 6] = [
     include_str!("../../scenes/csma2013/fig6.toml"),
 ];
 
-/// Steps of the energies, in s.
+/// Time steps of the energies, in s.
 const STEPS: [f64; 5] = [1e-4, 5e-5, 1e-5, 5e-6, 1e-6];
-/// Those that a figure draws: more would lie on one another.
+/// Time steps that a figure draws, in s; more curves would overlap.
 const DRAWN: [f64; 4] = [1e-4, 1e-5, 5e-6, 1e-6];
-/// Step of the deflections, the paper's.
+/// Time step of the deflections in the paper, in s.
 const PAPER_STEP: f64 = 5e-6;
-/// Change of the energy over its start that may be rounding's, in half a million steps.
+/// Relative change of the energy that rounding explains, in half a million steps.
 const ROUNDING: f64 = 1e-9;
 /// Time between rows, in s.
 const ROWS: f64 = 1e-4;
 
-/// Triangles and quadrilaterals, each with its figures of deflection, of Newmark's and of the midpoint scheme's energy.
+/// Element with the numbers of its figures: deflection, Newmark's energy, midpoint energy.
 const ELEMENTS: [(&str, [usize; 3]); 2] = [("hct", [1, 3, 5]), ("fvs", [2, 4, 6])];
 
-/// A variant of a scene.
+/// Variant of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Kind {
-    /// Newmark, e = 0, singular mass.
+    /// Newmark scheme with e = 0 and the singular mass.
     Absorbing,
-    /// Newmark, e = 1, singular mass.
+    /// Newmark scheme with e = 1 and the singular mass.
     Bouncing,
-    /// Newmark, e = 0, consistent mass.
+    /// Newmark scheme with e = 0 and the consistent mass.
     Consistent,
-    /// Midpoint, singular mass.
+    /// Midpoint scheme with the singular mass.
     Midpoint,
-    /// Conserving; not the paper's.
+    /// Conserving scheme, which is not in the paper.
     Conserving,
-    /// Exact; not the paper's.
+    /// Exact scheme, which is not in the paper.
     Exact,
 }
 
@@ -69,7 +71,7 @@ impl Kind {
         }
     }
 
-    /// What draws it, if that is the same in all figures.
+    /// Returns the index of the curve style, if it is the same in all figures.
     fn style(self) -> Option<usize> {
         match self {
             Kind::Conserving => Some(5),
@@ -78,7 +80,7 @@ impl Kind {
         }
     }
 
-    /// Its scene: that of one of the paper's figures, with a step.
+    /// Returns the scene of one of the paper's figures with this variant and step.
     fn scene(self, figure: usize, step: f64) -> Result<Scene> {
         let mut overrides = self.overrides();
         overrides.push(format!("time.step={step:e}"));
@@ -94,10 +96,10 @@ impl Kind {
     }
 }
 
-/// A run with its outcome.
+/// Recorded run with its outcome.
 type Recorded = Rc<(Trajectory, Outcome)>;
 
-/// Runs that figures and claims share.
+/// Cache of runs that figures and claims share.
 struct Runs<'w> {
     known: HashMap<String, Recorded>,
     starts: &'w mut dyn FnMut(&str),
@@ -117,28 +119,28 @@ impl Runs<'_> {
     }
 }
 
-/// Whether a claim of the paper holds here.
+/// Verdict on a claim of the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// It does.
+    /// Claim that holds.
     Holds,
-    /// It does not.
+    /// Claim that does not hold.
     Fails,
 }
 
-/// A claim of the paper's section 5, with what was measured.
+/// Claim of the paper's section 5, with the measurements.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Claim {
-    /// The claim.
+    /// Text of the claim.
     pub claim: &'static str,
-    /// What was measured, in words.
+    /// Measurements in words.
     pub measured: Vec<String>,
-    /// Whether it holds.
+    /// Verdict on the claim.
     pub verdict: Verdict,
 }
 
-/// The paper's claims.
+/// Claims of the paper.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Claims(pub Vec<Claim>);
 
@@ -158,15 +160,16 @@ impl fmt::Display for Claims {
     }
 }
 
-/// Whether a file's name is that of a figure.
+/// Returns whether a file name is that of a figure.
 pub fn is_one(name: &str) -> bool {
     name.starts_with("fig") && (name.ends_with(".svg") || name.ends_with(".png"))
 }
 
-/// Draws the figures into a folder, leaving out steps below `smallest`, and measures the claims.
+/// Draws the figures into a folder and tests the claims, with steps of at least `smallest` (in s).
 ///
 /// # Errors
-/// [`Error::Usage`] where no step is left; what ends a run, or keeps a file from being written.
+/// Returns [`Error::Usage`] where no step is left, the error that ends a run, and [`Error::Io`]
+/// where a file cannot be written.
 pub fn figures(folder: &Path, smallest: f64, command: &str, starts: &mut dyn FnMut(&str)) -> Result<Claims> {
     if !STEPS.iter().any(|step| *step >= smallest) {
         return Err(Error::Usage(format!(
@@ -220,8 +223,10 @@ fn deflections(runs: &mut Runs, figure: usize, step: f64, others: &[Kind]) -> Re
         .curves(curves))
 }
 
-/// Energies over their start for several steps; of the consistent mass, the smallest step alone, as in the paper; of the conserving
-/// scheme, the largest.
+/// Draws energies relative to their start for several steps.
+///
+/// As in the paper, the consistent mass has the smallest step only; the conserving scheme has the
+/// largest.
 fn energies(runs: &mut Runs, figure: usize, heading: &str, kinds: &[Kind], steps: &[f64]) -> Result<Panel> {
     let mut curves = Vec::new();
     for &kind in kinds {
@@ -247,25 +252,25 @@ fn energies(runs: &mut Runs, figure: usize, heading: &str, kinds: &[Kind], steps
     Ok(panel.heading(heading).height(110.0).curves(curves))
 }
 
-/// What is left of the energy at the end, less one, step by step.
+/// Relative changes of the energy at the end, one per step.
 struct Changes {
     element: &'static str,
     absorbing: Vec<f64>,
     bouncing: Vec<f64>,
     midpoint: Vec<f64>,
-    /// At the smallest step.
+    /// Change with the consistent mass, at the smallest step.
     consistent: f64,
     flights: Flights,
 }
 
-/// What Newmark's scheme with e = 0 does to its invariant H (see [`Newmark::invariant`]), over its start, step by step.
+/// Relative changes of the invariant H of Newmark's scheme with e = 0; see [`Newmark::invariant`].
 #[derive(Debug, Clone, Copy, Default)]
 struct Flights {
-    /// Sequences of steps without contact.
+    /// Number of sequences of steps without contact.
     count: u64,
-    /// Largest departure of H from the start of such a sequence.
+    /// Largest change of H within such a sequence.
     drift: f64,
-    /// Lost in steps with contact.
+    /// Total loss in steps with contact.
     loss: f64,
     /// Largest rise in a step with contact.
     rise: f64,
@@ -292,7 +297,8 @@ fn change(run: &Trajectory) -> f64 {
     run.energy_drift().map_or(f64::NAN, |[end, _]| end)
 }
 
-/// Follows H through every step. It differs from one step to the next by the work of the reaction at the instant between them.
+/// Evaluates H after every step; its change in a step is the work of the reaction between two
+/// instants.
 fn flights(scene: &Scene) -> Result<Flights> {
     let Scheme::Newmark { beta, restitution } = scene.time.scheme else { return Ok(Flights::default()) };
     let model = Model::new(scene)?;
@@ -318,7 +324,7 @@ fn flights(scene: &Scene) -> Result<Flights> {
     Ok(flights)
 }
 
-/// The six claims on what was measured.
+/// Judges the six claims by the measurements.
 fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
     let verdict = |holds: bool| if holds { Verdict::Holds } else { Verdict::Fails };
     let every = |holds: &dyn Fn(&Changes) -> bool| verdict(elements.iter().all(holds));

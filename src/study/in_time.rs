@@ -1,23 +1,25 @@
-//! What steps of time do not see of a scene's functions of time.
+//! Warnings about functions of time that the time step does not resolve.
 
 use crate::field::{Interpolation, WINDOW};
 use crate::mesh::Point;
 use crate::output::text::significant;
 use crate::scene::{Given, Load, Scene, Value};
 
-/// Places at which what changes with place and time together is looked at.
+/// Number of places at which fields that depend on place and time are sampled.
 const PLACES: usize = 9;
 
-/// Share of the range of a table's values, by which a spline may go beyond them without a warning.
+/// Overshoot of a spline that causes no warning, relative to the range of the table's values.
 const BEYOND: f64 = 0.1;
 
-/// Warnings of loads, motions and heights that change between the instants of a run, one per key, and of splines that leave
-/// their table's values.
+/// Returns warnings of unresolved functions of time and of splines that overshoot.
+///
+/// Each key of a load, a support motion or an obstacle height has at most one warning of each kind.
 pub(super) fn warnings(scene: &Scene) -> Vec<String> {
     let places = places(scene);
     let mut warnings = Vec::new();
     for load in scene.load.iter().flat_map(Load::fields).filter(|given| given.changes()) {
-        // Each factor of time of a sum of products; else the whole at some places.
+        // In a sum of products each time factor is tested, in other fields the values at some
+        // places.
         let found = match load.terms() {
             Some(terms) => worst(terms.iter().map(|[time, _]| (time, Point::origin(), 0.0)), scene),
             None => worst(places.iter().map(|&at| (load, at, 0.0)), scene),
@@ -34,11 +36,11 @@ pub(super) fn warnings(scene: &Scene) -> Vec<String> {
     let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
     for moving in scene.motions().chain(heights).filter(|given| given.changes()) {
         let places = if moving.is_even() { &places[..1] } else { &places };
-        // A height need have a value where the plate is opposite to it only.
+        // An obstacle's height needs a value only where the plate can touch the obstacle.
         let from = places.iter().filter_map(|&at| Some((moving, at, moving.at(at, 0.0).ok()?)));
         warnings.extend(worst(from, scene).map(|(time, share)| {
             format!(
-                "{}: around t = {time} s steps of {} s do not see {share} % of its way over {WINDOW} steps: take a smaller time.step",
+                "{}: around t = {time} s steps of {} s miss {share} % of its motion over {WINDOW} steps: take a smaller time.step",
                 moving.key,
                 significant(scene.time.step)
             )
@@ -48,7 +50,7 @@ pub(super) fn warnings(scene: &Scene) -> Vec<String> {
     warnings
 }
 
-/// Places spread over a rectangular plate; the probes of a plate from a file.
+/// Returns places spread over a rectangular plate, or the probes of a plate from a file.
 fn places(scene: &Scene) -> Vec<Point> {
     if scene.file.is_some() {
         let probes = scene.output.probes.iter().map(|probe| probe.at.into());
@@ -59,14 +61,16 @@ fn places(scene: &Scene) -> Vec<Point> {
     (0..PLACES).map(place).collect()
 }
 
-/// Where steps see least of any of some functions, each at a place and less its value at the start: the instant, and the share in %.
+/// Returns the instant (s) and the share (%) of the function that steps resolve least.
+///
+/// Each function has a place and its value at the start, which is subtracted.
 fn worst<'g>(of: impl Iterator<Item = (&'g Given, Point, f64)>, scene: &Scene) -> Option<(String, String)> {
     let missed = of.filter_map(|(given, at, start)| given.missed(at, start, &scene.time));
     let worst = missed.max_by(|a, b| a.share.total_cmp(&b.share))?;
     Some((significant(worst.time), format!("{:.0}", 100.0 * worst.share)))
 }
 
-/// The warning of a spline that goes far beyond the values of its table.
+/// Returns the warning of a spline that overshoots the values of its table.
 fn overshoot(given: &Given, end: f64) -> Option<String> {
     let Value::Table { table, interpolation: Interpolation::Spline, .. } = &given.value else { return None };
     let beyond = table.overshoot().filter(|beyond| beyond.share > BEYOND && beyond.time < end)?;

@@ -1,19 +1,31 @@
-//! The inf-sup constant between reactions and the deflections that the velocity does not see.
+//! Inf-sup constant between reactions and massless deflections.
 //!
-//! With the singular mass the motion and the reactions are unique if, for some beta > 0 (the paper's section 3),
-//! \[ \inf_Q \sup_{W \in \ker B} \frac{Q \cdot G W}{|Q| \, |W|} \ge \beta . \]
-//! Two choices of norms:
+//! With the singular mass, the motion and the reactions are unique if the following holds for some
+//! beta > 0 (section 3 of the paper):
 //!
-//! - *raw*: Euclidean norms of the dofs as they are, m and rad alike. The smallest singular value of G on ker B, as the
-//!   paper has it; it shrinks as h^2 on quadrilaterals, faster on
+//! ```math
+//! \inf_Q \sup_{W \in \ker B} \frac{Q \cdot G W}{|Q| \, |W|} \ge \beta .
+//! ```
+//!
+//! Two choices of norms are computed:
+//!
+//! - *raw*: Euclidean norms of the dofs, m and rad alike. The constant is the smallest singular
+//!   value of G on ker B, as in the paper. It shrinks as h^2 on quadrilaterals, faster on
 //!   triangles, and depends on the units.
-//! - *energy*: \(|W|_K = \sqrt{W^T K W}\) and the dual norm \(|Q|_* = \sup_{W \in V^h} Q \cdot G W / |W|_K\). Between 0 and 1
-//!   and without units: by how much the constraint B W = 0 makes G dearer to move.
+//! - *energy*: `$|W|_K = \sqrt{W^T K W}$` and the dual norm
+//!   `$|Q|_* = \sup_{W \in V^h} Q \cdot G W / |W|_K$`. The constant has no unit and lies between 0
+//!   and 1: it measures by how much the constraint B W = 0 stiffens the response of G.
 //!
-//! Both are one computation. With the bounded dofs g apart from the rest s, let E(g) be the least \(|W|^2\) with G W = g, and H g
-//! the momentum B W of that minimiser. Cancelling H g by s alone costs \(H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H\) on top, so that
-//! \[ \beta^{-2} = 1 + \lambda_{\max}\bigl(H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H, \; E\bigr), \]
-//! raw with K = 1 (E = 1, H = B_g). Nothing cancels, however small beta. Where H g is out of reach of B_s, beta is 0.
+//! Both are one computation. With the bounded dofs g separated from the rest s, let E(g) be the
+//! least `$|W|^2$` with G W = g, and H g the momentum B W of that minimiser. Cancelling H g by s
+//! alone adds `$H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H$`, so that
+//!
+//! ```math
+//! \beta^{-2} = 1 + \lambda_{\max}\bigl(H^T (B_s K_{ss}^{-1} B_s^T)^{-1} H, \; E\bigr),
+//! ```
+//!
+//! with K = 1 (E = 1, H = B_g) for the raw constant. This formula has no cancellation, however
+//! small beta is. Where H g is outside the range of B_s, beta is 0.
 
 use crate::error::Result;
 use crate::linalg::{Average, Cholesky, Factor, Form};
@@ -24,37 +36,42 @@ use faer::{Mat, Par, Side};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Up to this many dofs the matrices are dense and the rank of B_s is revealed by a pivoted QR factorisation.
-/// Above, only the raw constant is computed, and only where B_s B_s^T is safely regular.
+/// Largest number of dofs for dense matrices, whose rank of B_s comes from a pivoted QR
+/// factorisation.
+///
+/// Above it, only the raw constant is computed, and only where B_s B_s^T is safely regular.
 pub const DENSE_LIMIT: usize = 1500;
 
-/// A pivot of B_s below this part of the first is zero.
+/// Ratio of a pivot of B_s to the first, below which the pivot counts as zero.
 const RANK: f64 = 1e-12;
 
-/// What B_s cannot reach of H, relative to H, before it counts as out of reach.
+/// Largest relative part of H outside the range of B_s that counts as rounding.
 const REACH: f64 = 1e-9;
 
-/// An eigenvalue of B_s B_s^T, with rows of B of unit length, below this leaves the rank open. The relative error of the
-/// constant is some 1e-16 over that eigenvalue.
+/// Smallest eigenvalue of B_s B_s^T, with rows of B of unit length, at which its rank is certain.
+///
+/// The relative error of the constant is about 1e-16 divided by that eigenvalue.
 const REGULAR: f64 = 1e-13;
 
-/// Steps of Lanczos' method for large meshes, and the accuracy it asks for.
+/// Limit on Lanczos steps for large meshes, and their relative tolerance.
 const STEPS: usize = 400;
 const TOLERANCE: f64 = 1e-9;
 
-/// Inf-sup constants; `None` where not computed.
+/// Inf-sup constants; `None` where they were not computed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct InfSup {
-    /// In Euclidean norms of the dofs.
+    /// Constant in Euclidean norms of the dofs.
     pub raw: Option<f64>,
-    /// In energy norms, dimensionless; `None` too where K is singular.
+    /// Constant in energy norms, dimensionless; also `None` where K is singular.
     pub energy: Option<f64>,
 }
 
-/// The constants of some bounded dofs (the rows of G), of a stiffness and the rows of B. `mechanism` says that K is singular.
+/// Computes the constants of some bounded dofs (the rows of G), of a stiffness and the rows of B.
+///
+/// `mechanism` says that K is singular.
 ///
 /// # Errors
-/// Where a matrix cannot be factored for want of memory.
+/// Returns an error where a factorisation lacks memory.
 pub fn constants(
     dofs: usize,
     stiffness: &Form,
@@ -84,11 +101,12 @@ pub fn constants(
     Ok(InfSup { raw, energy: split.dense(Some(&matrix)) })
 }
 
-/// A raw constant below this is a failure: reactions are lost to rounding.
+/// Raw constant below which the condition fails, because reactions are lost in rounding errors.
 const FAILS: f64 = 1e-10;
 
-/// Whether the raw constant of some bounded dofs is lost to rounding. Where the rank of B_s stays open on a large mesh, it counts
-/// as kept.
+/// Returns whether the raw constant of some bounded dofs is lost in rounding errors.
+///
+/// On a large mesh where the rank of B_s is uncertain, the condition counts as satisfied.
 pub fn fails(dofs: usize, rows: &[Average], bounded: &[usize]) -> bool {
     let split = Split::new(dofs, rows, bounded);
     let raw = match split.raw_sparse() {
@@ -99,13 +117,13 @@ pub fn fails(dofs: usize, rows: &[Average], bounded: &[usize]) -> bool {
     raw.is_some_and(|raw| raw < FAILS)
 }
 
-/// B with its rows scaled to unit length and its columns in two groups: the rest s, then the bounded g.
+/// Matrix B with rows of unit length and columns in two groups: the rest s, then the bounded g.
 struct Split {
-    /// Place of each dof: those of s first.
+    /// Column of each dof, with those of s first.
     place: Vec<usize>,
     rest: usize,
     bounded: usize,
-    /// Entries (place, value) of each row.
+    /// Entries (column, value) of each row.
     rows: Vec<Vec<(usize, f64)>>,
 }
 
@@ -127,10 +145,12 @@ impl Split {
         Split { place, rest, bounded: bounded.len(), rows }
     }
 
-    /// The constant in the norm of K (in places), or in the Euclidean one. `None` where K cannot be factored.
+    /// Computes the constant in the norm of K (in the order of columns), or in the Euclidean norm.
+    ///
+    /// The result is `None` where K cannot be factored.
     fn dense(&self, stiffness: Option<&Mat<f64>>) -> Option<f64> {
         let (rest, bounded, cells) = (self.rest, self.bounded, self.rows.len());
-        // B^T, s above g.
+        // This is B^T, with s above g.
         let mut b = Mat::zeros(rest + bounded, cells);
         for (cell, row) in self.rows.iter().enumerate() {
             for &(place, value) in row {
@@ -138,7 +158,8 @@ impl Split {
             }
         }
         if let Some(stiffness) = stiffness {
-            // K = L L^T, s first: L^-1 B^T holds B_s L_ss^-T above and, below, H L_E^-T with E = L_E L_E^T.
+            // K = L L^T with s first: L^-1 B^T holds L_ss^-1 B_s^T above and L_E^-1 H^T below,
+            // where E = L_E L_E^T.
             let factor = stiffness.llt(Side::Lower).ok()?;
             solve_lower_triangular_in_place(factor.L(), b.as_mut(), Par::Seq);
         }
@@ -155,7 +176,7 @@ impl Split {
         let places = qr.P().arrays().0;
         let pivots = r.nrows().min(cells);
         let rank = (0..pivots).take_while(|&i| r[(i, i)].abs() > RANK * r[(0, 0)].abs()).count();
-        // The excess X = R^-T P^T H, with one column a bounded dof.
+        // X = R^-T P^T H, with one column per bounded dof.
         let mut excess = Mat::from_fn(rank, bounded, |i, g| target[(g, places[i])]);
         let leading = r.submatrix(0, 0, rank, rank);
         solve_lower_triangular_in_place(leading.transpose(), excess.as_mut(), Par::Seq);
@@ -170,7 +191,8 @@ impl Split {
         Some(1.0 / 1.0_f64.hypot(largest))
     }
 
-    /// The raw constant from the sparse B_s B_s^T; `None` where that is not safely regular.
+    /// Computes the raw constant from the sparse B_s B_s^T; `None` where that is not safely
+    /// regular.
     fn raw_sparse(&self) -> Result<Option<f64>> {
         let cells = self.rows.len();
         let mut columns: BTreeMap<usize, Vec<(usize, f64)>> = BTreeMap::new();

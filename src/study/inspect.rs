@@ -1,4 +1,4 @@
-//! What can be said of a scene before it runs: [`inspect`] asks its matrices, [`check`] what a run will cost.
+//! Analysis of a scene before it runs: [`inspect`] its matrices, [`check`] the cost of a run.
 
 use super::infsup::{self, InfSup};
 use super::warnings;
@@ -16,30 +16,30 @@ use std::f64::consts::TAU;
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// Frequencies that an inspection and a check list: those of the modes that matter in free motion.
+/// Number of frequencies that an inspection and a check list.
 const MODES: usize = 6;
 
-/// Relative error of the period of the highest mode that matters with the advised step in free motion.
+/// Relative error of the period of mode [`MODES`] with the advised step in free motion.
 const PERIOD_ERROR: f64 = 0.01;
 
-/// Advised step through impacts as a part of the first period; see [`advised_step`].
+/// Advised step through impacts relative to the first period; see [`advised_step`].
 const PART_OF_FIRST_PERIOD: f64 = 2e-4;
 
-/// Steps in the fastest period that keep the energy through impacts to 1 %; see [`energy_step`].
+/// Steps per fastest period that keep the energy through impacts to 1 %; see [`energy_step`].
 const STEPS_PER_PERIOD: f64 = 20.0;
 
-/// Nodes made that a check lists.
+/// Number of inserted nodes that a check lists.
 const LISTED: usize = 10;
 
-/// How long a check watches real steps.
+/// Time for which a check measures real steps.
 const WATCH: Duration = Duration::from_millis(200);
 
 /// Natural frequencies with one of the masses, in Hz.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Frequencies {
-    /// The lowest, ascending; rigid motions at 0.
+    /// Lowest frequencies, ascending; 0 for rigid motions.
     pub lowest: Vec<f64>,
-    /// The highest.
+    /// Highest frequency.
     pub highest: Option<f64>,
 }
 
@@ -48,34 +48,35 @@ pub struct Frequencies {
 pub struct Deflection {
     /// Name of the probe.
     pub probe: String,
-    /// Its position, in m.
+    /// Coordinates of the probe, in m.
     pub at: [f64; 2],
-    /// At the start; `None` where a mechanism under load has no static one.
+    /// Initial deflection; `None` where a mechanism under load has no static one.
     pub start: Option<f64>,
-    /// At rest under `[load]`; `None` without load, for a mechanism, and with balls in the air.
+    /// Static deflection under `[load]`; `None` without load, for a mechanism, and with balls in
+    /// the air.
     pub loaded: Option<f64>,
 }
 
-/// What the matrices of a scene say.
+/// Results of an inspection.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Inspection {
     /// Title of the scene.
     pub title: String,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub nodes: usize,
-    /// Its cells: the velocities of the singular mass.
+    /// Number of cells, which is the number of velocities of the singular mass.
     pub cells: usize,
-    /// Free dofs.
+    /// Number of free dofs.
     pub dofs: usize,
-    /// Those that an obstacle bounds.
+    /// Number of dofs that an obstacle bounds.
     pub bounded_dofs: usize,
-    /// Mass of all cells and of what they carry, the trace of C, in kg.
+    /// Mass of the cells with everything fixed to them (the trace of C), in kg.
     pub mass: f64,
     /// Mass of the plate alone, in kg.
     pub plate_mass: f64,
-    /// The rigid motions that the supports leave, in words.
+    /// Rigid motions that the supports permit, in words.
     pub mechanism: Option<&'static str>,
-    /// Energy E_0 at the start, in J; `None` where a mechanism under load has no static one.
+    /// Initial energy E_0, in J; `None` where a mechanism under load has no static deflection.
     pub initial_energy: Option<f64>,
     /// Static deflections at the probes.
     pub deflections: Vec<Deflection>,
@@ -85,69 +86,73 @@ pub struct Inspection {
     pub singular: Frequencies,
     /// Inf-sup constants of the bounded deflections; of all free ones where there is no obstacle.
     pub inf_sup: InfSup,
-    /// The [advised step](advised_step), in s.
+    /// [Advised step](advised_step), in s.
     pub advised_step: Option<f64>,
-    /// The [step for the energy](energy_step), in s; `None` where any step keeps it, and where none does.
+    /// [Step for the energy](energy_step), in s; `None` where every step conserves it, and where
+    /// none does.
     pub energy_step: Option<f64>,
-    /// What will go wrong, and why.
+    /// Warnings, each with its reason.
     pub warnings: Vec<String>,
 }
 
-/// What a run of a scene will be.
+/// Results of a check: size and cost of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
     /// Title of the scene.
     pub title: String,
-    /// The scene with every default filled in, as TOML.
+    /// Scene with every default filled in, as TOML.
     pub scene: String,
-    /// What acts on the plate.
+    /// Effects that act on the plate.
     pub effects: Vec<String>,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub nodes: usize,
-    /// Its cells.
+    /// Number of cells of the mesh.
     pub cells: usize,
-    /// Nodes that were moved or made for points and lines of obstacles and supports; empty where the mesh has them.
+    /// Nodes moved or inserted for points and lines of obstacles and supports.
     pub made_nodes: Vec<String>,
-    /// Free dofs.
+    /// Number of free dofs.
     pub dofs: usize,
-    /// Those that an obstacle bounds.
+    /// Number of dofs that an obstacle bounds.
     pub bounded_dofs: usize,
-    /// Entries of the factor of a step's matrix, before candidates for contact add their few per cent.
+    /// Entries of the step matrix's factor; an order with contact dofs last adds a few per cent.
     pub factor_entries: usize,
-    /// Memory of a run on the native engine, estimated, in bytes.
+    /// Estimate of the memory of a run on the native engine, in bytes.
     pub memory: usize,
     /// Forces and moments of the loads.
     pub loads: Vec<LoadTotal>,
     /// Frequencies with the scene's mass.
     pub frequencies: Frequencies,
-    /// Steps of the run.
+    /// Number of steps of the run.
     pub steps: u64,
-    /// The scene's step, in s.
+    /// Time step of the scene, in s.
     pub step: f64,
-    /// The [advised step](advised_step), in s; `None` too for `exact`, which needs none.
+    /// [Advised step](advised_step), in s; also `None` for `exact`, which needs none.
     pub advised_step: Option<f64>,
-    /// The [step for the energy](energy_step), in s; `None` where any step keeps it, and where none does.
+    /// [Step for the energy](energy_step), in s; `None` where every step conserves it, and where
+    /// none does.
     pub energy_step: Option<f64>,
-    /// Whether the motion between instants is exact, so that any step will do.
+    /// Whether the motion between instants is exact, so that any step is accurate.
     pub any_step: bool,
-    /// Seconds of a step, measured on the native engine over the first ones: contact costs more.
+    /// Time per step, in s, measured on the native engine over the first steps; contact costs more.
     pub seconds_per_step: f64,
-    /// Expected seconds of the run, set-up included, files not.
+    /// Expected time of the run, in s, with set-up and without file output.
     pub expected_seconds: f64,
-    /// What will go wrong, and why.
+    /// Warnings, each with its reason.
     pub warnings: Vec<String>,
 }
 
-/// The step that keeps the motion of a scheme within 1 %, rounded down to 1, 2 or 5 times a power of ten, in s.
+/// Returns the step that keeps the motion within 1 %, in s, rounded down to 1, 2 or 5 times 10^n.
 ///
-/// *Without impacts* 1 % is the error of the period of the last of the `lowest` modes. A mode of angular frequency w has a period that
-/// is too long by (w dt)^2 / 12 of itself with the midpoint rule, which `conserving` is in free motion, and by
-/// (beta / 2 - 1/24) (w dt)^2 with Newmark's scheme.
+/// *Without impacts*, 1 % is the error of the period of the last of the `lowest` modes. The
+/// relative error of the period of a mode with angular frequency w is (w dt)^2 / 12 with the
+/// midpoint rule (and `conserving`, which equals it in free motion), and (beta / 2 - 1/24) (w dt)^2
+/// with Newmark's scheme.
 ///
-/// *With impacts* 1 % is the error of the deflection up to the second impact, relative to the largest one. On the paper's plate (10 x 4 and
-/// 20 x 8 cells of both elements, `docs/accuracy.md`) it takes steps of 1e-5 to 5e-5 s, whatever the scheme and however much faster the
-/// finer mesh's fastest motion: a fraction of the first period, of which this is one in 5000. Where 20 steps resolve the fastest
-/// motion, no shorter one is needed.
+/// *With impacts*, 1 % is the error of the deflection up to the second impact, relative to the
+/// largest deflection. On the paper's plate (10 x 4 and 20 x 8 cells of both elements,
+/// `docs/accuracy.md`) this takes steps of 1e-5 to 5e-5 s with every scheme, although the fastest
+/// mode of the finer mesh is much faster. The advised step is 1/5000 of the first period, but no
+/// shorter than 1/20 of the fastest period.
 pub fn advised_step(scheme: Scheme, frequencies: &Frequencies, impacts: bool) -> Option<f64> {
     let Frequencies { lowest, highest } = frequencies;
     if impacts {
@@ -162,19 +167,21 @@ pub fn advised_step(scheme: Scheme, frequencies: &Frequencies, impacts: bool) ->
     Some(round_down((PERIOD_ERROR / error).sqrt() / (TAU * last)))
 }
 
-/// The step from which on Newmark's scheme and the midpoint rule keep the energy to 1 % through impacts, rounded down to 1, 2 or 5
-/// times a power of ten, in s: 20 steps in the fastest period.
+/// Returns the longest step that keeps the energy through impacts within 1 %, in s.
 ///
-/// At an impact the velocity of a contact node changes within the fastest period of the semi-discrete problem. With these steps and
-/// the singular mass Newmark with e = 0 loses half a per cent in the four impacts of CSMA 2013 and the midpoint scheme a tenth, on
-/// quadrilaterals and triangles alike, though their fastest frequencies differ by seven. That frequency grows as h^-3, so that on
-/// fine meshes the step is out of reach; with 1e-5 s, Newmark with e = 0 loses 0.3, 3.3, 6.5 and 7.6 per cent at the first impact on
-/// 10 x 4, 20 x 8, 40 x 16 and 80 x 32 quadrilaterals. `conserving` keeps the energy at any step.
+/// This holds for Newmark's scheme and the midpoint rule, and is 1/20 of the fastest period,
+/// rounded down to 1, 2 or 5 times 10^n. At an impact, the velocity of a contact node changes
+/// within the fastest period of the semi-discrete problem. With these steps and the singular mass,
+/// Newmark with e = 0 loses 0.5 % in the four impacts of CSMA 2013 and the midpoint scheme 0.1 %,
+/// on quadrilaterals and triangles alike, though their fastest frequencies differ by a factor of
+/// seven. The fastest frequency grows as h^-3, so that on fine meshes the step is impracticably
+/// small. With 1e-5 s, Newmark with e = 0 loses 0.3, 3.3, 6.5 and 7.6 % at the first impact on
+/// 10x4, 20x8, 40x16 and 80x32 quadrilaterals. `conserving` keeps the energy at any step.
 pub fn energy_step(frequencies: &Frequencies) -> Option<f64> {
     Some(round_down(1.0 / (STEPS_PER_PERIOD * frequencies.highest?)))
 }
 
-/// The advised step of a scene; none where the step is free.
+/// Returns the advised step of a scene, in s; `None` where every step is accurate.
 pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
     match scene.time.scheme {
         Scheme::Exact => None,
@@ -182,26 +189,28 @@ pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f6
     }
 }
 
-/// The [step for the energy](energy_step) of a scene; none where every step keeps it, and where none does.
+/// Returns the [step for the energy](energy_step) of a scene, in s.
+///
+/// The result is `None` where every step conserves the energy, and where none does.
 pub(super) fn energy_step_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
     let matters = matches!(scene.time.scheme, Scheme::Newmark { .. } | Scheme::Midpoint { .. });
     let exists = scene.time.mass == Mass::Singular && scene.has_contact();
     if matters && exists { energy_step(frequencies) } else { None }
 }
 
-/// The largest of 1, 2, 5 times a power of ten not above a positive number.
+/// Rounds a positive number down to 1, 2 or 5 times a power of ten.
 fn round_down(value: f64) -> f64 {
     let exponent = value.log10().floor() as i32;
-    // Parsed, so that 5e-6 is the literal's nearest number.
+    // Parsing gives the number nearest to the decimal, such as 5e-6.
     let candidate = |digit: u32, exponent: i32| format!("{digit}e{exponent}").parse().unwrap_or(f64::NAN);
     let steps = [(5, exponent), (2, exponent), (1, exponent)].map(|(digit, e)| candidate(digit, e));
     steps.into_iter().find(|step| *step <= value).unwrap_or_else(|| candidate(5, exponent - 1))
 }
 
-/// Asks the matrices of a scene.
+/// Inspects the matrices of a scene.
 ///
 /// # Errors
-/// What [`Model::new`] says of a mesh, or of a static start that does not converge.
+/// Returns the errors of [`Model::new`], and those of a static equilibrium that does not converge.
 pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mesh = simulation::mesh(scene)?;
     let mechanism = simulation::mechanism(scene, &mesh)?;
@@ -268,10 +277,10 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     })
 }
 
-/// Says what a run of a scene will be and cost, from a fifth of a second of it.
+/// Determines size and cost of a run, from a fifth of a second of it.
 ///
 /// # Errors
-/// What would stop the run before its first step.
+/// Returns the errors that would stop the run before its first step.
 pub fn check(scene: &Scene) -> Result<Check> {
     let native = on_native_engine(scene);
     let model = Model::new(&native)?;
@@ -310,7 +319,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     })
 }
 
-/// The same scene on the engine that these questions are asked of.
+/// Returns the scene with the native engine and the condensed solver.
 pub(super) fn on_native_engine(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.solver.engine = EngineName::Native;
@@ -318,13 +327,13 @@ pub(super) fn on_native_engine(scene: &Scene) -> Scene {
     scene
 }
 
-/// Frequencies with the scene's mass.
+/// Returns the frequencies with the scene's mass.
 pub(super) fn frequencies_of(scene: &Scene, model: &Model) -> Frequencies {
     let is_loose = model.mechanism.is_some() || !scene.balls.is_empty();
     frequencies(model, &model.system.mass, MODES, is_loose)
 }
 
-/// Empty where a mass does not see some rigid motion: then no finite frequency is defined.
+/// Returns frequencies, empty where a rigid motion has no mass, so that they are undefined.
 fn frequencies(model: &Model, mass: &Form, count: usize, mechanism: bool) -> Frequencies {
     let (engine, stiffness) = (&model.system.engine, &model.system.stiffness);
     Frequencies {
@@ -344,7 +353,7 @@ fn initial_energy(model: &Model) -> Result<f64> {
     Ok(0.5 * (elastic + engine.vis_viva(&system.mass, &v)?) - work)
 }
 
-/// Seconds of the set-up, and of a step.
+/// Measures the time of the set-up and the time per step, in s.
 fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
@@ -356,7 +365,7 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
     Ok((set_up, clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64))
 }
 
-/// Bytes of a scheme's dense arrays.
+/// Returns the memory of a scheme's dense arrays, in bytes.
 fn dense(scene: &Scene, system: &System<Native>) -> usize {
     let System { engine, mass, bounds, .. } = system;
     match scene.time.scheme {
@@ -365,11 +374,14 @@ fn dense(scene: &Scene, system: &System<Native>) -> usize {
     }
 }
 
-/// Bytes at the peak of a run: the factors, the entries it is made of, the cells' arrays and the vectors of a scheme.
+/// Estimates the peak memory of a run, in bytes.
+///
+/// The sum consists of the factors, the entries before assembly, the cells' arrays and the scheme's
+/// vectors.
 fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
     const NUMBER: usize = size_of::<f64>();
-    // An entry before assembly: row, column, value, and as much again as it takes to sort it. K and M each have a lower triangle
-    // a cell.
+    // An entry before assembly takes row, column and value, and as much again for sorting. K and M
+    // each have one lower triangle per cell.
     const ENTRY: usize = 5 * NUMBER;
     const VECTORS: usize = 24;
     let nodes = |cell: &Cell| 3 * cell.nodes().len();
@@ -378,7 +390,7 @@ fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
     NUMBER * (factor_entries + VECTORS * dofs) + cells + records
 }
 
-/// A node that was moved or made, in words.
+/// Describes a node that was moved or inserted.
 fn told(made: &Made) -> String {
     let at = |p: Point| format!("({}, {})", significant(p.x), significant(p.y));
     match made.moved_from {
@@ -387,18 +399,18 @@ fn told(made: &Made) -> String {
     }
 }
 
-/// `5.9655  37.71  38.444`.
+/// Formats numbers as `5.9655  37.71  38.444`.
 fn list(values: &[f64]) -> String {
     values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
 }
 
-/// `12 N, moments about x and y 0.6 and -2.4 N m`.
+/// Formats a load as `12 N; about the axes x, y: 0.6, -2.4 N m`.
 fn push(Resultant { force, moments: [x, y] }: &Resultant) -> String {
     let [force, x, y] = [*force, *x, *y].map(significant);
     format!("{force} N; about the axes x, y: {x}, {y} N m")
 }
 
-/// Rows that both reports share.
+/// Adds the rows that both reports share.
 fn sizes(report: &mut Report, [nodes, cells, dofs, bounded]: [usize; 4]) {
     report
         .count("nodes", nodes as u64, "")

@@ -1,4 +1,4 @@
-//! The matrices of a scene as files, for other programs to check or to use.
+//! Export of the matrices of a scene for other programs.
 
 use crate::error::{Error, Result};
 use crate::linalg::{Form, Native};
@@ -9,24 +9,28 @@ use crate::space::PER_NODE;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Names of the files of [`write_matrices`].
+/// Names of the files that [`write_matrices`] writes.
 pub const MATRICES: [&str; 10] =
     ["K.mtx", "M_r.mtx", "M.mtx", "B.mtx", "C.mtx", "G.mtx", "F.mtx", "nodes.csv", "cells.csv", "scene.toml"];
 
-/// Whether a folder holds the matrices of a scene: its `scene.toml` is the resolved scene.
+/// Returns whether a folder holds the matrices of a scene: its `scene.toml` is the resolved scene.
 pub fn matrices_are_of(scene: &Scene, folder: &Path) -> bool {
     std::fs::read(folder.join("scene.toml")).is_ok_and(|bytes| bytes == scene.resolved().as_bytes())
 }
 
-/// Writes `K.mtx M_r.mtx M.mtx B.mtx C.mtx G.mtx F.mtx`, `nodes.csv`, `cells.csv` and `scene.toml`, the resolved scene, into a
-/// folder, which is made if need be.
+/// Writes the matrices of a scene, its mesh and the resolved scene into a folder.
 ///
-/// All dofs before supports, three a node: rows 3 n + 1 to 3 n + 3 of K are w, w_x, w_y of node n, which counts from 0 as in
-/// `nodes.csv`; the gaps of balls come last. G has a row for each free deflection that an obstacle bounds (each free one where there is no obstacle),
-/// B one a cell (and mass or ball). F is the load of `initial.static_pressure` or, where that is 0, of what does not change in `[load]`. SI units.
+/// The files are `K.mtx M_r.mtx M.mtx B.mtx C.mtx G.mtx F.mtx`, `nodes.csv`, `cells.csv` and
+/// `scene.toml`; the folder is created if necessary. The dofs are those before supports, three per
+/// node: rows 3 n + 1 to 3 n + 3 of K are w, w_x, w_y of node n, which counts from 0 as in
+/// `nodes.csv`; the gaps of balls come last. G has one row per free deflection that an obstacle
+/// bounds (per free deflection if there is no obstacle), B one row per cell, mass and ball. F is
+/// the load of `initial.static_pressure` or, where that is 0, the constant part of `[load]`. All
+/// quantities are in SI units.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a mesh that cannot carry the elements, [`Error::Io`] for a file that cannot be written.
+/// Returns [`Error::Mesh`] for a mesh that cannot carry the elements, and [`Error::Io`] for a file
+/// that cannot be written.
 pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     let mesh = simulation::mesh(scene)?;
     let Matrices { stiffness, consistent, singular, load, bounded } =
@@ -50,7 +54,7 @@ pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     write("B.mtx", [c.len(), dofs], b)?;
     write("C.mtx", [c.len(); 2], c)?;
 
-    // Of deflections those that the supports leave free.
+    // Rows of G are the deflections that the supports leave free.
     let space = simulation::space(scene, &mesh)?;
     let free =
         |dof: &usize| *dof >= PER_NODE * mesh.nodes.len() || space.deflection(dof / PER_NODE).is_some();
@@ -74,7 +78,7 @@ pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     write_atomic(&folder.join("cells.csv"), text.as_bytes())
 }
 
-/// All entries of a form, both triangles.
+/// Returns all entries of a form, both triangles.
 fn symmetric(form: &Form) -> Vec<(usize, usize, f64)> {
     let mut entries = Vec::new();
     form.for_each_lower(|row, column, entry| {

@@ -1,5 +1,5 @@
-//! Questions about a scene: its natural frequencies, its inf-sup constant, what a run will cost, whether solvers agree, what
-//! accuracy costs.
+//! Studies of a scene: frequencies, inf-sup constant, cost of a run, comparison of solvers,
+//! work-precision, stability, and the figures of the paper.
 
 pub mod accuracy;
 pub mod compare;

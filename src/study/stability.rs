@@ -1,16 +1,17 @@
-//! What hard scenes do to each method: the work behind `rebond stability`.
+//! Stability study behind `rebond stability`: every method on hard scenes.
 //!
-//! A *trial* is a scene on an element with a method: a scheme with its parameters, a mass, an engine and a contact solver. It runs to
-//! its end, every step judged by its KKT residual, and is held to what its scheme promises:
+//! A *trial* is a scene on an element with a method: a scheme with its parameters, a mass, an
+//! engine and a contact solver. It runs to its end, the KKT residual of every step is checked, and
+//! its energy is compared with the promise of its scheme:
 //!
 //! | scheme | promise |
 //! |---|---|
-//! | newmark, beta = 1/2, e = 0 | the invariant \(H^{n+1/2}\) of [`crate::scheme::Newmark`] never rises above what it was, nor the energy of the start |
-//! | conserving, exact | the energy is that of the start |
-//! | the others | none: energy comes and goes at impacts, the less the smaller the step |
+//! | newmark, beta = 1/2, e = 0 | `$H^{n+1/2}$` never rises, nor exceeds the initial energy |
+//! | conserving, exact | the energy stays equal to the initial energy |
+//! | the others | none: energy changes at impacts, less with smaller steps |
 //!
-//! A scheme without a promise that gains energy is no failure of the program, but the user's business: the table tells how much,
-//! and what to do.
+//! `$H^{n+1/2}$` is the invariant of [`crate::scheme::Newmark`]. An energy gain of a scheme without
+//! a promise is not a failure of the program: the table shows the gain and a remedy.
 
 use super::accuracy::plan::{Method, mesh_name};
 use crate::energy::Energies;
@@ -24,39 +25,46 @@ use serde::Serialize;
 use std::fmt;
 use std::time::Instant;
 
-/// The energy over its start at which a trial is stopped.
+/// Ratio of the energy to its start at which a trial is stopped.
 const GUARD: f64 = 10.0;
 
-/// A promised energy is kept if to this share of its largest part ever, and drifts if to that.
+/// Relative errors of a promised energy: up to the first it is kept, up to the second it drifts.
+///
+/// The errors are relative to the largest part of the energy (kinetic, elastic, work) during the
+/// run.
 const KEPT: f64 = 1e-9;
 const DRIFTS: f64 = 1e-4;
 
-/// Energy gained beyond this part of the start's is worth a word.
+/// Relative gain of energy above which a trial is reported as gaining.
 const GAINED: f64 = 0.01;
 
-/// Cells up to which the exact scheme is tried: its matrices are dense.
+/// Number of cells up to which the exact scheme is tried, because its matrices are dense.
 const MOST_EXACT_CELLS: usize = 640;
 
-/// What became of a trial.
+/// Ending of a trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "is", content = "why")]
 pub enum Ending {
-    /// It reached its end, and its energy did what the scheme promises; a scheme without a promise gained none to speak of.
+    /// End reached, with the promised energy, or without a promise and without a gain worth
+    /// mention.
     Holds,
-    /// It reached its end, but rounding moved the energy that its scheme promises by more than 1e-9 of its largest part; how far.
+    /// End reached, but rounding moved the promised energy by more than 1e-9 of its largest part.
+    ///
+    /// The text tells by how much.
     Drifts(String),
-    /// It reached its end with more energy than it started with, as its scheme may; what the user can do.
+    /// End reached with more energy than at the start, which the scheme permits; the text is a
+    /// remedy.
     Gains(String),
-    /// Its energy, about which its scheme promises nothing, ran into the guard; what that said.
+    /// Stopped by the energy guard, without a promise; the text is the guard's message.
     Guarded(String),
-    /// It was refused, before it began or where it could not go on; why.
+    /// Refused before or during the run; the text is the reason.
     Refused(String),
-    /// What must not happen.
+    /// Failure that must not happen.
     Fails(String),
 }
 
 impl Ending {
-    /// In a word.
+    /// Returns the ending in one word.
     pub fn word(&self) -> &'static str {
         match self {
             Ending::Holds => "holds",
@@ -68,7 +76,7 @@ impl Ending {
         }
     }
 
-    /// The program's own words, if there are any.
+    /// Returns the program's message, if there is one.
     pub fn why(&self) -> Option<&str> {
         match self {
             Ending::Holds => None,
@@ -81,49 +89,55 @@ impl Ending {
     }
 }
 
-/// A scene on an element with a method, and how it did.
+/// Trial: a scene on an element with a method, and its results.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trial {
-    /// Element and cells, or the mesh's file.
+    /// Element and cells, or the mesh file.
     pub mesh: String,
-    /// The method.
+    /// Method of the trial.
     #[serde(flatten)]
     pub method: Method,
-    /// What became of it.
+    /// Ending of the trial.
     pub ending: Ending,
-    /// Its figures; none if it did not begin.
+    /// Measurements; `None` if the trial did not begin.
     #[serde(flatten)]
     pub figures: Option<Figures>,
 }
 
-/// The figures of a trial.
+/// Measurements of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Figures {
-    /// Steps made.
+    /// Number of steps made.
     pub steps: u64,
-    /// Those in which something touched.
+    /// Number of steps in contact.
     pub contact_steps: u64,
-    /// Most nodes in contact at once.
+    /// Largest number of nodes in contact at once.
     pub most_contact_nodes: usize,
-    /// Least energy over its start; where it starts from next to nothing, 1 plus its change over its largest part.
+    /// Least energy relative to its start.
+    ///
+    /// For a start with almost no energy, it is 1 plus the change relative to the energy's largest
+    /// part.
     pub energy_min: f64,
-    /// Largest energy, likewise.
+    /// Largest energy, relative in the same way as the least.
     pub energy_max: f64,
-    /// Largest departure from the scheme's promise over the largest part of the energy ever, which rounding goes by; `None` without a promise.
+    /// Largest violation of the scheme's promise; `None` without a promise.
+    ///
+    /// It is relative to the largest part of the energy during the run, to which rounding errors
+    /// are proportional.
     pub broken: Option<f64>,
     /// Worst relative KKT residual.
     pub worst_kkt: f64,
-    /// Largest violation of a bound over the largest deflection.
+    /// Largest violation of a bound relative to the largest deflection.
     pub penetration: f64,
-    /// Iterations of the contact solver.
+    /// Number of iterations of the contact solver.
     pub vi_iterations: u64,
-    /// Steps solved again in a safer way.
+    /// Number of steps that were solved again in a safer way.
     pub retries: u64,
-    /// Seconds a step.
+    /// Time per step, in s.
     pub seconds_a_step: f64,
 }
 
-/// What a scheme promises of its energy.
+/// Promise of a scheme about its energy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Promise {
     Constant,
@@ -139,7 +153,7 @@ fn promise(scheme: Scheme) -> Promise {
     }
 }
 
-/// The methods that an engine and a contact solver are tried with.
+/// Returns the methods to try with an engine and a contact solver.
 pub fn methods(engine: EngineName, vi: ViName) -> Vec<Method> {
     let newmark = |restitution| Scheme::Newmark { beta: 0.5, restitution };
     let midpoint = |massless| Scheme::Midpoint { massless };
@@ -158,7 +172,9 @@ pub fn methods(engine: EngineName, vi: ViName) -> Vec<Method> {
     all.filter(|method| engine == EngineName::Native || method.scheme != Scheme::Exact).collect()
 }
 
-/// The scenes that a scene stands for: on both elements, or on those of its mesh file, with every method of an engine and a contact solver.
+/// Returns the variants of a scene: each element with each method.
+///
+/// Elements are both kinds on a grid, or those of the mesh file.
 pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Method)> {
     let mut variants = Vec::new();
     let both = [ElementKind::Fvs, ElementKind::Hct];
@@ -169,7 +185,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Me
             None => scene.mesh.with(element, scene.mesh.cells, scene.mesh.refine),
         };
         let variant = Scene { mesh, ..scene.clone() };
-        // A mesh that cannot be made is told by the trials.
+        // A mesh that cannot be made is reported by the trials.
         let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
         for method in methods(engine, vi) {
             if method.scheme == Scheme::Exact && cells > MOST_EXACT_CELLS {
@@ -186,16 +202,17 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Me
     variants
 }
 
-/// Watches a trial: the extremes of its energies, and how far its promise is broken.
+/// Observer of a trial that records the extremes of its energies and the violation of its promise.
 #[derive(Debug)]
 struct Witness {
     promise: Promise,
     start: Option<Energies>,
-    /// Largest magnitude of a part of the energy, at the start and ever.
+    /// Largest magnitude of a part of the energy, at the start and during the run.
     parts: [f64; 2],
     least: f64,
     most: f64,
-    /// What the invariant is held to, its start or its least so far, and the most that it departed from that, in J.
+    /// Energy to which the invariant is compared (its start, or its least value so far), and the
+    /// largest departure from it, in J.
     lowest: f64,
     broken: f64,
     /// Largest deflection, in m.
@@ -217,13 +234,15 @@ impl Witness {
         }
     }
 
-    /// What energies are relative to: the largest part of the start's, or of any if that has next to none.
+    /// Returns the scale of relative energies: the largest part of the initial energy.
+    ///
+    /// If the start has almost none, the largest part during the run counts.
     fn scale(&self) -> f64 {
         let [first, ever] = self.parts;
         if first > 1e-6 * ever { first } else { ever }
     }
 
-    /// An energy over its start.
+    /// Returns an energy relative to its start.
     fn relative(&self, energy: f64) -> f64 {
         let (start, scale) = (self.start.unwrap_or_default().total(), self.scale());
         if scale == 0.0 { 1.0 } else { 1.0 + (energy - start) / scale }
@@ -259,7 +278,7 @@ impl Observer for Witness {
     }
 }
 
-/// Runs a trial on a model of its scene. Whatever goes wrong is told in the trial.
+/// Runs a trial on a model of its scene; errors become the ending of the trial.
 pub fn attempt<E: Engine>(
     scene: &Scene,
     method: Method,
@@ -327,29 +346,29 @@ fn figures(witness: &Witness, outcome: &Outcome, seconds: f64) -> Figures {
     }
 }
 
-/// A hard scene and its trials.
+/// Hard scene with its trials.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Case {
-    /// The scene's name: its file's, without the extension.
+    /// Name of the scene: that of its file, without the extension.
     pub name: String,
-    /// Its title.
+    /// Title of the scene.
     pub title: String,
-    /// Its trials.
+    /// Trials of the scene.
     pub trials: Vec<Trial>,
 }
 
-/// Hard scenes and their trials.
+/// Results of all hard scenes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Stability {
-    /// One a scene.
+    /// Cases, one per scene.
     pub cases: Vec<Case>,
 }
 
 impl Stability {
-    /// Whether nothing failed.
+    /// Checks that no trial failed.
     ///
     /// # Errors
-    /// [`Error::Unfinished`] naming what did.
+    /// Returns [`Error::Unfinished`] naming the failed trials.
     pub fn verdict(&self) -> Result<()> {
         let all = self.cases.iter().flat_map(|case| case.trials.iter().map(move |trial| (case, trial)));
         let failed = all.clone().filter(|(_, trial)| matches!(trial.ending, Ending::Fails(_)));
@@ -417,7 +436,7 @@ impl Trial {
         ]
     }
 
-    /// What a table of many cases has room for.
+    /// Returns the entry for the table of all cases.
     fn word(&self) -> String {
         match (&self.ending, &self.figures) {
             (Ending::Gains(_), Some(figures)) => format!("x{:.2}", figures.energy_max),
@@ -427,7 +446,8 @@ impl Trial {
 }
 
 impl Stability {
-    /// All cases in words: scenes down, methods across, of one engine and contact solver.
+    /// Creates the table of all cases, scenes down and methods across, of one engine and contact
+    /// solver.
     fn overview(&self, engine: EngineName, vi: ViName) -> Table {
         let methods = methods(engine, vi);
         let mut heads = vec!["fvs | hct".to_owned()];

@@ -1,8 +1,9 @@
-//! Warnings about a scene: one sentence for each thing that a run will do and its author may not expect.
+//! Warnings about a scene, one sentence each.
 //!
-//! `rebond check`, `rebond inspect` and `rebond run` tell the same list, and `summary.json` keeps it. What the scene's text alone
-//! shows is said in [`of_scene`]; what only mesh, loads and formulas show is pushed to [`Model::warnings`] while the model is
-//! built; what the matrices show is said here too, from a model on the native engine.
+//! `rebond check`, `rebond inspect` and `rebond run` print the same list, and `summary.json` keeps
+//! it. [`of_scene`] has the warnings that the scene's text alone causes. Warnings that depend on
+//! mesh, loads and formulas go to [`Model::warnings`] while the model is built. Those that depend
+//! on the matrices are computed here too, from a model on the native engine.
 
 use super::inspect::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
 use super::{in_time, infsup};
@@ -11,20 +12,22 @@ use crate::output::text::significant;
 use crate::scene::{Mass, Scene, Scheme, Time};
 use crate::simulation::Model;
 
-/// Largest number of dofs for which a run asks frequencies and the inf-sup condition of its matrices: this takes well below
-/// a second. On finer meshes `rebond check` tells.
+/// Largest number of dofs for which a run computes frequencies and the inf-sup condition.
+///
+/// This takes well below a second. On finer meshes `rebond check` computes them.
 pub const MOST_DOFS: usize = 20_000;
 
-/// Warnings of a model on the native engine.
+/// Returns the warnings of a model on the native engine.
 pub fn warnings(scene: &Scene, model: &Model) -> Vec<String> {
     let is_small = model.system.engine.dofs() <= MOST_DOFS;
     let frequencies = is_small.then(|| frequencies_of(scene, model));
     judged(scene, &model.warnings, frequencies.as_ref().map(|frequencies| (model, frequencies)))
 }
 
-/// Warnings of a model on another engine, of so many dofs on all processes, that has `found` its own while it was built.
+/// Returns the warnings of a model on another engine, with `dofs` dofs on all processes.
 ///
-/// What the matrices show is asked of the native engine, in this process alone; no other process takes part.
+/// `found` are those from building the model. The matrices are examined on the native engine, in
+/// this process alone; no other process takes part.
 pub fn warnings_apart(scene: &Scene, found: &[String], dofs: usize) -> Vec<String> {
     let native = on_native_engine(scene);
     let model = (dofs <= MOST_DOFS).then(|| Model::new(&native).ok()).flatten();
@@ -32,8 +35,8 @@ pub fn warnings_apart(scene: &Scene, found: &[String], dofs: usize) -> Vec<Strin
     judged(scene, found, frequencies.as_ref().map(|(model, frequencies)| (*model, frequencies)))
 }
 
-/// Warnings of the scene, of what was `found` while its model was built, and of the matrices where a model and its frequencies
-/// are given.
+/// Returns the warnings of the scene, those `found` while its model was built, and those of the
+/// matrices where a model and its frequencies are given.
 pub(super) fn judged(
     scene: &Scene,
     found: &[String],
@@ -49,7 +52,7 @@ pub(super) fn judged(
     warnings
 }
 
-/// Warnings that need no more than the scene.
+/// Returns the warning that depends on the scene alone.
 fn of_scene(scene: &Scene) -> Option<String> {
     let is_lossy = scene.time.mass == Mass::Consistent && scene.has_contact();
     is_lossy.then(|| {
@@ -67,7 +70,7 @@ fn of_scene(scene: &Scene) -> Option<String> {
     })
 }
 
-/// A step that is too long for the motion, or for the energy.
+/// Warns of a step that is too long for the motion, or for the energy.
 fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
     let mut warnings = Vec::new();
     let Time { scheme, step, .. } = scene.time;
@@ -89,21 +92,21 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
     {
         let (limit, highest) = (significant(limit), significant(highest));
         warnings.push(format!(
-            "time.step = {written} s is too long for \"{}\" to keep the energy at impacts to 1 %, which takes {limit} s, for \
-             the fastest motion has {highest} Hz; time.scheme = \"conserving\" keeps it at any step",
+            "time.step = {written} s is too long for \"{}\" to keep the energy at impacts to 1 %, which takes {limit} s, because \
+             the fastest mode has {highest} Hz; time.scheme = \"conserving\" keeps it at any step",
             scheme.name(),
         ));
     }
     warnings
 }
 
-/// What a failed inf-sup condition means, where it matters: obstacles and the singular mass.
+/// Warns of a failed inf-sup condition, which matters with obstacles and the singular mass.
 fn of_inf_sup(scene: &Scene, model: &Model) -> Option<String> {
     let Form::Averages(mass) = &model.system.mass else { return None };
     let bounded = &model.system.bounds.dofs;
     let matters = scene.has_contact() && !bounded.is_empty();
     (matters && infsup::fails(model.system.engine.dofs(), mass.rows(), bounded)).then(|| {
-        "the inf-sup condition fails: the cells' velocities see some deflection that only an obstacle could stop, \
+        "the inf-sup condition fails: some combination of bounded dofs vanishes for every massless deflection, \
          so that motion and reactions are not unique; refine the mesh or set time.mass = \"consistent\""
             .to_owned()
     })

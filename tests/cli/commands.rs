@@ -362,7 +362,7 @@ fn a_run_starts_from_another_ones_end() {
         (&["initial.from=first", "support.0.kind=guided"], "other supports"),
         (&["initial.from=first", "support.0.motion='1e-3*t^2'"], "supports that move"),
         (&["initial.from=first", "initial.velocity=1"], "contradicts initial.from"),
-        (&["initial.from=first", "ball=[{ at = [1, 0.2], mass = 1, height = 1 }]"], "nothing of balls"),
+        (&["initial.from=first", "ball=[{ at = [1, 0.2], mass = 1, height = 1 }]"], "does not record balls"),
     ] {
         assert_fails(&run("wrong", settings), 2, &[words]);
     }

@@ -1,40 +1,40 @@
-//! Axes: ranges, ticks, units.
+//! Axes with their ranges, ticks and units.
 
-/// Values beyond are treated as not finite, and ranges below as zero.
+/// Largest magnitude that counts as finite; its inverse is the smallest range that counts.
 const GREATEST: f64 = 1e100;
 const LEAST: f64 = 1e-100;
 
-/// How values turn into lengths.
+/// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scale {
-    /// Equal steps are equal lengths.
+    /// Linear scale.
     Linear,
-    /// Equal ratios are equal lengths; values that are not positive are not shown.
+    /// Logarithmic scale, on which values that are not positive are not shown.
     Log,
 }
 
-/// An axis: what is counted along it, and how. It fits its curves unless told its range.
+/// Axis of a panel, with a quantity, a unit and a scale; by default it fits its curves.
 #[derive(Debug, Clone)]
 pub struct Axis {
     quantity: String,
     symbol: String,
     scale: Scale,
-    /// Ends that are given.
+    /// Fixed ends.
     ends: Option<[f64; 2]>,
-    /// Values that it must show.
+    /// Values that the axis must include.
     shown: Vec<f64>,
-    /// Data over what the ticks count.
+    /// Data value that corresponds to 1 on the ticks.
     per: f64,
-    /// Room at both ends, as a share of the range.
+    /// Margin at both ends, relative to the range.
     pad: f64,
-    /// Whether it counts things.
+    /// Whether ticks are at whole numbers only.
     is_whole: bool,
-    /// What the things 1, 2, ... are called, if not by these numbers.
+    /// Names of the values 1, 2, ..., if they have any.
     names: Vec<String>,
 }
 
 impl Axis {
-    /// A linear axis; `symbol` is the unit, with an SI prefix added as fits, or empty.
+    /// Creates a linear axis; `symbol` is the unit, which takes an SI prefix, or empty.
     pub fn linear(quantity: impl Into<String>, symbol: impl Into<String>) -> Axis {
         Axis {
             quantity: quantity.into(),
@@ -49,43 +49,43 @@ impl Axis {
         }
     }
 
-    /// A logarithmic axis; `symbol` is the unit, or empty.
+    /// Creates a logarithmic axis; `symbol` is the unit, or empty.
     pub fn log(quantity: impl Into<String>, symbol: impl Into<String>) -> Axis {
         Axis { scale: Scale::Log, ..Axis::linear(quantity, symbol) }
     }
 
-    /// The same axis between given ends; what lies beyond is cut off.
+    /// Fixes the ends of the axis; data beyond them are cut off.
     pub fn within(self, low: f64, high: f64) -> Axis {
         Axis { ends: Some([low, high]), ..self }
     }
 
-    /// The same axis, which shows these values too.
+    /// Extends the axis to include these values.
     pub fn with(mut self, values: impl IntoIterator<Item = f64>) -> Axis {
         self.shown.extend(values);
         self
     }
 
-    /// The same axis, whose curves reach its ends.
+    /// Removes the margins, so that curves reach the ends.
     pub fn tight(self) -> Axis {
         Axis { pad: 0.0, ..self }
     }
 
-    /// The same axis, with ticks at whole numbers only.
+    /// Restricts ticks to whole numbers.
     pub fn whole(self) -> Axis {
         Axis { is_whole: true, ..self }
     }
 
-    /// The same axis, whose things 1, 2, ... have names of their own.
+    /// Labels the values 1, 2, ... by names.
     pub fn named(self, names: impl IntoIterator<Item = String>) -> Axis {
         Axis { names: names.into_iter().collect(), ..self.whole() }
     }
 
-    /// The same axis counted in multiples of `unit` of the data.
+    /// Counts the axis in multiples of `unit` of the data.
     pub fn per(self, unit: f64) -> Axis {
         Axis { per: unit, ..self }
     }
 
-    /// Fits the axis to values; `wanted` is about how many ticks.
+    /// Fits the axis to values, with about `wanted` ticks.
     pub(super) fn fit(&self, values: impl Iterator<Item = f64>, wanted: usize) -> Fitted {
         let drawn = |value: &f64| value.abs() < GREATEST && (self.scale == Scale::Linear || *value > LEAST);
         let of = |values: &mut dyn Iterator<Item = f64>| {
@@ -123,7 +123,7 @@ impl Axis {
         let slack = 1e-9;
         let count = |step: f64| (last / step + slack).floor() - (first / step - slack).ceil() + 1.0;
         let mut step = round_step((last - first) / wanted as f64);
-        // Fewer than three ticks tell no scale.
+        // A scale needs at least three ticks.
         for _ in 0..3 {
             if count(step) < 3.0 {
                 step = round_step(0.4 * step);
@@ -150,7 +150,7 @@ impl Axis {
     fn fit_log(&self, [low, high]: [f64; 2], pad: f64, per: f64) -> Fitted {
         let [low, high] = if low > high { [0.1, 10.0] } else { [low, high] };
         let [low, high] = [low.log10(), high.log10()];
-        // Less than a decade says little on such an axis.
+        // A logarithmic axis needs most of a decade.
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(0.35));
         let half = half * (1.0 + 2.0 * pad);
         let [low, high] = [middle - half, middle + half];
@@ -201,12 +201,12 @@ impl Axis {
     }
 }
 
-/// An axis with its ends and its ticks.
+/// Axis with fixed ends and ticks.
 pub(super) struct Fitted {
     scale: Scale,
     pub low: f64,
     pub high: f64,
-    /// Where in the data the ticks are, and their texts.
+    /// Data values of the ticks, with their texts.
     pub ticks: Vec<(f64, String)>,
     /// Ticks without a text.
     pub minor: Vec<f64>,
@@ -214,7 +214,7 @@ pub(super) struct Fitted {
 }
 
 impl Fitted {
-    /// Where a value lies along the axis, from 0 to 1; `None` for one that cannot be drawn.
+    /// Returns the position of a value along the axis, from 0 to 1; `None` if it cannot be drawn.
     pub fn share(&self, value: f64) -> Option<f64> {
         let share = match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
@@ -225,7 +225,7 @@ impl Fitted {
     }
 }
 
-/// Whether showing a height still leaves a good part of the picture to the values.
+/// Returns whether a height can be shown without compressing the values too much.
 pub(super) fn is_near(height: f64, values: impl Iterator<Item = f64>) -> bool {
     let drawn = values.filter(|value| value.abs() < GREATEST);
     let [low, high] = drawn
@@ -234,7 +234,7 @@ pub(super) fn is_near(height: f64, values: impl Iterator<Item = f64>) -> bool {
     height.abs() < GREATEST && (span <= 0.0 || low - 2.0 * span <= height && height <= high + 2.0 * span)
 }
 
-/// The range itself, or when its values hardly differ or there are none, one wide enough to carry ticks.
+/// Widens a range that is empty or too narrow for ticks.
 fn wide_enough([low, high]: [f64; 2]) -> [f64; 2] {
     if low > high {
         return [0.0, 1.0];
@@ -247,14 +247,14 @@ fn wide_enough([low, high]: [f64; 2]) -> [f64; 2] {
     [low - half, high + half]
 }
 
-/// The power of ten, a multiple of three, that makes ticks short to write.
+/// Returns the power of ten, a multiple of three, that gives short tick texts.
 fn exponent(magnitude: f64, is_pure: bool) -> i32 {
-    // 0.1 up to 100 of a unit.
+    // Numbers from 0.1 up to 100 of a unit.
     let exponent = 3 * ((magnitude.log10() + 1.0) / 3.0).floor() as i32;
     if (1e-2..1e4).contains(&magnitude) && (exponent > 0 || is_pure) { 0 } else { exponent }
 }
 
-/// The least of 1, 2 and 5 times a power of ten that is not less.
+/// Rounds up to 1, 2 or 5 times a power of ten.
 fn round_step(step: f64) -> f64 {
     let power = 10f64.powf(step.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|digit| digit * power);

@@ -7,7 +7,7 @@ use crate::output::write_atomic;
 use std::fs;
 use std::path::Path;
 
-/// Width of a journal's column and of its page: 85 mm and 180 mm, in points.
+/// Widths of a journal's column (85 mm) and page (180 mm), in points.
 const COLUMN: f64 = 240.94;
 const PAGE: f64 = 510.24;
 
@@ -24,11 +24,11 @@ const RULE: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.8], width: 0.6 };
 const SOLID_EDGE: Pen = Pen::solid(Color::GREY, 0.5);
 const TICK: f64 = 2.6;
 const HATCH: f64 = 4.0;
-/// Length of a curve's sample in the key.
+/// Length of a curve's sample in the key, in points.
 const SAMPLE: f64 = 20.0;
 const MARKER: f64 = 2.1;
 
-/// The palette of Okabe and Ito (2008), told apart by every kind of colour vision, darkest first.
+/// Palette of Okabe and Ito (2008), darkest first, distinct for every kind of colour vision.
 const COLORS: [Color; 7] = [
     Color(0, 114, 178),
     Color(213, 94, 0),
@@ -38,15 +38,17 @@ const COLORS: [Color; 7] = [
     Color(86, 180, 233),
     Color::BLACK,
 ];
-/// Told apart without colours.
+/// Dash patterns, distinct without colours.
 const DASHES: [&[f64]; 5] = [&[], &[4.0, 2.0], &[5.0, 1.6, 1.0, 1.6], &[8.0, 2.2], &[1.0, 1.4]];
 const MARKERS: [Marker; 6] =
     [Marker::Circle, Marker::Square, Marker::Triangle, Marker::Diamond, Marker::Cross, Marker::Plus];
 
-/// A dashed curve longer than this many widths of its panel is drawn solid: its dashes would leave holes in the data.
+/// Length of a dashed curve, in widths of its panel, above which it is drawn solid.
+///
+/// The dashes of a longer curve would hide data.
 const MOST_DASHED: f64 = 8.0;
 
-/// A symbol at each point of a curve.
+/// Symbol at each point of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Marker {
@@ -67,91 +69,95 @@ pub struct Curve {
     line: bool,
     marker: Option<Marker>,
     is_open: bool,
-    /// Of the markers, over their usual one.
+    /// Size of the markers relative to the default.
     size: f64,
 }
 
 impl Curve {
-    /// A line through points (x, y); one that is not finite leaves a gap. A curve without a name has no key.
+    /// Creates a line through points (x, y), with a gap at each point that is not finite.
+    ///
+    /// A curve without a name has no entry in the key.
     pub fn new(name: impl Into<String>, points: Vec<[f64; 2]>) -> Curve {
         let pen = Pen::solid(Color::BLACK, 0.9);
         Curve { name: name.into(), points, pen, line: true, marker: None, is_open: false, size: 1.0 }
     }
 
-    /// The curve of times and values, say.
+    /// Creates a curve from columns, such as times and values.
     pub fn of(name: impl Into<String>, x: &[f64], y: &[f64]) -> Curve {
         Curve::new(name, x.iter().zip(y).map(|(&x, &y)| [x, y]).collect())
     }
 
-    /// In the colour and the dashes of the `index`-th of several: 35 differ, each of the first five in its dashes.
+    /// Sets the `index`-th combination of colour and dashes.
+    ///
+    /// There are 35 combinations; the first five differ in their dashes.
     pub fn style(mut self, index: usize) -> Curve {
         self.pen.color = COLORS[index % COLORS.len()];
         self.pen.dashes = DASHES[index % DASHES.len()];
         self
     }
 
-    /// In that colour.
+    /// Sets the colour.
     pub fn color(mut self, color: Color) -> Curve {
         self.pen.color = color;
         self
     }
 
-    /// In the `index`-th colour of the palette.
+    /// Sets the `index`-th colour of the palette.
     pub fn palette(self, index: usize) -> Curve {
         self.color(COLORS[index % COLORS.len()])
     }
 
-    /// With the `index`-th dashes; 0: solid.
+    /// Sets the `index`-th dash pattern; 0 is solid.
     pub fn dashes(mut self, index: usize) -> Curve {
         self.pen.dashes = DASHES[index % DASHES.len()];
         self
     }
 
-    /// With a line of that many points instead of 0.9.
+    /// Sets the line width in points instead of 0.9.
     pub fn width(mut self, points: f64) -> Curve {
         self.pen.width = points;
         self
     }
 
-    /// With the `index`-th marker at each point.
+    /// Sets the `index`-th marker at each point.
     pub fn marks(mut self, index: usize) -> Curve {
         self.marker = Some(MARKERS[index % MARKERS.len()]);
         self.is_open = index / MARKERS.len() % 2 == 1;
         self
     }
 
-    /// With hollow markers.
+    /// Makes the markers hollow.
     pub fn open(mut self) -> Curve {
         self.is_open = true;
         self
     }
 
-    /// With markers that many times as wide.
+    /// Multiplies the width of the markers.
     pub fn size(mut self, times: f64) -> Curve {
         self.size = times;
         self
     }
 
-    /// Without the line.
+    /// Removes the line.
     pub fn scattered(mut self) -> Curve {
         self.line = false;
         self
     }
 }
 
-/// A rigid obstacle, drawn as a hatched band, or as a line if only a part of the plate meets it.
+/// Rigid obstacle, drawn as a hatched band, or as a line if it faces only a part of the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Obstacle {
-    /// The plate stays above this height, m.
+    /// Obstacle below the whole plate, at this height in m.
     Below(f64),
-    /// The plate stays below this height, m.
+    /// Obstacle above the whole plate, at this height in m.
     Above(f64),
-    /// Opposite to a part of the plate, at this height, m.
+    /// Obstacle that faces a part of the plate, at this height in m.
     Part(f64),
 }
 
 impl Obstacle {
-    /// Its height, in m.
+    /// Returns the height in m.
     pub fn height(self) -> f64 {
         match self {
             Obstacle::Below(height) | Obstacle::Above(height) | Obstacle::Part(height) => height,
@@ -159,29 +165,29 @@ impl Obstacle {
     }
 }
 
-/// A bar along x at a height of the y axis: something that lasts.
+/// Bar along x at a height of the y axis, such as an interval of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bar {
-    /// Its ends along x.
+    /// Ends along x.
     pub x: [f64; 2],
-    /// Its ends along y.
+    /// Ends along y.
     pub y: [f64; 2],
-    /// Its colour.
+    /// Colour of the bar.
     pub color: Color,
 }
 
-/// A colour scale: what shades mean, from one end to the other.
+/// Colour scale with its label and its ends.
 #[derive(Debug, Clone)]
 pub struct Ramp {
-    /// What the shade counts, with its unit.
+    /// Label: the quantity with its unit.
     pub label: String,
-    /// The values at its ends.
+    /// Values at the two ends.
     pub ends: [String; 2],
-    /// The colour of a share from 0 to 1.
+    /// Colour for a share from 0 to 1.
     pub color: fn(f64) -> Color,
 }
 
-/// Where a panel is drawn, in points.
+/// Frame of a panel, in points.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     pub left: f64,
@@ -190,10 +196,10 @@ pub(super) struct Frame {
     pub bottom: f64,
 }
 
-/// What draws in a panel without axes.
+/// Drawing function of a panel without axes.
 type Drawing = Box<dyn Fn(&mut Paper, Frame)>;
 
-/// One picture of a figure.
+/// Panel of a figure.
 pub struct Panel {
     axes: Option<[Axis; 2]>,
     heading: String,
@@ -210,7 +216,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// An empty panel with its axes.
+    /// Creates an empty panel with its axes.
     pub fn new(x: Axis, y: Axis) -> Panel {
         Panel {
             axes: Some([x, y]),
@@ -228,28 +234,28 @@ impl Panel {
         }
     }
 
-    /// A panel without axes.
+    /// Creates a panel without axes.
     pub(super) fn drawing(draw: impl Fn(&mut Paper, Frame) + 'static) -> Panel {
         let nothing = || Axis::linear("", "");
         Panel { axes: None, drawing: Some(Box::new(draw)), ..Panel::new(nothing(), nothing()) }
     }
 
-    /// A line above it, as "(a) triangles".
+    /// Sets a line above the panel, such as "(a) triangles".
     pub fn heading(self, heading: impl Into<String>) -> Panel {
         Panel { heading: heading.into(), ..self }
     }
 
-    /// Height of its frame in points, instead of 90.
+    /// Sets the height of the frame in points instead of 90.
     pub fn height(self, points: f64) -> Panel {
         Panel { height: points, ..self }
     }
 
-    /// Leaves the texts of the x axis to the panel below, which has the same.
+    /// Removes the texts of the x axis, if the panel below has the same axis.
     pub fn without_x_labels(self) -> Panel {
         Panel { has_x_labels: false, ..self }
     }
 
-    /// Adds a curve; earlier ones end up on top.
+    /// Adds a curve; earlier curves are drawn on top.
     pub fn curve(mut self, curve: Curve) -> Panel {
         self.curves.push(curve);
         self
@@ -261,7 +267,7 @@ impl Panel {
         self
     }
 
-    /// Adds obstacles, heights along y. One much farther away than the curves reach is left out.
+    /// Adds obstacles at heights along y; one far beyond the curves is left out.
     pub fn obstacles(mut self, obstacles: &[Obstacle]) -> Panel {
         self.obstacles.extend(obstacles);
         self
@@ -273,30 +279,30 @@ impl Panel {
         self
     }
 
-    /// Explains the colours of the bars, above the panel.
+    /// Explains the colours of the bars above the panel.
     pub fn ramp(self, ramp: Ramp) -> Panel {
         Panel { ramp: Some(ramp), ..self }
     }
 
-    /// A thin upright line, with a remark at its upper end.
+    /// Adds a thin vertical line with a remark at its upper end.
     pub fn rule_at_x(mut self, x: f64, remark: impl Into<String>) -> Panel {
         self.rules.push(([Some(x), None], remark.into()));
         self
     }
 
-    /// A thin level line, with a remark at its right end.
+    /// Adds a thin horizontal line with a remark at its right end.
     pub fn rule_at_y(mut self, y: f64, remark: impl Into<String>) -> Panel {
         self.rules.push(([None, Some(y)], remark.into()));
         self
     }
 
-    /// On logarithmic axes, the line y ~ x^order through a point, named by its order.
+    /// Adds the line y ~ x^order through a point on logarithmic axes, labelled with its order.
     pub fn slope(mut self, order: f64, through: [f64; 2]) -> Panel {
         self.slopes.push((order, through));
         self
     }
 
-    /// A remark to the right of a point.
+    /// Adds a remark to the right of a point.
     pub fn remark(mut self, at: [f64; 2], text: impl Into<String>) -> Panel {
         self.labels.push((at, text.into()));
         self
@@ -325,7 +331,7 @@ impl Panel {
     }
 }
 
-/// An entry of a key.
+/// Entry of a key.
 enum Key<'p> {
     Curve(&'p Curve),
     Obstacle,
@@ -385,7 +391,7 @@ impl Key<'_> {
                 for i in 0..parts {
                     let left = start + width * f64::from(i);
                     let color = (ramp.color)((f64::from(i) + 0.5) / f64::from(parts));
-                    // A little overlap leaves no seams.
+                    // A small overlap avoids visible seams.
                     paper.rectangle([left, y - 2.2], [left + 1.1 * width, y + 2.2], color);
                 }
                 paper.text(&ramp.ends[1], [end, y], KEY, Anchor::End);
@@ -395,7 +401,7 @@ impl Key<'_> {
     }
 }
 
-/// A figure, fit for a journal's column: 85 mm wide, or 180 mm as a page.
+/// Figure for a journal's column (85 mm wide) or page (180 mm wide).
 pub struct Figure {
     title: String,
     note: String,
@@ -406,7 +412,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// A figure of one column; the title may be empty.
+    /// Creates a figure of one column; the title may be empty.
     pub fn new(title: impl Into<String>) -> Figure {
         Figure {
             title: title.into(),
@@ -418,22 +424,22 @@ impl Figure {
         }
     }
 
-    /// As wide as a page.
+    /// Makes the figure as wide as a page.
     pub fn page(self) -> Figure {
         Figure { width: PAGE, ..self }
     }
 
-    /// With panels side by side, row by row.
+    /// Arranges the panels in columns, row by row.
     pub fn columns(self, columns: usize) -> Figure {
         Figure { columns: columns.max(1), ..self }
     }
 
-    /// With a small line at the foot: the command that made it, say.
+    /// Adds a small line at the foot, such as the command that made the figure.
     pub fn note(self, note: impl Into<String>) -> Figure {
         Figure { note: note.into(), ..self }
     }
 
-    /// Explains colours that all panels share, under the title.
+    /// Explains colours that all panels share, below the title.
     pub fn ramp(self, ramp: Ramp) -> Figure {
         Figure { ramp: Some(ramp), ..self }
     }
@@ -444,10 +450,12 @@ impl Figure {
         self
     }
 
-    /// Writes `path` with the extensions `svg` and `png`, each whole or not at all; creates the folder if need be.
+    /// Writes `path` with the extensions `svg` and `png`, each whole or not at all.
+    ///
+    /// The folder is created if necessary.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where a file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let svg = self.svg();
         let png_path = path.with_extension("png");
@@ -458,12 +466,12 @@ impl Figure {
     /// Writes the SVG alone.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// Returns [`Error::Io`] where the file cannot be written.
     pub fn write_svg(&self, path: &Path) -> Result<()> {
         write_in_folder(path, self.svg().as_bytes())
     }
 
-    /// The figure as SVG.
+    /// Returns the figure as SVG.
     pub fn svg(&self) -> String {
         let mut paper = Paper::new();
         let inside = self.width - 2.0 * MARGIN;
@@ -483,7 +491,7 @@ impl Figure {
         let pitch = inside / self.columns as f64;
         let fitted: Vec<Option<[Fitted; 2]>> =
             self.panels.iter().map(|panel| panel.fit(0.8 * pitch)).collect();
-        // Frames of one column are aligned.
+        // Frames in one column are aligned.
         let sides = |column: usize| {
             let of_column = self.panels.iter().zip(&fitted).skip(column).step_by(self.columns);
             of_column.fold([0.0, 0.0_f64], |[left, right]: [f64; 2], (panel, axes)| {
@@ -535,7 +543,7 @@ impl Figure {
     }
 }
 
-/// What stands above a panel, so that it never covers data.
+/// Texts above a panel, where they never cover data.
 struct Head<'p> {
     heading: Vec<String>,
     rows: Vec<Vec<Key<'p>>>,
@@ -546,7 +554,7 @@ impl<'p> Head<'p> {
         let mut rows: Vec<Vec<Key>> = Vec::new();
         let mut used = f64::INFINITY;
         for key in Key::all(panel) {
-            // The gap after the last entry may stick out.
+            // The gap after the last entry may extend beyond the width.
             if used + key.width() - 8.0 > width {
                 rows.push(Vec::new());
                 used = 0.0;
@@ -580,7 +588,7 @@ impl<'p> Head<'p> {
 }
 
 impl Panel {
-    /// What stands beside the y axis, in as many lines as its height asks for.
+    /// Wraps the label of the y axis into as many lines as its height requires.
     fn y_label(&self, axis: &Fitted) -> Vec<String> {
         wrapped(&axis.label, LABEL, self.height + 6.0)
     }
@@ -603,7 +611,7 @@ impl Panel {
             }
             for bar in &self.bars {
                 if let (Some(a), Some(b)) = (at([bar.x[0], bar.y[1]]), at([bar.x[1], bar.y[0]])) {
-                    // What is short still shows.
+                    // A minimal size keeps short bars visible.
                     paper.rectangle(a, [b[0].max(a[0] + 0.4), b[1].max(a[1] + 0.3)], bar.color);
                 }
             }
@@ -655,7 +663,7 @@ impl Panel {
                 }
             }
         });
-        // Marks on the frame stay whole.
+        // Markers on the frame are not clipped.
         for curve in self.curves.iter().rev() {
             let Some(marker) = curve.marker else { continue };
             for at in curve.points.iter().filter_map(|&point| at(point)) {
@@ -728,7 +736,7 @@ impl Panel {
     }
 }
 
-/// A solid body: shaded, its edge hatched `depth` deep (upwards where negative).
+/// Draws a solid body, shaded, with its edge hatched `depth` points deep (upwards if negative).
 fn draw_solid(paper: &mut Paper, [left, y]: At, [right, end]: At, depth: f64) {
     paper.line([left, y], [right, y], SOLID_EDGE);
     paper.rectangle([left, y.min(end)], [right, y.max(end)], Color::SHADE);
@@ -785,8 +793,10 @@ fn draw_marker(paper: &mut Paper, [x, y]: At, marker: Marker, curve: &Curve) {
     }
 }
 
-/// Cuts a curve at its gaps and thins it: one that goes steadily to the right keeps the first, least, greatest and last
-/// height of each of `columns` columns, any other the points that are apart.
+/// Splits a curve at its gaps and removes points that cannot be told apart.
+///
+/// A curve with increasing x keeps the least and greatest value of each of `columns` columns; any
+/// other curve keeps points at a visible distance.
 fn thinned(points: impl Iterator<Item = Option<At>>, left: f64, width: f64, columns: usize) -> Vec<Vec<At>> {
     let mut lines: Vec<Vec<At>> = vec![Vec::new()];
     for point in points {
@@ -820,7 +830,7 @@ fn thinned(points: impl Iterator<Item = Option<At>>, left: f64, width: f64, colu
     lines
 }
 
-/// The least and the greatest height in each column, in their order.
+/// Returns the points of least and greatest value in each column, in their order.
 fn extremes(line: &[At], left: f64, width: f64, columns: usize) -> Vec<At> {
     let column = |at: &At| ((at[0] - left) / width * columns as f64) as i64;
     let mut kept = Vec::new();
@@ -835,7 +845,7 @@ fn extremes(line: &[At], left: f64, width: f64, columns: usize) -> Vec<At> {
     kept
 }
 
-/// A text in as few lines as fit.
+/// Wraps a text into as few lines as fit.
 fn wrapped(text: &str, look: Type, width: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {

@@ -1,12 +1,12 @@
-//! Pictures that a journal would print: drawn as SVG, and the very same as PNG.
+//! Plots for publication, drawn as SVG and, from the same SVG, as PNG.
 //!
-//! A [`Figure`] has [`Panel`]s, a panel has [`Axis`] and [`Curve`]s. Everything is laid out in points for a column 85 mm
-//! wide (or a page, 180 mm), with letters of 6 to 8 points. Series differ in colour (the palette of Okabe and Ito, for every
-//! kind of colour vision), in dashes and in markers, so that they are told apart in grey. PNGs have 400 dots an inch and need no
-//! font on the machine.
+//! A [`Figure`] has [`Panel`]s; a panel has [`Axis`] and [`Curve`]s. Lengths are in points for a
+//! column of 85 mm (or a page of 180 mm), with letters of 6 to 8 points. Series differ in colour
+//! (the palette of Okabe and Ito, for every kind of colour vision), in dashes and in markers, so
+//! that they are distinct in grey. PNGs have 400 dots per inch and need no font on the machine.
 //!
-//! Extremes survive: a long curve keeps the least and greatest value of each column of the picture. Values that are not finite
-//! leave a gap, and no data, however odd, makes a drawing fail.
+//! Extremes survive: a long curve keeps the least and greatest value of each column of the picture.
+//! Values that are not finite leave a gap, and no data make a drawing fail.
 //!
 //! ```
 //! use rebond::output::plot::{Axis, Curve, Figure, Panel};
@@ -31,22 +31,22 @@ pub use axis::Axis;
 pub use figure::{Bar, Curve, Figure, Marker, Obstacle, Panel, Ramp};
 pub use paper::{Color, Pen};
 
-/// Name of the folder of pictures in the run folder.
+/// Name of the folder of plots in the run folder.
 pub const FOLDER: &str = "plots";
 
-/// Names of a run's pictures, without their extensions.
+/// Names of a run's plots, without their extensions.
 pub const PICTURES: [&str; 6] = ["history", "energy", "contacts", "phase", "spectrum", "snapshots"];
 
-/// Removes the pictures of a run from its folder.
+/// Removes the plots of a run from its folder.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io).
+/// Returns [`Error::Io`](crate::Error::Io) where a file cannot be removed.
 pub fn clear(folder: &Path) -> Result<()> {
     let pictures = PICTURES.iter().flat_map(|name| [format!("{name}.svg"), format!("{name}.png")]);
     pictures.into_iter().try_for_each(|name| remove(&folder.join(FOLDER).join(name)))
 }
 
-/// Two significant digits.
+/// Formats two significant digits.
 fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();

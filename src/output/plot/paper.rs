@@ -1,6 +1,6 @@
-//! A sheet of paper with the few verbs that pictures need: SVG text, and the very same as PNG.
+//! Canvas with the few primitives that plots need, rendered as SVG and from there as PNG.
 //!
-//! Lengths are in points (1/72 inch), y downwards.
+//! Lengths are in points (1/72 inch), with y downwards.
 
 use crate::error::{Error, Result};
 use resvg::tiny_skia::{Pixmap, Transform};
@@ -10,18 +10,19 @@ use std::io;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 
-/// Where a thing is, in points.
+/// Position in points.
 pub(super) type At = [f64; 2];
 
-/// Points in a millimetre.
+/// Points per millimetre.
 const POINTS_PER_MM: f64 = 72.0 / 25.4;
-/// Pixels in a point: 400 dots an inch.
+/// Pixels per point at 400 dots per inch.
 const PIXELS_PER_POINT: f32 = 400.0 / 72.0;
-/// Coordinates beyond are off any paper.
+/// Limit on coordinates, far outside any figure.
 const FAR: f64 = 1e4;
 
-/// The font that texts are measured and rasterised with: any machine has it, for it is in the program.
-/// Programs that show the SVG without it take one that is no wider.
+/// Font by which texts are measured and rasterised, which is part of the program.
+///
+/// Programs that show the SVG without this font take one that is no wider.
 const FONTS: &str = "DejaVu Sans, Verdana, Helvetica, Arial, sans-serif";
 
 static FACE: LazyLock<Option<ttf_parser::Face<'static>>> =
@@ -35,21 +36,21 @@ static FONT_DATABASE: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// A colour, as `#RRGGBB`.
+/// Colour, written as `#RRGGBB`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Color(pub u8, pub u8, pub u8);
 
 impl Color {
-    /// Ink.
+    /// Black.
     pub const BLACK: Color = Color(0, 0, 0);
-    /// Paper.
+    /// White, the background.
     pub const WHITE: Color = Color(255, 255, 255);
-    /// Of rules and remarks.
+    /// Grey of rules and remarks.
     pub const GREY: Color = Color(110, 110, 110);
-    /// Of what is solid.
+    /// Light grey of solid bodies.
     pub const SHADE: Color = Color(222, 222, 222);
 
-    /// The colour `share` of the way to another.
+    /// Mixes the colour with a `share` of another.
     pub fn towards(self, other: Color, share: f64) -> Color {
         let mix = |a: u8, b: u8| {
             (f64::from(a) + share.clamp(0.0, 1.0) * (f64::from(b) - f64::from(a))).round() as u8
@@ -58,7 +59,7 @@ impl Color {
     }
 }
 
-/// The colour at a share, from 0 to 1, of the way along some.
+/// Interpolates between colours at a share from 0 to 1.
 pub(super) fn blend(stops: &[Color], share: f64) -> Color {
     let place = share.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
     let first = (place as usize).min(stops.len().saturating_sub(2));
@@ -71,25 +72,25 @@ impl std::fmt::Display for Color {
     }
 }
 
-/// What draws a line.
+/// Pen for lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pen {
-    /// Its colour.
+    /// Colour of the line.
     pub color: Color,
-    /// Points drawn and skipped in turn; none: a solid line.
+    /// Lengths drawn and skipped in turn, in points; empty for a solid line.
     pub dashes: &'static [f64],
-    /// Its width, in points.
+    /// Width of the line, in points.
     pub width: f64,
 }
 
 impl Pen {
-    /// A solid pen.
+    /// Creates a pen for solid lines.
     pub const fn solid(color: Color, width: f64) -> Pen {
         Pen { color, dashes: &[], width }
     }
 }
 
-/// Which part of a text stands at its position.
+/// Part of a text that stands at its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Anchor {
     Start,
@@ -97,13 +98,13 @@ pub(super) enum Anchor {
     End,
 }
 
-/// How a text looks.
+/// Type of a text: size and appearance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Type {
     pub size: f64,
     pub bold: bool,
     pub color: Color,
-    /// Stands out from what it is written over.
+    /// Whether a halo separates the text from its background.
     pub halo: bool,
 }
 
@@ -112,7 +113,7 @@ impl Type {
         Type { size, bold: false, color: Color::BLACK, halo: false }
     }
 
-    /// Width of a text, in points.
+    /// Returns the width of a text, in points.
     pub fn width(&self, text: &str) -> f64 {
         let Some(face) = &*FACE else { return 0.6 * self.size * text.chars().count() as f64 };
         let advance = |c| face.glyph_index(c).and_then(|glyph| face.glyph_hor_advance(glyph)).unwrap_or(600);
@@ -122,13 +123,13 @@ impl Type {
         wider * units * self.size / f64::from(face.units_per_em())
     }
 
-    /// From a line of text to the next.
+    /// Returns the line spacing, in points.
     pub fn line(&self) -> f64 {
         1.35 * self.size
     }
 }
 
-/// The sheet.
+/// Canvas.
 pub struct Paper {
     svg: String,
     clips: usize,
@@ -163,7 +164,7 @@ impl Paper {
         self.put(format_args!("<polyline fill=\"none\" {stroke} points=\"{points}\"/>"));
     }
 
-    /// A closed shape, filled and perhaps outlined.
+    /// Draws a closed shape, filled and optionally outlined.
     pub(super) fn polygon(&mut self, points: &[At], fill: Color, edge: Option<Pen>) {
         let (points, stroke) = (listed(points), edge.map(stroke).unwrap_or_default());
         self.put(format_args!("<polygon fill=\"{fill}\" {stroke} points=\"{points}\"/>"));
@@ -174,13 +175,13 @@ impl Paper {
         self.put(format_args!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{r}\" fill=\"{fill}\" {stroke}/>"));
     }
 
-    /// A text whose middle height is at the position.
+    /// Draws a text whose middle height is at the position.
     pub(super) fn text(&mut self, text: &str, [x, y]: At, look: Type, anchor: Anchor) {
         let (x, y) = (number(x), number(y + 0.36 * look.size));
         self.write_text(text, &format!("x=\"{x}\" y=\"{y}\""), look, anchor);
     }
 
-    /// A centred text that is read from the right.
+    /// Draws a centred text, rotated to read upwards.
     pub(super) fn text_upwards(&mut self, text: &str, [x, y]: At, look: Type) {
         let (x, y) = (number(x + 0.36 * look.size), number(y));
         self.write_text(text, &format!("transform=\"translate({x} {y}) rotate(-90)\""), look, Anchor::Middle);
@@ -206,7 +207,7 @@ impl Paper {
         ));
     }
 
-    /// Draws with what falls outside a rectangle cut off.
+    /// Draws with a rectangle as clip path.
     pub(super) fn clipped(&mut self, [left, top]: At, [right, bottom]: At, draw: impl FnOnce(&mut Paper)) {
         self.clips += 1;
         let id = self.clips;
@@ -219,7 +220,7 @@ impl Paper {
         self.put(format_args!("</g>"));
     }
 
-    /// The drawing as an SVG of that size, on white.
+    /// Returns the drawing as an SVG of that size, on white.
     pub(super) fn finish(self, [width, height]: At) -> String {
         let millimetres = [width, height].map(|length| number(length / POINTS_PER_MM));
         let [width, height] = [width, height].map(number);
@@ -232,13 +233,13 @@ impl Paper {
     }
 }
 
-/// The PNG of an SVG that [`Paper`] made, 400 dots an inch; `path` names it in errors.
+/// Renders an SVG of [`Paper`] as PNG with 400 dots per inch; `path` appears in errors.
 pub(super) fn png(svg: &str, path: &Path) -> Result<Vec<u8>> {
     let failed = |why: &dyn std::fmt::Display| Error::io(path)(io::Error::other(why.to_string()));
     let options =
         Options { fontdb: FONT_DATABASE.clone(), font_family: "DejaVu Sans".into(), ..Options::default() };
     let tree = Tree::from_str(svg, &options).map_err(|why| failed(&why))?;
-    // SVG counts 96 pixels to the inch.
+    // SVG has 96 pixels per inch.
     let scale = PIXELS_PER_POINT * 72.0 / 96.0;
     let size = tree.size();
     let [width, height] = [size.width(), size.height()].map(|length| (length * scale).round() as u32);
@@ -261,7 +262,7 @@ fn listed(points: &[At]) -> String {
     pairs.join(" ")
 }
 
-/// A coordinate to a hundredth of a point, as short as it gets.
+/// Formats a coordinate to a hundredth of a point, as short as possible.
 fn number(value: f64) -> String {
     let text = format!("{:.2}", value.clamp(-FAR, FAR));
     let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -1,4 +1,4 @@
-//! The deformed plate in perspective, above or below its obstacles.
+//! Perspective view of the deformed plate between its obstacles.
 
 use super::axis::is_near;
 use super::figure::Frame;
@@ -7,29 +7,29 @@ use super::{Figure, Panel, Ramp, short};
 use crate::output::vtu::Surface;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-/// Snapshots of one figure.
+/// Largest number of snapshots in a figure.
 const MOST: usize = 6;
-/// A surface of more faces is drawn on a coarser grid of about as many.
+/// Number of faces above which a surface is drawn on a coarser grid with about as many.
 const MOST_FACES: usize = 3000;
-/// Where the eye looks from: turned about the vertical, and raised above the horizon, in radians.
+/// Viewing direction: rotation about the vertical and elevation, in radians.
 const TURN: f64 = -0.60;
 const RISE: f64 = 0.42;
-/// Distance of the eye over the size of the scene.
+/// Distance of the eye relative to the size of the scene.
 const DISTANCE: f64 = 4.0;
-/// Height of the drawn deflections over the plate's length, at least.
+/// Least height of the drawn deflections relative to the plate's length.
 const RELIEF: f64 = 0.3;
 
 const OUTLINE: Pen = Pen::solid(Color::GREY, 0.5);
 const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
 const REMARK: Type = Type::new(6.5);
-/// Height of the line that tells the time.
+/// Height of the line with the time, in points.
 const BAND: f64 = 10.0;
-/// Height of a peg.
+/// Height of a peg, in points.
 const PEG: f64 = 4.0;
 
 type Space = [f64; 3];
 
-/// Evenly chosen entries, the first and the last among them.
+/// Returns evenly chosen entries, including the first and the last.
 pub fn chosen<T>(all: &[T]) -> Vec<&T> {
     let count = all.len().min(MOST);
     (0..count).map(|i| &all[if count > 1 { i * (all.len() - 1) / (count - 1) } else { 0 }]).collect()
@@ -46,7 +46,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
     };
     let deflections = |(_, surface): &(f64, Surface)| surface.deflection.clone();
     let [low, high] = range(&mut snapshots.iter().flat_map(deflections));
-    // An obstacle far away would leave no picture to the plate.
+    // A distant obstacle is left out, because it would make the plate too small.
     let heights = snapshots.iter_mut().flat_map(|(_, surface)| surface.obstacles.iter_mut().flatten());
     heights.filter(|height| !is_near(**height, [low, high].into_iter())).for_each(|far| *far = f64::NAN);
 
@@ -60,7 +60,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
     let view = View { sides, size, scale };
     let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
     let walls: Vec<[Wall; 2]> = snapshots.iter().map(wall).collect();
-    // One window for all.
+    // All snapshots share one window.
     let mut window = Window::default();
     for (_, Surface { points, deflection, .. }) in &snapshots {
         points.iter().zip(deflection).for_each(|(&[x, y], &w)| window.show(view.see([x, y, w])));
@@ -69,7 +69,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
         faces.iter().flatten().chain(stops).for_each(|&corner| window.show(view.see(corner)));
     }
 
-    // What is next to nothing beside the others is rounding.
+    // A value much smaller than the others is a rounding error.
     let end = |w: f64| short(if w.abs() < 1e-4 * (high - low) { 0.0 } else { w });
     let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
     let label =
@@ -106,23 +106,25 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
     figure
 }
 
-/// An obstacle that is met at single points: a peg that stands under the plate, or hangs above it.
+/// Draws an obstacle at single points as a peg that stands below the plate or hangs above it.
 fn draw_stop(paper: &mut Paper, [x, y]: [f64; 2], down: f64) {
     let base = y + down * PEG;
     paper.polygon(&[[x, y], [x + 0.4 * PEG, base], [x - 0.4 * PEG, base]], Color::SHADE, Some(OUTLINE));
 }
 
-/// What an obstacle looks like.
+/// Drawing of an obstacle.
 struct Wall {
     faces: Vec<Vec<Space>>,
-    /// Where faces end.
+    /// Edges of the faces.
     edges: Vec<[Space; 2]>,
-    /// Points opposite to no face.
+    /// Points without a face.
     stops: Vec<Space>,
 }
 
 impl Wall {
-    /// The obstacle below (side 0) or above (1) a surface: if it is level and under all of it, a little larger.
+    /// Returns the obstacle below (side 0) or above (side 1) a surface.
+    ///
+    /// A level obstacle that faces the whole surface becomes a slightly larger rectangle.
     fn of(surface: &Surface, side: usize, view: &View) -> Wall {
         let heights = &surface.obstacles[side];
         let place = |point: usize| [surface.points[point][0], surface.points[point][1], heights[point]];
@@ -147,7 +149,7 @@ impl Wall {
     }
 }
 
-/// The largest of 1, 2, 5, 10, ... that is not more.
+/// Returns the largest of 1, 2, 5, 10, ... that does not exceed a number.
 fn exaggeration(most: f64) -> f64 {
     if !(most.is_finite() && most > 1.0) {
         return 1.0;
@@ -156,7 +158,7 @@ fn exaggeration(most: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|digit| digit * power).find(|&scale| scale <= most).unwrap_or(1.0)
 }
 
-/// Dark to light, as in the palette "viridis".
+/// Returns a colour from dark to light, as in the palette "viridis".
 fn depth(share: f64) -> Color {
     let stops =
         [Color(68, 1, 84), Color(59, 82, 139), Color(33, 145, 140), Color(94, 201, 98), Color(253, 231, 37)];
@@ -170,17 +172,17 @@ impl Surface {
     }
 }
 
-/// An eye that looks at the plate.
+/// View of the plate from the eye.
 #[derive(Clone, Copy)]
 struct View {
     sides: [[f64; 2]; 2],
     size: f64,
-    /// Of deflections.
+    /// Scale of the deflections.
     scale: f64,
 }
 
 impl View {
-    /// Right, up and away, in sizes of the plate.
+    /// Rotates a point to coordinates right, up and away, in sizes of the plate.
     fn turned(&self, [x, y, w]: Space) -> Space {
         let centred = |value: f64, [low, high]: [f64; 2]| (value - 0.5 * (low + high)) / self.size;
         let (x, y, z) = (centred(x, self.sides[0]), centred(y, self.sides[1]), self.scale * w / self.size);
@@ -190,20 +192,20 @@ impl View {
         [x, sin * y + cos * z, cos * y - sin * z]
     }
 
-    /// Right and up on the picture.
+    /// Projects a point to coordinates right and up on the picture.
     fn see(&self, point: Space) -> [f64; 2] {
         let [right, up, away] = self.turned(point);
         [right, up].map(|length| length * DISTANCE / (DISTANCE + away))
     }
 
-    /// A little more than the plate's rectangle, at a height.
+    /// Returns a rectangle slightly larger than the plate, at a height.
     fn plane(&self, height: f64) -> [Space; 4] {
         let more = 0.08 * self.size;
         let [[left, right], [front, back]] = self.sides.map(|[low, high]| [low - more, high + more]);
         [[left, front, height], [right, front, height], [right, back, height], [left, back, height]]
     }
 
-    /// The faces of a surface, far to near.
+    /// Returns the faces of a surface, sorted from far to near.
     fn sorted<'s>(&self, surface: &'s Surface) -> Vec<&'s [usize]> {
         let away = |face: &[usize]| {
             face.iter().map(|&point| self.turned(surface.place(point))[2]).sum::<f64>() / face.len() as f64
@@ -215,7 +217,7 @@ impl View {
     }
 }
 
-/// What part of the picture plane is shown.
+/// Visible part of the picture plane.
 #[derive(Clone, Copy)]
 struct Window {
     low: [f64; 2],
@@ -255,9 +257,9 @@ impl Window {
     }
 }
 
-/// A surface of many faces with a face for each of the mesh's cells.
+/// Replaces the faces of a fine surface by one face per cell of the mesh.
 fn merged(mut surface: Surface) -> Surface {
-    // A corner of a cell is a corner of just one of its small cells.
+    // A corner of a cell is a corner of only one of its small cells.
     let mut corners: BTreeMap<usize, BTreeMap<usize, usize>> = BTreeMap::new();
     for (face, &parent) in surface.cells.iter().zip(&surface.parents) {
         let of_parent = corners.entry(parent).or_default();
@@ -284,8 +286,9 @@ fn merged(mut surface: Surface) -> Surface {
     surface
 }
 
-/// A surface of many faces with fewer: those of the mesh, or if that has many too, those of a grid whose points take the
-/// nearest values.
+/// Reduces the faces of a fine surface to those of the mesh, or to those of a grid.
+///
+/// The grid serves where the mesh has too many faces as well; its points take the nearest values.
 fn coarsened(surface: Surface) -> Surface {
     if surface.cells.len() <= MOST_FACES {
         return surface;
@@ -304,7 +307,7 @@ fn coarsened(surface: Surface) -> Surface {
     let parts = |length: f64| (length / spacing).round().max(1.0) as usize;
     let [nx, ny] = [parts(right - left), parts(back - front)];
     let [dx, dy] = [(right - left) / nx as f64, (back - front) / ny as f64];
-    // By place in the grid: distance to the nearest point, and that point.
+    // The map has the distance to the nearest point, and that point, by position in the grid.
     let mut nearest: HashMap<(usize, usize), (f64, usize)> = HashMap::new();
     for (number, &[x, y]) in surface.points.iter().enumerate() {
         let [i, j] = [(x - left) / dx, (y - front) / dy];
@@ -333,7 +336,7 @@ fn coarsened(surface: Surface) -> Surface {
             }
         }
     }
-    // Contacts stay where they are.
+    // Points in contact keep their positions.
     for (&at, (&w, &r)) in surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction)) {
         coarse.reaction.resize(coarse.points.len(), 0.0);
         if r != 0.0 {

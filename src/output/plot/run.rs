@@ -1,4 +1,4 @@
-//! The pictures of a run, from what its folder has.
+//! Plots of a run, from the files of its folder.
 
 use super::paper::blend;
 use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
@@ -8,14 +8,16 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::collections::BTreeMap;
 
-/// Probes that get a panel of their own.
+/// Largest number of probes with a panel of their own.
 const MOST_PROBES: usize = 4;
-/// Bars that a contact map has at most, about.
+/// Approximate limit on the bars of a contact map.
 const MOST_BARS: f64 = 10_000.0;
-/// A start with less than this share of the largest energy is no measure of it.
+/// Least initial energy, relative to the largest, to which energies are related.
 const LEAST_START: f64 = 0.05;
 
-/// Deflection of the probes with the obstacles above, the energies over their start below; the energies alone without probes.
+/// Plots the deflection of the probes with the obstacles, and the energies relative to their start.
+///
+/// Without probes there are the energies alone.
 pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     let times = column(table, "time");
     let probes = table.probes().enumerate();
@@ -34,7 +36,7 @@ pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     figure.panel(energies)
 }
 
-/// The ledger: energies, how far their sum has come from its start, and the force of the obstacles.
+/// Plots the energies, the change of their sum since the start, and the force of the obstacles.
 pub fn energy(table: &Table, title: &str) -> Figure {
     let times = column(table, "time");
     let work = is_any(table, "work").then(|| Curve::of("work", times, column(table, "work")));
@@ -62,9 +64,10 @@ pub fn energy(table: &Table, title: &str) -> Figure {
     figure.panel(Panel::new(time(table), Axis::linear("obstacle force", "N")).height(56.0).curve(force))
 }
 
-/// Which node touches when, in the order of their places along the plate; and where they are.
+/// Plots the contacts of each node over time, and a map of the nodes.
 ///
-/// `outline` are the plate's edges, from point to point, in m.
+/// Nodes are ordered by their position along the plate. `outline` is the boundary of the plate, as
+/// pairs of points in m.
 pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[[f64; 2]; 2]>) -> Figure {
     let mut nodes: Vec<&Contact> = contacts.iter().collect();
     nodes.sort_by(|a, b| {
@@ -81,13 +84,13 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
     let rows = nodes.len() as f64;
     let bars = joined(contacts, end * rows / MOST_BARS);
     let largest = bars.iter().map(|bar| bar.2.abs()).fold(0.0, f64::max);
-    // Impulses span decades: three of them show.
+    // Impulses extend over decades, of which three are shown.
     let share = move |impulse: f64| 1.0 + (impulse.abs() / largest).max(1e-3).log10() / 3.0;
     let bar = |&(node, x, impulse): &(usize, [f64; 2], f64)| {
         let y = place[&node] as f64;
         Bar { x, y: [y + 0.55, y + 1.45], color: heat(share(impulse)) }
     };
-    // By the numbers of contacts.csv.
+    // The numbers are those of contacts.csv.
     let numbers = nodes.iter().map(|contact| contact.node.to_string());
     let axis = Axis::linear("contact node", "").named(numbers).within(0.5, rows + 0.5);
     let map = Panel::new(time(table), axis)
@@ -116,7 +119,7 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
     )
     .heading("Where the nodes are; impulse of the whole run:")
     .height(plan_height);
-    // What is not a number lifts the pen.
+    // A NaN interrupts the line.
     let edges = outline.iter().flat_map(|&[a, b]| [a, b, [f64::NAN; 2]]).collect();
     plan = plan.curve(Curve::new("", edges).color(Color::GREY).width(0.6));
     for (contact, impulse) in nodes.iter().zip(&total) {
@@ -128,7 +131,7 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
     Figure::new(title).panel(map).panel(plan)
 }
 
-/// Node, interval and impulse of contacts; those of a node closer than `apart` seconds are joined.
+/// Returns node, interval (s) and impulse (N s) of contacts, joined where closer than `apart` s.
 fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
     let mut of_node: BTreeMap<usize, Vec<(usize, [f64; 2], f64)>> = BTreeMap::new();
     for &Contact { node, begin, end, impulse, .. } in contacts {
@@ -144,7 +147,9 @@ fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
     of_node.into_values().flatten().collect()
 }
 
-/// Velocity over deflection of each probe, with the heights (m) of the obstacles opposite to it, by its name.
+/// Plots velocity over deflection of each probe, with the heights (m) of the obstacles it faces.
+///
+/// `opposite` has these heights by name of the probe.
 pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) -> Figure {
     let times = column(table, "time");
     let panel = |(index, (name, values)): (usize, (&str, &[f64]))| {
@@ -165,13 +170,13 @@ pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) 
     panels(Figure::new(title), table.probes().enumerate().take(MOST_PROBES).map(panel).collect())
 }
 
-/// One column for one panel, else two, as wide as a page.
+/// Arranges one panel in a column, several in two columns as wide as a page.
 fn panels(figure: Figure, panels: Vec<Panel>) -> Figure {
     let figure = if panels.len() > 1 { figure.page().columns(2) } else { figure };
     panels.into_iter().fold(figure, Figure::panel)
 }
 
-/// Amplitude of each probe's oscillations by frequency: their Fourier transform under a Hann window.
+/// Plots the amplitude of each probe's oscillations over frequency, with a Hann window.
 pub fn spectrum(table: &Table, title: &str) -> Figure {
     let times = column(table, "time");
     let uniform = uniform(times);
@@ -185,7 +190,7 @@ pub fn spectrum(table: &Table, title: &str) -> Figure {
     let mut amplitude = Axis::log("amplitude", "m");
     let mut frequency = Axis::log("frequency", "Hz").tight();
     if largest > 0.0 && first > 0.0 {
-        // What is smaller is rounding or the window's own.
+        // Smaller amplitudes are due to rounding or to the window.
         amplitude = amplitude.within(1e-7 * largest, 2.0 * largest);
         frequency = frequency.within(first, last);
     }
@@ -197,16 +202,18 @@ pub fn spectrum(table: &Table, title: &str) -> Figure {
     Figure::new(title).panel(panel)
 }
 
-/// How many of the first times are equally far apart: the last row of a run may come early.
+/// Returns how many of the first times are equally spaced; the last row of a run may come early.
 fn uniform(times: &[f64]) -> usize {
     let Some(step) = times.get(1).map(|second| second - times[0]) else { return times.len() };
     let even = |ends: &[f64]| (ends[1] - ends[0] - step).abs() < 1e-3 * step;
     times.windows(2).position(|ends| !even(ends)).map_or(times.len(), |odd| odd + 1)
 }
 
-/// Frequency (Hz) and amplitude of the oscillations in equally spaced values, by the Fourier transform under a Hann window.
+/// Returns frequencies (Hz) and amplitudes of equally spaced values, by a windowed Fourier
+/// transform.
 ///
-/// An oscillation in the middle of a bin shows its own amplitude there, and half of it in the bins beside.
+/// With the Hann window, an oscillation at the centre of a bin has its own amplitude there, and
+/// half of it in the adjacent bins.
 pub fn amplitudes(times: &[f64], values: &[f64]) -> Vec<[f64; 2]> {
     let count = values.len();
     if count < 8 || values.iter().any(|value| !value.is_finite()) {
@@ -214,7 +221,7 @@ pub fn amplitudes(times: &[f64], values: &[f64]) -> Vec<[f64; 2]> {
     }
     let mean = values.iter().sum::<f64>() / count as f64;
     let turn = std::f64::consts::TAU / count as f64;
-    // The window's mean is a half.
+    // The mean of the window is one half.
     let window = |i: usize| 0.5 - 0.5 * (turn * i as f64).cos();
     let mut transform: Vec<Complex<f64>> =
         values.iter().enumerate().map(|(i, value)| Complex::new((value - mean) * window(i), 0.0)).collect();
@@ -228,13 +235,13 @@ fn column<'t>(table: &'t Table, name: &str) -> &'t [f64] {
     table.column(name).unwrap_or_default()
 }
 
-/// The axis of all times.
+/// Creates the axis of all times.
 fn time(table: &Table) -> Axis {
     let times = column(table, "time");
     Axis::linear("time", "s").with(times.first().into_iter().chain(times.last()).copied()).tight()
 }
 
-/// The energies in colours that differ in grey too, for where they are too dense for dashes.
+/// Creates the energy curves, in colours that differ in grey, for data too dense for dashes.
 fn energies(table: &Table) -> [Curve; 3] {
     let curve = |name| Curve::of(name, column(table, "time"), column(table, name));
     [
@@ -244,7 +251,7 @@ fn energies(table: &Table) -> [Curve; 3] {
     ]
 }
 
-/// The energy at the start, where it is fit to measure others by.
+/// Returns the initial energy, if it is large enough as a reference for others.
 fn start(table: &Table) -> Option<f64> {
     let energies = ["energy", "elastic", "kinetic"].into_iter().flat_map(|name| column(table, name));
     let largest =
@@ -257,7 +264,7 @@ fn is_any(table: &Table, name: &str) -> bool {
     column(table, name).iter().any(|value| *value != 0.0)
 }
 
-/// Light to dark.
+/// Returns a colour from light to dark.
 fn heat(share: f64) -> Color {
     let stops = [Color(254, 224, 182), Color(230, 130, 60), Color(160, 40, 40), Color(40, 5, 30)];
     blend(&stops, share)

@@ -1,31 +1,31 @@
-//! Reading a study: who is cheapest at which accuracy, and how fast errors fall.
+//! Evaluation of a study: Pareto fronts, the cheapest run per accuracy, and orders of convergence.
 
 use super::trajectory::{Deviation, Parts};
 use super::{Accuracy, Limit, Run};
 use crate::scene::{Horizon, Mass};
 use serde::Serialize;
 
-/// Costs that differ by less than this ratio count as equal: a front must not hang on the noise of a clock.
+/// Ratio below which two costs count as equal, so that a front does not depend on timing noise.
 const SAME_COST: f64 = 1.25;
 
-/// Relative accuracies at which the cheapest run is named.
+/// Relative accuracies for which the cheapest run is named.
 pub const ACCURACIES: [f64; 4] = [1e-1, 1e-2, 1e-3, 1e-4];
 
-/// Relative errors from which an order is read: below them errors fall, if they do.
+/// Relative error below which points count for an order of convergence.
 const ORDERLY: f64 = 0.1;
 
-/// Which error ranks.
+/// Error by which runs are ranked.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {
-    /// The error in time, among the runs of one mesh.
+    /// Error in time, among the runs of one mesh.
     Time,
-    /// The sum of both, among all.
+    /// Sum of both errors, among all runs.
     Whole,
 }
 
 impl Axis {
-    /// That error of a run, relative.
+    /// Returns this error of a run, relative.
     pub fn error(self, run: &Run) -> f64 {
         match self {
             Axis::Time => run.time_error,
@@ -34,8 +34,9 @@ impl Axis {
     }
 }
 
-/// The Pareto front of some (cost, error) pairs: the numbers of those that no other beats in error at the same cost or less, cheapest
-/// first.
+/// Returns the indices on the Pareto front of (cost, error) pairs, cheapest first.
+///
+/// A pair is on the front if no other has a smaller error at the same cost or less.
 pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
     let beats = |one: &(f64, f64), other: &(f64, f64)| {
         one.0 <= SAME_COST * other.0 && (one.1 < other.1 || one.1 == other.1 && one.0 < other.0)
@@ -49,18 +50,18 @@ pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
     front
 }
 
-/// The [Pareto front](pareto) of some runs.
+/// Returns the [Pareto front](pareto) of some runs.
 pub fn front<'r>(runs: &[&'r Run], axis: Axis) -> Vec<&'r Run> {
     let points: Vec<(f64, f64)> = runs.iter().map(|run| (run.seconds(), axis.error(run))).collect();
     pareto(&points).into_iter().map(|number| runs[number]).collect()
 }
 
-/// The cheapest run of a front at an accuracy.
+/// Returns the cheapest run of a front that reaches an accuracy.
 pub fn cheapest<'r>(front: &[&'r Run], axis: Axis, accuracy: f64) -> Option<&'r Run> {
     front.iter().find(|run| axis.error(run) <= accuracy).copied()
 }
 
-/// The slope of log(error) over log(size), by least squares; `None` for fewer than two points.
+/// Returns the least-squares slope of log y over log x; `None` for fewer than two points.
 pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> =
         points.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
@@ -71,34 +72,34 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
     (logs.len() > 1 && sxx > 0.0).then(|| sxy / sxx)
 }
 
-/// How fast the error of a method falls with its step on a mesh.
+/// Order of convergence of a method with its step, on one mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TimeOrder {
-    /// The mesh.
+    /// Name of the mesh.
     pub mesh: String,
-    /// The method.
+    /// Name of the method.
     pub method: String,
     /// Order up to the first impact.
     pub first_impact: Option<f64>,
-    /// Order up to the second.
+    /// Order up to the second impact.
     pub second_impact: Option<f64>,
     /// Order over the whole run.
     pub end: Option<f64>,
 }
 
-/// How fast the error in space falls from one mesh to the next.
+/// Order of convergence in space, between two meshes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpaceOrder {
-    /// The coarser mesh, and the finer one.
+    /// Coarser and finer mesh.
     pub meshes: [String; 2],
-    /// Order of the deflection, L2 norm, up to the horizon.
+    /// Order of the deflection in the L2 norm, up to the first impact.
     pub l2: Option<f64>,
-    /// Order in the energy norm.
+    /// Order of the deflection in the energy norm, up to the first impact.
     pub energy: Option<f64>,
 }
 
 impl Accuracy {
-    /// The meshes, each once, in the order of the runs.
+    /// Returns the names of the meshes, without repetition, in the order of the limits.
     pub fn meshes(&self) -> Vec<String> {
         let mut meshes: Vec<String> = Vec::new();
         for limit in &self.limits {
@@ -109,12 +110,14 @@ impl Accuracy {
         meshes
     }
 
-    /// The runs on a mesh.
+    /// Returns the runs on a mesh.
     pub fn runs_on(&self, mesh: &str) -> Vec<&Run> {
         self.runs.iter().filter(|run| super::mesh_name(&run.case.grid) == mesh).collect()
     }
 
-    /// Those that share a limit on a mesh, so that their errors in time can be ranked: the singular mass's, if there are any.
+    /// Returns the runs on a mesh that share a limit, so that their errors in time can be ranked.
+    ///
+    /// These are the runs with the singular mass, or all runs if there are none.
     pub fn ranked_on(&self, mesh: &str) -> Vec<&Run> {
         let runs = self.runs_on(mesh);
         let singular = |run: &&&Run| run.case.method.mass == Mass::Singular;
@@ -122,7 +125,9 @@ impl Accuracy {
         if ranked.is_empty() { runs } else { ranked }
     }
 
-    /// The order of each method on each mesh, read from its errors between ORDERLY and three times the limit's own.
+    /// Computes the order of each method on each mesh.
+    ///
+    /// Errors count if they are below `ORDERLY` and above three times the limit's own error.
     pub fn time_orders(&self) -> Vec<TimeOrder> {
         let mut orders = Vec::new();
         for mesh in self.meshes() {
@@ -159,13 +164,13 @@ impl Accuracy {
         orders
     }
 
-    /// The error below which runs on a mesh are not told from their limit.
+    /// Returns the error below which runs on a mesh are not resolved from their limit.
     fn floor(&self, mesh: &str, part: fn(&Parts<Deviation>) -> Option<Deviation>) -> f64 {
         let own = self.limits.iter().filter(|limit| limit.mesh == mesh);
         super::FLOOR * own.filter_map(|limit| part(&limit.own_error)).map(|d| d.rms).fold(0.0, f64::max)
     }
 
-    /// The order from each mesh to the next finer one of the same element, with the same mass.
+    /// Computes the orders between each mesh and the next finer one with the same element and mass.
     pub fn space_orders(&self) -> Vec<SpaceOrder> {
         let element = |limit: &Limit| limit.mesh.split(' ').next().map(str::to_owned);
         let finer = |coarse: &Limit| {

@@ -1,13 +1,14 @@
-//! What accuracy costs in time: the work behind `rebond study`.
+//! Work-precision study behind `rebond study`: the error of each run against its time.
 //!
-//! Each run is measured twice. Its *error in time* is its distance from the motion of the semi-discrete problem on its own mesh
-//! ([`truth`]); its *error in space* is the distance of that motion from the one on a finer mesh, both evaluated as the C1
-//! functions they are ([`norms`]). Their sum bounds the whole error, and the larger says where to spend. Runs are ranked by
-//! the root mean square of the error at the probes, relative to the largest deflection there, up to the
-//! [horizon](crate::scene::Horizon) that the scene names: past the second impact the motion of this problem amplifies any difference, and a
-//! comparison of trajectories says little.
+//! Each run is measured twice. Its *error in time* is its distance from the motion of the
+//! semi-discrete problem on its own mesh ([`truth`]). Its *error in space* is the distance of that
+//! motion from the one on a finer mesh, both evaluated as the C1 functions they are ([`norms`]).
+//! Their sum bounds the whole error, and the larger one shows what to refine. Runs are ranked by
+//! the root mean square of the error at the probes, relative to the largest deflection there, up to
+//! the [horizon](crate::scene::Horizon) that the scene names: past the second impact the motion
+//! amplifies any difference, so that a comparison of trajectories says little.
 //!
-//! Seconds are the least of several repetitions after a first run, which is the one that is measured.
+//! A first run gives the errors. Its seconds are the least of several further repetitions.
 
 pub mod front;
 pub mod norms;
@@ -31,188 +32,197 @@ use std::rc::Rc;
 use trajectory::{Deviation, Distance, Parts, Trajectory};
 use truth::{Family, Truth};
 
-/// Repetitions stop once they have taken this long together, in s.
+/// Limit on the total time of a case's repetitions, in s.
 const PATIENCE: f64 = 10.0;
 
-/// Short runs are repeated until they have taken this long together, in s, so that one moment's disturbance does not rank them; at most
-/// this often.
+/// Total time, in s, up to which short cases are repeated, at most [`MOST_REPETITIONS`] times.
+///
+/// This keeps a momentary disturbance from affecting the ranks.
 const ENOUGH: f64 = 0.2;
 const MOST_REPETITIONS: u32 = 30;
 
-/// Steps from which the time of a run is foretold.
+/// Number of steps from which the time of a run is estimated.
 const FORETELLING_STEPS: f64 = 20.0;
 
-/// A truth computed by small steps takes this part of the smallest step of the study, on the reference mesh and on the others.
+/// Steps of reference solutions relative to the smallest step of the study.
+///
+/// The first holds for the reference mesh, the second for the other meshes.
 const REFERENCE_STEP: f64 = 0.5;
 const LIMIT_STEP: f64 = 0.25;
 
-/// Contacts less than this part of the first natural period apart are one impact.
+/// Largest time between contacts of one impact, relative to the first natural period.
 const PART_OF_PERIOD: f64 = 0.125;
 
-/// Frequencies among which the first is sought: a plate has three rigid motions at most.
+/// Number of frequencies computed to find the first positive one; rigid motions are three at most.
 const LOWEST: usize = 4;
 
-/// A run within this many times the truth's own error is not told from it.
+/// Ratio to the reference solution's own error below which a run's error is not resolved.
 const FLOOR: f64 = 3.0;
 
 /// Runs a scene on the engine that it names, and keeps the displacements where asked to.
 pub type Runner<'r> = dyn Fn(&Scene, bool) -> Result<(Trajectory, Outcome)> + 'r;
 
-/// The native engine's [`Runner`].
+/// Runs a scene on the native engine; this is its [`Runner`].
 ///
 /// # Errors
-/// What [`Model::new`] says, and what ends the run.
+/// Returns the errors of [`Model::new`], and the error that ends the run.
 pub fn natively(scene: &Scene, keep_fields: bool) -> Result<(Trajectory, Outcome)> {
     Trajectory::record(scene, &Model::new(scene)?, &simulation::condensed, keep_fields)
 }
 
-/// What watches a study.
+/// Observer of a study.
 pub trait Watch {
-    /// The study begins: so many parts of work, and about so many seconds.
+    /// Reports the start of the study, with its number of parts and an estimate of its seconds.
     fn begins(&mut self, parts: usize, seconds: f64);
 
-    /// A part of the work begins.
+    /// Reports the start of one part.
     fn starts(&mut self, what: &str);
 
-    /// A part is done, and this is what is known.
+    /// Reports the end of one part, with all results so far.
     ///
     /// # Errors
-    /// Whatever keeps it from going on; the study stops.
+    /// Returns any error that prevents the study from going on, which then stops.
     fn done(&mut self, so_far: &Accuracy) -> Result<()>;
 }
 
-/// What a relative error is relative to: the largest magnitude in the finest motion.
+/// Scales of relative errors: the largest magnitudes in the motion on the reference mesh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scales {
     /// Deflection at the probes, in m.
     pub deflection: f64,
     /// L2 norm of the deflection, in m2.
     pub l2: f64,
-    /// Its energy norm, in J^(1/2).
+    /// Energy norm of the deflection, in J^(1/2).
     pub energy: f64,
 }
 
-/// A motion that runs tend to as their step shrinks.
+/// Motion to which runs converge as their step tends to zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
-    /// The mesh.
+    /// Name of the mesh.
     pub mesh: String,
-    /// Its mass.
+    /// Mass matrix.
     pub mass: Mass,
-    /// Whose limit it is: the singular mass has one, of the consistent one each method has its own.
+    /// Family of methods with this limit: all of the singular mass, or one method of the consistent
+    /// mass.
     pub family: String,
-    /// How it was computed.
+    /// Method by which the motion was computed.
     pub source: String,
-    /// What was to compute it before, and why it did not.
+    /// Methods that were tried before, and why they failed.
     pub refused: Vec<String>,
-    /// Free dofs.
+    /// Number of free dofs.
     pub dofs: usize,
-    /// Side of a square as large as a cell on average, two triangles counted as one, in m.
+    /// Side of a square with the mean area of a cell, two triangles counted as one cell, in m.
     pub size: f64,
-    /// When its impacts begin, in s.
+    /// Starts of the impacts, in s.
     pub impacts: Vec<f64>,
-    /// Its first touch, in s.
+    /// Time of the first contact, in s.
     pub first_impact: Option<f64>,
-    /// Its own error at the probes, estimated, relative.
+    /// Estimate of the limit's own error at the probes, relative.
     pub own_error: Parts<Deviation>,
-    /// Its distance from the motion on the reference mesh: the error in space.
+    /// Error in space: the distance from the motion on the reference mesh.
     pub space: Distance,
 }
 
-/// One run, measured.
+/// Measurements of one run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Run {
-    /// What ran.
+    /// Mesh, method and step.
     #[serde(flatten)]
     pub case: Case,
-    /// Free dofs.
+    /// Number of free dofs.
     pub dofs: usize,
-    /// Steps.
+    /// Number of steps.
     pub steps: u64,
-    /// Those in contact.
+    /// Number of steps in contact.
     pub contact_steps: u64,
-    /// Iterations of the contact solver.
+    /// Number of iterations of the contact solver.
     pub vi_iterations: u64,
-    /// Numeric factorisations.
+    /// Number of numeric factorisations.
     pub factorisations: u64,
     /// Worst relative KKT residual.
     pub worst_kkt: f64,
-    /// Seconds of mesh, matrices, static start and first factorisation.
+    /// Time of mesh, matrices, static start and first factorisation, in s.
     pub set_up_seconds: f64,
-    /// Seconds of all steps.
+    /// Time of all steps, in s.
     pub stepping_seconds: f64,
     /// Distance from the limit on the same mesh.
     pub time: Distance,
-    /// Error in time that ranks the run: root mean square at the probes up to the horizon, relative.
+    /// Error in time that ranks the run: root mean square at the probes up to the horizon,
+    /// relative.
     pub time_error: f64,
-    /// Error in space of its limit, likewise.
+    /// Error in space of the limit: root mean square at the probes up to the horizon, relative.
     pub space_error: f64,
-    /// Whether the error in time is too near the limit's own to be told from it.
+    /// Whether the error in time is too close to the limit's own error to be resolved.
     pub at_floor: bool,
-    /// Instant of the first touch less that of the limit, in s.
+    /// Time of the first contact minus that of the limit, in s.
     pub first_impact_error: Option<f64>,
-    /// Energy at the end over its start less one, and the largest such departure.
+    /// Relative change of the energy at the end, and the largest magnitude of that change during
+    /// the run.
     pub energy_drift: Option<[f64; 2]>,
 }
 
 impl Run {
-    /// Seconds of the whole run.
+    /// Returns the time of the whole run, in s.
     pub fn seconds(&self) -> f64 {
         self.set_up_seconds + self.stepping_seconds
     }
 
-    /// Bound of the whole error, relative.
+    /// Returns a bound on the whole error, relative.
     pub fn error(&self) -> f64 {
         self.time_error + self.space_error
     }
 
-    /// The error that dominates.
+    /// Returns the name of the larger error.
     pub fn dominating(&self) -> &'static str {
         if self.time_error > self.space_error { "time" } else { "space" }
     }
 }
 
-/// A run that did not reach its end.
+/// Run that did not reach its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
-    /// What ran.
+    /// Name of the run.
     pub what: String,
-    /// What ended it.
+    /// Reason of the failure.
     pub why: String,
 }
 
-/// A study: what each run costs, and how far it is off.
+/// Results of a study: the cost and the errors of each run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
-    /// The scene's title.
+    /// Title of the scene.
     pub title: String,
-    /// Whether all runs are in.
+    /// Whether all runs are included.
     pub complete: bool,
-    /// What ranks the runs: the part of them that the scene names, if they have the impact that ends it, else the whole.
+    /// Horizon that ranks the runs; the whole run if the scene's horizon needs an impact that is
+    /// missing.
     pub until: Horizon,
     /// Time between instants of comparison, in s.
     pub interval: f64,
-    /// The probes' names.
+    /// Names of the probes.
     pub probes: Vec<String>,
-    /// What errors are relative to.
+    /// Scales of relative errors.
     pub scales: Scales,
-    /// The mesh on which the error in space is measured, and how its motion was computed.
+    /// Mesh on which the error in space is measured, and the method that computed its motion.
     pub reference: String,
-    /// What runs tend to.
+    /// Limits of the runs.
     pub limits: Vec<Limit>,
-    /// The runs.
+    /// Completed runs.
     pub runs: Vec<Run>,
-    /// Those that failed.
+    /// Failed runs.
     pub failures: Vec<Failure>,
     /// Combinations left out.
     #[serde(skip_deserializing)]
     pub dropped: Vec<Dropped>,
-    /// Most runs made at once; from 2 on their times are not to be relied on.
+    /// Largest number of simultaneous runs; times are unreliable if it exceeds 1.
     pub at_once: usize,
 }
 
-/// A scene without probes is watched at its corners, the middles of its edges, and its centre; on a mesh from a file, at the nodes nearest
-/// to those of the rectangle about it.
+/// Returns the scene, with default probes if it has none.
+///
+/// These are the corners, the middles of the edges and the centre of the rectangle. On a mesh from
+/// a file they are the nodes nearest to those points of the bounding rectangle.
 fn watched(scene: &Scene) -> Result<Scene> {
     let mut scene = scene.clone();
     if scene.output.probes.is_empty() {
@@ -240,7 +250,7 @@ fn watched(scene: &Scene) -> Result<Scene> {
     Ok(scene)
 }
 
-/// The motion on the reference mesh, at its quadrature points.
+/// Motion on the reference mesh, at its quadrature points.
 struct Reference {
     truth: Truth,
     points: Points,
@@ -265,7 +275,7 @@ impl Reference {
         Scales { deflection: self.truth.trajectory.scale(), l2: largest.l2, energy: largest.energy }
     }
 
-    /// The error in space of a motion on another mesh.
+    /// Returns the error in space of a motion on another mesh.
     fn distance(&self, base: &Scene, truth: &Truth, instants: &[f64]) -> Result<Distance> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
         let sampler = Sampler::new(&mesh, &space, self.points.at())?;
@@ -289,7 +299,7 @@ fn mesh_and_space(base: &Scene, grid: Grid) -> Result<(Mesh, Space)> {
     Ok((mesh, space))
 }
 
-/// The first natural period of a scene with obstacles, in s; 0 where it does not matter.
+/// Returns the first natural period of a scene with obstacles, in s; 0 for scenes without.
 fn first_period(base: &Scene) -> Result<f64> {
     if !base.has_contact() {
         return Ok(0.0);
@@ -303,11 +313,14 @@ fn first_period(base: &Scene) -> Result<f64> {
     Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }
 
-/// Makes a study: every case of its plan on the runner of its engine, but for what is known of the same study already. With several
-/// `jobs` as many cases run at once, if all are on the native engine: their times are then not to be relied on.
+/// Runs a study: every case of its plan that is not `known` yet.
+///
+/// Up to `jobs` cases run at the same time if all are on the native engine, which makes their times
+/// unreliable. A failed run is recorded, and the study goes on.
 ///
 /// # Errors
-/// What ends the motion that all are measured against, and what the watch says. A run that fails is told, and the study goes on.
+/// Returns [`Error::Usage`] where the steps have no common multiple, the error of the motion on the
+/// reference mesh, and errors of `watch`.
 pub fn study(
     scene: &Scene,
     study: &Study,
@@ -412,7 +425,7 @@ pub fn study(
                             },
                         )
                     }
-                    None => Err(Error::Usage("the motion that it tends to could not be computed".into())),
+                    None => Err(Error::Usage("its limit could not be computed".into())),
                 };
                 match measured {
                     Ok(run) => accuracy.runs.push(run),
@@ -430,20 +443,20 @@ pub fn study(
 }
 
 impl Accuracy {
-    /// The limit of a family on a mesh.
+    /// Returns the limit of a family on a mesh.
     fn limit(&self, grid: &Grid, family: Family) -> Option<&Limit> {
         let (mesh, family) = (mesh_name(grid), family.to_string());
         self.limits.iter().find(|limit| limit.mesh == mesh && limit.family == family)
     }
 }
 
-/// What is left of a plan.
+/// Remaining work of a plan.
 struct Todo {
-    /// The motion that the error in space is measured against, for a limit whose own is not known.
+    /// Whether the motion on the reference mesh is needed, for the error in space of some limit.
     reference: bool,
-    /// The limits of runs that are left, and those not known.
+    /// Limits of the remaining runs, and limits not known yet.
     limits: Vec<(Grid, Family)>,
-    /// The runs.
+    /// Remaining runs.
     cases: Vec<Case>,
 }
 
@@ -493,7 +506,8 @@ fn limit(mesh: &Mesh, truth: &Truth, dofs: usize, scales: Scales, space: Distanc
     }
 }
 
-/// Side of a square as large as a cell on average, in m; two triangles count as one.
+/// Returns the side of a square with the mean area of a cell, in m; two triangles count as one
+/// cell.
 fn size(mesh: &Mesh) -> f64 {
     let area = |cell| mesh.area(cell);
     let parts = |cell: &Cell| if cell.nodes().len() == 3 { 0.5 } else { 1.0 };
@@ -501,16 +515,16 @@ fn size(mesh: &Mesh) -> f64 {
     ((0..mesh.cells.len()).map(area).sum::<f64>() / rectangles).sqrt()
 }
 
-/// A case that was run.
+/// Completed run of a case.
 struct Taken {
     trajectory: Trajectory,
     outcome: Outcome,
     keep_fields: bool,
-    /// Least seconds of set-up and of stepping.
+    /// Least times of set-up and of stepping, in s.
     seconds: [f64; 2],
 }
 
-/// Runs a case: once for its motion, then for the time that it takes.
+/// Runs a case once for its motion, then repeatedly for its time.
 fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -> Result<Taken> {
     let mut scene = case.scene(base, interval);
     let keep_fields = scene.solver.engine == EngineName::Native;
@@ -532,7 +546,7 @@ fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -
     Ok(Taken { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] })
 }
 
-/// As [`take`], cases side by side on the native engine.
+/// Works as [`take`] for several cases at the same time, on the native engine.
 fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> Vec<Result<Taken>> {
     std::thread::scope(|scope| {
         let start = |case| scope.spawn(move || take(base, study, case, interval, &natively));
@@ -544,7 +558,7 @@ fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> 
     })
 }
 
-/// How far a case is from the motion that it tends to.
+/// Measures the distance of a case from its limit.
 fn measure(study: &Study, case: &Case, taken: Taken, truth: &Truth, metric: &Metric) -> Result<Run> {
     let Taken { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] } = taken;
     let reference = &truth.trajectory;
@@ -575,13 +589,15 @@ fn measure(study: &Study, case: &Case, taken: Taken, truth: &Truth, metric: &Met
     })
 }
 
-/// Seconds of all runs, from the first steps of each method on each mesh: contact costs more.
+/// Estimates the time of all runs, in s, from the first steps of each method on each mesh.
+///
+/// Contact costs more than these steps.
 fn foretell(base: &Scene, study: &Study, todo: &Todo, finest: Grid, interval: f64, run: &Runner) -> f64 {
     let seconds = |case: &Case, repetitions: f64| {
         let mut scene = case.scene(base, interval);
         let steps = scene.time.steps() as f64;
         scene.time.end = scene.time.step * steps.min(FORETELLING_STEPS);
-        // What fails now fails quickly when its turn comes.
+        // A case that fails here fails as quickly in its turn.
         run(&scene, false).map_or(0.0, |(_, outcome)| {
             let of = outcome.seconds;
             let once =
@@ -593,7 +609,7 @@ fn foretell(base: &Scene, study: &Study, todo: &Todo, finest: Grid, interval: f6
     let truth = |grid: Grid, family: Family, step: f64| {
         let (first, last) = family.methods(truth::cells(base, grid).unwrap_or(usize::MAX));
         let method = first.first().copied().unwrap_or(last);
-        // Twice exactly; else with the step, and with twice that.
+        // A limit is computed twice: exactly both times, or with the step and with twice the step.
         let (step, again) = if method.scheme.name().has_step() { (step, 0.5) } else { (interval, 1.0) };
         seconds(&Case { grid, method, step }, again)
     };

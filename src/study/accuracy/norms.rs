@@ -1,7 +1,7 @@
-//! L2 and energy norms of deflections: on one mesh by its matrices, between meshes by quadrature.
+//! L2 and energy norms of deflections: by matrices on one mesh, by quadrature between meshes.
 //!
-//! Deflections on two meshes are compared as the C1 functions they are: value and second derivatives of both, through their
-//! elements, at the quadrature points of a third, fine mesh.
+//! Deflections on two meshes are compared as the C1 functions they are. The elements give the value
+//! and the second derivatives of both at the quadrature points of a third, fine mesh.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,13 +16,13 @@ use crate::space::Space;
 /// Norms of a deflection w.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Norms {
-    /// L2: the root of the integral of w^2, in m2.
+    /// L2 norm, the root of the integral of w^2, in m2.
     pub l2: f64,
-    /// Energy: the root of a(w, w), twice the energy of bending, in J^(1/2).
+    /// Energy norm, the root of a(w, w), which is twice the bending energy, in J^(1/2).
     pub energy: f64,
 }
 
-/// The norms of displacements on one mesh.
+/// Norms of displacements on one mesh.
 pub struct Metric {
     engine: Native,
     stiffness: Form,
@@ -30,10 +30,11 @@ pub struct Metric {
 }
 
 impl Metric {
-    /// The norms over the free dofs of a space.
+    /// Creates the norms over the free dofs of a space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] naming a cell that cannot carry its element; what the sections say.
+    /// Returns [`Error::Mesh`] naming a cell that cannot carry its element, and the errors of
+    /// `sections`.
     pub fn new(mesh: &Mesh, space: &Space, sections: &impl Sections) -> Result<Metric> {
         let cells = assembly::cells(mesh, space, &OfUnitDensity(sections))?;
         let engine = Native::with_layout(space.layout(mesh));
@@ -42,10 +43,10 @@ impl Metric {
         Ok(Metric { engine, stiffness, square })
     }
 
-    /// The norms of the difference of two displacements.
+    /// Returns the norms of the difference of two displacements.
     ///
     /// # Errors
-    /// What the engine says.
+    /// Returns the errors of the engine's product.
     pub fn distance(&self, a: &[f64], b: &[f64]) -> Result<Norms> {
         let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
         let mut product = vec![0.0; difference.len()];
@@ -55,7 +56,7 @@ impl Metric {
     }
 }
 
-/// Sections with a mass of 1 kg/m2: their consistent mass is the form of the L2 norm.
+/// Sections with a mass of 1 kg/m2, whose consistent mass is the matrix of the L2 norm.
 struct OfUnitDensity<'s, S>(&'s S);
 
 impl<S: Sections> Sections for OfUnitDensity<'_, S> {
@@ -71,20 +72,23 @@ impl<S: Sections> Sections for OfUnitDensity<'_, S> {
 /// Value and second derivatives (xx, xy, yy) of a deflection at a point.
 pub type Jet = [f64; 4];
 
-/// The quadrature points of a mesh: exact for the energy of its own deflections, and nearly so for their squares.
+/// Quadrature points of a mesh, exact for the bending energy of its own deflections.
+///
+/// Squares of the deflections are integrated with a small error.
 pub struct Points {
     at: Vec<Point>,
-    /// Areas, in m2.
+    /// Weights as areas, in m2.
     weights: Vec<f64>,
-    /// Moments per length of the curvatures, in N m.
+    /// Bending stiffness at each point, in N m.
     bending: Vec<Matrix3<f64>>,
 }
 
 impl Points {
-    /// Six points on each piece of each cell.
+    /// Places six points on each piece of each cell.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a cell that cannot carry its element; what the sections say.
+    /// Returns [`Error::Mesh`] for a cell that cannot carry its element, and the errors of
+    /// `sections`.
     pub fn new(mesh: &Mesh, sections: &impl Sections) -> Result<Points> {
         let mut points = Points { at: Vec::new(), weights: Vec::new(), bending: Vec::new() };
         let mut add = |cell: usize, at: Point, area: f64| -> Result<()> {
@@ -102,12 +106,12 @@ impl Points {
         Ok(points)
     }
 
-    /// Where they are.
+    /// Returns the coordinates of the points, in m.
     pub fn at(&self) -> &[Point] {
         &self.at
     }
 
-    /// The norms of the difference of two deflections, given at these points.
+    /// Returns the norms of the difference of two deflections at these points.
     pub fn distance(&self, a: &[Jet], b: &[Jet]) -> Norms {
         let (mut square, mut energy) = (0.0, 0.0);
         for (((weight, bending), a), b) in self.weights.iter().zip(&self.bending).zip(a).zip(b) {
@@ -120,7 +124,7 @@ impl Points {
     }
 }
 
-/// Quadrature points of an element and their areas, in m2.
+/// Returns the quadrature points of an element with their areas, in m2.
 fn nodes<const N: usize>(element: &Element<N>) -> impl Iterator<Item = (Point, f64)> {
     element.pieces.iter().enumerate().flat_map(move |(number, piece)| {
         let node = move |(barycentric, weight)| (element.point(number, barycentric), weight * piece.area());
@@ -128,9 +132,9 @@ fn nodes<const N: usize>(element: &Element<N>) -> impl Iterator<Item = (Point, f
     })
 }
 
-/// Evaluates the displacements of a space at some points.
+/// Evaluation of the displacements of a space at fixed points.
 pub struct Sampler {
-    /// For each point: the free dofs of its cell, with the jets of their basis functions.
+    /// Free dofs of the cell of each point, with the jets of their basis functions.
     points: Vec<Vec<(usize, Jet)>>,
 }
 
@@ -138,7 +142,7 @@ impl Sampler {
     /// Locates points in a mesh.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a point outside.
+    /// Returns [`Error::Mesh`] for a point outside the mesh.
     pub fn new(mesh: &Mesh, space: &Space, points: &[Point]) -> Result<Sampler> {
         let mut cells: Vec<Option<Basis>> = vec![None; mesh.cells.len()];
         let locate = |point: &Point| {
@@ -155,7 +159,7 @@ impl Sampler {
         Ok(Sampler { points: points.iter().map(locate).collect::<Result<_>>()? })
     }
 
-    /// The jets of a displacement, point by point.
+    /// Returns the jets of a displacement, one per point.
     pub fn jets(&self, u: &[f64]) -> Vec<Jet> {
         let at = |basis: &Vec<(usize, Jet)>| {
             basis.iter().fold([0.0; 4], |sum, (dof, jet)| std::array::from_fn(|i| sum[i] + u[*dof] * jet[i]))
@@ -164,7 +168,7 @@ impl Sampler {
     }
 }
 
-/// The element of a cell.
+/// Element of a cell.
 #[derive(Clone)]
 enum Basis {
     Hct(Element<9>),
@@ -179,7 +183,7 @@ impl Basis {
         })
     }
 
-    /// The jets of its basis functions.
+    /// Returns the jets of the basis functions at a point.
     fn jets(&self, point: Point) -> Vec<Jet> {
         fn jets<const N: usize>(element: &Element<N>, point: Point) -> Vec<Jet> {
             let basis = element.basis_at(point);

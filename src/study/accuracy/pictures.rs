@@ -1,4 +1,4 @@
-//! Pictures of a study: work against precision, orders, energy drift, cost.
+//! Pictures of a study: work-precision diagrams, orders, energy drift, cost.
 
 use super::front::{Axis as Ranked, front};
 use super::plan::Method;
@@ -8,13 +8,13 @@ use crate::output::plot::{Axis, Color, Curve, Figure, Panel};
 use crate::scene::{ElementKind, Horizon};
 use std::path::Path;
 
-/// The lower edge of a picture, over the least error of any step.
+/// Lower edge of a picture relative to the least error of any method with a step.
 const EDGE: f64 = 0.1;
 
-/// Draws a study into a folder; each picture tells the command that made it.
+/// Draws a study into a folder; each picture shows the command that made it.
 ///
 /// # Errors
-/// What keeps a file from being written.
+/// Returns [`crate::Error::Io`] where a file cannot be written.
 pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
     let draw = |name: &str, title: String, panels: Vec<Panel>| {
         let figure = Figure::new(title).note(command);
@@ -41,12 +41,12 @@ pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
     Ok(())
 }
 
-/// A method in few letters; the singular mass goes without saying.
+/// Abbreviates the name of a method; the singular mass is left out.
 fn short(method: &Method) -> String {
     method.to_string().replace(" singular", "").replace("consistent", "cons.")
 }
 
-/// The methods of some runs, each once: the same style in every picture.
+/// Returns the methods of some runs without repetition, which fixes their style in all pictures.
 fn methods<'r>(runs: impl IntoIterator<Item = &'r Run>) -> Vec<Method> {
     let mut methods: Vec<Method> = Vec::new();
     for run in runs {
@@ -57,16 +57,16 @@ fn methods<'r>(runs: impl IntoIterator<Item = &'r Run>) -> Vec<Method> {
     methods
 }
 
-/// The runs of one mesh.
+/// Runs on one mesh.
 struct OnMesh<'a> {
     accuracy: &'a Accuracy,
     runs: Vec<&'a Run>,
-    /// Those whose errors in time can be ranked.
+    /// Runs whose errors in time can be ranked.
     ranked: Vec<&'a Run>,
 }
 
 impl<'a> OnMesh<'a> {
-    /// A curve a method, through its runs; with its name, unless a panel above tells it.
+    /// Creates one curve per method; names are left out where a panel above shows them.
     fn curves(&self, named: bool, point: impl Fn(&Run) -> [f64; 2]) -> Vec<Curve> {
         let curve = |(number, method): (usize, Method)| {
             let own = self.runs.iter().filter(|run| run.case.method == method);
@@ -77,7 +77,10 @@ impl<'a> OnMesh<'a> {
         methods(self.runs.iter().copied()).into_iter().enumerate().map(curve).collect()
     }
 
-    /// Errors far below those of any step are rounding's: they are drawn at the lower edge, and told in the heading.
+    /// Draws the error in time over the run time, with rounding errors at the lower edge.
+    ///
+    /// Errors far below those of methods with a step count as rounding; the heading names their
+    /// size.
     fn work_precision(&self) -> Panel {
         let errors = |runs: &[&Run]| {
             runs.iter().map(|run| run.time_error).filter(|error| *error > 0.0).reduce(f64::min)
@@ -99,7 +102,7 @@ impl<'a> OnMesh<'a> {
             .curves(self.curves(true, point))
     }
 
-    /// The runs whose accuracy is a matter of their step.
+    /// Returns the runs of methods whose accuracy depends on the step.
     fn stepping(&self) -> OnMesh<'a> {
         let has_step = |run: &&Run| run.case.method.scheme.name().has_step();
         let those = |runs: &[&'a Run]| runs.iter().copied().filter(has_step).collect();
@@ -127,7 +130,7 @@ impl<'a> OnMesh<'a> {
             let extreme = |axis: usize, of: fn(f64, f64) -> f64| points.iter().map(|p| p[axis]).reduce(of);
             let extremes = extreme(0, f64::min).zip(extreme(0, f64::max)).zip(extreme(1, f64::max));
             if let Some(((least, most), largest)) = extremes {
-                // Both through the upper right, each told where it is away from the other.
+                // Both lines pass through the upper right; their labels stand where they are apart.
                 let (near, far) = ((least / most).powf(0.3), (least / most).powf(0.8));
                 panel = panel.slope(1.0, [most * far, largest * far]);
                 panel = panel.slope(2.0, [most * near, largest * near * near]);
@@ -149,7 +152,7 @@ fn front_curve(points: Vec<[f64; 2]>) -> Curve {
     Curve::new("Pareto front", points).color(Color::BLACK).width(1.6)
 }
 
-/// The whole error against time: the front over all meshes, and that of each.
+/// Draws the whole error over the run time: the front over all meshes, and that of each mesh.
 fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
     let points = |runs: &[&Run]| {
         front(runs, Ranked::Whole).into_iter().map(|run| [run.seconds(), run.error()]).collect()
@@ -165,7 +168,9 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
         .curves(meshes.iter().enumerate().map(of_mesh))
 }
 
-/// Seconds of all steps against dofs, at the smallest step; a panel for each element that has several meshes.
+/// Draws the time of all steps over dofs, at the smallest step.
+///
+/// Each element with several meshes has a panel.
 fn cost(accuracy: &Accuracy) -> Vec<Panel> {
     let mut elements: Vec<ElementKind> = accuracy.runs.iter().map(|run| run.case.grid.element).collect();
     elements.sort_by_key(|element| *element as u8);

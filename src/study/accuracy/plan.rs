@@ -1,20 +1,20 @@
-//! What a study runs: the combinations of its lists, and those it leaves out.
+//! Plan of a study: the combinations of its lists, and those it leaves out.
 
 use crate::scene::{EngineName, Grid, Mass, Scene, Scheme, SchemeName, Study, ViName};
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
 
-/// A way to go through time: a scheme with its parameters, a mass, and what solves its steps.
+/// Method: a scheme with its parameters, a mass, an engine and a contact solver.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Method {
-    /// The scheme.
+    /// Time scheme.
     #[serde(flatten)]
     pub scheme: Scheme,
-    /// The mass.
+    /// Mass matrix.
     pub mass: Mass,
-    /// The engine.
+    /// Linear algebra engine.
     pub engine: EngineName,
-    /// The contact solver.
+    /// Contact solver.
     pub vi: ViName,
 }
 
@@ -39,7 +39,7 @@ impl fmt::Display for Method {
     }
 }
 
-/// A mesh by name, as `fvs 10x4`, its rectangles after refinement, or `file refine 1`.
+/// Returns the name of a mesh: `fvs 10x4` after refinement, or `file refine 1`.
 pub fn mesh_name(grid: &Grid) -> String {
     match (grid.is_of_file(), grid.refine) {
         (true, 0) => return "file".into(),
@@ -55,20 +55,20 @@ pub fn mesh_name(grid: &Grid) -> String {
     format!("{element} {nx}x{ny}{diagonal}")
 }
 
-/// One run: a method with a step on a mesh.
+/// Case: one run of a method with a step on a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct Case {
-    /// The mesh.
+    /// Mesh.
     pub grid: Grid,
-    /// The method.
+    /// Method.
     #[serde(flatten)]
     pub method: Method,
-    /// Its step, s.
+    /// Time step in s.
     pub step: f64,
 }
 
 impl Case {
-    /// The scene of this run, with rows `interval` seconds apart.
+    /// Returns the scene of this run, with rows `interval` seconds apart.
     pub fn scene(&self, base: &Scene, interval: f64) -> Scene {
         let mut scene = base.clone();
         scene.mesh = self.grid;
@@ -105,22 +105,22 @@ impl Serialize for Case {
 /// Combinations that a study leaves out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Dropped {
-    /// What they have in common.
+    /// Name that the combinations have in common.
     pub what: String,
-    /// Why none of them runs.
+    /// Reason why none of them runs.
     pub why: &'static str,
 }
 
-/// What a study runs.
+/// Plan of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// The meshes, each once.
+    /// Meshes without repetition.
     pub grids: Vec<Grid>,
-    /// The methods, each once.
+    /// Methods without repetition.
     pub methods: Vec<Method>,
     /// All runs: mesh by mesh, method by method, long steps first.
     pub cases: Vec<Case>,
-    /// What was left out.
+    /// Combinations left out.
     pub dropped: Vec<Dropped>,
 }
 
@@ -146,7 +146,8 @@ impl Plan {
         let mut cases = Vec::new();
         for &grid in &grids {
             for &method in &methods {
-                // A scheme without a step of its own runs once, with the instants of comparison for its steps.
+                // A scheme without a step of its own runs once, with the instants of comparison as
+                // steps.
                 let own = if method.scheme.name().has_step() { &steps[..] } else { &[interval] };
                 cases.extend(own.iter().map(|&step| Case { grid, method, step }));
             }
@@ -205,7 +206,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
     methods
 }
 
-/// Whether a scheme makes sense with a mass.
+/// Returns an error with the reason if a scheme makes no sense with a mass.
 fn serves(scheme: SchemeName, mass: Mass, obstacles: bool) -> Result<(), &'static str> {
     match (scheme, mass) {
         (SchemeName::Conserving | SchemeName::Exact, Mass::Consistent) => Err("it needs the singular mass"),

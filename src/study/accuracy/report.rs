@@ -1,4 +1,4 @@
-//! A study as text: the table and its reading, and `study.csv`.
+//! Reports of a study: its tables as text, `study.csv` and `study.json`.
 
 use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
 use super::trajectory::{Deviation, Parts};
@@ -8,12 +8,12 @@ use crate::scene::{Horizon, Scheme};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// `1.2e-3`; `-` where there is nothing.
+/// Formats a number as `1.2e-3`, or `-` if there is none.
 fn small(value: Option<f64>) -> String {
     value.map_or("-".into(), |value| if value == 0.0 { "0".into() } else { format!("{value:.1e}") })
 }
 
-/// `2.01`.
+/// Formats an order as `2.01`, or `-` if there is none.
 fn order(value: Option<f64>) -> String {
     value.map_or("-".into(), |value| format!("{value:.2}"))
 }
@@ -23,7 +23,7 @@ fn milliseconds(seconds: f64) -> String {
     if value < 100.0 { format!("{value:.1}") } else { format!("{value:.0}") }
 }
 
-/// What the horizon is called.
+/// Returns the name of a horizon.
 pub(super) fn horizon_words(horizon: Horizon) -> &'static str {
     match horizon {
         Horizon::FirstImpact => "up to the first impact",
@@ -157,7 +157,7 @@ impl Accuracy {
         Ok(())
     }
 
-    /// `study.csv`: one row a run, every number to the last bit.
+    /// Formats `study.csv`: one row per run, every number to the last bit.
     pub fn csv(&self) -> String {
         let mut text = HEADS.join(",") + "\n";
         for run in &self.runs {
@@ -209,7 +209,10 @@ impl Accuracy {
     }
 }
 
-/// The columns of `study.csv`. Errors at the probes in m, L2 in m2, energy norm in J^(1/2); `time_error` and `space_error` relative.
+/// Columns of `study.csv`.
+///
+/// Errors at the probes are in m, L2 norms in m2, energy norms in J^(1/2); `time_error` and
+/// `space_error` are relative.
 const HEADS: [&str; 40] = [
     "mesh",
     "scheme",
@@ -253,7 +256,7 @@ const HEADS: [&str; 40] = [
     "on_front",
 ];
 
-/// The root mean squares of the three parts, over a scale.
+/// Formats the root mean squares of the three parts, divided by a scale.
 fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {
     let relative = |d: Deviation| d.rms / scale;
     [
@@ -263,7 +266,7 @@ fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {
     ]
 }
 
-/// A table for each mesh, and one for all.
+/// Writes a table for each mesh, and one for all runs.
 fn write_cheapest(f: &mut fmt::Formatter, choices: &[Choice]) -> fmt::Result {
     for choices in choices.chunk_by(|a, b| a.among == b.among) {
         let mut table = Table::new(&["accuracy", "run", "ms", "error"]);
@@ -277,29 +280,29 @@ fn write_cheapest(f: &mut fmt::Formatter, choices: &[Choice]) -> fmt::Result {
     Ok(())
 }
 
-/// The cheapest run that reaches an accuracy.
+/// Cheapest run that reaches an accuracy.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Choice {
-    /// Among which runs, by which error.
+    /// Runs that are compared, and the error that ranks them.
     among: String,
-    /// The relative accuracy asked for.
+    /// Required relative accuracy.
     accuracy: f64,
-    /// The run; `None` if none reaches it.
+    /// Name of the run; `None` if none reaches the accuracy.
     run: Option<String>,
-    /// Its seconds.
+    /// Time of the run, in s.
     seconds: Option<f64>,
-    /// Its error; the least of all if none reaches the accuracy.
+    /// Relative error of the run, or the least error of all if none reaches the accuracy.
     error: Option<f64>,
 }
 
-/// `study.json`: a study with what is read from it.
+/// Content of `study.json`: a study with its evaluation.
 #[derive(Debug, Serialize)]
 pub struct Summary<'a> {
     program: &'static str,
     version: &'static str,
-    /// What made it.
+    /// Command that made the study.
     command: &'a str,
-    /// The scene's hash.
+    /// Hash of the scene.
     scene: &'a str,
     #[serde(flatten)]
     accuracy: &'a Accuracy,
@@ -309,7 +312,7 @@ pub struct Summary<'a> {
 }
 
 impl Accuracy {
-    /// What `study.json` holds, with the command that made it and the scene's hash.
+    /// Returns the content of `study.json`, given the command and the scene's hash.
     pub fn summary<'a>(&'a self, command: &'a str, scene: &'a str) -> Summary<'a> {
         Summary {
             program: env!("CARGO_PKG_NAME"),
@@ -323,7 +326,7 @@ impl Accuracy {
         }
     }
 
-    /// What a `study.json` knows of this very scene, if it was stopped before its end.
+    /// Reads an unfinished study of the same scene from a `study.json`; `None` for any other.
     pub fn stopped(json: &[u8], scene: &str) -> Option<Accuracy> {
         #[derive(Deserialize)]
         struct Stopped {
@@ -337,7 +340,9 @@ impl Accuracy {
         (same && !known.accuracy.complete).then_some(known.accuracy)
     }
 
-    /// The cheapest run at each accuracy: on each mesh by the error in time, then of all by the whole error.
+    /// Returns the cheapest run at each accuracy.
+    ///
+    /// On each mesh the error in time counts, then among all runs the whole error.
     pub fn cheapest(&self) -> Vec<Choice> {
         let words = horizon_words(self.until);
         let on_mesh = |mesh: &String| {

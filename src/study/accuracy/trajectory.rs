@@ -1,4 +1,4 @@
-//! What is kept of a run, and how far one is from another.
+//! Recorded runs, and the distance of one from another.
 
 use super::norms::Norms;
 use crate::error::Result;
@@ -8,16 +8,17 @@ use crate::scheme::Scheme;
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use serde::{Deserialize, Serialize};
 
-/// A run at the instants of comparison.
+/// Record of a run at the instants of comparison.
 #[derive(Debug, Clone, Default)]
 pub struct Trajectory {
-    /// Instants, in s.
+    /// Instants in s.
     pub times: Vec<f64>,
-    /// Deflections at the probes, in m, instant by instant.
+    /// Deflections at the probes in m, one row per instant.
     pub probes: Vec<Vec<f64>>,
-    /// Displacements over the free dofs of the native engine, instant by instant; empty where they were not kept.
+    /// Displacements over the native engine's free dofs, one per instant; empty if they were not
+    /// kept.
     pub fields: Vec<Vec<f64>>,
-    /// Energies, in J.
+    /// Energies in J.
     pub energies: Vec<f64>,
 }
 
@@ -43,7 +44,9 @@ impl Observer for Recorder {
 }
 
 impl Recorder {
-    /// What was kept. Steps that fit the interval but not the end leave a last row of their own, which goes.
+    /// Returns the record without a last row that lies between two instants of comparison.
+    ///
+    /// Such a row is written where the run's end is no multiple of the interval.
     fn finish(self, scene: &Scene) -> Trajectory {
         let mut trajectory = self.trajectory;
         if !scene.time.steps().is_multiple_of(scene.output.every) {
@@ -57,10 +60,10 @@ impl Recorder {
 }
 
 impl Trajectory {
-    /// Runs a model and keeps its rows.
+    /// Runs a model and records its rows.
     ///
     /// # Errors
-    /// What ends the run early.
+    /// Returns the error that ends the run early.
     pub fn record<E: Engine>(
         scene: &Scene,
         model: &Model<E>,
@@ -73,10 +76,10 @@ impl Trajectory {
         Ok((recorder.finish(scene), outcome))
     }
 
-    /// Follows a scheme from its start and keeps its rows.
+    /// Follows a scheme from its start and records its rows.
     ///
     /// # Errors
-    /// As [`Trajectory::record`].
+    /// Returns the errors of [`Trajectory::record`].
     pub fn of<E: Engine>(
         scene: &Scene,
         model: &Model<E>,
@@ -89,12 +92,15 @@ impl Trajectory {
         Ok((recorder.finish(scene), outcome))
     }
 
-    /// Largest deflection at any probe, in m: what errors are relative to.
+    /// Returns the largest deflection at any probe, in m, which is the scale of relative errors.
     pub fn scale(&self) -> f64 {
         self.probes.iter().flatten().fold(0.0, |scale, w| w.abs().max(scale))
     }
 
-    /// Energy at the end over that of the start less one, and the largest such departure on the way; `None` without energy.
+    /// Returns the relative change of the energy at the end, and its largest magnitude during the
+    /// run.
+    ///
+    /// Without initial energy the result is `None`.
     pub fn energy_drift(&self) -> Option<[f64; 2]> {
         let start = *self.energies.first().filter(|energy| **energy != 0.0)?;
         let drift = |energy: &f64| energy / start - 1.0;
@@ -103,28 +109,28 @@ impl Trajectory {
     }
 }
 
-/// Root mean square and largest magnitude of an error.
+/// Root mean square and maximum of an error.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Deviation {
-    /// Root mean square over instants (and probes).
+    /// Root mean square over instants and probes.
     pub rms: f64,
-    /// Largest.
+    /// Largest magnitude.
     pub max: f64,
 }
 
-/// How far a run is from another, over three parts of it; `None` where the reference has no such impact.
+/// Values over three parts of a run; `None` where the reference has no such impact.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Parts<T> {
     /// Up to the first impact.
     pub first_impact: Option<T>,
-    /// Up to the second.
+    /// Up to the second impact.
     pub second_impact: Option<T>,
-    /// The whole run.
+    /// Over the whole run.
     pub end: T,
 }
 
 impl<T: Copy> Parts<T> {
-    /// One value a part, given the instants at which the reference's contacts begin.
+    /// Computes one value per part, from the instants at which impacts of the reference begin.
     fn new(impacts: &[f64], of: impl Fn(f64) -> T) -> Parts<T> {
         Parts {
             first_impact: impacts.first().map(|&end| of(end)),
@@ -133,7 +139,8 @@ impl<T: Copy> Parts<T> {
         }
     }
 
-    /// The part that ranks runs: the longest up to the horizon that the reference has.
+    /// Returns the value that ranks runs: at the horizon, or later if the reference lacks its
+    /// impact.
     pub fn at(&self, horizon: Horizon) -> T {
         let second = self.second_impact.unwrap_or(self.end);
         match horizon {
@@ -143,7 +150,7 @@ impl<T: Copy> Parts<T> {
         }
     }
 
-    /// Each part's value turned into another.
+    /// Applies a function to each part.
     pub fn map<U>(&self, of: impl Fn(T) -> U) -> Parts<U> {
         Parts {
             first_impact: self.first_impact.map(&of),
@@ -153,23 +160,25 @@ impl<T: Copy> Parts<T> {
     }
 }
 
-/// How far a run is from a reference.
+/// Distance of a run from a reference.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Distance {
-    /// Deflections at the probes, in m.
+    /// Deviation of the deflections at the probes, in m.
     pub probes: Parts<Deviation>,
-    /// L2 norm of the deflection's difference, in m2; `None` without fields.
+    /// L2 norm of the difference of the deflections, in m2; `None` without fields.
     pub l2: Option<Parts<Deviation>>,
-    /// Its energy norm, the root of a(w, w), in J^(1/2).
+    /// Energy norm of the difference, the root of a(w, w), in J^(1/2); `None` without fields.
     pub energy: Option<Parts<Deviation>>,
-    /// Instant, L2 and energy norm at the instants asked for.
+    /// Instant (s), L2 and energy norm at the requested instants.
     pub at: Vec<[f64; 3]>,
 }
 
 impl Distance {
-    /// Measures instant by instant; both runs have the same instants. `impacts` are the reference's.
+    /// Measures the distance of two runs with the same instants.
     ///
-    /// `norms` holds the norms of the fields' difference at each instant, if they are wanted, and `instants` those to tell.
+    /// `impacts` are the starts of the reference's impacts. `norms` are the norms of the difference
+    /// of the fields, one per instant, if they are wanted. `instants` are those for
+    /// [`Distance::at`].
     pub fn new(
         run: &Trajectory,
         reference: &Trajectory,

@@ -1,7 +1,8 @@
-//! What runs are measured against: the motion of the semi-discrete problem on a mesh.
+//! Reference solutions: motions of the semi-discrete problem on a mesh.
 //!
-//! With the singular mass that motion is unique, and every scheme with any restitution tends to it. With the consistent mass it
-//! depends on the restitution law, so that each method has a limit of its own.
+//! With the singular mass this motion is unique, and every scheme converges to it with any
+//! restitution. With the consistent mass it depends on the restitution law, so that each method has
+//! a limit of its own.
 
 use super::plan::{Case, Method};
 use super::trajectory::{Distance, Trajectory};
@@ -12,23 +13,25 @@ use crate::scheme::{Exact, ExactOptions};
 use crate::simulation::{self, Model, Outcome};
 use std::fmt;
 
-/// Cells up to which the exact scheme is tried: each active set costs their number cubed.
+/// Number of cells up to which the exact scheme is tried; an active set costs its cube.
 const EXACT_CELLS: usize = 320;
 
-/// First interval of the event search of a truth, in periods of the fastest mode over 2 pi: another than the scheme's own.
+/// First interval of the event search, in periods of the fastest mode divided by 2 pi.
+///
+/// The value differs from the scheme's own, so that two solutions estimate the error.
 const FINE_STRIDE: f64 = 1.5;
 
-/// Which semi-discrete motion: that of the singular mass, or the limit of a scheme with the consistent one.
+/// Family of methods that share a limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Family {
-    /// The one motion of the singular mass.
+    /// Every method with the singular mass.
     Singular,
-    /// The limit of a scheme with the consistent mass.
+    /// One scheme with the consistent mass.
     Consistent(Scheme),
 }
 
 impl Family {
-    /// The motion that a method tends to.
+    /// Returns the family of a method.
     pub fn of(method: &Method) -> Family {
         match method.mass {
             Mass::Singular => Family::Singular,
@@ -36,7 +39,9 @@ impl Family {
         }
     }
 
-    /// The methods that compute it on a mesh of so many cells: those to try first, in turn, and the one that is left.
+    /// Returns the methods that compute the limit on a mesh with so many cells.
+    ///
+    /// The first ones are tried in turn; the last one remains if they fail.
     pub(super) fn methods(self, cells: usize) -> (Vec<Method>, Method) {
         let native =
             |scheme, mass| Method { scheme, mass, engine: EngineName::Native, vi: ViName::Condensed };
@@ -52,7 +57,7 @@ impl Family {
     }
 }
 
-/// Cells of a mesh.
+/// Returns the number of cells of a mesh.
 pub(super) fn cells(base: &Scene, grid: Grid) -> Result<usize> {
     let scene = Scene { mesh: grid, ..base.clone() };
     Ok(simulation::mesh(&scene)?.cells.len())
@@ -70,35 +75,35 @@ impl fmt::Display for Family {
     }
 }
 
-/// A motion of the semi-discrete problem on a mesh.
+/// Reference solution: a motion of the semi-discrete problem on a mesh.
 pub struct Truth {
-    /// The mesh.
+    /// Mesh.
     pub grid: Grid,
-    /// Which motion.
+    /// Family of methods with this limit.
     pub family: Family,
-    /// How it was computed.
+    /// Method by which the motion was computed.
     pub source: String,
-    /// What was to compute it before, and why it did not.
+    /// Methods that were tried before, and why they failed.
     pub refused: Vec<String>,
-    /// Its own error, estimated: at the probes in m.
+    /// Estimate of the motion's own error, at the probes in m.
     pub error: Distance,
-    /// It, at the instants of comparison.
+    /// Motion at the instants of comparison.
     pub trajectory: Trajectory,
-    /// When its impacts begin, in s.
+    /// Starts of the impacts, in s.
     pub impacts: Vec<f64>,
-    /// The first touch, located between steps, in s.
+    /// Time of the first contact, located between steps, in s.
     pub first_impact: Option<f64>,
 }
 
 impl Truth {
-    /// Computes a motion: exactly where that serves, else with a step.
+    /// Computes the motion, exactly where possible, otherwise with a time step.
     ///
-    /// Its own error is estimated by computing it again: exactly, with another event search; else with twice the step, whose
-    /// difference estimates the error of the first order that impacts leave. Contacts less than `together` seconds apart are one
-    /// impact.
+    /// A second computation estimates the error: exact with another event search, or with twice the
+    /// step. The latter difference estimates the first-order error that impacts cause. Contacts
+    /// less than `together` seconds apart belong to one impact.
     ///
     /// # Errors
-    /// What ends the last of the methods that compute it.
+    /// Returns the error of the last method that was tried.
     pub fn new(
         base: &Scene,
         grid: Grid,
@@ -153,7 +158,7 @@ impl Truth {
     }
 }
 
-/// Runs the exact scheme with an event search of its own.
+/// Runs the exact scheme with the given interval of its event search.
 fn exactly(scene: &Scene, stride: f64) -> Result<(Trajectory, Outcome)> {
     let model = Model::new(scene)?;
     let options = ExactOptions { stride, ..ExactOptions::default() };
@@ -161,7 +166,7 @@ fn exactly(scene: &Scene, stride: f64) -> Result<(Trajectory, Outcome)> {
     Trajectory::of(scene, &model, Box::new(scheme), true)
 }
 
-/// When impacts begin: a plate that strikes rattles for a while, which is still the same impact.
+/// Returns the starts of impacts: repeated contacts at short intervals belong to one impact.
 fn impacts(contacts: &[[f64; 2]], together: f64) -> Vec<f64> {
     let mut last = f64::NEG_INFINITY;
     let begins = |[begin, end]: &[f64; 2]| {
