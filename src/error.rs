@@ -120,10 +120,12 @@ pub enum Error {
 }
 
 impl Error {
-    /// Returns the exit code of the command: 2 for an invalid scene, mesh or command line, a
-    /// singular problem or lack of memory, 3 for failed convergence or a PETSc error, 4 for input
-    /// and output, 5 for the energy guard, 130 for an interruption. An error of another rank has
-    /// that error's code.
+    /// Returns the exit code of the command.
+    ///
+    /// The codes are 2 for an invalid scene, mesh or command line, a singular problem or lack of
+    /// memory; 3 for a step or a comparison that fails, or a PETSc error; 4 for input, output and
+    /// checkpoints; 5 for the energy guard; 130 for an interruption. An error of another rank has
+    /// the code that it has there.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Scene(_) | Error::Usage(_) | Error::Mesh(_) | Error::Singular(_) | Error::Memory(_) => 2,

@@ -1,5 +1,5 @@
-//! Rigid obstacles as bounds on deflection dofs: the discrete convex set K^h of the paper's section
-//! 3.
+//! Rigid obstacles as bounds on deflection dofs: the discrete convex set K^h of section 3 of the
+//! paper.
 
 /// Bounds on some dofs, `lower[i] <= x[dofs[i]] <= upper[i]`, infinite where there is none.
 #[derive(Debug, Clone, Default, PartialEq)]

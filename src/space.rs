@@ -265,8 +265,8 @@ impl Space {
         self.free[PER_NODE * node]
     }
 
-    /// Returns the free dof that determines a dof of the mesh (three per node), and the factor
-    /// between them.
+    /// Returns the free dof that determines a dof of the mesh (three per node), and the factor that
+    /// multiplies its value.
     pub fn dof(&self, of_shape: usize) -> Option<(usize, f64)> {
         Some((self.free[of_shape]?, self.factors.get(&of_shape).copied().unwrap_or(1.0)))
     }

@@ -103,7 +103,7 @@ pub(super) fn require(size: &Size, factors: u64, dofs: usize) -> Result<()> {
     memory::require(factors * size.kept + size.passing, &what, |part| would_fit(part, dofs))
 }
 
-/// Words how many dofs would fit into a part of the memory that `dofs` dofs need.
+/// Describes how many dofs would fit into a part of the memory that `dofs` dofs need.
 pub(super) fn would_fit(part: f64, dofs: usize) -> String {
     // The entries per row of the factor grow with the logarithm of the number of rows.
     let fits = (dofs as f64 * part.powf(0.9)) as usize;

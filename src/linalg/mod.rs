@@ -241,7 +241,7 @@ pub trait Engine: Sized {
         Ok(worst)
     }
 
-    /// Checks, from the pattern and before anything is factored, that as many factors of a sum of
+    /// Checks, from the pattern and before anything is factored, that `factors` factors of a sum of
     /// forms fit into memory at once. The default, for an engine that cannot know, accepts.
     ///
     /// # Errors
@@ -291,7 +291,7 @@ pub trait Factor {
     /// Completes the solution of the last [`Factor::condense`] from the candidates' values.
     fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()>;
 
-    /// Solves H x_c = h in place: `h` holds h on entry.
+    /// Solves H x_c = h in place: `h` becomes x_c.
     fn solve_candidates(&self, h: &mut [f64]);
 
     /// Factors the matrix again with some dofs (in any order) held fixed: their rows and columns

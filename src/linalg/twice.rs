@@ -1,9 +1,9 @@
 //! Cholesky factorisation in double-double arithmetic, for matrices too ill-conditioned for
 //! doubles.
 //!
-//! The condition number of the factor L is the square root of that of A. Rounding L at the end
-//! therefore perturbs L L^T little, while rounding A itself, or anything on the way, may take all
-//! stiffness from a slow motion.
+//! The condition number of the factor L is the square root of that of A, so that rounding L at the
+//! end costs half as many digits as rounding A. Rounding A itself, or anything on the way, may take
+//! all stiffness from a slow motion.
 
 use super::cholesky::Supernode;
 use pulp::{Simd, WithSimd};

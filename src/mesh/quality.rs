@@ -19,7 +19,7 @@ const FLAT: f64 = 1e-8;
 /// the distance that [`FLAT`] keeps between a cell's own nodes and edges.
 const JOINT: f64 = 1e-9;
 
-/// Gap between cells, relative to their sides, below which it cannot be intended.
+/// Width of a gap between cells, relative to their sides, below which it counts as unintended.
 const GAP: f64 = 1e-4;
 
 /// Way in which a node touches an edge that is not its own, with the distance in m.

@@ -66,8 +66,7 @@ pub fn lowest<E: Engine>(
 /// Returns the `count` lowest natural modes, ascending, or fewer if there are no more. The shapes
 /// are accurate to about 1e-6.
 ///
-/// `mechanism` says that K is singular: the rigid motions come first, with a frequency of exactly
-/// 0.
+/// `mechanism` says that K is singular: the rigid motions come first, at exactly 0 Hz.
 ///
 /// # Errors
 /// Returns [`Error::Singular`] where K is singular without `mechanism`, or the iteration does not

@@ -3,8 +3,8 @@
 //! A step is a forward elimination down to the candidates, their dense box-constrained problem, and
 //! a back substitution: the cost of one solve. Nodes that come into reach become candidates, in
 //! growing lots; the native engine then factors the matrix again with them last. Where contact is
-//! wide (a plate thrown flat), the dense problem would cost more than a sparse factor. From
-//! [`DENSE_LIMIT`] candidates on, and until nothing touches any more, the active dofs are therefore
+//! wide (a plate thrown flat), the dense problem would cost more than a sparse factor. Above
+//! [`DENSE_LIMIT`] candidates, and until nothing touches any more, the active dofs are therefore
 //! pinned in the sparse matrix, natively on the same symbolic analysis. Both are exact active-set
 //! methods.
 

@@ -1,8 +1,8 @@
 //! Check of every solver's answers: one relative residual of the optimality (KKT) conditions.
 //!
 //! Stationarity is measured as a componentwise backward error (Oettli and Prager 1964): the
-//! relative change of the entries of the local matrices and of b for which x satisfies its rows
-//! exactly,
+//! smallest relative change of the entries of the local matrices and of b for which x satisfies its
+//! rows exactly,
 //!
 //! ```math
 //! \max_i \frac{|A x - b - G^T r|_i}{(|A||x| + |b| + |G^T r|)_i}.

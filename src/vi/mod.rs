@@ -70,8 +70,8 @@ pub trait Solver<E: Engine> {
         f64::INFINITY
     }
 
-    /// Solves the same problem again by the next safer method, from attempt 0 on. Returns `None` if
-    /// there is none left.
+    /// Solves the same problem again by a safer method, the next one for each `attempt` from 0 on.
+    /// Returns `None` if there is none left.
     ///
     /// # Errors
     /// Returns the errors of [`Solver::solve`].

@@ -42,7 +42,7 @@ fn check_options(context: &Context) -> Result<()> {
         if let Some(search) = search.filter(|search| !LINE_SEARCHES.contains(&search.as_str())) {
             let why = match search.as_str() {
                 "nleqerr" => {
-                    "it multiplies with the whole Jacobian, and the methods between bounds have a part of it"
+                    "it multiplies with the whole Jacobian, and the methods for bounds keep only a part of it"
                 }
                 "ncglinear" => "it is for nonlinear conjugate gradients",
                 "shell" => "it needs a function that the program does not have",
@@ -63,7 +63,7 @@ fn kind(context: &Context, prefix: &str) -> Result<String> {
     let kind = context.option(&option)?.unwrap_or(REDUCED.into());
     if kind != REDUCED && kind != SEMISMOOTH {
         return Err(Error::Usage(format!(
-            "-{option} {kind}: no PETSc method between bounds; it has {REDUCED} and {SEMISMOOTH}"
+            "-{option} {kind}: not a PETSc method for bounds; take {REDUCED} or {SEMISMOOTH}"
         )));
     }
     Ok(kind)

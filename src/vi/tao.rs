@@ -35,19 +35,19 @@ const TYPES: &[&str] = &[TRUST_REGION, "bnls", "gpcg", "bntr", "bntl", "blmvm", 
 /// Returns the reason why a method cannot solve a step.
 fn refusal(kind: &str) -> &'static str {
     match kind {
-        "bqpip" => "it says that it converged and answers wrongly where a bound has one side only",
+        "bqpip" => "it reports convergence but answers wrongly where a bound is one-sided",
         "ssils" | "asils" | "ssfls" | "asfls" => {
             "it solves for constraints that a step does not have, and crashes without them"
         }
         "almm" | "admm" | "lcl" | "ipm" | "pdipm" => {
             "it is for general constraints, and a step has bounds only"
         }
-        "nls" | "ntr" | "ntl" | "lmvm" | "cg" | "nm" | "owlqn" | "bmrm" => "it knows no bounds",
+        "nls" | "ntr" | "ntl" | "lmvm" | "cg" | "nm" | "owlqn" | "bmrm" => "it does not support bounds",
         "bqnktr" | "bqnktl" | "bqnkls" => {
             "its quasi-Newton matrix has no factor, and without one it does not converge"
         }
         "pounders" | "brgn" => "it is for least squares",
-        _ => "no PETSc method between bounds has this name",
+        _ => "no PETSc method for bounds has this name",
     }
 }
 

@@ -79,7 +79,10 @@ fn nodes_beside_an_edge_that_is_not_theirs_are_refused() {
 #[test]
 fn merging_takes_no_cell_apart() {
     let file = halves(false, 1e-9, 0.0, 4).write("merged_too_far.msh");
-    assert_refused(&refusal(&text(&file, ", merge = 0.11", CLAMPED)), &["mesh.merge = 0.11", "one cell one"]);
+    assert_refused(
+        &refusal(&text(&file, ", merge = 0.11", CLAMPED)),
+        &["mesh.merge = 0.11", "two nodes of one cell"],
+    );
 }
 
 #[test]

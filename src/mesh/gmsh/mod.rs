@@ -131,7 +131,7 @@ impl Sections<'_> {
         found.map_or(Ok(()), |[node, _]| {
             let Point { coords: at } = mesh.nodes[node];
             Err(self.cursor.fault_of_file(format_args!(
-                "mesh.merge = {:?} m makes two nodes of one cell one at ({}, {}); expected less than the shortest side of \
+                "mesh.merge = {:?} m merges two nodes of one cell at ({}, {}); expected less than the shortest side of \
                  a cell",
                 import.merge, at.x, at.y
             )))
