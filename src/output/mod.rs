@@ -2,17 +2,17 @@
 //!
 //! This module does not depend on plates, meshes or schemes. Its parts are:
 //!
-//! - [`history`]: `history.csv`, written as the run advances, and its reader,
-//! - [`contacts`]: `contacts.csv`,
-//! - [`events`]: `events.csv`,
-//! - [`checkpoint`]: `checkpoint-*.bin`,
-//! - [`claim`]: the exclusive right to write into a folder,
-//! - [`vtu`]: `fields.pvd` and its snapshots,
-//! - [`summary`]: `summary.json`,
-//! - [`plot`]: `plots/*.svg` and `.png`,
-//! - [`matrix_market`]: `*.mtx`,
-//! - [`progress`]: the progress line on a terminal,
-//! - [`text`]: the report that ends a run.
+//! - [`history`] for `history.csv`, written as the run advances, and its reader,
+//! - [`contacts`] for `contacts.csv`,
+//! - [`events`] for `events.csv`,
+//! - [`checkpoint`] for `checkpoint-*.bin`,
+//! - [`claim`] for the exclusive right to write into a folder,
+//! - [`vtu`] for `fields.pvd` and its snapshots,
+//! - [`summary`] for `summary.json`,
+//! - [`plot`] for `plots/*.svg` and `.png`,
+//! - [`matrix_market`] for `*.mtx`,
+//! - [`progress`] for the progress line on a terminal,
+//! - [`text`] for the report that ends a run.
 
 pub mod checkpoint;
 pub mod claim;
