@@ -1,7 +1,7 @@
 //! What a formula costs at the quadrature points of a 160x64 mesh, beside the same written in Rust.
 
 use divan::{Bencher, black_box};
-use rebond::field::{Field, Jet, Names};
+use rebond::field::{Derivatives, Field, Names};
 use rebond::mesh::Point;
 
 const POINTS: usize = 160 * 64 * 9;
@@ -32,7 +32,7 @@ fn values_in_rust(bencher: Bencher) {
 #[divan::bench(args = FORMULAS)]
 fn jets(bencher: Bencher, text: &str) {
     let field = Field::parse(text, Names::XYT).expect("a formula");
-    let (points, mut jets) = (points(), vec![Jet { value: 0.0, first: 0.0, second: 0.0 }; POINTS]);
+    let (points, mut jets) = (points(), vec![Derivatives { value: 0.0, first: 0.0, second: 0.0 }; POINTS]);
     bencher.bench_local(|| field.jets(&points, black_box(0.01), &mut jets));
 }
 

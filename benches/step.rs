@@ -17,7 +17,7 @@ use rebond::linalg::{Engine, Factor, Form};
 use rebond::scene::Scene;
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::Model;
-use rebond::vi::kkt::Judge;
+use rebond::vi::kkt::KktCheck;
 use std::time::{Duration, Instant};
 
 const MESHES: [&str; 6] = ["fvs 10x4", "hct 10x4", "fvs 80x32", "hct 80x32", "fvs 160x64", "hct 160x64"];
@@ -104,7 +104,7 @@ fn e_judge(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
     let sum = Newmark::sum(&model.system, PARAMETERS);
     let x = &model.start.displacement;
-    let mut judge = Judge::new(&model.system.engine, &sum).unwrap();
+    let mut judge = KktCheck::new(&model.system.engine, &sum).unwrap();
     let reaction = vec![0.0; model.system.bounds.len()];
     bencher.bench_local(|| {
         judge.residual(&model.system.engine, &sum, &[x], &model.system.bounds, 1.0, x, &reaction).unwrap()

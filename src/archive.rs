@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// Kind of the entries of a vector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Over {
+pub enum VectorKind {
     /// Displacement dofs of a rank.
     Dofs,
     /// Velocity dofs of a rank: its cells, or its displacement dofs.
@@ -28,7 +28,7 @@ pub enum Entry {
     /// Value that is the same on every rank.
     Value(Vec<u8>),
     /// Vector with a fixed number of numbers per entry.
-    Vector(Over, Vec<f64>),
+    Vector(VectorKind, Vec<f64>),
     /// Numbers of each rank, in lists of any length.
     Lists(Vec<Vec<f64>>),
 }
@@ -54,11 +54,11 @@ pub struct Numbering {
 }
 
 impl Numbering {
-    fn of(&self, over: Over) -> &Numbers {
+    fn of(&self, over: VectorKind) -> &Numbers {
         match over {
-            Over::Dofs => &self.dofs,
-            Over::Velocities => &self.velocities,
-            Over::Bounds => &self.bounds,
+            VectorKind::Dofs => &self.dofs,
+            VectorKind::Velocities => &self.velocities,
+            VectorKind::Bounds => &self.bounds,
         }
     }
 }
@@ -151,7 +151,7 @@ impl Archive {
     ///
     /// # Errors
     /// Returns the errors of [`Archive::value`].
-    pub fn vector(&mut self, over: Over, values: &mut [f64]) -> Result<()> {
+    pub fn vector(&mut self, over: VectorKind, values: &mut [f64]) -> Result<()> {
         self.items(over, values, |&value| [value], |[value]| value)
     }
 
@@ -161,7 +161,7 @@ impl Archive {
     /// Returns the errors of [`Archive::value`].
     pub fn items<T, const N: usize>(
         &mut self,
-        over: Over,
+        over: VectorKind,
         items: &mut [T],
         numbers: impl FnMut(&T) -> [f64; N],
         mut item: impl FnMut([f64; N]) -> T,

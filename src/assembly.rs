@@ -3,14 +3,14 @@
 //! Congruent cells (translates of one another) share one set of local arrays, so that a regular
 //! mesh computes its element matrices only a few times.
 
+use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::adaptive::{Rules, Triangle};
 use crate::element::quadrature::{self, Node, Rule};
 use crate::element::{Element, Piece, fvs, hct};
 use crate::error::{Error, Result};
-use crate::linalg::{Average, BARE, Bending, Block};
+use crate::linalg::{BARE, Bending, ElementMatrix, SingularMassCell};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::plate::{self, Section, Sections};
-use crate::space::{PER_NODE, Space};
 use nalgebra::{DVector, SMatrix, Vector3};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -81,15 +81,15 @@ impl CellArrays {
     }
 
     /// Returns a local matrix as a form over the free dofs, with their factors applied.
-    fn block(&self, matrix: &Rc<[f64]>, bending: Option<&Rc<Bending>>) -> Block {
+    fn block(&self, matrix: &Rc<[f64]>, bending: Option<&Rc<Bending>>) -> ElementMatrix {
         let (dofs, class) = (self.dofs.clone(), self.class);
         match &self.factors {
-            None => Block { dofs, matrix: matrix.clone(), bending: bending.cloned(), class },
+            None => ElementMatrix { dofs, matrix: matrix.clone(), bending: bending.cloned(), class },
             Some(factors) => {
                 let size = factors.len();
                 let entry = |(k, value): (usize, &f64)| value * factors[k / size] * factors[k % size];
                 let matrix = matrix.iter().enumerate().map(entry).collect();
-                Block { dofs, matrix, bending: None, class }
+                ElementMatrix { dofs, matrix, bending: None, class }
             }
         }
     }
@@ -104,7 +104,7 @@ type Class = (Vec<i64>, std::result::Result<usize, usize>);
 /// # Errors
 /// Returns [`Error::Mesh`] naming a cell that cannot carry its element, and the errors of the
 /// sections.
-pub fn cells(mesh: &Mesh, space: &Space, sections: &impl Sections) -> Result<Vec<CellArrays>> {
+pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Vec<CellArrays>> {
     let extent = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()));
     // Positions that differ by a few roundings of the largest coordinate count as equal.
     let grain = 16.0 * f64::EPSILON * extent;
@@ -245,18 +245,18 @@ fn bending<const N: usize>(
 }
 
 /// Returns the cells' contributions to the stiffness K.
-pub fn stiffness(cells: &[CellArrays]) -> Vec<Block> {
+pub fn stiffness(cells: &[CellArrays]) -> Vec<ElementMatrix> {
     cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.bending))).collect()
 }
 
 /// Returns the cells' contributions to the consistent mass M_r.
-pub fn consistent_mass(cells: &[CellArrays]) -> Vec<Block> {
+pub fn consistent_mass(cells: &[CellArrays]) -> Vec<ElementMatrix> {
     cells.iter().map(|cell| cell.block(&cell.local.mass, None)).collect()
 }
 
 /// Returns the rows of B and the entries of C of the singular mass.
-pub fn singular_mass(cells: &[CellArrays]) -> Vec<Average> {
-    let average = |cell: &CellArrays| Average {
+pub fn singular_mass(cells: &[CellArrays]) -> Vec<SingularMassCell> {
+    let average = |cell: &CellArrays| SingularMassCell {
         dofs: cell.dofs.clone(),
         row: cell.of_dofs(&cell.local.coupling),
         mass: cell.local.weight,
@@ -449,7 +449,7 @@ pub fn foundation(
     cells: &[CellArrays],
     stiffness: &dyn Fn(usize, Point) -> Result<f64>,
     rules: &Rules,
-) -> Result<Vec<(usize, Block)>> {
+) -> Result<Vec<(usize, ElementMatrix)>> {
     let matrices = on_elements(mesh, stiffness, |number, element, value| {
         let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |own| Rule::Own(own));
         match element {
@@ -462,7 +462,7 @@ pub fn foundation(
     // Each block is a class of its own, numbered after those of the cells.
     let block = |(number, matrix): (usize, Vec<f64>)| {
         let class = BARE + cells.len() + number;
-        (number, Block { class, ..cells[number].block(&matrix.into(), None) })
+        (number, ElementMatrix { class, ..cells[number].block(&matrix.into(), None) })
     };
     Ok(under.map(block).collect())
 }
@@ -560,7 +560,7 @@ impl Probe {
     ///
     /// # Errors
     /// Returns [`Error::Mesh`] for a point outside the mesh.
-    pub fn new(mesh: &Mesh, space: &Space, point: Point) -> Result<Probe> {
+    pub fn new(mesh: &Mesh, space: &DofMap, point: Point) -> Result<Probe> {
         Ok(Probe::of_shape(mesh, point)?.within(space))
     }
 
@@ -588,7 +588,7 @@ impl Probe {
     }
 
     /// Restricts a probe over all dofs of the mesh to the free dofs of a space.
-    pub fn within(&self, space: &Space) -> Probe {
+    pub fn within(&self, space: &DofMap) -> Probe {
         let free = |&(of_shape, weight): &(usize, f64)| {
             let (dof, factor) = space.dof(of_shape)?;
             Some((dof, factor * weight))
@@ -630,14 +630,14 @@ impl Probe {
     ///
     /// `class` must belong to this form alone and be at least [`BARE`] plus twice the number of
     /// cells; the classes below are taken.
-    pub fn spring(&self, k: f64, class: usize) -> Block {
+    pub fn spring(&self, k: f64, class: usize) -> ElementMatrix {
         let entries = self.weights.iter().flat_map(|(_, a)| self.weights.iter().map(move |(_, b)| k * a * b));
-        Block { dofs: self.dofs(), matrix: entries.collect(), bending: None, class }
+        ElementMatrix { dofs: self.dofs(), matrix: entries.collect(), bending: None, class }
     }
 
     /// Returns one more row of B and entry of C, for the velocity of a mass of m kg at the point.
-    pub fn rider(&self, m: f64, class: usize) -> Average {
-        Average {
+    pub fn rider(&self, m: f64, class: usize) -> SingularMassCell {
+        SingularMassCell {
             dofs: self.dofs(),
             row: self.weights.iter().map(|(_, weight)| m * weight).collect(),
             mass: m,

@@ -19,7 +19,7 @@
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
 //! | [`plate`] | element matrices from thickness and material |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
-//! | [`space`] | three dofs per node, supports |
+//! | [`dof_map`] | three dofs per node, supports |
 //! | `petsc` | safe handles on PETSc objects, the distributed engine (feature `petsc`) |
 //! | [`modes`] | natural frequencies and shapes |
 //! | [`assembly`] | the only loop over cells |
@@ -76,7 +76,7 @@ pub mod field;
 pub mod element;
 pub mod plate;
 pub mod linalg;
-pub mod space;
+pub mod dof_map;
 #[cfg(feature = "petsc")]
 pub mod petsc;
 pub mod modes;

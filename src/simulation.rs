@@ -15,30 +15,31 @@ pub use contacts::Contact;
 pub use distributed::check_options;
 pub use fields::{Fields, Lattice, Snapshot};
 pub use opposite::opposite;
-pub use pause::{Pause, Places};
+pub use pause::{DofCoordinates, RunState};
 pub use phase::on_phase;
 pub(crate) use phase::phase;
 
 use crate::archive::Archive;
 use crate::assembly::{self, Probe};
+use crate::dof_map::{DofMap, NodeConstraint};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Native, Sum};
+use crate::linalg::{Engine, LinearCombination, Native};
 use crate::mesh::{Mesh, Point};
 use crate::motion::Motion;
 use crate::obstacle::Bounds;
 use crate::plate::Sections;
-use crate::scene::{self, EngineName, Given, Mass, Scene, ViName};
+use crate::scene::{self, ContactSolver, EngineName, FieldInput, Mass, Scene};
 use crate::scheme::{
-    Conserving, Event, Exact, Midpoint, Newmark, NewmarkParameters, Relaxation, Scheme, Start, System, Tally,
+    Conserving, Event, EventStatistics, Exact, Midpoint, Newmark, NewmarkParameters, RelaxationStatistics,
+    Scheme, Start, System,
 };
-use crate::space::{Hold, Space};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
-use body::{Alone, Body, Team};
+use body::{Communicator, PlateAssembly, SelfComm};
 pub use body::{mesh, mesh_and_made};
 use contacts::Contacts;
-use effects::{Effects, Ground, OfCells};
+use effects::{BuildContext, Effects, OfCells};
 pub use effects::{LoadTotal, Matrices, Resultant};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
@@ -54,12 +55,12 @@ pub struct Model<E: Engine = Native> {
     /// supports.
     pub probes: Vec<Probe>,
     /// Support motions and their contributions to the probes.
-    frame: Frame,
+    frame: SupportFrame,
     /// Free deflections of this process with their positions; the bounded ones come first, in the
     /// order of the bounds.
-    pub sites: Vec<Site>,
+    pub sites: Vec<DeflectionDof>,
     /// Positions of the dofs and velocities of this process.
-    pub places: Places,
+    pub places: DofCoordinates,
     /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
     /// Rigid motions that nothing restrains, in words; `None` if there are none.
@@ -74,7 +75,7 @@ pub struct Model<E: Engine = Native> {
 
 /// Free deflection at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Site {
+pub struct DeflectionDof {
     /// Index of the dof.
     pub dof: usize,
     /// Index of the node in the mesh.
@@ -89,14 +90,14 @@ fn nothing_free() -> Error {
 
 /// Support motions, each with its contribution to the probes per metre.
 #[derive(Default)]
-struct Frame(Vec<(Rc<Given>, Vec<f64>)>);
+struct SupportFrame(Vec<(Rc<FieldInput>, Vec<f64>)>);
 
 /// Returns the free dofs of a scene's mesh.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`] where a support applies to no part of the mesh.
-pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
-    Ok(Space::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
+pub fn space(scene: &Scene, mesh: &Mesh) -> Result<DofMap> {
+    Ok(DofMap::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
 }
 
 /// Returns thickness and material of the plate, cell by cell.
@@ -104,7 +105,7 @@ pub fn space(scene: &Scene, mesh: &Mesh) -> Result<Space> {
 /// # Errors
 /// Returns the same errors as [`Model::new`].
 pub fn sections<'s>(scene: &'s Scene, mesh: &Mesh) -> Result<impl Sections + use<'s>> {
-    Body::new(scene, mesh, &Alone)
+    PlateAssembly::new(scene, mesh, &SelfComm)
 }
 
 /// Returns the rigid motions that nothing restrains, in words; `None` if there are none.
@@ -121,7 +122,8 @@ pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
 /// # Errors
 /// Returns the same errors as [`Model::new`].
 pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices> {
-    let holds = if supported { holds(scene, mesh)? } else { vec![Hold::default(); mesh.nodes.len()] };
+    let holds =
+        if supported { holds(scene, mesh)? } else { vec![NodeConstraint::default(); mesh.nodes.len()] };
     on_ground(scene, mesh, &holds, effects::matrices)
 }
 
@@ -133,31 +135,31 @@ pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
     if scene.load.is_none() && scene.initial.static_pressure.is_zero() {
         return Ok(Vec::new());
     }
-    on_ground(scene, mesh, &vec![Hold::default(); mesh.nodes.len()], effects::load_totals)
+    on_ground(scene, mesh, &vec![NodeConstraint::default(); mesh.nodes.len()], effects::load_totals)
 }
 
 /// Returns the constraints that the supports of a scene put on each node.
-fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<Hold>> {
-    Ok(Space::holds(mesh, &body::supports(scene, mesh, &Alone)?))
+fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<NodeConstraint>> {
+    Ok(DofMap::holds(mesh, &body::supports(scene, mesh, &SelfComm)?))
 }
 
 /// Calls a closure with the build context of a single process.
 fn on_ground<R>(
     scene: &Scene,
     mesh: &Mesh,
-    holds: &[Hold],
-    act: impl FnOnce(&Ground<Alone>) -> Result<R>,
+    holds: &[NodeConstraint],
+    act: impl FnOnce(&BuildContext<SelfComm>) -> Result<R>,
 ) -> Result<R> {
-    let space = Space::of(holds).with_extra(scene.balls.len());
+    let space = DofMap::of(holds).with_extra(scene.balls.len());
     if space.dofs() == scene.balls.len() {
         return Err(nothing_free());
     }
     phase("matrices");
-    let cells = assembly::cells(mesh, &space, &Body::new(scene, mesh, &Alone)?)?;
+    let cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
     let gaps: Vec<_> = (0..scene.balls.len()).map(|ball| Some(space.extra(ball))).collect();
-    act(&Ground {
+    act(&BuildContext {
         scene,
-        team: &Alone,
+        team: &SelfComm,
         mesh,
         holds,
         space: &space,
@@ -179,7 +181,7 @@ impl Model {
     /// [`Error::Mesh`] and [`Error::Singular`] for a plate without a unique solution, and
     /// [`Error::Scene`] for a formula without a value.
     pub fn new(scene: &Scene) -> Result<Model> {
-        serves(scene, EngineName::Native, &[ViName::Condensed])?;
+        serves(scene, EngineName::Native, &[ContactSolver::Condensed])?;
         let clock = Instant::now();
         phase("mesh");
         let mesh = mesh(scene)?;
@@ -191,7 +193,11 @@ impl Model {
 }
 
 /// Assembles the model of a scene on an engine. Collective.
-fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -> Result<Model<E>> {
+fn compose<E: OfCells, T: Communicator>(
+    clock: Instant,
+    engine: E,
+    ground: &BuildContext<T>,
+) -> Result<Model<E>> {
     let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
         effects::compose(engine, ground)?;
     let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
@@ -202,7 +208,7 @@ fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -
         lifted.iter_mut().zip(of_lifts).for_each(|(lifted, of)| lifted.push(of));
     }
     let motions = lifts.iter().map(|lift| lift.motion.clone());
-    let frame = Frame(motions.zip(lifted).collect());
+    let frame = SupportFrame(motions.zip(lifted).collect());
     let fields = Fields::new(ground, &lifts)?;
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
     let sonic = sonic_energy(ground);
@@ -211,7 +217,7 @@ fn compose<E: OfCells, T: Team>(clock: Instant, engine: E, ground: &Ground<T>) -
 
 /// Returns the kinetic energy of the plate moving at the speed of sound of its stiffest material,
 /// sqrt(E / rho), in J. Collective.
-fn sonic_energy<T: Team>(ground: &Ground<T>) -> f64 {
+fn sonic_energy<T: Communicator>(ground: &BuildContext<T>) -> f64 {
     let mass: f64 = ground.cells.iter().map(|cell| cell.local.weight).sum();
     let mass: f64 = ground.team.gather(&[mass]).iter().sum();
     let scene = ground.scene;
@@ -250,19 +256,19 @@ impl<E: Engine> Model<E> {
         let System { engine, bounds, .. } = &self.system;
         let (step, start) = (scene.time.step, self.start.clone());
         Ok(match scene.time.scheme {
-            scene::Scheme::Newmark { beta, restitution } => {
+            scene::SchemeSpec::Newmark { beta, restitution } => {
                 let parameters = NewmarkParameters { beta, restitution, step };
                 let solver = solver(engine, &Newmark::sum(&self.system, parameters), bounds.len())?;
                 Box::new(Newmark::with_solver(&self.system, parameters, start, solver)?)
             }
-            scene::Scheme::Midpoint { massless } => {
+            scene::SchemeSpec::Midpoint { massless } => {
                 let solver = solver(engine, &Midpoint::sum(&self.system, step), bounds.len())?;
                 Box::new(Midpoint::with_solver(&self.system, step, massless, start, solver)?)
             }
-            scene::Scheme::Conserving => {
+            scene::SchemeSpec::Conserving => {
                 Box::new(Conserving::with_solver(&self.system, step, start, solver)?)
             }
-            scene::Scheme::Exact => Box::new(Exact::new(&self.system, step, start)?),
+            scene::SchemeSpec::Exact => Box::new(Exact::new(&self.system, step, start)?),
         })
     }
 
@@ -273,7 +279,7 @@ impl<E: Engine> Model<E> {
             let moved = motion.at(Point::origin(), time)?;
             own.iter_mut().zip(lift).for_each(|(own, lift)| *own += moved * lift);
         }
-        let (all, _) = self.system.engine.concatenate(&own)?;
+        let (all, _) = self.system.engine.all_gather(&own)?;
         for (i, value) in values.iter_mut().enumerate() {
             *value = all.iter().skip(i).step_by(own.len()).sum();
         }
@@ -285,7 +291,11 @@ impl<E: Engine> Model<E> {
 ///
 /// # Errors
 /// Returns [`Error::Singular`] where the matrix is not positive definite.
-pub fn condensed<E: Engine + 'static>(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Box<dyn Solver<E>>>
+pub fn condensed<E: Engine + 'static>(
+    engine: &E,
+    sum: &LinearCombination<E>,
+    bounded: usize,
+) -> Result<Box<dyn Solver<E>>>
 where
     E::Factor: 'static,
 {
@@ -293,7 +303,7 @@ where
 }
 
 /// Returns an error unless this engine and its contact solvers are those that the scene asks for.
-fn serves(scene: &Scene, engine: EngineName, solvers: &[ViName]) -> Result<()> {
+fn serves(scene: &Scene, engine: EngineName, solvers: &[ContactSolver]) -> Result<()> {
     if scene.solver.engine != engine {
         return Err(Error::Usage(format!(
             "solver.engine: this build has no \"{}\"; it has \"{}\"",
@@ -411,7 +421,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// Returns the same errors as [`Observer::row`].
-    fn pause(&mut self, pause: Pause) -> Result<()> {
+    fn pause(&mut self, pause: RunState) -> Result<()> {
         let _ = pause;
         Ok(())
     }
@@ -429,7 +439,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// Returns the same errors as [`Observer::row`].
-    fn end(&mut self, pause: Pause, motion: Motion) -> Result<()> {
+    fn end(&mut self, pause: RunState, motion: Motion) -> Result<()> {
         let _ = (pause, motion);
         Ok(())
     }
@@ -520,7 +530,7 @@ pub struct Outcome {
     pub most_contact_nodes: usize,
     /// Work counters of an event-driven scheme.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
-    pub tally: Option<Tally>,
+    pub tally: Option<EventStatistics>,
     /// Energy at the start and end and its extremes.
     pub energy: EnergySpan,
     /// First impact; `None` if there was no contact.
@@ -536,7 +546,7 @@ pub struct Outcome {
     pub worst_penetration: f64,
     /// Relaxation statistics of a conserving scheme.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub relaxation: Option<Relaxation>,
+    pub relaxation: Option<RelaxationStatistics>,
     /// Wall time by phase, in s.
     pub seconds: Seconds,
 }
@@ -546,7 +556,7 @@ impl Outcome {
         let start = scheme.energies()?.total();
         let [assembly, equilibrium] = model.seconds;
         let System { engine, bounds, .. } = &model.system;
-        let (counts, _) = engine.concatenate(&[engine.dofs() as f64, bounds.len() as f64])?;
+        let (counts, _) = engine.all_gather(&[engine.dofs() as f64, bounds.len() as f64])?;
         let total = |which: usize| counts.iter().skip(which).step_by(2).sum::<f64>() as usize;
         Ok(Outcome {
             dofs: total(0),
@@ -603,7 +613,7 @@ impl Outcome {
         let events = scheme.take_events();
         for &event in &events {
             let Event { time, bound, closes, velocity, .. } = event;
-            let Site { node, at, .. } = model.sites[bound];
+            let DeflectionDof { node, at, .. } = model.sites[bound];
             if closes && self.first_impact.is_none() {
                 self.first_impact = Some(Impact { time, node, at, velocity });
             }
@@ -639,7 +649,7 @@ impl Outcome {
             force += r;
             penetration = penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
         }
-        let (all, _) = engine.concatenate(&[nodes, force, penetration])?;
+        let (all, _) = engine.all_gather(&[nodes, force, penetration])?;
         let part = |which: usize| all.iter().skip(which).step_by(3).copied();
         let (nodes, force) = (part(0).sum::<f64>() as usize, part(1).sum());
         self.worst_penetration = part(2).fold(self.worst_penetration, f64::max);
@@ -676,7 +686,7 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
     let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
     // Bounds at the earliest instant before contact of any of these nodes, and one step later.
     let times = touched().map(|(bound, _)| scheme.approach(bound).time);
-    let before = -engine.maximum(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)))?;
+    let before = -engine.all_reduce_max(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)))?;
     let before = if before.is_finite() { before.max(0.0) } else { 0.0 };
     let [from, to] = [model.system.bounds_at(before)?, model.system.bounds_at(before + step)?];
     let met = |(bound, &r): (usize, &f64)| {
@@ -695,12 +705,12 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
         if drive.bounds.is_some() {
             delay = delay.min(scheme.time() + step - approach.time).max(0.0);
         }
-        let Site { node, at: [x, y], .. } = model.sites[bound];
+        let DeflectionDof { node, at: [x, y], .. } = model.sites[bound];
         [(approach.time + delay).max(0.0), velocity, node as f64, x, y]
     };
     let touched = touched();
     let own = touched.map(met).min_by(|a, b| a[0].total_cmp(&b[0]));
-    let (all, _) = engine.concatenate(own.as_ref().map_or(&[], |own| own))?;
+    let (all, _) = engine.all_gather(own.as_ref().map_or(&[], |own| own))?;
     let first = all.chunks_exact(5).min_by(|a, b| a[0].total_cmp(&b[0]));
     Ok(first.map(|of| Impact { time: of[0], node: of[2] as usize, at: [of[3], of[4]], velocity: of[1] }))
 }
@@ -708,13 +718,13 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
 /// Returns advice for the user on a spurious gain of energy.
 pub(crate) fn advice(scene: &Scene) -> &'static str {
     match (scene.time.scheme, scene.time.mass) {
-        (scene::Scheme::Midpoint { .. }, Mass::Consistent) => {
+        (scene::SchemeSpec::Midpoint { .. }, Mass::Consistent) => {
             "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""
         }
-        (scene::Scheme::Midpoint { .. }, Mass::Singular) => {
+        (scene::SchemeSpec::Midpoint { .. }, Mass::Singular) => {
             "a smaller time.step conserves better, and time.scheme = \"conserving\" at every step"
         }
-        (scene::Scheme::Newmark { restitution, .. }, _) if restitution > 0.0 => {
+        (scene::SchemeSpec::Newmark { restitution, .. }, _) if restitution > 0.0 => {
             "a smaller time.step or time.restitution conserves better"
         }
         _ => "check the loads and the initial state",
@@ -740,7 +750,7 @@ pub fn run<E: Engine>(
     let clock = Instant::now();
     phase("factorisation");
     let scheme = model.scheme_with(scene, solver)?;
-    follow(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
+    run_scheme(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
 }
 
 /// Runs a model like [`run`], from a paused run of the same scene. The resumed run is bitwise
@@ -752,32 +762,32 @@ pub fn resume<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
     solver: &SolverFactory<E>,
-    pause: Pause,
+    pause: RunState,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     phase("factorisation");
     let scheme = model.scheme_with(scene, solver)?;
     let part = Some(pause.part(model)?);
-    walk(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
+    run_from(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
 }
 
 /// Runs a model like [`run`], with a scheme at its start that took `factor` seconds to build.
 ///
 /// # Errors
 /// Returns the same errors as [`run`].
-pub fn follow<E: Engine>(
+pub fn run_scheme<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
     scheme: Box<dyn Scheme + '_>,
     seconds: f64,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
-    walk(scene, model, scheme, seconds, None, observer)
+    run_from(scene, model, scheme, seconds, None, observer)
 }
 
 /// Runs the scheme from its start or from the state in an archive.
-fn walk<E: Engine>(
+fn run_from<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
     mut scheme: Box<dyn Scheme + '_>,
@@ -787,12 +797,12 @@ fn walk<E: Engine>(
 ) -> Result<(Outcome, Result<()>)> {
     let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
     let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
-    let mut watch = Watch::new(scene, sonic, scheme.as_ref())?;
+    let mut watch = RunMonitor::new(scene, sonic, scheme.as_ref())?;
     if let Some(mut archive) = from {
         watch.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
         outcome.join_contacts(scene);
     }
-    let ended = march(scene, model, scheme.as_mut(), &mut outcome, &mut watch, observer);
+    let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut watch, observer);
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
     outcome.tally = scheme.tally();
@@ -801,7 +811,7 @@ fn walk<E: Engine>(
 }
 
 /// State of the main loop that persists between steps.
-struct Watch {
+struct RunMonitor {
     guard: Guard,
     /// Number of iterations since the last row.
     iterations: u64,
@@ -814,9 +824,9 @@ struct Watch {
     clock: Instant,
 }
 
-impl Watch {
-    fn new(scene: &Scene, sonic: f64, scheme: &dyn Scheme) -> Result<Watch> {
-        Ok(Watch {
+impl RunMonitor {
+    fn new(scene: &Scene, sonic: f64, scheme: &dyn Scheme) -> Result<RunMonitor> {
+        Ok(RunMonitor {
             guard: Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)),
             iterations: 0,
             kkt: 0.0,
@@ -873,16 +883,16 @@ fn show_fields<E: Engine>(
     }
     let snapshot = fields.sample(&model.system, scheme)?;
     let shown = watched.and_then(|()| observer.fields(&snapshot));
-    let complete = model.system.engine.maximum(f64::from(u8::from(shown.is_err())))? == 0.0;
+    let complete = model.system.engine.all_reduce_max(f64::from(u8::from(shown.is_err())))? == 0.0;
     Ok(if complete { observer.fields_complete(step, time) } else { shown })
 }
 
-fn march<E: Engine>(
+fn time_loop<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
     scheme: &mut dyn Scheme,
     outcome: &mut Outcome,
-    watch: &mut Watch,
+    watch: &mut RunMonitor,
     observer: &mut dyn Observer,
 ) -> Result<()> {
     let mut probes = vec![0.0; model.probes.len()];
@@ -899,14 +909,14 @@ fn march<E: Engine>(
         watch.noted = false;
         if last && observer.keeps_end() {
             let pause =
-                Pause::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
+                RunState::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
             let motion = model.places.motion(engine, scene, scheme)?;
             if let Some((pause, motion)) = pause.zip(motion) {
                 watched = watched.and_then(|()| observer.end(pause, motion));
             }
         }
         watch.noted = true;
-        let Watch { guard, iterations, kkt, contacts, .. } = watch;
+        let RunMonitor { guard, iterations, kkt, contacts, .. } = watch;
         let events = outcome.note_events(scene, model, scheme, observer)?;
         let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, !events.is_empty())?;
         let verdict = scheme.verdict();
@@ -943,7 +953,7 @@ fn march<E: Engine>(
                 if last {
                     contacts.close(&model.sites, f64::INFINITY);
                 }
-                let (ended, _) = engine.concatenate(&contacts.take())?;
+                let (ended, _) = engine.all_gather(&contacts.take())?;
                 let ended: Vec<Contact> =
                     ended.chunks_exact(contacts::NUMBERS).map(Contact::from_numbers).collect();
                 outcome.node_contacts += ended.len() as u64;
@@ -961,7 +971,7 @@ fn march<E: Engine>(
             return engine.together(watched);
         }
         // All processes stop after the same step.
-        let asked = engine.maximum(match &watched {
+        let asked = engine.all_reduce_max(match &watched {
             Err(_) => FAILED,
             Ok(()) => f64::from(u8::from(observer.interrupts())),
         })?;
@@ -972,7 +982,7 @@ fn march<E: Engine>(
         let every = scene.output.checkpoint_every;
         if stops || step > 0 && every.is_some_and(|every| step.is_multiple_of(every)) {
             let pause =
-                Pause::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
+                RunState::take(model, step, time, |archive| watch.archive(model, scheme, outcome, archive))?;
             watched = pause.map_or(Ok(()), |pause| observer.pause(pause));
         }
         if stops {
@@ -988,7 +998,7 @@ fn march<E: Engine>(
 fn locate<E: Engine>(error: Error, model: &Model<E>) -> Error {
     match error {
         Error::Events { step, time, count, bound, .. } => {
-            let Site { node, at: [x, y], .. } = model.sites[bound];
+            let DeflectionDof { node, at: [x, y], .. } = model.sites[bound];
             Error::Events { step, time, count, bound, place: format!("node {node} at ({x}, {y})") }
         }
         error => error,

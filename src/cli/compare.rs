@@ -53,7 +53,7 @@ impl Compare {
         refuse_petsc_options(&self.scene.petsc)?;
         let mut comparison = Comparison::new(&scene, 1);
         for contender in &contenders {
-            natively(&mut comparison, &scene, contender, Ok)?;
+            run_native(&mut comparison, &scene, contender, Ok)?;
         }
         self.scene.voice.print(&comparison, &comparison)?;
         comparison.verdict()
@@ -71,7 +71,7 @@ impl Compare {
             let mut comparison = Comparison::new(scene, context.size());
             for contender in contenders {
                 match contender.engine {
-                    EngineName::Native => natively(&mut comparison, scene, contender, recover)?,
+                    EngineName::Native => run_native(&mut comparison, scene, contender, recover)?,
                     EngineName::Petsc => context.with_option(contender.option(), || {
                         let model = |scene: &Scene| Model::distributed(scene, &context);
                         comparison.run(scene, contender, model, Model::solver, recover)
@@ -120,7 +120,7 @@ fn check_options(
 }
 
 /// Runs the native engine, independently on every rank.
-fn natively(
+fn run_native(
     comparison: &mut Comparison,
     scene: &Scene,
     contender: &Contender,

@@ -59,7 +59,7 @@ enum Command {
 
 /// Output mode of a command.
 #[derive(Debug, Clone, Copy, Args)]
-struct Voice {
+struct OutputMode {
     /// Print JSON on standard output
     #[arg(long)]
     json: bool,
@@ -68,7 +68,7 @@ struct Voice {
     quiet: bool,
 }
 
-impl Voice {
+impl OutputMode {
     /// Returns whether progress is hidden.
     fn is_silent(self) -> bool {
         self.json || self.quiet
@@ -99,7 +99,7 @@ struct SceneArgs {
     #[arg(long, value_name = "SOLVER")]
     vi: Option<String>,
     #[command(flatten)]
-    voice: Voice,
+    voice: OutputMode,
     /// Options for PETSc, after --
     #[arg(last = true, value_name = "PETSC OPTIONS")]
     petsc: Vec<String>,

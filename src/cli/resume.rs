@@ -1,12 +1,12 @@
 //! Command `rebond resume`.
 
 use super::run::Job;
-use super::{Voice, launch};
+use super::{OutputMode, launch};
 use crate::error::{Error, Result};
 use crate::output::checkpoint::{Checkpoint, Identity};
 use crate::output::claim;
 use crate::scene::Scene;
-use crate::simulation::Pause;
+use crate::simulation::RunState;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ pub struct Resume {
     #[arg(long, value_name = "T")]
     until: Option<String>,
     #[command(flatten)]
-    voice: Voice,
+    voice: OutputMode,
 }
 
 impl Resume {
@@ -50,7 +50,7 @@ impl Resume {
                 let later = read(&[format!("time.end={until}")])
                     .map_err(|why| Error::Usage(format!("--until {until}: {why}")))?;
                 if later.time.steps() <= pause.step {
-                    let Pause { step, time, .. } = pause;
+                    let RunState { step, time, .. } = pause;
                     let wrong = format!("the run has made {step} steps, to {time:.9} s");
                     return Err(Error::Usage(format!("--until {until}: {wrong}; expected a later end")));
                 }

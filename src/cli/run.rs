@@ -1,12 +1,12 @@
 //! Command `rebond run`.
 
 use super::plot::obstacles;
-use super::{SceneArgs, Voice, launch, print, refuse_petsc_options, signal};
+use super::{OutputMode, SceneArgs, launch, print, refuse_petsc_options, signal};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::motion::{self, Motion};
 use crate::output::checkpoint::{self, Checkpoint, Identity, Outputs};
-use crate::output::claim::{self, Claim};
+use crate::output::claim::{self, RunLock};
 use crate::output::contacts::{self, Contacts};
 use crate::output::events::{self, Events};
 use crate::output::history::{self, History};
@@ -17,10 +17,10 @@ use crate::output::vtu::{self, Series};
 use crate::output::{remove, summary, sweep, write_atomic};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-use crate::scene::{EngineName, Scene, Scheme};
-use crate::scheme::Relaxation;
+use crate::scene::{EngineName, Scene, SchemeSpec};
+use crate::scheme::RelaxationStatistics;
 use crate::simulation::{
-    self, Contact, Model, NodeEvent, Observer, Outcome, Pause, Row, Snapshot, SolverFactory,
+    self, Contact, Model, NodeEvent, Observer, Outcome, Row, RunState, Snapshot, SolverFactory,
 };
 use crate::study;
 use clap::Args;
@@ -48,7 +48,7 @@ pub(super) struct Job {
     pub file: PathBuf,
     pub identity: Identity,
     pub folder: PathBuf,
-    pub voice: Voice,
+    pub voice: OutputMode,
     pub petsc: Vec<String>,
     pub from: Option<Checkpoint>,
 }
@@ -91,7 +91,7 @@ pub(super) struct SetUpTold(Rc<SetUp>);
 
 impl SetUpTold {
     /// Starts listening to the phases of the set-up.
-    pub fn new(voice: Voice) -> SetUpTold {
+    pub fn new(voice: OutputMode) -> SetUpTold {
         let set_up = Rc::new(SetUp::new(voice.is_silent()));
         let told = Rc::clone(&set_up);
         simulation::on_phase(Some(Box::new(move |part| told.part(part))));
@@ -132,7 +132,8 @@ impl Files {
         contacts::clear(folder)?;
         let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
         events::clear(folder)?;
-        let events = if scene.time.scheme == Scheme::Exact { Some(Events::create(folder)?) } else { None };
+        let events =
+            if scene.time.scheme == SchemeSpec::Exact { Some(Events::create(folder)?) } else { None };
         let progress = Progress::new(0..scene.time.steps(), 0.0..scene.time.end, voice.is_silent());
         Ok(Files { history, contacts, events, progress })
     }
@@ -140,7 +141,7 @@ impl Files {
     /// Truncates the files to their lengths at a checkpoint.
     fn resume(Job { scene, folder, voice, .. }: &Job, from: &Checkpoint) -> Result<Files> {
         let Outputs { history, contacts, events, .. } = from.outputs;
-        let Pause { step, time, .. } = from.pause;
+        let RunState { step, time, .. } = from.pause;
         Ok(Files {
             history: History::resume(folder, scene.output.probes.len(), history)?,
             contacts: contacts.map(|length| Contacts::resume(folder, length)).transpose()?,
@@ -172,7 +173,7 @@ impl Files {
 impl Recorder<'_> {
     /// Returns a checkpoint of a state with the lengths of the files; `None` on a process that
     /// writes no files.
-    fn checkpoint(&mut self, pause: Pause) -> Result<Option<Checkpoint>> {
+    fn checkpoint(&mut self, pause: RunState) -> Result<Option<Checkpoint>> {
         let Job { scene, file, identity, petsc, .. } = self.job;
         let Some(files) = &mut self.files else { return Ok(None) };
         let outputs = files.outputs(&self.fields)?;
@@ -232,7 +233,7 @@ impl Observer for Recorder<'_> {
         events.map_or(Ok(()), |events| events.push(event))
     }
 
-    fn pause(&mut self, pause: Pause) -> Result<()> {
+    fn pause(&mut self, pause: RunState) -> Result<()> {
         let checkpoint = self.checkpoint(pause)?;
         checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(&self.job.folder))
     }
@@ -241,7 +242,7 @@ impl Observer for Recorder<'_> {
         true
     }
 
-    fn end(&mut self, pause: Pause, motion: Motion) -> Result<()> {
+    fn end(&mut self, pause: RunState, motion: Motion) -> Result<()> {
         let Some(checkpoint) = self.checkpoint(pause)? else { return Ok(()) };
         let folder = &self.job.folder;
         checkpoint.write_state(folder)?;
@@ -249,7 +250,7 @@ impl Observer for Recorder<'_> {
     }
 
     fn interrupts(&self) -> bool {
-        signal::came()
+        signal::signal_received()
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
@@ -289,7 +290,7 @@ impl Job {
             EngineName::Native => {
                 launch::one_process("the native engine runs")?;
                 refuse_petsc_options(&self.petsc)?;
-                let _claim = Claim::new(&self.folder, &self.identity)?;
+                let _claim = RunLock::new(&self.folder, &self.identity)?;
                 self.announce("")?;
                 let set_up = SetUpTold::new(self.voice);
                 let model = Model::new(&self.scene)?;
@@ -306,7 +307,7 @@ impl Job {
         let context = Context::start(&self.petsc)?;
         let speaks = context.rank() == 0;
         let run = || {
-            let claim = speaks.then(|| Claim::new(&self.folder, &self.identity)).transpose();
+            let claim = speaks.then(|| RunLock::new(&self.folder, &self.identity)).transpose();
             let _claim = context.together(claim)?;
             if speaks {
                 self.announce(&format!("engine: petsc, {}\n", ranks(context.size())))?;
@@ -464,7 +465,7 @@ fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
             .number("  over start", energy.end / energy.start, "")
             .text("  largest change", format!("{most:.1e}"));
     }
-    if let Some(Relaxation { relaxed_steps, halved_steps, least_gamma, largest_gamma, .. }) =
+    if let Some(RelaxationStatistics { relaxed_steps, halved_steps, least_gamma, largest_gamma, .. }) =
         outcome.relaxation
     {
         report.count("steps relaxed", relaxed_steps, "");

@@ -38,6 +38,6 @@ pub(super) fn listen() -> Result<()> {
 }
 
 /// Returns whether a signal was received.
-pub(super) fn came() -> bool {
+pub(super) fn signal_received() -> bool {
     ASKED.get().is_some()
 }

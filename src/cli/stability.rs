@@ -54,7 +54,7 @@ impl Stable {
         if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {
             let context = Context::start(&[])?;
             let attempt = |contender: &Contender, scene: &Scene, method| match contender.engine {
-                EngineName::Native => Ok(stability::natively(scene, method)),
+                EngineName::Native => Ok(stability::run_native(scene, method)),
                 EngineName::Petsc => context.with_option(contender.option(), || {
                     let model = Model::distributed(scene, &context);
                     Ok(stability::attempt(scene, method, model, |model| model.solver(scene)))
@@ -62,7 +62,7 @@ impl Stable {
             };
             return self.report(scenes, &contenders, attempt).and_then(|()| context.refuse_unused_options());
         }
-        self.report(scenes, &contenders, |_, scene, method| Ok(stability::natively(scene, method)))
+        self.report(scenes, &contenders, |_, scene, method| Ok(stability::run_native(scene, method)))
     }
 
     /// Runs all trials and reports them.

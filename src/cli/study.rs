@@ -127,7 +127,7 @@ impl Study {
         if study.engines.contains(&EngineName::Petsc) {
             let context = Context::start(&self.scene.petsc)?;
             let on_both = |scene: &Scene, keep_fields: bool| match scene.solver.engine {
-                EngineName::Native => accuracy::natively(scene, keep_fields),
+                EngineName::Native => accuracy::run_native(scene, keep_fields),
                 EngineName::Petsc => {
                     let model = Model::distributed(scene, &context)?;
                     let solver = model.solver(scene);
@@ -138,7 +138,7 @@ impl Study {
             return context.refuse_unused_options();
         }
         refuse_petsc_options(&self.scene.petsc)?;
-        self.make(&scene, &study, &accuracy::natively)
+        self.make(&scene, &study, &accuracy::run_native)
     }
 
     fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {

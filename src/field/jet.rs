@@ -5,7 +5,7 @@ use std::f64::consts::LN_10;
 
 /// Value with its first two time derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Jet {
+pub struct Derivatives {
     /// Value.
     pub value: f64,
     /// First derivative, per s.
@@ -20,14 +20,14 @@ fn product(slope: f64, motion: f64) -> f64 {
     if motion == 0.0 { 0.0 } else { slope * motion }
 }
 
-impl Jet {
+impl Derivatives {
     /// Returns the variable of differentiation, usually the time.
-    pub(super) fn moving(value: f64) -> Jet {
-        Jet { value, first: 1.0, second: 0.0 }
+    pub(super) fn moving(value: f64) -> Derivatives {
+        Derivatives { value, first: 1.0, second: 0.0 }
     }
 
     /// Returns whether the value is less than another, or equal and less just after.
-    fn goes_below(self, other: Jet) -> bool {
+    fn goes_below(self, other: Derivatives) -> bool {
         let [of, than] = [self, other].map(|jet| [jet.value, jet.first, jet.second]);
         of.partial_cmp(&than) == Some(std::cmp::Ordering::Less)
     }
@@ -37,25 +37,25 @@ impl Jet {
     }
 
     /// Returns f(u), from f, f' and f'' at u.
-    fn chain(self, f: f64, slope: f64, curvature: f64) -> Jet {
-        Jet {
+    fn chain(self, f: f64, slope: f64, curvature: f64) -> Derivatives {
+        Derivatives {
             value: f,
             first: product(slope, self.first),
             second: product(curvature, self.first * self.first) + product(slope, self.second),
         }
     }
 
-    fn times(self, other: Jet) -> Jet {
+    fn times(self, other: Derivatives) -> Derivatives {
         let (u, v) = (self, other);
-        Jet {
+        Derivatives {
             value: u.value * v.value,
             first: product(v.value, u.first) + product(u.value, v.first),
             second: product(v.value, u.second) + 2.0 * u.first * v.first + product(u.value, v.second),
         }
     }
 
-    fn plus(self, other: Jet, sign: f64) -> Jet {
-        Jet {
+    fn plus(self, other: Derivatives, sign: f64) -> Derivatives {
+        Derivatives {
             value: self.value + sign * other.value,
             first: self.first + sign * other.first,
             second: self.second + sign * other.second,
@@ -64,7 +64,7 @@ impl Jet {
 
     /// Returns u^v. For constant v, u may be negative or zero as far as the power has a derivative
     /// there.
-    fn power(self, exponent: Jet, f: f64) -> Jet {
+    fn power(self, exponent: Derivatives, f: f64) -> Derivatives {
         let (u, n) = (self.value, exponent.value);
         if exponent.is_still() {
             let slope = product(u.powf(n - 1.0), n);
@@ -76,9 +76,9 @@ impl Jet {
     }
 }
 
-impl Number for Jet {
+impl Number for Derivatives {
     fn constant(value: f64) -> Self {
-        Jet { value, first: 0.0, second: 0.0 }
+        Derivatives { value, first: 0.0, second: 0.0 }
     }
 
     fn unary(self, op: Unary) -> Self {
@@ -102,7 +102,7 @@ impl Number for Jet {
             Unary::Ln => (1.0 / u, -1.0 / (u * u)),
             Unary::Log10 => (1.0 / (u * LN_10), -1.0 / (u * u * LN_10)),
             Unary::Sqrt => (0.5 / f, -0.25 / (u * f)),
-            Unary::Abs => (if self.goes_below(Jet::constant(0.0)) { -1.0 } else { 1.0 }, 0.0),
+            Unary::Abs => (if self.goes_below(Derivatives::constant(0.0)) { -1.0 } else { 1.0 }, 0.0),
             Unary::Not | Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Step => (0.0, 0.0),
         };
         self.chain(f, slope, curvature)
@@ -118,29 +118,29 @@ impl Number for Jet {
             Binary::Divide => {
                 let first = (u.first - product(f, v.first)) / v.value;
                 let second = (u.second - 2.0 * first * v.first - product(f, v.second)) / v.value;
-                Jet { value: f, first, second }
+                Derivatives { value: f, first, second }
             }
             Binary::Power => u.power(v, f),
             Binary::Min if u.value.is_nan() || u.goes_below(v) => u,
             Binary::Max if u.value.is_nan() || v.goes_below(u) => u,
             Binary::Min | Binary::Max => v,
-            Binary::Hypot | Binary::Atan2 if u.is_still() && v.is_still() => Jet::constant(f),
+            Binary::Hypot | Binary::Atan2 if u.is_still() && v.is_still() => Derivatives::constant(f),
             Binary::Hypot => {
                 let first = (u.value * u.first + v.value * v.first) / f;
                 let speeds = u.first * u.first + v.first * v.first - first * first;
                 let second = (speeds + u.value * u.second + v.value * v.second) / f;
-                Jet { value: f, first, second }
+                Derivatives { value: f, first, second }
             }
             Binary::Atan2 => {
                 let square = u.value * u.value + v.value * v.value;
                 let square_rate = 2.0 * (u.value * u.first + v.value * v.first);
                 let first = (v.value * u.first - u.value * v.first) / square;
                 let second = (v.value * u.second - u.value * v.second - first * square_rate) / square;
-                Jet { value: f, first, second }
+                Derivatives { value: f, first, second }
             }
             Binary::Mod => {
                 let turns = ((u.value - f) / v.value).round();
-                Jet { value: f, ..u.plus(v, -turns) }
+                Derivatives { value: f, ..u.plus(v, -turns) }
             }
             Binary::Less
             | Binary::LessEqual
@@ -149,7 +149,7 @@ impl Number for Jet {
             | Binary::Equal
             | Binary::NotEqual
             | Binary::And
-            | Binary::Or => Jet::constant(f),
+            | Binary::Or => Derivatives::constant(f),
         }
     }
 

@@ -59,7 +59,7 @@ pub use breaks::{Break, Breaks, MOST_LOOKS};
 use code::{Binary, Instruction, LANES, Lanes, Number, Unary};
 use enclosure::Sided;
 pub use enclosure::{Enclosure, Interval};
-pub use jet::Jet;
+pub use jet::Derivatives;
 use names::Name;
 pub use names::Names;
 use parse::Kind;
@@ -72,16 +72,16 @@ const LONGEST_QUOTE: usize = 60;
 /// Error in a formula, with its position.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("column {column}: {wrong}")]
-pub struct Fault {
+pub struct ParseError {
     /// Column in the formula, in characters, counted from 1.
     pub column: usize,
     /// Description of the error and of what was expected.
     pub wrong: String,
 }
 
-impl Fault {
-    fn new(text: &str, at: usize, wrong: impl Into<String>) -> Fault {
-        Fault { column: text[..at].chars().count() + 1, wrong: wrong.into() }
+impl ParseError {
+    fn new(text: &str, at: usize, wrong: impl Into<String>) -> ParseError {
+        ParseError { column: text[..at].chars().count() + 1, wrong: wrong.into() }
     }
 }
 
@@ -114,18 +114,18 @@ pub struct Term {
 
 impl Field {
     /// Parses a formula of these variables whose value is a number.
-    pub fn parse(text: &str, names: Names) -> Result<Field, Fault> {
+    pub fn parse(text: &str, names: Names) -> Result<Field, ParseError> {
         Field::read(text, names, Kind::Number)
     }
 
-    fn read(text: &str, names: Names, kind: Kind) -> Result<Field, Fault> {
+    fn read(text: &str, names: Names, kind: Kind) -> Result<Field, ParseError> {
         let folded = code::fold(parse::parse(text, names, kind)?);
         for (instruction, span) in &folded {
             if let Instruction::Constant(value) = instruction
                 && !value.is_finite()
             {
                 let wrong = format!("{} is {value}; expected a finite number", cut(&text[span.clone()]));
-                return Err(Fault::new(text, span.start, wrong));
+                return Err(ParseError::new(text, span.start, wrong));
             }
         }
         let (code, spans): (Vec<_>, Vec<_>) = folded.into_iter().unzip();
@@ -151,13 +151,13 @@ impl Field {
 
     /// Returns the value at a point (m) and a time (s). An error is returned where it is not
     /// finite.
-    pub fn value(&self, at: Point, t: f64) -> Result<f64, Fault> {
+    pub fn value(&self, at: Point, t: f64) -> Result<f64, ParseError> {
         self.finite(at, t, code::run(&self.code, &mut Vec::new(), variable(at, t)))
     }
 
     /// Computes the values at a time (s), one entry per point (m). Parts that do not depend on the
     /// place are computed once.
-    pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<(), Fault> {
+    pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<(), ParseError> {
         if !self.depends_on(Names::XY) {
             if !points.is_empty() {
                 values.fill(self.value(Point::origin(), t)?);
@@ -232,32 +232,32 @@ impl Field {
     /// At a kink of `abs`, `min` or `max` the derivatives are those just after it. At any other
     /// kink and at a jump they are those of the side that the value belongs to: those of `step(t)`
     /// are 0 everywhere.
-    pub fn jet(&self, at: Point, t: f64) -> Result<Jet, Fault> {
+    pub fn jet(&self, at: Point, t: f64) -> Result<Derivatives, ParseError> {
         self.jet_with(&mut Vec::new(), at, t)
     }
 
     /// Returns the value and its derivatives along x and y at a point (m) and a time (s).
     ///
     /// At a jump or a kink the derivatives are those of the side that the value belongs to.
-    pub fn gradient(&self, at: Point, t: f64) -> Result<[f64; 3], Fault> {
+    pub fn gradient(&self, at: Point, t: f64) -> Result<[f64; 3], ParseError> {
         let value = self.value(at, t)?;
         let mut stack = Vec::new();
         let mut along = |axis: Name| {
             let jet = code::run(&self.code, &mut stack, |name| match variable(at, t)(name) {
-                value if name == axis => Jet::moving(value),
-                value => Jet::constant(value),
+                value if name == axis => Derivatives::moving(value),
+                value => Derivatives::constant(value),
             });
             if jet.first.is_finite() {
                 return Ok(jet.first);
             }
             let wrong = format!("no slope along {}{}", axis.word(), self.describe(at, t));
-            Err(Fault::new(&self.text, 0, format!("{wrong}; expected a smooth formula")))
+            Err(ParseError::new(&self.text, 0, format!("{wrong}; expected a smooth formula")))
         };
         Ok([value, along(Name::X)?, along(Name::Y)?])
     }
 
     /// Computes the values and their time derivatives at a time (s), one entry per point (m).
-    pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Jet]) -> Result<(), Fault> {
+    pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Derivatives]) -> Result<(), ParseError> {
         let mut stack = Vec::new();
         for (&at, jet) in points.iter().zip(jets) {
             *jet = self.jet_with(&mut stack, at, t)?;
@@ -265,17 +265,17 @@ impl Field {
         Ok(())
     }
 
-    fn jet_with(&self, stack: &mut Vec<Jet>, at: Point, t: f64) -> Result<Jet, Fault> {
+    fn jet_with(&self, stack: &mut Vec<Derivatives>, at: Point, t: f64) -> Result<Derivatives, ParseError> {
         let jet = code::run(&self.code, stack, |name| match name {
-            Name::T => Jet::moving(t),
-            place => Jet::constant(variable(at, t)(place)),
+            Name::T => Derivatives::moving(t),
+            place => Derivatives::constant(variable(at, t)(place)),
         });
         self.finite(at, t, jet.value)?;
         if jet.first.is_finite() {
             return Ok(jet);
         }
         let wrong = format!("no velocity{}; expected a smooth formula", self.describe(at, t));
-        Err(Fault::new(&self.text, 0, wrong))
+        Err(ParseError::new(&self.text, 0, wrong))
     }
 
     /// Returns the terms whose sum is the field, or `None` where no such sum is found and the field
@@ -292,7 +292,7 @@ impl Field {
         separate::separate(&self.code)?.into_iter().map(term).collect()
     }
 
-    fn finite(&self, at: Point, t: f64, value: f64) -> Result<f64, Fault> {
+    fn finite(&self, at: Point, t: f64, value: f64) -> Result<f64, ParseError> {
         if value.is_finite() {
             return Ok(value);
         }
@@ -301,7 +301,7 @@ impl Field {
         let span = &self.spans[index];
         let part = cut(&self.text[span.clone()]);
         let wrong = format!("{part} is {value}{}; expected a finite number", self.describe(at, t));
-        Err(Fault::new(&self.text, span.start, wrong))
+        Err(ParseError::new(&self.text, span.start, wrong))
     }
 
     /// Returns the text ` at x = 0.5, t = 2.0` with the variables that the formula depends on.
@@ -352,13 +352,13 @@ pub struct Condition(Field);
 
 impl Condition {
     /// Parses a condition on these variables.
-    pub fn parse(text: &str, names: Names) -> Result<Condition, Fault> {
+    pub fn parse(text: &str, names: Names) -> Result<Condition, ParseError> {
         Field::read(text, names, Kind::Condition).map(Condition)
     }
 
     /// Returns whether the condition holds at a point (m) and a time (s). An error is returned
     /// where an operand has no value.
-    pub fn holds(&self, at: Point, t: f64) -> Result<bool, Fault> {
+    pub fn holds(&self, at: Point, t: f64) -> Result<bool, ParseError> {
         Ok(self.0.value(at, t)? != 0.0)
     }
 }
@@ -386,7 +386,7 @@ pub enum Signal {
 
 impl Signal {
     /// Returns the value at a time (s). An error is returned where a formula is not finite.
-    pub fn value(&self, t: f64) -> Result<f64, Fault> {
+    pub fn value(&self, t: f64) -> Result<f64, ParseError> {
         match self {
             Signal::Formula(field) => field.value(Point::origin(), t),
             Signal::Table(table) => Ok(table.value(t)),
@@ -394,7 +394,7 @@ impl Signal {
     }
 
     /// Returns the value and its first two derivatives at a time (s).
-    pub fn jet(&self, t: f64) -> Result<Jet, Fault> {
+    pub fn jet(&self, t: f64) -> Result<Derivatives, ParseError> {
         match self {
             Signal::Formula(field) => field.jet(Point::origin(), t),
             Signal::Table(table) => Ok(table.jet(t)),

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::code::{Binary, Instruction, Unary};
 use super::names::{Name, Names};
-use super::{Fault, cut};
+use super::{ParseError, cut};
 use crate::error::suggestion;
 
 /// Largest length of a formula, in bytes.
@@ -166,10 +166,10 @@ struct Part {
 }
 
 /// Returns the code of a formula of these variables, without constant folding.
-pub(super) fn parse(text: &str, names: Names, kind: Kind) -> Result<Spanned, Fault> {
+pub(super) fn parse(text: &str, names: Names, kind: Kind) -> Result<Spanned, ParseError> {
     if text.len() > LONGEST {
         let wrong = format!("{} bytes are too many; expected at most {LONGEST}", text.len());
-        return Err(Fault::new(text, 0, wrong));
+        return Err(ParseError::new(text, 0, wrong));
     }
     let mut parser =
         Parser { text, names, token: Token::End, span: 0..0, end: 0, depth: 0, code: Vec::new() };
@@ -181,12 +181,12 @@ pub(super) fn parse(text: &str, names: Names, kind: Kind) -> Result<Spanned, Fau
 }
 
 impl<'a> Parser<'a> {
-    fn fault<T>(&self, at: usize, wrong: impl Into<String>) -> Result<T, Fault> {
-        Err(Fault::new(self.text, at, wrong))
+    fn fault<T>(&self, at: usize, wrong: impl Into<String>) -> Result<T, ParseError> {
+        Err(ParseError::new(self.text, at, wrong))
     }
 
     /// Reads the next token.
-    fn advance(&mut self) -> Result<(), Fault> {
+    fn advance(&mut self) -> Result<(), ParseError> {
         self.end = self.span.end;
         let rest = self.text[self.end..].trim_start();
         let start = self.text.len() - rest.len();
@@ -212,7 +212,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn number(&self, start: usize, digits: &str) -> Result<f64, Fault> {
+    fn number(&self, start: usize, digits: &str) -> Result<f64, ParseError> {
         match digits.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
             Ok(_) => self.fault(start, format!("{} is too large for a number", cut(digits))),
@@ -220,7 +220,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn symbol(&self, start: usize, rest: &str) -> Result<&'static str, Fault> {
+    fn symbol(&self, start: usize, rest: &str) -> Result<&'static str, ParseError> {
         let symbols = INFIX.iter().map(|(symbol, ..)| *symbol).chain(["(", ")", ","]);
         let longest = |symbol: &&str| symbol.len();
         let known = symbols.filter(|symbol| rest.starts_with(symbol)).max_by_key(longest);
@@ -237,7 +237,7 @@ impl<'a> Parser<'a> {
     }
 
     /// Parses an expression whose operators bind at least as strongly as `least`.
-    fn expression(&mut self, least: u8) -> Result<Part, Fault> {
+    fn expression(&mut self, least: u8) -> Result<Part, ParseError> {
         self.depth += 1;
         if self.depth > DEEPEST {
             return self
@@ -266,7 +266,7 @@ impl<'a> Parser<'a> {
         op: Binary,
         at: usize,
         right: Part,
-    ) -> Result<Part, Fault> {
+    ) -> Result<Part, ParseError> {
         let instruction = Instruction::Binary(op);
         let kind = if instruction.is_condition() { Kind::Condition } else { Kind::Number };
         let operand = if matches!(op, Binary::And | Binary::Or) { Kind::Condition } else { Kind::Number };
@@ -279,7 +279,7 @@ impl<'a> Parser<'a> {
     }
 
     /// Parses a number, a name, a call, parentheses, or one of them after a sign or `not`.
-    fn primary(&mut self) -> Result<Part, Fault> {
+    fn primary(&mut self) -> Result<Part, ParseError> {
         let start = self.span.start;
         match self.token {
             Token::Number(value) => {
@@ -318,7 +318,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn name(&mut self, word: &str, start: usize) -> Result<Part, Fault> {
+    fn name(&mut self, word: &str, start: usize) -> Result<Part, ParseError> {
         if let Some((_, value)) = CONSTANTS.iter().find(|(name, _)| *name == word) {
             return Ok(self.emit(Instruction::Constant(*value), start, Kind::Number));
         }
@@ -340,7 +340,7 @@ impl<'a> Parser<'a> {
     }
 
     /// Parses a function call after its name, at the parenthesis.
-    fn call(&mut self, word: &str, start: usize) -> Result<Part, Fault> {
+    fn call(&mut self, word: &str, start: usize) -> Result<Part, ParseError> {
         let Some((_, function)) = FUNCTIONS.iter().find(|(name, _)| *name == word) else {
             let is_value = CONSTANTS.iter().any(|(name, _)| *name == word)
                 || Name::ALL.iter().any(|name| name.word() == word);
@@ -401,7 +401,7 @@ impl<'a> Parser<'a> {
     }
 
     /// Parses the closing parenthesis of the one at `open`.
-    fn close(&mut self, open: usize) -> Result<(), Fault> {
+    fn close(&mut self, open: usize) -> Result<(), ParseError> {
         match self.token {
             Token::Symbol(")") => self.advance(),
             Token::End => self.fault(open, "this ( is never closed; expected )"),
@@ -409,7 +409,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn expect_end(&self) -> Result<(), Fault> {
+    fn expect_end(&self) -> Result<(), ParseError> {
         match self.token {
             Token::End => Ok(()),
             Token::Symbol(")") => self.fault(self.span.start, "this ) closes nothing"),
@@ -418,7 +418,7 @@ impl<'a> Parser<'a> {
     }
 
     /// Returns the error for a token after a complete part.
-    fn expect_operator(&self, expected: &str) -> Result<(), Fault> {
+    fn expect_operator(&self, expected: &str) -> Result<(), ParseError> {
         let found = cut(&self.text[self.span.clone()]);
         let hint = match self.token {
             Token::Symbol(",") => "; a decimal point is written .",
@@ -428,7 +428,7 @@ impl<'a> Parser<'a> {
         self.fault(self.span.start, format!("found {found}; expected {expected}{hint}"))
     }
 
-    fn check(&self, part: Part, kind: Kind) -> Result<(), Fault> {
+    fn check(&self, part: Part, kind: Kind) -> Result<(), ParseError> {
         if part.kind == kind {
             return Ok(());
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Jet, cut};
+use super::{Derivatives, cut};
 use crate::error::{Error, Result};
 use crate::input;
 
@@ -96,15 +96,15 @@ impl Table {
 
     /// Returns the value and its first two derivatives at a time (s); at a row, those just after
     /// it.
-    pub fn jet(&self, t: f64) -> Jet {
+    pub fn jet(&self, t: f64) -> Derivatives {
         let after = self.times.partition_point(|&time| time <= t);
-        let held = |value| Jet { value, first: 0.0, second: 0.0 };
+        let held = |value| Derivatives { value, first: 0.0, second: 0.0 };
         if after == 0 {
             return held(self.values[0]);
         }
         let Some([a, b, c, d]) = self.pieces.get(after - 1) else { return held(self.values[after - 1]) };
         let s = t - self.times[after - 1];
-        Jet {
+        Derivatives {
             value: a + s * (b + s * (c + s * d)),
             first: b + s * (2.0 * c + s * 3.0 * d),
             second: 2.0 * c + s * 6.0 * d,

@@ -5,7 +5,7 @@
 //! dofs are in layout order, see [`super::batch`].
 
 use super::batch::{Batch, Batches, LANES, Lanes};
-use super::{Average, Bending, Block};
+use super::{Bending, ElementMatrix, SingularMassCell};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -61,7 +61,7 @@ impl Strains {
 }
 
 impl Panel {
-    fn new(cells: &[usize; LANES], blocks: &[Block]) -> Panel {
+    fn new(cells: &[usize; LANES], blocks: &[ElementMatrix]) -> Panel {
         let size = blocks[cells[0]].dofs.len();
         let bending = cells.map(|cell| blocks[cell].bending.as_deref());
         Panel {
@@ -229,18 +229,18 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
 pub struct CellForm {
     batches: Rc<Batches>,
     panels: Vec<Panel>,
-    blocks: Vec<Block>,
+    blocks: Vec<ElementMatrix>,
 }
 
 impl CellForm {
     /// Collects the cells' local matrices, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, blocks: Vec<Block>) -> CellForm {
+    pub(super) fn new(batches: Rc<Batches>, blocks: Vec<ElementMatrix>) -> CellForm {
         let panels = batches.panels.iter().map(|cells| Panel::new(cells, &blocks)).collect();
         CellForm { batches, panels, blocks }
     }
 
     /// Returns the cells' contributions, for assembly.
-    pub fn blocks(&self) -> &[Block] {
+    pub fn blocks(&self) -> &[ElementMatrix] {
         &self.blocks
     }
 
@@ -290,7 +290,7 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(cells: &[usize; LANES], rows: &[Average]) -> Rows {
+    fn new(cells: &[usize; LANES], rows: &[SingularMassCell]) -> Rows {
         Rows {
             row: interleave(cells, rows[cells[0]].dofs.len(), |cell| &rows[cell].row),
             inverses: Lanes(cells.map(|cell| 1.0 / rows[cell].mass)),
@@ -342,23 +342,23 @@ impl Rows {
 
 /// Singular mass `$M = B^T C^{-1} B$`, with one average velocity per cell.
 #[derive(Debug, Clone)]
-pub struct Averages {
+pub struct SingularMassCells {
     batches: Rc<Batches>,
     panels: Vec<Rows>,
     masses: Vec<f64>,
-    rows: Vec<Average>,
+    rows: Vec<SingularMassCell>,
 }
 
-impl Averages {
+impl SingularMassCells {
     /// Collects the rows of B and the diagonal of C, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, rows: Vec<Average>) -> Averages {
+    pub(super) fn new(batches: Rc<Batches>, rows: Vec<SingularMassCell>) -> SingularMassCells {
         let panels = batches.panels.iter().map(|cells| Rows::new(cells, &rows)).collect();
         let masses = rows.iter().map(|row| row.mass).collect();
-        Averages { batches, panels, masses, rows }
+        SingularMassCells { batches, panels, masses, rows }
     }
 
     /// Returns the rows of B and entries of C, for assembly.
-    pub fn rows(&self) -> &[Average] {
+    pub fn rows(&self) -> &[SingularMassCell] {
         &self.rows
     }
 
@@ -418,7 +418,7 @@ impl Averages {
     }
 
     /// Returns V^T C V, twice the kinetic energy.
-    pub(super) fn vis_viva(&self, v: &[f64]) -> f64 {
+    pub(super) fn mass_norm_squared(&self, v: &[f64]) -> f64 {
         self.masses.iter().zip(v).map(|(c, v)| c * v * v).sum()
     }
 }
@@ -429,14 +429,14 @@ pub enum Form {
     /// Form of dense local matrices, such as K or M_r.
     Cells(CellForm),
     /// Singular mass `$B^T C^{-1} B$`, of rank one per cell.
-    Averages(Averages),
+    SingularMassCells(SingularMassCells),
 }
 
 impl Form {
     fn batches(&self) -> &Rc<Batches> {
         match self {
             Form::Cells(cells) => &cells.batches,
-            Form::Averages(averages) => &averages.batches,
+            Form::SingularMassCells(averages) => &averages.batches,
         }
     }
 }
@@ -490,7 +490,7 @@ fn add_batch_with_magnitude<S: Simd>(
             Form::Cells(cells) => {
                 cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
             }
-            Form::Averages(averages) => {
+            Form::SingularMassCells(averages) => {
                 averages.panels[batch.panel].add_with_magnitude(scale, local, room.y, room.m);
             }
         }

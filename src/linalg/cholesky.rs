@@ -8,7 +8,7 @@
 
 use super::Factor;
 use super::simd::{dot4, subtract4};
-use super::twice::{self, Twice};
+use super::twice::{self, DoubleDouble};
 use crate::error::{Error, Result};
 use crate::memory;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -28,7 +28,7 @@ use pulp::{Arch, Simd, WithSimd};
 pub struct Cholesky {
     matrix: SparseColMat<usize, f64>,
     /// Values of the matrix in double-double arithmetic, where it is factored in them.
-    twice: Option<Vec<Twice>>,
+    twice: Option<Vec<DoubleDouble>>,
     symbolic: SymbolicCholesky<usize>,
     values: Vec<f64>,
     supernodes: Vec<Supernode>,
@@ -85,7 +85,7 @@ impl Size {
         let tail = 2 * candidates * candidates;
         let kept = size_of::<f64>() * (entries + tail + 4 * dofs);
         let passing = if twice {
-            size_of::<Twice>() * entries + size_of::<f64>() * entries
+            size_of::<DoubleDouble>() * entries + size_of::<f64>() * entries
         } else {
             scratch.unaligned_bytes_required()
         };
@@ -127,7 +127,7 @@ impl Cholesky {
     /// Returns the errors of [`Cholesky::new`].
     pub(super) fn twice(
         symbolic: SymbolicSparseColMat<usize>,
-        values: Vec<Twice>,
+        values: Vec<DoubleDouble>,
         candidates: &[usize],
     ) -> Result<Cholesky> {
         let rounded = values.iter().map(|value| value.round()).collect();
@@ -136,7 +136,7 @@ impl Cholesky {
 
     fn with_digits(
         matrix: SparseColMat<usize, f64>,
-        twice: Option<Vec<Twice>>,
+        twice: Option<Vec<DoubleDouble>>,
         candidates: &[usize],
     ) -> Result<Cholesky> {
         let dofs = matrix.nrows();
@@ -235,7 +235,7 @@ impl Cholesky {
     }
 
     /// Returns the factor's values, computed in double-double arithmetic and rounded at the end.
-    fn factored_twice(&self, values: &[Twice], pinned: Option<&[bool]>) -> Result<Vec<f64>> {
+    fn factored_twice(&self, values: &[DoubleDouble], pinned: Option<&[bool]>) -> Result<Vec<f64>> {
         let dofs = self.order.len();
         let held = pinned.map(|pinned| self.pinned(values, pinned));
         let (mut place, mut owner) = (vec![0; dofs], vec![0; dofs]);
@@ -245,7 +245,7 @@ impl Cholesky {
         for (number, s) in self.supernodes.iter().enumerate() {
             owner[s.start..s.end].fill(number as u32);
         }
-        let mut panels = vec![Twice::default(); self.values.len()];
+        let mut panels = vec![DoubleDouble::default(); self.values.len()];
         for column in 0..dofs {
             let values = &held.as_deref().unwrap_or(values)[self.matrix.col_range(column)];
             for (row, &value) in self.matrix.row_idx_of_col(column).zip(values) {

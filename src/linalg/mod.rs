@@ -23,22 +23,22 @@ mod simd;
 mod twice;
 
 pub use batch::Layout;
-pub use cells::{Averages, CellForm, Form};
+pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
 pub use native::Native;
 
 use crate::archive::Archive;
 use crate::error::Result;
 use faer::Mat;
-use twice::Twice;
+use twice::DoubleDouble;
 
-/// First class number of the cells without [`Block::bending`]: springs, foundations, and cells at
-/// supports with oblique axes.
+/// First class number of the cells without [`ElementMatrix::bending`]: springs, foundations, and
+/// cells at supports with oblique axes.
 pub const BARE: usize = 1 << 40;
 
 /// Contribution of one cell to a symmetric form.
 #[derive(Debug, Clone)]
-pub struct Block {
+pub struct ElementMatrix {
     /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: std::rc::Rc<[Option<usize>]>,
     /// Local matrix, symmetric, n x n, row by row.
@@ -67,10 +67,10 @@ pub struct Bending {
 
 impl Bending {
     /// Returns the columns of R extended to all dofs of the cell, in double-double arithmetic.
-    fn strains(&self) -> Vec<Vec<Twice>> {
+    fn strains(&self) -> Vec<Vec<DoubleDouble>> {
         let size = 3 * self.arms.len();
         let own = |column: usize| self.root.iter().skip(column).step_by(size);
-        let mut strains: Vec<Vec<Twice>> = vec![vec![Twice::default(); size]; 3];
+        let mut strains: Vec<Vec<DoubleDouble>> = vec![vec![DoubleDouble::default(); size]; 3];
         strains.extend((0..size).map(|column| own(column).map(|&r| r.into()).collect()));
         // Rigid motions make no strain, so the first node's columns balance those of the others.
         for (k, arm) in self.arms.iter().enumerate() {
@@ -111,7 +111,7 @@ impl Bending {
 
 /// Contribution of one cell to the singular mass `$B^T C^{-1} B$`: one row of B and its entry of C.
 #[derive(Debug, Clone)]
-pub struct Average {
+pub struct SingularMassCell {
     /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: std::rc::Rc<[Option<usize>]>,
     /// Row of B, the integrals of rho h phi_i over the cell, in kg (in kg m for a slope).
@@ -122,11 +122,11 @@ pub struct Average {
     pub class: usize,
 }
 
-/// Number of power iterations that [`Engine::spoilt`] measures.
+/// Number of power iterations that [`Engine::estimate_factor_error`] measures.
 const LOOKS: usize = 3;
 
 /// Weighted sum of forms `$A = \sum_i c_i A_i$`, such as the matrix of a step.
-pub type Sum<'a, E> = [(f64, &'a <E as Engine>::Form)];
+pub type LinearCombination<'a, E> = [(f64, &'a <E as Engine>::Form)];
 
 /// Linear algebra behind the contact solvers and the schemes; see the [module page](self).
 ///
@@ -145,11 +145,11 @@ pub trait Engine: Sized {
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
 
     /// Returns the largest `value` over all ranks.
-    fn maximum(&self, value: f64) -> Result<f64>;
+    fn all_reduce_max(&self, value: f64) -> Result<f64>;
 
     /// Returns the values of all ranks in rank order, the same on every rank, and the index of this
     /// rank's first value.
-    fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
+    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
 
     /// Returns `mine` if all ranks succeeded, and otherwise an error on every rank, so that none
     /// goes on alone.
@@ -163,7 +163,7 @@ pub trait Engine: Sized {
 
     /// Returns the values at all dofs of this rank's cells, including dofs that other ranks own, in
     /// the numbering of the cells.
-    fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
+    fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
         Ok(x.to_vec())
     }
 
@@ -181,8 +181,13 @@ pub trait Engine: Sized {
 
     /// Computes y = A x and m = |A| |x| for a sum of forms with positive weights, where |A| is the
     /// sum of the entrywise magnitudes of the local matrices.
-    fn multiply_with_magnitude(&self, sum: &Sum<Self>, x: &[f64], y: &mut [f64], m: &mut [f64])
-    -> Result<()>;
+    fn multiply_with_magnitude(
+        &self,
+        sum: &LinearCombination<Self>,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+    ) -> Result<()>;
 
     /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,
     /// otherwise [`Engine::dofs`].
@@ -201,10 +206,10 @@ pub trait Engine: Sized {
     fn momentum(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]) -> Result<()>;
 
     /// Returns twice the kinetic energy, `$V^T C V$` or `$V^T M_r V$`, in J for velocities in m/s.
-    fn vis_viva(&self, mass: &Self::Form, v: &[f64]) -> Result<f64>;
+    fn mass_norm_squared(&self, mass: &Self::Form, v: &[f64]) -> Result<f64>;
 
     /// Returns the diagonal of a sum of forms, one entry per dof.
-    fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>>;
+    fn diagonal(&self, sum: &LinearCombination<Self>) -> Result<Vec<f64>>;
 
     /// Estimates the relative energy-norm error of a solve with a factor of the sum, caused by
     /// rounding the entries of the assembled matrix.
@@ -214,7 +219,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns the errors of the engine and of the factor.
-    fn spoilt(&self, sum: &Sum<Self>, factor: &mut Self::Factor) -> Result<f64> {
+    fn estimate_factor_error(&self, sum: &LinearCombination<Self>, factor: &mut Self::Factor) -> Result<f64> {
         let rough = |i: usize| (i as f64 * 0.618_033_988_749_895).fract() - 0.5;
         let mut x: Vec<f64> = (1..=self.dofs()).map(rough).collect();
         let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
@@ -246,7 +251,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns [`crate::Error::Memory`] with the bytes needed and available.
-    fn require_memory(&self, sum: &Sum<Self>, factors: usize) -> Result<()> {
+    fn require_memory(&self, sum: &LinearCombination<Self>, factors: usize) -> Result<()> {
         let _ = (sum, factors);
         Ok(())
     }
@@ -255,7 +260,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
-    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Self::Factor>;
+    fn factor(&self, sum: &LinearCombination<Self>, candidates: &[usize]) -> Result<Self::Factor>;
 
     /// Changes the candidates of a factor of the same sum without pinned dofs. Returns whether this
     /// took a factorisation.
@@ -265,7 +270,7 @@ pub trait Engine: Sized {
     fn change_candidates(
         &self,
         factor: &mut Self::Factor,
-        sum: &Sum<Self>,
+        sum: &LinearCombination<Self>,
         candidates: &[usize],
     ) -> Result<bool> {
         *factor = self.factor(sum, candidates)?;

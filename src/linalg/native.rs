@@ -1,10 +1,10 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
 use super::batch::{Batches, Cell, Layout};
-use super::cells::{self, Averages, CellForm, Form, Scratch};
+use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
-use super::twice::Twice;
-use super::{Average, Block, Cholesky, Engine, Sum};
+use super::twice::DoubleDouble;
+use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell};
 use crate::error::{Error, Result};
 use crate::memory;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
@@ -17,12 +17,12 @@ impl Form {
     pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
         match self {
             Form::Cells(cells) => {
-                for Block { dofs, matrix, .. } in cells.blocks() {
+                for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
                     visit_lower(dofs, |i, j| matrix[i * dofs.len() + j], &mut visit);
                 }
             }
-            Form::Averages(averages) => {
-                for Average { dofs, row, mass, .. } in averages.rows() {
+            Form::SingularMassCells(averages) => {
+                for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
                     visit_lower(dofs, |i, j| row[i] * row[j] / mass, &mut visit);
                 }
             }
@@ -32,23 +32,25 @@ impl Form {
     /// Calls `visit` as [`Form::for_each_lower`] does, in double-double arithmetic: these are the
     /// entries of the operator that products apply, which may differ from the rounded local
     /// matrices.
-    fn for_each_lower_twice(&self, mut visit: impl FnMut(usize, usize, Twice)) {
+    fn for_each_lower_twice(&self, mut visit: impl FnMut(usize, usize, DoubleDouble)) {
         match self {
             Form::Cells(cells) => {
-                for Block { dofs, matrix, bending, .. } in cells.blocks() {
+                for ElementMatrix { dofs, matrix, bending, .. } in cells.blocks() {
                     match bending {
                         None => visit_lower(dofs, |i, j| matrix[i * dofs.len() + j].into(), &mut visit),
                         Some(bending) => {
                             let strains = bending.strains();
-                            let dot = |a: &[Twice], b: &[Twice]| a.iter().zip(b).map(|(a, b)| *a * *b).sum();
+                            let dot = |a: &[DoubleDouble], b: &[DoubleDouble]| {
+                                a.iter().zip(b).map(|(a, b)| *a * *b).sum()
+                            };
                             visit_lower(dofs, |i, j| dot(&strains[i], &strains[j]), &mut visit);
                         }
                     }
                 }
             }
-            Form::Averages(averages) => {
-                for Average { dofs, row, mass, .. } in averages.rows() {
-                    let entry = |i: usize, j: usize| Twice::product(row[i], row[j]) / (*mass).into();
+            Form::SingularMassCells(averages) => {
+                for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
+                    let entry = |i: usize, j: usize| DoubleDouble::product(row[i], row[j]) / (*mass).into();
                     visit_lower(dofs, entry, &mut visit);
                 }
             }
@@ -105,15 +107,15 @@ impl Native {
     }
 
     /// Creates a form from the cells' dense local matrices.
-    pub fn form(&self, blocks: Vec<Block>) -> Form {
+    pub fn form(&self, blocks: Vec<ElementMatrix>) -> Form {
         let cells = blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
         Form::Cells(CellForm::new(self.batches(cells), blocks))
     }
 
     /// Creates the singular mass from the cells' rows of B and entries of C.
-    pub fn averages(&self, rows: Vec<Average>) -> Form {
+    pub fn averages(&self, rows: Vec<SingularMassCell>) -> Form {
         let cells = rows.iter().map(|row| (row.dofs.clone(), row.class)).collect();
-        Form::Averages(Averages::new(self.batches(cells), rows))
+        Form::SingularMassCells(SingularMassCells::new(self.batches(cells), rows))
     }
 
     /// Returns the batches of some cells, those of the last form where the cells are the same.
@@ -132,7 +134,7 @@ impl Native {
 
 impl Native {
     /// Assembles the lower triangle of a sum of forms.
-    fn assembled(&self, sum: &Sum<Self>) -> Result<SparseColMat<usize, f64>> {
+    fn assembled(&self, sum: &LinearCombination<Self>) -> Result<SparseColMat<usize, f64>> {
         let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
             form.for_each_lower(|row, column, value| visit(row, column, scale * value));
         })?;
@@ -155,13 +157,13 @@ impl WithSimd for Product<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
         match self.form {
             Form::Cells(cells) => cells.add_product(simd, self.x, self.y, self.scratch),
-            Form::Averages(averages) => averages.add_product(self.x, self.y, self.scratch),
+            Form::SingularMassCells(averages) => averages.add_product(self.x, self.y, self.scratch),
         }
     }
 }
 
 struct WithMagnitude<'a> {
-    sum: &'a Sum<'a, Native>,
+    sum: &'a LinearCombination<'a, Native>,
     x: &'a [f64],
     y: &'a mut [f64],
     m: &'a mut [f64],
@@ -178,7 +180,7 @@ impl WithSimd for WithMagnitude<'_> {
 }
 
 struct Velocity<'a> {
-    averages: &'a Averages,
+    averages: &'a SingularMassCells,
     x: &'a [f64],
     v: &'a mut [f64],
     scratch: &'a mut Scratch,
@@ -194,7 +196,7 @@ impl WithSimd for Velocity<'_> {
 }
 
 struct Momentum<'a> {
-    averages: &'a Averages,
+    averages: &'a SingularMassCells,
     v: &'a [f64],
     y: &'a mut [f64],
     scratch: &'a mut Scratch,
@@ -221,11 +223,11 @@ impl Engine for Native {
         Ok(x.iter().zip(y).map(|(x, y)| x * y).sum())
     }
 
-    fn maximum(&self, value: f64) -> Result<f64> {
+    fn all_reduce_max(&self, value: f64) -> Result<f64> {
         Ok(value)
     }
 
-    fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
         Ok((own.to_vec(), 0))
     }
 
@@ -244,7 +246,7 @@ impl Engine for Native {
 
     fn multiply_with_magnitude(
         &self,
-        sum: &Sum<Self>,
+        sum: &LinearCombination<Self>,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
@@ -262,18 +264,18 @@ impl Engine for Native {
     fn velocities(&self, mass: &Form) -> usize {
         match mass {
             Form::Cells(_) => self.dofs(),
-            Form::Averages(averages) => averages.cells(),
+            Form::SingularMassCells(averages) => averages.cells(),
         }
     }
 
     fn is_singular(&self, mass: &Form) -> bool {
-        matches!(mass, Form::Averages(_))
+        matches!(mass, Form::SingularMassCells(_))
     }
 
     fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
-            Form::Averages(averages) => {
+            Form::SingularMassCells(averages) => {
                 let Workspace { x: laid, scratch, .. } = &mut *self.workspace.borrow_mut();
                 self.layout.lay_out(x, laid);
                 self.arch.dispatch(Velocity { averages, x: laid, v, scratch });
@@ -287,7 +289,7 @@ impl Engine for Native {
             Form::Cells(_) => {
                 self.multiply(mass, v, y)?;
             }
-            Form::Averages(averages) => {
+            Form::SingularMassCells(averages) => {
                 let Workspace { y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
                 product.fill(0.0);
                 self.arch.dispatch(Momentum { averages, v, y: product, scratch });
@@ -297,14 +299,14 @@ impl Engine for Native {
         Ok(())
     }
 
-    fn vis_viva(&self, mass: &Form, v: &[f64]) -> Result<f64> {
+    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs()]),
-            Form::Averages(averages) => Ok(averages.vis_viva(v)),
+            Form::SingularMassCells(averages) => Ok(averages.mass_norm_squared(v)),
         }
     }
 
-    fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>> {
+    fn diagonal(&self, sum: &LinearCombination<Self>) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.dofs()];
         for (scale, form) in sum {
             form.for_each_lower(|row, column, entry| {
@@ -316,7 +318,7 @@ impl Engine for Native {
         Ok(diagonal)
     }
 
-    fn require_memory(&self, sum: &Sum<Self>, factors: usize) -> Result<()> {
+    fn require_memory(&self, sum: &LinearCombination<Self>, factors: usize) -> Result<()> {
         // A bound on the entries per column of L that no plate reaches: where it fits, the analysis
         // is not needed.
         let dofs = self.dofs() as u64;
@@ -329,10 +331,10 @@ impl Engine for Native {
         cholesky::require(&size, factors as u64, self.dofs())
     }
 
-    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<Cholesky> {
+    fn factor(&self, sum: &LinearCombination<Self>, candidates: &[usize]) -> Result<Cholesky> {
         match Cholesky::new(self.assembled(sum)?, candidates) {
             Ok(mut factor) => {
-                if self.spoilt(sum, &mut factor)? <= MOST_SPOILT {
+                if self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT {
                     return Ok(factor);
                 }
             }
@@ -354,7 +356,7 @@ const MOST_SPOILT: f64 = 1e-3;
 /// entries of one form.
 fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     dofs: usize,
-    sum: &Sum<Native>,
+    sum: &LinearCombination<Native>,
     entries_of: impl Fn(f64, &Form, &mut dyn FnMut(usize, usize, V)),
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<V>)> {
     // All entries of the cells are first sorted into their columns; those of one row are then added

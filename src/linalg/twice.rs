@@ -16,24 +16,24 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// Sources: T. J. Dekker, *A floating-point technique for extending the available precision*, 1971;
 /// D. E. Knuth, *The Art of Computer Programming 2*, section 4.2.2.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Twice {
+pub(super) struct DoubleDouble {
     high: f64,
     low: f64,
 }
 
-impl Twice {
+impl DoubleDouble {
     /// Returns the sum of a number and a much smaller one.
     #[inline(always)]
-    fn new(high: f64, low: f64) -> Twice {
+    fn new(high: f64, low: f64) -> DoubleDouble {
         let sum = high + low;
-        Twice { high: sum, low: low - (sum - high) }
+        DoubleDouble { high: sum, low: low - (sum - high) }
     }
 
     /// Returns a b exactly.
     #[inline(always)]
-    pub fn product(a: f64, b: f64) -> Twice {
+    pub fn product(a: f64, b: f64) -> DoubleDouble {
         let high = a * b;
-        Twice { high, low: a.mul_add(b, -high) }
+        DoubleDouble { high, low: a.mul_add(b, -high) }
     }
 
     /// Returns the nearest double.
@@ -43,71 +43,71 @@ impl Twice {
     }
 
     #[inline(always)]
-    fn sqrt(self) -> Twice {
+    fn sqrt(self) -> DoubleDouble {
         let root = self.high.sqrt();
-        Twice::new(root, 0.5 * (self - Twice::product(root, root)).high / root)
+        DoubleDouble::new(root, 0.5 * (self - DoubleDouble::product(root, root)).high / root)
     }
 }
 
-impl From<f64> for Twice {
-    fn from(high: f64) -> Twice {
-        Twice { high, low: 0.0 }
+impl From<f64> for DoubleDouble {
+    fn from(high: f64) -> DoubleDouble {
+        DoubleDouble { high, low: 0.0 }
     }
 }
 
-impl Add for Twice {
-    type Output = Twice;
+impl Add for DoubleDouble {
+    type Output = DoubleDouble;
 
     #[inline(always)]
-    fn add(self, other: Twice) -> Twice {
+    fn add(self, other: DoubleDouble) -> DoubleDouble {
         let sum = self.high + other.high;
         let part = sum - self.high;
         let rest = (self.high - (sum - part)) + (other.high - part);
-        Twice::new(sum, rest + (self.low + other.low))
+        DoubleDouble::new(sum, rest + (self.low + other.low))
     }
 }
 
-impl Neg for Twice {
-    type Output = Twice;
+impl Neg for DoubleDouble {
+    type Output = DoubleDouble;
 
     #[inline(always)]
-    fn neg(self) -> Twice {
-        Twice { high: -self.high, low: -self.low }
+    fn neg(self) -> DoubleDouble {
+        DoubleDouble { high: -self.high, low: -self.low }
     }
 }
 
-impl Sub for Twice {
-    type Output = Twice;
+impl Sub for DoubleDouble {
+    type Output = DoubleDouble;
 
     #[inline(always)]
-    fn sub(self, other: Twice) -> Twice {
+    fn sub(self, other: DoubleDouble) -> DoubleDouble {
         self + -other
     }
 }
 
-impl Mul for Twice {
-    type Output = Twice;
+impl Mul for DoubleDouble {
+    type Output = DoubleDouble;
 
     #[inline(always)]
-    fn mul(self, other: Twice) -> Twice {
-        let Twice { high, low } = Twice::product(self.high, other.high);
-        Twice::new(high, low + (self.high * other.low + self.low * other.high))
+    fn mul(self, other: DoubleDouble) -> DoubleDouble {
+        let DoubleDouble { high, low } = DoubleDouble::product(self.high, other.high);
+        DoubleDouble::new(high, low + (self.high * other.low + self.low * other.high))
     }
 }
 
-impl Div for Twice {
-    type Output = Twice;
+impl Div for DoubleDouble {
+    type Output = DoubleDouble;
 
     #[inline(always)]
-    fn div(self, other: Twice) -> Twice {
+    fn div(self, other: DoubleDouble) -> DoubleDouble {
         let ratio = self.high / other.high;
-        Twice::new(ratio, (self - other * ratio.into()).high / other.high)
+        DoubleDouble::new(ratio, (self - other * ratio.into()).high / other.high)
     }
 }
 
-impl Sum for Twice {
-    fn sum<I: Iterator<Item = Twice>>(terms: I) -> Twice {
-        terms.fold(Twice::default(), Add::add)
+impl Sum for DoubleDouble {
+    fn sum<I: Iterator<Item = DoubleDouble>>(terms: I) -> DoubleDouble {
+        terms.fold(DoubleDouble::default(), Add::add)
     }
 }
 
@@ -117,7 +117,7 @@ pub(super) struct Factor<'a> {
     pub patterns: &'a [u32],
     /// Supernode of each position.
     pub owner: &'a [u32],
-    pub values: &'a mut [Twice],
+    pub values: &'a mut [DoubleDouble],
 }
 
 impl WithSimd for Factor<'_> {
@@ -147,7 +147,7 @@ impl WithSimd for Factor<'_> {
                     }
                 }
                 update.clear();
-                update.resize(s.rows, Twice::default());
+                update.resize(s.rows, DoubleDouble::default());
                 for panel in values[s.values..][..width * height].chunks_exact(height) {
                     let factor = -panel[width + k];
                     for (sum, entry) in update.iter_mut().zip(&panel[width..]) {
@@ -168,7 +168,7 @@ impl WithSimd for Factor<'_> {
 
 /// Factors the columns of one panel among themselves and returns whether all pivots are positive.
 #[inline(always)]
-fn factor_panel(panel: &mut [Twice], width: usize, height: usize) -> bool {
+fn factor_panel(panel: &mut [DoubleDouble], width: usize, height: usize) -> bool {
     for j in 0..width {
         let (done, rest) = panel.split_at_mut((j + 1) * height);
         let column = &mut done[j * height..];

@@ -79,7 +79,7 @@ pub fn shapes<E: Engine>(
     mechanism: bool,
 ) -> Result<Vec<Mode>> {
     let dofs = engine.dofs();
-    let (sizes, before) = engine.concatenate(&[dofs as f64, engine.velocities(mass) as f64])?;
+    let (sizes, before) = engine.all_gather(&[dofs as f64, engine.velocities(mass) as f64])?;
     let all = |which: usize| sizes.iter().skip(which).step_by(2).sum::<f64>() as usize;
     let width = (2 * count + 8).min(all(1)).min(all(0));
     // Each rank draws different numbers.
@@ -242,7 +242,7 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
         };
         let metric = |v: &[f64], w: &mut [f64]| match mass {
             Form::Cells(_) => engine.momentum(mass, v, w),
-            Form::Averages(averages) => {
+            Form::SingularMassCells(averages) => {
                 w.iter_mut().zip(averages.masses().iter().zip(v)).for_each(|(w, (c, v))| *w = c * v);
                 Ok(())
             }

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::input;
 use crate::motion;
 use crate::scene::{MeshFile, Scene};
-use crate::simulation::Pause;
+use crate::simulation::RunState;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
@@ -40,7 +40,7 @@ pub struct Checkpoint {
     /// Options for PETSc.
     pub petsc: Vec<String>,
     /// State of the run.
-    pub pause: Pause,
+    pub pause: RunState,
     /// Positions of the output files.
     pub outputs: Outputs,
 }

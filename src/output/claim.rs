@@ -44,20 +44,20 @@ struct Holder {
 ///
 /// Dropping it removes the lock file, and folders that were created for it and stayed empty.
 #[derive(Debug)]
-pub struct Claim {
+pub struct RunLock {
     path: PathBuf,
     _file: File,
     /// Created folders, the innermost first.
     made: Vec<PathBuf>,
 }
 
-impl Claim {
+impl RunLock {
     /// Claims a folder for a run of a scene; the folder is created if necessary.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where the folder cannot be created or locked, or another process holds
     /// the lock.
-    pub fn new(folder: &Path, scene: &Identity) -> Result<Claim> {
+    pub fn new(folder: &Path, scene: &Identity) -> Result<RunLock> {
         let made = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
         let made = made.map(Path::to_owned).collect();
         fs::create_dir_all(folder).map_err(Error::io(folder))?;
@@ -87,12 +87,12 @@ impl Claim {
                 .and_then(|()| file.rewind())
                 .and_then(|()| file.write_all(&text))
                 .map_err(Error::io(&path))?;
-            return Ok(Claim { path, _file: file, made });
+            return Ok(RunLock { path, _file: file, made });
         }
     }
 }
 
-impl Drop for Claim {
+impl Drop for RunLock {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.path);
         for folder in &self.made {

@@ -154,7 +154,7 @@ impl Context {
     }
 
     /// Returns the largest value of all ranks. Collective.
-    pub fn maximum(&self, value: f64) -> f64 {
+    pub fn all_reduce_max(&self, value: f64) -> f64 {
         let mut largest = value;
         self.world.all_reduce_into(&value, &mut largest, SystemOperation::max());
         largest
@@ -210,7 +210,7 @@ impl Context {
     /// Returns whether the condition holds on every rank, so that all ranks take one decision.
     /// Collective.
     pub fn all(&self, holds: bool) -> bool {
-        self.maximum(if holds { 0.0 } else { 1.0 }) == 0.0
+        self.all_reduce_max(if holds { 0.0 } else { 1.0 }) == 0.0
     }
 
     /// Turns an error on one rank into an error on all ranks, so that none goes on alone and

@@ -8,9 +8,9 @@
 use super::plate::Part;
 use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
 use crate::archive::Archive;
+use crate::dof_map::PER_NODE;
 use crate::error::Result;
-use crate::linalg::{Engine, Factor, Form, Native, Sum};
-use crate::space::PER_NODE;
+use crate::linalg::{Engine, Factor, Form, LinearCombination, Native};
 use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use std::cell::RefCell;
@@ -169,7 +169,7 @@ impl Distributed {
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn matrix(&self, sum: &Sum<Self>) -> Result<Matrix> {
+    pub fn matrix(&self, sum: &LinearCombination<Self>) -> Result<Matrix> {
         let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for (scale, form) in sum {
             form.for_each_lower(|row, column, value| {
@@ -217,20 +217,20 @@ impl Engine for Distributed {
         Ok(self.context.sum(x.iter().zip(y).map(|(x, y)| x * y).sum()))
     }
 
-    fn maximum(&self, value: f64) -> Result<f64> {
+    fn all_reduce_max(&self, value: f64) -> Result<f64> {
         // MPI's maximum may lose a NaN.
-        Ok(self.context.maximum(if value.is_nan() { f64::INFINITY } else { value }))
+        Ok(self.context.all_reduce_max(if value.is_nan() { f64::INFINITY } else { value }))
     }
 
     fn together(&self, mine: Result<()>) -> Result<()> {
         self.context.together(mine)
     }
 
-    fn concatenate(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
-        concatenate(&self.context, own)
+    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+        all_gather(&self.context, own)
     }
 
-    fn on_cells(&self, x: &[f64]) -> Result<Vec<f64>> {
+    fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
         let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;
         Ok(xl.clone())
@@ -255,7 +255,7 @@ impl Engine for Distributed {
 
     fn multiply_with_magnitude(
         &self,
-        sum: &Sum<Self>,
+        sum: &LinearCombination<Self>,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
@@ -270,18 +270,18 @@ impl Engine for Distributed {
     fn velocities(&self, mass: &Form) -> usize {
         match mass {
             Form::Cells(_) => self.own,
-            Form::Averages(averages) => averages.cells(),
+            Form::SingularMassCells(averages) => averages.cells(),
         }
     }
 
     fn is_singular(&self, mass: &Form) -> bool {
-        matches!(mass, Form::Averages(_))
+        matches!(mass, Form::SingularMassCells(_))
     }
 
     fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
-            Form::Averages(_) => {
+            Form::SingularMassCells(_) => {
                 let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
                 self.to_local(x, xl, global, read)?;
                 self.cells.velocity(mass, xl, v)?;
@@ -295,7 +295,7 @@ impl Engine for Distributed {
             Form::Cells(_) => {
                 self.multiply(mass, v, y)?;
             }
-            Form::Averages(_) => {
+            Form::SingularMassCells(_) => {
                 let Work { global, given, y: yl, .. } = &mut *self.work.borrow_mut();
                 self.cells.momentum(mass, v, yl)?;
                 self.to_owners(yl, y, global, given)?;
@@ -304,27 +304,27 @@ impl Engine for Distributed {
         Ok(())
     }
 
-    fn vis_viva(&self, mass: &Form, v: &[f64]) -> Result<f64> {
+    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.own]),
-            Form::Averages(_) => Ok(self.context.sum(self.cells.vis_viva(mass, v)?)),
+            Form::SingularMassCells(_) => Ok(self.context.sum(self.cells.mass_norm_squared(mass, v)?)),
         }
     }
 
-    fn diagonal(&self, sum: &Sum<Self>) -> Result<Vec<f64>> {
+    fn diagonal(&self, sum: &LinearCombination<Self>) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.own];
         self.add_up(&self.cells.diagonal(sum)?, &mut diagonal)?;
         Ok(diagonal)
     }
 
-    fn factor(&self, sum: &Sum<Self>, candidates: &[usize]) -> Result<DistributedFactor> {
+    fn factor(&self, sum: &LinearCombination<Self>, candidates: &[usize]) -> Result<DistributedFactor> {
         DistributedFactor::new(self, self.matrix(sum)?, candidates)
     }
 
     fn change_candidates(
         &self,
         factor: &mut DistributedFactor,
-        _: &Sum<Self>,
+        _: &LinearCombination<Self>,
         candidates: &[usize],
     ) -> Result<bool> {
         factor.set_candidates(candidates)?;
@@ -333,7 +333,7 @@ impl Engine for Distributed {
 }
 
 /// Concatenates the values of all ranks; also returns the offset of this rank's values.
-fn concatenate(context: &Context, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+fn all_gather(context: &Context, own: &[f64]) -> Result<(Vec<f64>, usize)> {
     if context.size() == 1 {
         return Ok((own.to_vec(), 0));
     }
@@ -407,7 +407,7 @@ impl DistributedFactor {
         let place =
             |dof: &usize| self.candidates.binary_search(dof).map_or(-1.0, |k| (self.before + k) as f64);
         let own: Vec<f64> = candidates.iter().map(place).collect();
-        let (places, before) = concatenate(&self.context, &own)?;
+        let (places, before) = all_gather(&self.context, &own)?;
         (self.candidates, self.before) = (candidates.to_vec(), before);
         let count = places.len();
         let old = |i: usize| (places[i] >= 0.0).then_some(places[i] as usize);
@@ -530,7 +530,7 @@ impl Factor for DistributedFactor {
         self.solve_with(false, &mut free)?;
         self.free = free;
         let own: Vec<f64> = self.candidates.iter().map(|&dof| self.free[dof]).collect();
-        self.free_candidates = concatenate(&self.context, &own)?.0;
+        self.free_candidates = all_gather(&self.context, &own)?.0;
         self.condensed = self.times_schur(&self.free_candidates);
         h.copy_from_slice(&self.condensed);
         Ok(())

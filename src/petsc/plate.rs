@@ -1,9 +1,9 @@
 //! Mesh of a plate over all ranks: partitioned, then refined in parallel.
 
 use super::{Comm, Context, Dofs, Index, Plex, Section};
+use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place, Support};
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
-use crate::space::{Hold, PER_NODE, Place, Space, Support};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -45,9 +45,9 @@ pub struct Part {
     /// Local dofs: after the extra dofs, entries 3 n to 3 n + 2 are those of node n.
     ///
     /// Constrained dofs are zero.
-    pub space: Space,
+    pub space: DofMap,
     /// Constraints of this rank's nodes.
-    pub holds: Vec<Hold>,
+    pub holds: Vec<NodeConstraint>,
     /// Whether this rank owns each node.
     pub owns: Vec<bool>,
     /// Local index of each extra dof, on the one rank that has it.
@@ -117,7 +117,7 @@ impl Part {
         let owns = |point: Index| owned[(point - start) as usize];
         let mesh = own_mesh(&plex, names, owns)?;
         let places = context.together(supports(&mesh))?;
-        let holds = spread_holds(&plex, &Space::holds(&mesh, &places))?;
+        let holds = spread_holds(&plex, &DofMap::holds(&mesh, &places))?;
         let (cells, vertices) = (plex.cells(), plex.vertices());
         let mine = extra_cells(&context, &mesh, extra)?;
         let mut extra = vec![None; extra.len()];
@@ -131,10 +131,10 @@ impl Part {
             if !vertices.contains(&point) {
                 return Dofs::default();
             }
-            let held = Space::held(&holds[(point - vertices.start) as usize]);
+            let held = DofMap::held(&holds[(point - vertices.start) as usize]);
             Dofs { count: PER_NODE, held: (0..PER_NODE).filter(|k| held[*k]).map(|k| k as Index).collect() }
         })?;
-        let space = Space::of_all(&holds, mine.len());
+        let space = DofMap::of_all(&holds, mine.len());
         let owns = vertices.map(owns).collect();
         Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, holds, owns, extra })
     }
@@ -281,15 +281,16 @@ fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<
 /// Sums the constraints of all ranks at each node.
 ///
 /// An edge's support must also reach ranks that have only a vertex of that edge.
-fn spread_holds(plex: &Plex, own: &[Hold]) -> Result<Vec<Hold>> {
-    let part = |of: &dyn Fn(&Hold) -> f64| spread(plex, &own.iter().map(of).collect::<Vec<_>>());
+fn spread_holds(plex: &Plex, own: &[NodeConstraint]) -> Result<Vec<NodeConstraint>> {
+    let part = |of: &dyn Fn(&NodeConstraint) -> f64| spread(plex, &own.iter().map(of).collect::<Vec<_>>());
     let [deflection, xx, xy, yy] = [
         part(&|hold| hold.deflection)?,
         part(&|hold| hold.slopes[0])?,
         part(&|hold| hold.slopes[1])?,
         part(&|hold| hold.slopes[2])?,
     ];
-    let hold = |node: usize| Hold { deflection: deflection[node], slopes: [xx[node], xy[node], yy[node]] };
+    let hold =
+        |node: usize| NodeConstraint { deflection: deflection[node], slopes: [xx[node], xy[node], yy[node]] };
     Ok((0..own.len()).map(hold).collect())
 }
 

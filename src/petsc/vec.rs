@@ -197,7 +197,7 @@ impl Vector {
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn maximum(&self) -> Result<f64> {
+    pub fn all_reduce_max(&self) -> Result<f64> {
         let mut largest = 0.0;
         call!(VecMax(self.raw, std::ptr::null_mut(), &mut largest))?;
         Ok(largest)

@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Given, Initial, Load, Scene, Scheme, Side};
+use super::{FieldInput, Initial, Load, Scene, SchemeSpec, Side};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -30,7 +30,7 @@ impl Scene {
         if let Some(load) = &self.load {
             add(load.gravity != 0.0, "gravity");
             add(load.fields().any(|given| !given.is_zero() && !given.changes()), "constant load");
-            add(load.fields().any(Given::changes), "load in time");
+            add(load.fields().any(FieldInput::changes), "load in time");
         }
         if let Some(damping) = &self.damping {
             add(damping.mass != 0.0, "damping by mass");
@@ -42,7 +42,7 @@ impl Scene {
         add(!deflection.is_zero(), "initial deflection");
         add(!velocity.is_zero(), "initial velocity");
         add(from.is_some(), "start from another run");
-        if let Scheme::Newmark { restitution, .. } = self.time.scheme
+        if let SchemeSpec::Newmark { restitution, .. } = self.time.scheme
             && restitution > 0.0
         {
             add(true, &format!("restitution e = {restitution}"));
@@ -56,14 +56,14 @@ impl Scene {
     }
 
     /// Returns all fields that may depend on time: loads, obstacle heights, support motions.
-    pub fn of_time(&self) -> impl Iterator<Item = &Given> {
+    pub fn of_time(&self) -> impl Iterator<Item = &FieldInput> {
         let loads = self.load.iter().flat_map(Load::fields);
         let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
         loads.chain(heights).chain(self.motions())
     }
 
     /// Returns the motions of the supports.
-    pub fn motions(&self) -> impl Iterator<Item = &Given> {
+    pub fn motions(&self) -> impl Iterator<Item = &FieldInput> {
         self.supports.iter().filter_map(|support| support.motion.as_ref())
     }
 

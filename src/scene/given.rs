@@ -4,21 +4,22 @@ use super::Time;
 use crate::element::adaptive::Integrand;
 use crate::error::{Error, Result};
 use crate::field::{
-    Break, Breaks, Condition, Enclosure, Fault, Field, Interpolation, Interval, Jet, Missed, Names, Table,
+    Break, Breaks, Condition, Derivatives, Enclosure, Field, Interpolation, Interval, Missed, Names,
+    ParseError, Table,
 };
 use crate::mesh::Point;
 
 /// Field input: a number, a formula of x, y (m) and t (s), or a table of t times a formula of x and
 /// y.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Given {
+pub struct FieldInput {
     /// Key that gives the field, for messages.
     pub key: String,
     /// Value of the field.
     pub value: Value,
 }
 
-/// Value of a [`Given`].
+/// Value of a [`FieldInput`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
     /// Number or formula.
@@ -38,10 +39,10 @@ pub enum Value {
     },
 }
 
-impl Given {
+impl FieldInput {
     /// Creates a constant field.
-    pub fn constant(key: &str, value: f64) -> Given {
-        Given { key: key.into(), value: Value::Formula(value.into()) }
+    pub fn constant(key: &str, value: f64) -> FieldInput {
+        FieldInput { key: key.into(), value: Value::Formula(value.into()) }
     }
 
     /// Returns the number if the field is a constant formula.
@@ -89,7 +90,8 @@ impl Given {
     /// Returns the value and the slopes along x and y at a place (m), at time 0.
     ///
     /// # Errors
-    /// Returns the errors of [`Given::at`], and [`Error::Scene`] where the formula is not smooth.
+    /// Returns the errors of [`FieldInput::at`], and [`Error::Scene`] where the formula is not
+    /// smooth.
     pub fn gradient(&self, at: Point) -> Result<[f64; 3]> {
         let of = |field: &Field| field.gradient(at, 0.0).map_err(|fault| self.fault(&fault));
         match &self.value {
@@ -101,7 +103,7 @@ impl Given {
     /// Writes the values at a time (s), one per place (m).
     ///
     /// # Errors
-    /// Returns the errors of [`Given::at`].
+    /// Returns the errors of [`FieldInput::at`].
     pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<()> {
         match &self.value {
             Value::Formula(field) => field.values(points, t, values).map_err(|fault| self.fault(&fault)),
@@ -117,14 +119,15 @@ impl Given {
     /// Returns the value of a field without dependence on place, with two derivatives in time (s).
     ///
     /// # Errors
-    /// Returns the errors of [`Given::at`], and [`Error::Scene`] where the formula is not smooth.
-    pub fn jet(&self, t: f64) -> Result<Jet> {
+    /// Returns the errors of [`FieldInput::at`], and [`Error::Scene`] where the formula is not
+    /// smooth.
+    pub fn jet(&self, t: f64) -> Result<Derivatives> {
         match &self.value {
             Value::Formula(field) => field.jet(Point::origin(), t).map_err(|fault| self.fault(&fault)),
             Value::Table { table, shape, .. } => {
                 let scale = shape.value(Point::origin(), t).map_err(|fault| self.fault(&fault))?;
-                let Jet { value, first, second } = table.jet(t);
-                Ok(Jet { value: scale * value, first: scale * first, second: scale * second })
+                let Derivatives { value, first, second } = table.jet(t);
+                Ok(Derivatives { value: scale * value, first: scale * first, second: scale * second })
             }
         }
     }
@@ -168,8 +171,8 @@ impl Given {
     /// Splits the field into a sum of products g(t) h(x, y), if it has such a form.
     ///
     /// Each pair is g and h, with the name of the key.
-    pub fn terms(&self) -> Option<Vec<[Given; 2]>> {
-        let part = |field| Given { key: self.key.clone(), value: Value::Formula(field) };
+    pub fn terms(&self) -> Option<Vec<[FieldInput; 2]>> {
+        let part = |field| FieldInput { key: self.key.clone(), value: Value::Formula(field) };
         match &self.value {
             Value::Formula(field) => {
                 Some(field.terms()?.into_iter().map(|term| [part(term.time), part(term.place)]).collect())
@@ -216,7 +219,7 @@ impl Given {
     }
 
     /// Creates the error of a formula, with the key.
-    fn fault(&self, fault: &Fault) -> Error {
+    fn fault(&self, fault: &ParseError) -> Error {
         Error::Scene(format!("{}: {fault}", self.key))
     }
 }
@@ -224,7 +227,7 @@ impl Given {
 /// Field at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct Still<'g> {
-    given: &'g Given,
+    given: &'g FieldInput,
     t: f64,
 }
 

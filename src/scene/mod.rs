@@ -38,6 +38,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize, Serializer};
 
+pub use crate::dof_map::Support as SupportKind;
 use crate::error::Result;
 use crate::field::Condition;
 use crate::input;
@@ -46,9 +47,8 @@ use crate::mesh::{Import, Mesh};
 use crate::motion::Motion;
 pub use crate::plate::Plate;
 pub use crate::scheme::Massless;
-pub use crate::space::Support as SupportKind;
 use document::Document;
-pub use given::{Given, Region, Still, Value};
+pub use given::{FieldInput, Region, Still, Value};
 pub use study::{Horizon, Study};
 pub use words::SchemeName;
 
@@ -72,7 +72,7 @@ pub struct Scene {
     /// Title, one line of text; by default the name of the file without its extension.
     pub title: String,
     /// Plate.
-    pub plate: Panel,
+    pub plate: PlateSpec,
     /// Parts of the plate with another thickness or material; the last one wins where they overlap.
     pub parts: Vec<Part>,
     /// Discretisation.
@@ -109,7 +109,7 @@ pub struct Scene {
 
 /// Plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Panel {
+pub struct PlateSpec {
     /// Length along x, in m; 0 where a file gives the shape.
     pub length: f64,
     /// Width along y, in m; 0 where a file gives the shape.
@@ -117,7 +117,7 @@ pub struct Panel {
     /// Thickness and material.
     pub plate: Plate,
     /// Thickness in m if it varies; that of `plate` is then its value at the origin.
-    pub thickness: Option<Given>,
+    pub thickness: Option<FieldInput>,
 }
 
 /// Part of the plate.
@@ -128,7 +128,7 @@ pub struct Part {
     /// Thickness and material of the part.
     pub plate: Plate,
     /// Thickness in m if it varies.
-    pub thickness: Option<Given>,
+    pub thickness: Option<FieldInput>,
 }
 
 /// Mesh from a file.
@@ -178,16 +178,16 @@ pub struct Grid {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Support {
     /// Location.
-    pub stand: Stand,
+    pub stand: SupportLocation,
     /// Constrained dofs.
     pub kind: SupportKind,
     /// Vertical motion w(t) in m; `None` for a support at rest.
-    pub motion: Option<Given>,
+    pub motion: Option<FieldInput>,
 }
 
 /// Location of a support.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Stand {
+pub enum SupportLocation {
     /// Edge, or the cell sides on it whose two ends satisfy a condition.
     Edge {
         /// Name of the edge: `left`, `right`, `bottom`, `top`, or a physical group.
@@ -207,7 +207,7 @@ pub struct Obstacle {
     /// Side of the plate on which the obstacle lies.
     pub side: Side,
     /// Height in m.
-    pub height: Given,
+    pub height: FieldInput,
     /// Region of the plate that can touch the obstacle.
     pub region: Region,
 }
@@ -226,7 +226,7 @@ pub enum Side {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Load {
     /// Upward pressure in Pa.
-    pub pressure: Given,
+    pub pressure: FieldInput,
     /// Downward gravity in m/s2, on the plate, on masses fixed to it, and on balls.
     pub gravity: f64,
     /// Point forces.
@@ -241,14 +241,14 @@ pub struct Force {
     /// Physical point that names the place, if the scene uses one.
     pub point: Option<String>,
     /// Upward force in N.
-    pub value: Given,
+    pub value: FieldInput,
 }
 
 /// Elastic (Winkler) foundation under the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Foundation {
     /// Stiffness in N/m3.
-    pub stiffness: Given,
+    pub stiffness: FieldInput,
     /// Region of the plate that rests on it.
     pub region: Region,
 }
@@ -307,13 +307,13 @@ pub struct Damping {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Initial {
     /// Upward pressure in Pa that gives the initial static deflection.
-    pub static_pressure: Given,
+    pub static_pressure: FieldInput,
     /// Whether the static deflection includes the loads of the first instant.
     pub equilibrium: bool,
     /// Initial deflection in m, in place of a static one.
-    pub deflection: Given,
+    pub deflection: FieldInput,
     /// Initial upward velocity in m/s.
-    pub velocity: Given,
+    pub velocity: FieldInput,
     /// Run whose last deflection and velocity replace all of the above.
     pub from: Option<StartFrom>,
 }
@@ -333,7 +333,7 @@ pub struct StartFrom {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Time {
     /// Time scheme.
-    pub scheme: Scheme,
+    pub scheme: SchemeSpec,
     /// Mass matrix.
     pub mass: Mass,
     /// Time step in s.
@@ -348,7 +348,7 @@ pub struct Time {
 /// Time scheme.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "scheme", rename_all = "snake_case")]
-pub enum Scheme {
+pub enum SchemeSpec {
     /// Newmark scheme with beta and the restitution coefficient e of Paoli and Schatzman.
     Newmark {
         /// Parameter beta, at least 1/4.
@@ -393,7 +393,7 @@ pub struct Solver {
     /// Linear algebra engine.
     pub engine: EngineName,
     /// Contact solver.
-    pub vi: ViName,
+    pub vi: ContactSolver,
     /// Limit on the relative KKT residual of every step.
     pub tolerance: f64,
     /// Ratio of the energy to its start beyond which a run stops.
@@ -413,7 +413,7 @@ pub enum EngineName {
 /// Contact solver; a build without it refuses it later, not the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum ViName {
+pub enum ContactSolver {
     /// Active-set method on the Schur complement of the contact dofs.
     Condensed,
     /// Complementarity solver of PETSc (SNES).
@@ -526,7 +526,7 @@ impl Scene {
 
 impl Load {
     /// Returns all fields of the load.
-    pub fn fields(&self) -> impl Iterator<Item = &Given> {
+    pub fn fields(&self) -> impl Iterator<Item = &FieldInput> {
         std::iter::once(&self.pressure).chain(self.forces.iter().map(|force| &force.value))
     }
 }
@@ -545,14 +545,14 @@ impl Grid {
     }
 }
 
-impl Scheme {
+impl SchemeSpec {
     /// Returns the name of the scheme.
     pub fn name(&self) -> SchemeName {
         match self {
-            Scheme::Newmark { .. } => SchemeName::Newmark,
-            Scheme::Midpoint { .. } => SchemeName::Midpoint,
-            Scheme::Conserving => SchemeName::Conserving,
-            Scheme::Exact => SchemeName::Exact,
+            SchemeSpec::Newmark { .. } => SchemeName::Newmark,
+            SchemeSpec::Midpoint { .. } => SchemeName::Midpoint,
+            SchemeSpec::Conserving => SchemeName::Conserving,
+            SchemeSpec::Exact => SchemeName::Exact,
         }
     }
 }
@@ -563,8 +563,9 @@ impl Time {
     /// With the singular mass, `midpoint` needs a second one, if only for its velocities.
     pub fn factors(&self) -> usize {
         match (self.scheme, self.mass) {
-            (Scheme::Conserving, _) | (Scheme::Midpoint { .. }, Mass::Singular) => 2,
-            (Scheme::Newmark { .. } | Scheme::Exact, _) | (Scheme::Midpoint { .. }, Mass::Consistent) => 1,
+            (SchemeSpec::Conserving, _) | (SchemeSpec::Midpoint { .. }, Mass::Singular) => 2,
+            (SchemeSpec::Newmark { .. } | SchemeSpec::Exact, _)
+            | (SchemeSpec::Midpoint { .. }, Mass::Consistent) => 1,
         }
     }
 

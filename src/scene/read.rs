@@ -10,10 +10,10 @@ use super::document::{Document, quote, spell};
 use super::typed::{Choice, Quantity, Range};
 use super::words::SchemeName;
 use super::{
-    Ball, Damping, Diagonal, ElementKind, EngineName, Force, Foundation, Given, Grid, HISTORY_COLUMNS,
-    Initial, Load, Mass, Massless, MeshFile, Obstacle, Output, Panel, Part, Plate, PointMass, Probe, Region,
-    Scene, Scheme, Side, Snapshots, Solver, Spring, Stand, StartFrom, Study, Support, SupportKind, Time,
-    ViName, study,
+    Ball, ContactSolver, Damping, Diagonal, ElementKind, EngineName, FieldInput, Force, Foundation, Grid,
+    HISTORY_COLUMNS, Initial, Load, Mass, Massless, MeshFile, Obstacle, Output, Part, Plate, PlateSpec,
+    PointMass, Probe, Region, Scene, SchemeSpec, Side, Snapshots, Solver, Spring, StartFrom, Study, Support,
+    SupportKind, SupportLocation, Time, study,
 };
 use crate::error::{Error, Result};
 use crate::field::{MOST_LOOKS, Names};
@@ -157,7 +157,7 @@ const MATERIAL: [&str; 7] = [
     "grain",
 ];
 
-fn panel(doc: &Document, has_file: bool) -> Result<Panel> {
+fn panel(doc: &Document, has_file: bool) -> Result<PlateSpec> {
     doc.allow("plate", &[&["length", "width"], &MATERIAL[..]].concat())?;
     let side = |key: &str, quantity| {
         if has_file {
@@ -168,11 +168,11 @@ fn panel(doc: &Document, has_file: bool) -> Result<Panel> {
     };
     let (length, width) = (side("plate.length", &LENGTH)?, side("plate.width", &WIDTH)?);
     let (plate, thickness) = material(doc, "plate", None)?;
-    Ok(Panel { length, width, plate, thickness })
+    Ok(PlateSpec { length, width, plate, thickness })
 }
 
 /// Reads thickness and material of a table; missing keys take their values from `base`.
-fn material(doc: &Document, table: &str, base: Option<&Panel>) -> Result<(Plate, Option<Given>)> {
+fn material(doc: &Document, table: &str, base: Option<&PlateSpec>) -> Result<(Plate, Option<FieldInput>)> {
     let number = |name: &str, quantity: &Quantity, of: fn(&Plate) -> f64| {
         let key = format!("{table}.{name}");
         match base {
@@ -224,7 +224,7 @@ fn orthotropy(doc: &Document, table: &str, base: Option<Orthotropy>) -> Result<O
     Ok(Some(Orthotropy { across, shear_modulus, grain }))
 }
 
-fn parts(doc: &Document, plate: &Panel) -> Result<Vec<Part>> {
+fn parts(doc: &Document, plate: &PlateSpec) -> Result<Vec<Part>> {
     let part = |index: usize| {
         let table = format!("part.{index}");
         doc.allow(&table, &[&["where", "group"], &MATERIAL[..]].concat())?;
@@ -279,9 +279,9 @@ fn point(doc: &Document, key: &str) -> Result<[f64; 2]> {
 }
 
 /// Reads a point and checks it against the rectangle, or not at all where a file gives the shape.
-fn point_on(doc: &Document, key: &str, plate: &Panel) -> Result<[f64; 2]> {
+fn point_on(doc: &Document, key: &str, plate: &PlateSpec) -> Result<[f64; 2]> {
     let [x, y] = point(doc, key)?;
-    let Panel { length, width, .. } = *plate;
+    let PlateSpec { length, width, .. } = *plate;
     let has_sides = length > 0.0;
     if has_sides && !((0.0..=length).contains(&x) && (0.0..=width).contains(&y)) {
         let wrong = format!(
@@ -294,7 +294,7 @@ fn point_on(doc: &Document, key: &str, plate: &Panel) -> Result<[f64; 2]> {
 
 /// Coordinates of named points: those of the plate's mesh file.
 struct Places<'p> {
-    plate: &'p Panel,
+    plate: &'p PlateSpec,
     file: Option<&'p MeshFile>,
     /// Points of the file, read at the first use.
     points: OnceCell<BTreeMap<String, Vec<Point>>>,
@@ -424,7 +424,7 @@ fn supports(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
             )?;
         }
         let support = Support { stand: stand(doc, &table, has_file)?, kind, motion: motion(doc, &key)? };
-        let whole = |support: &Support| matches!(support.stand, Stand::Edge { part: None, .. });
+        let whole = |support: &Support| matches!(support.stand, SupportLocation::Edge { part: None, .. });
         if let Some(first) =
             supports.iter().position(|earlier| earlier.stand == support.stand && whole(&support))
         {
@@ -436,7 +436,7 @@ fn supports(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
     Ok(supports)
 }
 
-fn stand(doc: &Document, table: &str, has_file: bool) -> Result<Stand> {
+fn stand(doc: &Document, table: &str, has_file: bool) -> Result<SupportLocation> {
     let key = |name: &str| format!("{table}.{name}");
     let named: Vec<&str> =
         ["edge", "at", "point"].into_iter().filter(|name| doc.get(&key(name)).is_some()).collect();
@@ -452,20 +452,20 @@ fn stand(doc: &Document, table: &str, has_file: bool) -> Result<Stand> {
         None => None,
     };
     match named.first() {
-        Some(&"at") => Ok(Stand::At(point(doc, &key("at"))?)),
+        Some(&"at") => Ok(SupportLocation::At(point(doc, &key("at"))?)),
         Some(&"point") => {
-            Ok(Stand::Point(name(doc, &key("point"), "expected the name of a physical point")?))
+            Ok(SupportLocation::Point(name(doc, &key("point"), "expected the name of a physical point")?))
         }
         _ if has_file => {
             let edge = name(doc, &key("edge"), "expected the name of a physical curve")?;
-            Ok(Stand::Edge { edge, part })
+            Ok(SupportLocation::Edge { edge, part })
         }
-        _ => Ok(Stand::Edge { edge: doc.one_of(&key("edge"), &EDGES)?.to_owned(), part }),
+        _ => Ok(SupportLocation::Edge { edge: doc.one_of(&key("edge"), &EDGES)?.to_owned(), part }),
     }
 }
 
 /// Reads the motion of a support; [`check_jumps`] refuses jumps.
-fn motion(doc: &Document, key: &str) -> Result<Option<Given>> {
+fn motion(doc: &Document, key: &str) -> Result<Option<FieldInput>> {
     Ok(doc.given(key, &DEFLECTION, Names::T)?.filter(|motion| !motion.is_zero()))
 }
 
@@ -526,7 +526,8 @@ fn load(doc: &Document, places: &Places) -> Result<Option<Load>> {
     let count = doc.entries("load.force", "expected tables [[load.force]] with at and value")?;
     let forces: Vec<Force> = (0..count).map(force).collect::<Result<_>>()?;
     let pressure = if gravity.is_some() || !forces.is_empty() {
-        doc.given("load.pressure", &PRESSURE, Names::XYT)?.unwrap_or(Given::constant("load.pressure", 0.0))
+        doc.given("load.pressure", &PRESSURE, Names::XYT)?
+            .unwrap_or(FieldInput::constant("load.pressure", 0.0))
     } else {
         doc.needed("load.pressure", &PRESSURE, Names::XYT)?
     };
@@ -611,9 +612,9 @@ fn initial(doc: &Document) -> Result<Initial> {
     let given = |name: &str, quantity| {
         let key = format!("initial.{name}");
         if from.is_some() {
-            return Ok(Given::constant(&key, 0.0));
+            return Ok(FieldInput::constant(&key, 0.0));
         }
-        Ok::<_, Error>(doc.given(&key, quantity, Names::XY)?.unwrap_or(Given::constant(&key, 0.0)))
+        Ok::<_, Error>(doc.given(&key, quantity, Names::XY)?.unwrap_or(FieldInput::constant(&key, 0.0)))
     };
     let initial = Initial {
         static_pressure: given("static_pressure", &PRESSURE)?,
@@ -695,7 +696,7 @@ fn whole_steps(doc: &Document, time: &Time) -> Result<()> {
     Err(doc.fault(key, format!("{wrong}; {expected}")))
 }
 
-fn scheme(doc: &Document) -> Result<Scheme> {
+fn scheme(doc: &Document) -> Result<SchemeSpec> {
     let name: SchemeName = doc.choice("time.scheme")?;
     for (key, of) in [
         ("time.beta", SchemeName::Newmark),
@@ -712,24 +713,24 @@ fn scheme(doc: &Document) -> Result<Scheme> {
         }
     }
     match name {
-        SchemeName::Newmark => Ok(Scheme::Newmark {
+        SchemeName::Newmark => Ok(SchemeSpec::Newmark {
             beta: doc.optional_number("time.beta", &BETA)?.unwrap_or(0.5),
             restitution: doc.optional_number("time.restitution", &RESTITUTION)?.unwrap_or(0.0),
         }),
-        SchemeName::Midpoint => Ok(Scheme::Midpoint { massless: massless(doc)? }),
+        SchemeName::Midpoint => Ok(SchemeSpec::Midpoint { massless: massless(doc)? }),
         SchemeName::Conserving => only_singular(
             doc,
-            Scheme::Conserving,
+            SchemeSpec::Conserving,
             "with this mass velocities jump at impacts, and nothing says what energy is left",
         ),
         SchemeName::Exact => {
-            only_singular(doc, Scheme::Exact, "with this mass an impact has no law of its own to follow")
+            only_singular(doc, SchemeSpec::Exact, "with this mass an impact has no law of its own to follow")
         }
     }
 }
 
 /// Returns a scheme after the check that the mass is singular, which it needs for the reason `why`.
-fn only_singular(doc: &Document, scheme: Scheme, why: &str) -> Result<Scheme> {
+fn only_singular(doc: &Document, scheme: SchemeSpec, why: &str) -> Result<SchemeSpec> {
     if doc.choice::<Mass>("time.mass")? == Mass::Consistent {
         let name = doc.choice::<SchemeName>("time.scheme")?.word();
         let wrong = format!("\"consistent\" contradicts time.scheme = \"{name}\": {why}");
@@ -778,7 +779,7 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     let refuse = |key: &str, what: &str, others: &str| {
         Err(doc.fault(key, format!("time.scheme = \"{name}\" {what}; expected {others}")))
     };
-    if scene.time.scheme == Scheme::Exact {
+    if scene.time.scheme == SchemeSpec::Exact {
         if scene.solver.engine == EngineName::Petsc {
             let others = "\"native\", or time.scheme = \"newmark\"";
             return refuse("solver.engine", "runs on the native engine, in one process", others);
@@ -788,7 +789,7 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
             return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
         }
     }
-    if matches!(scene.time.scheme, Scheme::Exact | Scheme::Conserving) {
+    if matches!(scene.time.scheme, SchemeSpec::Exact | SchemeSpec::Conserving) {
         for (key, is_on) in [
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
             ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),
@@ -806,7 +807,7 @@ fn solver(doc: &Document, engine: EngineName) -> Result<Solver> {
     doc.allow("solver", &["engine", "vi", "tolerance", "energy_guard"])?;
     Ok(Solver {
         engine: doc.optional_choice("solver.engine")?.unwrap_or(engine),
-        vi: doc.optional_choice("solver.vi")?.unwrap_or(ViName::Condensed),
+        vi: doc.optional_choice("solver.vi")?.unwrap_or(ContactSolver::Condensed),
         tolerance: doc.optional_number("solver.tolerance", &TOLERANCE)?.unwrap_or(1e-10),
         energy_guard: doc.optional_number("solver.energy_guard", &ENERGY_GUARD)?.unwrap_or(100.0),
     })

@@ -3,8 +3,8 @@
 use super::typed::Choice;
 use super::words::SchemeName;
 use super::{
-    Ball, Given, Initial, MeshFile, Output, Panel, Plate, Probe, Region, Scene, Scheme, Solver, Stand,
-    StartFrom, Study, Support, Time, Value,
+    Ball, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region, Scene, SchemeSpec, Solver,
+    StartFrom, Study, Support, SupportLocation, Time, Value,
 };
 use crate::field::Field;
 use crate::plate::Orthotropy;
@@ -83,7 +83,7 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
 
 /// Returns the hashed text: the scene as written, its table values, and the state it starts from.
 pub(super) fn identity(scene: &Scene) -> String {
-    let values = |given: &Given| match &given.value {
+    let values = |given: &FieldInput| match &given.value {
         Value::Table { table, .. } => format!("{table:?}\n"),
         Value::Formula(_) => String::new(),
     };
@@ -99,7 +99,7 @@ pub(super) fn fnv1a(bytes: &[u8]) -> u64 {
 }
 
 /// Formats a number, a formula, or a table.
-fn given(given: &Given, found: bool) -> String {
+fn given(given: &FieldInput, found: bool) -> String {
     match &given.value {
         Value::Formula(field) => formula(field),
         Value::Table { file, path, interpolation, shape, .. } => {
@@ -130,7 +130,7 @@ fn region(region: &Region) -> Vec<Row> {
     }
 }
 
-fn plate(panel: &Panel, found: bool) -> Vec<Row> {
+fn plate(panel: &PlateSpec, found: bool) -> Vec<Row> {
     let mut rows = Vec::new();
     if panel.length > 0.0 {
         rows.push(("length", number(panel.length), "m, along x"));
@@ -140,7 +140,7 @@ fn plate(panel: &Panel, found: bool) -> Vec<Row> {
     rows
 }
 
-fn material(plate: &Plate, thickness: Option<&Given>, found: bool) -> Vec<Row> {
+fn material(plate: &Plate, thickness: Option<&FieldInput>, found: bool) -> Vec<Row> {
     let mut rows = vec![
         ("thickness", thickness.map_or(number(plate.thickness), |field| given(field, found)), "m"),
         ("youngs_modulus", number(plate.youngs_modulus), "Pa"),
@@ -184,13 +184,13 @@ fn mesh(scene: &Scene, found: bool) -> Vec<Row> {
 
 fn support(support: &Support, found: bool) -> Vec<Row> {
     let mut rows = match &support.stand {
-        Stand::Edge { edge, part } => {
+        SupportLocation::Edge { edge, part } => {
             let mut rows = vec![("edge", string(edge), "left | right | bottom | top | a physical curve")];
             rows.extend(part.as_ref().map(|part| ("where", string(&part.to_string()), "")));
             rows
         }
-        Stand::At(at) => vec![("at", numbers(at), "m")],
-        Stand::Point(name) => vec![("point", string(name), "")],
+        SupportLocation::At(at) => vec![("at", numbers(at), "m")],
+        SupportLocation::Point(name) => vec![("point", string(name), "")],
     };
     rows.push(("kind", word(support.kind), "clamped | simply_supported | guided"));
     rows.extend(support.motion.as_ref().map(|motion| ("motion", given(motion, found), "m")));
@@ -225,16 +225,16 @@ fn initial(initial: &Initial, found: bool) -> Vec<Row> {
 
 fn time(time: &Time) -> Vec<Row> {
     let (scheme, parameters) = match time.scheme {
-        Scheme::Newmark { beta, restitution } => {
+        SchemeSpec::Newmark { beta, restitution } => {
             let beta = ("beta", number(beta), "");
             (SchemeName::Newmark, vec![beta, ("restitution", number(restitution), "0 to 1")])
         }
-        Scheme::Midpoint { massless } => {
+        SchemeSpec::Midpoint { massless } => {
             let massless = ("massless", word(massless), "equilibrium | reflected");
             (SchemeName::Midpoint, vec![massless])
         }
-        Scheme::Conserving => (SchemeName::Conserving, vec![]),
-        Scheme::Exact => (SchemeName::Exact, vec![]),
+        SchemeSpec::Conserving => (SchemeName::Conserving, vec![]),
+        SchemeSpec::Exact => (SchemeName::Exact, vec![]),
     };
     let mut rows = vec![("scheme", word(scheme), "newmark | midpoint | conserving | exact")];
     rows.push(("mass", word(time.mass), "singular | consistent"));

@@ -1,6 +1,6 @@
 //! Table `[study]`: the runs that `rebond study` compares.
 
-use super::{ElementKind, EngineName, Grid, Mass, SchemeName, Solver, Time, ViName};
+use super::{ContactSolver, ElementKind, EngineName, Grid, Mass, SchemeName, Solver, Time};
 use serde::{Deserialize, Serialize};
 
 /// Approximate number of instants at which runs are compared.
@@ -29,7 +29,7 @@ pub struct Study {
     /// Linear algebra engines.
     pub engines: Vec<EngineName>,
     /// Contact solvers.
-    pub vi: Vec<ViName>,
+    pub vi: Vec<ContactSolver>,
     /// Rectangles of the mesh that measures the error in space; zeros where a file gives the mesh.
     pub reference_cells: [usize; 2],
     /// Uniform refinements of the file's mesh that measures the error in space; 0 for a rectangle.

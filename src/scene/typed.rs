@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use super::document::{Document, Value, cut, quote, spell};
-use super::{self as scene, Given};
+use super::{self as scene, FieldInput};
 use crate::error::{Error, Result, suggestion};
 use crate::field::{Condition, Field, Names, Table};
 
@@ -130,7 +130,7 @@ impl Document<'_> {
     }
 
     /// Reads a required field.
-    pub fn needed(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Given> {
+    pub fn needed(&self, key: &str, quantity: &Quantity, names: Names) -> Result<FieldInput> {
         self.given(key, quantity, names)?.ok_or_else(|| self.missing(key, quantity.expected()))
     }
 
@@ -138,9 +138,9 @@ impl Document<'_> {
     /// table.
     ///
     /// A table is written `{ table = "file.csv", ... }` and needs a field that may depend on time.
-    pub fn given(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Option<Given>> {
+    pub fn given(&self, key: &str, quantity: &Quantity, names: Names) -> Result<Option<FieldInput>> {
         let Some(node) = self.get(key) else { return Ok(None) };
-        let given = |value| Some(Given { key: key.to_owned(), value });
+        let given = |value| Some(FieldInput { key: key.to_owned(), value });
         match &node.value {
             Value::Text(text) => {
                 let field = self.formula(key, text, names, quantity)?;

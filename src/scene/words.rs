@@ -1,7 +1,7 @@
 //! Words by which a scene names the variants of every enum.
 
 use super::typed::Choice;
-use super::{Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind, ViName};
+use super::{ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind};
 use crate::field::Interpolation;
 use serde::Serialize;
 use std::fmt;
@@ -76,7 +76,7 @@ impl Choice for EngineName {
     const WORDS: &'static [(&'static str, Self)] = &[("native", Self::Native), ("petsc", Self::Petsc)];
 }
 
-impl Choice for ViName {
+impl Choice for ContactSolver {
     const WORDS: &'static [(&'static str, Self)] =
         &[("condensed", Self::Condensed), ("snes", Self::Snes), ("tao", Self::Tao)];
 }
@@ -97,4 +97,4 @@ macro_rules! shown_as_words {
     };
 }
 
-shown_as_words!(SchemeName, Mass, EngineName, ViName);
+shown_as_words!(SchemeName, Mass, EngineName, ContactSolver);

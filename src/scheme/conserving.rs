@@ -125,16 +125,16 @@
 //! - the mean reactions over that time, i.e. the impulses divided by dt; at the start those at
 //!   U(p).
 
-use super::drive::Moment;
+use super::drive::InstantData;
 use super::half_step::{HalfStep, Images, State, change_frame};
 use super::potential::Line;
 use super::{Approach, Potential, Scheme, Start, System};
-use crate::archive::{Archive, Over};
+use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::{Condensed, Solver, SolverFactory, Verdict};
+use crate::vi::{Condensed, Solver, SolverFactory, StepReport};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -162,7 +162,7 @@ const MOST_TRIALS: usize = 60;
 
 /// Statistics of the relaxation.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Relaxation {
+pub struct RelaxationStatistics {
     /// Number of steps of any length taken between the grid instants.
     pub states: u64,
     /// Number of steps with gamma other than 1, because contact changed.
@@ -202,15 +202,15 @@ pub struct Conserving<'s, E: Engine> {
     u: Vec<f64>,
     admissible: Vec<f64>,
     /// Bounds at n dt, where they move.
-    limits: Moment,
+    limits: InstantData,
     reaction: Vec<f64>,
     /// Impulses of the obstacles over the last dt, in N s, one entry per bound.
     impulses: Vec<f64>,
     /// Rates in the last step (m/s), and the last states without reaction, one entry per bound.
     rates: Vec<f64>,
     free: Vec<Approach>,
-    relaxation: Relaxation,
-    verdict: Verdict,
+    relaxation: RelaxationStatistics,
+    verdict: StepReport,
 }
 
 impl<'s, E: Engine + 'static> Conserving<'s, E>
@@ -273,7 +273,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             now,
             rates,
             free,
-            relaxation: Relaxation {
+            relaxation: RelaxationStatistics {
                 states: 0,
                 relaxed_steps: 0,
                 halved_steps: 0,
@@ -433,7 +433,7 @@ fn keep_energy<E: Engine>(
 impl<E: Engine> Scheme for Conserving<'_, E> {
     fn advance(&mut self) -> Result<()> {
         self.n += 1;
-        self.verdict = Verdict::default();
+        self.verdict = StepReport::default();
         let dt = self.dt();
         let covered = self.ahead.min(dt);
         self.impulses.fill(0.0);
@@ -531,7 +531,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         Ok(Energies { work: energies.work + self.given, ..energies })
     }
 
-    fn verdict(&self) -> Verdict {
+    fn verdict(&self) -> StepReport {
         self.verdict
     }
 
@@ -550,9 +550,9 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.now.archive(archive)?;
         self.before.archive(archive)?;
         self.limits.archive(archive)?;
-        archive.vector(Over::Dofs, &mut self.u)?;
+        archive.vector(VectorKind::Dofs, &mut self.u)?;
         for vector in [&mut self.admissible, &mut self.reaction, &mut self.impulses, &mut self.rates] {
-            archive.vector(Over::Bounds, vector)?;
+            archive.vector(VectorKind::Bounds, vector)?;
         }
         Approach::archive(&mut self.free, archive)?;
         let mut halves = self.halves.len();
@@ -568,7 +568,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.potential.factorisations() + self.halves.iter().map(HalfStep::factorisations).sum::<u64>()
     }
 
-    fn relaxation(&self) -> Option<Relaxation> {
+    fn relaxation(&self) -> Option<RelaxationStatistics> {
         Some(self.relaxation)
     }
 }

@@ -4,7 +4,7 @@
 //! store loads and bounds at the instants of one step only: two for the midpoint rule, three for
 //! Newmark.
 
-use crate::archive::{Archive, Over};
+use crate::archive::{Archive, VectorKind};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::modes::Mode;
@@ -108,14 +108,14 @@ impl ModalDamping {
 /// Collective.
 fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f64>> {
     let own: Vec<f64> = onto.iter().map(|y| x.iter().zip(y).map(|(x, y)| x * y).sum()).collect();
-    let (all, _) = engine.concatenate(&own)?;
+    let (all, _) = engine.all_gather(&own)?;
     Ok((0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect())
 }
 
 /// Time-dependent loads, obstacles and supports, and modal damping. All processes evaluate them at
 /// the same instants.
 #[derive(Default)]
-pub struct Drive {
+pub struct TimeDependence {
     /// Time-dependent part of the load.
     pub load: Option<Box<LoadOfTime>>,
     /// Time-dependent obstacles, given for supports at their initial place.
@@ -148,7 +148,7 @@ pub struct SupportMotion {
     pub shape: Vec<f64>,
 }
 
-impl Drive {
+impl TimeDependence {
     /// Returns whether loads, obstacles or supports depend on time.
     pub fn varies(&self) -> bool {
         self.load.is_some() || self.bounds.is_some() || !self.supports.is_empty()
@@ -173,7 +173,7 @@ impl Drive {
     /// Returns the errors of the motions.
     pub fn carried(&self, time: f64, bounds: Bounds) -> Result<Bounds> {
         let places = vec![0.0; self.supports.len()];
-        let mut moment = Moment { load: None, bounds: Some(bounds), places };
+        let mut moment = InstantData { load: None, bounds: Some(bounds), places };
         moment.carry(self, &self.places(time)?);
         Ok(moment.bounds.unwrap_or_default())
     }
@@ -222,7 +222,7 @@ impl Drive {
     }
 }
 
-impl fmt::Debug for Drive {
+impl fmt::Debug for TimeDependence {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let (load, bounds) = (self.load.is_some(), self.bounds.is_some());
         let mut drive = f.debug_struct("Drive");
@@ -233,7 +233,7 @@ impl fmt::Debug for Drive {
 
 /// Time-dependent data at one instant; `None` for constant data.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Moment {
+pub(super) struct InstantData {
     /// Time-dependent part of the load, in N, one entry per dof.
     pub load: Option<Vec<f64>>,
     /// Bounds, in m.
@@ -242,10 +242,10 @@ pub(super) struct Moment {
     pub places: Vec<f64>,
 }
 
-impl Moment {
+impl InstantData {
     /// Allocates the data with zero load and the bounds at rest.
-    pub fn new(drive: &Drive, dofs: usize, at_rest: &Bounds) -> Moment {
-        Moment {
+    pub fn new(drive: &TimeDependence, dofs: usize, at_rest: &Bounds) -> InstantData {
+        InstantData {
             load: drive.pushes().then(|| vec![0.0; dofs]),
             bounds: drive.bounds.as_ref().map(|_| at_rest.clone()),
             places: vec![0.0; drive.supports.len()],
@@ -253,7 +253,7 @@ impl Moment {
     }
 
     /// Sets load, bounds and support places to those at `time` (s).
-    pub fn set(&mut self, drive: &Drive, time: f64) -> Result<()> {
+    pub fn set(&mut self, drive: &TimeDependence, time: f64) -> Result<()> {
         if let Some(load) = &mut self.load {
             load.fill(0.0);
             if let Some(of) = &drive.load {
@@ -270,7 +270,7 @@ impl Moment {
 
     /// Moves the support frame to `places` (m, one entry per motion) and transforms load and
     /// bounds.
-    pub fn carry(&mut self, drive: &Drive, places: &[f64]) {
+    pub fn carry(&mut self, drive: &TimeDependence, places: &[f64]) {
         for (motion, (place, to)) in drive.supports.iter().zip(self.places.iter_mut().zip(places)) {
             let way = to - *place;
             *place = *to;
@@ -287,7 +287,7 @@ impl Moment {
     }
 
     /// Sets each number to `map` of the corresponding numbers of two other instants.
-    pub fn combine(&mut self, a: &Moment, b: &Moment, map: impl Fn(f64, f64) -> f64) {
+    pub fn combine(&mut self, a: &InstantData, b: &InstantData, map: impl Fn(f64, f64) -> f64) {
         let each = |to: &mut [f64], a: &[f64], b: &[f64]| {
             to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (a, b))| *to = map(*a, *b));
         };
@@ -304,23 +304,23 @@ impl Moment {
     /// Saves all data to an archive or restores them from it.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         if let Some(load) = &mut self.load {
-            archive.vector(Over::Dofs, load)?;
+            archive.vector(VectorKind::Dofs, load)?;
         }
         if let Some(Bounds { lower, upper, .. }) = &mut self.bounds {
-            archive.vector(Over::Bounds, lower)?;
-            archive.vector(Over::Bounds, upper)?;
+            archive.vector(VectorKind::Bounds, lower)?;
+            archive.vector(VectorKind::Bounds, upper)?;
         }
         archive.value(&mut self.places)
     }
 
     /// Copies the data of another instant.
-    pub fn copy(&mut self, of: &Moment) {
+    pub fn copy(&mut self, of: &InstantData) {
         self.combine(of, of, |value, _| value);
     }
 
     /// Sets each number by linear extrapolation from `now` to `next`, `steps` steps after `now`. An
     /// obstacle absent at `now` stays absent.
-    pub fn extrapolate(&mut self, now: &Moment, next: &Moment, steps: f64) {
+    pub fn extrapolate(&mut self, now: &InstantData, next: &InstantData, steps: f64) {
         self.combine(now, next, |now, next| if now.is_finite() { now + steps * (next - now) } else { now });
     }
 
@@ -338,7 +338,7 @@ impl Moment {
 
     /// Returns this process's part of the work of the reactions as the bounds move to those of
     /// `to`, in J.
-    pub fn carried(&self, to: &Moment, reaction: &[f64]) -> f64 {
+    pub fn carried(&self, to: &InstantData, reaction: &[f64]) -> f64 {
         let (Some(from), Some(to)) = (&self.bounds, &to.bounds) else { return 0.0 };
         let way = |i: usize| {
             if reaction[i] > 0.0 { to.lower[i] - from.lower[i] } else { to.upper[i] - from.upper[i] }

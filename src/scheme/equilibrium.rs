@@ -1,10 +1,10 @@
 //! Static equilibrium, accurate to rounding.
 
 use crate::error::Result;
-use crate::linalg::{Engine, Sum};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
-use crate::vi::kkt::Judge;
-use crate::vi::{Condensed, Step, Verdict};
+use crate::vi::kkt::KktCheck;
+use crate::vi::{CheckedSolver, Condensed, StepReport};
 
 /// Number of corrections after the first solve. The first removes the effect of rounding the
 /// entries of the factored K (about 1e-16 h^-4); the second is needed on the finest meshes.
@@ -34,7 +34,7 @@ pub fn equilibrium<E: Engine + 'static>(
     stiffness: &E::Form,
     load: &[f64],
     bounds: &Bounds,
-) -> Result<(Vec<f64>, Vec<f64>, Verdict)>
+) -> Result<(Vec<f64>, Vec<f64>, StepReport)>
 where
     E::Factor: 'static,
 {
@@ -66,14 +66,14 @@ pub fn equilibrium_on_bounds<E: Engine + 'static>(
     (c, hold): (f64, &E::Form),
     load: &[f64],
     bounds: &Bounds,
-) -> Result<(Vec<f64>, Vec<f64>, Verdict)>
+) -> Result<(Vec<f64>, Vec<f64>, StepReport)>
 where
     E::Factor: 'static,
 {
     let held = [(1.0, stiffness), (c, hold)];
     let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
     let alone = [(1.0, stiffness)];
-    let mut judge = Judge::new(engine, &alone)?;
+    let mut judge = KktCheck::new(engine, &alone)?;
     let mut last = Last::default();
     let (mut best, mut idle) = (f64::INFINITY, 0);
     for _ in 0..MOST_STEPS {
@@ -109,11 +109,11 @@ struct Last {
 /// Iteration for the equilibrium by increments of the deflection.
 struct Search<'s, E: Engine> {
     engine: &'s E,
-    sum: &'s Sum<'s, E>,
+    sum: &'s LinearCombination<'s, E>,
     stiffness: &'s E::Form,
     load: &'s [f64],
     bounds: &'s Bounds,
-    step: Step<E>,
+    step: CheckedSolver<E>,
     u: Vec<f64>,
     /// Last increment, in m, one entry per dof.
     x: Vec<f64>,
@@ -122,7 +122,7 @@ struct Search<'s, E: Engine> {
     /// Bounds on the increment, in m.
     left: Bounds,
     reaction: Vec<f64>,
-    verdict: Verdict,
+    verdict: StepReport,
 }
 
 impl<'s, E: Engine + 'static> Search<'s, E>
@@ -132,7 +132,7 @@ where
     /// Starts at U = 0, with increments from the matrix `sum`.
     fn new(
         engine: &'s E,
-        sum: &'s Sum<'s, E>,
+        sum: &'s LinearCombination<'s, E>,
         stiffness: &'s E::Form,
         load: &'s [f64],
         bounds: &'s Bounds,
@@ -145,13 +145,13 @@ where
             stiffness,
             load,
             bounds,
-            step: Step::new(solver, engine, sum)?,
+            step: CheckedSolver::new(solver, engine, sum)?,
             u: zeros(),
             x: zeros(),
             b: zeros(),
             left: bounds.clone(),
             reaction: vec![0.0; bounds.len()],
-            verdict: Verdict::default(),
+            verdict: StepReport::default(),
         })
     }
 
@@ -161,9 +161,9 @@ where
         engine.multiply(self.stiffness, u, b)?;
         b.iter_mut().zip(self.load).for_each(|(b, f)| *b = f - *b);
         left.shift(bounds, |dof, bound| bound - u[dof]);
-        let length = engine.maximum(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
+        let length = engine.all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
         let step = self.step.solve(engine, sum, b, left, length, &mut self.x, &mut self.reaction)?;
-        self.verdict = Verdict {
+        self.verdict = StepReport {
             iterations: self.verdict.iterations + step.iterations,
             kkt: step.kkt,
             retries: self.verdict.retries + step.retries,
@@ -173,7 +173,7 @@ where
 
     /// Returns the largest magnitude of a bounded deflection, in m. Collective.
     fn largest(&self, x: &[f64]) -> Result<f64> {
-        self.engine.maximum(self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs())))
+        self.engine.all_reduce_max(self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs())))
     }
 
     /// Returns whether x leaves all deflections with a nonzero reaction unchanged. Collective.
@@ -181,7 +181,7 @@ where
         let stays = STAYS * self.largest(x)?;
         let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
         let moves = self.reaction.iter().zip(&self.left.dofs).any(moves);
-        Ok(self.engine.maximum(f64::from(u8::from(moves)))? == 0.0)
+        Ok(self.engine.all_reduce_max(f64::from(u8::from(moves)))? == 0.0)
     }
 
     /// Makes the increment conjugate to the last one if the active bounds are the same. Collective.
@@ -211,7 +211,7 @@ where
             _ => f64::INFINITY,
         };
         let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
-        let room = -engine.maximum(-room)?;
+        let room = -engine.all_reduce_max(-room)?;
         last.force.resize(x.len(), 0.0);
         last.increment.clone_from(x);
         last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;

@@ -1,13 +1,13 @@
 //! Implicit half of a midpoint step, shared by [`super::Midpoint`] and [`super::Conserving`].
 
 use super::System;
-use super::drive::Moment;
-use crate::archive::{Archive, Over};
+use super::drive::InstantData;
+use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
-use crate::linalg::{Engine, Sum};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
-use crate::vi::{Solver, Step, Verdict};
+use crate::vi::{CheckedSolver, Solver, StepReport};
 use std::rc::Rc;
 
 /// State (U, V) with its forces, reactions and energies.
@@ -22,7 +22,7 @@ pub(super) struct State {
     /// Force F - K U with the constant load, in N, one entry per dof.
     pub force: Vec<f64>,
     /// Time-dependent data at the instant of the state.
-    pub moment: Moment,
+    pub moment: InstantData,
     /// Velocities of the support frame that V is measured relative to, in m/s, one entry per
     /// motion.
     pub rates: Vec<f64>,
@@ -49,16 +49,16 @@ impl State {
         archive.value(&mut self.energies)?;
         self.moment.archive(archive)?;
         archive.value(&mut self.rates)?;
-        archive.vector(Over::Dofs, &mut self.u)?;
-        archive.vector(Over::Dofs, &mut self.force)?;
-        archive.vector(Over::Velocities, &mut self.v)?;
-        archive.vector(Over::Bounds, &mut self.reaction)
+        archive.vector(VectorKind::Dofs, &mut self.u)?;
+        archive.vector(VectorKind::Dofs, &mut self.force)?;
+        archive.vector(VectorKind::Velocities, &mut self.v)?;
+        archive.vector(VectorKind::Bounds, &mut self.reaction)
     }
 
     /// Updates force and energies from U and V.
     pub fn weigh<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
         let elastic = system.force(&self.u, &mut self.force)?;
-        let kinetic = 0.5 * system.engine.vis_viva(&system.mass, &self.v)?;
+        let kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
         self.energies = Energies { kinetic, elastic, work: system.work(&self.u)? };
         Ok(())
     }
@@ -73,7 +73,7 @@ impl State {
         change_frame(images, &self.rates, &rates, &mut self.v);
         self.rates = rates;
         let before = self.energies.kinetic;
-        self.energies.kinetic = 0.5 * system.engine.vis_viva(&system.mass, &self.v)?;
+        self.energies.kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
         Ok(self.energies.kinetic - before)
     }
 
@@ -100,14 +100,14 @@ pub(super) fn change_frame(images: &Images, from: &[f64], to: &[f64], v: &mut [f
 pub(super) struct HalfStep<'s, E: Engine> {
     system: &'s System<E>,
     sum: [(f64, &'s E::Form); 2],
-    solver: Step<E>,
+    solver: CheckedSolver<E>,
     /// Length of the whole step, in s.
     pub dt: f64,
     b: Vec<f64>,
     bounds: Bounds,
     /// Time-dependent data at the end of the step, and the mean of both ends.
-    end: Moment,
-    mean: Moment,
+    end: InstantData,
+    mean: InstantData,
     /// Modal coordinates of V in the damped modes at the start of the last step.
     shares: Option<Vec<f64>>,
     images: Rc<Images>,
@@ -148,11 +148,11 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         }
         let sum = Self::sum(system, dt);
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
-        let moment = Moment::new(drive, dofs, bounds);
+        let moment = InstantData::new(drive, dofs, bounds);
         Ok(HalfStep {
             system,
             sum,
-            solver: Step::new(solver, engine, &sum)?,
+            solver: CheckedSolver::new(solver, engine, &sum)?,
             dt,
             b: vec![0.0; dofs],
             bounds: bounds.clone(),
@@ -171,7 +171,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     }
 
     /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
-    pub fn begin(&mut self, velocity: &[f64], start: &Moment) -> Result<()> {
+    pub fn begin(&mut self, velocity: &[f64], start: &InstantData) -> Result<()> {
         self.x.iter_mut().zip(velocity).for_each(|(x, v)| *x = 0.5 * self.dt * v);
         self.end.set(&self.system.drive, self.dt)?;
         self.mean.extrapolate(start, &self.end, -0.5);
@@ -187,7 +187,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     /// `$(4 M / \Delta t^2 + K + 2 D / \Delta t)\, x = \frac{2}{\Delta t} B^T V + F - K U + G^T r$`
     /// with U + x within the bounds (paper, equation 6, in increments). The state `from` is that at
     /// `time` (s).
-    pub fn solve(&mut self, from: &State, time: f64) -> Result<Verdict> {
+    pub fn solve(&mut self, from: &State, time: f64) -> Result<StepReport> {
         let System { engine, mass, drive, .. } = self.system;
         let dt = self.dt;
         if drive.varies() {
@@ -210,7 +210,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         let limits = self.mean.bounds(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| bound - from.u[dof]);
         let length = self.system.length(limits, &from.u)?;
-        let sum: &Sum<E> = &self.sum;
+        let sum: &LinearCombination<E> = &self.sum;
         let verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
         engine.velocity(mass, &self.x, &mut self.rate)?;
@@ -231,7 +231,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         let ends = from.moment.places.iter().zip(&self.end.places);
         self.chords = ends.map(|(from, end)| (end - from) / self.dt).collect();
         change_frame(&self.images, &from.rates, &self.chords, &mut self.v);
-        self.ridden = 0.5 * engine.vis_viva(mass, &self.v)? - from.energies.kinetic;
+        self.ridden = 0.5 * engine.mass_norm_squared(mass, &self.v)? - from.energies.kinetic;
         engine.momentum(mass, &self.v, &mut self.b)
     }
 
@@ -266,7 +266,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
 
     /// Sets `to` to the time-dependent data at the fraction gamma of the step from the state at
     /// `time` (s).
-    pub fn reach(&self, from: &State, time: f64, gamma: f64, to: &mut Moment) -> Result<()> {
+    pub fn reach(&self, from: &State, time: f64, gamma: f64, to: &mut InstantData) -> Result<()> {
         if gamma == 1.0 {
             to.copy(&self.end);
             return Ok(());
@@ -300,7 +300,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             return Ok(0.0);
         }
         // The midpoint velocity is V + dV/2 = 2/dt C^-1 B x.
-        Ok(damping.mass * (2.0 / self.dt).powi(2) * engine.vis_viva(mass, &self.rate)?)
+        Ok(damping.mass * (2.0 / self.dt).powi(2) * engine.mass_norm_squared(mass, &self.rate)?)
     }
 
     /// Sets `to` to the state (U + 2 gamma x, V + gamma dV).
@@ -318,8 +318,8 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.mean.archive(archive)?;
         archive.value(&mut self.chords)?;
-        archive.vector(Over::Dofs, &mut self.x)?;
-        archive.vector(Over::Bounds, &mut self.reaction)?;
+        archive.vector(VectorKind::Dofs, &mut self.x)?;
+        archive.vector(VectorKind::Bounds, &mut self.reaction)?;
         self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 

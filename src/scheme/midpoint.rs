@@ -59,12 +59,12 @@
 
 use super::half_step::{HalfStep, Images, State};
 use super::{Approach, Potential, Scheme, Start, System};
-use crate::archive::{Archive, Over};
+use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::{Condensed, Solver, Verdict};
+use crate::vi::{Condensed, Solver, StepReport};
 use std::rc::Rc;
 
 /// Choice of the massless part of U that the midpoint scheme reports.
@@ -109,7 +109,7 @@ pub struct Midpoint<'s, E: Engine> {
     earliest: Vec<f64>,
     /// Impulses of the obstacles over the last step, in N s, one entry per bound.
     impulses: Vec<f64>,
-    verdict: Verdict,
+    verdict: StepReport,
 }
 
 impl<'s, E: Engine + 'static> Midpoint<'s, E>
@@ -152,7 +152,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         };
         let (admissible, earlier, earliest) = (before(0.5), before(1.5), before(2.5));
         let mut now = State::new(system, start.displacement, &start.velocity)?;
-        let mut verdict = Verdict::default();
+        let mut verdict = StepReport::default();
         let images = Potential::images(system)?;
         let potential = match massless {
             Massless::Reflected => None,
@@ -280,7 +280,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         Ok(Energies { work: energies.work + self.given, ..energies })
     }
 
-    fn verdict(&self) -> Verdict {
+    fn verdict(&self) -> StepReport {
         self.verdict
     }
 
@@ -297,11 +297,11 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         archive.value(&mut self.verdict)?;
         self.now.archive(archive)?;
         for vector in [&mut self.admissible, &mut self.earlier, &mut self.earliest, &mut self.impulses] {
-            archive.vector(Over::Bounds, vector)?;
+            archive.vector(VectorKind::Bounds, vector)?;
         }
         self.half.archive(archive)?;
         if self.system.drive.modal.is_some() && self.n > 0 {
-            archive.vector(Over::Velocities, &mut self.next.v)?;
+            archive.vector(VectorKind::Velocities, &mut self.next.v)?;
             if !archive.saves() {
                 self.half.recall(&self.next)?;
             }

@@ -20,7 +20,7 @@
 //! lose digits that this form keeps.
 //!
 //! Damping, time-dependent loads and moving obstacles extend the paper: see each scheme, and
-//! [`Drive`].
+//! [`TimeDependence`].
 
 pub mod conserving;
 mod drive;
@@ -31,21 +31,21 @@ pub mod midpoint;
 pub mod newmark;
 pub mod potential;
 
-pub use conserving::{Conserving, Relaxation};
-pub use drive::{BoundsOfTime, Damping, Drive, LoadOfTime, ModalDamping, SupportMotion};
+pub use conserving::{Conserving, RelaxationStatistics};
+pub use drive::{BoundsOfTime, Damping, LoadOfTime, ModalDamping, SupportMotion, TimeDependence};
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
 pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 
-use crate::archive::{Archive, Over};
+use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::Verdict;
-use drive::Moment;
+use crate::vi::StepReport;
+use drive::InstantData;
 
 /// Semi-discrete impact problem `$M \ddot U + (\alpha M + \beta K) \dot U + K U = F + G^T r$` under
 /// bounds on G U (paper, equation 5, with damping).
@@ -64,7 +64,7 @@ pub struct System<E: Engine> {
     /// Bounds on the deflections, in m; at their rest position where obstacles move.
     pub bounds: Bounds,
     /// Time-dependent loads and obstacles, support motions and modal damping.
-    pub drive: Drive,
+    pub drive: TimeDependence,
 }
 
 impl<E: Engine> System<E> {
@@ -99,12 +99,12 @@ impl<E: Engine> System<E> {
     fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
         let deflections = bounds.dofs.iter().map(|&dof| u[dof].abs());
         let largest = deflections.fold(bounds.magnitude(), |m, w| if w > m { w } else { m });
-        self.engine.maximum(largest)
+        self.engine.all_reduce_max(largest)
     }
 
     /// Returns the time-dependent data at `time` (s).
-    fn moment(&self, time: f64) -> Result<Moment> {
-        let mut moment = Moment::new(&self.drive, self.engine.dofs(), &self.bounds);
+    fn moment(&self, time: f64) -> Result<InstantData> {
+        let mut moment = InstantData::new(&self.drive, self.engine.dofs(), &self.bounds);
         moment.set(&self.drive, time)?;
         Ok(moment)
     }
@@ -113,7 +113,7 @@ impl<E: Engine> System<E> {
     /// seconds, relative to a support frame moving at `rates` (m/s, one entry per motion). The
     /// rates are second order in dt and use instants within the step only, since a formula may be
     /// undefined beyond the end of the run.
-    fn change(&self, time: f64, dt: f64, rates: &[f64]) -> Result<Moment> {
+    fn change(&self, time: f64, dt: f64, rates: &[f64]) -> Result<InstantData> {
         let still = vec![0.0; rates.len()];
         let moment = |steps: f64| {
             let mut moment = self.moment((time - steps * dt).max(0.0))?;
@@ -149,7 +149,7 @@ impl<E: Engine> System<E> {
 
     /// Returns the sum of `own` over all processes. Collective.
     fn total(&self, own: f64) -> Result<f64> {
-        Ok(self.engine.concatenate(&[own])?.0.iter().sum())
+        Ok(self.engine.all_gather(&[own])?.0.iter().sum())
     }
 }
 
@@ -178,7 +178,7 @@ impl Approach {
     /// Saves or restores approaches, one per bound.
     fn archive(approaches: &mut [Approach], archive: &mut Archive) -> Result<()> {
         archive.items(
-            Over::Bounds,
+            VectorKind::Bounds,
             approaches,
             |of| [of.time, of.deflection, of.velocity],
             |[time, deflection, velocity]| Approach { time, deflection, velocity },
@@ -204,7 +204,7 @@ pub struct Event {
 
 /// Work counters of an event-driven scheme.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Tally {
+pub struct EventStatistics {
     /// Number of closings and openings of single nodes.
     pub events: u64,
     /// Number of active sets whose modes were computed.
@@ -283,7 +283,7 @@ pub trait Scheme {
     }
 
     /// Returns iterations and accuracy of the last solve.
-    fn verdict(&self) -> Verdict;
+    fn verdict(&self) -> StepReport;
 
     /// Returns the state of a bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
@@ -300,7 +300,7 @@ pub trait Scheme {
     fn factorisations(&self) -> u64;
 
     /// Returns the relaxation statistics; `None` for a scheme that does not relax its steps.
-    fn relaxation(&self) -> Option<Relaxation> {
+    fn relaxation(&self) -> Option<RelaxationStatistics> {
         None
     }
 
@@ -311,7 +311,7 @@ pub trait Scheme {
     }
 
     /// Returns the work counters of an event-driven scheme.
-    fn tally(&self) -> Option<Tally> {
+    fn tally(&self) -> Option<EventStatistics> {
         None
     }
 }

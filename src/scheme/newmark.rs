@@ -83,14 +83,14 @@
 //! acceleration weighted with a hat function of width 2 dt, which includes jumps of the velocity.
 //! The ghost value at the start is `$s^{-1} = s^1 - 2 \Delta t\, s'(0)$`, analogous to `$U^{-1}$`.
 
-use super::drive::Moment;
+use super::drive::InstantData;
 use super::{Approach, Scheme, Start, System};
-use crate::archive::{Archive, Over};
+use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
-use crate::linalg::{Engine, Sum};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
-use crate::vi::{Condensed, Solver, Step, Verdict};
+use crate::vi::{CheckedSolver, Condensed, Solver, StepReport};
 
 /// Parameters of [`Newmark`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,7 +107,7 @@ pub struct NewmarkParameters {
 pub struct Newmark<'s, E: Engine> {
     system: &'s System<E>,
     sum: [(f64, &'s E::Form); 2],
-    solver: Step<E>,
+    solver: CheckedSolver<E>,
     parameters: NewmarkParameters,
     n: u64,
     /// `$U^n$`, in m.
@@ -132,14 +132,14 @@ pub struct Newmark<'s, E: Engine> {
     varying: Option<Varying>,
     /// Modal coordinates of `$U^n - U^{n-1}$` in the damped modes.
     shares: Option<Vec<f64>>,
-    verdict: Verdict,
+    verdict: StepReport,
 }
 
 /// Time-dependent data at instants n - 1, n and n + 1.
 struct Varying {
-    before: Moment,
-    now: Moment,
-    next: Moment,
+    before: InstantData,
+    now: InstantData,
+    next: InstantData,
     /// Bounds on `$U^{n+1,e}$`, in m.
     limits: Option<Bounds>,
     /// Accumulated work `$W_n$` and increment `$w_n$`, in J.
@@ -171,8 +171,8 @@ impl Varying {
             moment.archive(archive)?;
         }
         let Some(Bounds { lower, upper, .. }) = &mut self.limits else { return Ok(()) };
-        archive.vector(Over::Bounds, lower)?;
-        archive.vector(Over::Bounds, upper)
+        archive.vector(VectorKind::Bounds, lower)?;
+        archive.vector(VectorKind::Bounds, upper)
     }
 
     /// Moves one step ahead; `next` is the time of the new instant n + 1, in s.
@@ -262,7 +262,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut scheme = Newmark {
             system,
             sum: Self::sum(system, parameters),
-            solver: Step::new(solver, &system.engine, &Self::sum(system, parameters))?,
+            solver: CheckedSolver::new(solver, &system.engine, &Self::sum(system, parameters))?,
             parameters,
             n: 0,
             u: start.displacement,
@@ -279,7 +279,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
             elastic: 0.0,
             varying,
             shares: None,
-            verdict: Verdict::default(),
+            verdict: StepReport::default(),
         };
         if let Some(modal) = &system.drive.modal {
             modal.check(parameters.step)?;
@@ -333,7 +333,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let limits = limits.unwrap_or(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
         let length = self.system.length(limits, &self.u)?;
-        let sum: &Sum<E> = &self.sum;
+        let sum: &LinearCombination<E> = &self.sum;
         self.verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
         let share = 1.0 / stretch;
@@ -479,7 +479,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let rate = self.central_velocity();
         let mut v = vec![0.0; engine.velocities(mass)];
         engine.velocity(mass, &rate, &mut v)?;
-        let kinetic = 0.5 * engine.vis_viva(mass, &v)?;
+        let kinetic = 0.5 * engine.mass_norm_squared(mass, &v)?;
         let work = self.system.work(&self.u)? + self.given();
         Ok(Energies { kinetic, elastic: self.elastic, work })
     }
@@ -488,7 +488,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         Newmark::invariant(self)
     }
 
-    fn verdict(&self) -> Verdict {
+    fn verdict(&self) -> StepReport {
         self.verdict
     }
 
@@ -505,10 +505,10 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.varying.as_mut().map_or(Ok(()), |varying| varying.archive(archive))?;
         archive.value(&mut self.verdict)?;
         for vector in [&mut self.u, &mut self.d, &mut self.d_next] {
-            archive.vector(Over::Dofs, vector)?;
+            archive.vector(VectorKind::Dofs, vector)?;
         }
         for vector in [&mut self.admissible, &mut self.reaction, &mut self.impulses] {
-            archive.vector(Over::Bounds, vector)?;
+            archive.vector(VectorKind::Bounds, vector)?;
         }
         let System { engine, bounds, drive, .. } = self.system;
         if let (Some(modal), false) = (&drive.modal, archive.saves()) {

@@ -51,14 +51,14 @@
 mod rate;
 
 use super::System;
-use super::drive::Moment;
+use super::drive::InstantData;
 use super::half_step::{HalfStep, Images, State};
 use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::kkt::Judge;
-use crate::vi::{Condensed, Side, Solver, Verdict};
+use crate::vi::kkt::KktCheck;
+use crate::vi::{BoundStatus, Condensed, Solver, StepReport};
 use std::rc::Rc;
 
 /// Penalty s relative to the square of the highest angular frequency: target and accepted range.
@@ -91,7 +91,7 @@ pub struct Potential<'s, E: Engine> {
     penalty: f64,
     sum: [(f64, &'s E::Form); 2],
     solver: Condensed<E>,
-    judge: Judge,
+    judge: KktCheck,
     factorisations: u64,
     bounds: Bounds,
     b: Vec<f64>,
@@ -145,7 +145,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 solver.solve(engine, sum, b, &Bounds::default(), x, &mut [])?;
                 engine.velocity(mass, x, moved)?;
                 image.iter_mut().zip(&*moved).for_each(|(image, moved)| *image += moved);
-                let [more, all] = [&*moved, &image].map(|v| engine.vis_viva(mass, v));
+                let [more, all] = [&*moved, &image].map(|v| engine.mass_norm_squared(mass, v));
                 if more?.sqrt() <= f64::EPSILON * all?.sqrt() {
                     break;
                 }
@@ -189,7 +189,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             pull.iter_mut().enumerate().for_each(|(i, v)| *v = rough(i));
             let mut largest = 0.0;
             for _ in 0..POWERS {
-                let norm = engine.vis_viva(mass, &pull)?.sqrt();
+                let norm = engine.mass_norm_squared(mass, &pull)?.sqrt();
                 if norm == 0.0 {
                     break;
                 }
@@ -198,7 +198,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 pull.iter_mut().zip(&moved).for_each(|(v, m)| *v -= m);
                 apply(&pull, &mut moved)?;
                 std::mem::swap(&mut pull, &mut moved);
-                largest = engine.vis_viva(mass, &pull)?.sqrt();
+                largest = engine.mass_norm_squared(mass, &pull)?.sqrt();
             }
             // Rayleigh quotient of the displacement with this velocity.
             engine.multiply_with_magnitude(&sum[..1], &x, &mut b, &mut sizes)?;
@@ -212,7 +212,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                     penalty,
                     sum,
                     solver,
-                    judge: Judge::new(engine, &sum[..1])?,
+                    judge: KktCheck::new(engine, &sum[..1])?,
                     factorisations: factorisations - 1,
                     bounds: bounds.clone(),
                     b,
@@ -239,26 +239,26 @@ impl<'s, E: Engine> Potential<'s, E> {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn settle(&mut self, time: f64, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
+    pub fn settle(&mut self, time: f64, u: &mut [f64], reaction: &mut [f64]) -> Result<StepReport> {
         let moment = self.system.moment(time)?;
         self.settle_at(&moment, u, reaction)
     }
 
     /// Moves a state to U(p) at its own instant.
-    pub(super) fn settle_state(&mut self, state: &mut State) -> Result<Verdict> {
+    pub(super) fn settle_state(&mut self, state: &mut State) -> Result<StepReport> {
         let State { moment, u, reaction, .. } = state;
         let verdict = self.settle_at(moment, u, reaction)?;
         state.weigh(self.system)?;
         Ok(verdict)
     }
 
-    fn settle_at(&mut self, moment: &Moment, u: &mut [f64], reaction: &mut [f64]) -> Result<Verdict> {
+    fn settle_at(&mut self, moment: &InstantData, u: &mut [f64], reaction: &mut [f64]) -> Result<StepReport> {
         let System { engine, mass, .. } = self.system;
         self.u.copy_from_slice(u);
         self.multiplier.fill(0.0);
         self.lack.fill(0.0);
         engine.velocity(mass, &self.u, &mut self.moved)?;
-        let way = engine.vis_viva(mass, &self.moved)?.sqrt();
+        let way = engine.mass_norm_squared(mass, &self.moved)?.sqrt();
         let verdict = self.reach(way, moment)?;
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
@@ -280,7 +280,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             loss: half.loss()?,
             gamma: None,
             kinetic_slope: None,
-            verdict: Verdict::default(),
+            verdict: StepReport::default(),
             same_piece: false,
         })
     }
@@ -288,7 +288,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// Moves the last solution to U(p) at p plus the residual, for the data of one instant. The
     /// solution exists wherever the inf-sup condition holds. `way` is the norm, by C, of the whole
     /// displacement of p.
-    fn reach(&mut self, way: f64, moment: &Moment) -> Result<Verdict> {
+    fn reach(&mut self, way: f64, moment: &InstantData) -> Result<StepReport> {
         let System { engine, bounds, .. } = self.system;
         let length = self.system.length(moment.bounds(bounds), &self.u)?;
         for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.lack]) {
@@ -304,7 +304,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             }
             let again;
             (again, missed) = self.rounds(way, length, moment)?;
-            verdict = Verdict { iterations: verdict.iterations + again.iterations, retries: 1, ..again };
+            verdict = StepReport { iterations: verdict.iterations + again.iterations, retries: 1, ..again };
         }
         if missed {
             return Err(Error::Singular(
@@ -318,10 +318,10 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Runs the rounds of multipliers. Returns also whether they miss p. `length` is the length
     /// scale of gaps, in m.
-    fn rounds(&mut self, way: f64, length: f64, moment: &Moment) -> Result<(Verdict, bool)> {
+    fn rounds(&mut self, way: f64, length: f64, moment: &InstantData) -> Result<(StepReport, bool)> {
         let System { engine, mass, bounds, .. } = self.system;
         let bounds = moment.bounds(bounds);
-        let mut verdict = Verdict { kkt: f64::INFINITY, ..Verdict::default() };
+        let mut verdict = StepReport { kkt: f64::INFINITY, ..StepReport::default() };
         let (mut distance, mut farthest) = (f64::INFINITY, way);
         let least = ROUNDS.start() + self.solver.corrections();
         for round in 1..=*ROUNDS.end() {
@@ -345,8 +345,8 @@ impl<'s, E: Engine> Potential<'s, E> {
                 *lack -= moved;
                 *multiplier += self.penalty * *lack;
             }
-            farthest = farthest.max(engine.vis_viva(mass, &self.moved)?.sqrt());
-            let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &self.lack)?.sqrt());
+            farthest = farthest.max(engine.mass_norm_squared(mass, &self.moved)?.sqrt());
+            let before = std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &self.lack)?.sqrt());
             let reached = distance <= CLOSE * way || distance > 0.5 * before;
             if round < least || !reached && round < *ROUNDS.end() {
                 continue;
@@ -391,7 +391,7 @@ pub(super) struct Line<'l, 's, E: Engine> {
     /// Slope of the kinetic energy at the midpoint, and its curvature.
     kinetic_slope: Option<[f64; 2]>,
     /// Accuracy that the solves on this line have reached.
-    pub verdict: Verdict,
+    pub verdict: StepReport,
     /// Whether the last state has the same active bounds as the start.
     pub same_piece: bool,
 }
@@ -434,7 +434,7 @@ impl<E: Engine> Line<'_, '_, E> {
                 // At the midpoint, gamma = 1/2, V = 2/dt C^-1 B x.
                 engine.momentum(mass, &self.half.dv, work)?;
                 let middle = 2.0 / self.half.dt * engine.dot(work, &self.half.x)?;
-                *self.kinetic_slope.insert([middle, engine.vis_viva(mass, &self.half.dv)?])
+                *self.kinetic_slope.insert([middle, engine.mass_norm_squared(mass, &self.half.dv)?])
             }
         };
         work.copy_from_slice(&at.force);
@@ -463,17 +463,17 @@ impl<E: Engine> Line<'_, '_, E> {
             let reaction = start + 2.0 * gamma * (middle - start);
             to.reaction[i] = reaction;
             match side(start) {
-                Side::Free => straight &= (bounds.lower[i]..=bounds.upper[i]).contains(&to.u[dof]),
-                Side::Lower => to.u[dof] = bounds.lower[i],
-                Side::Upper => to.u[dof] = bounds.upper[i],
+                BoundStatus::Free => straight &= (bounds.lower[i]..=bounds.upper[i]).contains(&to.u[dof]),
+                BoundStatus::Lower => to.u[dof] = bounds.lower[i],
+                BoundStatus::Upper => to.u[dof] = bounds.upper[i],
             }
             straight &= side(start) == side(middle) && side(start) == side(reaction);
         }
-        Ok(engine.maximum(f64::from(u8::from(!straight)))? == 0.0)
+        Ok(engine.all_reduce_max(f64::from(u8::from(!straight)))? == 0.0)
     }
 
     /// Moves the solution to gamma, from the last one on this line or from the midpoint.
-    fn solve(&mut self, gamma: f64, moment: &Moment) -> Result<()> {
+    fn solve(&mut self, gamma: f64, moment: &InstantData) -> Result<()> {
         let (potential, half) = (&mut *self.potential, self.half);
         let last = match self.gamma.replace(gamma) {
             Some(last) => last,
@@ -495,17 +495,17 @@ impl<E: Engine> Line<'_, '_, E> {
             *lack = 2.0 * (gamma - last) * rate;
         }
         let System { engine, mass, .. } = potential.system;
-        let way = 2.0 * engine.vis_viva(mass, &half.rate)?.sqrt();
+        let way = 2.0 * engine.mass_norm_squared(mass, &half.rate)?.sqrt();
         self.verdict = self.verdict.and(potential.reach(way, moment)?);
         Ok(())
     }
 }
 
 /// Returns the side of the bound that a reaction belongs to.
-fn side(reaction: f64) -> Side {
+fn side(reaction: f64) -> BoundStatus {
     match reaction {
-        r if r > 0.0 => Side::Lower,
-        r if r < 0.0 => Side::Upper,
-        _ => Side::Free,
+        r if r > 0.0 => BoundStatus::Lower,
+        r if r < 0.0 => BoundStatus::Upper,
+        _ => BoundStatus::Free,
     }
 }

@@ -1,6 +1,7 @@
 //! Mesh, sections and supports of a scene.
 
 use crate::assembly;
+use crate::dof_map::Place;
 use crate::element::adaptive::{self, Integrand, Rules};
 use crate::element::quadrature::Node;
 use crate::error::{Error, Result};
@@ -8,12 +9,13 @@ use crate::field::Condition;
 use crate::memory;
 use crate::mesh::{self, Diagonal, Made, Mark, Mesh, NEAR, Point};
 use crate::plate::{Plate, Section, Sections};
-use crate::scene::{ElementKind, EngineName, Given, Grid, Part, Region, Scene, Scheme, Stand, SupportKind};
+use crate::scene::{
+    ElementKind, EngineName, FieldInput, Grid, Part, Region, Scene, SchemeSpec, SupportKind, SupportLocation,
+};
 use crate::scheme::exact;
-use crate::space::Place;
 
 /// Processes that build a model together, each with a part of the mesh.
-pub(super) trait Team {
+pub(super) trait Communicator {
     /// Returns the numbers of all processes, concatenated. Collective.
     fn gather(&self, own: &[f64]) -> Vec<f64>;
 
@@ -41,9 +43,9 @@ pub(super) trait Team {
 }
 
 /// Single process that has the whole mesh.
-pub(super) struct Alone;
+pub(super) struct SelfComm;
 
-impl Team for Alone {
+impl Communicator for SelfComm {
     fn gather(&self, own: &[f64]) -> Vec<f64> {
         own.to_vec()
     }
@@ -82,7 +84,7 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
     let dense = match scene.time.scheme {
-        Scheme::Exact => exact::estimated_memory(dofs as usize, cells as usize, 0),
+        SchemeSpec::Exact => exact::estimated_memory(dofs as usize, cells as usize, 0),
         _ => 0,
     };
     set_up + factors + dense as u64
@@ -154,7 +156,7 @@ pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
         }
     });
     let supports = scene.supports.iter().enumerate().filter_map(|(number, support)| match support.stand {
-        Stand::At(at) => Some((format!("support.{number}.at"), Mark::At(at.into()))),
+        SupportLocation::At(at) => Some((format!("support.{number}.at"), Mark::At(at.into()))),
         _ => None,
     });
     obstacles.chain(supports).collect()
@@ -199,12 +201,16 @@ pub(super) fn rectangles(grid: &Grid) -> [u64; 2] {
 }
 
 /// Returns the locations of the supports on this process's part of the mesh. Collective.
-pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<Vec<(Place, SupportKind)>> {
+pub(super) fn supports(
+    scene: &Scene,
+    mesh: &Mesh,
+    team: &impl Communicator,
+) -> Result<Vec<(Place, SupportKind)>> {
     let mut supports = Vec::new();
     for (number, support) in scene.supports.iter().enumerate() {
         let key = format!("support.{number}");
         let place = match &support.stand {
-            Stand::Edge { edge, part } => {
+            SupportLocation::Edge { edge, part } => {
                 let sides = mesh.edges.get(edge).map_or(&[][..], Vec::as_slice);
                 require(team, !sides.is_empty(), || {
                     let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
@@ -222,8 +228,8 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
                 })?;
                 Place::Edges(chosen)
             }
-            Stand::At(at) => Place::Nodes(nodes_at(mesh, *at, team, &key)?),
-            Stand::Point(name) => Place::Nodes(nodes_of_point(mesh, name, team, &key)?),
+            SupportLocation::At(at) => Place::Nodes(nodes_at(mesh, *at, team, &key)?),
+            SupportLocation::Point(name) => Place::Nodes(nodes_of_point(mesh, name, team, &key)?),
         };
         supports.push((place, support.kind));
     }
@@ -231,7 +237,7 @@ pub(super) fn supports(scene: &Scene, mesh: &Mesh, team: &impl Team) -> Result<V
 }
 
 /// Returns the nodes of a physical point that this process owns. Collective.
-fn nodes_of_point(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+fn nodes_of_point(mesh: &Mesh, name: &str, team: &impl Communicator, key: &str) -> Result<Vec<usize>> {
     let nodes = mesh.points.get(name).cloned().unwrap_or_default();
     require(team, !nodes.is_empty(), || {
         let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
@@ -246,13 +252,13 @@ pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool>
 }
 
 /// Returns an error unless `here` is true on some process. Collective.
-fn require(team: &impl Team, here: bool, wrong: impl Fn() -> String) -> Result<()> {
+fn require(team: &impl Communicator, here: bool, wrong: impl Fn() -> String) -> Result<()> {
     let anywhere = team.gather(&[f64::from(u8::from(here))]).contains(&1.0);
     if anywhere { Ok(()) } else { Err(Error::Mesh(wrong())) }
 }
 
 /// Returns the nodes of this process at a point. Collective.
-fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Team, key: &str) -> Result<Vec<usize>> {
+fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Communicator, key: &str) -> Result<Vec<usize>> {
     let at = Point::new(x, y);
     let distance = |node: usize| (mesh.nodes[node] - at).norm();
     let nearest = (0..mesh.nodes.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
@@ -273,7 +279,12 @@ fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Team, key: &str) -> Resul
 }
 
 /// Returns the nodes of this process in a region of the plate. Collective.
-pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+pub(super) fn nodes_in(
+    region: &Region,
+    mesh: &Mesh,
+    team: &impl Communicator,
+    key: &str,
+) -> Result<Vec<usize>> {
     let nodes = 0..mesh.nodes.len();
     match region {
         Region::All => Ok(nodes.collect()),
@@ -316,7 +327,7 @@ pub(super) fn nodes_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
 }
 
 /// Returns the cells of this process in a group. Collective.
-fn group(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+fn group(mesh: &Mesh, name: &str, team: &impl Communicator, key: &str) -> Result<Vec<usize>> {
     let cells = mesh.groups.get(name).cloned().unwrap_or_default();
     require(team, !cells.is_empty(), || {
         let known: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
@@ -327,7 +338,12 @@ fn group(mesh: &Mesh, name: &str, team: &impl Team, key: &str) -> Result<Vec<usi
 
 /// Returns a flag per cell of this process, set for those in a region of the plate: cells of its
 /// group, or cells whose centre satisfies its condition. Collective.
-pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<bool>> {
+pub(super) fn cells_in(
+    region: &Region,
+    mesh: &Mesh,
+    team: &impl Communicator,
+    key: &str,
+) -> Result<Vec<bool>> {
     let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
     match region {
         Region::Where(condition) => {
@@ -348,7 +364,7 @@ pub(super) fn cells_in(region: &Region, mesh: &Mesh, team: &impl Team, key: &str
 }
 
 /// Thickness and material of a scene's plate, cell by cell.
-pub(super) struct Body<'s> {
+pub(super) struct PlateAssembly<'s> {
     scene: &'s Scene,
     /// Index of the part of each cell, from 1 on; 0 for none.
     part_of: Vec<usize>,
@@ -356,23 +372,23 @@ pub(super) struct Body<'s> {
     rules: Rules,
 }
 
-impl<'s> Body<'s> {
+impl<'s> PlateAssembly<'s> {
     /// Determines the part of each cell. Collective.
-    pub fn new(scene: &'s Scene, mesh: &Mesh, team: &impl Team) -> Result<Body<'s>> {
+    pub fn new(scene: &'s Scene, mesh: &Mesh, team: &impl Communicator) -> Result<PlateAssembly<'s>> {
         let mut part_of = vec![0; mesh.cells.len()];
         for (number, part) in scene.parts.iter().enumerate() {
             let inside = cells_in(&part.region, mesh, team, &format!("part.{number}"))?;
             part_of.iter_mut().zip(inside).filter(|(_, inside)| *inside).for_each(|(of, _)| *of = number + 1);
         }
-        let mut body = Body { scene, part_of, rules: Rules::new() };
+        let mut body = PlateAssembly { scene, part_of, rules: Rules::new() };
         body.rules = body.find_rules(mesh, team)?;
         Ok(body)
     }
 
     /// Determines special quadrature rules for cells in which the thickness jumps, or varies too
     /// fast for the usual rule. Collective.
-    fn find_rules(&self, mesh: &Mesh, team: &impl Team) -> Result<Rules> {
-        let rough = |given: &&Given| !given.is_polynomial();
+    fn find_rules(&self, mesh: &Mesh, team: &impl Communicator) -> Result<Rules> {
+        let rough = |given: &&FieldInput| !given.is_polynomial();
         let of_parts = self.scene.parts.iter().map(|part| part.thickness.as_ref());
         let thicknesses = std::iter::once(self.scene.plate.thickness.as_ref()).chain(of_parts);
         let rough: Vec<_> =
@@ -387,7 +403,7 @@ impl<'s> Body<'s> {
     }
 
     /// Returns the plate of a cell, and its thickness field where it is no constant.
-    fn plate(&self, cell: usize) -> (&'s Plate, Option<&'s Given>) {
+    fn plate(&self, cell: usize) -> (&'s Plate, Option<&'s FieldInput>) {
         match self.part_of[cell].checked_sub(1).map(|part| &self.scene.parts[part]) {
             Some(Part { plate, thickness, .. }) => (plate, thickness.as_ref()),
             None => (&self.scene.plate.plate, self.scene.plate.thickness.as_ref()),
@@ -395,7 +411,7 @@ impl<'s> Body<'s> {
     }
 }
 
-impl Sections for Body<'_> {
+impl Sections for PlateAssembly<'_> {
     fn kind(&self, cell: usize) -> Option<usize> {
         self.plate(cell).1.is_none().then(|| self.part_of[cell])
     }

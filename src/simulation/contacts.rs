@@ -1,7 +1,7 @@
 //! Contacts of single nodes with obstacles: their intervals and impulses.
 
-use super::Site;
-use crate::archive::{Archive, Over};
+use super::DeflectionDof;
+use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::scheme::{Event, Scheme};
 
@@ -44,7 +44,7 @@ pub(super) struct Contacts {
 impl Contacts {
     /// Records a step of a scheme and its events. A node without reaction for a single step remains
     /// in contact.
-    pub fn note(&mut self, sites: &[Site], step: f64, scheme: &dyn Scheme, events: &[Event]) {
+    pub fn note(&mut self, sites: &[DeflectionDof], step: f64, scheme: &dyn Scheme, events: &[Event]) {
         let (time, reactions) = (scheme.time(), scheme.reaction());
         self.state.resize(reactions.len(), None);
         for event in events {
@@ -71,11 +71,11 @@ impl Contacts {
     }
 
     /// Ends the contacts last seen before an instant (s).
-    pub fn close(&mut self, sites: &[Site], before: f64) {
+    pub fn close(&mut self, sites: &[DeflectionDof], before: f64) {
         let Contacts { open, state, ended } = self;
         open.retain(|&bound| match state[bound] {
             Some([begin, end, impulse]) if end < before => {
-                let Site { node, at: [x, y], .. } = sites[bound];
+                let DeflectionDof { node, at: [x, y], .. } = sites[bound];
                 ended.extend([node as f64, x, y, begin, end, impulse]);
                 state[bound] = None;
                 false
@@ -93,7 +93,7 @@ impl Contacts {
                 all[bound] = [place as f64, begin, end, impulse];
             }
         }
-        archive.items(Over::Bounds, &mut all, |&of| of, |of| of)?;
+        archive.items(VectorKind::Bounds, &mut all, |&of| of, |of| of)?;
         archive.list(&mut self.ended)?;
         if !archive.saves() {
             let is_open = |&bound: &usize| all[bound][0] >= 0.0;

@@ -1,7 +1,7 @@
 //! Model of a scene distributed over all ranks.
 
-use super::body::{self, Body, Team};
-use super::effects::Ground;
+use super::body::{self, Communicator, PlateAssembly};
+use super::effects::BuildContext;
 use super::{Model, SolverFactory};
 use crate::assembly;
 use crate::error::{Error, Result};
@@ -9,7 +9,7 @@ use crate::linalg::Engine;
 use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::{Context, Distributed, Part};
-use crate::scene::{self, EngineName, Scene, ViName};
+use crate::scene::{self, ContactSolver, EngineName, Scene};
 use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
 use std::time::Instant;
@@ -20,16 +20,20 @@ use std::time::Instant;
 /// Returns [`Error::Usage`] for a contact solver that the engine does not have, and for an option
 /// that cannot work.
 pub fn check_options(scene: &Scene, context: &Context) -> Result<()> {
-    super::serves(scene, EngineName::Petsc, &[ViName::Condensed, ViName::Snes, ViName::Tao])?;
+    super::serves(
+        scene,
+        EngineName::Petsc,
+        &[ContactSolver::Condensed, ContactSolver::Snes, ContactSolver::Tao],
+    )?;
     family(scene).map_or(Ok(()), |family| family.check_options(context))
 }
 
 /// Returns the family of PETSc solvers that the scene names; `None` for the condensed solver.
 fn family(scene: &Scene) -> Option<Family> {
     match scene.solver.vi {
-        ViName::Condensed => None,
-        ViName::Snes => Some(vi::snes::SNES),
-        ViName::Tao => Some(vi::tao::TAO),
+        ContactSolver::Condensed => None,
+        ContactSolver::Snes => Some(vi::snes::SNES),
+        ContactSolver::Tao => Some(vi::tao::TAO),
     }
 }
 
@@ -52,13 +56,13 @@ impl Model<Distributed> {
     pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
         check_options(scene, context)?;
         let clock = Instant::now();
-        if scene.time.scheme == scene::Scheme::Exact {
+        if scene.time.scheme == scene::SchemeSpec::Exact {
             return Err(Error::Usage(
                 "time.scheme = \"exact\" runs on the native engine, in one process".into(),
             ));
         }
         super::phase("mesh");
-        let ranks = Ranks { context, plex: None };
+        let ranks = WorldComm { context, plex: None };
         let supports = |mesh: &Mesh| body::supports(scene, mesh, &ranks);
         let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
         let balls: Vec<(String, Point)> = scene.balls.iter().enumerate().map(name).collect();
@@ -83,17 +87,17 @@ impl Model<Distributed> {
                 Part::of_mesh(context, || Ok(mesh), refine, &supports, &balls)?
             }
         };
-        let ranks = Ranks { context, plex: Some(&part) };
+        let ranks = WorldComm { context, plex: Some(&part) };
         let engine = Distributed::new(&part)?;
         if context.sum_count(engine.dofs()) == scene.balls.len() {
             return Err(super::nothing_free());
         }
         super::phase("matrices");
-        let body = Body::new(scene, &part.mesh, &ranks)?;
+        let body = PlateAssembly::new(scene, &part.mesh, &ranks)?;
         let cells = context.together(assembly::cells(&part.mesh, &part.space, &body))?;
         let dofs = part.space.dofs();
         let own: Vec<Option<usize>> = (0..dofs).map(|local| engine.own_dof(local)).collect();
-        let ground = Ground {
+        let ground = BuildContext {
             scene,
             team: &ranks,
             mesh: &part.mesh,
@@ -109,7 +113,7 @@ impl Model<Distributed> {
             }),
             sum: Rc::new({
                 let context = context.clone();
-                move |own| Ranks { context: &context, plex: None }.sum(own)
+                move |own| WorldComm { context: &context, plex: None }.sum(own)
             }),
             owns: &|node| part.owns[node],
         };
@@ -150,12 +154,12 @@ fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
 }
 
 /// All ranks, with the part of the mesh that they share once it exists.
-struct Ranks<'c> {
+struct WorldComm<'c> {
     context: &'c Context,
     plex: Option<&'c Part>,
 }
 
-impl Team for Ranks<'_> {
+impl Communicator for WorldComm<'_> {
     fn gather(&self, own: &[f64]) -> Vec<f64> {
         self.context.gather(own)
     }

@@ -5,16 +5,16 @@
 //! functions. Cells share the points on common edges. The first points are the nodes of the mesh,
 //! in its order.
 
-use super::body::{self, Team};
-use super::effects::{Ground, Lift};
+use super::body::{self, Communicator};
+use super::effects::{BuildContext, Lift};
 use crate::assembly::CellArrays;
+use crate::dof_map::PER_NODE;
 use crate::element::{Basis, fvs, hct};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::mesh::{Cell, Mesh, Point};
-use crate::scene::{Given, Region, Side};
+use crate::scene::{FieldInput, Region, Side};
 use crate::scheme::{Scheme, System};
-use crate::space::PER_NODE;
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -69,9 +69,9 @@ pub struct Fields {
     /// Dof of the deflection of each node.
     deflections: Vec<Option<usize>>,
     /// Side, height and affected points of each obstacle.
-    obstacles: Vec<(Side, Given, Vec<usize>)>,
+    obstacles: Vec<(Side, FieldInput, Vec<usize>)>,
     /// Support motions with the deflection and slopes that they cause at the points, per metre.
-    lifts: Vec<(Rc<Given>, [Vec<f64>; 3])>,
+    lifts: Vec<(Rc<FieldInput>, [Vec<f64>; 3])>,
 }
 
 /// Values of a cell's basis functions at a point, and their derivatives along x and y.
@@ -92,8 +92,8 @@ enum Place {
 
 impl Fields {
     /// Prepares sampling if the scene asks for snapshots. Collective.
-    pub(super) fn new<T: Team>(ground: &Ground<T>, lifts: &[Lift]) -> Result<Option<Fields>> {
-        let Ground { scene, team, mesh, space, cells, .. } = *ground;
+    pub(super) fn new<T: Communicator>(ground: &BuildContext<T>, lifts: &[Lift]) -> Result<Option<Fields>> {
+        let BuildContext { scene, team, mesh, space, cells, .. } = *ground;
         let Some(snapshots) = scene.output.fields else { return Ok(None) };
         let parts = snapshots.subdivide;
         let mut lattice =
@@ -168,7 +168,13 @@ impl Fields {
     }
 
     /// Returns the points affected by an obstacle of a region. Collective.
-    fn opposite(&self, region: &Region, mesh: &Mesh, team: &impl Team, key: &str) -> Result<Vec<usize>> {
+    fn opposite(
+        &self,
+        region: &Region,
+        mesh: &Mesh,
+        team: &impl Communicator,
+        key: &str,
+    ) -> Result<Vec<usize>> {
         let points = 0..self.lattice.points.len();
         match region {
             Region::All => Ok(points.collect()),
@@ -222,8 +228,8 @@ impl Fields {
         scheme: &mut dyn Scheme,
     ) -> Result<Snapshot<'_>> {
         let System { engine, bounds, .. } = system;
-        let u = engine.on_cells(scheme.displacement())?;
-        let rate = engine.on_cells(&scheme.velocity()?)?;
+        let u = engine.to_local(scheme.displacement())?;
+        let rate = engine.to_local(&scheme.velocity()?)?;
         let mut rows = [0, 1, 2].map(|row| self.evaluate(&u, row));
         let mut velocity = self.evaluate(&rate, 0);
         for ((motion, lift), moves) in self.lifts.iter().zip(scheme.support_rates()?) {
@@ -243,7 +249,7 @@ impl Fields {
             obstacles = Some([floor, ceiling]);
             let mut force = vec![0.0; engine.dofs()];
             bounds.add_transposed(scheme.reaction(), &mut force);
-            let force = engine.on_cells(&force)?;
+            let force = engine.to_local(&force)?;
             let mut at_points = vec![0.0; self.lattice.points.len()];
             for (value, dof) in at_points.iter_mut().zip(&self.deflections) {
                 *value = dof.map_or(0.0, |dof| force[dof]);

@@ -1,15 +1,15 @@
 //! Saves and restores the state of a run between two steps, on any number of processes.
 
 use super::Model;
-use super::body::Team;
-use super::effects::Ground;
+use super::body::Communicator;
+use super::effects::BuildContext;
 use crate::archive::{self, Archive, Entry, Numbering, Numbers};
+use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::motion::Motion;
 use crate::scene::{Mass, Scene};
 use crate::scheme::{Scheme, System};
-use crate::space::PER_NODE;
 use serde::{Deserialize, Serialize};
 
 /// Relative distance, in units of the plate size, below which positions are equal.
@@ -20,7 +20,7 @@ const NEAR: f64 = 1e-6;
 
 /// Whole state of a run between two steps: that of the scheme and of the main loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Pause {
+pub struct RunState {
     /// Index of the last step made.
     pub step: u64,
     /// Time of that step, in s.
@@ -34,7 +34,7 @@ pub struct Pause {
 /// Positions of the dofs and velocities of a process, by which they are numbered independently of
 /// the distribution.
 #[derive(Debug, Clone, Default)]
-pub struct Places {
+pub struct DofCoordinates {
     /// Position, in m, and index of the dof at its node.
     dofs: Vec<[f64; 3]>,
     /// Centres of the cells and positions of attached masses, in m, or the dofs again for a
@@ -42,15 +42,15 @@ pub struct Places {
     velocities: Vec<[f64; 3]>,
 }
 
-impl Places {
+impl DofCoordinates {
     /// Returns the positions for a process's part of a plate, given the engine's numbers of its
     /// dofs and the attached masses.
-    pub(super) fn new<T: Team>(
-        ground: &Ground<T>,
+    pub(super) fn new<T: Communicator>(
+        ground: &BuildContext<T>,
         count: usize,
         carried: impl Iterator<Item = [f64; 2]>,
-    ) -> Places {
-        let Ground { scene, mesh, space, own, .. } = *ground;
+    ) -> DofCoordinates {
+        let BuildContext { scene, mesh, space, own, .. } = *ground;
         let mut dofs = vec![[0.0; 3]; count];
         let mut put = |dof: Option<usize>, [x, y]: [f64; 2], which: usize| {
             if let Some(dof) = dof.and_then(own) {
@@ -76,7 +76,7 @@ impl Places {
             }
             Mass::Consistent => dofs.clone(),
         };
-        Places { dofs, velocities }
+        DofCoordinates { dofs, velocities }
     }
 
     /// Returns displacement and velocity of all dofs, in the order of their positions, on the first
@@ -123,7 +123,7 @@ impl Places {
         };
         let elsewhere = total != motion.dofs.len()
             || own.iter().zip(&self.dofs).any(|(&number, &place)| !is_there(number, place));
-        if engine.maximum(f64::from(u8::from(elsewhere)))? > 0.0 {
+        if engine.all_reduce_max(f64::from(u8::from(elsewhere)))? > 0.0 {
             let there = motion.dofs.len();
             return Err(Error::Scene(format!(
                 "initial.from: a run on another mesh: its {there} free dofs are not where the {total} of this scene are; \
@@ -146,7 +146,7 @@ impl Places {
 
 /// Numbers positions by row, column and dof, independently of the distribution. Collective.
 fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Result<Numbers> {
-    let (all, before) = engine.concatenate(own.as_flattened())?;
+    let (all, before) = engine.all_gather(own.as_flattened())?;
     let (all, before) = (all.as_chunks::<3>().0, before / 3);
     let extent = all.iter().fold(0.0, |extent: f64, [x, y, _]| extent.max(x.abs()).max(y.abs()));
     let [columns, lines] = [0, 1].map(|axis| {
@@ -173,7 +173,7 @@ fn ranks(values: &[f64], same: f64) -> Vec<usize> {
     ranks
 }
 
-impl Pause {
+impl RunState {
     /// Collects the state that `state` shows after a step, on the first process only. Collective.
     ///
     /// # Errors
@@ -183,7 +183,7 @@ impl Pause {
         step: u64,
         time: f64,
         state: impl FnOnce(&mut Archive) -> Result<()>,
-    ) -> Result<Option<Pause>> {
+    ) -> Result<Option<RunState>> {
         let System { engine, bounds, .. } = &model.system;
         let mut archive = Archive::Saves(Vec::new());
         state(&mut archive)?;
@@ -195,7 +195,7 @@ impl Pause {
             .collect::<Result<_>>()?;
         let processes = parts.len();
         let first = processes > 0;
-        first.then(|| Ok(Pause { step, time, processes, entries: archive::join(parts)? })).transpose()
+        first.then(|| Ok(RunState { step, time, processes, entries: archive::join(parts)? })).transpose()
     }
 
     /// Returns the archive that restores this process's part of the state. Collective.
@@ -204,7 +204,7 @@ impl Pause {
     /// Returns [`crate::Error::Checkpoint`] where the state is that of another model.
     pub(super) fn part<E: Engine>(self, model: &Model<E>) -> Result<Archive> {
         let System { engine, bounds, .. } = &model.system;
-        let (processes, rank) = engine.concatenate(&[0.0])?;
+        let (processes, rank) = engine.all_gather(&[0.0])?;
         let numbering = model.places.numbering(engine, &bounds.dofs)?;
         archive::part(self.entries, &numbering, rank, self.processes == processes.len())
     }

@@ -8,9 +8,9 @@
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::output::text::{Table, grouped};
-use crate::scene::{EngineName, Scene, ViName};
+use crate::scene::{ContactSolver, EngineName, Scene};
 use crate::scheme::Scheme;
-use crate::simulation::{self, Model, Site, SolverFactory};
+use crate::simulation::{self, DeflectionDof, Model, SolverFactory};
 use serde::Serialize;
 use std::collections::HashMap;
 use std::fmt;
@@ -25,7 +25,7 @@ pub struct Contender {
     /// Linear algebra engine.
     pub engine: EngineName,
     /// Contact solver.
-    pub vi: ViName,
+    pub vi: ContactSolver,
     /// Method of the contact solver: one of PETSc's types, which overrides the options.
     pub method: Option<String>,
 }
@@ -46,13 +46,13 @@ impl Contender {
             _ => return Err(unknown(name)),
         };
         let vi = match words.next() {
-            None | Some("condensed") => ViName::Condensed,
-            Some("snes") => ViName::Snes,
-            Some("tao") => ViName::Tao,
+            None | Some("condensed") => ContactSolver::Condensed,
+            Some("snes") => ContactSolver::Snes,
+            Some("tao") => ContactSolver::Tao,
             _ => return Err(unknown(name)),
         };
         let method = words.next().map(String::from);
-        if words.next().is_some() || method.as_ref().is_some_and(|_| vi == ViName::Condensed) {
+        if words.next().is_some() || method.as_ref().is_some_and(|_| vi == ContactSolver::Condensed) {
             return Err(unknown(name));
         }
         Ok(Contender { engine, vi, method })
@@ -60,15 +60,15 @@ impl Contender {
 
     /// Returns the reference: the native engine with the condensed solver.
     fn reference() -> Contender {
-        Contender { engine: EngineName::Native, vi: ViName::Condensed, method: None }
+        Contender { engine: EngineName::Native, vi: ContactSolver::Condensed, method: None }
     }
 
     /// Returns PETSc's option for the method, and its value.
     pub fn option(&self) -> Option<(&'static str, &str)> {
         let name = match self.vi {
-            ViName::Condensed => return None,
-            ViName::Snes => "snes_type",
-            ViName::Tao => "tao_type",
+            ContactSolver::Condensed => return None,
+            ContactSolver::Snes => "snes_type",
+            ContactSolver::Tao => "tao_type",
         };
         Some((name, self.method.as_deref()?))
     }
@@ -90,7 +90,7 @@ fn unknown(name: &str) -> Error {
 impl fmt::Display for Contender {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{}", self.engine)?;
-        if self.vi != ViName::Condensed {
+        if self.vi != ContactSolver::Condensed {
             write!(f, ":{}", self.vi)?;
         }
         self.method.as_ref().map_or(Ok(()), |method| write!(f, ":{method}"))
@@ -181,7 +181,7 @@ impl Comparison {
             Ok(model) => {
                 entry.seconds.set_up = clock.elapsed().as_secs_f64();
                 let solver = solver(&model, &own);
-                self.follow(&own, &reference, &model, &*solver, &mut entry, recover)?
+                self.run_scheme(&own, &reference, &model, &*solver, &mut entry, recover)?
             }
         };
         entry.failure = failure.map(|why| why.to_string());
@@ -204,7 +204,7 @@ impl Comparison {
     }
 
     /// Advances both to the end, or until the contender fails, and returns its error.
-    fn follow<E: Engine>(
+    fn run_scheme<E: Engine>(
         &mut self,
         scene: &Scene,
         reference: &Reference,
@@ -252,13 +252,13 @@ impl Comparison {
             }
             truth.advance()?;
             // This synchronises all ranks before the clock starts.
-            engine.maximum(0.0)?;
+            engine.all_reduce_max(0.0)?;
             let clock = Instant::now();
             if let Err(why) = scheme.advance() {
                 break Some(recover(why)?);
             }
             let seconds = clock.elapsed().as_secs_f64();
-            let in_contact = engine.maximum(f64::from(u8::from(touches(scheme.as_ref()))))? > 0.0;
+            let in_contact = engine.all_reduce_max(f64::from(u8::from(touches(scheme.as_ref()))))? > 0.0;
             let (total, steps) = &mut spent[usize::from(in_contact)];
             *total += seconds;
             *steps += 1;
@@ -266,7 +266,7 @@ impl Comparison {
         entry.factorisations = scheme.factorisations();
         entry.contact_steps = spent[1].1;
         let worst = |value: &mut f64| -> Result<()> {
-            *value = engine.maximum(*value)?;
+            *value = engine.all_reduce_max(*value)?;
             Ok(())
         };
         worst(&mut entry.difference)?;
@@ -277,7 +277,7 @@ impl Comparison {
         }
         // Rank 0 determines the number of impacts, because another machine's reference may round
         // differently.
-        let (counts, _) = engine.concatenate(&[entry.difference_up_to_impact.len() as f64])?;
+        let (counts, _) = engine.all_gather(&[entry.difference_up_to_impact.len() as f64])?;
         entry.difference_up_to_impact.resize(counts[0] as usize, entry.difference);
         for difference in &mut entry.difference_up_to_impact {
             worst(difference)?;
@@ -326,8 +326,8 @@ impl Reference {
     }
 
     /// Pairs the contender's deflection dofs with those of the reference at the same nodes.
-    fn pairs(&self, sites: &[Site]) -> Result<Vec<(usize, usize)>> {
-        let pair = |site: &Site| {
+    fn pairs(&self, sites: &[DeflectionDof]) -> Result<Vec<(usize, usize)>> {
+        let pair = |site: &DeflectionDof| {
             let [x, y] = place(self.spacing, site.at);
             // A rounding error may move a position to the adjacent grid point.
             let near = (0..9).find_map(|k| self.places.get(&[x + k % 3 - 1, y + k / 3 - 1]));

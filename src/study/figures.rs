@@ -6,12 +6,12 @@
 //! the midpoint scheme (5 and 6), on triangles (odd numbers) and quadrilaterals (even numbers). The
 //! scenes are those of `scenes/csma2013`.
 
-use super::accuracy::natively;
+use super::accuracy::run_native;
 use super::accuracy::trajectory::Trajectory;
 use crate::error::{Error, Result};
 use crate::output::plot::{Axis, Curve, Figure, Obstacle, Panel};
 use crate::output::text::significant;
-use crate::scene::{Scene, Scheme};
+use crate::scene::{Scene, SchemeSpec};
 use crate::scheme::{Newmark, NewmarkParameters, Scheme as _};
 use crate::simulation::{Model, Outcome};
 use serde::Serialize;
@@ -88,8 +88,8 @@ impl Kind {
         let mut scene = Scene::from_str(SCENES[figure - 1], &format!("fig{figure}.toml"), &overrides)?;
         scene.title = String::new();
         match self {
-            Kind::Conserving => scene.time.scheme = Scheme::Conserving,
-            Kind::Exact => scene.time.scheme = Scheme::Exact,
+            Kind::Conserving => scene.time.scheme = SchemeSpec::Conserving,
+            Kind::Exact => scene.time.scheme = SchemeSpec::Exact,
             _ => {}
         }
         Ok(scene)
@@ -113,7 +113,7 @@ impl Runs<'_> {
             return Ok(known.clone());
         }
         (self.starts)(&format!("figure {figure}, {} s", significant(step)));
-        let run = Rc::new(natively(&scene, false)?);
+        let run = Rc::new(run_native(&scene, false)?);
         self.known.insert(name, run.clone());
         Ok(run)
     }
@@ -300,7 +300,7 @@ fn change(run: &Trajectory) -> f64 {
 /// Evaluates H after every step; its change in a step is the work of the reaction between two
 /// instants.
 fn flights(scene: &Scene) -> Result<Flights> {
-    let Scheme::Newmark { beta, restitution } = scene.time.scheme else { return Ok(Flights::default()) };
+    let SchemeSpec::Newmark { beta, restitution } = scene.time.scheme else { return Ok(Flights::default()) };
     let model = Model::new(scene)?;
     let parameters = NewmarkParameters { beta, restitution, step: scene.time.step };
     let mut scheme = Newmark::new(&model.system, parameters, model.start.clone())?;

@@ -3,7 +3,7 @@
 use crate::field::{Interpolation, WINDOW};
 use crate::mesh::Point;
 use crate::output::text::significant;
-use crate::scene::{Given, Load, Scene, Value};
+use crate::scene::{FieldInput, Load, Scene, Value};
 
 /// Number of places at which fields that depend on place and time are sampled.
 const PLACES: usize = 9;
@@ -64,14 +64,17 @@ fn places(scene: &Scene) -> Vec<Point> {
 /// Returns the instant (s) and the share (%) of the function that steps resolve least.
 ///
 /// Each function has a place and its value at the start, which is subtracted.
-fn worst<'g>(of: impl Iterator<Item = (&'g Given, Point, f64)>, scene: &Scene) -> Option<(String, String)> {
+fn worst<'g>(
+    of: impl Iterator<Item = (&'g FieldInput, Point, f64)>,
+    scene: &Scene,
+) -> Option<(String, String)> {
     let missed = of.filter_map(|(given, at, start)| given.missed(at, start, &scene.time));
     let worst = missed.max_by(|a, b| a.share.total_cmp(&b.share))?;
     Some((significant(worst.time), format!("{:.0}", 100.0 * worst.share)))
 }
 
 /// Returns the warning of a spline that overshoots the values of its table.
-fn overshoot(given: &Given, end: f64) -> Option<String> {
+fn overshoot(given: &FieldInput, end: f64) -> Option<String> {
     let Value::Table { table, interpolation: Interpolation::Spline, .. } = &given.value else { return None };
     let beyond = table.overshoot().filter(|beyond| beyond.share > BEYOND && beyond.time < end)?;
     Some(format!(

@@ -28,7 +28,7 @@
 //! small beta is. Where H g is outside the range of B_s, beta is 0.
 
 use crate::error::Result;
-use crate::linalg::{Average, Cholesky, Factor, Form};
+use crate::linalg::{Cholesky, Factor, Form, SingularMassCell};
 use crate::modes::lanczos;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::sparse::{SparseColMat, Triplet};
@@ -76,7 +76,7 @@ pub fn constants(
     dofs: usize,
     stiffness: &Form,
     mechanism: bool,
-    rows: &[Average],
+    rows: &[SingularMassCell],
     bounded: &[usize],
 ) -> Result<InfSup> {
     let split = Split::new(dofs, rows, bounded);
@@ -107,7 +107,7 @@ const FAILS: f64 = 1e-10;
 /// Returns whether the raw constant of some bounded dofs is lost in rounding errors.
 ///
 /// On a large mesh where the rank of B_s is uncertain, the condition counts as satisfied.
-pub fn fails(dofs: usize, rows: &[Average], bounded: &[usize]) -> bool {
+pub fn fails(dofs: usize, rows: &[SingularMassCell], bounded: &[usize]) -> bool {
     let split = Split::new(dofs, rows, bounded);
     let raw = match split.raw_sparse() {
         Ok(Some(raw)) => Some(raw),
@@ -128,14 +128,14 @@ struct Split {
 }
 
 impl Split {
-    fn new(dofs: usize, rows: &[Average], bounded: &[usize]) -> Split {
+    fn new(dofs: usize, rows: &[SingularMassCell], bounded: &[usize]) -> Split {
         let rest = dofs - bounded.len();
         let mut place = vec![usize::MAX; dofs];
         for (i, &dof) in bounded.iter().enumerate() {
             place[dof] = rest + i;
         }
         place.iter_mut().filter(|place| **place == usize::MAX).enumerate().for_each(|(i, place)| *place = i);
-        let unit = |row: &Average| -> Vec<(usize, f64)> {
+        let unit = |row: &SingularMassCell| -> Vec<(usize, f64)> {
             let free =
                 || row.dofs.iter().zip(row.row.iter()).filter_map(|(dof, value)| Some(((*dof)?, *value)));
             let length = free().map(|(_, value)| value * value).sum::<f64>().sqrt();

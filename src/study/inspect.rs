@@ -8,7 +8,7 @@ use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::modes;
 use crate::output::text::{Report, significant};
-use crate::scene::{EngineName, Given, Mass, Scene, Scheme, ViName};
+use crate::scene::{ContactSolver, EngineName, FieldInput, Mass, Scene, SchemeSpec};
 use crate::scheme::{self, System, exact};
 use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant};
 use serde::Serialize;
@@ -153,15 +153,15 @@ pub struct Check {
 /// `docs/accuracy.md`) this takes steps of 1e-5 to 5e-5 s with every scheme, although the fastest
 /// mode of the finer mesh is much faster. The advised step is 1/5000 of the first period, but no
 /// shorter than 1/20 of the fastest period.
-pub fn advised_step(scheme: Scheme, frequencies: &Frequencies, impacts: bool) -> Option<f64> {
+pub fn advised_step(scheme: SchemeSpec, frequencies: &Frequencies, impacts: bool) -> Option<f64> {
     let Frequencies { lowest, highest } = frequencies;
     if impacts {
         let first = lowest.iter().find(|f| **f > 0.0)?;
         return Some(round_down((1.0 / (STEPS_PER_PERIOD * (*highest)?)).max(PART_OF_FIRST_PERIOD / first)));
     }
     let error = match scheme {
-        Scheme::Newmark { beta, .. } => 0.5 * beta - 1.0 / 24.0,
-        Scheme::Midpoint { .. } | Scheme::Conserving | Scheme::Exact => 1.0 / 12.0,
+        SchemeSpec::Newmark { beta, .. } => 0.5 * beta - 1.0 / 24.0,
+        SchemeSpec::Midpoint { .. } | SchemeSpec::Conserving | SchemeSpec::Exact => 1.0 / 12.0,
     };
     let last = lowest.last().filter(|f| **f > 0.0)?;
     Some(round_down((PERIOD_ERROR / error).sqrt() / (TAU * last)))
@@ -184,7 +184,7 @@ pub fn energy_step(frequencies: &Frequencies) -> Option<f64> {
 /// Returns the advised step of a scene, in s; `None` where every step is accurate.
 pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
     match scene.time.scheme {
-        Scheme::Exact => None,
+        SchemeSpec::Exact => None,
         scheme => advised_step(scheme, frequencies, scene.has_contact()),
     }
 }
@@ -193,7 +193,7 @@ pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f6
 ///
 /// The result is `None` where every step conserves the energy, and where none does.
 pub(super) fn energy_step_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
-    let matters = matches!(scene.time.scheme, Scheme::Newmark { .. } | Scheme::Midpoint { .. });
+    let matters = matches!(scene.time.scheme, SchemeSpec::Newmark { .. } | SchemeSpec::Midpoint { .. });
     let exists = scene.time.mass == Mass::Singular && scene.has_contact();
     if matters && exists { energy_step(frequencies) } else { None }
 }
@@ -219,7 +219,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mut model = Model::new(&native);
     let no_start = mechanism.is_some() && is_static && matches!(model, Err(Error::Singular(_)));
     if no_start {
-        native.initial.static_pressure = Given::constant("initial.static_pressure", 0.0);
+        native.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
         native.initial.equilibrium = false;
         model = Model::new(&native);
     }
@@ -312,7 +312,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         step: scene.time.step,
         advised_step,
         energy_step,
-        any_step: scene.time.scheme == Scheme::Exact,
+        any_step: scene.time.scheme == SchemeSpec::Exact,
         seconds_per_step,
         expected_seconds: set_up + seconds_per_step * scene.time.steps() as f64,
         warnings,
@@ -323,7 +323,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
 pub(super) fn on_native_engine(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.solver.engine = EngineName::Native;
-    scene.solver.vi = ViName::Condensed;
+    scene.solver.vi = ContactSolver::Condensed;
     scene
 }
 
@@ -350,7 +350,7 @@ fn initial_energy(model: &Model) -> Result<f64> {
     engine.velocity(&system.mass, &model.start.velocity, &mut v)?;
     let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()])?;
     let work = system.load.as_ref().map_or(Ok(0.0), |load| engine.dot(load, u))?;
-    Ok(0.5 * (elastic + engine.vis_viva(&system.mass, &v)?) - work)
+    Ok(0.5 * (elastic + engine.mass_norm_squared(&system.mass, &v)?) - work)
 }
 
 /// Measures the time of the set-up and the time per step, in s.
@@ -369,7 +369,7 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
 fn dense(scene: &Scene, system: &System<Native>) -> usize {
     let System { engine, mass, bounds, .. } = system;
     match scene.time.scheme {
-        Scheme::Exact => exact::estimated_memory(engine.dofs(), engine.velocities(mass), bounds.len()),
+        SchemeSpec::Exact => exact::estimated_memory(engine.dofs(), engine.velocities(mass), bounds.len()),
         _ => 0,
     }
 }

@@ -1,11 +1,11 @@
 //! Export of the matrices of a scene for other programs.
 
+use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::{Form, Native};
 use crate::output::{matrix_market, write_atomic};
 use crate::scene::Scene;
 use crate::simulation::{self, Matrices};
-use crate::space::PER_NODE;
 use std::fmt::Write;
 use std::path::Path;
 

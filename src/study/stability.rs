@@ -18,7 +18,7 @@ use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::output::text::{Table, grouped};
-use crate::scene::{ElementKind, EngineName, Mass, Massless, Scene, Scheme, ViName};
+use crate::scene::{ContactSolver, ElementKind, EngineName, Mass, Massless, Scene, SchemeSpec};
 use crate::scheme;
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use serde::Serialize;
@@ -145,37 +145,37 @@ enum Promise {
     Nothing,
 }
 
-fn promise(scheme: Scheme) -> Promise {
+fn promise(scheme: SchemeSpec) -> Promise {
     match scheme {
-        Scheme::Conserving | Scheme::Exact => Promise::Constant,
-        Scheme::Newmark { beta: 0.5, restitution: 0.0 } => Promise::NeverRises,
-        Scheme::Newmark { .. } | Scheme::Midpoint { .. } => Promise::Nothing,
+        SchemeSpec::Conserving | SchemeSpec::Exact => Promise::Constant,
+        SchemeSpec::Newmark { beta: 0.5, restitution: 0.0 } => Promise::NeverRises,
+        SchemeSpec::Newmark { .. } | SchemeSpec::Midpoint { .. } => Promise::Nothing,
     }
 }
 
 /// Returns the methods to try with an engine and a contact solver.
-pub fn methods(engine: EngineName, vi: ViName) -> Vec<Method> {
-    let newmark = |restitution| Scheme::Newmark { beta: 0.5, restitution };
-    let midpoint = |massless| Scheme::Midpoint { massless };
+pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
+    let newmark = |restitution| SchemeSpec::Newmark { beta: 0.5, restitution };
+    let midpoint = |massless| SchemeSpec::Midpoint { massless };
     let singular = [
         newmark(0.0),
         newmark(0.5),
         newmark(1.0),
         midpoint(Massless::Equilibrium),
         midpoint(Massless::Reflected),
-        Scheme::Conserving,
-        Scheme::Exact,
+        SchemeSpec::Conserving,
+        SchemeSpec::Exact,
     ];
     let consistent = [newmark(0.0), newmark(0.5), newmark(1.0), midpoint(Massless::Reflected)];
     let with = |mass| move |scheme| Method { scheme, mass, engine, vi };
     let all = singular.map(with(Mass::Singular)).into_iter().chain(consistent.map(with(Mass::Consistent)));
-    all.filter(|method| engine == EngineName::Native || method.scheme != Scheme::Exact).collect()
+    all.filter(|method| engine == EngineName::Native || method.scheme != SchemeSpec::Exact).collect()
 }
 
 /// Returns the variants of a scene: each element with each method.
 ///
 /// Elements are both kinds on a grid, or those of the mesh file.
-pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Method)> {
+pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Scene, Method)> {
     let mut variants = Vec::new();
     let both = [ElementKind::Fvs, ElementKind::Hct];
     let elements = if scene.file.is_some() { &both[..1] } else { &both };
@@ -188,7 +188,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Me
         // A mesh that cannot be made is reported by the trials.
         let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
         for method in methods(engine, vi) {
-            if method.scheme == Scheme::Exact && cells > MOST_EXACT_CELLS {
+            if method.scheme == SchemeSpec::Exact && cells > MOST_EXACT_CELLS {
                 continue;
             }
             let mut scene = variant.clone();
@@ -204,7 +204,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ViName) -> Vec<(Scene, Me
 
 /// Observer of a trial that records the extremes of its energies and the violation of its promise.
 #[derive(Debug)]
-struct Witness {
+struct PropertyCheck {
     promise: Promise,
     start: Option<Energies>,
     /// Largest magnitude of a part of the energy, at the start and during the run.
@@ -219,10 +219,10 @@ struct Witness {
     length: f64,
 }
 
-impl Witness {
-    fn new(promise: Promise) -> Witness {
+impl PropertyCheck {
+    fn new(promise: Promise) -> PropertyCheck {
         let [least, most] = [f64::INFINITY, f64::NEG_INFINITY];
-        Witness {
+        PropertyCheck {
             promise,
             start: None,
             parts: [0.0; 2],
@@ -249,7 +249,7 @@ impl Witness {
     }
 }
 
-impl Observer for Witness {
+impl Observer for PropertyCheck {
     fn row(&mut self, row: &Row) -> Result<()> {
         let now = Energies { kinetic: row.kinetic, elastic: row.elastic, work: row.work };
         let part = now.kinetic.abs().max(now.elastic.abs()).max(now.work.abs());
@@ -285,7 +285,7 @@ pub fn attempt<E: Engine>(
     model: Result<Model<E>>,
     solver: impl FnOnce(&Model<E>) -> Box<SolverFactory<E>>,
 ) -> Trial {
-    let mut witness = Witness::new(promise(method.scheme));
+    let mut witness = PropertyCheck::new(promise(method.scheme));
     let clock = Instant::now();
     let ran = model.and_then(|model| {
         let solver = solver(&model);
@@ -325,11 +325,11 @@ pub fn attempt<E: Engine>(
 }
 
 /// Runs a trial on the native engine.
-pub fn natively(scene: &Scene, method: Method) -> Trial {
+pub fn run_native(scene: &Scene, method: Method) -> Trial {
     attempt(scene, method, Model::new(scene), |_| Box::new(simulation::condensed))
 }
 
-fn figures(witness: &Witness, outcome: &Outcome, seconds: f64) -> Figures {
+fn figures(witness: &PropertyCheck, outcome: &Outcome, seconds: f64) -> Figures {
     let over = |value: f64, scale: f64| if value == 0.0 { 0.0 } else { value / scale };
     Figures {
         steps: outcome.steps,
@@ -448,16 +448,16 @@ impl Trial {
 impl Stability {
     /// Creates the table of all cases, scenes down and methods across, of one engine and contact
     /// solver.
-    fn overview(&self, engine: EngineName, vi: ViName) -> Table {
+    fn overview(&self, engine: EngineName, vi: ContactSolver) -> Table {
         let methods = methods(engine, vi);
         let mut heads = vec!["fvs | hct".to_owned()];
         for method in &methods {
-            let alone = Method { engine: EngineName::Native, vi: ViName::Condensed, ..*method };
+            let alone = Method { engine: EngineName::Native, vi: ContactSolver::Condensed, ..*method };
             heads.push(alone.to_string().replace(' ', "\n"));
         }
         match (engine, vi) {
             (EngineName::Native, _) => {}
-            (engine, ViName::Condensed) => heads[0].insert_str(0, &format!("{engine}\n")),
+            (engine, ContactSolver::Condensed) => heads[0].insert_str(0, &format!("{engine}\n")),
             (engine, vi) => heads[0].insert_str(0, &format!("{engine}:{vi}\n")),
         }
         let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
@@ -482,7 +482,7 @@ impl fmt::Display for Stability {
         for case in &self.cases {
             writeln!(f, "{case}")?;
         }
-        let mut contenders: Vec<(EngineName, ViName)> = Vec::new();
+        let mut contenders: Vec<(EngineName, ContactSolver)> = Vec::new();
         for Trial { method: Method { engine, vi, .. }, .. } in self.cases.iter().flat_map(|case| &case.trials)
         {
             if !contenders.contains(&(*engine, *vi)) {

@@ -9,7 +9,7 @@ use super::inspect::{Frequencies, advised_for, energy_step_for, frequencies_of, 
 use super::{in_time, infsup};
 use crate::linalg::{Engine, Form};
 use crate::output::text::significant;
-use crate::scene::{Mass, Scene, Scheme, Time};
+use crate::scene::{Mass, Scene, SchemeSpec, Time};
 use crate::simulation::Model;
 
 /// Largest number of dofs for which a run computes frequencies and the inf-sup condition.
@@ -57,11 +57,11 @@ fn of_scene(scene: &Scene) -> Option<String> {
     let is_lossy = scene.time.mass == Mass::Consistent && scene.has_contact();
     is_lossy.then(|| {
         match scene.time.scheme {
-            Scheme::Midpoint { .. } => {
+            SchemeSpec::Midpoint { .. } => {
                 "the midpoint scheme is unstable in contact with the consistent mass at every step: \
                  set time.mass = \"singular\""
             }
-            Scheme::Newmark { .. } | Scheme::Conserving | Scheme::Exact => {
+            SchemeSpec::Newmark { .. } | SchemeSpec::Conserving | SchemeSpec::Exact => {
                 "with the consistent mass the energy lost at impacts does not vanish with the step: \
                  set time.mass = \"singular\""
             }
@@ -102,7 +102,7 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
 
 /// Warns of a failed inf-sup condition, which matters with obstacles and the singular mass.
 fn of_inf_sup(scene: &Scene, model: &Model) -> Option<String> {
-    let Form::Averages(mass) = &model.system.mass else { return None };
+    let Form::SingularMassCells(mass) = &model.system.mass else { return None };
     let bounded = &model.system.bounds.dofs;
     let matters = scene.has_contact() && !bounded.is_empty();
     (matters && infsup::fails(model.system.engine.dofs(), mass.rows(), bounded)).then(|| {

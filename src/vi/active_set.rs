@@ -5,7 +5,7 @@
 //! follow until fewer indices violate a condition than ever before (Murty 1974; Júdice and Pires
 //! 1994). The iteration is finite for every symmetric positive definite matrix, however degenerate.
 
-use crate::archive::{Archive, Over};
+use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Factor;
 use faer::linalg::solvers::Solve;
@@ -14,7 +14,7 @@ use std::collections::HashSet;
 
 /// Status of a bounded dof.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
-pub enum Side {
+pub enum BoundStatus {
     /// Between the bounds.
     #[default]
     Free,
@@ -24,24 +24,29 @@ pub enum Side {
     Upper,
 }
 
-impl Side {
+impl BoundStatus {
     /// Returns the status with the code `side as u8`.
-    pub(super) fn from_code(code: f64) -> Side {
-        [Side::Free, Side::Lower, Side::Upper][code as usize % 3]
+    pub(super) fn from_code(code: f64) -> BoundStatus {
+        [BoundStatus::Free, BoundStatus::Lower, BoundStatus::Upper][code as usize % 3]
     }
 
     /// Saves or restores statuses, one per bound.
-    pub(super) fn archive(sides: &mut [Side], archive: &mut Archive) -> Result<()> {
-        archive.items(Over::Bounds, sides, |&side| [f64::from(side as u8)], |[code]| Side::from_code(code))
+    pub(super) fn archive(sides: &mut [BoundStatus], archive: &mut Archive) -> Result<()> {
+        archive.items(
+            VectorKind::Bounds,
+            sides,
+            |&side| [f64::from(side as u8)],
+            |[code]| BoundStatus::from_code(code),
+        )
     }
 
     /// Returns this status if its bound is finite, otherwise `Free`: a bound may have gone since
     /// the last step.
-    pub(super) fn within(self, lower: f64, upper: f64) -> Side {
+    pub(super) fn within(self, lower: f64, upper: f64) -> BoundStatus {
         match self {
-            Side::Lower if lower.is_finite() => Side::Lower,
-            Side::Upper if upper.is_finite() => Side::Upper,
-            _ => Side::Free,
+            BoundStatus::Lower if lower.is_finite() => BoundStatus::Lower,
+            BoundStatus::Upper if upper.is_finite() => BoundStatus::Upper,
+            _ => BoundStatus::Free,
         }
     }
 }
@@ -98,8 +103,8 @@ impl Exchange {
 
 /// Returns a fingerprint that different active sets share only with a probability of 2^-52. An f64
 /// holds it exactly.
-pub(super) fn fingerprint(sides: &[Side]) -> u64 {
-    let mix = |hash: u64, side: &Side| (hash ^ *side as u64).wrapping_mul(0x0100_0000_01b3);
+pub(super) fn fingerprint(sides: &[BoundStatus]) -> u64 {
+    let mix = |hash: u64, side: &BoundStatus| (hash ^ *side as u64).wrapping_mul(0x0100_0000_01b3);
     sides.iter().fold(0xcbf2_9ce4_8422_2325, mix) >> 12
 }
 
@@ -108,20 +113,20 @@ pub(super) fn fingerprint(sides: &[Side]) -> u64 {
 /// `magnitude` is the magnitude of each reaction's row: a reaction has the wrong sign only if it
 /// exceeds its rounding.
 pub(super) fn broken(
-    sides: &[Side],
+    sides: &[BoundStatus],
     x: &[f64],
     reaction: &[f64],
     magnitude: &[f64],
     lower: &[f64],
     upper: &[f64],
-) -> Vec<(usize, Side)> {
+) -> Vec<(usize, BoundStatus)> {
     let wanted = |i: usize| {
         let rounding = ROUNDINGS * f64::EPSILON * magnitude[i];
         match sides[i] {
-            Side::Free if x[i] < lower[i] => Side::Lower,
-            Side::Free if x[i] > upper[i] => Side::Upper,
-            Side::Lower if reaction[i] < -rounding && lower[i] < upper[i] => Side::Free,
-            Side::Upper if reaction[i] > rounding && lower[i] < upper[i] => Side::Free,
+            BoundStatus::Free if x[i] < lower[i] => BoundStatus::Lower,
+            BoundStatus::Free if x[i] > upper[i] => BoundStatus::Upper,
+            BoundStatus::Lower if reaction[i] < -rounding && lower[i] < upper[i] => BoundStatus::Free,
+            BoundStatus::Upper if reaction[i] > rounding && lower[i] < upper[i] => BoundStatus::Free,
             stays => stays,
         }
     };
@@ -129,7 +134,7 @@ pub(super) fn broken(
 }
 
 /// Sets the statuses of some indices.
-pub(super) fn exchange(sides: &mut [Side], moves: &[(usize, Side)]) {
+pub(super) fn exchange(sides: &mut [BoundStatus], moves: &[(usize, BoundStatus)]) {
     for &(i, side) in moves {
         sides[i] = side;
     }
@@ -142,7 +147,7 @@ pub fn dense(
     h: &[f64],
     lower: &[f64],
     upper: &[f64],
-    sides: &mut [Side],
+    sides: &mut [BoundStatus],
     x: &mut [f64],
     reaction: &mut [f64],
 ) -> u32 {
@@ -168,7 +173,7 @@ pub fn dense(
         }
     }
     for (r, side) in reaction.iter_mut().zip(sides.iter()) {
-        if *side == Side::Free {
+        if *side == BoundStatus::Free {
             *r = 0.0;
         }
     }
@@ -176,19 +181,26 @@ pub fn dense(
 }
 
 /// Puts the active entries on their bounds and solves for the others.
-fn solve_fixed(schur: &Mat<f64>, h: &[f64], lower: &[f64], upper: &[f64], sides: &[Side], x: &mut [f64]) {
+fn solve_fixed(
+    schur: &Mat<f64>,
+    h: &[f64],
+    lower: &[f64],
+    upper: &[f64],
+    sides: &[BoundStatus],
+    x: &mut [f64],
+) {
     let mut free = Vec::with_capacity(h.len());
     for (i, side) in sides.iter().enumerate() {
         match side {
-            Side::Free => free.push(i),
-            Side::Lower => x[i] = lower[i],
-            Side::Upper => x[i] = upper[i],
+            BoundStatus::Free => free.push(i),
+            BoundStatus::Lower => x[i] = lower[i],
+            BoundStatus::Upper => x[i] = upper[i],
         }
     }
     if free.is_empty() {
         return;
     }
-    let fixed = |j: &usize| sides[*j] != Side::Free;
+    let fixed = |j: &usize| sides[*j] != BoundStatus::Free;
     let mut rhs = Mat::from_fn(free.len(), 1, |k, _| {
         let column = schur.col(free[k]);
         h[free[k]] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()

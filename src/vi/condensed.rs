@@ -8,11 +8,11 @@
 //! pinned in the sparse matrix, natively on the same symbolic analysis. Both are exact active-set
 //! methods.
 
-use super::active_set::{self, Exchange, Move, Side};
+use super::active_set::{self, BoundStatus, Exchange, Move};
 use super::{Solver, apply};
 use crate::archive::Archive;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Factor, Sum};
+use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 
 /// Number of candidates above which active dofs are pinned in the sparse matrix.
@@ -32,7 +32,7 @@ pub struct Condensed<E: Engine> {
     factor: E::Factor,
     method: Method,
     /// Status of each bound in the last answer.
-    sides: Vec<Side>,
+    sides: Vec<BoundStatus>,
     factorisations: u64,
     corrections: u32,
 }
@@ -42,7 +42,7 @@ enum Method {
     /// Dense problem on these bounds (ascending indices into them).
     Dense { candidates: Vec<usize> },
     /// Active dofs pinned in the sparse matrix, with the statuses for which it was last factored.
-    Pinned { pinned: Vec<Side> },
+    Pinned { pinned: Vec<BoundStatus> },
 }
 
 impl<E: Engine> Condensed<E> {
@@ -50,19 +50,19 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the sum is not positive definite.
-    pub fn new(engine: &E, sum: &Sum<E>, bounded: usize) -> Result<Condensed<E>> {
+    pub fn new(engine: &E, sum: &LinearCombination<E>, bounded: usize) -> Result<Condensed<E>> {
         let mut factor = engine.factor(sum, &[])?;
         Ok(Condensed {
             corrections: super::corrections(engine, sum, &mut factor)?,
             factor,
             method: Method::Dense { candidates: Vec::new() },
-            sides: vec![Side::Free; bounded],
+            sides: vec![BoundStatus::Free; bounded],
             factorisations: 1,
         })
     }
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
-    fn grow(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
+    fn grow(&mut self, engine: &E, sum: &LinearCombination<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
             let x = x[bounds.dofs[i]];
@@ -74,10 +74,10 @@ impl<E: Engine> Condensed<E> {
         }
         let others: Vec<usize> = (0..bounds.len()).filter(|&i| others[i]).collect();
         // All ranks agree on how small a gap counts as near.
-        let (mut gaps, _) = engine.concatenate(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>())?;
+        let (mut gaps, _) = engine.all_gather(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>())?;
         gaps.sort_by(f64::total_cmp);
         let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
-        let known = engine.concatenate(&vec![0.0; candidates.len()])?.0.len();
+        let known = engine.all_gather(&vec![0.0; candidates.len()])?.0.len();
         if known + broken > DENSE_LIMIT {
             return self.pin(engine, sum);
         }
@@ -97,10 +97,10 @@ impl<E: Engine> Condensed<E> {
     }
 
     /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
-    fn pin(&mut self, engine: &E, sum: &Sum<E>) -> Result<()> {
+    fn pin(&mut self, engine: &E, sum: &LinearCombination<E>) -> Result<()> {
         let factored = engine.change_candidates(&mut self.factor, sum, &[])?;
         self.factorisations += u64::from(factored);
-        self.method = Method::Pinned { pinned: vec![Side::Free; self.sides.len()] };
+        self.method = Method::Pinned { pinned: vec![BoundStatus::Free; self.sides.len()] };
         Ok(())
     }
 
@@ -108,11 +108,11 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn distrust(&mut self, engine: &E, sum: &Sum<E>) -> Result<bool> {
+    pub fn distrust(&mut self, engine: &E, sum: &LinearCombination<E>) -> Result<bool> {
         let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
         if dense {
             self.pin(engine, sum)?;
-            self.sides.fill(Side::Free);
+            self.sides.fill(BoundStatus::Free);
         }
         Ok(dense)
     }
@@ -131,7 +131,7 @@ impl<E: Engine> Condensed<E> {
         let Method::Pinned { pinned } = method else { return act(&mut |x| factor.solve(x)) };
         factor.pin(&[])?;
         let done = act(&mut |x| factor.solve(x))?;
-        let held = |i: &usize| pinned[*i] != Side::Free;
+        let held = |i: &usize| pinned[*i] != BoundStatus::Free;
         let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
         factor.pin(&dofs)?;
         Ok(done)
@@ -161,11 +161,12 @@ impl<E: Engine> Condensed<E> {
                 [bounds.lower[i], bounds.upper[i], f64::from(side as u8)]
             })
             .collect();
-        let (all, first) = engine.concatenate(&own)?;
+        let (all, first) = engine.all_gather(&own)?;
         let first = first / 3;
         let lower: Vec<f64> = all.iter().step_by(3).copied().collect();
         let upper: Vec<f64> = all.iter().skip(1).step_by(3).copied().collect();
-        let mut sides: Vec<Side> = all.iter().skip(2).step_by(3).map(|&code| Side::from_code(code)).collect();
+        let mut sides: Vec<BoundStatus> =
+            all.iter().skip(2).step_by(3).map(|&code| BoundStatus::from_code(code)).collect();
         let mut h = vec![0.0; size];
         let mut values = vec![0.0; size];
         let mut forces = vec![0.0; size];
@@ -174,7 +175,7 @@ impl<E: Engine> Condensed<E> {
         let inside = values.iter().zip(lower.iter().zip(&upper)).all(|(x, (l, u))| (l..=u).contains(&x));
         let iterations = if inside {
             // The unconstrained minimiser is admissible and hence the answer.
-            sides.fill(Side::Free);
+            sides.fill(BoundStatus::Free);
             0
         } else {
             let schur = self.factor.schur();
@@ -187,7 +188,7 @@ impl<E: Engine> Condensed<E> {
             engine.agree(&mut answer)?;
             values.copy_from_slice(&answer[..size]);
             forces.copy_from_slice(&answer[size..2 * size]);
-            sides = answer[2 * size..3 * size].iter().map(|&code| Side::from_code(code)).collect();
+            sides = answer[2 * size..3 * size].iter().map(|&code| BoundStatus::from_code(code)).collect();
             1 + answer[3 * size] as u32
         };
         for (k, &i) in candidates.iter().enumerate() {
@@ -201,7 +202,7 @@ impl<E: Engine> Condensed<E> {
     fn solve_pinned(
         &mut self,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -211,24 +212,24 @@ impl<E: Engine> Condensed<E> {
         for (i, side) in self.sides.iter_mut().enumerate() {
             *side = side.within(bounds.lower[i], bounds.upper[i]);
         }
-        let mut exchange = Exchange::new(engine.concatenate(&vec![0.0; bounds.len()])?.0.len());
+        let mut exchange = Exchange::new(engine.all_gather(&vec![0.0; bounds.len()])?.0.len());
         let mut product = vec![0.0; b.len()];
         let mut residual = vec![0.0; b.len()];
         let mut magnitude = vec![0.0; b.len()];
         let mut at_bounds = vec![0.0; bounds.len()];
         let mut scales = vec![0.0; bounds.len()];
         loop {
-            if engine.maximum(f64::from(u8::from(*pinned != self.sides)))? > 0.0 {
-                let held = |i: &usize| self.sides[*i] != Side::Free;
+            if engine.all_reduce_max(f64::from(u8::from(*pinned != self.sides)))? > 0.0 {
+                let held = |i: &usize| self.sides[*i] != BoundStatus::Free;
                 let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
                 self.factor.pin(&dofs)?;
                 self.factorisations += 1;
                 pinned.copy_from_slice(&self.sides);
             }
             let fixed = |i: usize| match self.sides[i] {
-                Side::Free => None,
-                Side::Lower => Some(bounds.lower[i]),
-                Side::Upper => Some(bounds.upper[i]),
+                BoundStatus::Free => None,
+                BoundStatus::Lower => Some(bounds.lower[i]),
+                BoundStatus::Upper => Some(bounds.upper[i]),
             };
             x.fill(0.0);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
@@ -247,7 +248,7 @@ impl<E: Engine> Condensed<E> {
             engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
-                reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { residual[dof] - b[dof] };
+                reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { residual[dof] - b[dof] };
                 scales[i] = magnitude[dof] + b[dof].abs();
             }
             let broken =
@@ -256,7 +257,7 @@ impl<E: Engine> Condensed<E> {
             // follow the rank that moves the last index, and the fingerprint of all active sets
             // together.
             let print = active_set::fingerprint(&self.sides) as f64;
-            let (all, own) = engine.concatenate(&[broken.len() as f64, print])?;
+            let (all, own) = engine.all_gather(&[broken.len() as f64, print])?;
             let counts: Vec<f64> = all.iter().step_by(2).copied().collect();
             let last = counts.iter().rposition(|&count| count > 0.0);
             let prints = all.iter().skip(1).step_by(2);
@@ -270,7 +271,7 @@ impl<E: Engine> Condensed<E> {
                 Some(Move::Last) => {}
             }
         }
-        Ok(exchange.iterations + engine.maximum(touching(&self.sides))? as u32)
+        Ok(exchange.iterations + engine.all_reduce_max(touching(&self.sides))? as u32)
     }
 }
 
@@ -278,7 +279,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     fn solve(
         &mut self,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -290,13 +291,13 @@ impl<E: Engine> Solver<E> for Condensed<E> {
             // The candidates' own violations are below rounding; only the other bounds' can be
             // real. A NaN is left to the KKT check.
             let Method::Dense { candidates } = &self.method else { break };
-            if engine.maximum(outside(bounds, candidates, x))? <= 0.0 {
+            if engine.all_reduce_max(outside(bounds, candidates, x))? <= 0.0 {
                 return Ok(iterations);
             }
             self.grow(engine, sum, bounds, x)?;
         }
         iterations += self.solve_pinned(engine, sum, b, bounds, x, reaction)?;
-        if engine.maximum(touching(&self.sides))? == 0.0 {
+        if engine.all_reduce_max(touching(&self.sides))? == 0.0 {
             // Nothing touches and nothing is pinned, so the factor is that of the matrix itself
             // again.
             self.method = Method::Dense { candidates: Vec::new() };
@@ -308,20 +309,26 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         self.factorisations
     }
 
-    fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()> {
+    fn state(
+        &mut self,
+        engine: &E,
+        sum: &LinearCombination<E>,
+        bounds: &Bounds,
+        archive: &mut Archive,
+    ) -> Result<()> {
         archive.value(&mut self.factorisations)?;
-        Side::archive(&mut self.sides, archive)?;
+        BoundStatus::archive(&mut self.sides, archive)?;
         let mut pins = matches!(self.method, Method::Pinned { .. });
         archive.value(&mut pins)?;
         // The statuses that are pinned, or any status but free for a candidate.
-        let mut marks = vec![Side::Free; bounds.len()];
+        let mut marks = vec![BoundStatus::Free; bounds.len()];
         match &self.method {
-            Method::Dense { candidates } => candidates.iter().for_each(|&i| marks[i] = Side::Lower),
+            Method::Dense { candidates } => candidates.iter().for_each(|&i| marks[i] = BoundStatus::Lower),
             Method::Pinned { pinned } => marks.copy_from_slice(pinned),
         }
-        Side::archive(&mut marks, archive)?;
+        BoundStatus::archive(&mut marks, archive)?;
         if !archive.saves() {
-            let marked: Vec<usize> = (0..bounds.len()).filter(|&i| marks[i] != Side::Free).collect();
+            let marked: Vec<usize> = (0..bounds.len()).filter(|&i| marks[i] != BoundStatus::Free).collect();
             let dofs: Vec<usize> = marked.iter().map(|&i| bounds.dofs[i]).collect();
             // A factor depends on its matrix and these dofs alone, not on its history.
             self.method = if pins {
@@ -347,14 +354,14 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         &mut self,
         attempt: u32,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
         reaction: &mut [f64],
     ) -> Result<Option<u32>> {
         let touched = f64::from(u8::from(reaction.iter().any(|r| *r != 0.0)));
-        if engine.maximum(touched)? == 0.0 {
+        if engine.all_reduce_max(touched)? == 0.0 {
             return Ok(None);
         }
         // Answers of pinned dofs are corrected by the same method.
@@ -367,8 +374,8 @@ impl<E: Engine> Solver<E> for Condensed<E> {
 }
 
 /// Returns 1 if any bound is active, else 0.
-fn touching(sides: &[Side]) -> f64 {
-    f64::from(u8::from(sides.iter().any(|&side| side != Side::Free)))
+fn touching(sides: &[BoundStatus]) -> f64 {
+    f64::from(u8::from(sides.iter().any(|&side| side != BoundStatus::Free)))
 }
 
 /// Returns 1 if x violates a bound that is not among the candidates (ascending), else 0.

@@ -15,7 +15,7 @@
 //! reaction. A is applied cell by cell, without the assembled matrix on which the solvers work.
 
 use crate::error::Result;
-use crate::linalg::{Engine, Sum};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
@@ -62,21 +62,21 @@ fn ratio(a: f64, b: f64) -> f64 {
 
 /// Check of the answers to problems with one matrix, with its work vectors.
 #[derive(Debug)]
-pub struct Judge {
+pub struct KktCheck {
     /// Square roots of the diagonal of A, sqrt(A_ii).
     scale: Vec<f64>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
 
-impl Judge {
+impl KktCheck {
     /// Creates the check of problems with the matrix of this sum.
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn new<E: Engine>(engine: &E, sum: &Sum<E>) -> Result<Judge> {
+    pub fn new<E: Engine>(engine: &E, sum: &LinearCombination<E>) -> Result<KktCheck> {
         let scale: Vec<f64> = engine.diagonal(sum)?.into_iter().map(f64::sqrt).collect();
-        Ok(Judge { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
+        Ok(KktCheck { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 
     /// Returns the largest part of the residual of (x, reaction) over all ranks; see the [module
@@ -91,7 +91,7 @@ impl Judge {
     pub fn residual<E: Engine>(
         &mut self,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[&[f64]],
         bounds: &Bounds,
         length: f64,
@@ -99,28 +99,28 @@ impl Judge {
         reaction: &[f64],
     ) -> Result<f64> {
         let length = match length {
-            0.0 => engine.maximum(largest(bounds.dofs.iter().map(|&dof| x[dof])))?,
+            0.0 => engine.all_reduce_max(largest(bounds.dofs.iter().map(|&dof| x[dof])))?,
             length => length,
         };
-        engine.maximum(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
+        engine.all_reduce_max(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
     }
 
     /// Returns the parts of the residual on this rank, for the terms of b as in
-    /// [`Judge::residual`]. Collective.
+    /// [`KktCheck::residual`]. Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
     pub fn parts<E: Engine>(
         &mut self,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[&[f64]],
         bounds: &Bounds,
         length: f64,
         x: &[f64],
         reaction: &[f64],
     ) -> Result<Residual> {
-        let Judge { scale, residual, magnitude } = self;
+        let KktCheck { scale, residual, magnitude } = self;
         engine.multiply_with_magnitude(sum, x, residual, magnitude)?;
         for term in b {
             for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(*term) {
@@ -135,7 +135,7 @@ impl Judge {
         let moved = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
         let loaded =
             b.iter().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
-        let size = engine.maximum(loaded.fold(moved, larger))?;
+        let size = engine.all_reduce_max(loaded.fold(moved, larger))?;
         // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());

@@ -7,9 +7,9 @@
 //! r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between},
 //! ```
 //!
-//! where A is symmetric positive definite and the same for a whole run. [`Step::solve`] gives the
-//! problem to a [`Solver`] and measures the answer by [`kkt`], whatever the solver reports about
-//! itself.
+//! where A is symmetric positive definite and the same for a whole run. [`CheckedSolver::solve`]
+//! gives the problem to a [`Solver`] and measures the answer by [`kkt`], whatever the solver
+//! reports about itself.
 
 mod active_set;
 pub mod condensed;
@@ -21,12 +21,12 @@ pub mod snes;
 #[cfg(feature = "petsc")]
 pub mod tao;
 
-pub use active_set::{Side, dense};
+pub use active_set::{BoundStatus, dense};
 pub use condensed::Condensed;
 
 use crate::archive::Archive;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Sum};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
 
@@ -37,11 +37,11 @@ pub trait Solver<E: Engine> {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where a matrix cannot be factored. An answer that did not
-    /// converge is not an error here, because [`Step::solve`] measures it.
+    /// converge is not an error here, because [`CheckedSolver::solve`] measures it.
     fn solve(
         &mut self,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -63,7 +63,13 @@ pub trait Solver<E: Engine> {
     /// # Errors
     /// Returns [`Error::Checkpoint`] where the archive does not fit and [`Error::Singular`] where a
     /// matrix cannot be factored.
-    fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()>;
+    fn state(
+        &mut self,
+        engine: &E,
+        sum: &LinearCombination<E>,
+        bounds: &Bounds,
+        archive: &mut Archive,
+    ) -> Result<()>;
 
     /// Returns the KKT residual above which an answer is tried again with [`Solver::retry`].
     fn tolerance(&self) -> f64 {
@@ -79,7 +85,7 @@ pub trait Solver<E: Engine> {
         &mut self,
         attempt: u32,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -91,11 +97,11 @@ pub trait Solver<E: Engine> {
 }
 
 /// Function that creates a solver from an engine, the matrix of a step and a number of bounds.
-pub type SolverFactory<E> = dyn Fn(&E, &Sum<E>, usize) -> Result<Box<dyn Solver<E>>>;
+pub type SolverFactory<E> = dyn Fn(&E, &LinearCombination<E>, usize) -> Result<Box<dyn Solver<E>>>;
 
 /// Report on a solved step.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct Verdict {
+pub struct StepReport {
     /// Iterations of the solver; 0 where nothing touched.
     pub iterations: u32,
     /// Relative KKT residual, dimensionless.
@@ -104,12 +110,12 @@ pub struct Verdict {
     pub retries: u32,
 }
 
-impl Verdict {
+impl StepReport {
     /// Combines the reports of two successive solves: the sum of iterations and retries, and the
     /// larger residual.
-    pub fn and(self, other: Verdict) -> Verdict {
+    pub fn and(self, other: StepReport) -> StepReport {
         let worse = other.kkt > self.kkt || other.kkt.is_nan();
-        Verdict {
+        StepReport {
             iterations: self.iterations + other.iterations,
             kkt: if worse { other.kkt } else { self.kkt },
             retries: self.retries + other.retries,
@@ -123,22 +129,28 @@ const SPOILT: f64 = 3e-11;
 const LOST: f64 = 0.1;
 
 /// Returns how many corrections bring the answers of a factor to an error of [`SPOILT`].
-fn corrections<E: Engine>(engine: &E, sum: &Sum<E>, factor: &mut E::Factor) -> Result<u32> {
-    let spoilt = engine.spoilt(sum, factor)?;
-    if spoilt <= SPOILT {
+fn corrections<E: Engine>(engine: &E, sum: &LinearCombination<E>, factor: &mut E::Factor) -> Result<u32> {
+    let estimate_factor_error = engine.estimate_factor_error(sum, factor)?;
+    if estimate_factor_error <= SPOILT {
         return Ok(0);
     }
-    if spoilt > LOST || spoilt.is_nan() {
+    if estimate_factor_error > LOST || estimate_factor_error.is_nan() {
         return Err(Error::Singular(format!(
             "the step matrix ({} dofs) is singular to working precision; the cells may be too small for the plate",
             engine.dofs()
         )));
     }
-    Ok(((SPOILT.ln() / spoilt.ln()).ceil() - 1.0) as u32)
+    Ok(((SPOILT.ln() / estimate_factor_error.ln()).ceil() - 1.0) as u32)
 }
 
 /// Computes y = A x for a sum of forms.
-fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y: &mut [f64]) -> Result<()> {
+fn apply<E: Engine>(
+    engine: &E,
+    sum: &LinearCombination<E>,
+    x: &[f64],
+    product: &mut [f64],
+    y: &mut [f64],
+) -> Result<()> {
     y.fill(0.0);
     for (scale, form) in sum {
         engine.multiply(form, x, product)?;
@@ -150,9 +162,9 @@ fn apply<E: Engine>(engine: &E, sum: &Sum<E>, x: &[f64], product: &mut [f64], y:
 }
 
 /// Solver together with the check of its answers.
-pub struct Step<E: Engine> {
+pub struct CheckedSolver<E: Engine> {
     solver: Box<dyn Solver<E>>,
-    judge: kkt::Judge,
+    judge: kkt::KktCheck,
     correction: Correction,
 }
 
@@ -165,13 +177,21 @@ struct Correction {
     x: Vec<f64>,
 }
 
-impl<E: Engine> Step<E> {
+impl<E: Engine> CheckedSolver<E> {
     /// Pairs a solver with the check of problems that have the matrix of this sum.
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn new(solver: Box<dyn Solver<E>>, engine: &E, sum: &Sum<E>) -> Result<Step<E>> {
-        Ok(Step { solver, judge: kkt::Judge::new(engine, sum)?, correction: Correction::default() })
+    pub fn new(
+        solver: Box<dyn Solver<E>>,
+        engine: &E,
+        sum: &LinearCombination<E>,
+    ) -> Result<CheckedSolver<E>> {
+        Ok(CheckedSolver {
+            solver,
+            judge: kkt::KktCheck::new(engine, sum)?,
+            correction: Correction::default(),
+        })
     }
 
     /// Solves a step and measures the answer; safer methods follow until the solver's tolerance is
@@ -183,19 +203,19 @@ impl<E: Engine> Step<E> {
     pub fn solve(
         &mut self,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         length: f64,
         x: &mut [f64],
         reaction: &mut [f64],
-    ) -> Result<Verdict> {
+    ) -> Result<StepReport> {
         let mut iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
         for _ in 0..self.solver.corrections() {
             iterations += self.correct(None, engine, sum, b, bounds, x, reaction)?;
         }
         let kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
-        let mut verdict = Verdict { iterations, kkt, retries: 0 };
+        let mut verdict = StepReport { iterations, kkt, retries: 0 };
         while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
             let attempt = verdict.retries;
             let retried = self.solver.retry(attempt, engine, sum, b, bounds, x, reaction)?;
@@ -219,7 +239,7 @@ impl<E: Engine> Step<E> {
         &mut self,
         attempt: Option<u32>,
         engine: &E,
-        sum: &Sum<E>,
+        sum: &LinearCombination<E>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -230,7 +250,7 @@ impl<E: Engine> Step<E> {
         apply(engine, sum, x, product, left)?;
         left.iter_mut().zip(b).for_each(|(left, b)| *left = b - *left);
         let is_answer = left.iter().all(|left| left.is_finite());
-        if engine.maximum(f64::from(u8::from(!is_answer)))? > 0.0 {
+        if engine.all_reduce_max(f64::from(u8::from(!is_answer)))? > 0.0 {
             return Ok(0);
         }
         within.clone_from(bounds);
@@ -253,7 +273,13 @@ impl<E: Engine> Step<E> {
     ///
     /// # Errors
     /// Returns the errors of [`Solver::state`].
-    pub fn state(&mut self, engine: &E, sum: &Sum<E>, bounds: &Bounds, archive: &mut Archive) -> Result<()> {
+    pub fn state(
+        &mut self,
+        engine: &E,
+        sum: &LinearCombination<E>,
+        bounds: &Bounds,
+        archive: &mut Archive,
+    ) -> Result<()> {
         self.solver.state(engine, sum, bounds, archive)
     }
 }

@@ -17,11 +17,11 @@
 //! Its answer is corrected by one solve with these dofs held, unless its residual is at the
 //! rounding floor already.
 
-use super::kkt::{Judge, Residual};
-use super::{Condensed, Side, Solver};
+use super::kkt::{KktCheck, Residual};
+use super::{BoundStatus, Condensed, Solver};
 use crate::archive::Archive;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Factor, Sum};
+use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::petsc::engine::DistributedFactor;
 use crate::petsc::{Context, Distributed, INFINITY, Matrix, Reason, Vector};
@@ -110,7 +110,7 @@ impl Family {
     pub fn solver(
         &self,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         bounded: usize,
         tolerance: f64,
     ) -> Result<Box<dyn Solver<Distributed>>> {
@@ -134,12 +134,12 @@ struct Bounded {
     safe: Box<dyn Method>,
     condensed: Option<Condensed<Distributed>>,
     factor: DistributedFactor,
-    judge: Judge,
+    judge: KktCheck,
     /// Diagonal of D, 1/sqrt(A_ii).
     scale: Vec<f64>,
     norm: f64,
     y: Vector,
-    sides: Vec<Side>,
+    sides: Vec<BoundStatus>,
     always: bool,
     factorisations: u64,
     corrections: u32,
@@ -153,7 +153,7 @@ impl Bounded {
     fn new(
         family: &Family,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         bounded: usize,
         tolerance: f64,
     ) -> Result<Bounded> {
@@ -176,11 +176,11 @@ impl Bounded {
             problem,
             condensed: None,
             factor,
-            judge: Judge::new(engine, sum)?,
+            judge: KktCheck::new(engine, sum)?,
             scale,
             norm,
             y: vector,
-            sides: vec![Side::Free; bounded],
+            sides: vec![BoundStatus::Free; bounded],
             always: context.option(ALWAYS)?.is_some(),
             factorisations: 1,
             corrections,
@@ -196,7 +196,7 @@ impl Bounded {
         &mut self,
         safely: bool,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -224,9 +224,9 @@ impl Bounded {
         if !safely {
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 match self.sides[i].within(bounds.lower[i], bounds.upper[i]) {
-                    Side::Free => {}
-                    Side::Lower => y[dof] = lower[dof],
-                    Side::Upper => y[dof] = upper[dof],
+                    BoundStatus::Free => {}
+                    BoundStatus::Lower => y[dof] = lower[dof],
+                    BoundStatus::Upper => y[dof] = upper[dof],
                 }
             }
         }
@@ -243,7 +243,7 @@ impl Bounded {
             self.complaint = format!("{} after {iterations} iterations", reason.text);
             x.fill(f64::NAN);
             reaction.fill(0.0);
-            self.sides.fill(Side::Free);
+            self.sides.fill(BoundStatus::Free);
             return Ok(iterations as u32);
         }
         self.complaint = format!("{} after {iterations} iterations, with too large a residual", reason.text);
@@ -261,13 +261,13 @@ impl Bounded {
     fn complete(
         &mut self,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
         reaction: &mut [f64],
     ) -> Result<()> {
-        let size = engine.maximum(x.iter().fold(0.0, |m, x| x.abs().max(m)))?;
+        let size = engine.all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)))?;
         let mut residual = vec![0.0; x.len()];
         let mut magnitude = vec![0.0; x.len()];
         engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
@@ -275,11 +275,11 @@ impl Bounded {
             let force = residual[dof] - b[dof];
             let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
             self.sides[i] = if near(bounds.lower[i]) && force > 0.0 {
-                Side::Lower
+                BoundStatus::Lower
             } else if near(bounds.upper[i]) && force < 0.0 {
-                Side::Upper
+                BoundStatus::Upper
             } else {
-                Side::Free
+                BoundStatus::Free
             };
         }
         self.hold(bounds, size, x);
@@ -287,7 +287,7 @@ impl Bounded {
         let mut judge = |x: &[f64], reaction: &[f64]| {
             let Residual { stationarity, .. } =
                 self.judge.parts(engine, sum, &[b], bounds, 1.0, x, reaction)?;
-            engine.maximum(stationarity)
+            engine.all_reduce_max(stationarity)
         };
         if judge(x, reaction)? <= EXACT {
             return Ok(());
@@ -296,7 +296,7 @@ impl Bounded {
         let mut correction: Vec<f64> = b.iter().zip(&residual).map(|(b, r)| b - r).collect();
         let mut held = Vec::new();
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            if self.sides[i] != Side::Free {
+            if self.sides[i] != BoundStatus::Free {
                 correction[dof] = 0.0;
                 held.push(dof);
             }
@@ -315,12 +315,12 @@ impl Bounded {
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let (lower, upper) = (bounds.lower[i], bounds.upper[i]);
             x[dof] = match self.sides[i] {
-                Side::Lower => lower,
-                Side::Upper => upper,
-                Side::Free if (lower - x[dof]).max(x[dof] - upper) <= ROUNDING * size => {
+                BoundStatus::Lower => lower,
+                BoundStatus::Upper => upper,
+                BoundStatus::Free if (lower - x[dof]).max(x[dof] - upper) <= ROUNDING * size => {
                     x[dof].max(lower).min(upper)
                 }
-                Side::Free => x[dof],
+                BoundStatus::Free => x[dof],
             };
         }
     }
@@ -329,7 +329,7 @@ impl Bounded {
     fn react(
         &self,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         b: &[f64],
         bounds: &Bounds,
         x: &[f64],
@@ -339,7 +339,7 @@ impl Bounded {
     ) -> Result<()> {
         engine.multiply_with_magnitude(sum, x, product, magnitude)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            reaction[i] = if self.sides[i] == Side::Free { 0.0 } else { product[dof] - b[dof] };
+            reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { product[dof] - b[dof] };
         }
         Ok(())
     }
@@ -348,7 +348,7 @@ impl Bounded {
     fn free(&mut self, engine: &Distributed, b: &[f64], bounds: &Bounds, x: &mut [f64]) -> Result<bool> {
         x.copy_from_slice(b);
         self.factor.solve(x)?;
-        Ok(engine.maximum(bounds.violation(x))? <= 0.0)
+        Ok(engine.all_reduce_max(bounds.violation(x))? <= 0.0)
     }
 }
 
@@ -356,7 +356,7 @@ impl Solver<Distributed> for Bounded {
     fn solve(
         &mut self,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -364,7 +364,7 @@ impl Solver<Distributed> for Bounded {
     ) -> Result<u32> {
         if self.free(engine, b, bounds, x)? && !self.always {
             reaction.fill(0.0);
-            self.sides.fill(Side::Free);
+            self.sides.fill(BoundStatus::Free);
             return Ok(0);
         }
         self.iterate(false, engine, sum, b, bounds, x, reaction)
@@ -377,12 +377,12 @@ impl Solver<Distributed> for Bounded {
     fn state(
         &mut self,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
         archive.value(&mut self.factorisations)?;
-        Side::archive(&mut self.sides, archive)?;
+        BoundStatus::archive(&mut self.sides, archive)?;
         let mut has_retried = self.condensed.is_some();
         archive.value(&mut has_retried)?;
         if has_retried && self.condensed.is_none() {
@@ -403,7 +403,7 @@ impl Solver<Distributed> for Bounded {
         &mut self,
         attempt: u32,
         engine: &Distributed,
-        sum: &Sum<Distributed>,
+        sum: &LinearCombination<Distributed>,
         b: &[f64],
         bounds: &Bounds,
         x: &mut [f64],
@@ -430,9 +430,9 @@ impl Solver<Distributed> for Bounded {
                 let iterations = condensed.solve(engine, sum, b, bounds, x, reaction)?;
                 for (side, r) in self.sides.iter_mut().zip(reaction.iter()) {
                     *side = match r {
-                        r if *r > 0.0 => Side::Lower,
-                        r if *r < 0.0 => Side::Upper,
-                        _ => Side::Free,
+                        r if *r > 0.0 => BoundStatus::Lower,
+                        r if *r < 0.0 => BoundStatus::Upper,
+                        _ => BoundStatus::Free,
                     };
                 }
                 Ok(Some(iterations))

@@ -1,7 +1,7 @@
 //! What is said of a scene before it runs.
 
 use crate::common::plates::close;
-use rebond::scene::{Scene, Scheme};
+use rebond::scene::{Scene, SchemeSpec};
 use rebond::study::{self, Frequencies, advised_step, energy_step};
 
 fn scene(figure: u32, overrides: &[&str]) -> Scene {
@@ -103,7 +103,7 @@ fn a_check_refuses_what_a_run_would() {
     assert!(error.to_string().contains("mechanism"), "{error}");
 }
 
-const NEWMARK: Scheme = Scheme::Newmark { beta: 0.5, restitution: 0.0 };
+const NEWMARK: SchemeSpec = SchemeSpec::Newmark { beta: 0.5, restitution: 0.0 };
 
 #[test]
 fn advised_steps_are_round_and_bounded() {
@@ -116,7 +116,7 @@ fn advised_steps_are_round_and_bounded() {
     );
     assert_eq!(advise(None), None);
     let free = |scheme| advised_step(scheme, &frequencies(Some(9142.0)), false);
-    assert_eq!([free(NEWMARK), free(Scheme::Conserving)], [Some(5e-4), Some(1e-3)]);
+    assert_eq!([free(NEWMARK), free(SchemeSpec::Conserving)], [Some(5e-4), Some(1e-3)]);
     assert_eq!(energy_step(&frequencies(Some(9142.0))), Some(5e-6));
 }
 
@@ -136,7 +136,7 @@ fn finer_meshes_advise_the_same_step() {
 #[test]
 fn the_advised_step_keeps_periods_to_one_per_cent() {
     let pi = std::f64::consts::PI;
-    for (scheme, error) in [(NEWMARK, 5.0 / 24.0), (Scheme::Conserving, 1.0 / 12.0)] {
+    for (scheme, error) in [(NEWMARK, 5.0 / 24.0), (SchemeSpec::Conserving, 1.0 / 12.0)] {
         for highest in [40.0, 57.0, 83.0] {
             let frequencies = Frequencies { lowest: vec![5.0, highest], highest: None };
             let step = advised_step(scheme, &frequencies, false).unwrap();

@@ -4,7 +4,9 @@ use rebond::Result;
 use rebond::motion::Motion;
 use rebond::output::checkpoint::{Checkpoint, Identity, Outputs};
 use rebond::scene::Scene;
-use rebond::simulation::{self, Contact, Model, NodeEvent, Observer, Outcome, Pause, Row, Seconds, Snapshot};
+use rebond::simulation::{
+    self, Contact, Model, NodeEvent, Observer, Outcome, Row, RunState, Seconds, Snapshot,
+};
 use std::path::PathBuf;
 
 /// A plate that falls on an obstacle close beneath: contact from the start on, chatter and rest.
@@ -24,9 +26,9 @@ output = { every = 7, fields_every = 50, checkpoint_every = 37, probes = [{ name
 struct Diary {
     step: u64,
     entries: Vec<(u64, String)>,
-    pauses: Vec<Pause>,
+    pauses: Vec<RunState>,
     /// The state at the last step, and how many entries there were before it.
-    end: Option<(Pause, usize)>,
+    end: Option<(RunState, usize)>,
 }
 
 impl Diary {
@@ -55,7 +57,7 @@ impl Observer for Diary {
         self.note(self.step, format!("{event:?}"))
     }
 
-    fn pause(&mut self, pause: Pause) -> Result<()> {
+    fn pause(&mut self, pause: RunState) -> Result<()> {
         self.pauses.push(pause);
         Ok(())
     }
@@ -64,7 +66,7 @@ impl Observer for Diary {
         true
     }
 
-    fn end(&mut self, pause: Pause, _: Motion) -> Result<()> {
+    fn end(&mut self, pause: RunState, _: Motion) -> Result<()> {
         self.end = Some((pause, self.entries.len()));
         Ok(())
     }
@@ -85,7 +87,7 @@ fn timeless(outcome: Outcome) -> Outcome {
 }
 
 /// A pause through a file and back.
-fn through_bytes(pause: &Pause) -> Pause {
+fn through_bytes(pause: &RunState) -> RunState {
     let checkpoint = Checkpoint {
         scene: String::new(),
         scene_file: PathBuf::new(),

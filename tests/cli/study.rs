@@ -5,11 +5,11 @@ use crate::common::command;
 use crate::common::command::rebond;
 use crate::common::plates::{Fvs, Hct, Matrices, Right, all_round, unit};
 use rebond::assembly;
+use rebond::dof_map::Support;
 use rebond::linalg::{Engine, Factor};
 use rebond::mesh::{Mesh, Point};
 use rebond::scene::Scene;
 use rebond::simulation;
-use rebond::space::Support;
 use rebond::study::accuracy::front::{Axis, front, slope};
 use rebond::study::accuracy::norms::{Jet, Metric, Points, Sampler};
 use rebond::study::accuracy::plan::Plan;
@@ -29,7 +29,7 @@ impl Watch for Silent {
 
 fn study(text: &str) -> Accuracy {
     let scene = Scene::from_str(text, "study.toml", &[]).unwrap();
-    accuracy::study(&scene, &scene.study(), None, &accuracy::natively, 1, &mut Silent).unwrap()
+    accuracy::study(&scene, &scene.study(), None, &accuracy::run_native, 1, &mut Silent).unwrap()
 }
 
 /// Without contact every scheme is of second order, with either mass, once the fastest of its few modes is resolved.
@@ -113,7 +113,7 @@ fn a_study_of_a_mesh_from_a_file_refines_it() {
     let scene = Scene::from_str(text, beside, &[]).unwrap();
     assert_eq!(scene.study().reference_refine, 2);
     let accuracy =
-        accuracy::study(&scene, &scene.study(), None, &accuracy::natively, 1, &mut Silent).unwrap();
+        accuracy::study(&scene, &scene.study(), None, &accuracy::run_native, 1, &mut Silent).unwrap();
     assert!(accuracy.complete && accuracy.failures.is_empty(), "{accuracy}");
     assert_eq!(accuracy.probes.len(), 9);
     let singular: Vec<_> = accuracy.limits.iter().filter(|limit| limit.family == "singular").collect();
@@ -380,7 +380,7 @@ fn the_exact_scheme_leads_the_front() {
     let limit = &accuracy.limits[0];
     assert_eq!((limit.source.as_str(), limit.refused.len()), ("exact singular", 0), "{accuracy}");
     let (exact, others): (Vec<&Run>, Vec<&Run>) =
-        accuracy.runs.iter().partition(|run| run.case.method.scheme == rebond::scene::Scheme::Exact);
+        accuracy.runs.iter().partition(|run| run.case.method.scheme == rebond::scene::SchemeSpec::Exact);
     assert_eq!((exact.len(), others.len()), (1, 4 * 2), "{accuracy}");
     assert!(exact[0].at_floor && exact[0].time_error < 1e-12, "{accuracy}");
     assert!(others.iter().all(|run| run.time_error > 1e-5), "{accuracy}");
@@ -412,8 +412,9 @@ impl Watch for Stopping {
 #[test]
 fn runs_at_once_have_the_same_errors() {
     let scene = Scene::from_str(FALL, "study.toml", &[]).unwrap();
-    let study =
-        |jobs| accuracy::study(&scene, &scene.study(), None, &accuracy::natively, jobs, &mut Silent).unwrap();
+    let study = |jobs| {
+        accuracy::study(&scene, &scene.study(), None, &accuracy::run_native, jobs, &mut Silent).unwrap()
+    };
     let (alone, at_once) = (study(1), study(3));
     let errors =
         |of: &Accuracy| of.runs.iter().map(|run| (run.case.to_string(), run.time_error)).collect::<Vec<_>>();
@@ -427,7 +428,7 @@ fn a_study_that_was_stopped_goes_on() {
     let scene = Scene::from_str(FALL, "study.toml", &[]).unwrap();
     let run = |known, left| {
         let mut watch = Stopping { left, known: None, parts: 0 };
-        let ended = accuracy::study(&scene, &scene.study(), known, &accuracy::natively, 1, &mut watch);
+        let ended = accuracy::study(&scene, &scene.study(), known, &accuracy::run_native, 1, &mut watch);
         (ended, watch)
     };
     // Reference, limit, nine runs.

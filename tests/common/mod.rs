@@ -9,7 +9,7 @@ pub mod plates;
 pub mod ranks;
 pub mod scenes;
 
-use rebond::linalg::{Block, Engine, Form, Native};
+use rebond::linalg::{ElementMatrix, Engine, Form, Native};
 use rebond::scheme::System;
 
 /// SplitMix64: small, seeded, the same on every machine.
@@ -49,9 +49,9 @@ impl Random {
 }
 
 /// A block of a form applied as it is; `None` in `dofs` holds a dof at zero.
-pub fn block(dofs: &[Option<usize>], matrix: &[f64], class: usize) -> Block {
+pub fn block(dofs: &[Option<usize>], matrix: &[f64], class: usize) -> ElementMatrix {
     assert_eq!(matrix.len(), dofs.len() * dofs.len());
-    Block { dofs: dofs.into(), matrix: matrix.into(), bending: None, class }
+    ElementMatrix { dofs: dofs.into(), matrix: matrix.into(), bending: None, class }
 }
 
 /// A dense matrix, row by row, as a form of one block.

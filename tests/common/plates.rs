@@ -1,12 +1,12 @@
 //! Plates for tests, as forms on the native engine.
 
 use rebond::assembly::{self, CellArrays, Probe};
+use rebond::dof_map::{DofMap, Support};
 use rebond::linalg::{Form, Native};
 use rebond::mesh::{Diagonal, ElementKind, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::plate::Plate;
 use rebond::scheme;
-use rebond::space::{Space, Support};
 
 pub use Diagonal::{Alternating, Left, Right};
 pub use ElementKind::{Fvs, Hct};
@@ -28,7 +28,7 @@ pub fn all_round(support: Support) -> [(&'static str, Support); 4] {
 
 pub struct Matrices {
     pub mesh: Mesh,
-    pub space: Space,
+    pub space: DofMap,
     pub cells: Vec<CellArrays>,
     pub engine: Native,
     pub stiffness: Form,
@@ -38,7 +38,7 @@ pub struct Matrices {
 
 impl Matrices {
     pub fn new(mesh: Mesh, plate: Plate, supports: &[(&str, Support)]) -> Matrices {
-        let space = Space::new(&mesh, supports.iter().copied()).unwrap();
+        let space = DofMap::new(&mesh, supports.iter().copied()).unwrap();
         let cells = assembly::cells(&mesh, &space, &plate).unwrap();
         let engine = Native::new(space.dofs());
         let stiffness = engine.form(assembly::stiffness(&cells));

@@ -124,7 +124,7 @@ fn spoil(scene: &mut Vec<u8>, others: &[Vec<u8>], random: &mut Random) {
 }
 
 /// Reads a scene, and runs three steps of it if it is small.
-fn follow(bytes: &[u8]) -> Result<()> {
+fn run_scheme(bytes: &[u8]) -> Result<()> {
     let scene = Scene::from_bytes(bytes, "spoilt.toml", &[])?;
     let resolved = scene.resolved();
     let again = Scene::from_str(&resolved, "spoilt.toml", &[])?;
@@ -144,7 +144,7 @@ fn follow(bytes: &[u8]) -> Result<()> {
 
 fn judge(bytes: &[u8]) {
     let start = processor_seconds();
-    let answer = catch_unwind(AssertUnwindSafe(|| follow(bytes)));
+    let answer = catch_unwind(AssertUnwindSafe(|| run_scheme(bytes)));
     let took = processor_seconds() - start;
     let shown = || String::from_utf8_lossy(bytes).into_owned();
     assert!(answer.is_ok(), "a panic for\n{}", shown());

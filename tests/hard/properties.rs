@@ -4,10 +4,10 @@ use crate::common::{Random, lift};
 use proptest::prelude::*;
 use proptest::sample::select;
 use proptest::test_runner::{Config, RngSeed, TestRunner};
-use rebond::scene::{EngineName, Scene, ViName};
+use rebond::scene::{ContactSolver, EngineName, Scene};
 use rebond::scheme::{Exact, ExactOptions, Scheme, Start};
 use rebond::simulation::Model;
-use rebond::study::stability::{Ending, natively, variants};
+use rebond::study::stability::{Ending, run_native, variants};
 use std::fmt;
 use std::path::Path;
 
@@ -254,11 +254,11 @@ const REFUSALS: &[&str] = &[
 ];
 
 fn every_method_holds(scene: &Scene) -> Result<(), TestCaseError> {
-    for (own, method) in variants(scene, EngineName::Native, ViName::Condensed) {
+    for (own, method) in variants(scene, EngineName::Native, ContactSolver::Condensed) {
         if own.file.is_none() && own.mesh.element != scene.mesh.element {
             continue;
         }
-        let trial = natively(&own, method);
+        let trial = run_native(&own, method);
         match &trial.ending {
             Ending::Holds | Ending::Gains(_) | Ending::Guarded(_) => {}
             Ending::Refused(why) => {

@@ -1,8 +1,8 @@
 //! Every scene of scenes/hard with every method: what a scheme promises of its energy holds, every step is solved to the last
 //! digits, and what cannot hold is told in words that help. `rebond stability` prints the same as a table.
 
-use rebond::scene::{EngineName, Mass, Scene, Scheme, ViName};
-use rebond::study::stability::{Ending, Trial, natively, variants};
+use rebond::scene::{ContactSolver, EngineName, Mass, Scene, SchemeSpec};
+use rebond::study::stability::{Ending, Trial, run_native, variants};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -27,9 +27,9 @@ fn expected(scene: &str, trial: &Trial) -> Option<&'static str> {
     let of_method = |of: &str| of == method || of == of_mesh;
     let exception = EXCEPTIONS.iter().find(|(name, of, _)| *name == scene && of_method(of));
     let promising = match trial.method.scheme {
-        Scheme::Newmark { restitution, .. } => restitution == 0.0,
-        Scheme::Midpoint { .. } => false,
-        Scheme::Conserving | Scheme::Exact => true,
+        SchemeSpec::Newmark { restitution, .. } => restitution == 0.0,
+        SchemeSpec::Midpoint { .. } => false,
+        SchemeSpec::Conserving | SchemeSpec::Exact => true,
     };
     exception.map(|(_, _, word)| *word).or(promising.then_some("holds"))
 }
@@ -45,7 +45,7 @@ fn judge(name: &str, trial: &Trial) {
     }
     // The scheme that is unstable by nature is named, and one that is not.
     if trial.method.mass == Mass::Consistent
-        && matches!(trial.method.scheme, Scheme::Midpoint { .. })
+        && matches!(trial.method.scheme, SchemeSpec::Midpoint { .. })
         && let Some(why) = trial.ending.why()
     {
         assert!(why.contains("midpoint") && why.contains("time.mass = \"singular\""), "{what}");
@@ -54,9 +54,9 @@ fn judge(name: &str, trial: &Trial) {
 
 fn holds(name: &str) -> Vec<Trial> {
     let scene = Scene::load(folder().join(name).with_extension("toml"), &[]).unwrap();
-    let trials: Vec<Trial> = variants(&scene, EngineName::Native, ViName::Condensed)
+    let trials: Vec<Trial> = variants(&scene, EngineName::Native, ContactSolver::Condensed)
         .into_iter()
-        .map(|(scene, method)| natively(&scene, method))
+        .map(|(scene, method)| run_native(&scene, method))
         .collect();
     trials.iter().for_each(|trial| judge(name, trial));
     trials

@@ -3,15 +3,15 @@
 use crate::common::Random;
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL, unit};
 use rebond::assembly;
+use rebond::dof_map::DofMap;
 use rebond::mesh::{Cell, Mesh, Point};
 use rebond::obstacle::Bounds;
-use rebond::scene::{EngineName, Scene, Scheme as Name, ViName};
+use rebond::scene::{ContactSolver, EngineName, Scene, SchemeSpec as Name};
 use rebond::scheme::{
     Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
 };
 use rebond::simulation::Model;
-use rebond::space::Space;
-use rebond::study::stability::{Ending, natively, variants};
+use rebond::study::stability::{Ending, run_native, variants};
 
 /// The paper's plate in small, a hundred steps of 1 ms, with keys changed: no method fails, and those that promise something of their
 /// energy keep it.
@@ -25,8 +25,8 @@ fn holds(changes: &[String]) {
         time = { scheme = "newmark", mass = "singular", step = 1e-3, end = 0.1 }
     "#;
     let scene = Scene::from_str(text, "sweep", changes).unwrap();
-    for (scene, method) in variants(&scene, EngineName::Native, ViName::Condensed) {
-        let trial = natively(&scene, method);
+    for (scene, method) in variants(&scene, EngineName::Native, ContactSolver::Condensed) {
+        let trial = run_native(&scene, method);
         let what = format!("{changes:?}, {}, {method}: {trial:?}", trial.mesh);
         let promises = match method.scheme {
             Name::Newmark { restitution, .. } => restitution == 0.0,
@@ -176,7 +176,7 @@ fn cells_that_are_nearly_flat() {
 #[test]
 fn cells_that_are_too_flat() {
     let mesh = pinched("needles", 1e-7);
-    let error = assembly::cells(&mesh, &Space::unsupported(&mesh), &STEEL).unwrap_err().to_string();
+    let error = assembly::cells(&mesh, &DofMap::unsupported(&mesh), &STEEL).unwrap_err().to_string();
     assert!(error.starts_with("cell ") && error.contains("too flat"), "{error}");
 }
 

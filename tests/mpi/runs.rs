@@ -30,7 +30,7 @@ fn folder(test: &str) -> PathBuf {
 }
 
 /// Runs natively in one process, and returns its history.
-fn natively(folder: &Path, arguments: &[&str]) -> Vec<Vec<f64>> {
+fn run_native(folder: &Path, arguments: &[&str]) -> Vec<Vec<f64>> {
     let arguments =
         [&["run"], arguments, &["--quiet", "--overwrite", "--engine", "native", "--out", "native"]].concat();
     succeeds(&rebond(folder, &arguments));
@@ -53,14 +53,18 @@ fn run_on(folder: &Path, ranks: usize, arguments: &[&str]) -> Vec<Vec<f64>> {
 
 /// Asserts that the native engine's numbers are those on some ranks.
 fn assert_same_on(folder: &Path, ranks: usize, arguments: &[&str]) {
-    assert_agree(&run_on(folder, ranks, arguments), &natively(folder, arguments), &format!("{ranks} ranks"));
+    assert_agree(
+        &run_on(folder, ranks, arguments),
+        &run_native(folder, arguments),
+        &format!("{ranks} ranks"),
+    );
 }
 
 /// To the second impact, past 0.06 s.
 fn any_number_of_ranks(test: &str, scene: &str) {
     let folder = folder(test);
     let arguments = [scene, "--set", "time.step=1e-4", "--set", "time.end=0.063", "--set", "output.every=5"];
-    let native = natively(&folder, &arguments);
+    let native = run_native(&folder, &arguments);
     assert!(touches(&native));
     for ranks in [2, 3, 4] {
         assert_agree(&run_on(&folder, ranks, &arguments), &native, &format!("{ranks} ranks"));
@@ -111,7 +115,7 @@ fn rank_0_speaks_and_writes_alone() {
     for words in ["a short push", "engine: petsc, 2 ranks", "effects:", "first impact", "written to"] {
         assert_eq!(said.matches(words).count(), 1, "{words:?} in:\n{said}");
     }
-    let native = natively(&folder, &["fall.toml"]);
+    let native = run_native(&folder, &["fall.toml"]);
     assert!(touches(&native));
     assert_agree(&history(&folder.join("runs/fall")), &native, "2 ranks");
     let summary = command::summary(&folder.join("runs/fall"));

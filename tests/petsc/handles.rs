@@ -190,7 +190,7 @@ fn sums_and_gathers(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let (rank, size) = (context.rank(), context.size());
     assert_eq!(context.sum(rank as f64 + 1.0), (size * (size + 1) / 2) as f64);
-    assert_eq!(context.maximum(-(rank as f64)), 0.0);
+    assert_eq!(context.all_reduce_max(-(rank as f64)), 0.0);
     let mut pair = [1.0, rank as f64];
     context.sum_all(&mut pair);
     assert_eq!(pair, [size as f64, (size * (size - 1) / 2) as f64]);
@@ -218,7 +218,7 @@ fn vectors(arguments: &[String]) -> Result<()> {
     y.fill(2.0)?;
     assert_eq!(x.dot(&y)?, 9900.0);
     close(x.norm()?, (328_350f64).sqrt(), 1e-15);
-    assert_eq!(x.maximum()?, 99.0);
+    assert_eq!(x.all_reduce_max()?, 99.0);
     y.add_scaled(-1.0, &x)?;
     assert_eq!(y.norm_infinity()?, 97.0);
     y.scale(3.0)?;
@@ -649,7 +649,7 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     }
     close(context.sum(area), 0.48, 1e-13);
     if context.size() > 1 && refinements > 0 {
-        let share = context.maximum(mesh.cells().len() as f64) * context.size() as f64;
+        let share = context.all_reduce_max(mesh.cells().len() as f64) * context.size() as f64;
         assert!(share <= 1.5 * (per_rectangle * nx * ny) as f64, "an even partition");
     }
 
@@ -720,7 +720,7 @@ fn dofs(arguments: &[String]) -> Result<()> {
     }
     local.set_local(&counts)?;
     mesh.add_to_global(&local, &mut global)?;
-    assert_eq!(global.maximum()?, 4.0);
+    assert_eq!(global.all_reduce_max()?, 4.0);
     let matrix = Matrix::from_triplets(&context, Comm::World, global.local_size(), &rows, &rows, &values)?;
     let mut diagonal = matrix.vector()?;
     matrix.diagonal(&mut diagonal)?;

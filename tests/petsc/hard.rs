@@ -3,7 +3,7 @@
 use crate::common::ranks::{Case, case, long};
 use rebond::Result;
 use rebond::petsc::Context;
-use rebond::scene::{EngineName, Scene, ViName};
+use rebond::scene::{ContactSolver, EngineName, Scene};
 use rebond::simulation::Model;
 use rebond::study::accuracy::plan::Method;
 use rebond::study::stability::{Ending, attempt, variants};
@@ -25,7 +25,7 @@ fn hard(name: &str) -> Result<Scene> {
 }
 
 /// Puts the methods with a promise to a scene; whether some may be refused.
-fn keeps_its_promise(context: &Rc<Context>, scene: &Scene, vi: ViName, refused: bool) -> Result<()> {
+fn keeps_its_promise(context: &Rc<Context>, scene: &Scene, vi: ContactSolver, refused: bool) -> Result<()> {
     for (own, method) in variants(scene, EngineName::Petsc, vi) {
         if !has_promise(&method) {
             continue;
@@ -52,7 +52,7 @@ fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let mut scene = hard("flat-cells")?;
     scene.time.end = 150.0 * scene.time.step;
-    for vi in [ViName::Condensed, ViName::Snes] {
+    for vi in [ContactSolver::Condensed, ContactSolver::Snes] {
         keeps_its_promise(&context, &scene, vi, false)?;
     }
     Ok(())
@@ -69,7 +69,7 @@ fn a_start_without_deflection(arguments: &[String]) -> Result<()> {
         load = { pressure = 1.77e6 }
         time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
     "#;
-    keeps_its_promise(&context, &Scene::from_str(text, "drawn", &[])?, ViName::Condensed, false)
+    keeps_its_promise(&context, &Scene::from_str(text, "drawn", &[])?, ContactSolver::Condensed, false)
 }
 
 /// All of them.
@@ -87,7 +87,7 @@ fn hard_scenes_keep_their_promise(arguments: &[String]) -> Result<()> {
     for name in names {
         // Cells of aspect ratio 1000, and a clamped plate in a few cells: the message is tested elsewhere.
         let refused = ["flatter-cells", "no-inf-sup"].contains(&name.as_str());
-        keeps_its_promise(&context, &hard(&name)?, ViName::Condensed, refused)?;
+        keeps_its_promise(&context, &hard(&name)?, ContactSolver::Condensed, refused)?;
     }
     Ok(())
 }

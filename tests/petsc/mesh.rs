@@ -4,13 +4,13 @@
 use crate::common::plates::{Matrices, unit};
 use crate::common::ranks::{Case, case};
 use rebond::assembly;
+use rebond::dof_map::{DofMap, PER_NODE, Place, Support};
 use rebond::linalg::{Engine, Factor, Form};
 use rebond::mesh::{Cell, Mesh, Point};
 use rebond::modes;
 use rebond::obstacle::Bounds;
 use rebond::petsc::{Context, Distributed, Part};
 use rebond::scheme::equilibrium;
-use rebond::space::{PER_NODE, Place, Space, Support};
 use rebond::{Error, Result};
 use serde_json::Value;
 use std::f64::consts::TAU;
@@ -35,7 +35,7 @@ fn path(name: &str) -> PathBuf {
 
 /// Supports on all of named edges.
 fn on_edges<'s>(supports: &'s [(&str, Support)]) -> impl Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's {
-    move |mesh| Space::on_edges(mesh, supports.iter().copied())
+    move |mesh| DofMap::on_edges(mesh, supports.iter().copied())
 }
 
 /// Counts, measures and places as Gmsh gives them (`expected.json`), and what refinement makes of them.
@@ -257,7 +257,7 @@ fn error_of(
     let words = error.to_string();
     let all = context.gather(words.as_bytes());
     assert_eq!(String::from_utf8(all).unwrap(), words.repeat(context.size()));
-    assert!(context.maximum(error.exit_code().into()) == f64::from(error.exit_code()));
+    assert!(context.all_reduce_max(error.exit_code().into()) == f64::from(error.exit_code()));
     error
 }
 
@@ -277,6 +277,6 @@ fn an_error_of_some_rank_is_that_of_all(arguments: &[String]) -> Result<()> {
     let read = || Mesh::load_gmsh(path("hole_41_text.msh"));
     let unknown = [("right", Support::Clamped)];
     let error = error_of(&context, read, &unknown);
-    assert_eq!(error.to_string(), Space::new(&read()?, unknown).unwrap_err().to_string());
+    assert_eq!(error.to_string(), DofMap::new(&read()?, unknown).unwrap_err().to_string());
     Ok(())
 }

@@ -4,7 +4,7 @@ use crate::common::ranks::{Case, case};
 use rebond::motion::Motion;
 use rebond::petsc::Context;
 use rebond::scene::Scene;
-use rebond::simulation::{self, Model, Observer, Pause, Row, Snapshot};
+use rebond::simulation::{self, Model, Observer, Row, RunState, Snapshot};
 use rebond::{Error, Result};
 
 pub const CASES: &[Case] = &[case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone)];
@@ -58,7 +58,7 @@ impl Observer for Full {
         self.fails(At::Fields(snapshot.step))
     }
 
-    fn pause(&mut self, pause: Pause) -> Result<()> {
+    fn pause(&mut self, pause: RunState) -> Result<()> {
         self.fails(At::Pause(pause.step))
     }
 
@@ -66,7 +66,7 @@ impl Observer for Full {
         true
     }
 
-    fn end(&mut self, _: Pause, _: Motion) -> Result<()> {
+    fn end(&mut self, _: RunState, _: Motion) -> Result<()> {
         self.fails(At::End)
     }
 }

@@ -1,9 +1,9 @@
 //! Natural frequencies against independent programs and published values.
 
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
+use rebond::dof_map::{DofMap, Rigid, Support};
 use rebond::mesh::ElementKind;
 use rebond::modes;
-use rebond::space::{Rigid, Space, Support};
 use std::f64::consts::{PI, TAU};
 
 /// The paper's plate at 10 x 4: GetFEM's matrices, dense eigenvalues by LAPACK.
@@ -138,8 +138,8 @@ fn square_frequencies(
 ) -> Vec<f64> {
     let plate = Matrices::square(cells, element, supports);
     let mut rigid = Rigid::of(&plate.mesh);
-    let places = Space::on_edges(&plate.mesh, supports.iter().copied()).unwrap();
-    for (hold, at) in Space::holds(&plate.mesh, &places).iter().zip(&plate.mesh.nodes) {
+    let places = DofMap::on_edges(&plate.mesh, supports.iter().copied()).unwrap();
+    for (hold, at) in DofMap::holds(&plate.mesh, &places).iter().zip(&plate.mesh.nodes) {
         rigid.hold(*at, hold);
     }
     let mechanism = rigid.mechanism().is_some();

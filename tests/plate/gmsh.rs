@@ -237,7 +237,7 @@ fn second_order_files_are_refused() {
 #[test]
 fn binary_flaws_are_named_with_their_offset() {
     let sound = std::fs::read(path("square_41_binary.msh")).unwrap();
-    let spoilt = |at: usize, byte: u8| {
+    let estimate_factor_error = |at: usize, byte: u8| {
         let mut bytes = sound.clone();
         bytes[at] = byte;
         bytes
@@ -246,11 +246,14 @@ fn binary_flaws_are_named_with_their_offset() {
         sound.windows(text.len()).position(|window| window == text.as_bytes()).unwrap() + text.len()
     };
     let one = find("$MeshFormat\n4.1 1 8\n");
-    assert_refused(&spoilt(one, 2), &[&format!("byte {one}:"), "order of bytes", "2"]);
-    assert_refused(&spoilt(one - 2, b'4'), &["8 bytes", "4"]);
+    assert_refused(&estimate_factor_error(one, 2), &[&format!("byte {one}:"), "order of bytes", "2"]);
+    assert_refused(&estimate_factor_error(one - 2, b'4'), &["8 bytes", "4"]);
     let nodes = find("$Nodes\n");
-    assert_refused(&spoilt(nodes + 15, 1), &[&format!("byte {}:", nodes + 16), "nodes are announced"]);
-    assert_refused(&spoilt(nodes + 8, 7), &["7 nodes are announced, but the blocks have 66"]);
+    assert_refused(
+        &estimate_factor_error(nodes + 15, 1),
+        &[&format!("byte {}:", nodes + 16), "nodes are announced"],
+    );
+    assert_refused(&estimate_factor_error(nodes + 8, 7), &["7 nodes are announced, but the blocks have 66"]);
     let end = find("$Elements\n") + 40;
     assert_refused(&sound[..end], &["bytes are left"]);
     assert_refused(&sound[..nodes + 20], &["16 blocks are announced, but only 12 bytes are left"]);

@@ -1,14 +1,14 @@
 //! The inf-sup constant against an independent program, and where it must vanish.
 
 use crate::common::plates::{Alternating, Fvs, Hct, Matrices, Right, all_round, close};
-use rebond::linalg::{Average, Block, Form, Native};
-use rebond::space::Support;
+use rebond::dof_map::Support;
+use rebond::linalg::{ElementMatrix, Form, Native, SingularMassCell};
 use rebond::study::infsup::{self, InfSup};
 use std::rc::Rc;
 
-fn rows(mass: &Form) -> &[Average] {
+fn rows(mass: &Form) -> &[SingularMassCell] {
     match mass {
-        Form::Averages(averages) => averages.rows(),
+        Form::SingularMassCells(averages) => averages.rows(),
         Form::Cells(_) => panic!("not a singular mass"),
     }
 }
@@ -48,8 +48,8 @@ fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     let dofs_of = |cell: usize| -> Rc<[Option<usize>]> {
         (0..=degree).map(|i| Some(degree * cell + i).filter(|&dof| dof < dofs)).collect()
     };
-    let block = |cell| Block { dofs: dofs_of(cell), matrix: matrix.clone(), bending: None, class: 0 };
-    let average = |cell| Average { dofs: dofs_of(cell), row: row.clone(), mass: h, class: 0 };
+    let block = |cell| ElementMatrix { dofs: dofs_of(cell), matrix: matrix.clone(), bending: None, class: 0 };
+    let average = |cell| SingularMassCell { dofs: dofs_of(cell), row: row.clone(), mass: h, class: 0 };
     let stiffness = engine.form((0..cells).map(block).collect());
     let mass = engine.averages((0..cells).map(average).collect());
     (dofs, stiffness, mass)

@@ -56,8 +56,8 @@ fn dense(form: &Form, dofs: usize) -> Dense {
 }
 
 fn rows_of_b(plate: &Matrices) -> Dense {
-    let Form::Averages(averages) = &plate.singular else { panic!("not a singular mass") };
-    let row = |average: &rebond::linalg::Average| {
+    let Form::SingularMassCells(averages) = &plate.singular else { panic!("not a singular mass") };
+    let row = |average: &rebond::linalg::SingularMassCell| {
         let mut row = vec![0.0; plate.space.dofs()];
         average.dofs.iter().zip(average.row.iter()).for_each(|(dof, value)| row[dof.unwrap()] += value);
         row

@@ -2,10 +2,10 @@
 
 use crate::common::plates::{Matrices, all_round, unit};
 use nalgebra::SVector;
+use rebond::dof_map::Support;
 use rebond::element::{Basis, fvs, hct};
 use rebond::linalg::Engine;
 use rebond::mesh::{Cell, Mesh, Point};
-use rebond::space::Support;
 use std::collections::HashMap;
 
 /// The unit square of Gmsh: quadrilaterals on the left, triangles on the right.

@@ -11,11 +11,11 @@
 
 use nalgebra::SVector;
 use rebond::element::{Element, fvs, hct, quadrature};
-use rebond::linalg::{Bending, Block, Engine, Native};
+use rebond::linalg::{Bending, ElementMatrix, Engine, Native};
 use rebond::mesh::{Cell, Diagonal, ElementKind, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::plate::{Plate, stiffness_root};
-use rebond::vi::{Condensed, Step};
+use rebond::vi::{CheckedSolver, Condensed};
 
 /// Cells a side, and the distance from the interpolant that an independent program found there.
 const FVS: [(usize, f64); 4] = [(8, 6.33e-2), (16, 2.69e-2), (32, 1.43e-2), (64, 7.04e-3)];
@@ -86,14 +86,14 @@ fn stiffness<const N: usize>(
     mesh: &Mesh,
     free: &[Option<usize>],
     class: usize,
-) -> Block {
+) -> ElementMatrix {
     let matrix = PLATE.section().stiffness(element);
     let root = stiffness_root(element, &quadrature::DEGREE_2, |_| PLATE.section()).unwrap();
     let arm = |&node: &usize| (mesh.nodes[node] - mesh.nodes[nodes[0]]).into();
     let bending =
         Bending { arms: nodes[1..].iter().map(arm).collect(), root: root.transpose().as_slice().into() };
     let dofs = nodes.iter().flat_map(|&node| free[3 * node..3 * node + 3].to_vec()).collect();
-    Block { dofs, matrix: matrix.as_slice().into(), bending: Some(bending.into()), class }
+    ElementMatrix { dofs, matrix: matrix.as_slice().into(), bending: Some(bending.into()), class }
 }
 
 /// The square of the true error on a cell; each piece is cut in four.
@@ -133,7 +133,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
         }
     }
     let everything: Vec<Option<usize>> = (0..all).map(Some).collect();
-    let blocks = |dofs: &[Option<usize>]| -> Vec<Block> {
+    let blocks = |dofs: &[Option<usize>]| -> Vec<ElementMatrix> {
         let element = |(class, cell): (usize, &Cell)| match cell {
             Cell::Triangle(nodes) => {
                 let element = hct::element(nodes.map(|node| mesh.nodes[node])).unwrap();
@@ -174,7 +174,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     }
     let sum = [(1.0, &form)];
     let solver = Condensed::new(&engine, &sum, bounds.len()).unwrap();
-    let mut step: Step<Native> = Step::new(Box::new(solver), &engine, &sum).unwrap();
+    let mut step: CheckedSolver<Native> = CheckedSolver::new(Box::new(solver), &engine, &sum).unwrap();
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; bounds.len()]);
     let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction).unwrap();
     assert!(verdict.kkt <= 1e-12, "{cells} cells: {:e}", verdict.kkt);

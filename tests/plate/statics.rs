@@ -3,9 +3,9 @@
 use crate::common::plates::{
     Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close, unit,
 };
+use rebond::dof_map::Support;
 use rebond::linalg::Engine;
 use rebond::mesh::Mesh;
-use rebond::space::Support;
 
 const PRESSURE: f64 = 14600.0;
 

@@ -4,7 +4,7 @@
 
 use crate::common::clock::processor_seconds;
 use proptest::prelude::*;
-use rebond::field::{Condition, Field, Interpolation, Jet, Names, Signal, Table};
+use rebond::field::{Condition, Derivatives, Field, Interpolation, Names, Signal, Table};
 use rebond::mesh::Point;
 use serde_json::Value;
 
@@ -173,7 +173,7 @@ fn many_points_are_as_one() {
     for text in [text, "t^2", "3.5", "x"] {
         let field = parse(text);
         let mut values = vec![0.0; points.len()];
-        let still = Jet { value: 0.0, first: 0.0, second: 0.0 };
+        let still = Derivatives { value: 0.0, first: 0.0, second: 0.0 };
         let mut jets = vec![still; points.len()];
         field.values(&points, 0.4, &mut values).expect("finite");
         field.jets(&points, 0.4, &mut jets).expect("smooth");
@@ -369,10 +369,10 @@ fn a_linear_table_holds_its_ends() {
     let table = Table::from_csv(csv, "load.csv", Interpolation::Linear).expect("a table");
     let signal = Signal::Table(table);
     for (t, value, slope) in [(-1.0, 10.0, 0.0), (0.0, 10.0, 10.0), (0.5, 15.0, 10.0), (1.0, 20.0, -2.0)] {
-        assert_eq!(signal.jet(t), Ok(Jet { value, first: slope, second: 0.0 }));
+        assert_eq!(signal.jet(t), Ok(Derivatives { value, first: slope, second: 0.0 }));
     }
     assert_eq!([signal.value(2.0), signal.value(3.0), signal.value(9.0)], [Ok(18.0), Ok(16.0), Ok(16.0)]);
-    assert_eq!(signal.jet(3.0), Ok(Jet { value: 16.0, first: 0.0, second: 0.0 }));
+    assert_eq!(signal.jet(3.0), Ok(Derivatives { value: 16.0, first: 0.0, second: 0.0 }));
 }
 
 #[test]

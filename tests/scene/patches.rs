@@ -91,7 +91,7 @@ fn smooth_pressures_and_jumps_along_the_mesh_keep_their_rule() {
         let text = format!("{PLATE}{}{STILL}load = {{ pressure = \"{formula}\" }}\n", grid("fvs", nx, 4));
         let scene = scene(&text);
         let field = &scene.load.as_ref().unwrap().pressure;
-        let space = rebond::space::Space::unsupported(&mesh);
+        let space = rebond::dof_map::DofMap::unsupported(&mesh);
         let cells = rebond::assembly::cells(&mesh, &space, &scene.plate.plate).unwrap();
         let mut load = vec![0.0; space.dofs()];
         let points = rebond::assembly::Pressure::new(&mesh, &cells).unwrap();
@@ -125,7 +125,7 @@ fn foundations_and_thicknesses_are_seen_too() {
     let mesh = simulation::mesh(&scene_on).unwrap();
     let blocks = simulation::matrices(&scene_on, &mesh, false).unwrap().stiffness;
     // The work of a unit of deflection, which does not bend the plate.
-    let deflections = |block: &rebond::linalg::Block| {
+    let deflections = |block: &rebond::linalg::ElementMatrix| {
         let size = block.dofs.len();
         (0..size * size)
             .filter(|k| (k / size).is_multiple_of(3) && (k % size).is_multiple_of(3))

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use proptest::prelude::*;
 use rebond::Error;
 use rebond::scene::{
-    Diagonal, ElementKind, EngineName, Given, Mass, Obstacle, Region, Scene, Scheme, Side, Snapshots, Stand,
-    Support, SupportKind, ViName,
+    ContactSolver, Diagonal, ElementKind, EngineName, FieldInput, Mass, Obstacle, Region, Scene, SchemeSpec,
+    Side, Snapshots, Support, SupportKind, SupportLocation,
 };
 
 const MINIMAL: &str = r#"
@@ -85,7 +85,7 @@ probes = [{ name = "corner", at = [1.2, 0] }, { name = "côté # libre", at = [0
 "#;
 
 fn support(edge: &str, kind: SupportKind) -> Support {
-    Support { stand: Stand::Edge { edge: edge.into(), part: None }, kind, motion: None }
+    Support { stand: SupportLocation::Edge { edge: edge.into(), part: None }, kind, motion: None }
 }
 
 fn read(text: &str, overrides: &[&str]) -> rebond::Result<Scene> {
@@ -138,9 +138,9 @@ fn defaults_are_filled_in() {
     assert_eq!(scene.mesh.refine, 0);
     assert!(scene.supports.is_empty() && scene.obstacles.is_empty() && scene.load.is_none());
     assert!(scene.initial.static_pressure.is_zero() && scene.initial.velocity.is_zero());
-    assert_eq!(scene.time.scheme, Scheme::Newmark { beta: 0.5, restitution: 0.0 });
+    assert_eq!(scene.time.scheme, SchemeSpec::Newmark { beta: 0.5, restitution: 0.0 });
     assert_eq!(scene.time.steps(), 1000);
-    assert_eq!((scene.solver.engine, scene.solver.vi), (EngineName::Native, ViName::Condensed));
+    assert_eq!((scene.solver.engine, scene.solver.vi), (EngineName::Native, ContactSolver::Condensed));
     assert_eq!((scene.solver.tolerance, scene.solver.energy_guard), (1e-10, 100.0));
     assert_eq!((scene.output.every, scene.output.fields), (1, None));
     assert!(scene.output.probes.is_empty());
@@ -164,7 +164,7 @@ fn every_key_is_read() {
     assert_eq!(scene.mesh.element, ElementKind::Hct);
     assert_eq!((scene.mesh.cells, scene.mesh.refine), ([10, 4], 2));
     assert_eq!(scene.supports[1], support("top", SupportKind::SimplySupported));
-    let height = Given::constant("obstacle.0.height", -0.1);
+    let height = FieldInput::constant("obstacle.0.height", -0.1);
     assert_eq!(scene.obstacles[0], Obstacle { side: Side::Below, height, region: Region::All });
     assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);
@@ -264,7 +264,7 @@ fn a_choice_by_override_drops_the_parameters_of_the_files() {
     let own = ["time.scheme=newmark", "time.beta=0.25", "mesh.element=hct", "mesh.diagonal=left"];
     let file = read(MINIMAL, &own).unwrap().resolved();
     let scene = read(&file, &["time.scheme=exact", "time.mass=singular", "mesh.element=fvs"]).unwrap();
-    assert_eq!((scene.time.scheme, scene.mesh.diagonal), (Scheme::Exact, None));
+    assert_eq!((scene.time.scheme, scene.mesh.diagonal), (SchemeSpec::Exact, None));
     let both = ["time.scheme=exact", "time.mass=singular", "time.beta=0.3"];
     assert!(message(&file, &both).contains("time.beta: contradicts"), "{}", message(&file, &both));
 }
@@ -428,7 +428,7 @@ fn the_scenes_of_the_paper_are_valid() {
         assert!(scene.title.contains(&format!("figure {number}")), "{}", scene.title);
         let element = if number % 2 == 1 { ElementKind::Hct } else { ElementKind::Fvs };
         assert_eq!(scene.mesh.element, element);
-        assert_eq!(matches!(scene.time.scheme, Scheme::Midpoint { .. }), number > 4);
+        assert_eq!(matches!(scene.time.scheme, SchemeSpec::Midpoint { .. }), number > 4);
         assert_eq!(scene.time.steps(), 100_000);
         assert_eq!(scene.effects(), ["contact below", "initial static deflection"]);
     }

@@ -11,7 +11,9 @@
 use crate::common::block;
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
-use rebond::scheme::{Damping, Drive, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use rebond::scheme::{
+    Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System, TimeDependence,
+};
 
 const MASS: f64 = 2.5;
 const STEPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
@@ -28,7 +30,7 @@ fn ball(gravity: f64) -> System<Native> {
         damping: Damping::default(),
         load: Some(vec![-MASS * gravity]),
         bounds,
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
     }
 }
 

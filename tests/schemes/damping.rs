@@ -1,13 +1,13 @@
 //! Rayleigh damping: closed forms of one mode, decay of a plate's modes, and impacts with damping by the exact scheme.
 
 use crate::common::block;
-use rebond::linalg::{Average, Engine, Factor, Native};
+use rebond::linalg::{Engine, Factor, Native, SingularMassCell};
 use rebond::modes::{self, Mode};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
 use rebond::scheme::{
-    Conserving, Damping, Drive, Exact, Massless, Midpoint, ModalDamping, Newmark, NewmarkParameters,
-    Potential, Scheme, Start, System,
+    Conserving, Damping, Exact, Massless, Midpoint, ModalDamping, Newmark, NewmarkParameters, Potential,
+    Scheme, Start, System, TimeDependence,
 };
 use rebond::simulation::Model;
 use std::f64::consts::TAU;
@@ -23,14 +23,14 @@ fn by_mass(mass: f64) -> Damping {
 /// A ball on a spring of stiffness k, under gravity.
 fn oscillator(k: f64, alpha: f64) -> System<Native> {
     let engine = Native::new(1);
-    let average = Average { dofs: [Some(0)].into(), row: [MASS].into(), mass: MASS, class: 0 };
+    let average = SingularMassCell { dofs: [Some(0)].into(), row: [MASS].into(), mass: MASS, class: 0 };
     System {
         stiffness: engine.form(vec![block(&[Some(0)], &[k], 0)]),
         mass: engine.averages(vec![average]),
         damping: by_mass(alpha),
         load: Some(vec![-MASS * GRAVITY]),
         bounds: Bounds::default(),
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
         engine,
     }
 }
@@ -110,14 +110,14 @@ fn the_exact_scheme_has_the_closed_forms_of_one_mode() {
 /// A ball on a massless tip with a spring between, above a floor: dofs (tip, ball).
 fn bouncer(alpha: f64) -> System<Native> {
     let engine = Native::new(2);
-    let average = Average { dofs: [Some(1)].into(), row: [MASS].into(), mass: MASS, class: 0 };
+    let average = SingularMassCell { dofs: [Some(1)].into(), row: [MASS].into(), mass: MASS, class: 0 };
     System {
         stiffness: engine.form(vec![block(&[Some(0), Some(1)], &[K, -K, -K, K], 0)]),
         mass: engine.averages(vec![average]),
         damping: by_mass(alpha),
         load: Some(vec![0.0, -MASS * GRAVITY]),
         bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY),
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
         engine,
     }
 }

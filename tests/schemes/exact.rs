@@ -2,10 +2,12 @@
 
 use crate::common::{Random, block, lift};
 use rebond::Error;
-use rebond::linalg::{Average, Native};
+use rebond::linalg::{Native, SingularMassCell};
 use rebond::obstacle::Bounds;
-use rebond::scene::{self, Given, Mass, Scene};
-use rebond::scheme::{Damping, Drive, Event, Exact, ExactOptions, Scheme, Start, System, Tally};
+use rebond::scene::{self, FieldInput, Mass, Scene};
+use rebond::scheme::{
+    Damping, Event, EventStatistics, Exact, ExactOptions, Scheme, Start, System, TimeDependence,
+};
 use rebond::simulation::Model;
 use std::f64::consts::PI;
 
@@ -120,7 +122,7 @@ fn finer_quadrilaterals() {
 }
 
 /// Runs a plate of quadrilaterals to its end; returns its tally and the largest relative change of energy.
-fn run_fine(cells: [usize; 2], end: f64) -> (Tally, f64) {
+fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
     let step = 1e-4;
     let model = Model::new(&plate("fvs", cells, "exact", step, end)).unwrap();
     let mut scheme = Exact::new(&model.system, step, model.start.clone()).unwrap();
@@ -168,7 +170,7 @@ fn the_schemes_of_the_paper_converge_to_it() {
         let errors = steps.map(|step| {
             let mut scene = plate("fvs", [10, 4], name, step, end);
             scene.time.mass = mass;
-            if let scene::Scheme::Midpoint { massless } = &mut scene.time.scheme {
+            if let scene::SchemeSpec::Midpoint { massless } = &mut scene.time.scheme {
                 *massless = mass.massless();
             }
             let model = Model::new(&scene).unwrap();
@@ -234,8 +236,12 @@ fn balls_on_springs(k: f64, count: usize, gravity: f64, lower: f64, upper: f64) 
     let engine = Native::new(2 * count);
     let dofs = |k: usize| [Some(2 * k), Some(2 * k + 1)];
     let stiffness = (0..count).map(|ball| block(&dofs(ball), &[k, -k, -k, k], 0)).collect();
-    let average =
-        |k: usize| Average { dofs: [Some(2 * k + 1)].into(), row: [MASS].into(), mass: MASS, class: 0 };
+    let average = |k: usize| SingularMassCell {
+        dofs: [Some(2 * k + 1)].into(),
+        row: [MASS].into(),
+        mass: MASS,
+        class: 0,
+    };
     let mass = engine.averages((0..count).map(average).collect());
     let load = (0..count).flat_map(|_| [0.0, -MASS * gravity]).collect();
     let bounds = Bounds::uniform((0..count).map(|k| 2 * k).collect(), lower, upper);
@@ -245,7 +251,7 @@ fn balls_on_springs(k: f64, count: usize, gravity: f64, lower: f64, upper: f64) 
         damping: Damping::default(),
         load: Some(load),
         bounds,
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
         engine,
     }
 }
@@ -508,7 +514,8 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
     let engine = Native::new(cells);
     let dofs = |cell: usize| [cell, cell + 1].map(|d| (d < cells).then_some(d));
     let stiffness = engine.form((0..cells).map(|c| block(&dofs(c), &[4.0, -4.0, -4.0, 4.0], 0)).collect());
-    let average = |c| Average { dofs: dofs(c).into(), row: [0.125, 0.125].into(), mass: 0.25, class: 0 };
+    let average =
+        |c| SingularMassCell { dofs: dofs(c).into(), row: [0.125, 0.125].into(), mass: 0.25, class: 0 };
     let mass = engine.averages((0..cells).map(average).collect());
     let bounds = Bounds::uniform(vec![0], 0.0, f64::INFINITY);
     let at_rest = Start { displacement: vec![0.5; cells], velocity: vec![0.0; cells] };
@@ -519,7 +526,7 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
         damping: Damping::default(),
         load: None,
         bounds,
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
     };
     let error = Exact::new(&system, 1.0, at_rest).map(drop).unwrap_err();
     assert!(error.to_string().contains("inf-sup") && error.to_string().contains("newmark"), "{error}");
@@ -528,7 +535,7 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
 #[test]
 fn a_mesh_too_large_for_dense_matrices_is_refused_at_once() {
     let mut scene = plate("fvs", [160, 64], "conserving", 1e-3, 0.1);
-    scene.initial.static_pressure = Given::constant("initial.static_pressure", 0.0);
+    scene.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
     let model = Model::new(&scene).unwrap();
     let error = Exact::new(&model.system, 1e-3, model.start.clone()).map(drop).unwrap_err();
     assert!(error.to_string().contains("10240 cells") && error.to_string().contains("conserving"), "{error}");

@@ -1,11 +1,12 @@
 //! Loads that change with time: closed forms, and an energy balance that is kept to rounding.
 
 use crate::common::{block, largest};
-use rebond::linalg::{Average, Engine, Native};
+use rebond::linalg::{Engine, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
 use rebond::scheme::{
-    Conserving, Damping, Drive, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    Conserving, Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    TimeDependence,
 };
 use rebond::simulation::Model;
 
@@ -19,13 +20,17 @@ const SPEED: f64 = -0.3;
 fn oscillator(damping: Damping, frequency: f64) -> System<Native> {
     let engine = Native::new(1);
     let stiffness = engine.form(vec![block(&[Some(0)], &[STIFFNESS], 0)]);
-    let mass =
-        engine.averages(vec![Average { dofs: [Some(0)].into(), row: [MASS].into(), mass: MASS, class: 0 }]);
+    let mass = engine.averages(vec![SingularMassCell {
+        dofs: [Some(0)].into(),
+        row: [MASS].into(),
+        mass: MASS,
+        class: 0,
+    }]);
     let load = move |time: f64, load: &mut [f64]| {
         load[0] += FORCE * (frequency * time).sin();
         Ok(())
     };
-    let drive = Drive { load: Some(Box::new(load)), ..Drive::default() };
+    let drive = TimeDependence { load: Some(Box::new(load)), ..TimeDependence::default() };
     System { engine, stiffness, mass, damping, load: None, bounds: Bounds::default(), drive }
 }
 

@@ -4,7 +4,7 @@ use crate::common::{block, difference};
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
-use rebond::scheme::{Damping, Drive, Newmark, NewmarkParameters, Scheme, Start, System};
+use rebond::scheme::{Damping, Newmark, NewmarkParameters, Scheme, Start, System, TimeDependence};
 use rebond::simulation::Model;
 
 const MASS: f64 = 2.5;
@@ -20,7 +20,7 @@ fn ball(height: impl Fn(f64) -> f64 + 'static) -> System<Native> {
         bounds.lower[0] = height(time);
         Ok(())
     };
-    let drive = Drive { bounds: Some(Box::new(floor)), ..Drive::default() };
+    let drive = TimeDependence { bounds: Some(Box::new(floor)), ..TimeDependence::default() };
     System {
         engine,
         stiffness,

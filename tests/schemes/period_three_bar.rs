@@ -11,10 +11,11 @@
 //! energy of order h, which contact takes away. So on a fixed mesh neither error tends to zero with the step alone.
 
 use crate::common::block;
-use rebond::linalg::{Average, Native};
+use rebond::linalg::{Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
-    Conserving, Damping, Drive, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    Conserving, Damping, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    TimeDependence,
 };
 
 /// The tip's exact position.
@@ -42,7 +43,7 @@ fn bar(cells: usize) -> System<Native> {
     let row: std::rc::Rc<[f64]> = [h / 6.0, 4.0 * h / 6.0, h / 6.0].into();
     let mass = engine.averages(
         (0..cells)
-            .map(|cell| Average { dofs: dofs(cell).into(), row: row.clone(), mass: h, class: 0 })
+            .map(|cell| SingularMassCell { dofs: dofs(cell).into(), row: row.clone(), mass: h, class: 0 })
             .collect(),
     );
     System {
@@ -52,7 +53,7 @@ fn bar(cells: usize) -> System<Native> {
         damping: Damping::default(),
         load: None,
         bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY),
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
     }
 }
 

@@ -7,7 +7,7 @@
 
 use crate::common::{Random, block, difference, largest, multiply, random_spd, solve_dense, submatrix};
 use rebond::Error;
-use rebond::linalg::{Average, Engine, Factor, Form, Native};
+use rebond::linalg::{Engine, Factor, Form, Native, SingularMassCell};
 
 /// Condition numbers stay below 1e4, so 1e-11 leaves three digits to rounding and none to a wrong entry.
 const TOLERANCE: f64 = 1e-11;
@@ -155,7 +155,7 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
             }
         }
         let dofs = dofs.into_iter().map(Some).chain([None]).collect();
-        rows.push(Average { dofs, row: row.into(), mass, class });
+        rows.push(SingularMassCell { dofs, row: row.into(), mass, class });
     }
     let mass = engine.averages(rows);
     let sum = [(0.3, &stiffness), (7.0, &mass)];
@@ -181,7 +181,7 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
     engine.momentum(&mass, &v, &mut momentum).unwrap();
     let form = engine.multiply(&mass, &x, &mut product).unwrap();
     assert!(difference(&momentum, &product) <= 1e-14 * largest(&product));
-    assert!((engine.vis_viva(&mass, &v).unwrap() - form).abs() <= 1e-14 * form);
+    assert!((engine.mass_norm_squared(&mass, &v).unwrap() - form).abs() <= 1e-14 * form);
 }
 
 #[test]

@@ -10,7 +10,7 @@
 use crate::common::block;
 use rebond::linalg::{Engine, Native};
 use rebond::obstacle::Bounds;
-use rebond::vi::{Condensed, Step};
+use rebond::vi::{CheckedSolver, Condensed};
 
 const RADIUS: f64 = 0.697965148223374;
 const A: f64 = 0.680259411891719;
@@ -81,8 +81,9 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
         for (k, lower) in bounds.lower.iter_mut().enumerate() {
             *lower = obstacle(radius(1 + k % interior, 1 + k / interior));
         }
-        let mut step: Step<Native> =
-            Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
+        let mut step: CheckedSolver<Native> =
+            CheckedSolver::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum)
+                .unwrap();
         let (mut u, mut reaction) = (vec![0.0; size], vec![0.0; size]);
         let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut u, &mut reaction).unwrap();
         assert!(verdict.kkt <= 1e-12, "{points}: {:e}", verdict.kkt);

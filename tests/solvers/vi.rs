@@ -13,8 +13,8 @@ use crate::common::{
 use faer::Mat;
 use rebond::linalg::{Form, Native};
 use rebond::obstacle::Bounds;
-use rebond::vi::kkt::{Judge, Residual};
-use rebond::vi::{Condensed, Side, Solver, Step};
+use rebond::vi::kkt::{KktCheck, Residual};
+use rebond::vi::{BoundStatus, CheckedSolver, Condensed, Solver};
 
 const INF: f64 = f64::INFINITY;
 
@@ -44,7 +44,7 @@ impl Problem {
         let form = dense_form(&engine, self.size(), &self.matrix);
         let length = self.length(x);
         let sum = [(1.0, &form)];
-        let mut judge = Judge::new(&engine, &sum).unwrap();
+        let mut judge = KktCheck::new(&engine, &sum).unwrap();
         let parts = judge.parts(&engine, &sum, &[&self.b], &self.bounds, length, x, reaction).unwrap();
         let worst = judge.residual(&engine, &sum, &[&self.b], &self.bounds, length, x, reaction).unwrap();
         assert_eq!(worst.to_bits(), parts.worst().to_bits());
@@ -471,8 +471,9 @@ fn infinities_and_nans_come_to_an_end() {
     for b in
         [[f64::NEG_INFINITY, f64::NAN, 0.0], [f64::NAN; 3], [f64::INFINITY, -f64::NAN, f64::NEG_INFINITY]]
     {
-        let mut step: Step<Native> =
-            Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
+        let mut step: CheckedSolver<Native> =
+            CheckedSolver::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum)
+                .unwrap();
         let (mut x, mut reaction) = ([0.0; 3], [0.0; 3]);
         let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction);
         assert!(verdict.is_err() || verdict.is_ok_and(|verdict| verdict.kkt.is_nan()), "{b:?}");
@@ -506,8 +507,9 @@ fn candidates_grow_as_contact_spreads_and_then_stay() {
     let sum = [(1.0, &form)];
     let dofs: Vec<usize> = (0..side * side).filter(|dof| dof % 2 == 0).collect();
     let bounds = Bounds::uniform(dofs, -1.0, 1.5);
-    let mut step: Step<Native> =
-        Step::new(Box::new(Condensed::new(&engine, &sum, bounds.len()).unwrap()), &engine, &sum).unwrap();
+    let mut step: CheckedSolver<Native> =
+        CheckedSolver::new(Box::new(Condensed::new(&engine, &sum, bounds.len()).unwrap()), &engine, &sum)
+            .unwrap();
     let mut random = Random::new(7);
     let mut factorisations = vec![];
     let (mut x, mut reaction) = (vec![0.0; side * side], vec![0.0; bounds.len()]);
@@ -551,10 +553,10 @@ fn wide_contact_pins_dofs_and_agrees_with_the_dense_problem() {
     for i in (5..size).step_by(97) {
         (bounds.lower[i], bounds.upper[i]) = (0.25, 0.25);
     }
-    let mut step: Step<Native> =
-        Step::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
+    let mut step: CheckedSolver<Native> =
+        CheckedSolver::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum).unwrap();
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; size]);
-    let mut sides = vec![Side::Free; size];
+    let mut sides = vec![BoundStatus::Free; size];
     for load in [0.2, 0.21, 0.05, 0.02, 0.2] {
         let b: Vec<f64> = (0..size)
             .map(|dof| if dof % side < side / 2 { -load } else { load } * (1.0 + 0.5 * random.signed()))

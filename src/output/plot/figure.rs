@@ -1,7 +1,7 @@
 //! Figures: panels of curves in rows and columns, with titles, keys, axes and remarks.
 
 use super::axis::{Axis, Fitted, is_near};
-use super::paper::{Anchor, At, Color, Paper, Pen, Type, png};
+use super::paper::{Anchor, At, Canvas, Color, Pen, Type, png};
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
 use std::fs;
@@ -197,7 +197,7 @@ pub(super) struct Frame {
 }
 
 /// Drawing function of a panel without axes.
-type Drawing = Box<dyn Fn(&mut Paper, Frame)>;
+type Drawing = Box<dyn Fn(&mut Canvas, Frame)>;
 
 /// Panel of a figure.
 pub struct Panel {
@@ -235,7 +235,7 @@ impl Panel {
     }
 
     /// Creates a panel without axes.
-    pub(super) fn drawing(draw: impl Fn(&mut Paper, Frame) + 'static) -> Panel {
+    pub(super) fn drawing(draw: impl Fn(&mut Canvas, Frame) + 'static) -> Panel {
         let nothing = || Axis::linear("", "");
         Panel { axes: None, drawing: Some(Box::new(draw)), ..Panel::new(nothing(), nothing()) }
     }
@@ -370,7 +370,7 @@ impl Key<'_> {
         self.sample() + 3.0 + KEY.width(self.name()) + 8.0
     }
 
-    fn draw(&self, paper: &mut Paper, [x, y]: At) {
+    fn draw(&self, paper: &mut Canvas, [x, y]: At) {
         let end = x + self.sample();
         match self {
             Key::Curve(curve) => {
@@ -473,7 +473,7 @@ impl Figure {
 
     /// Returns the figure as SVG.
     pub fn svg(&self) -> String {
-        let mut paper = Paper::new();
+        let mut paper = Canvas::new();
         let inside = self.width - 2.0 * MARGIN;
         let mut y = MARGIN;
         for line in wrapped(&self.title, TITLE, inside) {
@@ -570,7 +570,7 @@ impl<'p> Head<'p> {
         heading + keys + 2.0
     }
 
-    fn draw(&self, paper: &mut Paper, frame: Frame) {
+    fn draw(&self, paper: &mut Canvas, frame: Frame) {
         let mut y = frame.top - self.height();
         for line in &self.heading {
             paper.text(line, [frame.left, y + 0.5 * LABEL.line()], LABEL, Anchor::Start);
@@ -593,7 +593,7 @@ impl Panel {
         wrapped(&axis.label, LABEL, self.height + 6.0)
     }
 
-    fn draw(&self, paper: &mut Paper, frame: Frame, axes: &[Fitted; 2], start: f64) {
+    fn draw(&self, paper: &mut Canvas, frame: Frame, axes: &[Fitted; 2], start: f64) {
         let Frame { left, top, right, bottom } = frame;
         let [x_axis, y_axis] = axes;
         let at_x = |value: f64| x_axis.share(value).map(|share| left + share * (right - left));
@@ -686,7 +686,7 @@ impl Panel {
 
     fn draw_frame(
         &self,
-        paper: &mut Paper,
+        paper: &mut Canvas,
         Frame { left, top, right, bottom }: Frame,
         [x_axis, y_axis]: &[Fitted; 2],
         start: f64,
@@ -737,7 +737,7 @@ impl Panel {
 }
 
 /// Draws a solid body, shaded, with its edge hatched `depth` points deep (upwards if negative).
-fn draw_solid(paper: &mut Paper, [left, y]: At, [right, end]: At, depth: f64) {
+fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, depth: f64) {
     paper.line([left, y], [right, y], SOLID_EDGE);
     paper.rectangle([left, y.min(end)], [right, y.max(end)], Color::SHADE);
     paper.line([left, y], [right, y], SOLID_EDGE);
@@ -750,7 +750,7 @@ fn draw_solid(paper: &mut Paper, [left, y]: At, [right, end]: At, depth: f64) {
     }
 }
 
-fn draw_line(paper: &mut Paper, line: &[At], pen: Pen, width: f64) {
+fn draw_line(paper: &mut Canvas, line: &[At], pen: Pen, width: f64) {
     if let [at] = *line {
         return paper.circle(at, pen.width, pen.color, None);
     }
@@ -760,7 +760,7 @@ fn draw_line(paper: &mut Paper, line: &[At], pen: Pen, width: f64) {
     paper.polyline(line, Pen { dashes, ..pen });
 }
 
-fn draw_marker(paper: &mut Paper, [x, y]: At, marker: Marker, curve: &Curve) {
+fn draw_marker(paper: &mut Canvas, [x, y]: At, marker: Marker, curve: &Curve) {
     let pen = Pen::solid(curve.pen.color, 0.8);
     let fill = if curve.is_open { Color::WHITE } else { curve.pen.color };
     let r = MARKER * curve.size;

@@ -130,14 +130,14 @@ impl Type {
 }
 
 /// Canvas.
-pub struct Paper {
+pub struct Canvas {
     svg: String,
     clips: usize,
 }
 
-impl Paper {
-    pub(super) fn new() -> Paper {
-        Paper { svg: String::new(), clips: 0 }
+impl Canvas {
+    pub(super) fn new() -> Canvas {
+        Canvas { svg: String::new(), clips: 0 }
     }
 
     fn put(&mut self, element: std::fmt::Arguments) {
@@ -208,7 +208,7 @@ impl Paper {
     }
 
     /// Draws with a rectangle as clip path.
-    pub(super) fn clipped(&mut self, [left, top]: At, [right, bottom]: At, draw: impl FnOnce(&mut Paper)) {
+    pub(super) fn clipped(&mut self, [left, top]: At, [right, bottom]: At, draw: impl FnOnce(&mut Canvas)) {
         self.clips += 1;
         let id = self.clips;
         let [x, y, width, height] = [left, top, right - left, bottom - top].map(number);
@@ -233,7 +233,7 @@ impl Paper {
     }
 }
 
-/// Renders an SVG of [`Paper`] as PNG with 400 dots per inch; `path` appears in errors.
+/// Renders an SVG of [`Canvas`] as PNG with 400 dots per inch; `path` appears in errors.
 pub(super) fn png(svg: &str, path: &Path) -> Result<Vec<u8>> {
     let failed = |why: &dyn std::fmt::Display| Error::io(path)(io::Error::other(why.to_string()));
     let options =

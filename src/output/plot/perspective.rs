@@ -2,7 +2,7 @@
 
 use super::axis::is_near;
 use super::figure::Frame;
-use super::paper::{Anchor, Color, Paper, Pen, Type, blend};
+use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp, short};
 use crate::output::vtu::Surface;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -78,7 +78,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
         Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(end), color: depth });
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let height = (108.0 * window.height() / window.width()).clamp(20.0, 120.0) + BAND;
-        let draw = move |paper: &mut Paper, frame: Frame| {
+        let draw = move |paper: &mut Canvas, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
             let at = |point: Space| window.at(below, view.see(point));
             for face in &floor.faces {
@@ -107,7 +107,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
 }
 
 /// Draws an obstacle at single points as a peg that stands below the plate or hangs above it.
-fn draw_stop(paper: &mut Paper, [x, y]: [f64; 2], down: f64) {
+fn draw_stop(paper: &mut Canvas, [x, y]: [f64; 2], down: f64) {
     let base = y + down * PEG;
     paper.polygon(&[[x, y], [x + 0.4 * PEG, base], [x - 0.4 * PEG, base]], Color::SHADE, Some(OUTLINE));
 }

@@ -16,38 +16,38 @@ const MISSED: f64 = 1e-10;
 
 /// Basis of the attainable velocities; see the [module page](self).
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(super) struct VelocityBasis {
     /// Diagonal of C^1/2, N entries.
     root_mass: Vec<f64>,
     /// Basis Q, N x r; `None` for the identity.
     span: Option<Mat<f64>>,
 }
 
-impl Frame {
+impl VelocityBasis {
     /// Builds the basis of all velocities.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] for a consistent mass.
-    pub fn new<E: Engine>(system: &System<E>) -> Result<Frame> {
+    pub fn new<E: Engine>(system: &System<E>) -> Result<VelocityBasis> {
         let System { engine, mass, .. } = system;
         let mut unit = vec![0.0; engine.velocities(mass)];
         // The entries of C are the kinetic energies of unit velocities.
         let mut entries = Vec::with_capacity(unit.len());
         for k in 0..unit.len() {
             unit[k] = 1.0;
-            entries.push(engine.vis_viva(mass, &unit)?);
+            entries.push(engine.mass_norm_squared(mass, &unit)?);
             unit[k] = 0.0;
         }
         // Coupled velocities are those of a consistent mass.
         let ones = vec![1.0; entries.len()];
-        let (whole, sum) = (engine.vis_viva(mass, &ones)?, entries.iter().sum::<f64>());
+        let (whole, sum) = (engine.mass_norm_squared(mass, &ones)?, entries.iter().sum::<f64>());
         if (whole - sum).abs() > 1e-9 * sum {
             return Err(Error::Singular(
                 "time.scheme = \"exact\" needs time.mass = \"singular\"; with the consistent mass set time.scheme = \"newmark\""
                     .into(),
             ));
         }
-        Ok(Frame { root_mass: entries.into_iter().map(f64::sqrt).collect(), span: None })
+        Ok(VelocityBasis { root_mass: entries.into_iter().map(f64::sqrt).collect(), span: None })
     }
 
     /// Removes the velocities that B cannot attain, given the matrix `$\tilde B A^{-1} \tilde B^T$`

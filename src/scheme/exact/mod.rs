@@ -68,20 +68,20 @@ mod reduction;
 mod search;
 mod switch;
 
-use super::{Approach, Event, Scheme, Start, System, Tally};
-use crate::archive::{Archive, Over};
+use super::{Approach, Event, EventStatistics, Scheme, Start, System};
+use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::memory;
 use crate::obstacle::Bounds;
-use crate::vi::kkt::Judge;
-use crate::vi::{self, Side, Verdict};
+use crate::vi::kkt::KktCheck;
+use crate::vi::{self, BoundStatus, StepReport};
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side as Triangle};
 use modes::{Cache, Modes};
-use motion::Motion;
-use reduction::{Reduction, Saddle};
+use motion::ModalSolution;
+use reduction::{ReducedModel, SaddlePointSolver};
 use search::Search;
 use std::cell::OnceCell;
 
@@ -131,10 +131,10 @@ impl Default for ExactOptions {
 pub struct Exact<'s, E: Engine> {
     system: &'s System<E>,
     options: ExactOptions,
-    saddle: Saddle<'s, E>,
-    reduction: Reduction,
+    saddle: SaddlePointSolver<'s, E>,
+    reduction: ReducedModel,
     cache: Cache,
-    motion: Motion,
+    motion: ModalSolution,
     search: Search,
     dt: f64,
     n: u64,
@@ -150,9 +150,9 @@ pub struct Exact<'s, E: Engine> {
     shape: OnceCell<Shape>,
     events: Vec<Event>,
     touches: Vec<Approach>,
-    judge: Judge,
-    verdict: Verdict,
-    tally: Tally,
+    judge: KktCheck,
+    verdict: StepReport,
+    tally: EventStatistics,
 }
 
 /// State in the dofs of the structure.
@@ -211,15 +211,15 @@ impl<'s, E: Engine> Exact<'s, E> {
         memory::require(needed as u64, &format!("time.scheme = \"exact\" with {cells} cells"), |_| {
             "coarsen the mesh or set time.scheme = \"conserving\"".into()
         })?;
-        let saddle = Saddle::new(system)?;
-        let reduction = Reduction::new(&saddle)?;
+        let saddle = SaddlePointSolver::new(system)?;
+        let reduction = ReducedModel::new(&saddle)?;
         let of = [&start.displacement, &start.velocity];
         let state = reduction.frame.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
         let sides = first_sides(system, &reduction, &state, options.roundings);
         let mut cache = Cache::new(options.memory);
         let modes = cache.get(system, &reduction, &sides)?;
         let modal = modes.vectors.transpose() * &state;
-        let motion = Motion::new(modes, 0.0, &modal);
+        let motion = ModalSolution::new(modes, 0.0, &modal);
         check_rigid(system, &reduction, &motion.modes, &modal, &start.displacement)?;
         let search = Search::new(&motion, options.stride, options.roundings, 0);
         let before = |&dof: &usize| Approach {
@@ -243,9 +243,9 @@ impl<'s, E: Engine> Exact<'s, E> {
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
-            judge: Judge::new(engine, &[(1.0, stiffness)])?,
-            verdict: Verdict::default(),
-            tally: Tally::default(),
+            judge: KktCheck::new(engine, &[(1.0, stiffness)])?,
+            verdict: StepReport::default(),
+            tally: EventStatistics::default(),
             saddle,
             reduction,
             state,
@@ -265,7 +265,8 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// that the duration is a grid step.
     fn add_impulses(&mut self, seconds: f64, step: bool) {
         let modes = self.motion.modes.clone();
-        let touching: Vec<usize> = (0..modes.sides.len()).filter(|&i| modes.sides[i] != Side::Free).collect();
+        let touching: Vec<usize> =
+            (0..modes.sides.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
         if touching.is_empty() || seconds == 0.0 {
             return;
         }
@@ -285,9 +286,9 @@ impl<'s, E: Engine> Exact<'s, E> {
         for (i, side) in self.motion.modes.sides.iter().enumerate() {
             let y = self.watched[(i, 0)];
             (self.admissible[i], self.reaction[i]) = match side {
-                Side::Free => (y, 0.0),
-                Side::Lower => (bounds.lower[i], y),
-                Side::Upper => (bounds.upper[i], y),
+                BoundStatus::Free => (y, 0.0),
+                BoundStatus::Lower => (bounds.lower[i], y),
+                BoundStatus::Upper => (bounds.upper[i], y),
             };
         }
     }
@@ -295,7 +296,7 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// Returns U and v of the state, computed on first use.
     fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| {
-            let Reduction { lift, push, rest, frame, .. } = &self.reduction;
+            let ReducedModel { lift, push, rest, frame, .. } = &self.reduction;
             let modes = &self.motion.modes;
             let z = &modes.vectors * &self.state;
             let forces = Mat::from_fn(self.reaction.len(), 1, |i, _| self.reaction[i]);
@@ -304,7 +305,7 @@ impl<'s, E: Engine> Exact<'s, E> {
                 u += push * forces;
             }
             for (i, (&dof, side)) in self.system.bounds.dofs.iter().zip(&modes.sides).enumerate() {
-                if *side != Side::Free {
+                if *side != BoundStatus::Free {
                     u[(dof, 0)] = self.admissible[i];
                 }
             }
@@ -364,7 +365,7 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// for their residual, with the active bounds held.
     fn corrected(&self) -> Result<(Shape, Vec<f64>)> {
         let System { bounds, .. } = self.system;
-        let Reduction { lift_at, push, compliance, frame, .. } = &self.reduction;
+        let ReducedModel { lift_at, push, compliance, frame, .. } = &self.reduction;
         let modes = &self.motion.modes;
         let Shape { displacement, velocity, acceleration } = self.shape();
         let column = |of: &[f64]| Mat::from_fn(of.len(), 1, |i, _| of[i]);
@@ -376,7 +377,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let position = position - frame.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
         // The compliance of the active bounds is as definite as when the modes were found.
-        let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != Side::Free).collect();
+        let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
         let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
         let llt = block.llt(Triangle::Lower).map_err(|_| {
             Error::Singular(format!(
@@ -411,8 +412,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         if undecided.iter().all(|(i, _)| *i != bound) {
             let middle = 0.5 * (before.limits[bound][0] + before.limits[bound][1]);
             let side = match before.sides[bound] {
-                Side::Free if self.watched[(bound, 0)] > middle => Side::Upper,
-                Side::Free => Side::Lower,
+                BoundStatus::Free if self.watched[(bound, 0)] > middle => BoundStatus::Upper,
+                BoundStatus::Free => BoundStatus::Lower,
                 side => side,
             };
             undecided.push((bound, side));
@@ -434,14 +435,14 @@ impl<'s, E: Engine> Exact<'s, E> {
         let time = self.motion.start + at;
         self.tally.evaluations += self.search.evaluations;
         let ExactOptions { stride, roundings, .. } = self.options;
-        self.motion = Motion::new(modes, time, &modal);
+        self.motion = ModalSolution::new(modes, time, &modal);
         self.search = Search::new(&self.motion, stride, roundings, self.search.level);
         self.look(0.0);
         for (i, (&was, &is)) in before.sides.iter().zip(&sides).enumerate() {
             if was == is {
                 continue;
             }
-            let closes = is != Side::Free;
+            let closes = is != BoundStatus::Free;
             let velocity = if closes { arriving[(i, 1)] } else { self.watched[(i, 1)] };
             self.events.push(Event { time, bound: i, closes, velocity, force });
             self.tally.events += 1;
@@ -467,7 +468,7 @@ const HIDDEN: f64 = 1e-6;
 /// thousand times longer than wide are lost in the rounding error of the fastest.
 fn check_rigid<E: Engine>(
     system: &System<E>,
-    reduction: &Reduction,
+    reduction: &ReducedModel,
     modes: &Modes,
     state: &Mat<f64>,
     start: &[f64],
@@ -495,14 +496,14 @@ fn check_rigid<E: Engine>(
 /// the side to which they move next.
 fn first_sides<E: Engine>(
     system: &System<E>,
-    reduction: &Reduction,
+    reduction: &ReducedModel,
     state: &Mat<f64>,
     roundings: f64,
-) -> Vec<Side> {
+) -> Vec<BoundStatus> {
     let bounds = &system.bounds;
     let position = state.get(.., ..1);
     let free = &reduction.rest_at + &reduction.lift_at * position;
-    let mut sides = vec![Side::Free; bounds.len()];
+    let mut sides = vec![BoundStatus::Free; bounds.len()];
     let mut values = free.col_as_slice(0).to_vec();
     let mut reactions = vec![0.0; bounds.len()];
     let inside = |i: usize, value: f64| (bounds.lower[i]..=bounds.upper[i]).contains(&value);
@@ -531,15 +532,19 @@ fn first_sides<E: Engine>(
     let mut undecided = Vec::new();
     for i in 0..bounds.len() {
         if bounds.holds(i) {
-            sides[i] = Side::Lower;
+            sides[i] = BoundStatus::Lower;
             continue;
         }
         let size: f64 = (0..state.nrows()).map(|k| (reduction.lift_at[(i, k)] * state[(k, 0)]).abs()).sum();
         let size = size + reduction.rest_at[(i, 0)].abs();
         match sides[i] {
-            Side::Free if near(values[i], bounds.lower[i], size) => undecided.push((i, Side::Lower)),
-            Side::Free if near(values[i], bounds.upper[i], size) => undecided.push((i, Side::Upper)),
-            Side::Free => {}
+            BoundStatus::Free if near(values[i], bounds.lower[i], size) => {
+                undecided.push((i, BoundStatus::Lower))
+            }
+            BoundStatus::Free if near(values[i], bounds.upper[i], size) => {
+                undecided.push((i, BoundStatus::Upper))
+            }
+            BoundStatus::Free => {}
             side if near(reactions[i], 0.0, scale[i]) => undecided.push((i, side)),
             _ => {}
         }
@@ -600,9 +605,9 @@ impl<E: Engine> Scheme for Exact<'_, E> {
     }
 
     fn velocity(&mut self) -> Result<Vec<f64>> {
-        let Reduction { lift, push, .. } = &self.reduction;
+        let ReducedModel { lift, push, .. } = &self.reduction;
         let modes = &self.motion.modes;
-        let touching = |i: usize| modes.sides[i] != Side::Free;
+        let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
         let forces =
             Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
         let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + push * forces;
@@ -630,11 +635,11 @@ impl<E: Engine> Scheme for Exact<'_, E> {
     fn energies(&self) -> Result<Energies> {
         let Shape { displacement, velocity, .. } = self.shape();
         let elastic = self.system.force(displacement, &mut vec![0.0; displacement.len()])?;
-        let kinetic = 0.5 * self.system.engine.vis_viva(&self.system.mass, velocity)?;
+        let kinetic = 0.5 * self.system.engine.mass_norm_squared(&self.system.mass, velocity)?;
         Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
     }
 
-    fn verdict(&self) -> Verdict {
+    fn verdict(&self) -> StepReport {
         self.verdict
     }
 
@@ -648,7 +653,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         archive.value(&mut self.tally)?;
         archive.value(&mut self.events)?;
         Approach::archive(&mut self.touches, archive)?;
-        archive.vector(Over::Bounds, &mut self.impulses)?;
+        archive.vector(VectorKind::Bounds, &mut self.impulses)?;
         let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
         archive.value(&mut state)?;
         let mut sides = self.motion.modes.sides.clone();
@@ -656,7 +661,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         if !archive.saves() {
             self.state = Mat::from_fn(self.state.nrows(), 2, |k, j| state[j][k]);
             let modes = self.cache.get(self.system, &self.reduction, &sides)?;
-            self.motion = Motion::new(modes, 0.0, &self.state);
+            self.motion = ModalSolution::new(modes, 0.0, &self.state);
         }
         self.cache.archive(archive)?;
         self.motion.archive(archive)?;
@@ -676,8 +681,8 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         std::mem::take(&mut self.events)
     }
 
-    fn tally(&self) -> Option<Tally> {
-        Some(Tally {
+    fn tally(&self) -> Option<EventStatistics> {
+        Some(EventStatistics {
             active_sets: self.cache.computed,
             cached_bytes: self.cache.peak,
             evaluations: self.tally.evaluations + self.search.evaluations,

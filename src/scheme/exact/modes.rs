@@ -19,12 +19,12 @@
 //! is kept orthogonal to rounding throughout, because the state passes from one set's modes to the
 //! next's as `$V V^T z$`.
 
-use super::reduction::Reduction;
+use super::reduction::ReducedModel;
 use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::scheme::System;
-use crate::vi::Side;
+use crate::vi::BoundStatus;
 use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{
@@ -60,7 +60,7 @@ const LARGEST_ANGLE: f64 = 1e-3;
 #[derive(Debug)]
 pub(super) struct Modes {
     /// Contact status of each bounded dof.
-    pub sides: Vec<Side>,
+    pub sides: Vec<BoundStatus>,
     /// Angular frequencies, in rad/s, ascending; rigid motions come first with 0.
     pub frequencies: Vec<f64>,
     /// Number of rigid motions.
@@ -85,17 +85,21 @@ impl Modes {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the eigenvalue solver does not converge.
-    pub fn new<E: Engine>(system: &System<E>, reduction: &Reduction, sides: &[Side]) -> Result<Modes> {
-        let Reduction { stiffness, force, rest_at, lift, push, lift_at, compliance, .. } = reduction;
+    pub fn new<E: Engine>(
+        system: &System<E>,
+        reduction: &ReducedModel,
+        sides: &[BoundStatus],
+    ) -> Result<Modes> {
+        let ReducedModel { stiffness, force, rest_at, lift, push, lift_at, compliance, .. } = reduction;
         let bounds = &system.bounds;
         let (cells, bounded) = (stiffness.nrows(), sides.len());
-        let active: Vec<usize> = (0..bounded).filter(|&i| sides[i] != Side::Free).collect();
+        let active: Vec<usize> = (0..bounded).filter(|&i| sides[i] != BoundStatus::Free).collect();
         let failed =
             |what: &str| Error::Singular(format!("the modes of {} nodes in contact: {what}", active.len()));
         // Solve at once for all columns S_AA^-1 R_A and S_AA^-1 (g - G_A U_F).
         let mut held = Mat::from_fn(active.len(), cells + 1, |k, j| match active[k] {
             i if j < cells => lift_at[(i, j)],
-            i if sides[i] == Side::Lower => bounds.lower[i] - rest_at[(i, 0)],
+            i if sides[i] == BoundStatus::Lower => bounds.lower[i] - rest_at[(i, 0)],
             i => bounds.upper[i] - rest_at[(i, 0)],
         });
         if !active.is_empty() {
@@ -127,9 +131,9 @@ impl Modes {
         }
         let limit = |i: usize| match sides[i] {
             _ if bounds.holds(i) => [f64::NEG_INFINITY, f64::INFINITY],
-            Side::Free => [bounds.lower[i], bounds.upper[i]],
-            Side::Lower => [0.0, f64::INFINITY],
-            Side::Upper => [f64::NEG_INFINITY, 0.0],
+            BoundStatus::Free => [bounds.lower[i], bounds.upper[i]],
+            BoundStatus::Lower => [0.0, f64::INFINITY],
+            BoundStatus::Upper => [f64::NEG_INFINITY, 0.0],
         };
         Ok(Modes {
             sides: sides.to_vec(),
@@ -243,7 +247,7 @@ pub(super) fn eigenvectors(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, E
 pub(super) struct Cache {
     /// Modes of each set and the time of their last use. Modes restored from an archive are
     /// recomputed on demand.
-    sets: HashMap<Vec<Side>, (Option<Rc<Modes>>, u64)>,
+    sets: HashMap<Vec<BoundStatus>, (Option<Rc<Modes>>, u64)>,
     limit: usize,
     bytes: usize,
     clock: u64,
@@ -266,8 +270,8 @@ impl Cache {
     pub fn get<E: Engine>(
         &mut self,
         system: &System<E>,
-        reduction: &Reduction,
-        sides: &[Side],
+        reduction: &ReducedModel,
+        sides: &[BoundStatus],
     ) -> Result<Rc<Modes>> {
         self.clock += 1;
         if let Some((modes, used)) = self.sets.get_mut(sides) {
@@ -294,8 +298,8 @@ impl Cache {
 
     /// Saves or restores the list of known sets, from which their modes follow.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        let used = |(sides, (_, used)): (&Vec<Side>, &(_, u64))| (*used, sides.clone());
-        let mut sets: Vec<(u64, Vec<Side>)> = self.sets.iter().map(used).collect();
+        let used = |(sides, (_, used)): (&Vec<BoundStatus>, &(_, u64))| (*used, sides.clone());
+        let mut sets: Vec<(u64, Vec<BoundStatus>)> = self.sets.iter().map(used).collect();
         sets.sort_unstable_by_key(|(used, _)| *used);
         archive.value(&mut sets)?;
         archive.value(&mut self.clock)?;

@@ -54,7 +54,7 @@ const ANCHOR: u32 = 32;
 
 /// Motion of one active set from a known initial state.
 #[derive(Debug)]
-pub(super) struct Motion {
+pub(super) struct ModalSolution {
     /// Modes of the active set.
     pub modes: Rc<Modes>,
     /// Time at which the motion began, in s; instants below are relative to it.
@@ -74,9 +74,9 @@ pub(super) struct Motion {
     arch: Arch,
 }
 
-impl Motion {
+impl ModalSolution {
     /// Builds the motion from the state (q, q'), in columns.
-    pub fn new(modes: Rc<Modes>, start: f64, state: &Mat<f64>) -> Motion {
+    pub fn new(modes: Rc<Modes>, start: f64, state: &Mat<f64>) -> ModalSolution {
         let count = modes.frequencies.len();
         let (mut sine, mut versine) = (vec![0.0; count], vec![0.0; count]);
         for (k, &w) in modes.frequencies.iter().enumerate() {
@@ -86,7 +86,7 @@ impl Motion {
         }
         let place = state.col_as_slice(0).to_vec();
         let (phases, turn) = Default::default();
-        Motion {
+        ModalSolution {
             modes,
             start,
             place,
@@ -148,7 +148,8 @@ impl Motion {
         }
     }
 
-    /// Computes q and q' like [`Motion::state`], at the next instant of a grid with this step.
+    /// Computes q and q' like [`ModalSolution::state`], at the next instant of a grid with this
+    /// step.
     pub fn walk(&mut self, at: f64, step: f64, state: &mut Mat<f64>) {
         let rigid = self.modes.rigid;
         let (frequencies, damping) = (&self.modes.frequencies[rigid..], self.modes.damping);

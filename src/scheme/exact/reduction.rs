@@ -1,6 +1,6 @@
 //! Saddle-point problem behind `$\varphi$`, reduced to the coordinates of velocities.
 //!
-//! Let z be the coordinates of p in a [`Frame`] and `$\tilde B = Q^T C^{-1/2} B$`. For a position z
+//! Let z be the coordinates of p in a [`VelocityBasis`] and `$\tilde B = Q^T C^{-1/2} B$`. For a position z
 //! and forces `$f = F + G^T r$` the displacement U and the acceleration a (with mass damping,
 //! `$a = z'' + \alpha z'$`) solve
 //!
@@ -11,7 +11,7 @@
 //! Both are linear in (f, z), and the operator is symmetric: `$U = U_F + R z + S G^T r$`,
 //! `$a = h_F - H z + R^T G^T r$`.
 
-use super::frame::Frame;
+use super::frame::VelocityBasis;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor};
 use crate::obstacle::Bounds;
@@ -34,9 +34,9 @@ const LEAST_SHIFT: f64 = 1e-6;
 
 /// Reduced model of the structure; N velocity coordinates, n dofs, m bounds.
 #[derive(Debug)]
-pub(super) struct Reduction {
+pub(super) struct ReducedModel {
     /// Basis of the N velocity coordinates.
-    pub frame: Rc<Frame>,
+    pub frame: Rc<VelocityBasis>,
     /// Damping coefficient alpha, in 1/s.
     pub damping: f64,
     /// Stiffness H in z without contact, N x N.
@@ -55,12 +55,12 @@ pub(super) struct Reduction {
     pub compliance: Mat<f64>,
 }
 
-impl Reduction {
+impl ReducedModel {
     /// Solves the saddle-point problem for all columns.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the inf-sup condition fails with these bounds.
-    pub fn new<E: Engine>(saddle: &Saddle<E>) -> Result<Reduction> {
+    pub fn new<E: Engine>(saddle: &SaddlePointSolver<E>) -> Result<ReducedModel> {
         let system = saddle.system;
         let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
         let (cells, bounded) = (saddle.frame.size(), bounds.len());
@@ -71,7 +71,7 @@ impl Reduction {
         let unbound = saddle.unbound(unit_forces.clone(), bounds)?;
         let (push, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
         let at = |of: &Mat<f64>| Mat::from_fn(bounded, of.ncols(), |i, j| of[(bounds.dofs[i], j)]);
-        let reduction = Reduction {
+        let reduction = ReducedModel {
             damping: system.damping.mass,
             stiffness: symmetric(&acceleration, -1.0),
             force,
@@ -115,9 +115,9 @@ fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
 
 /// Saddle-point solver with the factor of K + s M, which is definite where K and M share no rigid
 /// motion and gives the same solution where B U is prescribed.
-pub(super) struct Saddle<'s, E: Engine> {
+pub(super) struct SaddlePointSolver<'s, E: Engine> {
     system: &'s System<E>,
-    frame: Rc<Frame>,
+    frame: Rc<VelocityBasis>,
     shift: f64,
     factor: RefCell<E::Factor>,
     /// Solution (K + s M)^-1 B~^T, n x N.
@@ -126,15 +126,15 @@ pub(super) struct Saddle<'s, E: Engine> {
     schur: Llt<f64>,
 }
 
-impl<'s, E: Engine> Saddle<'s, E> {
+impl<'s, E: Engine> SaddlePointSolver<'s, E> {
     /// Factors the matrices.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the mass is not a singular one, or leaves some rigid
     /// motion without inertia.
-    pub fn new(system: &'s System<E>) -> Result<Saddle<'s, E>> {
+    pub fn new(system: &'s System<E>) -> Result<SaddlePointSolver<'s, E>> {
         let System { engine, stiffness, mass, .. } = system;
-        let mut frame = Frame::new(system)?;
+        let mut frame = VelocityBasis::new(system)?;
         let (dofs, cells) = (engine.dofs(), frame.size());
         let shift = shift(system)?;
         let mut factor =
@@ -161,7 +161,7 @@ impl<'s, E: Engine> Saddle<'s, E> {
         })?;
         // Each row of (K + s M)^-1 B~^T is a vector of velocities.
         let columns = frame.narrow(columns.transpose().to_owned()).transpose().to_owned();
-        Ok(Saddle { system, frame: Rc::new(frame), shift, factor: factor.into(), columns, schur })
+        Ok(SaddlePointSolver { system, frame: Rc::new(frame), shift, factor: factor.into(), columns, schur })
     }
 
     /// Returns U and a for forces (n x k) and positions (N x k).

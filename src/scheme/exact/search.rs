@@ -22,17 +22,17 @@
 //! so does y on the whole interval, also where it starts on the limit. Otherwise, if all three
 //! coefficients of h H' are below -D, y decreases strictly and crosses the limit once, and the
 //! crossing is located to rounding. Otherwise the interval is halved. With damping, w is a mode's
-//! growth factor of derivatives ([`Motion::pace`]), and rigid motions, which tend to uniform ones,
-//! have a remainder too. Each interval costs one evaluation; after a certified interval the next
-//! may be twice as long.
+//! growth factor of derivatives ([`ModalSolution::pace`]), and rigid motions, which tend to
+//! uniform ones, have a remainder too. Each interval costs one evaluation; after a certified
+//! interval the next may be twice as long.
 //!
 //! Limits are met to `roundings` times the rounding error of y, so that a plate resting on an
 //! obstacle does not chatter.
 
-use super::motion::Motion;
+use super::motion::ModalSolution;
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::vi::Side;
+use crate::vi::BoundStatus;
 use faer::Mat;
 use std::collections::HashMap;
 
@@ -84,7 +84,7 @@ enum Finding {
 impl Search {
     /// Starts a search along a motion, with a stride in units of 1/w of the fastest mode, at the
     /// interval length `level`.
-    pub fn new(motion: &Motion, stride: f64, roundings: f64, level: i32) -> Search {
+    pub fn new(motion: &ModalSolution, stride: f64, roundings: f64, level: i32) -> Search {
         let modes = &motion.modes;
         let mut slack = weighted(motion, |k| motion.magnitude(k));
         for (slack, offset) in slack.iter_mut().zip(&modes.offset) {
@@ -113,7 +113,7 @@ impl Search {
     }
 
     /// Saves or restores the progress of the search along its motion; samples are evaluated anew.
-    pub fn archive(&mut self, motion: &Motion, archive: &mut Archive) -> Result<()> {
+    pub fn archive(&mut self, motion: &ModalSolution, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.next)?;
         archive.value(&mut self.level)?;
         let mut pending: Vec<(f64, i32)> = self.pending.iter().map(|(of, level)| (of.at, *level)).collect();
@@ -129,7 +129,7 @@ impl Search {
         Ok(())
     }
 
-    fn sample(&mut self, motion: &Motion, at: f64) -> Sample {
+    fn sample(&mut self, motion: &ModalSolution, at: f64) -> Sample {
         let fresh = || Sample { at, values: Mat::zeros(motion.modes.sides.len(), 2) };
         let mut sample = self.spare.pop().unwrap_or_else(fresh);
         motion.state(at, &mut self.state);
@@ -141,16 +141,16 @@ impl Search {
 
     /// Returns the bounds whose quantity is at a limit at an instant, given its values there, with
     /// the side of that limit.
-    pub fn at_limit(&self, motion: &Motion, values: &Mat<f64>) -> Vec<(usize, Side)> {
+    pub fn at_limit(&self, motion: &ModalSolution, values: &Mat<f64>) -> Vec<(usize, BoundStatus)> {
         let mut found = Vec::new();
         for (i, &side) in motion.modes.sides.iter().enumerate() {
             let [lower, upper] = motion.modes.limits[i];
             let (y, slack) = (values[(i, 0)], self.slack[i]);
             match side {
-                Side::Free if y <= lower + slack => found.push((i, Side::Lower)),
-                Side::Free if y >= upper - slack => found.push((i, Side::Upper)),
-                Side::Lower if y <= lower + slack => found.push((i, Side::Lower)),
-                Side::Upper if y >= upper - slack => found.push((i, Side::Upper)),
+                BoundStatus::Free if y <= lower + slack => found.push((i, BoundStatus::Lower)),
+                BoundStatus::Free if y >= upper - slack => found.push((i, BoundStatus::Upper)),
+                BoundStatus::Lower if y <= lower + slack => found.push((i, BoundStatus::Lower)),
+                BoundStatus::Upper if y >= upper - slack => found.push((i, BoundStatus::Upper)),
                 _ => {}
             }
         }
@@ -158,7 +158,7 @@ impl Search {
     }
 
     /// Searches for the next event until it is found, or certified not to occur before an instant.
-    pub fn extend(&mut self, motion: &Motion, until: f64) {
+    pub fn extend(&mut self, motion: &ModalSolution, until: f64) {
         while self.next.is_none() && self.certified.at < until {
             if self.pending.is_empty() {
                 let end = self.certified.at + self.length(self.level);
@@ -175,7 +175,7 @@ impl Search {
 
     /// Certifies the interval up to the nearest pending sample, finds the event in it, or halves
     /// it.
-    fn examine(&mut self, motion: &Motion) {
+    fn examine(&mut self, motion: &ModalSolution) {
         let Some((end, level)) = self.pending.pop() else { return };
         if end.at <= self.certified.at || level < SHORTEST {
             // The interval is as short as rounding allows: the quantity nearest to leaving its
@@ -218,7 +218,7 @@ impl Search {
     }
 
     /// Returns the distance to the nearest limit at a sample, positive inside.
-    fn depth(&self, motion: &Motion, i: usize, sample: &Sample) -> f64 {
+    fn depth(&self, motion: &ModalSolution, i: usize, sample: &Sample) -> f64 {
         let y = sample.values[(i, 0)];
         finite_limits(motion, i).map(|(sign, limit)| sign * (y - limit)).fold(f64::INFINITY, f64::min)
     }
@@ -244,7 +244,7 @@ impl Search {
 
     /// Returns the instant at which a decreasing quantity crosses its limit, to rounding, by
     /// Newton's method within the bracket.
-    fn zero(&mut self, motion: &Motion, i: usize, sign: f64, limit: f64, end: f64) -> f64 {
+    fn zero(&mut self, motion: &ModalSolution, i: usize, sign: f64, limit: f64, end: f64) -> f64 {
         let (mut inside, mut outside) = (self.certified.at, end);
         let state = &mut self.state;
         let mut at = inside;
@@ -281,7 +281,7 @@ fn kappa(x: f64) -> f64 {
 }
 
 /// Returns the sum of |P| times a weight per mode, one entry per quantity.
-fn weighted(motion: &Motion, weight: impl Fn(usize) -> f64) -> Vec<f64> {
+fn weighted(motion: &ModalSolution, weight: impl Fn(usize) -> f64) -> Vec<f64> {
     let rows = &motion.modes.rows;
     let mut sums = vec![0.0; rows.nrows()];
     for k in 0..rows.ncols() {
@@ -295,7 +295,7 @@ fn weighted(motion: &Motion, weight: impl Fn(usize) -> f64) -> Vec<f64> {
 
 /// Returns the finite limits of a quantity, each with the sign for which `sign (y - limit) >= 0` is
 /// inside.
-fn finite_limits(motion: &Motion, i: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
+fn finite_limits(motion: &ModalSolution, i: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
     let [lower, upper] = motion.modes.limits[i];
     [(1.0, lower), (-1.0, upper)].into_iter().filter(|(_, limit)| limit.is_finite())
 }

@@ -15,8 +15,8 @@
 //! same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM
 //! J. Control Optim. 44, 2005): events do not accumulate.
 
-use super::reduction::Reduction;
-use crate::vi::{Side, dense};
+use super::reduction::ReducedModel;
+use crate::vi::{BoundStatus, dense};
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side as Triangle};
 
@@ -29,19 +29,19 @@ const ORDERS: usize = 6;
 /// Arguments are the `sides` before, the `undecided` bounds with the side of the limit they are at,
 /// position and velocity z, z' (columns), and the reactions of all bounds at that instant.
 pub(super) fn next_sides(
-    reduction: &Reduction,
-    sides: &[Side],
-    undecided: &[(usize, Side)],
+    reduction: &ReducedModel,
+    sides: &[BoundStatus],
+    undecided: &[(usize, BoundStatus)],
     state: &Mat<f64>,
     reactions: &[f64],
     roundings: f64,
-) -> Vec<Side> {
+) -> Vec<BoundStatus> {
     let mut next = sides.to_vec();
     for &(i, _) in undecided {
-        next[i] = Side::Free;
+        next[i] = BoundStatus::Free;
     }
     // The nodes in contact come first, then the undecided ones.
-    let touching: Vec<usize> = (0..sides.len()).filter(|&i| next[i] != Side::Free).collect();
+    let touching: Vec<usize> = (0..sides.len()).filter(|&i| next[i] != BoundStatus::Free).collect();
     let places: Vec<usize> = touching.iter().copied().chain(undecided.iter().map(|(i, _)| *i)).collect();
     let size = places.len();
     let compliance = Mat::from_fn(size, size, |i, j| reduction.compliance[(places[i], places[j])]);
@@ -53,7 +53,7 @@ pub(super) fn next_sides(
     let mut upper = vec![0.0; size];
     for (k, (_, side)) in undecided.iter().enumerate() {
         match side {
-            Side::Upper => lower[touching.len() + k] = f64::NEG_INFINITY,
+            BoundStatus::Upper => lower[touching.len() + k] = f64::NEG_INFINITY,
             _ => upper[touching.len() + k] = f64::INFINITY,
         }
     }
@@ -73,7 +73,7 @@ pub(super) fn next_sides(
         }
         let free = &lift * &derivative;
         let wanted = &stiffness * &free;
-        let mut where_now = vec![Side::Lower; size];
+        let mut where_now = vec![BoundStatus::Lower; size];
         for k in 0..undecided.len() {
             where_now[touching.len() + k] = next[undecided[k].0];
         }

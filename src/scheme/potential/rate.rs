@@ -19,7 +19,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::scheme::System;
-use crate::scheme::drive::Moment;
+use crate::scheme::drive::InstantData;
 
 /// Largest number of iterations for the reactions that hold nodes at the rates of their bounds, and
 /// the error of these rates, relative to the first guess, at which the iteration ends.
@@ -44,12 +44,12 @@ impl<E: Engine> Potential<'_, E> {
         &mut self,
         v: &[f64],
         reaction: &[f64],
-        change: &Moment,
+        change: &InstantData,
     ) -> Result<Vec<f64>> {
         let (system, penalty) = (self.system, self.penalty);
         let mut held = Held::new(system, reaction, change)?;
         let search = Search { system, penalty, v, change };
-        let way = system.engine.vis_viva(&system.mass, v)?.sqrt();
+        let way = system.engine.mass_norm_squared(&system.mass, v)?.sqrt();
         self.solver.without_bounds(&system.bounds, |solve| {
             let (w, distance) = search.rounds(&mut held, solve)?;
             if distance <= LOOSE * way || system.total(held.nodes.len() as f64)? == 0.0 {
@@ -67,7 +67,7 @@ struct Search<'a, 's, E: Engine> {
     system: &'s System<E>,
     penalty: f64,
     v: &'a [f64],
-    change: &'a Moment,
+    change: &'a InstantData,
 }
 
 impl<E: Engine> Search<'_, '_, E> {
@@ -75,7 +75,7 @@ impl<E: Engine> Search<'_, '_, E> {
     /// the norm of C.
     fn rounds(&self, held: &mut Held<E>, solve: &mut Solve) -> Result<(Vec<f64>, f64)> {
         let Search { system: System { engine, mass, stiffness, .. }, penalty, v, change } = *self;
-        let way = engine.vis_viva(mass, v)?.sqrt();
+        let way = engine.mass_norm_squared(mass, v)?.sqrt();
         let (mut lack, mut multiplier) = (v.to_vec(), vec![0.0; v.len()]);
         let (mut pull, mut moved) = (multiplier.clone(), multiplier.clone());
         let mut w = vec![0.0; engine.dofs()];
@@ -98,7 +98,7 @@ impl<E: Engine> Search<'_, '_, E> {
                 *lack -= moved;
                 *multiplier += penalty * *lack;
             }
-            let before = std::mem::replace(&mut distance, engine.vis_viva(mass, &lack)?.sqrt());
+            let before = std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &lack)?.sqrt());
             if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
                 break;
             }
@@ -127,7 +127,7 @@ struct Node {
 }
 
 impl<'s, E: Engine> Held<'s, E> {
-    fn new(system: &'s System<E>, reaction: &[f64], change: &Moment) -> Result<Held<'s, E>> {
+    fn new(system: &'s System<E>, reaction: &[f64], change: &InstantData) -> Result<Held<'s, E>> {
         let System { engine, stiffness, bounds, .. } = system;
         let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
         let node = |i: usize| {

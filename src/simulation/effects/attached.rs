@@ -1,32 +1,32 @@
 //! Attachments of the plate: foundations, springs, masses and balls; and the matrices of all
 //! together.
 
-use super::ground::{Ground, Spot, Team, seen};
+use super::ground::{BuildContext, Communicator, PointEvaluation, seen};
 use super::parts;
 use crate::assembly::{self, CellArrays, Probe};
+use crate::dof_map::{PER_NODE, Rigid};
 use crate::element::adaptive::{self, Integrand, Rules};
 use crate::error::{Error, Result};
-use crate::linalg::{Average, BARE, Block};
+use crate::linalg::{BARE, ElementMatrix, SingularMassCell};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene;
 use crate::simulation::body;
-use crate::space::{PER_NODE, Rigid};
 
 /// Spring (N/m) or mass (kg) at a point.
-pub(super) struct Lump {
+pub(super) struct LumpedMass {
     pub amount: f64,
     pub at: Point,
-    pub spot: Spot,
+    pub spot: PointEvaluation,
 }
 
 /// Ball, with its dofs.
-pub(super) struct Rider<'s> {
+pub(super) struct AttachedBall<'s> {
     /// Index of the ball in the scene.
     pub number: usize,
     pub ball: &'s scene::Ball,
     /// Point of the plate under the ball.
-    pub spot: Spot,
+    pub spot: PointEvaluation,
     /// Dof of the gap, i.e. of the height of the ball over the plate.
     pub gap: usize,
 }
@@ -34,23 +34,23 @@ pub(super) struct Rider<'s> {
 /// Attachments of this process's part of the plate.
 pub(super) struct Attached<'s> {
     /// Contributions of the foundations to K, each with its cell.
-    foundations: Vec<(usize, Block)>,
-    springs: Vec<Lump>,
+    foundations: Vec<(usize, ElementMatrix)>,
+    springs: Vec<LumpedMass>,
     /// Masses fixed on the plate, then balls; `spot.free` gives their deflection in terms of the
     /// dofs.
-    masses: Vec<Lump>,
-    pub balls: Vec<Rider<'s>>,
+    masses: Vec<LumpedMass>,
+    pub balls: Vec<AttachedBall<'s>>,
     /// First class number that is not used by the cells of a matrix.
     first_class: usize,
 }
 
 impl<'s> Attached<'s> {
     /// Locates all attachments. Collective.
-    pub fn new<T: Team>(ground: &Ground<'s, T>) -> Result<Attached<'s>> {
+    pub fn new<T: Communicator>(ground: &BuildContext<'s, T>) -> Result<Attached<'s>> {
         let scene = ground.scene;
         let lump = |key: String, at: [f64; 2], amount: f64| {
             let spot = ground.spot(&format!("{key}.at"), at)?;
-            Ok::<_, Error>(spot.map(|spot| Lump { amount, at: at.into(), spot }))
+            Ok::<_, Error>(spot.map(|spot| LumpedMass { amount, at: at.into(), spot }))
         };
         let (mut springs, mut masses, mut balls) = (Vec::new(), Vec::new(), Vec::new());
         for (number, spring) in scene.springs.iter().enumerate() {
@@ -61,10 +61,13 @@ impl<'s> Attached<'s> {
         }
         for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
             let lump = lump(format!("ball.{number}"), ball.at, ball.mass)?;
-            if let Some((Lump { amount, at, spot }, gap)) = lump.zip(*gap) {
-                let rides = Spot { free: spot.free.clone().with(gap, 1.0), of_shape: spot.of_shape.clone() };
-                masses.push(Lump { amount, at, spot: rides });
-                balls.push(Rider { number, ball, spot, gap });
+            if let Some((LumpedMass { amount, at, spot }, gap)) = lump.zip(*gap) {
+                let rides = PointEvaluation {
+                    free: spot.free.clone().with(gap, 1.0),
+                    of_shape: spot.of_shape.clone(),
+                };
+                masses.push(LumpedMass { amount, at, spot: rides });
+                balls.push(AttachedBall { number, ball, spot, gap });
             }
         }
         let first_class = BARE + 2 * ground.cells.len();
@@ -73,12 +76,12 @@ impl<'s> Attached<'s> {
 
     /// Returns an error where the mesh has several parts and one of them is not held by itself.
     /// Collective.
-    pub fn require_held_parts<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
+    pub fn require_held_parts<T: Communicator>(&self, ground: &BuildContext<T>) -> Result<()> {
         parts::require_held(ground, &self.springs, self.foundations.iter().map(|(cell, _)| *cell))
     }
 
     /// Returns K of plate, foundations and springs.
-    pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<Block> {
+    pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::stiffness(cells);
         blocks.extend(self.foundations.iter().map(|(_, block)| block.clone()));
         blocks.extend(self.forms(&self.springs));
@@ -86,31 +89,32 @@ impl<'s> Attached<'s> {
     }
 
     /// Returns K with a spring of 1 N/m in each ball's gap, which fixes a gap without load.
-    pub fn stiffness_that_holds_balls(&self, cells: &[CellArrays]) -> Vec<Block> {
+    pub fn stiffness_that_holds_balls(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = self.stiffness(cells);
         let first = self.first_class + self.springs.len();
-        let gap = |(k, ball): (usize, &Rider)| Probe::default().with(ball.gap, 1.0).spring(1.0, first + k);
+        let gap =
+            |(k, ball): (usize, &AttachedBall)| Probe::default().with(ball.gap, 1.0).spring(1.0, first + k);
         blocks.extend(self.balls.iter().enumerate().map(gap));
         blocks
     }
 
     /// Returns `$M_r$` of the plate and its masses.
-    pub fn consistent_mass(&self, cells: &[CellArrays]) -> Vec<Block> {
+    pub fn consistent_mass(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::consistent_mass(cells);
         blocks.extend(self.forms(&self.masses));
         blocks
     }
 
     /// Returns B and C of the plate and its masses.
-    pub fn singular_mass(&self, cells: &[CellArrays]) -> Vec<Average> {
+    pub fn singular_mass(&self, cells: &[CellArrays]) -> Vec<SingularMassCell> {
         let mut rows = assembly::singular_mass(cells);
-        let row = |(k, mass): (usize, &Lump)| mass.spot.free.rider(mass.amount, self.first_class + k);
+        let row = |(k, mass): (usize, &LumpedMass)| mass.spot.free.rider(mass.amount, self.first_class + k);
         rows.extend(self.masses.iter().enumerate().map(row));
         rows
     }
 
-    fn forms<'l>(&'l self, lumps: &'l [Lump]) -> impl Iterator<Item = Block> + 'l {
-        let form = |(k, lump): (usize, &Lump)| lump.spot.free.spring(lump.amount, self.first_class + k);
+    fn forms<'l>(&'l self, lumps: &'l [LumpedMass]) -> impl Iterator<Item = ElementMatrix> + 'l {
+        let form = |(k, lump): (usize, &LumpedMass)| lump.spot.free.spring(lump.amount, self.first_class + k);
         lumps.iter().enumerate().map(form)
     }
 
@@ -121,21 +125,21 @@ impl<'s> Attached<'s> {
 
     /// Adds the forces of foundations and springs under a shape (three values per node) to `force`,
     /// in N.
-    pub fn add_forces<T: Team>(&self, ground: &Ground<T>, shape: &[f64], force: &mut [f64]) {
+    pub fn add_forces<T: Communicator>(&self, ground: &BuildContext<T>, shape: &[f64], force: &mut [f64]) {
         for (cell, block) in &self.foundations {
             let nodes = ground.mesh.cells[*cell].nodes();
             let values = nodes.iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]);
             let values: Vec<f64> = values.copied().collect();
             ground.cells[*cell].add_product(&block.matrix, &values, force);
         }
-        for Lump { amount, spot, .. } in &self.springs {
+        for LumpedMass { amount, spot, .. } in &self.springs {
             spot.free.push(amount * spot.of_shape.deflection(shape), force);
         }
     }
 
     /// Adds the momenta of masses and balls for a velocity of this shape to `momentum`.
     pub fn add_momenta(&self, shape: &[f64], momentum: &mut [f64]) {
-        for Lump { amount, spot, .. } in &self.masses {
+        for LumpedMass { amount, spot, .. } in &self.masses {
             spot.free.push(amount * spot.of_shape.deflection(shape), momentum);
         }
     }
@@ -146,19 +150,19 @@ impl<'s> Attached<'s> {
     }
 
     /// Returns the rigid motions that nothing restrains, in words. Collective.
-    pub fn mechanism<T: Team>(&self, ground: &Ground<T>) -> Option<&'static str> {
+    pub fn mechanism<T: Communicator>(&self, ground: &BuildContext<T>) -> Option<&'static str> {
         self.held(ground, &[]).mechanism()
     }
 
     /// Returns the rigid motions that supports, springs and foundations restrain. Collective.
-    pub fn rigid<T: Team>(&self, ground: &Ground<T>) -> Rigid {
+    pub fn rigid<T: Communicator>(&self, ground: &BuildContext<T>) -> Rigid {
         self.held(ground, &[])
     }
 
     /// Returns an error where nothing restrains a rigid motion and the singular mass gives it no
     /// inertia either: its means over all cells vanish, as for a single row of cells rotating about
     /// its centre line. Collective.
-    pub fn refuse_weightless<T: Team>(&self, ground: &Ground<T>) -> Result<()> {
+    pub fn refuse_weightless<T: Communicator>(&self, ground: &BuildContext<T>) -> Result<()> {
         let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
         let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
         match self.held(ground, &fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
@@ -172,7 +176,7 @@ impl<'s> Attached<'s> {
 
     /// Returns the rigid motions that the supports, attachments and some fixed points restrain.
     /// Collective.
-    fn held<T: Team>(&self, ground: &Ground<T>, at_rest: &[Point]) -> Rigid {
+    fn held<T: Communicator>(&self, ground: &BuildContext<T>, at_rest: &[Point]) -> Rigid {
         let nodes = &ground.mesh.nodes;
         let farthest = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
         let sides =
@@ -200,9 +204,9 @@ impl<'s> Attached<'s> {
 
     /// Returns an error where a mass is attached to a node that an obstacle can stop, since its
     /// velocity would jump. Collective.
-    pub fn refuse_stopped<T: Team>(&self, ground: &Ground<T>, bounds: &Bounds) -> Result<()> {
+    pub fn refuse_stopped<T: Communicator>(&self, ground: &BuildContext<T>, bounds: &Bounds) -> Result<()> {
         let stops = |dof: usize| (ground.own)(dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok());
-        let stopped = |mass: &Lump| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
+        let stopped = |mass: &LumpedMass| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
         let any = f64::from(u8::from(self.masses.iter().any(stopped)));
         if ground.team.gather(&[any]).contains(&1.0) {
             return Err(Error::Usage(format!(
@@ -216,7 +220,7 @@ impl<'s> Attached<'s> {
 }
 
 /// Returns the contributions of the foundations to K, each with its cell. Collective.
-fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
+fn foundations<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<(usize, ElementMatrix)>> {
     let foundations = &ground.scene.foundations;
     if foundations.is_empty() {
         return Ok(Vec::new());
@@ -242,7 +246,7 @@ fn foundations<T: Team>(ground: &Ground<T>) -> Result<Vec<(usize, Block)>> {
 }
 
 /// Returns special quadrature rules for cells in which foundations need them. Collective.
-fn foundation_rules<T: Team>(ground: &Ground<T>, reaches: &[Vec<bool>]) -> Result<Rules> {
+fn foundation_rules<T: Communicator>(ground: &BuildContext<T>, reaches: &[Vec<bool>]) -> Result<Rules> {
     let foundations = &ground.scene.foundations;
     if foundations.iter().all(|of| of.stiffness.is_low()) {
         return Ok(Rules::new());

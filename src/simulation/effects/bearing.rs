@@ -5,14 +5,14 @@
 //! no obstacle stops and on which the load does work, and the error message names it.
 
 use super::OfCells;
-use super::ground::Team;
+use super::ground::Communicator;
 use super::start::Statics;
 use crate::assembly;
+use crate::dof_map::Rigid;
 use crate::error::{Error, Result};
 use crate::obstacle::Bounds;
 use crate::scheme::{self, System};
 use crate::simulation::judge;
-use crate::space::Rigid;
 use nalgebra::{DMatrix, Vector3};
 
 /// Stiffness of the proximal steps on the rigid motions, relative to that of the plate's lowest
@@ -34,7 +34,7 @@ const MOST_EXCHANGES: usize = 1000;
 ///
 /// # Errors
 /// Returns [`Error::Singular`], with `key` and the motion, where no equilibrium exists.
-pub(super) fn equilibrium<E: OfCells, T: Team>(
+pub(super) fn equilibrium<E: OfCells, T: Communicator>(
     statics: &Statics<T>,
     key: &str,
     system: &System<E>,
@@ -71,7 +71,7 @@ pub(super) fn equilibrium<E: OfCells, T: Team>(
 
 /// Returns the rigid motion a + b x + c y along which a load drives the plate away from all bounds;
 /// `None` if reactions balance the load. Collective.
-fn escape<E: OfCells, T: Team>(
+fn escape<E: OfCells, T: Communicator>(
     statics: &Statics<T>,
     rigid: &Rigid,
     system: &System<E>,

@@ -1,12 +1,12 @@
 //! Build context of a model.
 
-pub(in crate::simulation) use super::super::body::Team;
+pub(in crate::simulation) use super::super::body::Communicator;
 use crate::assembly::{self, CellArrays, Pressure, Probe};
+use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::adaptive::{self, Refined, Rules};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
-use crate::scene::{self, Given, Scene};
-use crate::space::{Hold, PER_NODE, Space};
+use crate::scene::{self, FieldInput, Scene};
 use std::rc::Rc;
 
 /// Function that sums the contributions of all processes over their dofs, on the engine's dofs.
@@ -22,14 +22,14 @@ pub(in crate::simulation) type Sum = dyn Fn(&[f64]) -> Vec<f64>;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
 /// of the engine.
-pub(in crate::simulation) struct Ground<'g, T: Team> {
+pub(in crate::simulation) struct BuildContext<'g, T: Communicator> {
     pub scene: &'g Scene,
     pub team: &'g T,
     pub mesh: &'g Mesh,
     /// Constraints of the supports at the nodes.
-    pub holds: &'g [Hold],
+    pub holds: &'g [NodeConstraint],
     /// Dofs of this part of the mesh, and the gaps of balls.
-    pub space: &'g Space,
+    pub space: &'g DofMap,
     /// Dof of each ball's gap, on the process that owns it.
     pub gaps: &'g [Option<usize>],
     pub cells: &'g [CellArrays],
@@ -47,7 +47,7 @@ pub(in crate::simulation) struct Ground<'g, T: Team> {
 
 /// Evaluation of the deflection at a point of this process's part of the plate.
 #[derive(Clone)]
-pub(super) struct Spot {
+pub(super) struct PointEvaluation {
     /// Deflection as a linear combination of the free dofs.
     pub free: Probe,
     /// Deflection as a linear combination of all deflections and slopes of the part, three per
@@ -55,17 +55,17 @@ pub(super) struct Spot {
     pub of_shape: Probe,
 }
 
-impl<T: Team> Ground<'_, T> {
+impl<T: Communicator> BuildContext<'_, T> {
     /// Locates a point of the plate, on the one process that evaluates it; `None` on the others.
     /// Collective.
-    pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<Spot>> {
+    pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<PointEvaluation>> {
         let at = Point::new(x, y);
         let here = self.mesh.locate(at).is_some();
         let ranks = self.team.gather(&[f64::from(u8::from(here))]);
         match ranks.iter().position(|&here| here == 1.0) {
             Some(first) if first == self.team.rank() => {
                 let of_shape = Probe::of_shape(self.mesh, at)?;
-                Ok(Some(Spot { free: of_shape.within(self.space), of_shape }))
+                Ok(Some(PointEvaluation { free: of_shape.within(self.space), of_shape }))
             }
             Some(_) => Ok(None),
             None => Err(Error::Mesh(format!("{key}: the point ({x}, {y}) lies outside the plate"))),
@@ -88,7 +88,7 @@ impl<T: Team> Ground<'_, T> {
     }
 
     /// Returns deflection and slopes of a formula of x and y at all nodes, three values per node.
-    pub(super) fn shape_of(&self, given: &Given) -> Result<Vec<f64>> {
+    pub(super) fn shape_of(&self, given: &FieldInput) -> Result<Vec<f64>> {
         let mut shape = Vec::with_capacity(PER_NODE * self.mesh.nodes.len());
         for &node in &self.mesh.nodes {
             shape.extend(given.gradient(node)?);
@@ -108,7 +108,7 @@ impl<T: Team> Ground<'_, T> {
     }
 
     /// Returns the load of a constant pressure, on the local dofs. Collective.
-    pub(super) fn pressed(&self, pressure: &Given) -> Result<Vec<f64>> {
+    pub(super) fn pressed(&self, pressure: &FieldInput) -> Result<Vec<f64>> {
         let dofs = self.space.dofs();
         if let Some(pressure) = pressure.number() {
             return Ok(assembly::uniform_load(self.cells, dofs, pressure));
@@ -124,7 +124,7 @@ impl<T: Team> Ground<'_, T> {
     }
 
     /// Returns special quadrature rules for cells in which a constant field needs them. Collective.
-    fn rules(&self, given: &Given) -> Result<Rules> {
+    fn rules(&self, given: &FieldInput) -> Result<Rules> {
         if given.is_low() {
             return Ok(Rules::new());
         }

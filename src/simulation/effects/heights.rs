@@ -1,18 +1,18 @@
 //! Heights of the obstacles as bounds on deflections.
 
 use super::Lift;
-use super::attached::Rider;
-use super::ground::{Agree, Ground, Team};
+use super::attached::AttachedBall;
+use super::ground::{Agree, BuildContext, Communicator};
 use crate::error::{Error, Result};
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
-use crate::scene::{self, Given, Side};
-use crate::simulation::{Site, body};
+use crate::scene::{self, FieldInput, Side};
+use crate::simulation::{DeflectionDof, body};
 use std::rc::Rc;
 
 /// Returns the nodes of this process that each obstacle bounds. Collective.
-pub(super) fn opposite<T: Team>(ground: &Ground<T>) -> Result<Vec<Vec<usize>>> {
+pub(super) fn opposite<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<Vec<usize>>> {
     let nodes = |(number, obstacle): (usize, &scene::Obstacle)| {
         body::nodes_in(&obstacle.region, ground.mesh, ground.team, &format!("obstacle.{number}"))
     };
@@ -22,22 +22,22 @@ pub(super) fn opposite<T: Team>(ground: &Ground<T>) -> Result<Vec<Vec<usize>>> {
 /// Returns the engine's deflections, first the bounded ones in ascending order of dofs, then the
 /// others; and the number of bounded ones. The gap of ball k counts as the deflection of a node k
 /// places past the mesh's last.
-pub(super) fn sites<T: Team>(
-    ground: &Ground<T>,
+pub(super) fn sites<T: Communicator>(
+    ground: &BuildContext<T>,
     opposite: &[Vec<usize>],
-    balls: &[Rider],
-) -> (Vec<Site>, usize) {
+    balls: &[AttachedBall],
+) -> (Vec<DeflectionDof>, usize) {
     let mesh = ground.mesh;
     let mut is_free = vec![true; mesh.nodes.len()];
     opposite.iter().flatten().for_each(|&node| is_free[node] = false);
     let site = |node: usize| {
         let dof = (ground.own)(ground.space.deflection(node)?)?;
-        Some((is_free[node], Site { dof, node, at: mesh.nodes[node].into() }))
+        Some((is_free[node], DeflectionDof { dof, node, at: mesh.nodes[node].into() }))
     };
-    let mut sites: Vec<(bool, Site)> = (0..mesh.nodes.len()).filter_map(site).collect();
-    for Rider { number, ball, gap, .. } in balls {
+    let mut sites: Vec<(bool, DeflectionDof)> = (0..mesh.nodes.len()).filter_map(site).collect();
+    for AttachedBall { number, ball, gap, .. } in balls {
         let node = mesh.nodes.len() + number;
-        sites.extend((ground.own)(*gap).map(|dof| (false, Site { dof, node, at: ball.at })));
+        sites.extend((ground.own)(*gap).map(|dof| (false, DeflectionDof { dof, node, at: ball.at })));
     }
     sites.sort_by_key(|(is_free, site)| (*is_free, site.dof));
     let bounded = sites.iter().filter(|(is_free, _)| !is_free).count();
@@ -47,7 +47,7 @@ pub(super) fn sites<T: Team>(
 /// Obstacle with the bounds that it affects, and their positions.
 struct Opposite {
     side: Side,
-    height: Given,
+    height: FieldInput,
     bounds: Vec<usize>,
     points: Vec<Point>,
 }
@@ -66,13 +66,13 @@ pub(super) struct Heights {
 
 impl Heights {
     /// Evaluates the fixed obstacles once. Collective.
-    pub fn new<T: Team>(
-        ground: &Ground<T>,
+    pub fn new<T: Communicator>(
+        ground: &BuildContext<T>,
         opposite: &[Vec<usize>],
-        bounded: &[Site],
+        bounded: &[DeflectionDof],
         lifts: &[Lift],
     ) -> Result<Heights> {
-        let Ground { scene, mesh, .. } = ground;
+        let BuildContext { scene, mesh, .. } = ground;
         let nodes = mesh.nodes.len();
         let dofs = bounded.iter().map(|site| site.dof).collect();
         let mut still = Bounds::uniform(dofs, f64::NEG_INFINITY, f64::INFINITY);

@@ -1,14 +1,14 @@
 //! Loads of the plate: pressure, point forces, gravity.
 
 use super::attached::Attached;
-use super::ground::{AddUp, Agree, Ground, Sum, Team, seen};
+use super::ground::{AddUp, Agree, BuildContext, Communicator, Sum, seen};
 use crate::assembly::{self, Pressure};
+use crate::dof_map::PER_NODE;
 use crate::element::adaptive::{self, Integrand, Rules, Triangle};
 use crate::error::Result;
 use crate::field::{Enclosure, Interval};
 use crate::mesh::Point;
-use crate::scene::Given;
-use crate::space::PER_NODE;
+use crate::scene::FieldInput;
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -19,13 +19,13 @@ pub(super) struct Loads {
     /// Constant part of the load, in N; `None` where it is zero.
     pub constant: Option<Vec<f64>>,
     /// Products of a factor g(t) and a load vector (N).
-    terms: Vec<(Given, Vec<f64>)>,
+    terms: Vec<(FieldInput, Vec<f64>)>,
     wave: Option<Wave>,
 }
 
 /// Pressure that is no sum of products g(t) h(x, y), integrated at every instant.
 struct Wave {
-    pressure: Given,
+    pressure: FieldInput,
     points: Pressure,
     pieces: Vec<Triangle>,
     /// Number of local dofs.
@@ -46,7 +46,7 @@ const WINDOWS: [u32; 2] = [256, 16];
 
 /// Wave at the start of a time window, with bounds over the whole window.
 struct Window<'w> {
-    pressure: &'w Given,
+    pressure: &'w FieldInput,
     from: f64,
     to: f64,
 }
@@ -67,8 +67,8 @@ impl Integrand for Window<'_> {
 
 impl Wave {
     /// Prepares the integration of a pressure. Collective.
-    fn new<T: Team>(ground: &Ground<T>, pressure: &Given) -> Result<Wave> {
-        let Ground { scene, mesh, cells, space, add_up, agree, sum, .. } = ground;
+    fn new<T: Communicator>(ground: &BuildContext<T>, pressure: &FieldInput) -> Result<Wave> {
+        let BuildContext { scene, mesh, cells, space, add_up, agree, sum, .. } = ground;
         Ok(Wave {
             pressure: pressure.clone(),
             points: ground.team.together(Pressure::new(mesh, cells))?,
@@ -169,8 +169,11 @@ const WAVE_INSTANTS: u64 = 100;
 
 /// Returns the resultants of all loads. The build context must have all dofs free and a single
 /// process.
-pub(super) fn totals<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Vec<LoadTotal>> {
-    let Ground { scene, mesh, cells, space, .. } = ground;
+pub(super) fn totals<T: Communicator>(
+    ground: &BuildContext<T>,
+    attached: &Attached,
+) -> Result<Vec<LoadTotal>> {
+    let BuildContext { scene, mesh, cells, space, .. } = ground;
     let of = |load: &[f64]| Resultant::of(&mesh.nodes, load);
     let still = |key: &str, load: &[f64]| LoadTotal { key: key.into(), start: of(load), largest: None };
     let mut totals = Vec::new();
@@ -204,8 +207,9 @@ pub(super) fn totals<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result
             totals.push(still(&pressure.key, &ground.pressed(pressure)?));
         }
     } else if let Some(terms) = pressure.terms() {
-        let term = |[time, place]: [Given; 2]| Ok::<_, crate::Error>((time, of(&ground.pressed(&place)?)));
-        let terms: Vec<(Given, Resultant)> = terms.into_iter().map(term).collect::<Result<_>>()?;
+        let term =
+            |[time, place]: [FieldInput; 2]| Ok::<_, crate::Error>((time, of(&ground.pressed(&place)?)));
+        let terms: Vec<(FieldInput, Resultant)> = terms.into_iter().map(term).collect::<Result<_>>()?;
         totals.push(over_time(&pressure.key, INSTANTS, &|t| {
             let mut sum = Resultant::default();
             for (time, of) in &terms {
@@ -239,8 +243,8 @@ pub(super) fn totals<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result
 
 impl Loads {
     /// Integrates the loads that can be integrated in advance. Collective.
-    pub fn new<T: Team>(ground: &Ground<T>, attached: &Attached) -> Result<Loads> {
-        let Ground { scene, cells, space, add_up, .. } = ground;
+    pub fn new<T: Communicator>(ground: &BuildContext<T>, attached: &Attached) -> Result<Loads> {
+        let BuildContext { scene, cells, space, add_up, .. } = ground;
         let dofs = space.dofs();
         let mut loads = Loads { constant: None, terms: Vec::new(), wave: None };
         let Some(load) = &scene.load else { return Ok(loads) };

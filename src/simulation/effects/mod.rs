@@ -16,19 +16,19 @@ mod parts;
 mod start;
 mod units;
 
-pub(super) use ground::{Ground, seen};
+pub(super) use ground::{BuildContext, seen};
 pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 
-use super::{Places, Site};
+use super::{DeflectionDof, DofCoordinates};
 use crate::error::Result;
-use crate::linalg::{Average, Block, Engine, Form, Native};
+use crate::linalg::{ElementMatrix, Engine, Form, Native, SingularMassCell};
 use crate::modes;
 use crate::obstacle::Bounds;
-use crate::scene::{Mass, Scheme};
-use crate::scheme::{Damping, Drive, ModalDamping, Start, System};
+use crate::scene::{Mass, SchemeSpec};
+use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
-use ground::Team;
+use ground::Communicator;
 use heights::Heights;
 use loads::Loads;
 use start::Statics;
@@ -56,11 +56,11 @@ impl OfCells for crate::petsc::Distributed {
 /// Matrices of a scene, in element contributions.
 pub struct Matrices {
     /// Contributions to K.
-    pub stiffness: Vec<Block>,
+    pub stiffness: Vec<ElementMatrix>,
     /// Contributions to `$M_r$`.
-    pub consistent: Vec<Block>,
+    pub consistent: Vec<ElementMatrix>,
     /// Rows of B and entries of C.
-    pub singular: Vec<Average>,
+    pub singular: Vec<SingularMassCell>,
     /// Load of `initial.static_pressure` or, where that is 0, the constant part of `[load]`, in N.
     pub load: Vec<f64>,
     /// Bounded dofs, ascending.
@@ -73,8 +73,8 @@ pub(super) struct Effects<E: Engine> {
     pub start: Start,
     pub lifts: Vec<Lift>,
     /// Deflections of the engine's dofs; the bounded ones come first, in the order of the bounds.
-    pub sites: Vec<Site>,
-    pub places: Places,
+    pub sites: Vec<DeflectionDof>,
+    pub places: DofCoordinates,
     /// Rigid motions that nothing restrains, in words.
     pub mechanism: Option<&'static str>,
     /// Warnings on the scene, one sentence each; the same on every process.
@@ -87,7 +87,7 @@ pub(super) struct Effects<E: Engine> {
 ///
 /// # Errors
 /// Returns the errors of the scene's formulas and regions on the mesh.
-pub(super) fn matrices<T: Team>(ground: &Ground<T>) -> Result<Matrices> {
+pub(super) fn matrices<T: Communicator>(ground: &BuildContext<T>) -> Result<Matrices> {
     let attached = Attached::new(ground)?;
     let initial = &ground.scene.initial.static_pressure;
     let load = if initial.is_zero() {
@@ -109,7 +109,7 @@ pub(super) fn matrices<T: Team>(ground: &Ground<T>) -> Result<Matrices> {
 ///
 /// # Errors
 /// Returns the same errors as [`matrices`].
-pub(super) fn load_totals<T: Team>(ground: &Ground<T>) -> Result<Vec<LoadTotal>> {
+pub(super) fn load_totals<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<LoadTotal>> {
     loads::totals(ground, &Attached::new(ground)?)
 }
 
@@ -117,7 +117,7 @@ pub(super) fn load_totals<T: Team>(ground: &Ground<T>) -> Result<Vec<LoadTotal>>
 ///
 /// # Errors
 /// Returns the same errors as [`matrices`].
-pub(super) fn mechanism<T: Team>(ground: &Ground<T>) -> Result<Option<&'static str>> {
+pub(super) fn mechanism<T: Communicator>(ground: &BuildContext<T>) -> Result<Option<&'static str>> {
     let attached = Attached::new(ground)?;
     attached.require_held_parts(ground)?;
     Ok(attached.mechanism(ground))
@@ -128,8 +128,11 @@ pub(super) fn mechanism<T: Team>(ground: &Ground<T>) -> Result<Option<&'static s
 /// # Errors
 /// Returns the errors of the scene's formulas and regions on the mesh, and
 /// [`Singular`](crate::Error::Singular) where a static start is asked of a mechanism.
-pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Result<Effects<E>> {
-    let Ground { scene, cells, .. } = *ground;
+pub(super) fn compose<E: OfCells, T: Communicator>(
+    engine: E,
+    ground: &BuildContext<T>,
+) -> Result<Effects<E>> {
+    let BuildContext { scene, cells, .. } = *ground;
     let attached = Attached::new(ground)?;
     attached.require_held_parts(ground)?;
     let mechanism = attached.mechanism(ground);
@@ -160,7 +163,7 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
         damping,
         load: loads.constant.clone(),
         bounds: Bounds::default(),
-        drive: Drive::default(),
+        drive: TimeDependence::default(),
     };
 
     let statics = Statics { ground, attached: &attached, mechanism };
@@ -183,12 +186,12 @@ pub(super) fn compose<E: OfCells, T: Team>(engine: E, ground: &Ground<T>) -> Res
     let moving = |lift: &Lift| lift.moving(ground, &attached, &sites[..bounded], dofs);
     system.drive.supports = lifts.iter().map(moving).collect::<Result<_>>()?;
     system.bounds = system.drive.carried(0.0, heights.at_start()?)?;
-    if matches!(scene.time.scheme, Scheme::Conserving | Scheme::Exact) {
+    if matches!(scene.time.scheme, SchemeSpec::Conserving | SchemeSpec::Exact) {
         attached.refuse_stopped(ground, &system.bounds)?;
     }
 
     let clock = Instant::now();
-    let places = Places::new(ground, system.engine.dofs(), attached.carried());
+    let places = DofCoordinates::new(ground, system.engine.dofs(), attached.carried());
     let (start, doubt) = start::start(&system, &statics, &loads, &lifts, &places)?;
     warnings.extend(doubt);
     let seconds = clock.elapsed().as_secs_f64();

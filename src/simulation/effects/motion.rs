@@ -2,35 +2,39 @@
 
 use super::OfCells;
 use super::attached::Attached;
-use super::ground::{Ground, Team};
+use super::ground::{BuildContext, Communicator};
 use super::start::Statics;
 use crate::assembly;
+use crate::dof_map::{PER_NODE, Place, Support};
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
-use crate::scene::{Given, Mass};
+use crate::scene::{FieldInput, Mass};
 use crate::scheme::{SupportMotion, System};
-use crate::simulation::{Site, body};
-use crate::space::{PER_NODE, Place, Support};
+use crate::simulation::{DeflectionDof, body};
 use std::rc::Rc;
 
 /// Support motion, with the deflection and slopes that a motion of 1 m causes at each node (three
 /// values per node of this process).
 #[derive(Debug, Clone)]
 pub(in crate::simulation) struct Lift {
-    pub motion: Rc<Given>,
+    pub motion: Rc<FieldInput>,
     pub shape: Vec<f64>,
     /// Whether the plate moves rigidly; otherwise its shape is in equilibrium.
     is_rigid: bool,
 }
 
 /// Returns each support motion with its lift. Collective.
-pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T>) -> Result<Vec<Lift>> {
-    let Ground { scene, mesh, team, .. } = *statics.ground;
+pub(super) fn lifts<E: OfCells, T: Communicator>(
+    system: &System<E>,
+    statics: &Statics<T>,
+) -> Result<Vec<Lift>> {
+    let BuildContext { scene, mesh, team, .. } = *statics.ground;
     // Guided edges follow the plate and do not drive it.
-    let motions: Vec<Option<&Given>> = scene.supports.iter().map(|support| support.motion.as_ref()).collect();
+    let motions: Vec<Option<&FieldInput>> =
+        scene.supports.iter().map(|support| support.motion.as_ref()).collect();
     let holding = || scene.supports.iter().filter(|support| support.kind.holds_deflection());
-    let mut different: Vec<&Given> = Vec::new();
+    let mut different: Vec<&FieldInput> = Vec::new();
     for motion in motions.iter().flatten() {
         if !different.iter().any(|known| same(Some(known), Some(motion))) {
             different.push(motion);
@@ -52,9 +56,9 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
     let places = body::supports(scene, mesh, team)?;
     // Nodes on all processes that supports of one motion hold, or those at rest for `None`.
     // Collective.
-    let nodes_of = |motion: Option<&Given>| {
+    let nodes_of = |motion: Option<&FieldInput>| {
         let mut nodes = vec![0.0; mesh.nodes.len()];
-        let of = |((_, kind), own): &(&(Place, Support), &Option<&Given>)| {
+        let of = |((_, kind), own): &(&(Place, Support), &Option<&FieldInput>)| {
             kind.holds_deflection() && same(**own, motion)
         };
         for ((place, _), _) in places.iter().zip(&motions).filter(of) {
@@ -66,7 +70,7 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
         team.spread(&nodes)
     };
     let mut taken = nodes_of(None)?;
-    let lift = |motion: &Given| {
+    let lift = |motion: &FieldInput| {
         // The plate bends statically between held nodes that move and those at rest.
         let moved = nodes_of(Some(motion))?;
         let torn = (0..taken.len()).find(|&node| moved[node] > 0.0 && taken[node] > 0.0);
@@ -76,19 +80,19 @@ pub(super) fn lifts<E: OfCells, T: Team>(system: &System<E>, statics: &Statics<T
         let mut load = statics.forces(&steps)?;
         load.iter_mut().for_each(|f| *f = -*f);
         let u = statics.equilibrium(system, &load, &Bounds::default())?;
-        let bent = statics.ground.space.shape(&system.engine.on_cells(&u)?);
+        let bent = statics.ground.space.shape(&system.engine.to_local(&u)?);
         let shape = steps.iter().zip(bent).map(|(step, bent)| step + bent).collect();
         Ok(Lift { motion: Rc::new(motion.clone()), shape, is_rigid: false })
     };
     different.into_iter().map(lift).collect()
 }
 
-fn same(one: Option<&Given>, other: Option<&Given>) -> bool {
+fn same(one: Option<&FieldInput>, other: Option<&FieldInput>) -> bool {
     one.map(|given| &given.value) == other.map(|given| &given.value)
 }
 
 /// Returns the error of a node that is to move in two ways at once.
-fn tears(motion: &Given, at: Point) -> Error {
+fn tears(motion: &FieldInput, at: Point) -> Error {
     let wrong = format!("the node at ({}, {}) is also held by a support that moves otherwise", at.x, at.y);
     Error::Scene(format!("{}: {wrong}; expected separate nodes, as by where", motion.key))
 }
@@ -96,14 +100,14 @@ fn tears(motion: &Given, at: Point) -> Error {
 impl Lift {
     /// Returns the support motion with forces and momenta of its shape on the engine's dofs, some
     /// of which are bounded. Collective.
-    pub(super) fn moving<T: Team>(
+    pub(super) fn moving<T: Communicator>(
         &self,
-        ground: &Ground<T>,
+        ground: &BuildContext<T>,
         attached: &Attached,
-        bounded: &[Site],
+        bounded: &[DeflectionDof],
         dofs: usize,
     ) -> Result<SupportMotion> {
-        let Ground { scene, mesh, cells, space, add_up, team, .. } = ground;
+        let BuildContext { scene, mesh, cells, space, add_up, team, .. } = ground;
         let Lift { motion, shape, is_rigid } = self;
         let mut momentum = vec![0.0; space.dofs()];
         match scene.time.mass {
@@ -122,7 +126,7 @@ impl Lift {
         let step = scene.time.step;
         let [place, rate] = [(); 2].map(|()| motion.clone());
         // The gaps of balls are numbered past the nodes; no motion shifts them.
-        let at = |site: &Site| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
+        let at = |site: &DeflectionDof| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
         Ok(SupportMotion {
             place: Box::new(move |t| place.at(Point::origin(), t)),
             rate: Box::new(move |t| match rate.jet(t) {
@@ -138,10 +142,10 @@ impl Lift {
     }
 }
 
-impl<T: Team> Statics<'_, T> {
+impl<T: Communicator> Statics<'_, T> {
     /// Returns K u for a shape u (three values per node), in N, on the engine's dofs. Collective.
     fn forces(&self, shape: &[f64]) -> Result<Vec<f64>> {
-        let Ground { mesh, cells, space, add_up, .. } = self.ground;
+        let BuildContext { mesh, cells, space, add_up, .. } = self.ground;
         let mut force = vec![0.0; space.dofs()];
         assembly::forces(mesh, cells, shape, &mut force);
         self.attached.add_forces(self.ground, shape, &mut force);

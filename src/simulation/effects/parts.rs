@@ -1,16 +1,16 @@
 //! Check that each disconnected part of a mesh is held by itself.
 
-use super::attached::Lump;
-use super::ground::{Ground, Team};
+use super::attached::LumpedMass;
+use super::ground::{BuildContext, Communicator};
+use crate::dof_map::{PER_NODE, Rigid};
 use crate::error::{Error, Result};
 use crate::mesh::{Point, Unions};
-use crate::space::{PER_NODE, Rigid};
 use std::collections::BTreeSet;
 
 /// Returns an error where the mesh has several parts and one of them is not held. Collective.
-pub(super) fn require_held<T: Team>(
-    ground: &Ground<T>,
-    springs: &[Lump],
+pub(super) fn require_held<T: Communicator>(
+    ground: &BuildContext<T>,
+    springs: &[LumpedMass],
     on_foundation: impl Iterator<Item = usize>,
 ) -> Result<()> {
     if ground.scene.file.as_ref().is_none_or(|file| file.parts == 1) {
@@ -63,7 +63,7 @@ pub(super) fn require_held<T: Team>(
 }
 
 /// Returns the part of each node of this process, and the number of parts over all. Collective.
-fn parts<T: Team>(ground: &Ground<T>) -> Result<(Vec<usize>, usize)> {
+fn parts<T: Communicator>(ground: &BuildContext<T>) -> Result<(Vec<usize>, usize)> {
     let (of_node, own) = ground.mesh.part_of_nodes();
     let counts = ground.team.gather(&[own as f64]);
     let first: f64 = counts[..ground.team.rank()].iter().sum();

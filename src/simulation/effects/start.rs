@@ -1,30 +1,30 @@
 //! Initial conditions.
 
 use super::OfCells;
-use super::attached::{Attached, Rider};
+use super::attached::{Attached, AttachedBall};
 use super::bearing;
-use super::ground::{Ground, Team};
+use super::ground::{BuildContext, Communicator};
 use super::loads::Loads;
 use super::motion::Lift;
+use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scheme::{self, Start, System};
-use crate::simulation::{Places, judge};
-use crate::space::{PER_NODE, Space};
+use crate::simulation::{DofCoordinates, judge};
 
 /// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;
 
 /// Context for the computation of equilibria.
-pub(super) struct Statics<'g, T: Team> {
-    pub ground: &'g Ground<'g, T>,
+pub(super) struct Statics<'g, T: Communicator> {
+    pub ground: &'g BuildContext<'g, T>,
     pub attached: &'g Attached<'g>,
     /// Rigid motions that nothing restrains, in words.
     pub mechanism: Option<&'static str>,
 }
 
-impl<T: Team> Statics<'_, T> {
+impl<T: Communicator> Statics<'_, T> {
     /// Computes the equilibrium of the plate under a load, with the balls at rest. Collective.
     pub fn equilibrium<E: OfCells>(
         &self,
@@ -41,14 +41,14 @@ impl<T: Team> Statics<'_, T> {
 
     /// Returns the stiffness of the plate with the balls held at rest; `None` where there are none.
     fn held<E: OfCells>(&self, system: &System<E>) -> Option<E::Form> {
-        let Ground { scene, cells, .. } = *self.ground;
+        let BuildContext { scene, cells, .. } = *self.ground;
         (!scene.balls.is_empty())
             .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)))
     }
 
     /// Computes the equilibrium from which the scene starts. Collective.
     fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads) -> Result<Vec<f64>> {
-        let Ground { scene, own, add_up, .. } = self.ground;
+        let BuildContext { scene, own, add_up, .. } = self.ground;
         let initial = &scene.initial;
         let key = if initial.equilibrium { "initial.equilibrium" } else { "initial.static_pressure" };
         if let (Some(motion), true) = (self.mechanism, scene.obstacles.is_empty()) {
@@ -83,12 +83,12 @@ impl<T: Team> Statics<'_, T> {
     /// Removes the loads of balls from `load`, where they act on the gaps and on the plate below:
     /// held at rest, balls do not load the plate. Collective.
     fn lift_balls(&self, load: &mut [f64]) -> Result<()> {
-        let Ground { scene, space, own, add_up, .. } = self.ground;
+        let BuildContext { scene, space, own, add_up, .. } = self.ground;
         if scene.balls.is_empty() {
             return Ok(());
         }
         let mut local = vec![0.0; space.dofs()];
-        for Rider { spot, gap, .. } in &self.attached.balls {
+        for AttachedBall { spot, gap, .. } in &self.attached.balls {
             if let Some(dof) = own(*gap) {
                 spot.free.push(-load[dof], &mut local);
                 load[dof] = 0.0;
@@ -100,15 +100,15 @@ impl<T: Team> Statics<'_, T> {
 }
 
 /// Returns the initial conditions of `[initial]` and warnings on them. Collective.
-pub(super) fn start<E: OfCells, T: Team>(
+pub(super) fn start<E: OfCells, T: Communicator>(
     system: &System<E>,
     statics: &Statics<T>,
     loads: &Loads,
     lifts: &[Lift],
-    places: &Places,
+    places: &DofCoordinates,
 ) -> Result<(Start, Option<String>)> {
     let Statics { ground, attached, .. } = statics;
-    let Ground { scene, space, team, .. } = **ground;
+    let BuildContext { scene, space, team, .. } = **ground;
     let initial = &scene.initial;
     let engine = &system.engine;
     // Initial deflections are relative to the supports, velocities are not.
@@ -133,8 +133,8 @@ pub(super) fn start<E: OfCells, T: Team>(
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
         ground.owned(&space.interpolate(&team.together(shape)?), engine.dofs())
     };
-    let (u, v) = (engine.on_cells(&displacement)?, engine.on_cells(&velocity)?);
-    for Rider { ball, spot, gap, .. } in &attached.balls {
+    let (u, v) = (engine.to_local(&displacement)?, engine.to_local(&velocity)?);
+    for AttachedBall { ball, spot, gap, .. } in &attached.balls {
         let Some(dof) = (ground.own)(*gap) else { continue };
         displacement[dof] = ball.height - spot.free.deflection(&u);
         velocity[dof] = ball.velocity - spot.free.deflection(&v);
@@ -144,9 +144,9 @@ pub(super) fn start<E: OfCells, T: Team>(
             velocity[dof] -= lift * rate;
         }
     }
-    let violation = engine.maximum(system.bounds.violation(&displacement))?;
+    let violation = engine.all_reduce_max(system.bounds.violation(&displacement))?;
     let largest = displacement.iter().fold(system.bounds.magnitude(), |m, u| m.max(u.abs()));
-    if violation > BEYOND * engine.maximum(largest)? {
+    if violation > BEYOND * engine.all_reduce_max(largest)? {
         return Err(Error::Scene(format!(
             "initial: the plate starts {violation:.3e} m beyond an obstacle; expected a start within all of them"
         )));
@@ -155,7 +155,7 @@ pub(super) fn start<E: OfCells, T: Team>(
 }
 
 /// Returns the initial deflection if the supports allow it.
-fn on_supports<T: Team>(ground: &Ground<T>, shape: Vec<f64>) -> Result<Vec<f64>> {
+fn on_supports<T: Communicator>(ground: &BuildContext<T>, shape: Vec<f64>) -> Result<Vec<f64>> {
     match contradiction(ground, &shape, |_| 0.0) {
         None => Ok(shape),
         Some(of) => Err(Error::Scene(format!("initial.deflection: {}", of.words("m", "")))),
@@ -184,8 +184,8 @@ impl Contradiction {
 
 /// Returns the first node of this process at which a field (three values per node) violates a
 /// support: in its value where the deflection is held, in its slopes where the plate is clamped.
-fn contradiction<T: Team>(
-    ground: &Ground<T>,
+fn contradiction<T: Communicator>(
+    ground: &BuildContext<T>,
     shape: &[f64],
     of_supports: impl Fn(usize) -> f64,
 ) -> Option<Contradiction> {
@@ -195,7 +195,7 @@ fn contradiction<T: Team>(
     };
     let scales = [largest(|which| which == 0), largest(|which| which > 0)];
     let wrong = |node: usize| {
-        let held = Space::held(&ground.holds[node]);
+        let held = DofMap::held(&ground.holds[node]);
         let is_clamped = held.iter().all(|held| *held);
         (0..PER_NODE).find_map(|which| {
             let dof = PER_NODE * node + which;
@@ -215,7 +215,7 @@ fn contradiction<T: Team>(
 }
 
 /// Returns the violation of the first process that has one. Collective.
-fn first_of_all(team: &impl Team, own: Option<Contradiction>) -> Option<Contradiction> {
+fn first_of_all(team: &impl Communicator, own: Option<Contradiction>) -> Option<Contradiction> {
     let numbers = own.map(|of| [of.at[0], of.at[1], f64::from(u8::from(of.is_value)), of.given, of.held]);
     let all = team.gather(numbers.as_ref().map_or(&[], |of| of));
     let (first, _) = all.as_chunks::<5>();

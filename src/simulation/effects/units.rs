@@ -1,6 +1,6 @@
 //! Check for lengths that cannot be in metres.
 
-use super::ground::{Ground, Team};
+use super::ground::{BuildContext, Communicator};
 
 /// Ratio of span to thickness above which a warning asks for the unit: 600 m for 3 mm is 200,000, a
 /// foil of 1 m for 0.1 mm 10,000.
@@ -12,7 +12,7 @@ const BLOCK: f64 = 1.0;
 
 /// Returns a warning that asks whether lengths are in metres, for a plate much too wide or too
 /// narrow for its thickness. A mesh with the key `mesh.scale` is not questioned. Collective.
-pub(super) fn question<T: Team>(ground: &Ground<T>) -> Option<String> {
+pub(super) fn question<T: Communicator>(ground: &BuildContext<T>) -> Option<String> {
     let scene = ground.scene;
     let farthest = |sign: f64, axis: usize| {
         ground.mesh.nodes.iter().map(|node| sign * node[axis]).fold(f64::MIN, f64::max)

@@ -18,19 +18,19 @@ mod report;
 pub mod trajectory;
 pub mod truth;
 
+use crate::dof_map::DofMap;
 use crate::error::{Error, Result};
 use crate::linalg::Native;
 use crate::mesh::{Cell, Mesh, Point};
 use crate::modes;
 use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
-use crate::space::Space;
 use norms::{Jet, Metric, Norms, Points, Sampler};
 use plan::{Case, Dropped, Plan, mesh_name};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use trajectory::{Deviation, Distance, Parts, Trajectory};
-use truth::{Family, Truth};
+use truth::{Family, ReferenceSolution};
 
 /// Limit on the total time of a case's repetitions, in s.
 const PATIENCE: f64 = 10.0;
@@ -66,7 +66,7 @@ pub type Runner<'r> = dyn Fn(&Scene, bool) -> Result<(Trajectory, Outcome)> + 'r
 ///
 /// # Errors
 /// Returns the errors of [`Model::new`], and the error that ends the run.
-pub fn natively(scene: &Scene, keep_fields: bool) -> Result<(Trajectory, Outcome)> {
+pub fn run_native(scene: &Scene, keep_fields: bool) -> Result<(Trajectory, Outcome)> {
     Trajectory::record(scene, &Model::new(scene)?, &simulation::condensed, keep_fields)
 }
 
@@ -252,13 +252,13 @@ fn watched(scene: &Scene) -> Result<Scene> {
 
 /// Motion on the reference mesh, at its quadrature points.
 struct Reference {
-    truth: Truth,
+    truth: ReferenceSolution,
     points: Points,
     jets: Vec<Vec<Jet>>,
 }
 
 impl Reference {
-    fn new(base: &Scene, truth: Truth) -> Result<Reference> {
+    fn new(base: &Scene, truth: ReferenceSolution) -> Result<Reference> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
         let points = Points::new(&mesh, &simulation::sections(base, &mesh)?)?;
         let sampler = Sampler::new(&mesh, &space, points.at())?;
@@ -276,7 +276,7 @@ impl Reference {
     }
 
     /// Returns the error in space of a motion on another mesh.
-    fn distance(&self, base: &Scene, truth: &Truth, instants: &[f64]) -> Result<Distance> {
+    fn distance(&self, base: &Scene, truth: &ReferenceSolution, instants: &[f64]) -> Result<Distance> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
         let sampler = Sampler::new(&mesh, &space, self.points.at())?;
         let norms: Vec<Norms> = truth
@@ -291,7 +291,7 @@ impl Reference {
     }
 }
 
-fn mesh_and_space(base: &Scene, grid: Grid) -> Result<(Mesh, Space)> {
+fn mesh_and_space(base: &Scene, grid: Grid) -> Result<(Mesh, DofMap)> {
     let mut scene = base.clone();
     scene.mesh = grid;
     let mesh = simulation::mesh(&scene)?;
@@ -339,13 +339,13 @@ pub fn study(
     let finest = base.mesh.with(study.elements[0], study.reference_cells, study.reference_refine);
     let todo = Todo::new(&plan, known.as_ref());
     let parts = usize::from(todo.reference) + todo.limits.len() + todo.cases.len();
-    watch.begins(parts, foretell(base, study, &todo, finest, interval, run));
+    watch.begins(parts, estimate_seconds(base, study, &todo, finest, interval, run));
 
     let together = PART_OF_PERIOD * first_period(base)?;
     let reference = if todo.reference {
         watch.starts(&format!("reference, {}", mesh_name(&finest)));
         let step = REFERENCE_STEP * smallest;
-        let truth = Truth::new(base, finest, Family::Singular, interval, step, together, run)?;
+        let truth = ReferenceSolution::new(base, finest, Family::Singular, interval, step, together, run)?;
         Some(Reference::new(base, truth)?)
     } else {
         None
@@ -381,11 +381,11 @@ pub fn study(
     for &grid in &plan.grids {
         let (mesh, space) = mesh_and_space(base, grid)?;
         let metric = Metric::new(&mesh, &space, &simulation::sections(base, &mesh)?)?;
-        let mut truths: Vec<(Family, Rc<Truth>)> = Vec::new();
+        let mut truths: Vec<(Family, Rc<ReferenceSolution>)> = Vec::new();
         for (_, family) in todo.limits.iter().filter(|(own, _)| *own == grid) {
             let step = LIMIT_STEP * smallest;
             watch.starts(&format!("limit, {}", mesh_name(&grid)));
-            match Truth::new(base, grid, *family, interval, step, together, run) {
+            match ReferenceSolution::new(base, grid, *family, interval, step, together, run) {
                 Ok(truth) => {
                     if let (None, Some(reference)) = (accuracy.limit(&grid, *family), &reference) {
                         let space_error = reference.distance(base, &truth, &study.at)?;
@@ -485,7 +485,7 @@ impl Todo {
     }
 }
 
-fn limit(mesh: &Mesh, truth: &Truth, dofs: usize, scales: Scales, space: Distance) -> Limit {
+fn limit(mesh: &Mesh, truth: &ReferenceSolution, dofs: usize, scales: Scales, space: Distance) -> Limit {
     let relative =
         |d: Deviation| Deviation { rms: d.rms / scales.deflection, max: d.max / scales.deflection };
     Limit {
@@ -516,7 +516,7 @@ fn size(mesh: &Mesh) -> f64 {
 }
 
 /// Completed run of a case.
-struct Taken {
+struct Measurement {
     trajectory: Trajectory,
     outcome: Outcome,
     keep_fields: bool,
@@ -525,7 +525,7 @@ struct Taken {
 }
 
 /// Runs a case once for its motion, then repeatedly for its time.
-fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -> Result<Taken> {
+fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -> Result<Measurement> {
     let mut scene = case.scene(base, interval);
     let keep_fields = scene.solver.engine == EngineName::Native;
     let (trajectory, outcome) = run(&scene, keep_fields)?;
@@ -543,13 +543,13 @@ fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -
         stepping_seconds = seconds.stepping.min(stepping_seconds);
         spent += set_up + seconds.stepping;
     }
-    Ok(Taken { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] })
+    Ok(Measurement { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] })
 }
 
 /// Works as [`take`] for several cases at the same time, on the native engine.
-fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> Vec<Result<Taken>> {
+fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> Vec<Result<Measurement>> {
     std::thread::scope(|scope| {
-        let start = |case| scope.spawn(move || take(base, study, case, interval, &natively));
+        let start = |case| scope.spawn(move || take(base, study, case, interval, &run_native));
         let running: Vec<_> = cases.iter().copied().map(start).collect();
         running
             .into_iter()
@@ -559,8 +559,14 @@ fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> 
 }
 
 /// Measures the distance of a case from its limit.
-fn measure(study: &Study, case: &Case, taken: Taken, truth: &Truth, metric: &Metric) -> Result<Run> {
-    let Taken { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] } = taken;
+fn measure(
+    study: &Study,
+    case: &Case,
+    taken: Measurement,
+    truth: &ReferenceSolution,
+    metric: &Metric,
+) -> Result<Run> {
+    let Measurement { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] } = taken;
     let reference = &truth.trajectory;
     let norms: Option<Vec<Norms>> = keep_fields
         .then(|| {
@@ -592,7 +598,14 @@ fn measure(study: &Study, case: &Case, taken: Taken, truth: &Truth, metric: &Met
 /// Estimates the time of all runs, in s, from the first steps of each method on each mesh.
 ///
 /// Contact costs more than these steps.
-fn foretell(base: &Scene, study: &Study, todo: &Todo, finest: Grid, interval: f64, run: &Runner) -> f64 {
+fn estimate_seconds(
+    base: &Scene,
+    study: &Study,
+    todo: &Todo,
+    finest: Grid,
+    interval: f64,
+    run: &Runner,
+) -> f64 {
     let seconds = |case: &Case, repetitions: f64| {
         let mut scene = case.scene(base, interval);
         let steps = scene.time.steps() as f64;

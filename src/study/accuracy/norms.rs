@@ -6,12 +6,12 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::assembly;
+use crate::dof_map::DofMap;
 use crate::element::{Element, fvs, hct, quadrature};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::plate::{Section, Sections};
-use crate::space::Space;
 
 /// Norms of a deflection w.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -35,7 +35,7 @@ impl Metric {
     /// # Errors
     /// Returns [`Error::Mesh`] naming a cell that cannot carry its element, and the errors of
     /// `sections`.
-    pub fn new(mesh: &Mesh, space: &Space, sections: &impl Sections) -> Result<Metric> {
+    pub fn new(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Metric> {
         let cells = assembly::cells(mesh, space, &OfUnitDensity(sections))?;
         let engine = Native::with_layout(space.layout(mesh));
         let stiffness = engine.form(assembly::stiffness(&cells));
@@ -143,7 +143,7 @@ impl Sampler {
     ///
     /// # Errors
     /// Returns [`Error::Mesh`] for a point outside the mesh.
-    pub fn new(mesh: &Mesh, space: &Space, points: &[Point]) -> Result<Sampler> {
+    pub fn new(mesh: &Mesh, space: &DofMap, points: &[Point]) -> Result<Sampler> {
         let mut cells: Vec<Option<Basis>> = vec![None; mesh.cells.len()];
         let locate = |point: &Point| {
             let outside =

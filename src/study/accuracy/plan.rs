@@ -1,6 +1,6 @@
 //! Plan of a study: the combinations of its lists, and those it leaves out.
 
-use crate::scene::{EngineName, Grid, Mass, Scene, Scheme, SchemeName, Study, ViName};
+use crate::scene::{ContactSolver, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
 
@@ -9,31 +9,31 @@ use std::fmt;
 pub struct Method {
     /// Time scheme.
     #[serde(flatten)]
-    pub scheme: Scheme,
+    pub scheme: SchemeSpec,
     /// Mass matrix.
     pub mass: Mass,
     /// Linear algebra engine.
     pub engine: EngineName,
     /// Contact solver.
-    pub vi: ViName,
+    pub vi: ContactSolver,
 }
 
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Method { scheme, mass, engine, vi } = self;
         write!(f, "{}", scheme.name())?;
-        if let Scheme::Newmark { restitution, .. } = scheme {
+        if let SchemeSpec::Newmark { restitution, .. } = scheme {
             write!(f, " e={restitution}")?;
         }
-        if let Scheme::Midpoint { massless } = scheme
+        if let SchemeSpec::Midpoint { massless } = scheme
             && *massless != mass.massless()
         {
             f.write_str(" reflected")?;
         }
         write!(f, " {mass}")?;
         match (engine, vi) {
-            (EngineName::Native, ViName::Condensed) => Ok(()),
-            (engine, ViName::Condensed) => write!(f, " {engine}"),
+            (EngineName::Native, ContactSolver::Condensed) => Ok(()),
+            (engine, ContactSolver::Condensed) => write!(f, " {engine}"),
             (engine, vi) => write!(f, " {engine}:{vi}"),
         }
     }
@@ -158,11 +158,11 @@ impl Plan {
 
 fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Method> {
     let beta = match scene.time.scheme {
-        Scheme::Newmark { beta, .. } => beta,
+        SchemeSpec::Newmark { beta, .. } => beta,
         _ => 0.5,
     };
     let massless = |mass: Mass| match scene.time.scheme {
-        Scheme::Midpoint { massless } if scene.time.mass == mass => massless,
+        SchemeSpec::Midpoint { massless } if scene.time.mass == mass => massless,
         _ => mass.massless(),
     };
     let mut methods = Vec::new();
@@ -180,7 +180,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
             }
             for &engine in &study.engines {
                 for &vi in &study.vi {
-                    if engine == EngineName::Native && vi != ViName::Condensed {
+                    if engine == EngineName::Native && vi != ContactSolver::Condensed {
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
                         continue;
                     }
@@ -188,15 +188,15 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                         drop(format!("{name} {engine}"), "it runs on the native engine");
                         continue;
                     }
-                    let schemes: Vec<Scheme> = match name {
+                    let schemes: Vec<SchemeSpec> = match name {
                         SchemeName::Newmark => study
                             .restitutions
                             .iter()
-                            .map(|&restitution| Scheme::Newmark { beta, restitution })
+                            .map(|&restitution| SchemeSpec::Newmark { beta, restitution })
                             .collect(),
-                        SchemeName::Midpoint => vec![Scheme::Midpoint { massless: massless(mass) }],
-                        SchemeName::Conserving => vec![Scheme::Conserving],
-                        SchemeName::Exact => vec![Scheme::Exact],
+                        SchemeName::Midpoint => vec![SchemeSpec::Midpoint { massless: massless(mass) }],
+                        SchemeName::Conserving => vec![SchemeSpec::Conserving],
+                        SchemeName::Exact => vec![SchemeSpec::Exact],
                     };
                     methods.extend(schemes.into_iter().map(|scheme| Method { scheme, mass, engine, vi }));
                 }

@@ -4,7 +4,7 @@ use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
 use super::trajectory::{Deviation, Parts};
 use super::{Accuracy, Run, mesh_name};
 use crate::output::text::{Table, grouped, significant};
-use crate::scene::{Horizon, Scheme};
+use crate::scene::{Horizon, SchemeSpec};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -172,7 +172,7 @@ impl Accuracy {
         let method = &run.case.method;
         let optional = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
         let restitution = match method.scheme {
-            Scheme::Newmark { restitution, .. } => Some(restitution),
+            SchemeSpec::Newmark { restitution, .. } => Some(restitution),
             _ => None,
         };
         let mut row = vec![

@@ -87,7 +87,7 @@ impl Trajectory {
         keep_fields: bool,
     ) -> Result<(Trajectory, Outcome)> {
         let mut recorder = Recorder { trajectory: Trajectory::default(), keep_fields };
-        let (outcome, ended) = simulation::follow(scene, model, scheme, 0.0, &mut recorder)?;
+        let (outcome, ended) = simulation::run_scheme(scene, model, scheme, 0.0, &mut recorder)?;
         ended?;
         Ok((recorder.finish(scene), outcome))
     }

@@ -6,9 +6,9 @@
 
 use super::plan::{Case, Method};
 use super::trajectory::{Distance, Trajectory};
-use super::{Runner, natively};
+use super::{Runner, run_native};
 use crate::error::Result;
-use crate::scene::{EngineName, Grid, Mass, Massless, Scene, Scheme, ViName};
+use crate::scene::{ContactSolver, EngineName, Grid, Mass, Massless, Scene, SchemeSpec};
 use crate::scheme::{Exact, ExactOptions};
 use crate::simulation::{self, Model, Outcome};
 use std::fmt;
@@ -27,7 +27,7 @@ pub enum Family {
     /// Every method with the singular mass.
     Singular,
     /// One scheme with the consistent mass.
-    Consistent(Scheme),
+    Consistent(SchemeSpec),
 }
 
 impl Family {
@@ -44,11 +44,11 @@ impl Family {
     /// The first ones are tried in turn; the last one remains if they fail.
     pub(super) fn methods(self, cells: usize) -> (Vec<Method>, Method) {
         let native =
-            |scheme, mass| Method { scheme, mass, engine: EngineName::Native, vi: ViName::Condensed };
-        let midpoint = |massless| native(Scheme::Midpoint { massless }, Mass::Singular);
+            |scheme, mass| Method { scheme, mass, engine: EngineName::Native, vi: ContactSolver::Condensed };
+        let midpoint = |massless| native(SchemeSpec::Midpoint { massless }, Mass::Singular);
         match self {
             Family::Singular => {
-                let exact = (cells <= EXACT_CELLS).then(|| native(Scheme::Exact, Mass::Singular));
+                let exact = (cells <= EXACT_CELLS).then(|| native(SchemeSpec::Exact, Mass::Singular));
                 let first = exact.into_iter().chain([midpoint(Massless::Equilibrium)]).collect();
                 (first, midpoint(Massless::Reflected))
             }
@@ -68,7 +68,7 @@ impl fmt::Display for Family {
         match self {
             Family::Singular => f.write_str("singular"),
             Family::Consistent(scheme) => {
-                let (engine, vi) = (EngineName::Native, ViName::Condensed);
+                let (engine, vi) = (EngineName::Native, ContactSolver::Condensed);
                 Method { scheme: *scheme, mass: Mass::Consistent, engine, vi }.fmt(f)
             }
         }
@@ -76,7 +76,7 @@ impl fmt::Display for Family {
 }
 
 /// Reference solution: a motion of the semi-discrete problem on a mesh.
-pub struct Truth {
+pub struct ReferenceSolution {
     /// Mesh.
     pub grid: Grid,
     /// Family of methods with this limit.
@@ -95,7 +95,7 @@ pub struct Truth {
     pub first_impact: Option<f64>,
 }
 
-impl Truth {
+impl ReferenceSolution {
     /// Computes the motion, exactly where possible, otherwise with a time step.
     ///
     /// A second computation estimates the error: exact with another event search, or with twice the
@@ -112,12 +112,12 @@ impl Truth {
         step: f64,
         together: f64,
         run: &Runner,
-    ) -> Result<Truth> {
+    ) -> Result<ReferenceSolution> {
         let computed = |method: Method| {
-            let exact = method.scheme == Scheme::Exact;
+            let exact = method.scheme == SchemeSpec::Exact;
             let scene = |step| Case { grid, method, step }.scene(base, interval);
             let [(fine, outcome), (coarse, _)] = if exact {
-                [exactly(&scene(interval), FINE_STRIDE)?, natively(&scene(interval), false)?]
+                [exactly(&scene(interval), FINE_STRIDE)?, run_native(&scene(interval), false)?]
             } else {
                 [run(&scene(step), true)?, run(&scene(2.0 * step), false)?]
             };
@@ -145,7 +145,7 @@ impl Truth {
         };
         let impacts = impacts(&outcome.contacts, together);
         let error = Distance::new(&coarse, &trajectory, &impacts, None, &[]);
-        Ok(Truth {
+        Ok(ReferenceSolution {
             grid,
             family,
             source,

@@ -49,7 +49,7 @@ pub enum Place {
 
 /// Constraints of the supports at a node.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Hold {
+pub struct NodeConstraint {
     /// Number of supports that hold the deflection.
     pub deflection: f64,
     /// Sum of d d^T over the directions d in which supports hold the slope, as xx, xy, yy.
@@ -64,7 +64,7 @@ const SMOOTH: f64 = 0.17;
 /// Tolerance within which a direction counts as that of an axis.
 const ALONG_AXIS: f64 = 1e-12;
 
-impl Hold {
+impl NodeConstraint {
     /// Adds the constraints of a support along an edge with unit direction `along`, or at a single
     /// node where it is `None`.
     pub fn add(&mut self, support: Support, along: Option<[f64; 2]>) {
@@ -88,7 +88,7 @@ impl Hold {
 
     /// Returns whether anything is held.
     pub fn is_any(&self) -> bool {
-        *self != Hold::default()
+        *self != NodeConstraint::default()
     }
 
     /// Returns how the slopes are constrained.
@@ -124,7 +124,7 @@ enum Slope {
 /// At a support oblique to the axes, w_x and w_y of a node share one dof, the slope in the free
 /// direction, with one factor each.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Space {
+pub struct DofMap {
     free: Vec<Option<usize>>,
     /// Factors of the dofs at oblique supports; those of all others are 1.
     factors: HashMap<usize, f64>,
@@ -132,25 +132,25 @@ pub struct Space {
     extra: usize,
 }
 
-impl Space {
+impl DofMap {
     /// Numbers all dofs of a mesh, before supports.
-    pub fn unsupported(mesh: &Mesh) -> Space {
+    pub fn unsupported(mesh: &Mesh) -> DofMap {
         let count = PER_NODE * mesh.nodes.len();
-        Space { free: (0..count).map(Some).collect(), factors: HashMap::new(), count, extra: 0 }
+        DofMap { free: (0..count).map(Some).collect(), factors: HashMap::new(), count, extra: 0 }
     }
 
     /// Numbers the dofs that supports on named edges leave free.
     ///
     /// # Errors
     /// Returns [`Mesh`](crate::Error::Mesh) for an edge that the mesh does not have.
-    pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<Space> {
-        Ok(Space::of(&Space::holds(mesh, &Space::on_edges(mesh, supports)?)))
+    pub fn new<'n>(mesh: &Mesh, supports: impl IntoIterator<Item = (&'n str, Support)>) -> Result<DofMap> {
+        Ok(DofMap::of(&DofMap::holds(mesh, &DofMap::on_edges(mesh, supports)?)))
     }
 
     /// Returns supports on all sides of named edges.
     ///
     /// # Errors
-    /// Returns the errors of [`Space::new`].
+    /// Returns the errors of [`DofMap::new`].
     pub fn on_edges<'n>(
         mesh: &Mesh,
         supports: impl IntoIterator<Item = (&'n str, Support)>,
@@ -163,8 +163,8 @@ impl Space {
     }
 
     /// Returns the constraints of the supports, one entry per node.
-    pub fn holds(mesh: &Mesh, supports: &[(Place, Support)]) -> Vec<Hold> {
-        let mut holds = vec![Hold::default(); mesh.nodes.len()];
+    pub fn holds(mesh: &Mesh, supports: &[(Place, Support)]) -> Vec<NodeConstraint> {
+        let mut holds = vec![NodeConstraint::default(); mesh.nodes.len()];
         for (place, support) in supports {
             match place {
                 Place::Edges(edges) => {
@@ -182,18 +182,18 @@ impl Space {
     }
 
     /// Numbers the dofs that the constraints leave free.
-    pub fn of(holds: &[Hold]) -> Space {
-        Space::numbered(holds, true, 0)
+    pub fn of(holds: &[NodeConstraint]) -> DofMap {
+        DofMap::numbered(holds, true, 0)
     }
 
     /// Numbers every dof, held or not, with `extra` dofs of no node first: `extra` + 3 n + k is dof
     /// k of node n.
-    pub fn of_all(holds: &[Hold], extra: usize) -> Space {
-        Space::numbered(holds, false, extra)
+    pub fn of_all(holds: &[NodeConstraint], extra: usize) -> DofMap {
+        DofMap::numbered(holds, false, extra)
     }
 
     /// Returns which of a node's three dofs do not exist under its constraints.
-    pub fn held(hold: &Hold) -> [bool; PER_NODE] {
+    pub fn held(hold: &NodeConstraint) -> [bool; PER_NODE] {
         let [x, y] = match hold.slope() {
             Slope::Axes(held) => held,
             Slope::Askew(_) => [false, true],
@@ -201,11 +201,11 @@ impl Space {
         [hold.deflection > 0.0, x, y]
     }
 
-    fn numbered(holds: &[Hold], leave_out: bool, extra: usize) -> Space {
-        let mut space = Space { free: Vec::new(), factors: HashMap::new(), count: extra, extra: 0 };
+    fn numbered(holds: &[NodeConstraint], leave_out: bool, extra: usize) -> DofMap {
+        let mut space = DofMap { free: Vec::new(), factors: HashMap::new(), count: extra, extra: 0 };
         for hold in holds {
             let first = space.free.len();
-            for held in Space::held(hold) {
+            for held in DofMap::held(hold) {
                 let is_left_out = held && leave_out;
                 space.free.push((!is_left_out).then_some(space.count));
                 space.count += usize::from(!is_left_out);
@@ -237,7 +237,7 @@ impl Space {
     }
 
     /// Returns the space with `extra` more dofs after those of the nodes.
-    pub fn with_extra(mut self, extra: usize) -> Space {
+    pub fn with_extra(mut self, extra: usize) -> DofMap {
         self.extra = extra;
         self
     }
@@ -338,7 +338,7 @@ impl Rigid {
     }
 
     /// Adds the constraints of the supports at a node.
-    pub fn hold(&mut self, at: Point, hold: &Hold) {
+    pub fn hold(&mut self, at: Point, hold: &NodeConstraint) {
         if hold.deflection > 0.0 {
             self.hold_deflection(at);
         }
