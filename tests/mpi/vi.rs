@@ -200,7 +200,7 @@ fn what_cannot_work_is_refused_by_name() {
         (&["--set", "solver.vi=tao", "--", "-tao_type", "bqpip"], 2, &["bqpip", "wrong"]),
         (&["--set", "solver.vi=tao", "--", "-tao_type", "ssils"], 2, &["ssils", "constraints"]),
         (&["--set", "solver.vi=tao", "--", "-tao_type", "almm"], 2, &["almm", "constraints"]),
-        (&["--set", "solver.vi=tao", "--", "-tao_type", "lmvm"], 2, &["lmvm", "no bounds"]),
+        (&["--set", "solver.vi=tao", "--", "-tao_type", "lmvm"], 2, &["lmvm", "not support bounds"]),
         (&["--set", "solver.vi=snes", "--", "-snes_type", "newtonls"], 2, &["newtonls", "vinewtonrsls"]),
         (&["--set", "solver.vi=snes", "--", "-snes_linesearch_type", "nleqerr"], 2, &["nleqerr", "Jacobian"]),
         (&["--set", "solver.vi=snes", "--", "-safe_snes_linesearch_type", "l3"], 2, &["l3", "l2, basic"]),
