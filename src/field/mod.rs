@@ -34,7 +34,7 @@
 //!
 //! let error = Field::parse("2*sine(x)", Names::XY).unwrap_err();
 //! assert_eq!(error.to_string(), "column 3: sine is no function (did you mean sin?)");
-//! # Ok::<(), rebond::field::Fault>(())
+//! # Ok::<(), rebond::field::ParseError>(())
 //! ```
 
 mod breaks;
