@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::{Mutex, PoisonError};
 
 /// A folder of its own for a test, with nothing in it but a scene, `fall.toml`.
 pub fn folder(test: &str, scene: &str) -> PathBuf {
@@ -44,10 +43,8 @@ pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     command
 }
 
-/// Calls the command on some ranks, one job at a time: its ranks already share the cores.
+/// Calls the command on some ranks. Jobs of other tests may run beside it: a job waits more than it works.
 pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
-    static TURN: Mutex<()> = Mutex::new(());
-    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     mpirun(folder, ranks, arguments).output().unwrap()
 }
 
