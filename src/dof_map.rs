@@ -121,8 +121,8 @@ enum Slope {
 
 /// Numbering of the free dofs, node by node, and of extra ones that belong to no node.
 ///
-/// At a support oblique to the axes, w_x and w_y of a node share one dof, the slope in the free
-/// direction, with one factor each.
+/// At a support oblique to the axes a node has one slope dof, in the direction that the support
+/// leaves free; w_x and w_y are that dof times a factor each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DofMap {
     free: Vec<Option<usize>>,
@@ -192,7 +192,7 @@ impl DofMap {
         DofMap::numbered(holds, false, extra)
     }
 
-    /// Returns which of a node's three dofs do not exist under its constraints.
+    /// Returns for each of w, w_x and w_y of a node whether its constraints remove it.
     pub fn held(hold: &NodeConstraint) -> [bool; PER_NODE] {
         let [x, y] = match hold.slope() {
             Slope::Axes(held) => held,

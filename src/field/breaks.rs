@@ -20,7 +20,8 @@ pub struct Break {
 pub struct Breaks {
     /// Kinks and jumps found.
     pub found: Vec<Break>,
-    /// Whether `found` is complete; otherwise the search ended before `to`.
+    /// Whether `found` is known to be complete; otherwise part of it comes from a comparison of
+    /// single instants, which may miss some.
     pub complete: bool,
 }
 

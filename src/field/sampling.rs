@@ -26,8 +26,9 @@ const LITTLE: f64 = 1e-3;
 /// Largest numbers of spans of steps that are bounded, and of blocks of steps that are integrated.
 const MOST_LOOKS: usize = 40_000;
 const MOST_BLOCKS: usize = 600;
-/// Largest number of parts of a step in its integral, and of halvings of one part.
+/// Largest number of subintervals that the integral over one time step is divided into.
 const MOST_PARTS: usize = 400;
+/// Largest number of times that one such subinterval is halved.
 const MOST_HALVINGS: u32 = 40;
 /// Outward rounding of 0.
 const NOTHING: f64 = 1e-290;

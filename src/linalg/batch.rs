@@ -1,7 +1,7 @@
 //! Batches of eight cells, and the layout of the engine's own vectors that suits them.
 //!
-//! In a vector numbered node by node the dofs of a cell lie far apart, and to gather them one by
-//! one costs more than all the arithmetic of the cell. A [`Layout`] puts the dofs of one kind side
+//! In a vector numbered node by node the dofs of a cell lie far apart, and gathering them one at a
+//! time costs more than all the arithmetic of the cell. A [`Layout`] puts the dofs of one kind side
 //! by side along the lines of the mesh. Eight congruent cells in a row then read each of their
 //! local dofs at once, from eight consecutive positions.
 
@@ -145,7 +145,8 @@ impl Layout {
         self.taken.get(place as usize).is_none_or(|taken| !taken)
     }
 
-    /// Returns the positions of a cell's dofs; `None` for dofs that are held.
+    /// Returns the position of each dof of a cell in the laid-out vectors; `None` for a constrained
+    /// dof.
     fn places_of(&self, dofs: &[Option<usize>]) -> impl Iterator<Item = Option<u32>> {
         dofs.iter().map(|dof| dof.map(|dof| self.places[dof]))
     }
@@ -255,7 +256,7 @@ impl<'a> Row<'a> {
         Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, cell)] }
     }
 
-    /// Adds a cell if it fits into one of the remaining lanes. Returns whether it did.
+    /// Adds a cell to the batch if one of the remaining lanes fits it, and returns whether one did.
     fn take(&mut self, cell: usize, dofs: &[Option<usize>]) -> bool {
         let places: Vec<_> = self.layout.places_of(dofs).collect();
         let pairs = || self.starts.iter().copied().zip(places.iter().copied());

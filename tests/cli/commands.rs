@@ -264,7 +264,8 @@ fn the_exact_scheme_lists_its_events() {
     assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
 }
 
-/// Without a terminal a run tells how far it is at each tenth of its steps, by the steps and not by a clock.
+/// Without a terminal a run tells how far it is at each tenth of its steps, by the steps and not by
+/// a clock.
 #[test]
 fn a_run_tells_its_progress_without_a_terminal() {
     let folder = folder("progress");

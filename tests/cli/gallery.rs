@@ -1,4 +1,5 @@
-//! The scenes of `scenes/gallery`, run as a user runs them: each gives the number that theory gives it.
+//! The scenes of `scenes/gallery`, run as a user runs them: each gives the number that theory gives
+//! it.
 
 use crate::common::command;
 use crate::common::command::{rebond, succeeds};
@@ -71,7 +72,8 @@ fn assert_near(value: f64, expected: f64, part: f64) {
     assert!((value / expected - 1.0).abs() <= part, "{value} is not {expected} to {part}");
 }
 
-/// The modes of a cantilever, scaled to a mean square of 1: the numbers beta L, and the frequencies in rad/s.
+/// The modes of a cantilever, scaled to a mean square of 1: the numbers beta L, and the frequencies
+/// in rad/s.
 struct Cantilever {
     length: f64,
     modes: Vec<(f64, f64)>,
@@ -100,8 +102,8 @@ impl Cantilever {
         (0..parts).map(at).sum::<f64>() * h / self.length
     }
 
-    /// The tip's deflection after each step under accelerations a(t) of the part between two places, from rest, damped by
-    /// mass: the central difference scheme, mode by mode.
+    /// The tip's deflection after each step under accelerations a(t) of the part between two
+    /// places, from rest, damped by mass: the central difference scheme, mode by mode.
     fn tip(&self, step: f64, steps: usize, damping: f64, part: [f64; 2], a: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut tip = vec![0.0; steps];
         for &(root, omega) in &self.modes {
@@ -155,7 +157,8 @@ fn every_scene_is_told_and_pinned() {
 
 #[test]
 fn a_vibrating_beam_meets_its_stop_when_its_modes_say() {
-    // Seen from the support, which starts at once at the velocity a W, each mode starts at rest minus that.
+    // Seen from the support, which starts at once at the velocity a W, each mode starts at rest
+    // minus that.
     let (amplitude, drive) = (2e-3, 2.0 * PI * 5.832);
     let beam = Cantilever::new(1.2, 0.01 * (210e9_f64 / (12.0 * 7770.0)).sqrt());
     let shares: Vec<f64> = beam.modes.iter().map(|&(root, _)| beam.share(root, 0.0, 1.2)).collect();
@@ -174,7 +177,8 @@ fn a_vibrating_beam_meets_its_stop_when_its_modes_say() {
     let run = run("vibrating", &["time.end=0.45", "output.every=1"]);
     let [first, speed] = run.first_impact();
     assert!((first - time).abs() < 1e-3, "{first} s is not {time} s");
-    // The support starts at once: the fast modes, of which a mesh has the phase no more, come and go. Their mean over 20 ms is small.
+    // The support starts at once: the fast modes, of which a mesh has the phase no more, come and
+    // go. Their mean over 20 ms is small.
     let (step, tip) = (5e-5, run.column("tip"));
     let touched = run.column("contact_nodes").iter().position(|nodes| *nodes > 0.0).unwrap();
     let way = tip[touched] - tip[touched - 400];
@@ -215,7 +219,8 @@ fn a_loose_cover_takes_off_where_gravity_no_longer_holds_it() {
     };
     let landing = (1..).map(|i| off + 1e-5 * f64::from(i)).find(|&t| t > off + 0.01 && flight(t) <= floor(t));
 
-    // The cover is no rigid body: it leaves and lands some milliseconds late, one side after the other.
+    // The cover is no rigid body: it leaves and lands some milliseconds late, one side after the
+    // other.
     let contacts = run("rattle", &["time.end=0.12"]).summary["contacts"].clone();
     let end = |contact: usize, end: usize| contacts[contact][end].as_f64().unwrap();
     assert!((end(0, 1) - off).abs() < 3e-3, "leaves at {} s, not {off} s", end(0, 1));

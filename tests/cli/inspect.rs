@@ -120,7 +120,8 @@ fn advised_steps_are_round_and_bounded() {
     assert_eq!(energy_step(&frequencies(Some(9142.0))), Some(5e-6));
 }
 
-/// The advised step is one that can be followed, and finer meshes do not shorten it; `conserving` is told nothing of the energy.
+/// The advised step is one that can be followed, and finer meshes do not shorten it; `conserving`
+/// is told nothing of the energy.
 #[test]
 fn finer_meshes_advise_the_same_step() {
     for cells in ["mesh.cells=[5, 2]", "mesh.cells=[20, 8]", "mesh.cells=[40, 16]"] {
@@ -132,7 +133,8 @@ fn finer_meshes_advise_the_same_step() {
     }
 }
 
-/// A cosine in the mode that counts has a period within 1 % with the advised step, and not with three times as long a one.
+/// A cosine in the mode that counts has a period within 1 % with the advised step, and not with
+/// three times as long a one.
 #[test]
 fn the_advised_step_keeps_periods_to_one_per_cent() {
     let pi = std::f64::consts::PI;
@@ -141,7 +143,8 @@ fn the_advised_step_keeps_periods_to_one_per_cent() {
             let frequencies = Frequencies { lowest: vec![5.0, highest], highest: None };
             let step = advised_step(scheme, &frequencies, false).unwrap();
             let turned = 0.5 * 2.0 * pi * highest * step;
-            // The discrete frequency of Newmark's scheme: sin(w dt / 2)^2 = x^2 / (1 + 4 beta x^2), x half the exact angle.
+            // The discrete frequency of Newmark's scheme: sin(w dt / 2)^2 = x^2 / (1 + 4 beta x^2),
+            // x half the exact angle.
             let beta = 2.0 * (error + 1.0 / 24.0);
             let period = turned / (turned / (4.0 * beta * turned * turned + 1.0).sqrt()).asin() - 1.0;
             assert!(period < 0.0101 && period > 0.01 / 9.0, "{step}: {period}");

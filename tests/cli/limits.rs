@@ -1,4 +1,5 @@
-//! Scenes that are too large for the memory there is, and files that are no scenes: one message, before anything is built.
+//! Scenes that are too large for the memory there is, and files that are no scenes: one message,
+//! before anything is built.
 
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds, text};
@@ -21,8 +22,9 @@ fn folder(test: &str) -> PathBuf {
 
 /// Calls the command where its addresses may take so many KB.
 ///
-/// OpenBLAS reserves addresses for each of its threads before the program begins, 140 MB or more, and ends it where they do not
-/// suffice. One thread makes what is left independent of the number of cores.
+/// OpenBLAS reserves addresses for each of its threads before the program begins, 140 MB or more,
+/// and ends it where they do not suffice. One thread makes what is left independent of the number
+/// of cores.
 fn within(folder: &Path, kilobytes: u64, arguments: &[&str]) -> Output {
     let script = format!("ulimit -v {kilobytes}; exec \"$@\"");
     Command::new("sh")
@@ -34,7 +36,8 @@ fn within(folder: &Path, kilobytes: u64, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// Limit in KB for small runs. The libraries of PETSc take 230 MB of it on Debian 12, and 380 MB on Debian 13.
+/// Limit in KB for small runs. The libraries of PETSc take 230 MB of it on Debian 12, and 380 MB on
+/// Debian 13.
 const TIGHT: u64 = 600_000;
 
 #[test]

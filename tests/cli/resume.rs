@@ -136,7 +136,8 @@ fn goes_on_to_a_later_end(overrides: &[&str]) {
         ended.unwrap();
         (outcome, diary)
     };
-    // No row is due at the first of these ends, contact may go on there, and what is close in the longer run is not in the shorter.
+    // No row is due at the first of these ends, contact may go on there, and what is close in the
+    // longer run is not in the shorter.
     for (first, later) in [("time.end=0.006", "time.end=0.06"), ("time.end=0.05", "time.end=0.06")] {
         let (_, short) = run(&all(first));
         let scene = all(later);
@@ -197,7 +198,8 @@ fn exact_goes_on() {
     goes_on(&["time.scheme=exact", "time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]);
 }
 
-/// What changes with time is taken up where it was: a load, an obstacle and supports that move, a ball that rides, damping.
+/// What changes with time is taken up where it was: a load, an obstacle and supports that move, a
+/// ball that rides, damping.
 #[test]
 fn what_changes_with_time_goes_on() {
     let changes = [
@@ -223,7 +225,8 @@ fn what_changes_with_time_goes_on() {
     goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
 }
 
-/// More nodes touch at once than the dense problem of contact takes: active dofs are pinned in the factor.
+/// More nodes touch at once than the dense problem of contact takes: active dofs are pinned in the
+/// factor.
 #[test]
 fn wide_contact_goes_on() {
     let flat = [

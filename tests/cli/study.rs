@@ -32,7 +32,8 @@ fn study(text: &str) -> Accuracy {
     accuracy::study(&scene, &scene.study(), None, &accuracy::run_native, 1, &mut Silent).unwrap()
 }
 
-/// Without contact every scheme is of second order, with either mass, once the fastest of its few modes is resolved.
+/// Without contact every scheme is of second order, with either mass, once the fastest of its few
+/// modes is resolved.
 #[test]
 fn free_flight_is_of_second_order_in_time() {
     let accuracy = study(
@@ -48,7 +49,8 @@ fn free_flight_is_of_second_order_in_time() {
     );
     assert!(accuracy.complete && accuracy.failures.is_empty(), "{accuracy}");
     let orders = accuracy.time_orders();
-    // Newmark with two restitutions and midpoint with either mass, conserving with the singular one; exact has no step.
+    // Newmark with two restitutions and midpoint with either mass, conserving with the singular
+    // one; exact has no step.
     assert_eq!((orders.len(), accuracy.runs.len()), (7, 7 * 3 + 1), "{accuracy}");
     for of in orders {
         let order = of.end.unwrap_or(f64::NAN);
@@ -64,7 +66,8 @@ fn free_flight_is_of_second_order_in_time() {
     );
 }
 
-/// A simply supported plate has no singularity: order 2 of the deflection and 1 in the energy norm, as the study reads them.
+/// A simply supported plate has no singularity: order 2 of the deflection and 1 in the energy norm,
+/// as the study reads them.
 #[test]
 fn a_study_reads_the_orders_in_space() {
     for element in ["fvs", "hct"] {
@@ -129,7 +132,8 @@ fn a_study_of_a_mesh_from_a_file_refines_it() {
     }
 }
 
-/// On one mesh the norms by matrices are those by quadrature, thickness and material changing within and between cells.
+/// On one mesh the norms by matrices are those by quadrature, thickness and material changing
+/// within and between cells.
 #[test]
 fn norms_are_those_of_the_scenes_sections() {
     let text = r#"
@@ -154,7 +158,8 @@ fn norms_are_those_of_the_scenes_sections() {
     assert!((by_points.l2 / by_matrices.l2 - 1.0).abs() < 0.02, "{by_points:?} {by_matrices:?}");
 }
 
-/// The unit square, simply supported, D = 1, under 4 pi^4 sin(pi x) sin(pi y): w = sin(pi x) sin(pi y).
+/// The unit square, simply supported, D = 1, under 4 pi^4 sin(pi x) sin(pi y): w = sin(pi x) sin(pi
+/// y).
 fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let exact = |p: Point| (PI * p.x).sin() * (PI * p.y).sin();
     let pressure = |p: Point| 4.0 * PI.powi(4) * exact(p);

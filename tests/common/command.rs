@@ -22,12 +22,14 @@ pub fn rebond(folder: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// What mpirun needs to start ranks of one machine, whichever release it is: more than there are cores, which wait without taking
-/// them, and speak through memory: Open MPI 5 complains of a machine without a network, else.
+/// What mpirun needs to start ranks of one machine, whichever release it is: more than there are
+/// cores, which wait without taking them, and speak through memory: Open MPI 5 complains of a
+/// machine without a network, else.
 pub const ON_ONE_MACHINE: [&str; 7] =
     ["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--mca", "btl", "^tcp"];
 
-/// The command under mpirun; root may, as in a container. A busy machine may take minutes for what takes seconds.
+/// The command under mpirun; root may, as in a container. A busy machine may take minutes for what
+/// takes seconds.
 pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     let mut command = Command::new("mpirun");
     command
@@ -43,7 +45,8 @@ pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     command
 }
 
-/// Calls the command on some ranks. Jobs of other tests may run beside it: a job waits more than it works.
+/// Calls the command on some ranks. Jobs of other tests may run beside it: a job waits more than it
+/// works.
 pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
     mpirun(folder, ranks, arguments).output().unwrap()
 }
@@ -58,8 +61,8 @@ pub fn succeeds(output: &Output) -> String {
     text(&output.stdout)
 }
 
-/// Asserts an exit code and one message, on one line, with some words. Where mpirun adds its own lines, ours is the one that
-/// begins with the command's name.
+/// Asserts an exit code and one message, on one line, with some words. Where mpirun adds its own
+/// lines, ours is the one that begins with the command's name.
 pub fn assert_fails(output: &Output, code: i32, words: &[&str]) {
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{}{said}", text(&output.stdout));
@@ -87,7 +90,8 @@ pub fn comparison(output: &Output) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Asserts the same rows, with deflections (from column 10 on) to 1e-8 m and energies to 1e-8 of the start.
+/// Asserts the same rows, with deflections (from column 10 on) to 1e-8 m and energies to 1e-8 of
+/// the start.
 pub fn assert_agree(one: &[Vec<f64>], other: &[Vec<f64>], name: &str) {
     assert_eq!(one.len(), other.len(), "{name}");
     for (a, b) in one.iter().zip(other) {

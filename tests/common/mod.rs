@@ -1,5 +1,5 @@
-//! What several tests share: seeded random numbers, forms from dense matrices, a dense Cholesky solver of its own; plates, scenes, the
-//! command, ranks.
+//! What several tests share: seeded random numbers, forms from dense matrices, a dense Cholesky
+//! solver of its own; plates, scenes, the command, ranks.
 #![allow(dead_code, unused_imports)] // Each program uses its part.
 
 pub mod clock;
@@ -60,7 +60,8 @@ pub fn dense_form(engine: &Native, size: usize, matrix: &[f64]) -> Form {
     engine.form(vec![block(&dofs, matrix, 0)])
 }
 
-/// Solves A x = b by a plain Cholesky factorisation; A row by row. `None` where A is not positive definite.
+/// Solves A x = b by a plain Cholesky factorisation; A row by row. `None` where A is not positive
+/// definite.
 pub fn solve_dense(matrix: &[f64], b: &[f64]) -> Option<Vec<f64>> {
     let n = b.len();
     let mut l = matrix.to_vec();
@@ -96,8 +97,8 @@ pub fn submatrix(matrix: &[f64], size: usize, rows: &[usize], columns: &[usize])
     rows.iter().flat_map(|&i| columns.iter().map(move |&j| matrix[i * size + j])).collect()
 }
 
-/// A random symmetric positive definite matrix, row by row, whose condition number is about `10^decades`:
-/// eigenvalues spread evenly over the decades, turned by random reflections.
+/// A random symmetric positive definite matrix, row by row, whose condition number is about
+/// `10^decades`: eigenvalues spread evenly over the decades, turned by random reflections.
 pub fn random_spd(random: &mut Random, size: usize, decades: f64) -> Vec<f64> {
     let mut a = vec![0.0; size * size];
     for i in 0..size {

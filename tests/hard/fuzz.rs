@@ -1,4 +1,5 @@
-//! Spoilt scenes: whatever a file holds, the answer is a scene or one message, at once; and a scene of few cells runs, or says why not.
+//! Spoilt scenes: whatever a file holds, the answer is a scene or one message, at once; and a scene
+//! of few cells runs, or says why not.
 
 use crate::common::Random;
 use crate::common::clock::processor_seconds;
@@ -56,8 +57,9 @@ const NASTY: &[&str] = &[
 /// Cells up to which a scene is run.
 const MOST_CELLS: usize = 24;
 
-/// Seconds of the processor that an answer may take. The slowest refusal, of a pressure `1/x` that refinement cannot integrate, takes
-/// 0.7 s, and half as much again where the other threads of a core are busy.
+/// Seconds of the processor that an answer may take. The slowest refusal, of a pressure `1/x` that
+/// refinement cannot integrate, takes 0.7 s, and half as much again where the other threads of a
+/// core are busy.
 const PATIENCE: f64 = 5.0;
 
 fn seeds() -> Vec<Vec<u8>> {
@@ -78,7 +80,8 @@ fn seeds() -> Vec<Vec<u8>> {
     files.iter().map(|file| std::fs::read(file).unwrap()).collect()
 }
 
-/// Where the values of a text stand: after `=`, up to the end of the line or a comma, brace or bracket.
+/// Where the values of a text stand: after `=`, up to the end of the line or a comma, brace or
+/// bracket.
 fn values(text: &str) -> Vec<std::ops::Range<usize>> {
     let mut found = Vec::new();
     let mut from = 0;

@@ -1,4 +1,5 @@
-//! Random plates, meshes, obstacles and loads: what must hold of each. A failure is shrunk to a small scene, which is printed.
+//! Random plates, meshes, obstacles and loads: what must hold of each. A failure is shrunk to a
+//! small scene, which is printed.
 
 use crate::common::{Random, lift};
 use proptest::prelude::*;
@@ -13,15 +14,18 @@ use std::path::Path;
 
 const STEPS: u32 = 80;
 
-/// A scene, in units of its own: deflections of a tenth of the length, times of the first period of a strip.
+/// A scene, in units of its own: deflections of a tenth of the length, times of the first period of
+/// a strip.
 #[derive(Clone)]
 struct Drawn {
     element: &'static str,
     diagonal: &'static str,
     cells: [usize; 2],
-    /// What moves the nodes of a mesh of triangles and quadrilaterals; without it the mesh is regular.
+    /// What moves the nodes of a mesh of triangles and quadrilaterals; without it the mesh is
+    /// regular.
     moved: Option<u64>,
-    /// Length in m, width over length, thickness over length, Young's modulus in Pa, Poisson's ratio, density in kg/m3.
+    /// Length in m, width over length, thickness over length, Young's modulus in Pa, Poisson's
+    /// ratio, density in kg/m3.
     plate: [f64; 6],
     /// Of left, right, bottom, top.
     supports: [Option<&'static str>; 4],
@@ -65,7 +69,8 @@ impl Drawn {
         [self.plate[0], self.plate[0] * self.plate[1]]
     }
 
-    /// A file of a mesh whose inner nodes have been moved, and whose cells are quadrilaterals or pairs of triangles.
+    /// A file of a mesh whose inner nodes have been moved, and whose cells are quadrilaterals or
+    /// pairs of triangles.
     fn mesh(&self, seed: u64) -> String {
         let ([length, width], [columns, rows]) = (self.size(), self.cells);
         let mut random = Random::new(seed);
@@ -288,7 +293,8 @@ fn every_method_holds_on_ten_thousand_random_plates() {
 #[test]
 fn every_method_holds_on_plates_once_drawn() {
     let plates = [
-        // All motions are rigid: no frequency is the fastest. In the first step the load lifts all nodes off the obstacle.
+        // All motions are rigid: no frequency is the fastest. In the first step the load lifts all
+        // nodes off the obstacle.
         "plate = { length = 1e0, width = 9.195416366491815e-1, thickness = 7.623386668486327e-2, \
            youngs_modulus = 7.017812072029467e2, poissons_ratio = -0.5, density = 4.494734534269413e1 }
          mesh = { element = \"hct\", cells = [1, 1], diagonal = \"alternating\" }
@@ -326,8 +332,8 @@ fn every_method_holds_on_plates_once_drawn() {
     }
 }
 
-/// All motions of a free column of three cells that have inertia are rigid, of cells that are no rectangles: to bend it is to turn it, for
-/// the cells' means. Drawn, as the plates above.
+/// All motions of a free column of three cells that have inertia are rigid, of cells that are no
+/// rectangles: to bend it is to turn it, for the cells' means. Drawn, as the plates above.
 #[test]
 fn every_method_holds_on_free_columns() {
     for seed in [164, 356, 394] {
@@ -350,8 +356,8 @@ fn every_method_holds_on_free_columns() {
     }
 }
 
-/// Two cells that are nearly rectangles can all but turn without moving their means: the exact scheme knew held nodes to 2e-10 only. A
-/// random plate, whose mesh is kept.
+/// Two cells that are nearly rectangles can all but turn without moving their means: the exact
+/// scheme knew held nodes to 2e-10 only. A random plate, whose mesh is kept.
 #[test]
 fn every_method_holds_on_cells_that_all_but_turn() {
     let text = "plate = { thickness = 9.965558434610791e-5, youngs_modulus = 9.241354686811783e10, poissons_ratio = 0, \

@@ -1,5 +1,6 @@
-//! Every scene of scenes/hard with every method: what a scheme promises of its energy holds, every step is solved to the last
-//! digits, and what cannot hold is told in words that help. `rebond stability` prints the same as a table.
+//! Every scene of scenes/hard with every method: what a scheme promises of its energy holds, every
+//! step is solved to the last digits, and what cannot hold is told in words that help. `rebond
+//! stability` prints the same as a table.
 
 use rebond::scene::{ContactSolver, EngineName, Mass, Scene, SchemeSpec};
 use rebond::study::stability::{Ending, Trial, run_native, variants};
@@ -8,7 +9,8 @@ use std::path::PathBuf;
 
 /// Schemes that promise something of their energy, and where that does not end in "holds".
 const EXCEPTIONS: &[(&str, &str, &str)] = &[
-    // The slowest motions are 1e8 times slower than those of a pair of triangles, which its dense matrices hold too.
+    // The slowest motions are 1e8 times slower than those of a pair of triangles, which its dense
+    // matrices hold too.
     ("flatter-cells", "hct 10x1, exact singular", "refused"),
     // Where U(p) does not exist there is nothing to follow.
     ("no-inf-sup", "midpoint singular", "refused"),

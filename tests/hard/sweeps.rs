@@ -1,4 +1,5 @@
-//! Numbers through all magnitudes, and meshes that no one would draw: nothing fails, and what a scheme promises of its energy holds.
+//! Numbers through all magnitudes, and meshes that no one would draw: nothing fails, and what a
+//! scheme promises of its energy holds.
 
 use crate::common::Random;
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL, unit};
@@ -13,8 +14,8 @@ use rebond::scheme::{
 use rebond::simulation::Model;
 use rebond::study::stability::{Ending, run_native, variants};
 
-/// The paper's plate in small, a hundred steps of 1 ms, with keys changed: no method fails, and those that promise something of their
-/// energy keep it.
+/// The paper's plate in small, a hundred steps of 1 ms, with keys changed: no method fails, and
+/// those that promise something of their energy keep it.
 fn holds(changes: &[String]) {
     let text = r#"
         plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -96,8 +97,8 @@ fn poissons_ratios_up_to_the_limits() {
     }
 }
 
-/// How much the energy moves that a scheme promises to keep, or not to raise, over its start. The exact scheme may refuse motions whose
-/// frequencies lie too far apart.
+/// How much the energy moves that a scheme promises to keep, or not to raise, over its start. The
+/// exact scheme may refuse motions whose frequencies lie too far apart.
 fn broken(system: &System<rebond::linalg::Native>, start: &Start, step: f64, steps: usize) -> [f64; 3] {
     let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step };
     let exact = match Exact::new(system, step, start.clone()) {
@@ -148,7 +149,8 @@ fn pinched(kind: &str, share: f64) -> Mesh {
     mesh.nodes[node] = match kind {
         // Triangles with one angle of almost pi: two of its neighbours are (0.3, 0) and (0.9, 0.4).
         "needles" => Point::new(0.6, 0.2 - 0.2 * (1.0 - share)),
-        // The quadrilateral above and to the right: its corners (0.6, 0.4) and (0.9, 0.2) and this one come into line.
+        // The quadrilateral above and to the right: its corners (0.6, 0.4) and (0.9, 0.2) and this
+        // one come into line.
         "nearly not convex" => Point::new(0.75 - 0.15 * share, 0.3 - 0.1 * share),
         // The quadrilateral above becomes a sliver.
         _ => Point::new(0.6, 0.4 - 0.2 * share),
@@ -172,7 +174,8 @@ fn cells_that_are_nearly_flat() {
     }
 }
 
-/// Beyond what rounding allows, a million times longer than wide, the message names the cell: no answer that is wrong.
+/// Beyond what rounding allows, a million times longer than wide, the message names the cell: no
+/// answer that is wrong.
 #[test]
 fn cells_that_are_too_flat() {
     let mesh = pinched("needles", 1e-7);
@@ -180,8 +183,9 @@ fn cells_that_are_too_flat() {
     assert!(error.starts_with("cell ") && error.contains("too flat"), "{error}");
 }
 
-/// A strip in one row of cells a hundred and a thousand times longer than wide. With nu = 0 a couple at its end bends it to x^2/2, which every
-/// cell contains, and a pressure as a beam, to q L^4 / 8 D. Of steel it takes 10 000 steps against an obstacle.
+/// A strip in one row of cells a hundred and a thousand times longer than wide. With nu = 0 a
+/// couple at its end bends it to x^2/2, which every cell contains, and a pressure as a beam, to q
+/// L^4 / 8 D. Of steel it takes 10 000 steps against an obstacle.
 #[test]
 fn cells_a_thousand_times_longer_than_wide() {
     for (element, aspect, kept) in [(Fvs, 1e2, 1e-11), (Hct, 1e2, 1e-11), (Fvs, 1e3, 1e-9), (Hct, 1e3, 1e-9)]
@@ -240,7 +244,8 @@ fn jitter() {
     }
 }
 
-/// One node displaced, or struck: all that the mesh can carry of high frequencies, in contact from the start.
+/// One node displaced, or struck: all that the mesh can carry of high frequencies, in contact from
+/// the start.
 #[test]
 fn one_node_displaced_or_struck() {
     for (element, diagonal) in [(Fvs, Right), (Hct, Right), (Hct, Alternating)] {
@@ -291,7 +296,8 @@ fn triangles_and_quadrilaterals_together() {
     assert!(broken.iter().all(|broken| *broken <= 1e-10), "{broken:?}");
 }
 
-/// Two triangles on a guided edge know rigid motions alone: their eigenvalues are all rounding, and the impact comes when it must.
+/// Two triangles on a guided edge know rigid motions alone: their eigenvalues are all rounding, and
+/// the impact comes when it must.
 #[test]
 fn all_motions_are_rigid() {
     let text = r#"

@@ -1,4 +1,5 @@
-//! The rules that the source keeps: which module may import which, one meaning per name, comments that can be read alone.
+//! The rules that the source keeps: which module may import which, one meaning per name, comments
+//! that can be read alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -1,4 +1,5 @@
-//! Effects on two ranks: the same numbers as on the native engine, and one message where one rank alone finds a fault.
+//! Effects on two ranks: the same numbers as on the native engine, and one message where one rank
+//! alone finds a fault.
 
 use crate::common::command;
 use crate::common::command::{assert_fails, history, on, rebond, succeeds};
@@ -21,7 +22,8 @@ fn rows(folder: &Path, ranks: usize) -> Vec<Vec<f64>> {
     history(&folder.join(out))
 }
 
-/// Asserts that two ranks and one process agree: energies and deflections to 1e-8 of the largest, for impacts amplify rounding.
+/// Asserts that two ranks and one process agree: energies and deflections to 1e-8 of the largest,
+/// for impacts amplify rounding.
 fn agree(test: &str, scene: &str, touches: bool) {
     let folder = folder(test, scene);
     let (native, two) = (rows(&folder, 0), rows(&folder, 2));
@@ -109,8 +111,9 @@ fn a_ball_and_all_that_is_attached() {
     );
 }
 
-/// A mixed mesh with groups and a point, read by rank 0 alone; a patch of load that travels between the points of any rule. The run
-/// ends before impacts, with a scheme that gains energy at each, have amplified rounding to the tolerance.
+/// A mixed mesh with groups and a point, read by rank 0 alone; a patch of load that travels between
+/// the points of any rule. The run ends before impacts, with a scheme that gains energy at each,
+/// have amplified rounding to the tolerance.
 #[test]
 fn a_mesh_of_groups() {
     let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh/square_41_text.msh");
@@ -156,7 +159,8 @@ fn a_disc_over_a_point() {
     );
 }
 
-/// A plate that nothing but stops and a rail hold, none of them at nodes of the grid, pushed up and let fall.
+/// A plate that nothing but stops and a rail hold, none of them at nodes of the grid, pushed up and
+/// let fall.
 #[test]
 fn a_cover_on_stops_between_nodes() {
     agree(
@@ -212,7 +216,8 @@ fn a_disc_on_points_between_nodes() {
     );
 }
 
-/// Formulas that fail on a part of the plate, which one rank may have alone, and later than at the start.
+/// Formulas that fail on a part of the plate, which one rank may have alone, and later than at the
+/// start.
 #[test]
 fn a_fault_of_one_rank_ends_all() {
     let cases = [
@@ -248,7 +253,8 @@ fn a_fault_of_one_rank_ends_all() {
     }
 }
 
-/// A free plate falls on a floor that moves: two ranks book the impulses that one process does, which weigh it over the run.
+/// A free plate falls on a floor that moves: two ranks book the impulses that one process does,
+/// which weigh it over the run.
 #[test]
 fn impulses_of_contacts() {
     for scheme in ["newmark", "midpoint", "conserving"] {

@@ -1,4 +1,5 @@
-//! PETSc's options through the command: iterative linear solvers, their words, and options that come from elsewhere.
+//! PETSc's options through the command: iterative linear solvers, their words, and options that
+//! come from elsewhere.
 
 use crate::common::command::{
     self, assert_agree, assert_fails, history, on, rebond, succeeds, summary, text,
@@ -58,7 +59,8 @@ fn iterative_solvers_go_through_contact() {
     }
 }
 
-/// Cells five times as long as wide: the preconditioned residual rises ten thousandfold before it falls.
+/// Cells five times as long as wide: the preconditioned residual rises ten thousandfold before it
+/// falls.
 #[test]
 fn conjugate_gradients_outlast_a_rising_residual() {
     let folder = folder("rising");
@@ -103,7 +105,8 @@ fn options_from_elsewhere_are_checked_too() {
     let arguments = ["stability", "fall.toml", "--with", "petsc", "--quiet", "--set", ONE_STEP];
     refused(&with_variable(&folder, "-ksp_tpye cg", &arguments), &["-ksp_tpye", "did you mean `-ksp_type`?"]);
 
-    // A file that PETSc would read by itself: the program says that it does not, or reads it and checks what it says.
+    // A file that PETSc would read by itself: the program says that it does not, or reads it and
+    // checks what it says.
     std::fs::write(folder.join(".petscrc"), "-ksp_tpye cg\n").unwrap();
     let output = run(&folder, ONE_STEP, &[]);
     succeeds(&output);

@@ -1,4 +1,5 @@
-//! The command under mpirun: the same numbers as in one process, one voice, and an end to everything.
+//! The command under mpirun: the same numbers as in one process, one voice, and an end to
+//! everything.
 
 use crate::common::command;
 use crate::common::command::{
@@ -8,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// The paper's plate, coarse, bent down by its own pressure and pushed further onto an obstacle just beneath: contact at once.
+/// The paper's plate, coarse, bent down by its own pressure and pushed further onto an obstacle
+/// just beneath: contact at once.
 const PUSHED: &str = r#"
 title = "a short push"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -216,8 +218,9 @@ fn a_killed_rank_ends_all() {
 /// Between two looks at a run under way.
 const PAUSE: Duration = Duration::from_millis(1);
 
-/// Starts a job, and asks its ranks to stop once it has written the checkpoint of a step; what it says. One that came to its end
-/// before it heard is started again: on a busy machine this test may be held up.
+/// Starts a job, and asks its ranks to stop once it has written the checkpoint of a step; what it
+/// says. One that came to its end before it heard is started again: on a busy machine this test may
+/// be held up.
 fn stopped(
     folder: &Path,
     ranks: usize,
@@ -244,7 +247,8 @@ fn stopped(
     }
 }
 
-/// MUMPS on several ranks rounds in another way each time, and a factor of all on each rank does not.
+/// MUMPS on several ranks rounds in another way each time, and a factor of all on each rank does
+/// not.
 const SAME_EACH_TIME: [&str; 3] = ["--", "-pc_type", "redundant"];
 
 fn goes_on(cases: &[(usize, &str)]) {

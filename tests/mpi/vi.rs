@@ -1,4 +1,5 @@
-//! PETSc's contact solvers through the command, under mpirun: they agree with the native one, or say why not.
+//! PETSc's contact solvers through the command, under mpirun: they agree with the native one, or
+//! say why not.
 
 use crate::common::command;
 use crate::common::command::{assert_agree, assert_fails, comparison, history, on, rebond, succeeds, text};
@@ -6,7 +7,8 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-/// The paper's plate on 40 quadrilaterals, bent down and pushed further onto an obstacle just beneath.
+/// The paper's plate on 40 quadrilaterals, bent down and pushed further onto an obstacle just
+/// beneath.
 const PUSHED: &str = r#"
 title = "a push"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -92,7 +94,8 @@ fn contenders_name_their_types() {
         let arguments = ["compare", "fall.toml", "--json", "--with", with, "--"];
         rebond(&folder, &[&arguments[..], options].concat())
     };
-    // BNTR alone needs a Krylov method, and only the untyped contender is GPCG, which makes more iterations than BNLS.
+    // BNTR alone needs a Krylov method, and only the untyped contender is GPCG, which makes more
+    // iterations than BNLS.
     let output = compare("petsc:tao:bntr,petsc:tao:bnls,petsc:tao", &["-tao_type", "gpcg"]);
     succeeds(&output);
     let value = comparison(&output);

@@ -110,7 +110,8 @@ fn start_and_stop(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Loads and obstacles that shake, damping: step by step as on the native engine, through an impact.
+/// Loads and obstacles that shake, damping: step by step as on the native engine, through an
+/// impact.
 fn what_changes_with_time(arguments: &[String]) -> Result<()> {
     fn shake<E: Engine>(mut model: Model<E>, modal: bool) -> Result<Model<E>> {
         let System { engine, stiffness, mass, .. } = &model.system;
@@ -232,8 +233,8 @@ fn vectors(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Triplets of this rank's share of the matrix (-1, 2 + shift, -1) of order n, cell by cell as in an assembly: rows of
-/// other ranks and repeated places are among them.
+/// Triplets of this rank's share of the matrix (-1, 2 + shift, -1) of order n, cell by cell as in
+/// an assembly: rows of other ranks and repeated places are among them.
 fn string(context: &Context, n: usize, shift: f64) -> (usize, Vec<Index>, Vec<Index>, Vec<f64>) {
     let range = share(context, n);
     let (mut rows, mut columns, mut values) = (vec![], vec![], vec![]);
@@ -394,8 +395,8 @@ fn cholesky_refuses_an_indefinite_matrix(arguments: &[String]) -> Result<()> {
 
 /// The string over an obstacle: -u'' = -8 on (0, 1), u(0) = u(1) = 0, u >= -1/4.
 ///
-/// It leaves the obstacle without a kink, 1/4 from either end: u = 4 (x - 1/4)^2 - 1/4 on (0, 1/4), which finite
-/// differences meet exactly.
+/// It leaves the obstacle without a kink, 1/4 from either end: u = 4 (x - 1/4)^2 - 1/4 on (0, 1/4),
+/// which finite differences meet exactly.
 struct Obstacle {
     matrix: Matrix,
     load: Vector,
@@ -582,7 +583,8 @@ fn errors_of_all_ranks_come_back(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// A rectangle of 1.2 by 0.4 cut into cells: cells and vertices shared out over the ranks, not matching one another.
+/// A rectangle of 1.2 by 0.4 cut into cells: cells and vertices shared out over the ranks, not
+/// matching one another.
 fn rectangle(context: &Rc<Context>, corners: usize, [nx, ny]: [usize; 2]) -> Result<Plex> {
     let vertex = |i: usize, j: usize| (j * (nx + 1) + i) as Index;
     let mut cells = Vec::new();
@@ -667,7 +669,8 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     Ok(())
 }
 
-/// Three dofs a vertex, the left edge held: scatters, numbering, assembly of the string's cousin on the mesh.
+/// Three dofs a vertex, the left edge held: scatters, numbering, assembly of the string's cousin on
+/// the mesh.
 fn dofs(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let mesh = rectangle(&context, 4, [4, 2])?.distribute()?.refine()?;

@@ -47,7 +47,8 @@ fn has_promise(method: &Method) -> bool {
     name.starts_with("newmark e=0 ") || name.starts_with("conserving")
 }
 
-/// Cells a hundred times as long as wide, whose assembled matrix has lost digits: contact solvers correct their answers.
+/// Cells a hundred times as long as wide, whose assembled matrix has lost digits: contact solvers
+/// correct their answers.
 fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let mut scene = hard("flat-cells")?;
@@ -58,7 +59,8 @@ fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// At rest on its obstacle under a load that lifts it, a plate has no deflection to measure gaps against. A random plate.
+/// At rest on its obstacle under a load that lifts it, a plate has no deflection to measure gaps
+/// against. A random plate.
 fn a_start_without_deflection(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let text = r#"
@@ -85,7 +87,8 @@ fn hard_scenes_keep_their_promise(arguments: &[String]) -> Result<()> {
     names.sort();
     assert!(names.len() > 30);
     for name in names {
-        // Cells of aspect ratio 1000, and a clamped plate in a few cells: the message is tested elsewhere.
+        // Cells of aspect ratio 1000, and a clamped plate in a few cells: the message is tested
+        // elsewhere.
         let refused = ["flatter-cells", "no-inf-sup"].contains(&name.as_str());
         keeps_its_promise(&context, &hard(&name)?, ContactSolver::Condensed, refused)?;
     }

@@ -1,5 +1,5 @@
-//! Gmsh's meshes over 1 to 4 ranks: their parts add up to the whole, the plate on them is the native engine's, and an error
-//! is one on all ranks.
+//! Gmsh's meshes over 1 to 4 ranks: their parts add up to the whole, the plate on them is the
+//! native engine's, and an error is one on all ranks.
 
 use crate::common::plates::{Matrices, unit};
 use crate::common::ranks::{Case, case};
@@ -38,7 +38,8 @@ fn on_edges<'s>(supports: &'s [(&str, Support)]) -> impl Fn(&Mesh) -> Result<Vec
     move |mesh| DofMap::on_edges(mesh, supports.iter().copied())
 }
 
-/// Counts, measures and places as Gmsh gives them (`expected.json`), and what refinement makes of them.
+/// Counts, measures and places as Gmsh gives them (`expected.json`), and what refinement makes of
+/// them.
 fn parts(name: &str) -> Result<()> {
     let context = Context::start(&[])?;
     let expected: Value = serde_json::from_slice(&std::fs::read(path("expected.json")).unwrap()).unwrap();
@@ -87,7 +88,8 @@ fn parts(name: &str) -> Result<()> {
     Ok(())
 }
 
-/// By names for all of them, in a mesh without holes: it has one edge less than nodes and cells (Euler).
+/// By names for all of them, in a mesh without holes: it has one edge less than nodes and cells
+/// (Euler).
 fn every_node_and_edge_has_one_owner(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let read = || {

@@ -71,7 +71,8 @@ impl Observer for Full {
     }
 }
 
-/// The others stop after the same step, know why, and what the error's exit code is: none is left waiting for another.
+/// The others stop after the same step, know why, and what the error's exit code is: none is left
+/// waiting for another.
 fn fails_alone(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let scene = Scene::from_str(SCENE, "full", &[])?;

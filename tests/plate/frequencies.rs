@@ -48,7 +48,8 @@ fn the_plate_of_the_paper() {
     }
 }
 
-/// Conforming elements on nested meshes with the consistent mass: every refinement lowers every frequency, towards the plate's.
+/// Conforming elements on nested meshes with the consistent mass: every refinement lowers every
+/// frequency, towards the plate's.
 #[test]
 fn nested_meshes_lower_the_first_frequency() {
     for (element, diagonal) in [(Fvs, Right), (Hct, Right), (Hct, Left)] {
@@ -64,8 +65,9 @@ fn nested_meshes_lower_the_first_frequency() {
     }
 }
 
-/// lambda = omega a^2 sqrt(rho h / D) of the unit square, nu = 0.3, against the plate's exact or converged values: every mesh
-/// stays above them (to the digits known), and the finest comes as near as the last column says.
+/// lambda = omega a^2 sqrt(rho h / D) of the unit square, nu = 0.3, against the plate's exact or
+/// converged values: every mesh stays above them (to the digits known), and the finest comes as
+/// near as the last column says.
 #[test]
 fn published_frequencies_of_the_square() {
     let squares = [2.0, 5.0, 5.0, 8.0, 10.0, 10.0].map(|n| n * PI * PI);
@@ -99,8 +101,9 @@ fn published_frequencies_of_the_square() {
     }
 }
 
-/// A plate that nothing holds: three rigid motions at exactly 0, then the published values (SDLS01), which are upper
-/// bounds up to 1 % high; the square's symmetry makes the last two equal on a mesh that has it.
+/// A plate that nothing holds: three rigid motions at exactly 0, then the published values
+/// (SDLS01), which are upper bounds up to 1 % high; the square's symmetry makes the last two equal
+/// on a mesh that has it.
 #[test]
 fn a_free_plate_has_three_rigid_motions() {
     for element in [Fvs, Hct] {

@@ -1,4 +1,5 @@
-//! Meshes from Gmsh and from meshio: what Gmsh itself says of them, in every format; every flaw named with its place.
+//! Meshes from Gmsh and from meshio: what Gmsh itself says of them, in every format; every flaw
+//! named with its place.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -130,7 +131,8 @@ fn names_survive_refinement() {
     }
 }
 
-/// A unit square of two triangles in 2.2, lines 1 to 25, with gaps in the numbers, an orphan, carriage returns and comments.
+/// A unit square of two triangles in 2.2, lines 1 to 25, with gaps in the numbers, an orphan,
+/// carriage returns and comments.
 const SQUARE: &str = "$Comments\r\nby hand: $Nodes\r\n$EndComments\r\n$MeshFormat\r\n2.2 0 8\r\n$EndMeshFormat\r\n\
     $PhysicalNames\r\n2\r\n1 1 \"the \u{e9}dge\"\r\n2 2 \"plate\"\r\n$EndPhysicalNames\r\n\
     $Nodes\r\n5\r\n10 0 0 3\r\n20 1 0 3\r\n7 .5 .5 9\r\n30 1 1 3\r\n40 0 1 3\r\n$EndNodes\r\n\
@@ -157,7 +159,8 @@ fn assert_refused(bytes: &[u8], words: &[&str]) {
     }
 }
 
-/// Each pair of a text in [`SQUARE`] and its replacement must be refused, with the line and these words.
+/// Each pair of a text in [`SQUARE`] and its replacement must be refused, with the line and these
+/// words.
 #[test]
 fn a_flaw_is_named_with_its_line() {
     let cases: &[(&str, &str, &[&str])] = &[

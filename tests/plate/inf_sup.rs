@@ -30,8 +30,8 @@ fn the_plate_of_the_paper() {
     }
 }
 
-/// A bar of unit length, stiffness and mass on (0, 1), held at 1, with an obstacle at 0: displacements of a degree, a constant
-/// velocity a cell.
+/// A bar of unit length, stiffness and mass on (0, 1), held at 1, with an obstacle at 0:
+/// displacements of a degree, a constant velocity a cell.
 fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     let h = 1.0 / cells as f64;
     let dofs = degree * cells;
@@ -55,8 +55,9 @@ fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     (dofs, stiffness, mass)
 }
 
-/// P1 displacements see every P0 velocity: ker B is trivial and nothing carries a reaction. P2 displacements leave one dof a cell
-/// to ker B, and the constant does not depend on the mesh: 0.9717 in Euclidean norms.
+/// P1 displacements see every P0 velocity: ker B is trivial and nothing carries a reaction. P2
+/// displacements leave one dof a cell to ker B, and the constant does not depend on the mesh:
+/// 0.9717 in Euclidean norms.
 #[test]
 fn bars() {
     for cells in [1, 2, 10, 100, 1000] {
@@ -71,8 +72,8 @@ fn bars() {
     }
 }
 
-/// A bar with a cell of P2, by hand: w = (1, -1/4) is in ker B, so that the raw constant is 1 / |w|; its energy is 4 times that of
-/// the straight line.
+/// A bar with a cell of P2, by hand: w = (1, -1/4) is in ker B, so that the raw constant is 1 /
+/// |w|; its energy is 4 times that of the straight line.
 #[test]
 fn one_quadratic_cell() {
     let (dofs, stiffness, mass) = bar(1, 2);

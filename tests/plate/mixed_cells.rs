@@ -1,4 +1,5 @@
-//! Triangles and quadrilaterals in one mesh, both unstructured: C1 across every edge, exact on quadratics, convergent.
+//! Triangles and quadrilaterals in one mesh, both unstructured: C1 across every edge, exact on
+//! quadratics, convergent.
 
 use crate::common::plates::{Matrices, all_round, unit};
 use nalgebra::SVector;
@@ -63,7 +64,8 @@ fn deflections_and_slopes_are_continuous_across_every_edge() {
     assert_eq!(mixed, mesh.edges["joint"].len());
 }
 
-/// D = 1, nu = 0.3: the energies of x^2, xy, y^2 on the unit square are 2, 1 - nu and 2; their inner forces vanish.
+/// D = 1, nu = 0.3: the energies of x^2, xy, y^2 on the unit square are 2, 1 - nu and 2; their
+/// inner forces vanish.
 #[test]
 fn quadratics_are_exact() {
     type Field = fn(Point) -> [f64; 3];
@@ -106,7 +108,8 @@ fn no_mass_is_lost() {
     }
 }
 
-/// w D / (q a^4) at the centre, nu = 0.3: published values, approached from below, each refinement at least 2.5 times nearer.
+/// w D / (q a^4) at the centre, nu = 0.3: published values, approached from below, each refinement
+/// at least 2.5 times nearer.
 #[test]
 fn published_deflections_of_the_square() {
     for (support, expected, bound) in

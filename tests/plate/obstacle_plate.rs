@@ -1,13 +1,15 @@
 //! A plate over a parabolic dome, against the exact solution.
 //!
-//! The disc of radius 2, clamped, of rigidity 1 (energy: the integral of D^2 u : D^2 u over 2), above psi = 1 - r^2. It touches for
-//! r <= r0; outside, u = C1 r^2 ln r + C2 r^2 + C3 ln r + C4 with u, u', u'' continuous at r0 and u(2) = u'(2) = 0: five
-//! equations, solved here once more. The problem solved is its part in the square (-1/2, 1/2)^2, with w, w_x, w_y given on
-//! the edge: K applied to the given dofs is the load of the others.
+//! The disc of radius 2, clamped, of rigidity 1 (energy: the integral of D^2 u : D^2 u over 2),
+//! above psi = 1 - r^2. It touches for r <= r0; outside, u = C1 r^2 ln r + C2 r^2 + C3 ln r + C4
+//! with u, u', u'' continuous at r0 and u(2) = u'(2) = 0: five equations, solved here once more.
+//! The problem solved is its part in the square (-1/2, 1/2)^2, with w, w_x, w_y given on the edge:
+//! K applied to the given dofs is the load of the others.
 //!
-//! Two errors are looked at: the true one |D^2 (u_h - u)|, by quadrature, and |D^2 (u_h - I u)|, the distance from the
-//! interpolant, for which the numbers of an independent program are known. Contact makes u no smoother than its second
-//! derivatives (the third jump), and both decrease as h. On triangles with alternating diagonals u_h lies nearer to u than to I u.
+//! Two errors are looked at: the true one |D^2 (u_h - u)|, by quadrature, and |D^2 (u_h - I u)|,
+//! the distance from the interpolant, for which the numbers of an independent program are known.
+//! Contact makes u no smoother than its second derivatives (the third jump), and both decrease as
+//! h. On triangles with alternating diagonals u_h lies nearer to u than to I u.
 
 use nalgebra::SVector;
 use rebond::element::{Element, fvs, hct, quadrature};
@@ -32,7 +34,8 @@ struct Exact {
 }
 
 impl Exact {
-    /// For a given r0, four of the conditions are linear in C1 to C4; the fifth, u(2) = 0, is the equation for r0.
+    /// For a given r0, four of the conditions are linear in C1 to C4; the fifth, u(2) = 0, is the
+    /// equation for r0.
     fn solve() -> Exact {
         let at = |r0: f64| {
             let (r2, l, l2) = (r0 * r0, r0.ln(), 2f64.ln());

@@ -1,4 +1,5 @@
-//! Static deflections against independent programs, published values and symmetry; the digits that fine meshes keep.
+//! Static deflections against independent programs, published values and symmetry; the digits that
+//! fine meshes keep.
 
 use crate::common::plates::{
     Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close, unit,
@@ -13,7 +14,8 @@ fn elastic_energy(plate: &Matrices, u: &[f64]) -> f64 {
     0.5 * plate.engine.multiply(&plate.stiffness, u, &mut vec![0.0; u.len()]).unwrap()
 }
 
-/// The paper's plate under its initial pressure at 10 x 4: w(L, 0), w(L, l) where it differs, E_0. GetFEM's matrices, refined.
+/// The paper's plate under its initial pressure at 10 x 4: w(L, 0), w(L, l) where it differs, E_0.
+/// GetFEM's matrices, refined.
 #[test]
 fn the_plate_of_the_paper() {
     let cases = [
@@ -72,8 +74,8 @@ fn assembled_energy(plate: &Matrices, u: &[f64]) -> f64 {
     0.5 * product.iter().zip(u).map(|(f, u)| f * u).sum::<f64>()
 }
 
-/// Clapeyron: twice the elastic energy is the work of the load, F . U, a sum of positive terms that loses nothing.
-/// The cell-by-cell operator keeps that; the assembled matrix loses it as h^-4.
+/// Clapeyron: twice the elastic energy is the work of the load, F . U, a sum of positive terms that
+/// loses nothing. The cell-by-cell operator keeps that; the assembled matrix loses it as h^-4.
 #[test]
 fn cell_by_cell_energies_keep_the_digits_that_assembled_ones_lose() {
     for (cells, assembled_loses) in [([20, 8], 1e-11), ([80, 32], 1e-8), ([160, 64], 1e-7)] {
@@ -88,7 +90,8 @@ fn cell_by_cell_energies_keep_the_digits_that_assembled_ones_lose() {
     }
 }
 
-/// A rigid motion of a plate far from the origin of its coordinates costs no energy, to rounding of the motion itself.
+/// A rigid motion of a plate far from the origin of its coordinates costs no energy, to rounding of
+/// the motion itself.
 #[test]
 fn rigid_motions_are_free() {
     for element in [Fvs, Hct] {
@@ -101,8 +104,9 @@ fn rigid_motions_are_free() {
     }
 }
 
-/// w D / (q a^4), nu = 0.3, on the unit square: published values, approached from below, each refinement at least 2.5 times
-/// nearer (h^2 but for the corner singularities of the cantilever), and at 64 x 64 as near as the last column says.
+/// w D / (q a^4), nu = 0.3, on the unit square: published values, approached from below, each
+/// refinement at least 2.5 times nearer (h^2 but for the corner singularities of the cantilever),
+/// and at 64 x 64 as near as the last column says.
 #[test]
 fn published_deflections_of_the_square() {
     type Case<'c> = (&'c str, &'c [(&'c str, Support)], [f64; 2], f64, f64);
@@ -132,7 +136,8 @@ fn published_deflections_of_the_square() {
     }
 }
 
-/// The mean deflection under a uniform pressure is the energy's: Galerkin's is below the plate's and grows on nested meshes.
+/// The mean deflection under a uniform pressure is the energy's: Galerkin's is below the plate's
+/// and grows on nested meshes.
 #[test]
 fn nested_meshes_grow_softer() {
     for element in [Fvs, Hct] {
@@ -146,8 +151,8 @@ fn nested_meshes_grow_softer() {
     }
 }
 
-/// With nu = 0 a cantilever under a uniform pressure is a beam: w = q L^4 / (8 D) at the tip. Rectangles have its cubics and meet
-/// it exactly; triangles come from below, as h^2.
+/// With nu = 0 a cantilever under a uniform pressure is a beam: w = q L^4 / (8 D) at the tip.
+/// Rectangles have its cubics and meet it exactly; triangles come from below, as h^2.
 #[test]
 fn a_strip_without_poisson_is_a_beam() {
     let tip = |element, cells| {

@@ -1,4 +1,5 @@
-//! Kinks and jumps of formulas of time: found where they are, and refused where nothing rigid can follow.
+//! Kinks and jumps of formulas of time: found where they are, and refused where nothing rigid can
+//! follow.
 
 use crate::common::Random;
 use crate::common::scenes::{STRIP, grid, newmark, read, refusal, run};
@@ -196,7 +197,8 @@ fn places_that_jump_are_refused() {
     }
 }
 
-/// A table whose rows are joined by straight lines moves a support as the same lines in a formula do.
+/// A table whose rows are joined by straight lines moves a support as the same lines in a formula
+/// do.
 #[test]
 fn a_linear_table_moves_a_support() {
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("kinked.csv");

@@ -76,7 +76,8 @@ fn derivatives_of_pieces() {
     assert_eq!(jet("if(t < 1, t^2, 2*t - 1)", 0.5), [0.25, 1.0, 2.0]);
     assert_eq!(jet("mod(3*t, 2) + floor(t) + sign(t) + step(t)", 1.5), [3.5, 3.0, 0.0]);
     assert_eq!(jet("t^2 + t^1 + t^0 + t^3", 0.0), [1.0, 1.0, 2.0]);
-    // What does not move has no velocity, however steep it is in place; a branch not taken has no say.
+    // What does not move has no velocity, however steep it is in place; a branch not taken has no
+    // say.
     assert_eq!(jet("sqrt(x)*t + hypot(x, 0)", 2.0), [0.0, 0.0, 0.0]);
     assert_eq!(jet("if(y > 0, ln(y*t), t)", 2.0), [2.0, 1.0, 0.0]);
 }

@@ -1,4 +1,5 @@
-//! Meshes from files: nodes that nearly coincide, parts that nothing connects, units, and places by the names of points.
+//! Meshes from files: nodes that nearly coincide, parts that nothing connects, units, and places by
+//! the names of points.
 
 use crate::common::Random;
 use crate::common::scenes::{Drawing, STILL, close, inspect, read, refusal, run, scene};
@@ -10,7 +11,8 @@ const MATERIAL: &str =
     "plate = { thickness = 0.003, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 
-/// A plate of 0.6 m x 0.4 m in two halves with nodes of their own, the second moved by a gap and a step along the joint.
+/// A plate of 0.6 m x 0.4 m in two halves with nodes of their own, the second moved by a gap and a
+/// step along the joint.
 fn halves(triangles: bool, gap: f64, shift: f64, rows: usize) -> Drawing {
     let mut all = Drawing::grid([3, 4], [0.3, 0.4], triangles, |x, y| [x, y]);
     let right = Drawing::grid([3, rows], [0.3, 0.4], triangles, |x, y| [0.3 + gap + x, y + shift]);
@@ -195,7 +197,8 @@ fn points_that_are_not_there_are_named() {
     );
 }
 
-/// Whatever nodes are doubled and moved: the frequency is that of the whole plate, or there is a word.
+/// Whatever nodes are doubled and moved: the frequency is that of the whole plate, or there is a
+/// word.
 fn random_doubles(tries: u64) {
     let mut accepted = 0;
     for seed in 0..tries {
@@ -223,7 +226,8 @@ fn random_doubles(tries: u64) {
         let file = drawing.write(&format!("random_{tries}.msh"));
         let merge = if random.below(2) == 0 { "" } else { ", merge = 1e-4" };
         if let Ok(frequency) = first_frequency(&text(&file, merge, CLAMPED)) {
-            // Gaps that open by more than a ten-thousandth of a cell are meant; they make a plate softer.
+            // Gaps that open by more than a ten-thousandth of a cell are meant; they make a plate
+            // softer.
             let slit = drawing.nodes[nodes..].iter().any(|[x, y]| {
                 drawing.nodes[..nodes]
                     .iter()

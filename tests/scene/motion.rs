@@ -1,4 +1,5 @@
-//! Supports and obstacles that move, and bodies that fly free: each against another frame, a closed form or a balance.
+//! Supports and obstacles that move, and bodies that fly free: each against another frame, a closed
+//! form or a balance.
 
 use crate::common::scenes;
 use crate::common::scenes::{
@@ -25,8 +26,8 @@ fn seen_from(rows: Vec<Instant>, frame: impl Fn(f64) -> f64) -> Vec<Instant> {
     rows.into_iter().map(relative).collect()
 }
 
-/// Supports that rise at a steady velocity towards a ceiling: seen from them, the plate falls and the ceiling comes down.
-/// Where they gain speed, the plate feels that as a pressure -rho h a.
+/// Supports that rise at a steady velocity towards a ceiling: seen from them, the plate falls and
+/// the ceiling comes down. Where they gain speed, the plate feels that as a pressure -rho h a.
 #[test]
 fn moving_supports_are_moving_obstacles_in_their_frame() {
     for mass in ["singular", "consistent"] {
@@ -46,7 +47,8 @@ fn moving_supports_are_moving_obstacles_in_their_frame() {
     }
 }
 
-/// The response to a motion w(t) is, in the supports' frame, that to the pressure -rho h w''(t): in every scheme, with damping.
+/// The response to a motion w(t) is, in the supports' frame, that to the pressure -rho h w''(t): in
+/// every scheme, with damping.
 #[test]
 fn base_excitation_is_an_inertial_load() {
     for (scheme, mass) in [
@@ -68,8 +70,9 @@ fn base_excitation_is_an_inertial_load() {
     }
 }
 
-/// A simply supported square shaken by W sin(p t), with damping alpha: each mode (m, n) carries 16 / (pi^2 m n) of the base's acceleration
-/// and answers by its own transfer function, W p^2 / (w^2 - p^2 + i alpha p).
+/// A simply supported square shaken by W sin(p t), with damping alpha: each mode (m, n) carries 16
+/// / (pi^2 m n) of the base's acceleration and answers by its own transfer function, W p^2 / (w^2 -
+/// p^2 + i alpha p).
 #[test]
 fn transfer_function_of_a_damped_mode() {
     let [p, w0, alpha] = [15.0, 1e-3, 6.0];
@@ -99,8 +102,9 @@ fn transfer_function_of_a_damped_mode() {
     assert!(off(&late, steady) < 1e-2 * largest, "{} of {largest}", off(&late, steady));
 }
 
-/// Motions that differ in how they are written go the long way, by the plate's static shapes; these add up to the rigid one. Springs to the
-/// ground pull at the rigid shape only, as a load in time: then both are the same but for the error of the step.
+/// Motions that differ in how they are written go the long way, by the plate's static shapes; these
+/// add up to the rigid one. Springs to the ground pull at the rigid shape only, as a load in time:
+/// then both are the same but for the error of the step.
 #[test]
 fn lifts_add_up_to_a_rigid_motion() {
     let stop = "obstacle = [{ side = \"above\", height = 0.02, at = [1, 0] }]\n";
@@ -126,8 +130,8 @@ fn lifts_add_up_to_a_rigid_motion() {
     }
 }
 
-/// One end of a clamped strip rises slowly: its shape is the static one of beam theory, x^2 (3 - x) / 2, at every instant. Ends that move by
-/// a and b, constant, bend it from the first instant on.
+/// One end of a clamped strip rises slowly: its shape is the static one of beam theory, x^2 (3 - x)
+/// / 2, at every instant. Ends that move by a and b, constant, bend it from the first instant on.
 #[test]
 fn supports_that_move_apart_bend_the_plate() {
     let scene = |left: &str, right: &str, more: &str| {
@@ -137,7 +141,8 @@ fn supports_that_move_apart_bend_the_plate() {
             grid("fvs", 8, 1)
         )
     };
-    // Slow beside the first period of 0.4 s: what is left is the inertia of the motion itself, 1e-4 of the deflection.
+    // Slow beside the first period of 0.4 s: what is left is the inertia of the motion itself, 1e-4
+    // of the deflection.
     let slow = run(&scene("", ", motion = \"0.5*(1 - cos(pi*t/40))\"", &newmark("singular", 2e-2, 40.0)));
     for row in &slow {
         let moved = 0.5 * (1.0 - (PI * row.time / 40.0).cos());
@@ -159,7 +164,8 @@ fn supports_that_move_apart_bend_the_plate() {
     }
 }
 
-/// A foundation to the ground pulls at a plate that its supports carry up: rigid, all of it is k w(t).
+/// A foundation to the ground pulls at a plate that its supports carry up: rigid, all of it is k
+/// w(t).
 #[test]
 fn a_foundation_stays_behind() {
     let text = format!(
@@ -180,7 +186,8 @@ fn a_foundation_stays_behind() {
     }
 }
 
-/// A plate next to nothing in weight, as a spring of stiffness k under its middle, for a ball of 2 kg.
+/// A plate next to nothing in weight, as a spring of stiffness k under its middle, for a ball of 2
+/// kg.
 fn trampoline(more: &str) -> String {
     let light = UNIT.replace("density = 1", "density = 1e-9");
     format!(
@@ -257,7 +264,8 @@ fn a_ball_that_does_not_reach_the_plate() {
     close("sag", rows[0].probes[1], -9.81 * 0.001_265, 1e-1);
 }
 
-/// A ball meets a free plate: together they keep momentum and energy; a rigid plate takes the velocity of a perfect shock.
+/// A ball meets a free plate: together they keep momentum and energy; a rigid plate takes the
+/// velocity of a perfect shock.
 #[test]
 fn a_ball_meets_a_free_plate() {
     let text = |scheme: &str| {
@@ -274,7 +282,8 @@ fn a_ball_meets_a_free_plate() {
         let system = &model.system;
         let momentum = |v: &[f64]| {
             use rebond::linalg::Engine;
-            // The ball's height is its gap over the plate: a rise of all is a rise of every deflection.
+            // The ball's height is its gap over the plate: a rise of all is a rise of every
+            // deflection.
             let rise: Vec<f64> =
                 (0..v.len()).map(|dof| f64::from(u8::from(dof % 3 == 0 && dof + 1 < v.len()))).collect();
             let mut product = vec![0.0; v.len()];

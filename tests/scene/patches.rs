@@ -1,4 +1,5 @@
-//! Loads that lie between the points of a fixed quadrature: forces and moments against exact integrals, on any mesh.
+//! Loads that lie between the points of a fixed quadrature: forces and moments against exact
+//! integrals, on any mesh.
 
 use crate::common::Random;
 use crate::common::scenes::{STILL, close, grid, refusal, run, scene};

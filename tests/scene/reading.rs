@@ -464,7 +464,8 @@ fn the_variants_of_the_paper_are_valid() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever step and end: a scene that is read ends on its last step, and what a refusal offers is read.
+    /// Whatever step and end: a scene that is read ends on its last step, and what a refusal offers
+    /// is read.
     #[test]
     fn runs_end_on_their_last_step(step in -7.0..0.0_f64, steps in 1.0..1e6_f64, whole in any::<bool>()) {
         let step = 10_f64.powf(step);

@@ -1,8 +1,9 @@
 //! A ball that bounces on the floor: the schemes on one dof, without any mesh.
 //!
-//! m u'' = -m g + r, u >= 0, r >= 0, r u = 0, dropped from h with restitution e: the k-th apex is e^{2k} h. With one dof
-//! the step's bound-constrained problem is solved by taking a maximum, so that each scheme is a recursion of one line,
-//! written here once more; the program's schemes follow it to rounding, whatever the mass.
+//! m u'' = -m g + r, u >= 0, r >= 0, r u = 0, dropped from h with restitution e: the k-th apex is
+//! e^{2k} h. With one dof the step's bound-constrained problem is solved by taking a maximum, so
+//! that each scheme is a recursion of one line, written here once more; the program's schemes
+//! follow it to rounding, whatever the mass.
 //!
 //! - Newmark: u^{n+1} = max(2 u^n - u^{n-1} - g dt^2, -e u^{n-1}). Its apexes converge as dt.
 //! - Midpoint, which here has a regular mass: u^{n+1/2} = max(u^n + v^n dt/2 - g dt^2/4, 0). It has no restitution: what a
@@ -79,7 +80,8 @@ fn the_first_apexes_are_those_of_an_independent_program() {
 
 #[test]
 fn newmark_apexes_converge_to_the_law_of_restitution() {
-    // The first bounce loses or gains a part of a step: at most 2 dt times the speed of impact, wherever in the step it falls.
+    // The first bounce loses or gains a part of a step: at most 2 dt times the speed of impact,
+    // wherever in the step it falls.
     for gravity in [1.0, 9.81] {
         let system = ball(gravity);
         for e in [1.0, 0.8, 0.5] {
@@ -142,8 +144,8 @@ fn midpoint_follows_its_recursion() {
         let system = ball(gravity);
         let mut scheme = midpoint(&system, step, 1.0);
         let (mut u, mut v) = (1.0f64, 0.0);
-        // The floor turns an error in u into one of the speed 4/dt times as large: what agrees to rounding after one
-        // bounce differs visibly some bounces later.
+        // The floor turns an error in u into one of the speed 4/dt times as large: what agrees to
+        // rounding after one bounce differs visibly some bounces later.
         let mut tolerance = 1e-12;
         let mut landed = false;
         while tolerance < 1e-5 {

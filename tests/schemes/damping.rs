@@ -1,4 +1,5 @@
-//! Rayleigh damping: closed forms of one mode, decay of a plate's modes, and impacts with damping by the exact scheme.
+//! Rayleigh damping: closed forms of one mode, decay of a plate's modes, and impacts with damping
+//! by the exact scheme.
 
 use crate::common::block;
 use rebond::linalg::{Engine, Factor, Native, SingularMassCell};
@@ -260,7 +261,8 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
     }
 }
 
-/// The lowest modes, of unit modal mass, with their frequencies in rad/s: inverse iteration, one after the other.
+/// The lowest modes, of unit modal mass, with their frequencies in rad/s: inverse iteration, one
+/// after the other.
 fn lowest_modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
     let System { engine, stiffness, mass, .. } = &model.system;
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();

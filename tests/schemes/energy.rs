@@ -1,4 +1,5 @@
-//! Energy does what theory says: constant in free flight, never rising for e = 0, and the guard stops what grows.
+//! Energy does what theory says: constant in free flight, never rising for e = 0, and the guard
+//! stops what grows.
 
 use rebond::energy::Energies;
 use rebond::field::{Field, Names};
@@ -109,8 +110,8 @@ fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
     assert!(last.total() > 2.0 * start.total(), "with that which the guard stopped at");
 }
 
-/// An obstacle that carries the plate 0.4 m along within a step: the work that it does is all that the plate has, so that the total
-/// stays; but no plate has it.
+/// An obstacle that carries the plate 0.4 m along within a step: the work that it does is all that
+/// the plate has, so that the total stays; but no plate has it.
 #[test]
 fn the_guard_sees_the_energy_that_work_hides() {
     for scheme in ["newmark", "midpoint", "conserving"] {

@@ -41,7 +41,8 @@ fn table(name: &str) -> Vec<Vec<f64>> {
 
 #[test]
 fn the_paper_s_plate_moves_as_an_independent_program_says() {
-    // Rounding of the matrix entries alone moves these by 2e-11 and 4e-10 (fvs), 8e-10 and 2e-8 m (hct).
+    // Rounding of the matrix entries alone moves these by 2e-11 and 4e-10 (fvs), 8e-10 and 2e-8 m
+    // (hct).
     for (element, early, late, events) in [("fvs", 2e-9, 2e-8, 186), ("hct", 5e-8, 1e-6, 478)] {
         let model = Model::new(&plate(element, [10, 4], "exact", 1e-3, 0.3)).unwrap();
         let mut scheme = Exact::new(&model.system, 1e-3, model.start.clone()).unwrap();
@@ -121,7 +122,8 @@ fn finer_quadrilaterals() {
     assert_eq!(scheme.tally().unwrap().events, 592);
 }
 
-/// Runs a plate of quadrilaterals to its end; returns its tally and the largest relative change of energy.
+/// Runs a plate of quadrilaterals to its end; returns its tally and the largest relative change of
+/// energy.
 fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
     let step = 1e-4;
     let model = Model::new(&plate("fvs", cells, "exact", step, end)).unwrap();
@@ -141,7 +143,8 @@ fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
 
 #[test]
 fn modes_of_many_cells_are_modes() {
-    // Vectors that are not keep neither the energy (1e-5) nor K U = F - B^T v' + G^T r (5e-7) through the impact at 0.0548 s.
+    // Vectors that are not keep neither the energy (1e-5) nor K U = F - B^T v' + G^T r (5e-7)
+    // through the impact at 0.0548 s.
     let (tally, drift) = run_fine([24, 10], 0.056);
     assert!(tally.events > 50 && drift <= 1e-10, "{drift:e}, {tally:?}");
 }
@@ -226,8 +229,8 @@ fn time_runs_backwards_as_well() {
     }
 }
 
-/// Balls of mass 2 that fall under gravity, each on a massless tip with a spring of stiffness K between: dofs (tip, ball) of each. The
-/// tips are bounded.
+/// Balls of mass 2 that fall under gravity, each on a massless tip with a spring of stiffness K
+/// between: dofs (tip, ball) of each. The tips are bounded.
 fn balls(count: usize, gravity: f64, lower: f64, upper: f64) -> System<Native> {
     balls_on_springs(K, count, gravity, lower, upper)
 }
@@ -281,7 +284,8 @@ fn run(scheme: &mut Exact<Native>, end: f64) -> Vec<Event> {
 
 #[test]
 fn a_ball_bounces_by_its_closed_form() {
-    // Contact: y'' = -g - w^2 y from y = 0 at speed -v to y = 0 again. With tan(a) = w v / g it lasts 2 (pi - a) / w.
+    // Contact: y'' = -g - w^2 y from y = 0 at speed -v to y = 0 again. With tan(a) = w v / g it
+    // lasts 2 (pi - a) / w.
     let (gravity, height) = (9.81, 1.0);
     let system = balls(1, gravity, 0.0, f64::INFINITY);
     let mut scheme = Exact::new(&system, 0.01, start(&[height], &[0.0])).unwrap();
@@ -377,7 +381,8 @@ fn a_start_at_the_floor() {
     let mut scheme = Exact::new(&system, 1.0, start(&[0.0], &[0.0])).unwrap();
     assert!(run(&mut scheme, 100.0).is_empty());
     assert_eq!((scheme.displacement()[0], scheme.reaction()[0]), (0.0, 0.0));
-    // At rest under its weight, from where the spring is slack: it swings about its equilibrium and comes back at rest, once a period.
+    // At rest under its weight, from where the spring is slack: it swings about its equilibrium and
+    // comes back at rest, once a period.
     let system = balls(1, 10.0, 0.0, f64::INFINITY);
     let mut scheme = Exact::new(&system, 2.0 * contact, start(&[0.0], &[0.0])).unwrap();
     assert!(run(&mut scheme, 100.0 * contact).len() <= 100);

@@ -1,4 +1,5 @@
-//! The impulses of the obstacles: their sum is the change of momentum, less what loads and damping give, at any step.
+//! The impulses of the obstacles: their sum is the change of momentum, less what loads and damping
+//! give, at any step.
 
 use crate::common::scenes::{STRIP, UNIT, close, grid, read, run_to_end, scene};
 use crate::common::{Random, difference, largest};
@@ -26,7 +27,8 @@ fn time((scheme, mass, more): (&str, &str, &str), step: f64, end: f64) -> String
     format!("time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = {step:?}, end = {end:?}{more} }}\n")
 }
 
-/// Momentum upwards of a free plate, with all that it carries, as a functional of a rate over its dofs; `plate` dofs come first.
+/// Momentum upwards of a free plate, with all that it carries, as a functional of a rate over its
+/// dofs; `plate` dofs come first.
 struct Upward {
     /// 1 for each deflection: a rise of a plate by 1 m.
     rise: Vec<f64>,
@@ -77,8 +79,9 @@ impl Observer for Watched {
     }
 }
 
-/// Follows a scene of a free plate and asserts the balance of momentum at each of its instants; the impulses add up to those of the
-/// contacts that a run reports. Returns the sum of their magnitudes, and the worst error relative to it and to the momenta.
+/// Follows a scene of a free plate and asserts the balance of momentum at each of its instants; the
+/// impulses add up to those of the contacts that a run reports. Returns the sum of their
+/// magnitudes, and the worst error relative to it and to the momenta.
 fn balance(text: &str, balls: usize, tolerance: f64) -> Result<[f64; 2]> {
     let scene = read(text)?;
     let model = Model::new(&scene)?;
@@ -93,7 +96,8 @@ fn balance(text: &str, balls: usize, tolerance: f64) -> Result<[f64; 2]> {
     let (mut given, mut whole, mut lost, mut worst) = (0.0, 0.0, 0.0, 0.0f64);
     let mut every = vec![0.0; model.system.bounds.len()];
     let mut scale = start.abs();
-    // Newmark's damping acts on its central velocity, and at the start on the chord of the first step.
+    // Newmark's damping acts on its central velocity, and at the start on the chord of the first
+    // step.
     let (mut before, mut central) = (first.clone(), start);
     assert!(scheme.impulses().iter().all(|impulse| *impulse == 0.0));
     for n in 1..=scene.time.steps() {

@@ -1,4 +1,5 @@
-//! Supports whose motion has kinks: against the exact motion of each mode, to which each jump of the velocity is an impulse.
+//! Supports whose motion has kinks: against the exact motion of each mode, to which each jump of
+//! the velocity is an impulse.
 
 use crate::common::Random;
 use crate::common::scenes::{Instant, STRIP, grid, read, run, run_to_end, scene};
@@ -74,8 +75,8 @@ fn modes(mass: &str) -> Vec<Mode> {
     (0..n).filter(|&k| eigen.S()[k] > 1e-10 * largest).map(of).collect()
 }
 
-/// The tip's deflection at some instants, of a strip at rest until its support moves: exact for a support that goes evenly
-/// between instants `PARTS` times as near.
+/// The tip's deflection at some instants, of a strip at rest until its support moves: exact for a
+/// support that goes evenly between instants `PARTS` times as near.
 fn truth(modes: &[Mode], motion: &Field, step: f64) -> Vec<f64> {
     const PARTS: usize = 16;
     let place = |t: f64| motion.value(Point::origin(), t).unwrap();
@@ -132,7 +133,8 @@ fn piece(random: &mut Random, depth: usize) -> String {
     let f = piece(random, depth - 1);
     let other = random.below(depth);
     let g = piece(random, other);
-    // Now and then at one of the instants of the run's halves, where a search by halves looks itself.
+    // Now and then at one of the instants of the run's halves, where a search by halves looks
+    // itself.
     let at = match random.below(4) {
         0 => format!("{}", END * (1 + random.below(15)) as f64 / 16.0),
         _ => format!("{:.4}", 0.02 + 0.45 * random.unit()),
@@ -232,7 +234,8 @@ fn a_corner_is_of_second_order() {
     }
 }
 
-/// The paper's plate on a support that starts at 0.1 m/s: the kinetic energy of the corner rounded over 10 us, 0.18 J.
+/// The paper's plate on a support that starts at 0.1 m/s: the kinetic energy of the corner rounded
+/// over 10 us, 0.18 J.
 #[test]
 fn a_corner_moves_the_plate_as_one_that_is_rounded() {
     let plate = |motion: &str, scheme: &str| {

@@ -1,4 +1,5 @@
-//! Obstacles that move: laws that hold in every frame, a ball on a table that shakes, and an energy balance kept to rounding.
+//! Obstacles that move: laws that hold in every frame, a ball on a table that shakes, and an energy
+//! balance kept to rounding.
 
 use crate::common::{block, difference};
 use rebond::linalg::Native;

@@ -1,14 +1,17 @@
-//! An elastic bar that hits a wall with period 3: the singular mass where the exact motion is known.
+//! An elastic bar that hits a wall with period 3: the singular mass where the exact motion is
+//! known.
 //!
-//! u_tt = u_xx on (0, 1), u(1) = 0, u(0) >= 0, released at rest from u = (1 - x)/2. The tip u(0, t) is 1/2 - t/2, then 0, then
-//! (t - 2)/2, on thirds of a period 3; the energy is 1/8. Displacements are quadratic on each cell, velocities constant: the
-//! mass is singular, and the pair satisfies the inf-sup condition.
+//! u_tt = u_xx on (0, 1), u(1) = 0, u(0) >= 0, released at rest from u = (1 - x)/2. The tip u(0, t)
+//! is 1/2 - t/2, then 0, then (t - 2)/2, on thirds of a period 3; the energy is 1/8. Displacements
+//! are quadratic on each cell, velocities constant: the mass is singular, and the pair satisfies
+//! the inf-sup condition.
 //!
-//! What is expected, and measured here: the KKT conditions hold at every step; with Newmark
-//! and e = 0 the invariant H never rises; tip and energy converge as mesh and step are refined together; and at a fixed mesh
-//! the restitution ceases to matter as the step goes to 0, because the singular mass needs no law of restitution.
-//! The linear start is no equilibrium of the massless modes next to the tip: they flip from step to step about one, with an
-//! energy of order h, which contact takes away. So on a fixed mesh neither error tends to zero with the step alone.
+//! What is expected, and measured here: the KKT conditions hold at every step; with Newmark and e =
+//! 0 the invariant H never rises; tip and energy converge as mesh and step are refined together;
+//! and at a fixed mesh the restitution ceases to matter as the step goes to 0, because the singular
+//! mass needs no law of restitution. The linear start is no equilibrium of the massless modes next
+//! to the tip: they flip from step to step about one, with an energy of order h, which contact
+//! takes away. So on a fixed mesh neither error tends to zero with the step alone.
 
 use crate::common::block;
 use rebond::linalg::{Native, SingularMassCell};
@@ -30,7 +33,8 @@ fn tip(t: f64) -> f64 {
     }
 }
 
-/// u_tt = u_xx on (0, 1), `cells` quadratic cells with a constant velocity each; u(1) = 0 and u(0) >= 0.
+/// u_tt = u_xx on (0, 1), `cells` quadratic cells with a constant velocity each; u(1) = 0 and u(0)
+/// >= 0.
 fn bar(cells: usize) -> System<Native> {
     let h = 1.0 / cells as f64;
     let size = 2 * cells;
@@ -136,7 +140,8 @@ fn midpoint_converges() {
     falls("midpoint, largest change of energy", results.map(|r| r[1]), 1.7, 0.015);
 }
 
-/// The conserving scheme starts from the equilibrium of the massless modes, of energy 1/8 - O(h), and keeps it.
+/// The conserving scheme starts from the equilibrium of the massless modes, of energy 1/8 - O(h),
+/// and keeps it.
 #[test]
 fn the_conserving_scheme_keeps_the_energy_and_converges() {
     let results = MESHES.map(|cells| {
@@ -208,8 +213,9 @@ fn as_the_step_goes_to_zero_the_restitution_ceases_to_matter() {
     falls("e = 0 from e = 1, tip", results, 1.5, 1e-3);
 }
 
-/// With time the mesh's dispersion makes the motion lose its period: some touches more than one a period are right. They are counted
-/// twice: from the events, and by looking at the tip at instants some hundred times finer than the fastest period of the coarsest mesh.
+/// With time the mesh's dispersion makes the motion lose its period: some touches more than one a
+/// period are right. They are counted twice: from the events, and by looking at the tip at instants
+/// some hundred times finer than the fastest period of the coarsest mesh.
 #[test]
 fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
     // A bounce is a touch after a flight: vibration may lift the tip now and then while it rests.
@@ -253,7 +259,8 @@ fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
         assert!(drift <= 1e-10, "{cells} cells: {drift:e}");
         assert_eq!(bounces, seen, "{cells} cells");
         assert!((100..=103).contains(&bounces), "{cells} cells: {bounces}");
-        // At the start the massless modes go to their equilibrium at once: a part of order h of the energy is theirs.
+        // At the start the massless modes go to their equilibrium at once: a part of order h of the
+        // energy is theirs.
         assert!(energy <= 0.125 && energy >= 0.125 * (1.0 - 1.0 / cells as f64), "{cells} cells: {energy}");
         error
     });

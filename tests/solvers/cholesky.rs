@@ -1,15 +1,17 @@
-//! The sparse Cholesky factor against dense linear algebra: solve, Schur complement of the candidates, condense and
-//! expand, pinned dofs.
+//! The sparse Cholesky factor against dense linear algebra: solve, Schur complement of the
+//! candidates, condense and expand, pinned dofs.
 //!
-//! The matrices are sums of random positive definite blocks on random dofs, from a few coupled dofs (supernodes of one
-//! column) to nearly full ones (one supernode, so that columns are taken four at a time), plus a share of the identity.
-//! Candidates are none, some or all of the dofs. The order of the candidates is the caller's: ascending.
+//! The matrices are sums of random positive definite blocks on random dofs, from a few coupled dofs
+//! (supernodes of one column) to nearly full ones (one supernode, so that columns are taken four at
+//! a time), plus a share of the identity. Candidates are none, some or all of the dofs. The order
+//! of the candidates is the caller's: ascending.
 
 use crate::common::{Random, block, difference, largest, multiply, random_spd, solve_dense, submatrix};
 use rebond::Error;
 use rebond::linalg::{Engine, Factor, Form, Native, SingularMassCell};
 
-/// Condition numbers stay below 1e4, so 1e-11 leaves three digits to rounding and none to a wrong entry.
+/// Condition numbers stay below 1e4, so 1e-11 leaves three digits to rounding and none to a wrong
+/// entry.
 const TOLERANCE: f64 = 1e-11;
 
 /// A random sparse form, and the same matrix dense.
@@ -114,7 +116,8 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             let residual: Vec<f64> = rest.iter().map(|&i| product[i] - b[i]).collect();
             assert!(largest(&residual) <= TOLERANCE * largest(&dense) * largest(&x), "balance, {context}");
 
-            // Pinned dofs keep their values; the rows of the others balance among themselves. Nothing pinned: as before.
+            // Pinned dofs keep their values; the rows of the others balance among themselves.
+            // Nothing pinned: as before.
             for pinned in [size / 3, size, 1, 0] {
                 let pinned = distinct(&mut random, size, pinned);
                 factor.pin(&pinned).unwrap();

@@ -1,11 +1,14 @@
-//! The bound-constrained solver against brute force, and the judge against answers known to be right or wrong.
+//! The bound-constrained solver against brute force, and the judge against answers known to be
+//! right or wrong.
 //!
-//! 10,000 random problems A x = b + G^T r with up to 8 bounded dofs (and up to 3 without bounds) go through
-//! [`rebond::vi::Condensed`], ten right-hand sides a matrix so that warm starts are kept; brute force tries every one of
-//! the 3^n active sets with a Cholesky solver of its own and takes the set that breaks the conditions least. A solution
-//! is determined by the data to rounding times the condition number of A, so that is what the two may differ by; that
-//! the conditions hold is judged at 1e-12 whatever the condition. One problem in six is made of small integers around a
-//! known solution with reactions that are exactly zero on the bound: rounding plays no part in its data.
+//! 10,000 random problems A x = b + G^T r with up to 8 bounded dofs (and up to 3 without bounds) go
+//! through [`rebond::vi::Condensed`], ten right-hand sides a matrix so that warm starts are kept;
+//! brute force tries every one of the 3^n active sets with a Cholesky solver of its own and takes
+//! the set that breaks the conditions least. A solution is determined by the data to rounding times
+//! the condition number of A, so that is what the two may differ by; that the conditions hold is
+//! judged at 1e-12 whatever the condition. One problem in six is made of small integers around a
+//! known solution with reactions that are exactly zero on the bound: rounding plays no part in its
+//! data.
 
 use crate::common::{
     Random, block, dense_form, difference, largest, multiply, random_spd, solve_dense, submatrix,
@@ -51,7 +54,8 @@ impl Problem {
         parts
     }
 
-    /// Tries every active set; x and r of the one that breaks the conditions least, and by how much.
+    /// Tries every active set; x and r of the one that breaks the conditions least, and by how
+    /// much.
     fn brute_force(&self) -> (Vec<f64>, Vec<f64>, f64) {
         let (size, count) = (self.size(), self.bounds.len());
         let mut best = (vec![], vec![], INF);
@@ -160,7 +164,8 @@ fn draw(
     let size = (matrix.len() as f64).sqrt() as usize;
     let mut bounds = Bounds::uniform(dofs.to_vec(), -INF, INF);
     if kind == Kind::Degenerate {
-        // No zeros: the judge measures a row against its own terms, and one without any has only rounding to show.
+        // No zeros: the judge measures a row against its own terms, and one without any has only
+        // rounding to show.
         let x: Vec<f64> =
             (0..size).map(|_| random.integer(5)).map(|x| if x == 0.0 { 6.0 } else { x }).collect();
         let mut b = multiply(matrix, &x);
@@ -224,7 +229,8 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
                 random_spd(&mut random, size, decades)
             };
             if kind != Kind::Degenerate && random.below(4) == 0 {
-                // Slopes in other units than deflections: dofs without bounds, graded over six decades.
+                // Slopes in other units than deflections: dofs without bounds, graded over six
+                // decades.
                 let scales: Vec<f64> = (0..size)
                     .map(|i| if dofs.contains(&i) { 1.0 } else { 10f64.powf(3.0 * random.signed()) })
                     .collect();
@@ -274,7 +280,8 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
     println!("contact in {touched}, worst residual {worst_kkt:.1e}, error {worst_ratio:.1} eps cond(A)");
 }
 
-/// The answer of a problem with every kind of row: at the lower bound, at the upper one, between, without bounds.
+/// The answer of a problem with every kind of row: at the lower bound, at the upper one, between,
+/// without bounds.
 fn judged() -> (Problem, Vec<f64>, Vec<f64>) {
     let matrix = random_spd(&mut Random::new(5), 6, 1.0);
     let x = vec![0.5, -1.0, 0.75, 2.0, -0.25, 1.5];
@@ -460,7 +467,8 @@ fn membrane(side: usize, spring: f64) -> (Native, Form, Mat<f64>) {
     (engine, form, dense)
 }
 
-/// A problem that is no longer one of numbers ends, whatever its answer: the judge says what it is worth.
+/// A problem that is no longer one of numbers ends, whatever its answer: the judge says what it is
+/// worth.
 #[test]
 fn infinities_and_nans_come_to_an_end() {
     let size = 3;
@@ -480,7 +488,8 @@ fn infinities_and_nans_come_to_an_end() {
     }
 }
 
-/// The answer of a dense problem by projected over-relaxation: slow, and nothing like an active set.
+/// The answer of a dense problem by projected over-relaxation: slow, and nothing like an active
+/// set.
 fn relax(matrix: &Mat<f64>, b: &[f64], bounds: &Bounds, sweeps: usize) -> Vec<f64> {
     let size = b.len();
     let (mut lower, mut upper) = (vec![-INF; size], vec![INF; size]);
