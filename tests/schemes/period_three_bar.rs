@@ -33,8 +33,8 @@ fn tip(t: f64) -> f64 {
     }
 }
 
-/// u_tt = u_xx on (0, 1), `cells` quadratic cells with a constant velocity each; u(1) = 0 and u(0)
-/// >= 0.
+/// u_tt = u_xx on (0, 1), `cells` quadratic cells with a constant velocity each; u(1) = 0 and
+/// u(0) >= 0.
 fn bar(cells: usize) -> System<Native> {
     let h = 1.0 / cells as f64;
     let size = 2 * cells;

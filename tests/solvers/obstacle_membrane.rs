@@ -1,8 +1,8 @@
 //! A membrane over a hemisphere, against numbers from another program and the exact solution.
 //!
 //! u minimises the Dirichlet energy on (-2, 2)^2 above psi(r) = sqrt(1 - r^2), continued from r =
-//! 0.9 on by its tangent, with the exact solution on the boundary: u = psi for r <= a, and -A ln r
-//! + B beyond, where a solves a^2 (ln 2 - ln a) = 1 - a^2, A = a^2 / sqrt(1 - a^2) and B = A ln 2.
+//! 0.9 on by its tangent, with the exact solution on the boundary: u = psi for r <= a, and B - A ln r
+//! beyond, where a solves a^2 (ln 2 - ln a) = 1 - a^2, A = a^2 / sqrt(1 - a^2) and B = A ln 2.
 //! The 5-point Laplacian of a grid is the stiffness of unit springs along its edges.
 //!
 //! This is the tutorial `ex9` of PETSc's SNES (E. Bueler, *PETSc for Partial Differential
