@@ -60,7 +60,7 @@ impl Guard {
     ///
     /// # Errors
     /// Returns [`Error::Checkpoint`] where the archive does not fit.
-    pub fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.start)?;
         archive.value(&mut self.scale)
     }

@@ -60,7 +60,7 @@
 //! let start = scheme.energies()?.total();
 //! for _ in 0..scene.time.steps() {
 //!     scheme.advance()?;
-//!     assert!(scheme.verdict().kkt < 1e-10);
+//!     assert!(scheme.step_report().kkt < 1e-10);
 //! }
 //! assert!(scheme.energies()?.total() < 1.001 * start);
 //! # Ok::<(), rebond::Error>(())

@@ -632,7 +632,7 @@ impl Outcome {
         scheme: &dyn Scheme,
         events: bool,
     ) -> Result<(usize, f64)> {
-        let verdict = scheme.verdict();
+        let verdict = scheme.step_report();
         self.steps = scheme.step();
         self.vi_iterations += u64::from(verdict.iterations);
         self.retries += u64::from(verdict.retries > 0);
@@ -805,7 +805,7 @@ fn run_from<E: Engine>(
     let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut watch, observer);
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
-    outcome.tally = scheme.tally();
+    outcome.tally = scheme.event_statistics();
     outcome.seconds.stepping = watch.seconds();
     Ok((outcome, ended))
 }
@@ -850,8 +850,8 @@ impl RunMonitor {
         outcome: &mut Outcome,
         archive: &mut Archive,
     ) -> Result<()> {
-        scheme.state(archive)?;
-        self.guard.state(archive)?;
+        scheme.archive(archive)?;
+        self.guard.archive(archive)?;
         archive.value(&mut self.iterations)?;
         archive.value(&mut self.kkt)?;
         archive.value(&mut self.noted)?;
@@ -919,7 +919,7 @@ fn time_loop<E: Engine>(
         let RunMonitor { guard, iterations, kkt, contacts, .. } = watch;
         let events = outcome.note_events(scene, model, scheme, observer)?;
         let (contact_nodes, contact_force) = outcome.note(scene, model, scheme, !events.is_empty())?;
-        let verdict = scheme.verdict();
+        let verdict = scheme.step_report();
         *iterations += u64::from(verdict.iterations);
         *kkt = kkt.max(verdict.kkt);
         judge(step, time, verdict.kkt, scene.solver.tolerance)?;

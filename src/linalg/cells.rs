@@ -390,7 +390,7 @@ impl SingularMassCells {
 
     /// Computes V = C^-1 B x.
     #[inline(always)]
-    pub(super) fn velocity(&self, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
+    pub(super) fn project(&self, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
             let (local, _) = scratch.split(batch.size());
             batch.gather(x, local);

@@ -1,9 +1,9 @@
-//! Sparse Cholesky factorisation that eliminates the candidates for contact last.
+//! Sparse Cholesky factorisation that eliminates the contact dofs last.
 //!
-//! faer orders (approximate minimum degree), analyses and factors. The candidates are moved to the
-//! end and the rest is put in postorder, so that supernodes stay whole. The trailing block
-//! `$L_{cc} L_{cc}^T$` *is* the Schur complement on the candidates. The triangular solves for one
-//! right-hand side are our own: they stop at the candidates and process four columns at a time,
+//! faer orders (approximate minimum degree), analyses and factors. The contact dofs are moved to
+//! the end and the rest is put in postorder, so that supernodes stay whole. The trailing block
+//! `$L_{cc} L_{cc}^T$` *is* the Schur complement on the contact dofs. The triangular solves for one
+//! right-hand side are our own: they stop at the contact dofs and process four columns at a time,
 //! which is faster than the general ones.
 
 use super::Factor;
@@ -35,9 +35,9 @@ pub struct Cholesky {
     patterns: Vec<u32>,
     /// Dof at each position of the elimination order.
     order: Vec<u32>,
-    /// Number of dofs that are not candidates.
+    /// Number of dofs that are not contact dofs.
     interior: usize,
-    /// Factor L_cc of the Schur complement of the candidates.
+    /// Factor L_cc of the Schur complement of the contact dofs.
     tail: Mat<f64>,
     schur: Mat<f64>,
     arch: Arch,
@@ -79,10 +79,10 @@ pub struct Size {
 }
 
 impl Size {
-    fn of(symbolic: &SymbolicCholesky<usize>, candidates: usize, twice: bool) -> Size {
+    fn of(symbolic: &SymbolicCholesky<usize>, contact_dofs: usize, twice: bool) -> Size {
         let (entries, dofs) = (symbolic.len_val(), symbolic.ncols());
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-        let tail = 2 * candidates * candidates;
+        let tail = 2 * contact_dofs * contact_dofs;
         let kept = size_of::<f64>() * (entries + tail + 4 * dofs);
         let passing = if twice {
             size_of::<DoubleDouble>() * entries + size_of::<f64>() * entries
@@ -117,8 +117,8 @@ impl Cholesky {
     /// # Errors
     /// Returns [`Error::Singular`] where it is not positive definite and [`Error::Memory`] where
     /// the factor does not fit.
-    pub fn new(matrix: SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Cholesky> {
-        Cholesky::with_digits(matrix, None, candidates)
+    pub fn new(matrix: SparseColMat<usize, f64>, contact_dofs: &[usize]) -> Result<Cholesky> {
+        Cholesky::with_digits(matrix, None, contact_dofs)
     }
 
     /// Factors the matrix with the given double-double values, at about twenty times the cost.
@@ -128,21 +128,21 @@ impl Cholesky {
     pub(super) fn twice(
         symbolic: SymbolicSparseColMat<usize>,
         values: Vec<DoubleDouble>,
-        candidates: &[usize],
+        contact_dofs: &[usize],
     ) -> Result<Cholesky> {
         let rounded = values.iter().map(|value| value.round()).collect();
-        Cholesky::with_digits(SparseColMat::new(symbolic, rounded), Some(values), candidates)
+        Cholesky::with_digits(SparseColMat::new(symbolic, rounded), Some(values), contact_dofs)
     }
 
     fn with_digits(
         matrix: SparseColMat<usize, f64>,
         twice: Option<Vec<DoubleDouble>>,
-        candidates: &[usize],
+        contact_dofs: &[usize],
     ) -> Result<Cholesky> {
         let dofs = matrix.nrows();
-        let order = elimination_order(&matrix, candidates)?;
+        let order = elimination_order(&matrix, contact_dofs)?;
         let symbolic = analyse(&matrix, &order)?;
-        require(&Size::of(&symbolic, candidates.len(), twice.is_some()), 1, dofs)?;
+        require(&Size::of(&symbolic, contact_dofs.len(), twice.is_some()), 1, dofs)?;
         let SymbolicCholeskyRaw::Supernodal(raw) = symbolic.raw() else {
             return Err(analysis_failed(dofs, "no supernodes"));
         };
@@ -165,7 +165,7 @@ impl Cholesky {
             supernodes,
             patterns,
             order: order.iter().map(|&dof| dof as u32).collect(),
-            interior: dofs - candidates.len(),
+            interior: dofs - contact_dofs.len(),
             tail: Mat::zeros(0, 0),
             schur: Mat::zeros(0, 0),
             arch: Arch::new(),
@@ -180,7 +180,7 @@ impl Cholesky {
         Ok(cholesky)
     }
 
-    /// Returns the size of the factor, without candidates, of a matrix with the given lower
+    /// Returns the size of the factor, without contact dofs, of a matrix with the given lower
     /// triangle, from the symbolic analysis alone.
     ///
     /// # Errors
@@ -289,7 +289,7 @@ impl Cholesky {
         definite.then_some(()).ok_or_else(|| self.indefinite())
     }
 
-    /// Returns the dense triangle `$L_{cc}$` of the candidates.
+    /// Returns the dense triangle `$L_{cc}$` of the contact dofs.
     fn trailing_block(&self) -> Mat<f64> {
         let size = self.order.len() - self.interior;
         let mut tail = Mat::zeros(size, size);
@@ -359,21 +359,21 @@ impl Factor for Cholesky {
         &self.schur
     }
 
-    fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         self.permute(b);
         self.forward(self.interior);
         h.copy_from_slice(&self.x[self.interior..]);
         Ok(())
     }
 
-    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()> {
-        self.x[self.interior..].copy_from_slice(candidates);
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
+        self.x[self.interior..].copy_from_slice(values);
         self.backward(self.interior);
         self.unpermute(x);
         Ok(())
     }
 
-    fn solve_candidates(&self, h: &mut [f64]) {
+    fn solve_schur(&self, h: &mut [f64]) {
         let size = h.len();
         for j in 0..size {
             let column = self.tail.col(j);
@@ -526,9 +526,9 @@ fn analysis_failed(dofs: usize, why: impl std::fmt::Debug) -> Error {
     Error::Singular(format!("the matrix of {dofs} dofs cannot be analysed: {why:?}"))
 }
 
-/// Returns an approximate minimum degree order with the candidates last (ascending) and the other
+/// Returns an approximate minimum degree order with the contact dofs last (ascending) and the other
 /// dofs in postorder of the elimination tree.
-fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) -> Result<Vec<usize>> {
+fn elimination_order(matrix: &SparseColMat<usize, f64>, contact_dofs: &[usize]) -> Result<Vec<usize>> {
     let dofs = matrix.nrows();
     let (mut order, mut place) = (vec![0; dofs], vec![0; dofs]);
     let scratch = amd::order_maybe_unsorted_scratch::<usize>(dofs, matrix.compute_nnz());
@@ -545,12 +545,12 @@ fn elimination_order(matrix: &SparseColMat<usize, f64>, candidates: &[usize]) ->
     )
     .map_err(|why| analysis_failed(dofs, why))?;
     let mut last = vec![false; dofs];
-    for &dof in candidates {
+    for &dof in contact_dofs {
         last[dof] = true;
     }
     order.retain(|&dof| !last[dof]);
     let interior = order.len();
-    order.extend_from_slice(candidates);
+    order.extend_from_slice(contact_dofs);
     let tree = elimination_tree(matrix, &order);
     let postorder = postorder(&tree[..interior]);
     Ok(postorder.into_iter().chain(interior..dofs).map(|place| order[place]).collect())

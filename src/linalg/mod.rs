@@ -4,16 +4,16 @@
 //! them. Vectors are plain slices of the dofs that this rank owns, so that the schemes' own
 //! arithmetic is ordinary Rust and only the methods below know about other ranks.
 //!
-//! A [`Factor`] eliminates a chosen set of dofs, the *candidates* for contact, last. With
+//! A [`Factor`] eliminates a chosen set of dofs, the *contact dofs*, last. With
 //!
 //! ```math
 //! A = \begin{pmatrix} A_{ff} & A_{fc} \\ A_{cf} & A_{cc} \end{pmatrix},
 //! ```
 //!
-//! [`Factor::condense`] reduces `$A x = b$` to `$H x_c = h$`, where
-//! `$H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}$` is the Schur complement on the candidates, and
-//! [`Factor::expand`] completes `$x$` once `$x_c$` is known. A contact step then costs one sparse
-//! solve and one small dense problem.
+//! [`Factor::forward_to_schur`] reduces `$A x = b$` to `$H x_c = h$`, where
+//! `$H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}$` is the Schur complement on the contact dofs, and
+//! [`Factor::back_substitute`] completes `$x$` once `$x_c$` is known. A contact step then costs one
+//! sparse solve and one small dense problem.
 
 mod batch;
 mod cells;
@@ -174,7 +174,7 @@ pub trait Engine: Sized {
 
     /// Overwrites `values` on all ranks with those of the first, because processors may round
     /// differently. The slices have the same length on every rank.
-    fn agree(&self, values: &mut [f64]) -> Result<()>;
+    fn broadcast(&self, values: &mut [f64]) -> Result<()>;
 
     /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
@@ -199,11 +199,11 @@ pub trait Engine: Sized {
 
     /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass,
     /// `$V = x$` for a consistent one.
-    fn velocity(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]) -> Result<()>;
+    fn project(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]) -> Result<()>;
 
     /// Computes the momentum of a velocity: `$y = B^T V$` for the singular mass, `$y = M_r V$` for
     /// a consistent one.
-    fn momentum(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]) -> Result<()>;
+    fn project_transpose(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]) -> Result<()>;
 
     /// Returns twice the kinetic energy, `$V^T C V$` or `$V^T M_r V$`, in J for velocities in m/s.
     fn mass_norm_squared(&self, mass: &Self::Form, v: &[f64]) -> Result<f64>;
@@ -256,65 +256,66 @@ pub trait Engine: Sized {
         Ok(())
     }
 
-    /// Factors a sum of forms with the candidates (dofs of this rank, ascending) eliminated last.
+    /// Factors a sum of forms with the contact dofs (dofs of this rank, ascending) eliminated last.
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
-    fn factor(&self, sum: &LinearCombination<Self>, candidates: &[usize]) -> Result<Self::Factor>;
+    fn factor(&self, sum: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<Self::Factor>;
 
-    /// Changes the candidates of a factor of the same sum without pinned dofs. Returns whether this
-    /// took a factorisation.
+    /// Changes the contact dofs of a factor of the same sum without pinned dofs. Returns whether
+    /// this took a factorisation.
     ///
     /// # Errors
     /// Returns the errors of [`Engine::factor`].
-    fn change_candidates(
+    fn change_contact_dofs(
         &self,
         factor: &mut Self::Factor,
         sum: &LinearCombination<Self>,
-        candidates: &[usize],
+        contact_dofs: &[usize],
     ) -> Result<bool> {
-        *factor = self.factor(sum, candidates)?;
+        *factor = self.factor(sum, contact_dofs)?;
         Ok(true)
     }
 }
 
 /// Factor of a symmetric positive definite matrix A; see the [module page](self).
 ///
-/// Vectors over the candidates are the same on every rank: the candidates of the first rank,
+/// Vectors over the contact dofs are the same on every rank: the contact dofs of the first rank,
 /// ascending, then those of the second, and so on.
 pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
 
-    /// Returns the Schur complement H of A on the candidates.
+    /// Returns the Schur complement H of A on the contact dofs.
     fn schur(&self) -> &Mat<f64>;
 
     /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
-    /// the intermediate state for [`Factor::expand`].
-    fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()>;
+    /// the intermediate state for [`Factor::back_substitute`].
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()>;
 
-    /// Completes the solution of the last [`Factor::condense`] from the candidates' values.
-    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()>;
+    /// Completes the solution of the last [`Factor::forward_to_schur`] from the values at the
+    /// contact dofs.
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()>;
 
     /// Solves H x_c = h in place: `h` becomes x_c.
-    fn solve_candidates(&self, h: &mut [f64]);
+    fn solve_schur(&self, h: &mut [f64]);
 
     /// Factors the matrix again with some dofs (in any order) held fixed: their rows and columns
     /// become those of the identity.
     ///
-    /// The candidates keep their positions. Until a call without dofs restores the factor of A,
+    /// The contact dofs keep their positions. Until a call without dofs restores the factor of A,
     /// only [`Factor::solve`] may be called.
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
 
-    /// Saves or restores the rounding that earlier changes of candidates left in the factor. The
-    /// factor already has its present candidates.
+    /// Saves or restores the rounding that earlier changes of contact dofs left in the factor. The
+    /// factor already has its present contact dofs.
     ///
     /// # Errors
     /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
-    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         let _ = archive;
         Ok(())
     }

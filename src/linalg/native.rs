@@ -191,7 +191,7 @@ impl WithSimd for Velocity<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.averages.velocity(self.x, self.v, self.scratch);
+        self.averages.project(self.x, self.v, self.scratch);
     }
 }
 
@@ -231,7 +231,7 @@ impl Engine for Native {
         Ok((own.to_vec(), 0))
     }
 
-    fn agree(&self, _: &mut [f64]) -> Result<()> {
+    fn broadcast(&self, _: &mut [f64]) -> Result<()> {
         Ok(())
     }
 
@@ -272,7 +272,7 @@ impl Engine for Native {
         matches!(mass, Form::SingularMassCells(_))
     }
 
-    fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
+    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::SingularMassCells(averages) => {
@@ -284,7 +284,7 @@ impl Engine for Native {
         Ok(())
     }
 
-    fn momentum(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
+    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => {
                 self.multiply(mass, v, y)?;
@@ -331,8 +331,8 @@ impl Engine for Native {
         cholesky::require(&size, factors as u64, self.dofs())
     }
 
-    fn factor(&self, sum: &LinearCombination<Self>, candidates: &[usize]) -> Result<Cholesky> {
-        match Cholesky::new(self.assembled(sum)?, candidates) {
+    fn factor(&self, sum: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<Cholesky> {
+        match Cholesky::new(self.assembled(sum)?, contact_dofs) {
             Ok(mut factor) => {
                 if self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT {
                     return Ok(factor);
@@ -344,7 +344,7 @@ impl Engine for Native {
         let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
             form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
         })?;
-        Cholesky::twice(pattern, values, candidates)
+        Cholesky::twice(pattern, values, contact_dofs)
     }
 }
 

@@ -171,8 +171,8 @@ impl<'e, E: Engine> Pencil<'e, E> {
             .map_err(|why| Error::Singular(format!("a Rayleigh-Ritz step failed: {why:?}")))?;
         let mut values: Vec<f64> = (0..size).map(|i| eigen.S()[i]).collect();
         let mut vectors: Vec<f64> = (0..size * size).map(|i| eigen.U()[(i / size, i % size)]).collect();
-        self.engine.agree(&mut values)?;
-        self.engine.agree(&mut vectors)?;
+        self.engine.broadcast(&mut values)?;
+        self.engine.broadcast(&mut vectors)?;
         let mut rotated = vec![vec![0.0; self.engine.dofs()]; size];
         for (j, new) in rotated.iter_mut().enumerate() {
             for (i, old) in block.iter().enumerate() {
@@ -234,14 +234,14 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
         let mut factor = engine.factor(&[(1.0, stiffness), (sigma, mass)], &[])?;
         let mut u = vec![0.0; dofs];
         let operator = |v: &[f64], w: &mut [f64]| {
-            engine.momentum(mass, v, &mut u)?;
+            engine.project_transpose(mass, v, &mut u)?;
             factor.solve(&mut u)?;
-            engine.velocity(mass, &u, w)?;
+            engine.project(mass, &u, w)?;
             w.iter_mut().zip(v).for_each(|(w, v)| *w = v - sigma * *w);
             Ok(())
         };
         let metric = |v: &[f64], w: &mut [f64]| match mass {
-            Form::Cells(_) => engine.momentum(mass, v, w),
+            Form::Cells(_) => engine.project_transpose(mass, v, w),
             Form::SingularMassCells(averages) => {
                 w.iter_mut().zip(averages.masses().iter().zip(v)).for_each(|(w, (c, v))| *w = c * v);
                 Ok(())

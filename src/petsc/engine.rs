@@ -240,7 +240,7 @@ impl Engine for Distributed {
         Ok(self.context.gather_to_first(own))
     }
 
-    fn agree(&self, values: &mut [f64]) -> Result<()> {
+    fn broadcast(&self, values: &mut [f64]) -> Result<()> {
         self.context.broadcast(values);
         Ok(())
     }
@@ -278,26 +278,26 @@ impl Engine for Distributed {
         matches!(mass, Form::SingularMassCells(_))
     }
 
-    fn velocity(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
+    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::SingularMassCells(_) => {
                 let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
                 self.to_local(x, xl, global, read)?;
-                self.cells.velocity(mass, xl, v)?;
+                self.cells.project(mass, xl, v)?;
             }
         }
         Ok(())
     }
 
-    fn momentum(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
+    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => {
                 self.multiply(mass, v, y)?;
             }
             Form::SingularMassCells(_) => {
                 let Work { global, given, y: yl, .. } = &mut *self.work.borrow_mut();
-                self.cells.momentum(mass, v, yl)?;
+                self.cells.project_transpose(mass, v, yl)?;
                 self.to_owners(yl, y, global, given)?;
             }
         }
@@ -317,17 +317,17 @@ impl Engine for Distributed {
         Ok(diagonal)
     }
 
-    fn factor(&self, sum: &LinearCombination<Self>, candidates: &[usize]) -> Result<DistributedFactor> {
-        DistributedFactor::new(self, self.matrix(sum)?, candidates)
+    fn factor(&self, sum: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<DistributedFactor> {
+        DistributedFactor::new(self, self.matrix(sum)?, contact_dofs)
     }
 
-    fn change_candidates(
+    fn change_contact_dofs(
         &self,
         factor: &mut DistributedFactor,
         _: &LinearCombination<Self>,
-        candidates: &[usize],
+        contact_dofs: &[usize],
     ) -> Result<bool> {
-        factor.set_candidates(candidates)?;
+        factor.set_contact_dofs(contact_dofs)?;
         Ok(false)
     }
 }
@@ -361,7 +361,7 @@ pub struct DistributedFactor {
     /// Position of this rank's first dof in global vectors.
     first: usize,
     /// Contact dofs of this rank, and the offset of the first among those of all ranks.
-    candidates: Vec<usize>,
+    contact_dofs: Vec<usize>,
     before: usize,
     /// Flexibility (block of A^-1 at the contact dofs), and its inverse, the Schur complement.
     flexibility: Mat<f64>,
@@ -369,12 +369,12 @@ pub struct DistributedFactor {
     /// Solution of the last condensed right-hand side without contact, its values at the contact
     /// dofs, and the condensed right-hand side.
     free: Vec<f64>,
-    free_candidates: Vec<f64>,
+    free_contact_dofs: Vec<f64>,
     condensed: Vec<f64>,
 }
 
 impl DistributedFactor {
-    fn new(engine: &Distributed, mut matrix: Matrix, candidates: &[usize]) -> Result<DistributedFactor> {
+    fn new(engine: &Distributed, mut matrix: Matrix, contact_dofs: &[usize]) -> Result<DistributedFactor> {
         let direct = Ksp::new(&engine.context, Comm::World, "")?.is_direct()?;
         if !direct {
             engine.prepare_for_multigrid(&mut matrix)?;
@@ -388,27 +388,27 @@ impl DistributedFactor {
             right: engine.vector()?,
             solution: engine.vector()?,
             first: engine.first,
-            candidates: Vec::new(),
+            contact_dofs: Vec::new(),
             before: 0,
             flexibility: Mat::zeros(0, 0),
             schur: Mat::zeros(0, 0),
             free: vec![0.0; engine.own],
-            free_candidates: Vec::new(),
+            free_contact_dofs: Vec::new(),
             condensed: Vec::new(),
             matrix,
         };
-        factor.set_candidates(candidates)?;
+        factor.set_contact_dofs(contact_dofs)?;
         Ok(factor)
     }
 
     /// Replaces the contact dofs; columns of those that stay are kept.
-    fn set_candidates(&mut self, candidates: &[usize]) -> Result<()> {
+    fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<()> {
         // Index of each contact dof among the old ones, or -1 for a new one.
         let place =
-            |dof: &usize| self.candidates.binary_search(dof).map_or(-1.0, |k| (self.before + k) as f64);
-        let own: Vec<f64> = candidates.iter().map(place).collect();
+            |dof: &usize| self.contact_dofs.binary_search(dof).map_or(-1.0, |k| (self.before + k) as f64);
+        let own: Vec<f64> = contact_dofs.iter().map(place).collect();
         let (places, before) = all_gather(&self.context, &own)?;
-        (self.candidates, self.before) = (candidates.to_vec(), before);
+        (self.contact_dofs, self.before) = (contact_dofs.to_vec(), before);
         let count = places.len();
         let old = |i: usize| (places[i] >= 0.0).then_some(places[i] as usize);
         let mut block = Mat::zeros(count, count);
@@ -456,7 +456,7 @@ impl DistributedFactor {
             let mut solution = Matrix::dense(&self.context, Comm::World, own, lot.len())?;
             right.with_columns_mut(|values| {
                 for (number, column) in lot.iter().enumerate() {
-                    let mine = column.checked_sub(self.before).and_then(|k| self.candidates.get(k));
+                    let mine = column.checked_sub(self.before).and_then(|k| self.contact_dofs.get(k));
                     if let Some(dof) = mine {
                         values[number * own + dof] = 1.0;
                     }
@@ -465,7 +465,7 @@ impl DistributedFactor {
             self.solver.solve_columns(&right, &mut solution)?;
             let mut rows = vec![0.0; count * lot.len()];
             solution.with_columns(|values| {
-                for (k, &dof) in self.candidates.iter().enumerate() {
+                for (k, &dof) in self.contact_dofs.iter().enumerate() {
                     for number in 0..lot.len() {
                         rows[number * count + self.before + k] = values[number * own + dof];
                     }
@@ -524,26 +524,26 @@ impl Factor for DistributedFactor {
         &self.schur
     }
 
-    fn condense(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         let mut free = std::mem::take(&mut self.free);
         free.copy_from_slice(b);
         self.solve_with(false, &mut free)?;
         self.free = free;
-        let own: Vec<f64> = self.candidates.iter().map(|&dof| self.free[dof]).collect();
-        self.free_candidates = all_gather(&self.context, &own)?.0;
-        self.condensed = self.times_schur(&self.free_candidates);
+        let own: Vec<f64> = self.contact_dofs.iter().map(|&dof| self.free[dof]).collect();
+        self.free_contact_dofs = all_gather(&self.context, &own)?.0;
+        self.condensed = self.times_schur(&self.free_contact_dofs);
         h.copy_from_slice(&self.condensed);
         Ok(())
     }
 
-    fn expand(&mut self, candidates: &[f64], x: &mut [f64]) -> Result<()> {
-        if candidates != self.free_candidates {
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
+        if values != self.free_contact_dofs {
             // x = x_free + A^-1 G^T r, where the reactions r move the contact dofs to their values.
             // Overwriting these entries of x by the values themselves would gain a last digit and
             // spoil the equilibrium on fine meshes.
-            let forces = self.times_schur(candidates);
+            let forces = self.times_schur(values);
             x.fill(0.0);
-            for (k, &dof) in self.candidates.iter().enumerate() {
+            for (k, &dof) in self.contact_dofs.iter().enumerate() {
                 x[dof] = forces[self.before + k] - self.condensed[self.before + k];
             }
             self.solve_with(false, x)?;
@@ -554,9 +554,9 @@ impl Factor for DistributedFactor {
         Ok(())
     }
 
-    fn solve_candidates(&self, h: &mut [f64]) {
+    fn solve_schur(&self, h: &mut [f64]) {
         if *h == self.condensed {
-            h.copy_from_slice(&self.free_candidates);
+            h.copy_from_slice(&self.free_contact_dofs);
             return;
         }
         let mut right = Mat::from_fn(h.len(), 1, |i, _| h[i]);
@@ -582,7 +582,7 @@ impl Factor for DistributedFactor {
     }
 
     /// Archives the flexibility, whose columns depend on the order in which they were solved for.
-    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         let count = self.flexibility.nrows();
         let mut columns: Vec<f64> =
             (0..count).flat_map(|j| self.flexibility.col_as_slice(j).to_vec()).collect();

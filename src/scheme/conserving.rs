@@ -531,7 +531,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         Ok(Energies { work: energies.work + self.given, ..energies })
     }
 
-    fn verdict(&self) -> StepReport {
+    fn step_report(&self) -> StepReport {
         self.verdict
     }
 
@@ -539,7 +539,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.free[bound]
     }
 
-    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         for value in [&mut self.start, &mut self.given, &mut self.span, &mut self.ahead] {
             archive.value(value)?;
         }

@@ -35,7 +35,7 @@ impl State {
     pub fn new<E: Engine>(system: &System<E>, u: Vec<f64>, rate: &[f64]) -> Result<State> {
         let System { engine, mass, bounds, .. } = system;
         let mut v = vec![0.0; engine.velocities(mass)];
-        engine.velocity(mass, rate, &mut v)?;
+        engine.project(mass, rate, &mut v)?;
         let (reaction, force) = (vec![0.0; bounds.len()], vec![0.0; u.len()]);
         let moment = system.moment(0.0)?;
         let rates = system.drive.rates(0.0)?;
@@ -194,7 +194,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
             self.end.set(drive, time + dt)?;
             self.mean.combine(&from.moment, &self.end, |from, end| 0.5 * (from + end));
         }
-        engine.momentum(mass, &from.v, &mut self.b)?;
+        engine.project_transpose(mass, &from.v, &mut self.b)?;
         let shares = self.shares()?;
         self.ride_evenly(from)?;
         for (b, force) in self.b.iter_mut().zip(&from.force) {
@@ -213,7 +213,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         let sum: &LinearCombination<E> = &self.sum;
         let verdict =
             self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
-        engine.velocity(mass, &self.x, &mut self.rate)?;
+        engine.project(mass, &self.x, &mut self.rate)?;
         for (dv, (rate, v)) in self.dv.iter_mut().zip(self.rate.iter().zip(&self.v)) {
             *dv = 4.0 / dt * rate - 2.0 * v;
         }
@@ -232,7 +232,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         self.chords = ends.map(|(from, end)| (end - from) / self.dt).collect();
         change_frame(&self.images, &from.rates, &self.chords, &mut self.v);
         self.ridden = 0.5 * engine.mass_norm_squared(mass, &self.v)? - from.energies.kinetic;
-        engine.momentum(mass, &self.v, &mut self.b)
+        engine.project_transpose(mass, &self.v, &mut self.b)
     }
 
     /// Returns the modal coordinates, in the damped modes, of the velocity whose momentum is b.
@@ -244,7 +244,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
     /// Restores the modal coordinates of the state at which the last step started.
     pub fn recall(&mut self, from: &State) -> Result<()> {
         let System { engine, mass, .. } = self.system;
-        engine.momentum(mass, &from.v, &mut self.b)?;
+        engine.project_transpose(mass, &from.v, &mut self.b)?;
         self.shares = self.shares()?;
         Ok(())
     }
@@ -320,7 +320,7 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         archive.value(&mut self.chords)?;
         archive.vector(VectorKind::Dofs, &mut self.x)?;
         archive.vector(VectorKind::Bounds, &mut self.reaction)?;
-        self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
+        self.solver.archive(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
     /// Returns the number of numeric factorisations so far.

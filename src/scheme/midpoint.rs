@@ -280,7 +280,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         Ok(Energies { work: energies.work + self.given, ..energies })
     }
 
-    fn verdict(&self) -> StepReport {
+    fn step_report(&self) -> StepReport {
         self.verdict
     }
 
@@ -291,7 +291,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         Approach { time: (self.n as f64 - 1.5) * dt, deflection: self.earlier[bound], velocity }
     }
 
-    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.n)?;
         archive.value(&mut self.given)?;
         archive.value(&mut self.verdict)?;

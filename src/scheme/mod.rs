@@ -221,7 +221,7 @@ pub trait Scheme {
     ///
     /// # Errors
     /// Returns an error where a matrix cannot be factored. The accuracy that the solver reached is
-    /// in [`Scheme::verdict`].
+    /// in [`Scheme::step_report`].
     fn advance(&mut self) -> Result<()>;
 
     /// Returns the index of the present instant; 0 at the start.
@@ -283,7 +283,7 @@ pub trait Scheme {
     }
 
     /// Returns iterations and accuracy of the last solve.
-    fn verdict(&self) -> StepReport;
+    fn step_report(&self) -> StepReport;
 
     /// Returns the state of a bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
@@ -294,7 +294,7 @@ pub trait Scheme {
     /// # Errors
     /// Returns [`crate::Error::Checkpoint`] where the archive does not fit, and the errors of the
     /// solver.
-    fn state(&mut self, archive: &mut Archive) -> Result<()>;
+    fn archive(&mut self, archive: &mut Archive) -> Result<()>;
 
     /// Returns the number of numeric factorisations so far; of diagonalisations for a modal scheme.
     fn factorisations(&self) -> u64;
@@ -311,7 +311,7 @@ pub trait Scheme {
     }
 
     /// Returns the work counters of an event-driven scheme.
-    fn tally(&self) -> Option<EventStatistics> {
+    fn event_statistics(&self) -> Option<EventStatistics> {
         None
     }
 }

@@ -288,9 +288,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let NewmarkParameters { restitution: e, step: dt, .. } = parameters;
         let drift = |dof: usize| -2.0 * dt * start.velocity[dof] * e / (1.0 + e);
         let mut v = vec![0.0; system.engine.velocities(&system.mass)];
-        system.engine.velocity(&system.mass, &start.velocity, &mut v)?;
+        system.engine.project(&system.mass, &start.velocity, &mut v)?;
         let mut momentum = vec![0.0; dofs];
-        system.engine.momentum(&system.mass, &v, &mut momentum)?;
+        system.engine.project_transpose(&system.mass, &v, &mut momentum)?;
         momentum.iter_mut().for_each(|momentum| *momentum *= 2.0 / dt);
         scheme.solve(2.0, drift, |_, b, _| {
             b.iter_mut().zip(&momentum).for_each(|(b, momentum)| *b += momentum);
@@ -478,7 +478,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let System { engine, mass, .. } = self.system;
         let rate = self.central_velocity();
         let mut v = vec![0.0; engine.velocities(mass)];
-        engine.velocity(mass, &rate, &mut v)?;
+        engine.project(mass, &rate, &mut v)?;
         let kinetic = 0.5 * engine.mass_norm_squared(mass, &v)?;
         let work = self.system.work(&self.u)? + self.given();
         Ok(Energies { kinetic, elastic: self.elastic, work })
@@ -488,7 +488,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         Newmark::invariant(self)
     }
 
-    fn verdict(&self) -> StepReport {
+    fn step_report(&self) -> StepReport {
         self.verdict
     }
 
@@ -499,7 +499,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         Approach { time: self.time(), deflection: self.u[dof], velocity }
     }
 
-    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.n)?;
         archive.value(&mut self.elastic)?;
         self.varying.as_mut().map_or(Ok(()), |varying| varying.archive(archive))?;
@@ -514,7 +514,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         if let (Some(modal), false) = (&drive.modal, archive.saves()) {
             self.shares = Some(modal.of_rate(engine, &self.d)?);
         }
-        self.solver.state(engine, &self.sum, bounds, archive)
+        self.solver.archive(engine, &self.sum, bounds, archive)
     }
 
     fn factorisations(&self) -> u64 {

@@ -140,10 +140,10 @@ impl<'s, E: Engine> Potential<'s, E> {
         let mut image = |momentum: &[f64]| {
             let mut image = vec![0.0; moved.len()];
             for _ in 0..*ROUNDS.end() {
-                engine.momentum(mass, &image, b)?;
+                engine.project_transpose(mass, &image, b)?;
                 b.iter_mut().zip(momentum).for_each(|(b, m)| *b = *penalty * (m - *b));
                 solver.solve(engine, sum, b, &Bounds::default(), x, &mut [])?;
-                engine.velocity(mass, x, moved)?;
+                engine.project(mass, x, moved)?;
                 image.iter_mut().zip(&*moved).for_each(|(image, moved)| *image += moved);
                 let [more, all] = [&*moved, &image].map(|v| engine.mass_norm_squared(mass, v));
                 if more?.sqrt() <= f64::EPSILON * all?.sqrt() {
@@ -180,9 +180,9 @@ impl<'s, E: Engine> Potential<'s, E> {
             // velocities that displacements can attain, and 0 on the others, such as a checkerboard
             // on a uniform grid held all around. T (1 - T) excludes the latter.
             let mut apply = |v: &[f64], image: &mut [f64]| -> Result<()> {
-                engine.momentum(mass, v, &mut b)?;
+                engine.project_transpose(mass, v, &mut b)?;
                 solver.solve(engine, &sum, &b, &Bounds::default(), &mut x, &mut [])?;
-                engine.velocity(mass, &x, image)?;
+                engine.project(mass, &x, image)?;
                 image.iter_mut().for_each(|v| *v *= penalty);
                 Ok(())
             };
@@ -257,7 +257,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         self.u.copy_from_slice(u);
         self.multiplier.fill(0.0);
         self.lack.fill(0.0);
-        engine.velocity(mass, &self.u, &mut self.moved)?;
+        engine.project(mass, &self.u, &mut self.moved)?;
         let way = engine.mass_norm_squared(mass, &self.moved)?.sqrt();
         let verdict = self.reach(way, moment)?;
         u.copy_from_slice(&self.u);
@@ -329,7 +329,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             {
                 *pull = multiplier + self.penalty * lack;
             }
-            engine.momentum(mass, &self.pull, &mut self.x)?;
+            engine.project_transpose(mass, &self.pull, &mut self.x)?;
             self.system.force(&self.u, &mut self.b)?;
             self.b.iter_mut().zip(&self.x).for_each(|(b, pull)| *b += pull);
             moment.push(&mut self.b);
@@ -338,7 +338,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             let iterations = self.solver.solve(engine, sum, b, within, &mut self.x, &mut self.reaction)?;
             verdict.iterations += iterations;
             self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += x);
-            engine.velocity(mass, &self.x, &mut self.moved)?;
+            engine.project(mass, &self.x, &mut self.moved)?;
             for (multiplier, (lack, moved)) in
                 self.multiplier.iter_mut().zip(self.lack.iter_mut().zip(&self.moved))
             {
@@ -352,7 +352,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 continue;
             }
             // Check K U = F + B^T λ + G^T r within the bounds.
-            engine.momentum(mass, &self.multiplier, &mut self.b)?;
+            engine.project_transpose(mass, &self.multiplier, &mut self.b)?;
             let [load, varying] =
                 [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
             let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
@@ -368,7 +368,7 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Saves or restores the solver; each solution starts afresh.
     pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.solver.state(&self.system.engine, &self.sum, &self.system.bounds, archive)
+        self.solver.archive(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
     /// Returns the number of numeric factorisations so far.
@@ -432,7 +432,7 @@ impl<E: Engine> Line<'_, '_, E> {
             Some(known) => known,
             None => {
                 // At the midpoint, gamma = 1/2, V = 2/dt C^-1 B x.
-                engine.momentum(mass, &self.half.dv, work)?;
+                engine.project_transpose(mass, &self.half.dv, work)?;
                 let middle = 2.0 / self.half.dt * engine.dot(work, &self.half.x)?;
                 *self.kinetic_slope.insert([middle, engine.mass_norm_squared(mass, &self.half.dv)?])
             }

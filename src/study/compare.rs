@@ -238,7 +238,7 @@ impl Comparison {
                     entry.difference_up_to_impact.push(entry.difference);
                 }
             }
-            let verdict = scheme.verdict();
+            let verdict = scheme.step_report();
             entry.worst_kkt = entry.worst_kkt.max(verdict.kkt);
             entry.vi_iterations += u64::from(verdict.iterations);
             entry.retries += u64::from(verdict.retries > 0);

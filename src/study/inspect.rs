@@ -347,7 +347,7 @@ fn initial_energy(model: &Model) -> Result<f64> {
     let engine = &system.engine;
     let u = &model.start.displacement;
     let mut v = vec![0.0; engine.velocities(&system.mass)];
-    engine.velocity(&system.mass, &model.start.velocity, &mut v)?;
+    engine.project(&system.mass, &model.start.velocity, &mut v)?;
     let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()])?;
     let work = system.load.as_ref().map_or(Ok(0.0), |load| engine.dot(load, u))?;
     Ok(0.5 * (elastic + engine.mass_norm_squared(&system.mass, &v)?) - work)

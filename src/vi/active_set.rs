@@ -220,5 +220,5 @@ fn solve_fixed(
 /// Computes the candidates' values without any bound.
 pub(super) fn unconstrained(factor: &impl Factor, h: &[f64], x: &mut [f64]) {
     x.copy_from_slice(h);
-    factor.solve_candidates(x);
+    factor.solve_schur(x);
 }

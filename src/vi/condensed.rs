@@ -87,7 +87,7 @@ impl<E: Engine> Condensed<E> {
         candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
         candidates.sort_unstable();
         let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
-        match engine.change_candidates(&mut self.factor, sum, &dofs) {
+        match engine.change_contact_dofs(&mut self.factor, sum, &dofs) {
             Ok(factored) => self.factorisations += u64::from(factored),
             // The matrix itself has a factor; only the Schur complement lost its to rounding.
             Err(Error::Singular(_)) => self.pin(engine, sum)?,
@@ -98,7 +98,7 @@ impl<E: Engine> Condensed<E> {
 
     /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
     fn pin(&mut self, engine: &E, sum: &LinearCombination<E>) -> Result<()> {
-        let factored = engine.change_candidates(&mut self.factor, sum, &[])?;
+        let factored = engine.change_contact_dofs(&mut self.factor, sum, &[])?;
         self.factorisations += u64::from(factored);
         self.method = Method::Pinned { pinned: vec![BoundStatus::Free; self.sides.len()] };
         Ok(())
@@ -170,7 +170,7 @@ impl<E: Engine> Condensed<E> {
         let mut h = vec![0.0; size];
         let mut values = vec![0.0; size];
         let mut forces = vec![0.0; size];
-        self.factor.condense(b, &mut h)?;
+        self.factor.forward_to_schur(b, &mut h)?;
         active_set::unconstrained(&self.factor, &h, &mut values);
         let inside = values.iter().zip(lower.iter().zip(&upper)).all(|(x, (l, u))| (l..=u).contains(&x));
         let iterations = if inside {
@@ -185,7 +185,7 @@ impl<E: Engine> Condensed<E> {
             let codes = sides.iter().map(|&side| f64::from(side as u8));
             let mut answer: Vec<f64> = [&values[..], &forces].concat();
             answer.extend(codes.chain([f64::from(exchanges)]));
-            engine.agree(&mut answer)?;
+            engine.broadcast(&mut answer)?;
             values.copy_from_slice(&answer[..size]);
             forces.copy_from_slice(&answer[size..2 * size]);
             sides = answer[2 * size..3 * size].iter().map(|&code| BoundStatus::from_code(code)).collect();
@@ -195,7 +195,7 @@ impl<E: Engine> Condensed<E> {
             reaction[i] = forces[first + k];
             self.sides[i] = sides[first + k];
         }
-        self.factor.expand(&values, x)?;
+        self.factor.back_substitute(&values, x)?;
         Ok(iterations)
     }
 
@@ -309,7 +309,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         self.factorisations
     }
 
-    fn state(
+    fn archive(
         &mut self,
         engine: &E,
         sum: &LinearCombination<E>,
@@ -335,11 +335,11 @@ impl<E: Engine> Solver<E> for Condensed<E> {
                 self.factor.pin(&dofs)?;
                 Method::Pinned { pinned: marks }
             } else {
-                engine.change_candidates(&mut self.factor, sum, &dofs)?;
+                engine.change_contact_dofs(&mut self.factor, sum, &dofs)?;
                 Method::Dense { candidates: marked }
             };
         }
-        self.factor.state(archive)
+        self.factor.archive(archive)
     }
 
     fn corrections(&self) -> u32 {

@@ -63,7 +63,7 @@ pub trait Solver<E: Engine> {
     /// # Errors
     /// Returns [`Error::Checkpoint`] where the archive does not fit and [`Error::Singular`] where a
     /// matrix cannot be factored.
-    fn state(
+    fn archive(
         &mut self,
         engine: &E,
         sum: &LinearCombination<E>,
@@ -269,17 +269,17 @@ impl<E: Engine> CheckedSolver<E> {
         self.solver.factorisations()
     }
 
-    /// Saves or restores the solver, like [`Solver::state`].
+    /// Saves or restores the solver, like [`Solver::archive`].
     ///
     /// # Errors
-    /// Returns the errors of [`Solver::state`].
-    pub fn state(
+    /// Returns the errors of [`Solver::archive`].
+    pub fn archive(
         &mut self,
         engine: &E,
         sum: &LinearCombination<E>,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
-        self.solver.state(engine, sum, bounds, archive)
+        self.solver.archive(engine, sum, bounds, archive)
     }
 }

@@ -374,7 +374,7 @@ impl Solver<Distributed> for Bounded {
         self.factorisations + self.condensed.as_ref().map_or(0, Solver::factorisations)
     }
 
-    fn state(
+    fn archive(
         &mut self,
         engine: &Distributed,
         sum: &LinearCombination<Distributed>,
@@ -388,7 +388,7 @@ impl Solver<Distributed> for Bounded {
         if has_retried && self.condensed.is_none() {
             self.condensed = Some(Condensed::new(engine, sum, bounds.len())?);
         }
-        self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.state(engine, sum, bounds, archive))
+        self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.archive(engine, sum, bounds, archive))
     }
 
     fn corrections(&self) -> u32 {

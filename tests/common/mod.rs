@@ -144,7 +144,7 @@ pub fn lift(system: &System<Native>, v: &[f64]) -> Vec<f64> {
     let mut matrix = faer::Mat::zeros(v.len(), unit.len());
     for dof in 0..unit.len() {
         unit[dof] = 1.0;
-        engine.velocity(mass, &unit, matrix.col_as_slice_mut(dof)).unwrap();
+        engine.project(mass, &unit, matrix.col_as_slice_mut(dof)).unwrap();
         unit[dof] = 0.0;
     }
     let lifted = matrix.thin_svd().unwrap().pseudoinverse() * faer::ColRef::from_slice(v);

@@ -141,7 +141,7 @@ fn an_obstacle_out_of_reach_does_not_change_a_bit() {
                 without.advance().unwrap();
                 assert_eq!(with.displacement(), without.displacement(), "{element} {method:?}");
             }
-            assert_eq!(with.verdict().iterations, 0);
+            assert_eq!(with.step_report().iterations, 0);
         }
     }
 }
@@ -293,7 +293,7 @@ fn nothing_begets_nothing() {
             for _ in 0..100 {
                 scheme.advance().unwrap();
                 assert!(scheme.displacement().iter().all(|u| *u == 0.0), "{element} {method:?}");
-                assert_eq!((scheme.verdict().kkt, scheme.energies().unwrap().total()), (0.0, 0.0));
+                assert_eq!((scheme.step_report().kkt, scheme.energies().unwrap().total()), (0.0, 0.0));
             }
         }
     }

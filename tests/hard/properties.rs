@@ -423,7 +423,7 @@ fn time_runs_backwards(mut drawn: Drawn) -> Result<(), TestCaseError> {
         }
         largest = largest.max(crate::common::largest(there.displacement()));
     }
-    if there.tally().is_some_and(|tally| tally.events > MOST_EVENTS) {
+    if there.event_statistics().is_some_and(|tally| tally.events > MOST_EVENTS) {
         return Ok(());
     }
     let velocity = lift(&model.system, there.cell_velocity()).into_iter().map(|v| -v).collect();

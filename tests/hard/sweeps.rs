@@ -120,7 +120,7 @@ fn broken(system: &System<rebond::linalg::Native>, start: &Start, step: f64, ste
         let (mut least, mut rise, mut moved) = (energy, 0.0f64, 0.0f64);
         for _ in 0..steps {
             scheme.advance().unwrap();
-            let kkt = scheme.verdict().kkt;
+            let kkt = scheme.step_report().kkt;
             assert!(kkt <= 1e-9, "step {}: {kkt:e}", scheme.step());
             touched += u32::from(scheme.reaction().iter().any(|r| *r != 0.0));
             let now = scheme.invariant().unwrap();
@@ -268,7 +268,7 @@ fn one_node_displaced_or_struck() {
                     let mut midpoint = Midpoint::new(&system, 1e-4, massless, start.clone()).unwrap();
                     for _ in 0..200 {
                         midpoint.advance().unwrap();
-                        assert!(midpoint.verdict().kkt <= 1e-10);
+                        assert!(midpoint.step_report().kkt <= 1e-10);
                     }
                 }
             }

@@ -35,7 +35,7 @@ fn every_example_runs() {
         let mut scheme = model.scheme(&scene).unwrap();
         for _ in 0..3 {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt < 1e-10, "{text}");
+            assert!(scheme.step_report().kkt < 1e-10, "{text}");
         }
         let again = Scene::from_str(&scene.resolved(), "again.toml", &[]).unwrap();
         assert_eq!(again.resolved(), scene.resolved());

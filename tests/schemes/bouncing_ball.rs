@@ -52,7 +52,7 @@ fn apexes<const K: usize>(scheme: &mut dyn Scheme) -> [f64; K] {
     std::array::from_fn(|_| {
         loop {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-10);
+            assert!(scheme.step_report().kkt <= 1e-10);
             // The bound is met in terms of the step's increment: to rounding.
             assert!(scheme.admissible()[0] >= -1e-15 && scheme.reaction()[0] >= 0.0);
             let next = scheme.displacement()[0];
@@ -110,7 +110,7 @@ fn without_restitution_the_ball_stays_where_it_falls() {
         let landing = (2.0f64 / 9.81).sqrt();
         while scheme.time() < 2.0 * landing {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-10);
+            assert!(scheme.step_report().kkt <= 1e-10);
             if scheme.time() > landing + 2.0 * step {
                 assert!(scheme.displacement()[0].abs() <= 1e-15, "{:e}", scheme.displacement()[0]);
                 // The floor carries its weight.

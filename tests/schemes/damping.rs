@@ -144,7 +144,7 @@ fn a_damped_ball_bounces_by_its_closed_form() {
         let mut events = Vec::new();
         while scheme.time() < 10.0 {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-11);
+            assert!(scheme.step_report().kkt <= 1e-11);
             events.extend(scheme.take_events());
         }
         let w = (K / MASS).sqrt();
@@ -228,13 +228,13 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
     let mut expected = Vec::new();
     for _ in 0..(end / look).round() as usize {
         truth.advance().unwrap();
-        assert!(truth.verdict().kkt <= 1e-11);
+        assert!(truth.step_report().kkt <= 1e-11);
         let now = truth.energies().unwrap().total();
         assert!(now < energy);
         energy = now;
         expected.push(corner(&truth));
     }
-    assert!(truth.tally().unwrap().events > 10);
+    assert!(truth.event_statistics().unwrap().events > 10);
     let schemes: [(&str, Make); 4] = [
         ("newmark", newmark),
         ("midpoint, reflected", reflected),
@@ -363,7 +363,7 @@ fn single_modes_are_damped_by_ratios_of_their_own() {
             let mut worst = [0.0f64; 3];
             for _ in 0..(0.1 / step).round() as usize {
                 scheme.advance().unwrap();
-                assert!(scheme.verdict().kkt <= 1e-10);
+                assert!(scheme.step_report().kkt <= 1e-10);
                 let t = scheme.time();
                 for (k, dual) in duals.iter().enumerate() {
                     let ratio = ratios.get(k).copied().unwrap_or(0.0);

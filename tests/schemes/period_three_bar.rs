@@ -104,7 +104,7 @@ fn newmark_converges_and_its_invariant_never_rises() {
         let (mut error, mut loss) = (0.0f64, 0.0f64);
         for _ in 0..count(6.0, step) {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-10);
+            assert!(scheme.step_report().kkt <= 1e-10);
             assert!(scheme.admissible()[0] >= -1e-14);
             let now = scheme.invariant().unwrap();
             assert!(now <= invariant + 1e-13, "t = {}: {:e}", scheme.time(), now - invariant);
@@ -128,7 +128,7 @@ fn midpoint_converges() {
         let (mut error, mut drift) = (0.0f64, 0.0f64);
         for _ in 0..count(6.0, step) {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-10);
+            assert!(scheme.step_report().kkt <= 1e-10);
             assert!(scheme.admissible()[0] >= -1e-14);
             // The configuration in the middle of the step is the one that the wall bounds.
             error = error.max((scheme.admissible()[0] - tip(scheme.time() - 0.5 * step)).abs());
@@ -151,7 +151,7 @@ fn the_conserving_scheme_keeps_the_energy_and_converges() {
         let mut error = 0.0f64;
         for _ in 0..count(12.0, step) {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-10);
+            assert!(scheme.step_report().kkt <= 1e-10);
             assert!(scheme.displacement()[0] >= -1e-14);
             let drift = (scheme.energies().unwrap().total() / energy - 1.0).abs();
             assert!(drift <= 1e-12, "t = {}: {drift:e}", scheme.time());
@@ -230,7 +230,7 @@ fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
         let mut open = false;
         for n in 1..=count(300.0, step) {
             scheme.advance().unwrap();
-            assert!(scheme.verdict().kkt <= 1e-11);
+            assert!(scheme.step_report().kkt <= 1e-11);
             for event in scheme.take_events() {
                 assert_eq!(event.closes, !open, "t = {}", event.time);
                 open = event.closes;
@@ -255,7 +255,10 @@ fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
                 error = error.max((scheme.displacement()[0] - tip(time)).abs());
             }
         }
-        println!("{cells} cells: E0 {energy}, drift {drift:.1e}, {bounces} bounces, {:?}", scheme.tally());
+        println!(
+            "{cells} cells: E0 {energy}, drift {drift:.1e}, {bounces} bounces, {:?}",
+            scheme.event_statistics()
+        );
         assert!(drift <= 1e-10, "{cells} cells: {drift:e}");
         assert_eq!(bounces, seen, "{cells} cells");
         assert!((100..=103).contains(&bounces), "{cells} cells: {bounces}");

@@ -97,20 +97,20 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             let expected_h: Vec<f64> =
                 candidates.iter().zip(reduced(&b_rest)).map(|(&i, known)| b[i] - known).collect();
             let mut h = vec![0.0; count];
-            factor.condense(&b, &mut h).unwrap();
+            factor.forward_to_schur(&b, &mut h).unwrap();
             assert!(difference(&h, &expected_h) <= 1e3 * TOLERANCE, "condense, {context}");
 
             // The candidates' own values make the solution whole again,
             let mut values = h.clone();
-            factor.solve_candidates(&mut values);
+            factor.solve_schur(&mut values);
             let at: Vec<f64> = candidates.iter().map(|&i| expected[i]).collect();
             assert!(difference(&values, &at) <= TOLERANCE * largest(&expected), "candidates, {context}");
-            factor.expand(&values, &mut x).unwrap();
+            factor.back_substitute(&values, &mut x).unwrap();
             assert!(difference(&x, &expected) <= TOLERANCE * largest(&expected), "expand, {context}");
             // and any others leave the rows of the rest in balance.
             let values = random_vector(&mut random, count);
-            factor.condense(&b, &mut h).unwrap();
-            factor.expand(&values, &mut x).unwrap();
+            factor.forward_to_schur(&b, &mut h).unwrap();
+            factor.back_substitute(&values, &mut x).unwrap();
             assert_eq!(candidates.iter().map(|&i| x[i]).collect::<Vec<f64>>(), values, "{context}");
             let product = multiply(&dense, &x);
             let residual: Vec<f64> = rest.iter().map(|&i| product[i] - b[i]).collect();
@@ -134,7 +134,7 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
                 factor.solve(&mut x).unwrap();
                 assert!(difference(&x, &expected) <= TOLERANCE * largest(&expected), "pin, {context}");
             }
-            factor.condense(&b, &mut h).unwrap();
+            factor.forward_to_schur(&b, &mut h).unwrap();
             assert!(difference(&h, &expected_h) <= 1e3 * TOLERANCE, "condense after pin, {context}");
         }
     }
@@ -179,9 +179,9 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
     assert!(difference(&b, &x) <= TOLERANCE, "{}", difference(&b, &x));
     // B^T C^-1 B x = B^T v, and x^T M x = v^T C v.
     let mut v = vec![0.0; engine.velocities(&mass)];
-    engine.velocity(&mass, &x, &mut v).unwrap();
+    engine.project(&mass, &x, &mut v).unwrap();
     let mut momentum = vec![0.0; size];
-    engine.momentum(&mass, &v, &mut momentum).unwrap();
+    engine.project_transpose(&mass, &v, &mut momentum).unwrap();
     let form = engine.multiply(&mass, &x, &mut product).unwrap();
     assert!(difference(&momentum, &product) <= 1e-14 * largest(&product));
     assert!((engine.mass_norm_squared(&mass, &v).unwrap() - form).abs() <= 1e-14 * form);

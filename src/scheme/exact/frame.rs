@@ -81,7 +81,7 @@ impl VelocityBasis {
         let mut all = Mat::zeros(self.root_mass.len(), displacements.ncols());
         for j in 0..displacements.ncols() {
             let column = all.col_as_slice_mut(j);
-            system.engine.velocity(&system.mass, displacements.col_as_slice(j), column)?;
+            system.engine.project(&system.mass, displacements.col_as_slice(j), column)?;
             column.iter_mut().zip(&self.root_mass).for_each(|(v, c)| *v *= c);
         }
         Ok(self.narrow(all))
@@ -106,6 +106,6 @@ impl VelocityBasis {
 
     /// Sets `forces` to the product of `$\tilde B^T$` with z, n entries.
     pub fn momentum<E: Engine>(&self, system: &System<E>, z: &[f64], forces: &mut [f64]) -> Result<()> {
-        system.engine.momentum(&system.mass, &self.velocity(z), forces)
+        system.engine.project_transpose(&system.mass, &self.velocity(z), forces)
     }
 }

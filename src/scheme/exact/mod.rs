@@ -344,7 +344,7 @@ impl<'s, E: Engine> Exact<'s, E> {
     fn inertia(&self) -> Result<Vec<f64>> {
         let System { engine, mass, .. } = self.system;
         let mut b = vec![0.0; engine.dofs()];
-        engine.momentum(mass, &self.shape().acceleration, &mut b)?;
+        engine.project_transpose(mass, &self.shape().acceleration, &mut b)?;
         b.iter_mut().for_each(|b| *b = -*b);
         Ok(b)
     }
@@ -639,7 +639,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
     }
 
-    fn verdict(&self) -> StepReport {
+    fn step_report(&self) -> StepReport {
         self.verdict
     }
 
@@ -647,7 +647,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         self.touches[bound]
     }
 
-    fn state(&mut self, archive: &mut Archive) -> Result<()> {
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.n)?;
         archive.value(&mut self.verdict)?;
         archive.value(&mut self.tally)?;
@@ -681,7 +681,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         std::mem::take(&mut self.events)
     }
 
-    fn tally(&self) -> Option<EventStatistics> {
+    fn event_statistics(&self) -> Option<EventStatistics> {
         Some(EventStatistics {
             active_sets: self.cache.computed,
             cached_bytes: self.cache.peak,

@@ -85,7 +85,7 @@ impl<E: Engine> Search<'_, '_, E> {
             for (pull, (multiplier, lack)) in pull.iter_mut().zip(multiplier.iter().zip(&lack)) {
                 *pull = multiplier + penalty * lack;
             }
-            engine.momentum(mass, &pull, &mut x)?;
+            engine.project_transpose(mass, &pull, &mut x)?;
             engine.multiply(stiffness, &w, &mut product)?;
             x.iter_mut().zip(&product).for_each(|(x, resistance)| *x -= resistance);
             change.push(&mut x);
@@ -93,7 +93,7 @@ impl<E: Engine> Search<'_, '_, E> {
             solve(&mut x)?;
             held.hold(&w, &mut x, solve)?;
             w.iter_mut().zip(&x).for_each(|(w, x)| *w += x);
-            engine.velocity(mass, &x, &mut moved)?;
+            engine.project(mass, &x, &mut moved)?;
             for (multiplier, (lack, moved)) in multiplier.iter_mut().zip(lack.iter_mut().zip(&moved)) {
                 *lack -= moved;
                 *multiplier += penalty * *lack;
