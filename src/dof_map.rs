@@ -69,7 +69,7 @@ impl NodeConstraint {
     /// node where it is `None`.
     pub fn add(&mut self, support: Support, along: Option<[f64; 2]>) {
         let [deflection, slope_along, slope_across] = support.holds();
-        self.deflection += f64::from(u8::from(deflection));
+        self.deflection += f64::from(deflection);
         let Some([x, y]) = along else {
             // A single node has no edge direction: to hold the slope across means to hold both.
             if slope_across {

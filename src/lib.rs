@@ -11,6 +11,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`error`] | the error type and its exit codes |
+//! | [`communicator`] | collective operations over all ranks, with the verbs of MPI |
 //! | [`memory`] | available memory, and refusal of work that does not fit |
 //! | [`archive`] | saving and restoring the state of a run |
 //! | [`motion`] | a state from which another run starts |
@@ -67,6 +68,7 @@
 //! ```
 
 pub mod error;
+pub mod communicator;
 pub mod memory;
 mod input;
 pub mod archive;

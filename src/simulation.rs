@@ -7,6 +7,7 @@ mod distributed;
 mod effects;
 mod fields;
 mod opposite;
+mod partition;
 mod pause;
 mod phase;
 
@@ -21,6 +22,7 @@ pub(crate) use phase::phase;
 
 use crate::archive::Archive;
 use crate::assembly::{self, Probe};
+use crate::communicator::{Communicator, SelfComm};
 use crate::dof_map::{DofMap, NodeConstraint};
 use crate::energy::Guard;
 use crate::error::{Error, Result};
@@ -36,11 +38,12 @@ use crate::scheme::{
 };
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
-use body::{Communicator, PlateAssembly, SelfComm};
+use body::PlateAssembly;
 pub use body::{mesh, mesh_and_made};
 use contacts::Contacts;
 use effects::{BuildContext, Effects, OfCells};
 pub use effects::{LoadTotal, Matrices, Resultant};
+use partition::{Partition, WholeMesh};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use std::time::Instant;
@@ -148,7 +151,7 @@ fn on_ground<R>(
     scene: &Scene,
     mesh: &Mesh,
     holds: &[NodeConstraint],
-    act: impl FnOnce(&BuildContext<SelfComm>) -> Result<R>,
+    act: impl FnOnce(&BuildContext<WholeMesh>) -> Result<R>,
 ) -> Result<R> {
     let space = DofMap::of(holds).with_extra(scene.balls.len());
     if space.dofs() == scene.balls.len() {
@@ -159,17 +162,12 @@ fn on_ground<R>(
     let gaps: Vec<_> = (0..scene.balls.len()).map(|ball| Some(space.extra(ball))).collect();
     act(&BuildContext {
         scene,
-        team: &SelfComm,
+        partition: &WholeMesh,
         mesh,
         holds,
         space: &space,
         gaps: &gaps,
         cells: &cells,
-        own: &Some,
-        add_up: Rc::new(|local| Ok(local.to_vec())),
-        agree: Rc::new(|mine| mine),
-        sum: Rc::new(|own| own.to_vec()),
-        owns: &|_| true,
     })
 }
 
@@ -193,10 +191,10 @@ impl Model {
 }
 
 /// Assembles the model of a scene on an engine. Collective.
-fn compose<E: OfCells, T: Communicator>(
+fn compose<E: OfCells, P: Partition>(
     clock: Instant,
     engine: E,
-    ground: &BuildContext<T>,
+    ground: &BuildContext<P>,
 ) -> Result<Model<E>> {
     let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
         effects::compose(engine, ground)?;
@@ -217,9 +215,9 @@ fn compose<E: OfCells, T: Communicator>(
 
 /// Returns the kinetic energy of the plate moving at the speed of sound of its stiffest material,
 /// sqrt(E / rho), in J. Collective.
-fn sonic_energy<T: Communicator>(ground: &BuildContext<T>) -> f64 {
+fn sonic_energy<P: Partition>(ground: &BuildContext<P>) -> f64 {
     let mass: f64 = ground.cells.iter().map(|cell| cell.local.weight).sum();
-    let mass: f64 = ground.team.gather(&[mass]).iter().sum();
+    let mass = ground.comm().all_reduce_sum(mass);
     let scene = ground.scene;
     let plates = std::iter::once(&scene.plate.plate).chain(scene.parts.iter().map(|part| &part.plate));
     let stiffest = plates.map(|plate| {
@@ -279,10 +277,7 @@ impl<E: Engine> Model<E> {
             let moved = motion.at(Point::origin(), time)?;
             own.iter_mut().zip(lift).for_each(|(own, lift)| *own += moved * lift);
         }
-        let (all, _) = self.system.engine.all_gather(&own)?;
-        for (i, value) in values.iter_mut().enumerate() {
-            *value = all.iter().skip(i).step_by(own.len()).sum();
-        }
+        values.copy_from_slice(&self.system.engine.comm().all_reduce_sum_slice(&own));
         Ok(())
     }
 }
@@ -556,11 +551,10 @@ impl Outcome {
         let start = scheme.energies()?.total();
         let [assembly, equilibrium] = model.seconds;
         let System { engine, bounds, .. } = &model.system;
-        let (counts, _) = engine.all_gather(&[engine.dofs() as f64, bounds.len() as f64])?;
-        let total = |which: usize| counts.iter().skip(which).step_by(2).sum::<f64>() as usize;
+        let [dofs, bounded_dofs] = engine.comm().all_reduce_sum([engine.dofs(), bounds.len()]);
         Ok(Outcome {
-            dofs: total(0),
-            bounded_dofs: total(1),
+            dofs,
+            bounded_dofs,
             steps: 0,
             contact_steps: 0,
             vi_iterations: 0,
@@ -643,16 +637,17 @@ impl Outcome {
             return Ok((0, 0.0));
         }
         let (engine, bounds) = (&model.system.engine, scheme.limits());
-        let (mut nodes, mut force, mut penetration) = (0.0, 0.0, 0.0_f64);
+        let (mut nodes, mut force, mut penetration) = (0, 0.0, 0.0_f64);
         for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
-            nodes += f64::from(u8::from(r != 0.0));
+            nodes += usize::from(r != 0.0);
             force += r;
             penetration = penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
         }
-        let (all, _) = engine.all_gather(&[nodes, force, penetration])?;
-        let part = |which: usize| all.iter().skip(which).step_by(3).copied();
-        let (nodes, force) = (part(0).sum::<f64>() as usize, part(1).sum());
-        self.worst_penetration = part(2).fold(self.worst_penetration, f64::max);
+        let ranks = engine.comm().all_gather_one((nodes, force, penetration));
+        let nodes = ranks.iter().map(|(nodes, ..)| nodes).sum();
+        let force = ranks.iter().map(|(_, force, _)| force).sum();
+        let penetrations = ranks.iter().map(|(.., penetration)| *penetration);
+        self.worst_penetration = penetrations.fold(self.worst_penetration, f64::max);
         self.contact_steps += u64::from(nodes > 0 || events);
         if nodes > 0 {
             self.most_contact_nodes = self.most_contact_nodes.max(nodes);
@@ -686,7 +681,8 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
     let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
     // Bounds at the earliest instant before contact of any of these nodes, and one step later.
     let times = touched().map(|(bound, _)| scheme.approach(bound).time);
-    let before = -engine.all_reduce_max(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)))?;
+    let before =
+        -engine.comm().all_reduce_max(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)));
     let before = if before.is_finite() { before.max(0.0) } else { 0.0 };
     let [from, to] = [model.system.bounds_at(before)?, model.system.bounds_at(before + step)?];
     let met = |(bound, &r): (usize, &f64)| {
@@ -705,14 +701,14 @@ fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> 
         if drive.bounds.is_some() {
             delay = delay.min(scheme.time() + step - approach.time).max(0.0);
         }
-        let DeflectionDof { node, at: [x, y], .. } = model.sites[bound];
-        [(approach.time + delay).max(0.0), velocity, node as f64, x, y]
+        let DeflectionDof { node, at, .. } = model.sites[bound];
+        ((approach.time + delay).max(0.0), velocity, node, at)
     };
     let touched = touched();
-    let own = touched.map(met).min_by(|a, b| a[0].total_cmp(&b[0]));
-    let (all, _) = engine.all_gather(own.as_ref().map_or(&[], |own| own))?;
-    let first = all.chunks_exact(5).min_by(|a, b| a[0].total_cmp(&b[0]));
-    Ok(first.map(|of| Impact { time: of[0], node: of[2] as usize, at: [of[3], of[4]], velocity: of[1] }))
+    let own = touched.map(met).min_by(|a, b| a.0.total_cmp(&b.0));
+    let all = engine.comm().all_gather(own.as_slice());
+    let first = all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(first.map(|(time, velocity, node, at)| Impact { time, node, at, velocity }))
 }
 
 /// Returns advice for the user on a spurious gain of energy.
@@ -730,9 +726,6 @@ pub(crate) fn advice(scene: &Scene) -> &'static str {
         _ => "check the loads and the initial state",
     }
 }
-
-/// Request of a process whose observer failed; it takes precedence over that of an interrupted one.
-const FAILED: f64 = 2.0;
 
 /// Number of steps between checks of the energy where rows are further apart.
 const GUARD_EVERY: u64 = 100;
@@ -883,7 +876,7 @@ fn show_fields<E: Engine>(
     }
     let snapshot = fields.sample(&model.system, scheme)?;
     let shown = watched.and_then(|()| observer.fields(&snapshot));
-    let complete = model.system.engine.all_reduce_max(f64::from(u8::from(shown.is_err())))? == 0.0;
+    let complete = model.system.engine.comm().all_reduce_all(shown.is_ok());
     Ok(if complete { observer.fields_complete(step, time) } else { shown })
 }
 
@@ -953,9 +946,8 @@ fn time_loop<E: Engine>(
                 if last {
                     contacts.close(&model.sites, f64::INFINITY);
                 }
-                let (ended, _) = engine.all_gather(&contacts.take())?;
-                let ended: Vec<Contact> =
-                    ended.chunks_exact(contacts::NUMBERS).map(Contact::from_numbers).collect();
+                let ended = engine.comm().all_gather(&contacts.take());
+                let ended: Vec<Contact> = ended.into_iter().map(Contact::from_numbers).collect();
                 outcome.node_contacts += ended.len() as u64;
                 watched = watched.and_then(|()| observer.contacts(&ended));
             }
@@ -968,17 +960,15 @@ fn time_loop<E: Engine>(
         watched = show_fields(scene, model, scheme, last, watched, observer)?;
         observer.step(step, contact_nodes);
         if last {
-            return engine.together(watched);
+            return engine.comm().all_ok(watched);
         }
         // All processes stop after the same step.
-        let asked = engine.all_reduce_max(match &watched {
-            Err(_) => FAILED,
-            Ok(()) => f64::from(u8::from(observer.interrupts())),
-        })?;
-        if asked == FAILED {
-            return engine.together(watched);
+        let asked = (watched.is_err(), watched.is_ok() && observer.interrupts());
+        let asked = engine.comm().all_gather_one(asked);
+        if asked.iter().any(|(failed, _)| *failed) {
+            return engine.comm().all_ok(watched);
         }
-        let stops = asked > 0.0;
+        let stops = asked.iter().any(|(_, interrupted)| *interrupted);
         let every = scene.output.checkpoint_every;
         if stops || step > 0 && every.is_some_and(|every| step.is_multiple_of(every)) {
             let pause =
@@ -986,7 +976,7 @@ fn time_loop<E: Engine>(
             watched = pause.map_or(Ok(()), |pause| observer.pause(pause));
         }
         if stops {
-            engine.together(watched)?;
+            engine.comm().all_ok(watched)?;
             return Err(Error::Interrupted { step, time });
         }
         scheme.advance().map_err(|error| locate(error, model))?;

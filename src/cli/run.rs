@@ -2,6 +2,7 @@
 
 use super::plot::obstacles;
 use super::{OutputMode, SceneArgs, launch, print, refuse_petsc_options, signal};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::motion::{self, Motion};
@@ -308,7 +309,7 @@ impl Job {
         let speaks = context.rank() == 0;
         let run = || {
             let claim = speaks.then(|| RunLock::new(&self.folder, &self.identity)).transpose();
-            let _claim = context.together(claim)?;
+            let _claim = context.comm().all_ok(claim)?;
             if speaks {
                 self.announce(&format!("engine: petsc, {}\n", ranks(context.size())))?;
             }
@@ -316,7 +317,7 @@ impl Job {
             let model = Model::distributed(&self.scene, &context)?;
             let solver = model.solver(&self.scene);
             let process = [context.rank(), context.size()];
-            let dofs = context.sum_count(model.system.engine.dofs());
+            let dofs = context.comm().all_reduce_sum(model.system.engine.dofs());
             set_up.iter().for_each(|set_up| set_up.part("frequencies"));
             let warnings =
                 if speaks { study::warnings_apart(&self.scene, &model.warnings, dofs) } else { Vec::new() };
@@ -363,7 +364,7 @@ impl Job {
             check_options,
         };
         let prepared = if rank == 0 { recorder.prepare(from.as_ref()) } else { Ok(()) };
-        model.system.engine.together(prepared)?;
+        model.system.engine.comm().all_ok(prepared)?;
         let (outcome, ended) = match from {
             None => simulation::run(scene, model, solver, &mut recorder)?,
             Some(from) => simulation::resume(scene, model, solver, from.pause, &mut recorder)?,

@@ -7,6 +7,7 @@
 //! and the last ones are cut in two by the chord of the jump.
 
 use super::quadrature::{DEGREE_3, DEGREE_6, Node};
+use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::field::Enclosure;
 use crate::mesh::Point;
@@ -320,15 +321,13 @@ impl Parts {
 /// Finds the cells of this rank where the rule of degree 6 does not suffice for a function, which
 /// may differ from cell to cell, and rules that do. Collective.
 ///
-/// `sum` returns the sums of its arguments over all ranks.
-///
 /// # Errors
 /// Returns the errors of the function, on the rank where they occurred.
 pub fn refine<'f>(
     pieces: &[Triangle],
     function: &dyn Fn(usize) -> Option<&'f dyn Integrand>,
     effort: Effort,
-    sum: &dyn Fn(&[f64]) -> Vec<f64>,
+    comm: &impl Communicator,
 ) -> Result<Refined> {
     let of_piece = |of: usize| function(pieces[of].cell);
     let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
@@ -346,8 +345,7 @@ pub fn refine<'f>(
             own[1] += piece.area();
         }
     }
-    let all = sum(&own);
-    (search.size, search.area) = (all[0], all[1]);
+    [search.size, search.area] = comm.all_reduce_sum(own);
     let mut refined = Refined::default();
     let mut cut_up: BTreeMap<usize, Parts> = BTreeMap::new();
     let mut active: Vec<Part> = Vec::new();
@@ -399,14 +397,12 @@ pub fn refine<'f>(
         }
         active = next;
         own = [done + active.iter().map(|part| part.size).sum::<f64>(), active.len() as f64];
-        let all = sum(&own);
-        search.size = all[0];
-        own[1] = all[1];
+        [search.size, own[1]] = comm.all_reduce_sum(own);
         if own[1] == 0.0 {
             break;
         }
     }
-    (refined.size, refined.left) = (search.size, sum(&[refined.left])[0]);
+    (refined.size, refined.left) = (search.size, comm.all_reduce_sum(refined.left));
     fault?;
     for (of, parts) in &cut_up {
         add(&mut refined.integral, &pieces[*of], parts.integral);
@@ -423,7 +419,7 @@ pub fn is_calm(
     pieces: &[Triangle],
     function: &dyn Integrand,
     effort: Effort,
-    sum: &dyn Fn(&[f64]) -> Vec<f64>,
+    comm: &impl Communicator,
 ) -> Result<bool> {
     let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
     let mut own = [0.0; 2];
@@ -432,8 +428,7 @@ pub fn is_calm(
         own[1] += pieces[of].area();
         Ok(())
     });
-    let all = sum(&own);
-    (search.size, search.area) = (all[0], all[1]);
+    [search.size, search.area] = comm.all_reduce_sum(own);
     let is_calm = |of: usize| {
         let part = search.measure(function, of, WHOLE)?;
         let accepted = matches!(search.judge(function, &part, false)?, Verdict::Accept);
@@ -447,7 +442,7 @@ pub fn is_calm(
         }
         Ok(false)
     });
-    let anywhere = sum(&[f64::from(u8::from(!matches!(stirred, Ok(false))))])[0] > 0.0;
+    let anywhere = comm.all_reduce_any(!matches!(stirred, Ok(false)));
     if stirred.is_ok() {
         stirred = Ok(anywhere);
     }

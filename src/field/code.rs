@@ -111,7 +111,7 @@ pub(super) trait Number: Copy {
 /// Returns a condition on two operands, NaN if one of them is; otherwise `sqrt(x) > 1` would be
 /// false for a negative x.
 fn truth(operands: [f64; 2], holds: bool) -> f64 {
-    if operands.iter().any(|value| value.is_nan()) { f64::NAN } else { f64::from(u8::from(holds)) }
+    if operands.iter().any(|value| value.is_nan()) { f64::NAN } else { f64::from(holds) }
 }
 
 impl Number for f64 {

@@ -253,8 +253,7 @@ impl Enclosure {
 
     /// Returns the enclosure of a condition that is known, or not.
     fn condition(known: Option<bool>) -> Enclosure {
-        let value = known
-            .map_or(Interval { low: 0.0, high: 1.0 }, |holds| Interval::point(f64::from(u8::from(holds))));
+        let value = known.map_or(Interval { low: 0.0, high: 1.0 }, |holds| Interval::point(f64::from(holds)));
         Enclosure::constant(0.0).steps(value)
     }
 
@@ -361,7 +360,7 @@ impl Number for Enclosure {
             Unary::Ceil => self.steps(self.negative().floor().negative()),
             Unary::Round => self.steps(u.rising(f64::round)),
             Unary::Step => match self.is_less(Self::constant(0.0)) {
-                Some(negative) => self.steps(Interval::point(f64::from(u8::from(!negative)))),
+                Some(negative) => self.steps(Interval::point(f64::from(!negative))),
                 None if u.low >= 0.0 => self.steps(one),
                 None => self.steps(Interval { low: 0.0, high: 1.0 }),
             },

@@ -227,7 +227,7 @@ impl Cholesky {
             let range = self.matrix.col_range(column);
             for (row, value) in self.matrix.row_idx_of_col(column).zip(&mut values[range]) {
                 if pinned[row] || pinned[column] {
-                    *value = f64::from(u8::from(row == column)).into();
+                    *value = f64::from(row == column).into();
                 }
             }
         }

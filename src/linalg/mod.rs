@@ -28,6 +28,7 @@ pub use cholesky::Cholesky;
 pub use native::Native;
 
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::error::Result;
 use faer::Mat;
 use twice::DoubleDouble;
@@ -137,6 +138,11 @@ pub trait Engine: Sized {
     type Form;
     /// Factor of a weighted sum of forms.
     type Factor: Factor;
+    /// Communicator of the ranks that the vectors are distributed over.
+    type Comm: Communicator;
+
+    /// Returns the communicator.
+    fn comm(&self) -> &Self::Comm;
 
     /// Returns the number of dofs that this rank owns.
     fn dofs(&self) -> usize;
@@ -145,20 +151,20 @@ pub trait Engine: Sized {
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
 
     /// Returns the largest `value` over all ranks.
-    fn all_reduce_max(&self, value: f64) -> Result<f64>;
+    fn all_reduce_max(&self, value: f64) -> Result<f64> {
+        Ok(self.comm().all_reduce_max(value))
+    }
 
     /// Returns the values of all ranks in rank order, the same on every rank, and the index of this
     /// rank's first value.
-    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)>;
+    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
+        Ok(self.comm().all_gather_with_offset(own))
+    }
 
-    /// Returns `mine` if all ranks succeeded, and otherwise an error on every rank, so that none
-    /// goes on alone.
-    ///
-    /// # Errors
-    /// Returns this rank's own error, or [`crate::Error::Elsewhere`] where only another rank
-    /// failed.
-    fn together(&self, mine: Result<()>) -> Result<()> {
-        mine
+    /// Overwrites `values` on all ranks with those of the first.
+    fn broadcast(&self, values: &mut [f64]) -> Result<()> {
+        self.comm().broadcast(values);
+        Ok(())
     }
 
     /// Returns the values at all dofs of this rank's cells, including dofs that other ranks own, in
@@ -166,15 +172,6 @@ pub trait Engine: Sized {
     fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
         Ok(x.to_vec())
     }
-
-    /// Returns the bytes of all ranks, in rank order, on the first rank and nothing on the others.
-    fn gather(&self, own: &[u8]) -> Result<Vec<Vec<u8>>> {
-        Ok(vec![own.to_vec()])
-    }
-
-    /// Overwrites `values` on all ranks with those of the first, because processors may round
-    /// differently. The slices have the same length on every rank.
-    fn broadcast(&self, values: &mut [f64]) -> Result<()>;
 
     /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.
     fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;

@@ -5,6 +5,7 @@ use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::twice::DoubleDouble;
 use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell};
+use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use crate::memory;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
@@ -214,6 +215,11 @@ impl WithSimd for Momentum<'_> {
 impl Engine for Native {
     type Form = Form;
     type Factor = Cholesky;
+    type Comm = SelfComm;
+
+    fn comm(&self) -> &SelfComm {
+        &SelfComm
+    }
 
     fn dofs(&self) -> usize {
         self.layout.dofs()
@@ -221,18 +227,6 @@ impl Engine for Native {
 
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
         Ok(x.iter().zip(y).map(|(x, y)| x * y).sum())
-    }
-
-    fn all_reduce_max(&self, value: f64) -> Result<f64> {
-        Ok(value)
-    }
-
-    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
-        Ok((own.to_vec(), 0))
-    }
-
-    fn broadcast(&self, _: &mut [f64]) -> Result<()> {
-        Ok(())
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {

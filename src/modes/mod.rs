@@ -10,6 +10,7 @@
 
 pub(crate) mod lanczos;
 
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, Form, Native};
 use faer::{Mat, Side};
@@ -79,11 +80,10 @@ pub fn shapes<E: Engine>(
     mechanism: bool,
 ) -> Result<Vec<Mode>> {
     let dofs = engine.dofs();
-    let (sizes, before) = engine.all_gather(&[dofs as f64, engine.velocities(mass) as f64])?;
-    let all = |which: usize| sizes.iter().skip(which).step_by(2).sum::<f64>() as usize;
-    let width = (2 * count + 8).min(all(1)).min(all(0));
+    let [all_dofs, all_velocities] = engine.comm().all_reduce_sum([dofs, engine.velocities(mass)]);
+    let width = (2 * count + 8).min(all_velocities).min(all_dofs);
     // Each rank draws different numbers.
-    let seed = |i: usize| (i + width * before) as u64;
+    let seed = |i: usize| (i + width * 2 * engine.comm().rank()) as u64;
     let mut block: Vec<Vec<f64>> = (0..width).map(|i| scatter(dofs, seed(i))).collect();
     let mut pencil = Pencil::new(engine, stiffness, mass);
     let mut values = pencil.rayleigh_ritz(&mut block)?;
@@ -171,8 +171,8 @@ impl<'e, E: Engine> Pencil<'e, E> {
             .map_err(|why| Error::Singular(format!("a Rayleigh-Ritz step failed: {why:?}")))?;
         let mut values: Vec<f64> = (0..size).map(|i| eigen.S()[i]).collect();
         let mut vectors: Vec<f64> = (0..size * size).map(|i| eigen.U()[(i / size, i % size)]).collect();
-        self.engine.broadcast(&mut values)?;
-        self.engine.broadcast(&mut vectors)?;
+        self.engine.comm().broadcast(&mut values);
+        self.engine.comm().broadcast(&mut vectors);
         let mut rotated = vec![vec![0.0; self.engine.dofs()]; size];
         for (j, new) in rotated.iter_mut().enumerate() {
             for (i, old) in block.iter().enumerate() {

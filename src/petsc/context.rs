@@ -1,15 +1,11 @@
-//! Life cycle of MPI and PETSc, and collective operations over all ranks.
+//! Life cycle of MPI and PETSc.
 
 use super::error::{c_string, call, check, keep};
-use super::{options, sys};
+use super::{WorldComm, options, sys};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use mpi::Threading;
-use mpi::collective::SystemOperation;
-use mpi::datatype::{Equivalence, PartitionMut};
-use mpi::environment::Universe;
-use mpi::topology::SimpleCommunicator;
-use mpi::traits::{AsRaw, Communicator, CommunicatorCollectives, Root};
-use serde::{Serialize, de::DeserializeOwned};
+use mpi::traits::{AsRaw, Communicator as _};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ffi::{CString, c_char, c_int, c_ulong, c_void};
@@ -17,7 +13,7 @@ use std::io::Write;
 use std::marker::PhantomData;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Whether MPI was started in this process, which is possible only once.
 static STARTED: AtomicBool = AtomicBool::new(false);
@@ -31,14 +27,14 @@ pub enum Comm {
     Own,
 }
 
-/// Running MPI and PETSc; both stop when the last owner is dropped.
+/// Running MPI and PETSc. PETSc stops when the last owner is dropped, and then MPI with the last
+/// copy of its communicator.
 ///
 /// Every handle owns a reference to its context, so that none outlives PETSc. Neither contexts nor
 /// handles leave their thread.
 pub struct Context {
-    /// MPI's environment; `None` only during the drop, where MPI ends after PETSc.
-    universe: Option<Universe>,
-    world: SimpleCommunicator,
+    /// Communicator of all ranks, dropped after PETSc has ended.
+    comm: WorldComm,
     /// Names of the options that the program set as defaults, which may remain unused.
     pub(super) ours: RefCell<BTreeSet<String>>,
     /// Options prefixes of the solvers created so far.
@@ -83,8 +79,8 @@ impl Context {
         one_blas_thread();
         let (universe, _) = mpi::initialize_with_threading(Threading::Funneled)
             .ok_or_else(|| Error::Petsc("MPI was started by something else in this process".into()))?;
-        let world = universe.world();
-        if world.size() > 1 {
+        let comm = WorldComm::new(universe);
+        if comm.size() > 1 {
             abort_on_panic();
         }
 
@@ -103,31 +99,30 @@ impl Context {
             unsafe { sys::PetscInitialize(&mut count, &mut start, std::ptr::null(), std::ptr::null()) };
         check(code, "PetscInitialize")?;
         let context = Rc::new(Self {
-            universe: Some(universe),
-            world,
+            comm,
             ours: RefCell::default(),
             prefixes: RefCell::default(),
             _arguments: (owned, pointers),
             _thread: PhantomData,
         });
-        context.together(context.check_database())?;
+        context.comm.all_ok(context.check_database())?;
         context.tell_of_files_left_out();
         Ok(context)
     }
 
     /// Returns the number of this rank, from 0.
     pub fn rank(&self) -> usize {
-        self.world.rank() as usize
+        self.comm.rank()
     }
 
     /// Returns the number of ranks.
     pub fn size(&self) -> usize {
-        self.world.size() as usize
+        self.comm.size()
     }
 
-    /// Returns the communicator of all ranks, for direct use of the `mpi` crate.
-    pub fn world(&self) -> &SimpleCommunicator {
-        &self.world
+    /// Returns the communicator of all ranks.
+    pub fn comm(&self) -> &WorldComm {
+        &self.comm
     }
 
     /// Returns the number of ranks of a communicator.
@@ -140,112 +135,10 @@ impl Context {
 
     pub(super) fn raw(&self, comm: Comm) -> sys::MPI_Comm {
         match comm {
-            Comm::World => self.world.as_raw(),
+            Comm::World => self.comm.world().as_raw(),
             // SAFETY: this is a constant of the MPI library.
             Comm::Own => unsafe { mpi::ffi::RSMPI_COMM_SELF },
         }
-    }
-
-    /// Returns the sum over all ranks. Collective.
-    pub fn sum(&self, value: f64) -> f64 {
-        let mut sum = 0.0;
-        self.world.all_reduce_into(&value, &mut sum, SystemOperation::sum());
-        sum
-    }
-
-    /// Returns the largest value of all ranks. Collective.
-    pub fn all_reduce_max(&self, value: f64) -> f64 {
-        let mut largest = value;
-        self.world.all_reduce_into(&value, &mut largest, SystemOperation::max());
-        largest
-    }
-
-    /// Returns the sum of a count over all ranks. Collective.
-    pub fn sum_count(&self, value: usize) -> usize {
-        let mut sum = 0u64;
-        self.world.all_reduce_into(&(value as u64), &mut sum, SystemOperation::sum());
-        sum as usize
-    }
-
-    /// Replaces an array by its entrywise sum over all ranks; all lengths are equal. Collective.
-    pub fn sum_all(&self, values: &mut [f64]) {
-        let mine = values.to_vec();
-        self.world.all_reduce_into(&mine[..], values, SystemOperation::sum());
-    }
-
-    /// Overwrites an array with that of rank 0; all lengths are equal. Collective.
-    pub fn broadcast(&self, values: &mut [f64]) {
-        self.world.process_at_rank(0).broadcast_into(values);
-    }
-
-    /// Concatenates the arrays of all ranks, on every rank; their lengths may differ. Collective.
-    pub fn gather<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<T> {
-        let mut counts = vec![0 as c_int; self.size()];
-        self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
-        let starts = starts(&counts);
-        let mut all = vec![T::default(); counts.iter().sum::<c_int>() as usize];
-        self.world.all_gather_varcount_into(mine, &mut PartitionMut::new(&mut all[..], counts, starts));
-        all
-    }
-
-    /// Collects the arrays of all ranks on rank 0, one per rank; other ranks get none. Collective.
-    pub fn gather_to_first<T: Equivalence + Default + Clone>(&self, mine: &[T]) -> Vec<Vec<T>> {
-        let mut counts = vec![0 as c_int; self.size()];
-        self.world.all_gather_into(&(mine.len() as c_int), &mut counts[..]);
-        let first = self.world.process_at_rank(0);
-        if self.rank() > 0 {
-            first.gather_varcount_into(mine);
-            return Vec::new();
-        }
-        let starts = starts(&counts);
-        let mut all = vec![T::default(); counts.iter().sum::<c_int>() as usize];
-        first.gather_varcount_into_root(mine, &mut PartitionMut::new(&mut all[..], &counts[..], &starts[..]));
-        counts
-            .iter()
-            .zip(starts)
-            .map(|(&count, start)| all[start as usize..][..count as usize].to_vec())
-            .collect()
-    }
-
-    /// Returns whether the condition holds on every rank, so that all ranks take one decision.
-    /// Collective.
-    pub fn all(&self, holds: bool) -> bool {
-        self.all_reduce_max(if holds { 0.0 } else { 1.0 }) == 0.0
-    }
-
-    /// Turns an error on one rank into an error on all ranks, so that none goes on alone and
-    /// deadlocks.
-    ///
-    /// Without an error, each rank gets its own result. Collective.
-    ///
-    /// # Errors
-    /// Returns the error of the lowest rank that has one: as it is on that rank, as
-    /// [`Error::Elsewhere`] on the others.
-    pub fn together<T>(&self, mine: Result<T>) -> Result<T> {
-        if self.all(mine.is_ok()) {
-            return mine;
-        }
-        let codes = self.gather(&[mine.as_ref().err().map_or(0, Error::exit_code)]);
-        let first = codes.iter().position(|&code| code != 0).unwrap_or(0);
-        let own = mine.err().filter(|_| self.rank() == first);
-        let words = self.gather(own.as_ref().map(Error::to_string).unwrap_or_default().as_bytes());
-        let words = String::from_utf8_lossy(&words).into_owned();
-        Err(own.unwrap_or(Error::Elsewhere { words, code: codes[first] }))
-    }
-
-    /// Broadcasts a value of rank 0 to every rank, as JSON. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where JSON cannot express the value.
-    pub fn share<T: Serialize + DeserializeOwned>(&self, value: &T) -> Result<T> {
-        let unfit = |error| Error::Petsc(format!("a value cannot be sent to other ranks: {error}"));
-        let mine = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
-        serde_json::from_slice(&self.gather(&self.together(mine)?)).map_err(unfit)
-    }
-
-    /// Waits until all ranks arrive. Collective.
-    pub fn barrier(&self) {
-        self.world.barrier();
     }
 
     /// Waits for all ranks, and returns whether they arrived in time. Collective.
@@ -253,7 +146,7 @@ impl Context {
     /// A rank that does not arrive waits inside a call that the others have left, so that only
     /// [`Context::fail`] can follow.
     pub fn all_arrive(&self, within: Duration) -> bool {
-        self.arrive(Some(within))
+        self.comm.arrive(Some(within))
     }
 
     /// Ends the common work of all ranks with one report of the first error. Collective.
@@ -267,28 +160,11 @@ impl Context {
     /// Returns the first error, on rank 0 only.
     pub fn settle(&self, ended: Result<()>, patience: Duration) -> Result<()> {
         match ended {
-            Err(error) if !self.arrive(Some(patience)) => self.fail(&error),
-            Ok(()) => self.arrive(None),
+            Err(error) if !self.comm.arrive(Some(patience)) => self.fail(&error),
+            Ok(()) => self.comm.arrive(None),
             _ => true,
         };
-        self.together(ended).or_else(|error| if self.rank() == 0 { Err(error) } else { Ok(()) })
-    }
-
-    /// Waits for all ranks, at most for `within` if given, and returns whether they arrived.
-    fn arrive(&self, within: Option<Duration>) -> bool {
-        let start = Instant::now();
-        let mut request = self.world.immediate_barrier();
-        loop {
-            match request.test() {
-                Ok(_) => return true,
-                Err(waiting) if within.is_none_or(|within| start.elapsed() < within) => request = waiting,
-                Err(waiting) => {
-                    std::mem::forget(waiting);
-                    return false;
-                }
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        self.comm.all_ok(ended).or_else(|error| if self.rank() == 0 { Err(error) } else { Ok(()) })
     }
 
     /// Reports an error and ends the program on every rank, with the error's exit code.
@@ -318,7 +194,7 @@ impl Context {
         if self.size() == 1 {
             std::process::exit(code.into());
         }
-        self.world.abort(code.into())
+        self.comm.world().abort(code.into())
     }
 
     /// Returns the number of OpenBLAS threads, or `None` if BLAS is another library.
@@ -350,22 +226,10 @@ impl std::fmt::Debug for Context {
 
 impl Drop for Context {
     fn drop(&mut self) {
-        // SAFETY: no handle is left, since each owns a reference to the context; MPI still runs.
+        // SAFETY: no handle is left, since each owns a reference to the context; MPI still runs,
+        // for the communicator is dropped after this.
         unsafe { sys::PetscFinalize() };
-        drop(self.universe.take());
     }
-}
-
-/// Returns the offsets of contiguous parts with these lengths.
-fn starts(counts: &[c_int]) -> Vec<c_int> {
-    counts
-        .iter()
-        .scan(0, |sum, &count| {
-            let start = *sum;
-            *sum += count;
-            Some(start)
-        })
-        .collect()
 }
 
 /// Makes a panic on one rank end all ranks, which would otherwise wait for it for ever.

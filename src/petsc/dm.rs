@@ -4,6 +4,7 @@ use super::error::{c_string, call, int};
 use super::handle::handle;
 use super::vec::slice;
 use super::{Comm, Context, Dofs, Index, IndexSet, Section, Vector, sys};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use std::ops::Range;
 use std::rc::Rc;
@@ -32,11 +33,11 @@ impl Plex {
         cells: &[Index],
         vertices: &[[f64; 2]],
     ) -> Result<Self> {
-        let all = context.sum_count(vertices.len());
+        let all = context.comm().all_reduce_sum(vertices.len());
         let good = (3..=4).contains(&corners)
             && cells.len().is_multiple_of(corners)
             && cells.iter().all(|&v| v >= 0 && (v as usize) < all);
-        if !context.all(good) {
+        if !context.comm().all_reduce_all(good) {
             return Err(Error::Mesh(format!(
                 "cells of {corners} corners that are no whole number of cells or name vertices out of 0..{all}"
             )));
@@ -75,14 +76,14 @@ impl Plex {
         let good = (context.rank() == 0 || cells.is_empty() && vertices.is_empty())
             && cells.iter().all(|c| (3..=4).contains(&c.len()) && c.iter().all(|&v| v < vertices.len()))
             && cells.is_sorted_by_key(|cell| cell.len());
-        if !context.all(good) {
+        if !context.comm().all_reduce_all(good) {
             return Err(Error::Mesh(
                 "cells that are not triangles, then quadrilaterals, of the vertices given, all on rank 0"
                     .into(),
             ));
         }
         let points = cells.len() + vertices.len();
-        context.together(int(points))?;
+        context.comm().all_ok(int(points))?;
         let mut sizes: Vec<Index> = cells.iter().map(|cell| cell.len() as Index).collect();
         sizes.resize(points, 0);
         let cones: Vec<Index> = cells.concat().into_iter().map(|v| (cells.len() + v) as Index).collect();

@@ -6,8 +6,9 @@
 //! after.
 
 use super::plate::Part;
-use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
+use super::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::Result;
 use crate::linalg::{Engine, Factor, Form, LinearCombination, Native};
@@ -93,7 +94,7 @@ impl Distributed {
                 }
             }
         }
-        self.whole_nodes = self.context.all(whole);
+        self.whole_nodes = self.context.comm().all_reduce_all(whole);
     }
 
     /// Sets the near null space of a matrix, and its block size where dofs come in threes.
@@ -145,24 +146,13 @@ impl Distributed {
         self.to_owners(local, own, global, given)
     }
 
-    /// Returns a closure that works as [`Distributed::add_up`] and does not borrow the engine.
-    ///
-    /// Calls of the closure are collective.
+    /// Creates an adder of contributions, which does not borrow the engine. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn adder(&self) -> Result<impl Fn(&[f64]) -> Result<Vec<f64>> + 'static> {
+    pub fn adder(&self) -> Result<Adder> {
         let vectors = RefCell::new((self.plex.global_vector()?, self.plex.local_vector()?));
-        let (plex, own) = (self.plex.clone(), self.own);
-        Ok(move |values: &[f64]| {
-            let (all, local) = &mut *vectors.borrow_mut();
-            let mut sums = vec![0.0; own];
-            local.set_local(values)?;
-            all.fill(0.0)?;
-            plex.add_to_global(local, all)?;
-            all.copy_to(&mut sums)?;
-            Ok(sums)
-        })
+        Ok(Adder { plex: self.plex.clone(), own: self.own, vectors })
     }
 
     /// Assembles the matrix of a linear combination of forms. Collective.
@@ -205,29 +195,47 @@ impl Distributed {
     }
 }
 
+/// Adder of the contributions of all ranks over their local dofs; see [`Distributed::adder`].
+pub struct Adder {
+    plex: Rc<Plex>,
+    /// Number of dofs that this rank owns.
+    own: usize,
+    /// Global and local vector.
+    vectors: RefCell<(Vector, Vector)>,
+}
+
+impl Adder {
+    /// Returns the sums at the dofs that this rank owns, as [`Distributed::add_up`] does.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn add_up(&self, values: &[f64]) -> Result<Vec<f64>> {
+        let (all, local) = &mut *self.vectors.borrow_mut();
+        let mut sums = vec![0.0; self.own];
+        local.set_local(values)?;
+        all.fill(0.0)?;
+        self.plex.add_to_global(local, all)?;
+        all.copy_to(&mut sums)?;
+        Ok(sums)
+    }
+}
+
 impl Engine for Distributed {
     type Form = Form;
     type Factor = DistributedFactor;
+    type Comm = WorldComm;
+
+    fn comm(&self) -> &WorldComm {
+        self.context.comm()
+    }
 
     fn dofs(&self) -> usize {
         self.own
     }
 
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
-        Ok(self.context.sum(x.iter().zip(y).map(|(x, y)| x * y).sum()))
-    }
-
-    fn all_reduce_max(&self, value: f64) -> Result<f64> {
-        // MPI's maximum may lose a NaN.
-        Ok(self.context.all_reduce_max(if value.is_nan() { f64::INFINITY } else { value }))
-    }
-
-    fn together(&self, mine: Result<()>) -> Result<()> {
-        self.context.together(mine)
-    }
-
-    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
-        all_gather(&self.context, own)
+        Ok(self.context.comm().all_reduce_sum_unordered(x.iter().zip(y).map(|(x, y)| x * y).sum()))
     }
 
     fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
@@ -236,21 +244,12 @@ impl Engine for Distributed {
         Ok(xl.clone())
     }
 
-    fn gather(&self, own: &[u8]) -> Result<Vec<Vec<u8>>> {
-        Ok(self.context.gather_to_first(own))
-    }
-
-    fn broadcast(&self, values: &mut [f64]) -> Result<()> {
-        self.context.broadcast(values);
-        Ok(())
-    }
-
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
         let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;
         let value = self.cells.multiply(form, xl, yl)?;
         self.to_owners(yl, y, global, given)?;
-        Ok(self.context.sum(value))
+        Ok(self.context.comm().all_reduce_sum_unordered(value))
     }
 
     fn multiply_with_magnitude(
@@ -307,7 +306,10 @@ impl Engine for Distributed {
     fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.own]),
-            Form::SingularMassCells(_) => Ok(self.context.sum(self.cells.mass_norm_squared(mass, v)?)),
+            Form::SingularMassCells(_) => {
+                let own = self.cells.mass_norm_squared(mass, v)?;
+                Ok(self.context.comm().all_reduce_sum_unordered(own))
+            }
         }
     }
 
@@ -330,16 +332,6 @@ impl Engine for Distributed {
         factor.set_contact_dofs(contact_dofs)?;
         Ok(false)
     }
-}
-
-/// Concatenates the values of all ranks; also returns the offset of this rank's values.
-fn all_gather(context: &Context, own: &[f64]) -> Result<(Vec<f64>, usize)> {
-    if context.size() == 1 {
-        return Ok((own.to_vec(), 0));
-    }
-    let counts = context.gather(&[own.len() as u64]);
-    let before = counts[..context.rank()].iter().sum::<u64>() as usize;
-    Ok((context.gather(own), before))
 }
 
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
@@ -403,14 +395,16 @@ impl DistributedFactor {
 
     /// Replaces the contact dofs; columns of those that stay are kept.
     fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<()> {
-        // Index of each contact dof among the old ones, or -1 for a new one.
-        let place =
-            |dof: &usize| self.contact_dofs.binary_search(dof).map_or(-1.0, |k| (self.before + k) as f64);
-        let own: Vec<f64> = contact_dofs.iter().map(place).collect();
-        let (places, before) = all_gather(&self.context, &own)?;
+        // Whether each contact dof is an old one, and its index among them.
+        let place = |dof: &usize| {
+            let old = self.contact_dofs.binary_search(dof);
+            (old.is_ok(), old.map_or(0, |k| self.before + k))
+        };
+        let own: Vec<(bool, usize)> = contact_dofs.iter().map(place).collect();
+        let (places, before) = self.context.comm().all_gather_with_offset(&own);
         (self.contact_dofs, self.before) = (contact_dofs.to_vec(), before);
         let count = places.len();
-        let old = |i: usize| (places[i] >= 0.0).then_some(places[i] as usize);
+        let old = |i: usize| places[i].0.then_some(places[i].1);
         let mut block = Mat::zeros(count, count);
         for (j, i) in (0..count).flat_map(|j| (0..count).map(move |i| (j, i))) {
             if let (Some(i_old), Some(j_old)) = (old(i), old(j)) {
@@ -471,7 +465,7 @@ impl DistributedFactor {
                     }
                 }
             })?;
-            self.context.sum_all(&mut rows);
+            self.context.comm().all_reduce_sum_slice_unordered(&mut rows);
             for (number, &column) in lot.iter().enumerate() {
                 for row in 0..count {
                     block[(row, column)] = rows[number * count + row];
@@ -530,7 +524,7 @@ impl Factor for DistributedFactor {
         self.solve_with(false, &mut free)?;
         self.free = free;
         let own: Vec<f64> = self.contact_dofs.iter().map(|&dof| self.free[dof]).collect();
-        self.free_contact_dofs = all_gather(&self.context, &own)?.0;
+        self.free_contact_dofs = self.context.comm().all_gather(&own);
         self.condensed = self.times_schur(&self.free_contact_dofs);
         h.copy_from_slice(&self.condensed);
         Ok(())
@@ -569,7 +563,7 @@ impl Factor for DistributedFactor {
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
         self.pinned = None;
         self.held = dofs.to_vec();
-        if self.context.sum_count(dofs.len()) > 0 {
+        if self.context.comm().all_reduce_any(!dofs.is_empty()) {
             let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
             let mut held = self.matrix.duplicate()?;
             held.copy_from(&self.matrix)?;

@@ -4,6 +4,7 @@ use super::error::{call, int};
 use super::handle::handle;
 use super::vec::slice;
 use super::{Comm, Context, Index, IndexSet, Vector, sys};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use std::ops::Range;
 use std::rc::Rc;
@@ -51,10 +52,10 @@ impl Matrix {
         columns: &[Index],
     ) -> Result<Self> {
         // PETSc 3.18 does not check every index. All ranks must reject together, or none.
-        let ends = local.map(|n| if comm == Comm::World { context.sum_count(n) } else { n });
+        let ends = local.map(|n| if comm == Comm::World { context.comm().all_reduce_sum(n) } else { n });
         let within = |indices: &[Index], end: usize| indices.iter().all(|&i| i < 0 || (i as usize) < end);
         let good = rows.len() == columns.len() && within(rows, ends[0]) && within(columns, ends[1]);
-        if !(if comm == Comm::World { context.all(good) } else { good }) {
+        if !(if comm == Comm::World { context.comm().all_reduce_all(good) } else { good }) {
             return Err(Error::Petsc(format!(
                 "a pattern of {} rows and {} columns, or an index outside the {} x {} matrix",
                 rows.len(),

@@ -25,6 +25,7 @@ mod sys;
 mod error;
 mod handle;
 mod callback;
+mod world;
 mod context;
 pub mod options;
 mod index_set;
@@ -49,6 +50,7 @@ pub use section::{Dofs, Section};
 pub use snes::Snes;
 pub use tao::Tao;
 pub use vec::Vector;
+pub use world::WorldComm;
 
 /// Integer type of PETSc.
 pub type Index = i32;

@@ -1,6 +1,7 @@
 //! Mesh of a plate over all ranks: partitioned, then refined in parallel.
 
-use super::{Comm, Context, Dofs, Index, Plex, Section};
+use super::{Comm, Context, Dofs, Index, Plex, Section, WorldComm};
+use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place, Support};
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
@@ -92,8 +93,8 @@ impl Part {
         supports: &Supports,
         extra: &[(String, Point)],
     ) -> Result<Part> {
-        let whole = context.together(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
-        let names = context.share(&Names::of(&whole))?;
+        let whole = context.comm().all_ok(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
+        let names = context.comm().broadcast_value(&Names::of(&whole))?;
         let plex = named(context, &whole, &names)?;
         drop(whole);
         Part::build(plex, &names, refinements, supports, extra)
@@ -116,10 +117,10 @@ impl Part {
         let owned = plex.owned()?;
         let owns = |point: Index| owned[(point - start) as usize];
         let mesh = own_mesh(&plex, names, owns)?;
-        let places = context.together(supports(&mesh))?;
+        let places = context.comm().all_ok(supports(&mesh))?;
         let holds = spread_holds(&plex, &DofMap::holds(&mesh, &places))?;
         let (cells, vertices) = (plex.cells(), plex.vertices());
-        let mine = extra_cells(&context, &mesh, extra)?;
+        let mine = extra_cells(context.comm(), &mesh, extra)?;
         let mut extra = vec![None; extra.len()];
         mine.iter().enumerate().for_each(|(at, (_, number))| extra[*number] = Some(at));
         // Cells come before vertices, and so do their dofs.
@@ -138,24 +139,16 @@ impl Part {
         let owns = vertices.map(owns).collect();
         Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, holds, owns, extra })
     }
-
-    /// Sums the contributions of all ranks at each node. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
-        spread(&self.plex, of_nodes)
-    }
 }
 
 /// Returns the cells of this rank with an extra dof, ascending, and the number of its point.
 /// Collective.
-fn extra_cells(context: &Context, mesh: &Mesh, points: &[(String, Point)]) -> Result<Vec<(usize, usize)>> {
+fn extra_cells(comm: &WorldComm, mesh: &Mesh, points: &[(String, Point)]) -> Result<Vec<(usize, usize)>> {
     let mut mine = Vec::new();
     for (number, (name, point)) in points.iter().enumerate() {
         let cell = mesh.locate(*point);
-        match context.gather(&[u8::from(cell.is_some())]).iter().position(|&here| here == 1) {
-            Some(first) => mine.extend(cell.filter(|_| first == context.rank()).map(|cell| (cell, number))),
+        match comm.all_gather_one(cell.is_some()).iter().position(|&here| here) {
+            Some(first) => mine.extend(cell.filter(|_| first == comm.rank()).map(|cell| (cell, number))),
             None => {
                 let Point { coords } = point;
                 return Err(Error::Mesh(format!(
@@ -215,7 +208,7 @@ fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
     for (value, name) in (1..).zip(&names.edges) {
         let edges = whole.edges.get(name).into_iter().flatten();
         let points = edges.map(|[a, b]| plex.edge([vertex(a), vertex(b)])).collect::<Result<Vec<_>>>();
-        plex.label(EDGE, value, &context.together(points)?)?;
+        plex.label(EDGE, value, &context.comm().all_ok(points)?)?;
     }
     for (value, name) in (1..).zip(&names.groups) {
         let points: Vec<Index> = whole.groups.get(name).into_iter().flatten().map(cell).collect();
@@ -282,7 +275,8 @@ fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<
 ///
 /// An edge's support must also reach ranks that have only a vertex of that edge.
 fn spread_holds(plex: &Plex, own: &[NodeConstraint]) -> Result<Vec<NodeConstraint>> {
-    let part = |of: &dyn Fn(&NodeConstraint) -> f64| spread(plex, &own.iter().map(of).collect::<Vec<_>>());
+    let part =
+        |of: &dyn Fn(&NodeConstraint) -> f64| sum_at_nodes(plex, &own.iter().map(of).collect::<Vec<_>>());
     let [deflection, xx, xy, yy] = [
         part(&|hold| hold.deflection)?,
         part(&|hold| hold.slopes[0])?,
@@ -294,8 +288,11 @@ fn spread_holds(plex: &Plex, own: &[NodeConstraint]) -> Result<Vec<NodeConstrain
     Ok((0..own.len()).map(hold).collect())
 }
 
-/// Sums the contributions of all ranks at each node.
-fn spread(plex: &Plex, of_nodes: &[f64]) -> Result<Vec<f64>> {
+/// Sums the contributions of all ranks at each node. Collective.
+///
+/// # Errors
+/// Returns [`Error::Petsc`] where PETSc reports an error.
+pub fn sum_at_nodes(plex: &Plex, of_nodes: &[f64]) -> Result<Vec<f64>> {
     let vertices = plex.vertices();
     let one_each = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {
         count: usize::from(vertices.contains(&point)),

@@ -1,6 +1,8 @@
 //! Mesh, sections and supports of a scene.
 
+use super::partition::Partition;
 use crate::assembly;
+use crate::communicator::Communicator;
 use crate::dof_map::Place;
 use crate::element::adaptive::{self, Integrand, Rules};
 use crate::element::quadrature::Node;
@@ -13,55 +15,6 @@ use crate::scene::{
     ElementKind, EngineName, FieldInput, Grid, Part, Region, Scene, SchemeSpec, SupportKind, SupportLocation,
 };
 use crate::scheme::exact;
-
-/// Processes that build a model together, each with a part of the mesh.
-pub(super) trait Communicator {
-    /// Returns the numbers of all processes, concatenated. Collective.
-    fn gather(&self, own: &[f64]) -> Vec<f64>;
-
-    /// Returns the rank of this process.
-    fn rank(&self) -> usize;
-
-    /// Turns an error on one process into an error on all. Collective.
-    ///
-    /// # Errors
-    /// Returns the error of any process.
-    fn together<R>(&self, mine: Result<R>) -> Result<R>;
-
-    /// Returns the entrywise sums over all processes. Collective.
-    fn sum(&self, own: &[f64]) -> Vec<f64> {
-        let all = self.gather(own);
-        (0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect()
-    }
-
-    /// Returns, for each node of this process, the sum of the values of all processes that have the
-    /// node. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of communication.
-    fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>>;
-}
-
-/// Single process that has the whole mesh.
-pub(super) struct SelfComm;
-
-impl Communicator for SelfComm {
-    fn gather(&self, own: &[f64]) -> Vec<f64> {
-        own.to_vec()
-    }
-
-    fn rank(&self) -> usize {
-        0
-    }
-
-    fn together<R>(&self, mine: Result<R>) -> Result<R> {
-        mine
-    }
-
-    fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
-        Ok(of_nodes.to_vec())
-    }
-}
 
 /// Peak memory of the set-up, in bytes per triangle and per quadrangle: mesh, local arrays, entries
 /// of the step matrix. Measured for congruent cells, which share their arrays; others take up to
@@ -204,7 +157,7 @@ pub(super) fn rectangles(grid: &Grid) -> [u64; 2] {
 pub(super) fn supports(
     scene: &Scene,
     mesh: &Mesh,
-    team: &impl Communicator,
+    comm: &impl Communicator,
 ) -> Result<Vec<(Place, SupportKind)>> {
     let mut supports = Vec::new();
     for (number, support) in scene.supports.iter().enumerate() {
@@ -212,7 +165,7 @@ pub(super) fn supports(
         let place = match &support.stand {
             SupportLocation::Edge { edge, part } => {
                 let sides = mesh.edges.get(edge).map_or(&[][..], Vec::as_slice);
-                require(team, !sides.is_empty(), || {
+                require(comm, !sides.is_empty(), || {
                     let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
                     format!("{key}.edge: the mesh has no edge named \"{edge}\"; it has: {}", known.join(", "))
                 })?;
@@ -222,14 +175,14 @@ pub(super) fn supports(
                     Ok(inside(a)? && inside(b)?).map(|chosen| chosen.then_some([a, b]))
                 };
                 let chosen: Result<Vec<_>> = sides.iter().map(choose).filter_map(Result::transpose).collect();
-                let chosen = team.together(chosen)?;
-                require(team, !chosen.is_empty(), || {
+                let chosen = comm.all_ok(chosen)?;
+                require(comm, !chosen.is_empty(), || {
                     format!("{key}.where: it holds at both ends of no cell's side on edge \"{edge}\"")
                 })?;
                 Place::Edges(chosen)
             }
-            SupportLocation::At(at) => Place::Nodes(nodes_at(mesh, *at, team, &key)?),
-            SupportLocation::Point(name) => Place::Nodes(nodes_of_point(mesh, name, team, &key)?),
+            SupportLocation::At(at) => Place::Nodes(nodes_at(mesh, *at, comm, &key)?),
+            SupportLocation::Point(name) => Place::Nodes(nodes_of_point(mesh, name, comm, &key)?),
         };
         supports.push((place, support.kind));
     }
@@ -237,9 +190,9 @@ pub(super) fn supports(
 }
 
 /// Returns the nodes of a physical point that this process owns. Collective.
-fn nodes_of_point(mesh: &Mesh, name: &str, team: &impl Communicator, key: &str) -> Result<Vec<usize>> {
+fn nodes_of_point(mesh: &Mesh, name: &str, comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
     let nodes = mesh.points.get(name).cloned().unwrap_or_default();
-    require(team, !nodes.is_empty(), || {
+    require(comm, !nodes.is_empty(), || {
         let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
         format!("{key}.point: the mesh has no point named \"{name}\"; it has: {}", known.join(", "))
     })?;
@@ -252,13 +205,12 @@ pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool>
 }
 
 /// Returns an error unless `here` is true on some process. Collective.
-fn require(team: &impl Communicator, here: bool, wrong: impl Fn() -> String) -> Result<()> {
-    let anywhere = team.gather(&[f64::from(u8::from(here))]).contains(&1.0);
-    if anywhere { Ok(()) } else { Err(Error::Mesh(wrong())) }
+fn require(comm: &impl Communicator, here: bool, wrong: impl Fn() -> String) -> Result<()> {
+    if comm.all_reduce_any(here) { Ok(()) } else { Err(Error::Mesh(wrong())) }
 }
 
 /// Returns the nodes of this process at a point. Collective.
-fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Communicator, key: &str) -> Result<Vec<usize>> {
+fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
     let at = Point::new(x, y);
     let distance = |node: usize| (mesh.nodes[node] - at).norm();
     let nearest = (0..mesh.nodes.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
@@ -266,9 +218,9 @@ fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Communicator, key: &str) 
         let farthest = mesh.nodes.iter().map(|p| (p - at).norm()).fold(0.0, f64::max);
         [distance(node), mesh.nodes[node].x, mesh.nodes[node].y, farthest]
     });
-    let all = team.gather(&own);
-    let size = all.iter().skip(3).step_by(4).copied().fold(0.0, f64::max);
-    let best = all.chunks_exact(4).min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&own);
+    let all = comm.all_gather_one(own);
+    let size = all.iter().map(|of| of[3]).fold(0.0, f64::max);
+    let best = all.iter().min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&own);
     if best[0] > NEAR * size {
         return Err(Error::Mesh(format!(
             "{key}.at: no node lies at ({x}, {y}); the nearest is at ({}, {})",
@@ -282,32 +234,32 @@ fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], team: &impl Communicator, key: &str) 
 pub(super) fn nodes_in(
     region: &Region,
     mesh: &Mesh,
-    team: &impl Communicator,
+    partition: &impl Partition,
     key: &str,
 ) -> Result<Vec<usize>> {
-    let nodes = 0..mesh.nodes.len();
+    let (comm, nodes) = (partition.comm(), 0..mesh.nodes.len());
     match region {
         Region::All => Ok(nodes.collect()),
         Region::Where(condition) => {
             let choose = |node: usize| Ok(holds(condition, mesh.nodes[node], key)?.then_some(node));
             let chosen: Vec<usize> =
-                team.together(nodes.map(choose).filter_map(Result::transpose).collect())?;
-            require(team, !chosen.is_empty(), || format!("{key}.where: it holds at no node"))?;
+                comm.all_ok(nodes.map(choose).filter_map(Result::transpose).collect())?;
+            require(comm, !chosen.is_empty(), || format!("{key}.where: it holds at no node"))?;
             Ok(chosen)
         }
         Region::Group(name) => {
             let mut touched = vec![0.0; mesh.nodes.len()];
-            for cell in group(mesh, name, team, key)? {
+            for cell in group(mesh, name, comm, key)? {
                 mesh.cells[cell].nodes().iter().for_each(|&node| touched[node] = 1.0);
             }
-            let touched = team.spread(&touched)?;
+            let touched = partition.sum_at_nodes(&touched)?;
             Ok(nodes.filter(|&node| touched[node] > 0.0).collect())
         }
-        Region::At(at) => nodes_at(mesh, *at, team, key),
+        Region::At(at) => nodes_at(mesh, *at, comm, key),
         Region::Point(name) => {
             let mut named = vec![0.0; mesh.nodes.len()];
-            nodes_of_point(mesh, name, team, key)?.into_iter().for_each(|node| named[node] = 1.0);
-            let named = team.spread(&named)?;
+            nodes_of_point(mesh, name, comm, key)?.into_iter().for_each(|node| named[node] = 1.0);
+            let named = partition.sum_at_nodes(&named)?;
             Ok(nodes.filter(|&node| named[node] > 0.0).collect())
         }
         Region::Line([from, to]) => {
@@ -318,18 +270,18 @@ pub(super) fn nodes_in(
                     ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 (p - (from + side * share)).norm()
             };
-            let near = team.gather(&[mesh::nearness(&mesh.nodes, from)]).into_iter().fold(0.0, f64::max);
+            let near = comm.all_gather_one(mesh::nearness(&mesh.nodes, from)).into_iter().fold(0.0, f64::max);
             let chosen: Vec<usize> = nodes.filter(|&node| distance(mesh.nodes[node]) <= near).collect();
-            require(team, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
+            require(comm, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
             Ok(chosen)
         }
     }
 }
 
 /// Returns the cells of this process in a group. Collective.
-fn group(mesh: &Mesh, name: &str, team: &impl Communicator, key: &str) -> Result<Vec<usize>> {
+fn group(mesh: &Mesh, name: &str, comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
     let cells = mesh.groups.get(name).cloned().unwrap_or_default();
-    require(team, !cells.is_empty(), || {
+    require(comm, !cells.is_empty(), || {
         let known: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
         format!("{key}.group: the mesh has no group named \"{name}\"; it has: {}", known.join(", "))
     })?;
@@ -341,7 +293,7 @@ fn group(mesh: &Mesh, name: &str, team: &impl Communicator, key: &str) -> Result
 pub(super) fn cells_in(
     region: &Region,
     mesh: &Mesh,
-    team: &impl Communicator,
+    comm: &impl Communicator,
     key: &str,
 ) -> Result<Vec<bool>> {
     let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
@@ -352,12 +304,12 @@ pub(super) fn cells_in(
                 let sum = vertices.iter().fold(Point::origin(), |sum, p| sum + p.coords);
                 holds(condition, sum / vertices.len() as f64, key)
             };
-            chosen = team.together((0..mesh.cells.len()).map(inside).collect())?;
-            require(team, chosen.contains(&true), || {
+            chosen = comm.all_ok((0..mesh.cells.len()).map(inside).collect())?;
+            require(comm, chosen.contains(&true), || {
                 format!("{key}.where: it holds at the centre of no cell")
             })?;
         }
-        Region::Group(name) => group(mesh, name, team, key)?.into_iter().for_each(|cell| chosen[cell] = true),
+        Region::Group(name) => group(mesh, name, comm, key)?.into_iter().for_each(|cell| chosen[cell] = true),
         Region::All | Region::At(_) | Region::Point(_) | Region::Line(_) => {}
     }
     Ok(chosen)
@@ -374,20 +326,20 @@ pub(super) struct PlateAssembly<'s> {
 
 impl<'s> PlateAssembly<'s> {
     /// Determines the part of each cell. Collective.
-    pub fn new(scene: &'s Scene, mesh: &Mesh, team: &impl Communicator) -> Result<PlateAssembly<'s>> {
+    pub fn new(scene: &'s Scene, mesh: &Mesh, comm: &impl Communicator) -> Result<PlateAssembly<'s>> {
         let mut part_of = vec![0; mesh.cells.len()];
         for (number, part) in scene.parts.iter().enumerate() {
-            let inside = cells_in(&part.region, mesh, team, &format!("part.{number}"))?;
+            let inside = cells_in(&part.region, mesh, comm, &format!("part.{number}"))?;
             part_of.iter_mut().zip(inside).filter(|(_, inside)| *inside).for_each(|(of, _)| *of = number + 1);
         }
         let mut body = PlateAssembly { scene, part_of, rules: Rules::new() };
-        body.rules = body.find_rules(mesh, team)?;
+        body.rules = body.find_rules(mesh, comm)?;
         Ok(body)
     }
 
     /// Determines special quadrature rules for cells in which the thickness jumps, or varies too
     /// fast for the usual rule. Collective.
-    fn find_rules(&self, mesh: &Mesh, team: &impl Communicator) -> Result<Rules> {
+    fn find_rules(&self, mesh: &Mesh, comm: &impl Communicator) -> Result<Rules> {
         let rough = |given: &&FieldInput| !given.is_polynomial();
         let of_parts = self.scene.parts.iter().map(|part| part.thickness.as_ref());
         let thicknesses = std::iter::once(self.scene.plate.thickness.as_ref()).chain(of_parts);
@@ -397,9 +349,9 @@ impl<'s> PlateAssembly<'s> {
             return Ok(Rules::new());
         }
         let function = |cell: usize| rough[self.part_of[cell]].as_ref().map(|still| still as &dyn Integrand);
-        let pieces = team.together(assembly::pieces(mesh))?;
-        let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, &|own| team.sum(own));
-        super::effects::seen("plate.thickness", team.together(refined)?)
+        let pieces = comm.all_ok(assembly::pieces(mesh))?;
+        let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, comm);
+        super::effects::seen("plate.thickness", comm.all_ok(refined)?)
     }
 
     /// Returns the plate of a cell, and its thickness field where it is no constant.

@@ -21,12 +21,12 @@ pub struct Contact {
     pub impulse: f64,
 }
 
-/// Number of values per contact in the exchange between ranks.
-pub(super) const NUMBERS: usize = 6;
+/// Number of values per contact in checkpoints and in the exchange between ranks.
+const NUMBERS: usize = 6;
 
 impl Contact {
-    pub(super) fn from_numbers(of: &[f64]) -> Contact {
-        Contact { node: of[0] as usize, at: [of[1], of[2]], begin: of[3], end: of[4], impulse: of[5] }
+    pub(super) fn from_numbers([node, x, y, begin, end, impulse]: [f64; NUMBERS]) -> Contact {
+        Contact { node: node as usize, at: [x, y], begin, end, impulse }
     }
 }
 
@@ -38,7 +38,7 @@ pub(super) struct Contacts {
     /// Begin (s), end (s) and impulse (N s) of the contact that is open, one entry per bound.
     state: Vec<Option<[f64; 3]>>,
     /// Contacts that ended since the last call of `take`.
-    ended: Vec<f64>,
+    ended: Vec<[f64; NUMBERS]>,
 }
 
 impl Contacts {
@@ -76,7 +76,7 @@ impl Contacts {
         open.retain(|&bound| match state[bound] {
             Some([begin, end, impulse]) if end < before => {
                 let DeflectionDof { node, at: [x, y], .. } = sites[bound];
-                ended.extend([node as f64, x, y, begin, end, impulse]);
+                ended.push([node as f64, x, y, begin, end, impulse]);
                 state[bound] = None;
                 false
             }
@@ -94,8 +94,10 @@ impl Contacts {
             }
         }
         archive.items(VectorKind::Bounds, &mut all, |&of| of, |of| of)?;
-        archive.list(&mut self.ended)?;
+        let mut ended = self.ended.as_flattened().to_vec();
+        archive.list(&mut ended)?;
         if !archive.saves() {
+            self.ended = ended.as_chunks().0.to_vec();
             let is_open = |&bound: &usize| all[bound][0] >= 0.0;
             self.open = (0..bounds).filter(is_open).collect();
             self.open.sort_by(|&a, &b| all[a][0].total_cmp(&all[b][0]));
@@ -106,8 +108,8 @@ impl Contacts {
         Ok(())
     }
 
-    /// Returns the contacts that ended since the last call, in groups of [`NUMBERS`].
-    pub fn take(&mut self) -> Vec<f64> {
+    /// Returns the numbers of the contacts that ended since the last call.
+    pub fn take(&mut self) -> Vec<[f64; NUMBERS]> {
         std::mem::take(&mut self.ended)
     }
 }

@@ -1,14 +1,17 @@
 //! Model of a scene distributed over all ranks.
 
-use super::body::{self, Communicator, PlateAssembly};
+use super::body::{self, PlateAssembly};
 use super::effects::BuildContext;
+use super::partition::Partition;
 use super::{Model, SolverFactory};
 use crate::assembly;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
-use crate::petsc::{Context, Distributed, Part};
+use crate::petsc::engine::Adder;
+use crate::petsc::{Context, Distributed, Part, Plex, WorldComm, plate};
 use crate::scene::{self, ContactSolver, EngineName, Scene};
 use crate::vi::{self, scaled::Family};
 use std::rc::Rc;
@@ -62,65 +65,55 @@ impl Model<Distributed> {
             ));
         }
         super::phase("mesh");
-        let ranks = WorldComm { context, plex: None };
-        let supports = |mesh: &Mesh| body::supports(scene, mesh, &ranks);
+        let comm = context.comm();
+        let supports = |mesh: &Mesh| body::supports(scene, mesh, comm);
         let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
         let balls: Vec<(String, Point)> = scene.balls.iter().enumerate().map(name).collect();
         let marks = body::marks(scene);
         let rectangles = match scene.file {
             Some(_) => None,
             None => {
-                context.together(body::require_memory(
-                    scene,
-                    body::rectangles(&scene.mesh),
-                    context.size(),
-                ))?;
+                comm.all_ok(body::require_memory(scene, body::rectangles(&scene.mesh), comm.size()))?;
                 rectangles(scene, &marks)?
             }
         };
         let part = match rectangles {
             Some(grid) => Part::new(context, &grid, scene.mesh.refine, &supports, &balls)?,
             None => {
-                let first = if context.rank() == 0 { whole(scene, &marks) } else { Ok((Mesh::default(), 0)) };
-                let (mesh, refine) = context.together(first)?;
-                let refine = context.share(&refine)?;
+                let first = if comm.rank() == 0 { whole(scene, &marks) } else { Ok((Mesh::default(), 0)) };
+                let (mesh, refine) = comm.all_ok(first)?;
+                let refine = comm.all_gather_one(refine)[0];
                 Part::of_mesh(context, || Ok(mesh), refine, &supports, &balls)?
             }
         };
-        let ranks = WorldComm { context, plex: Some(&part) };
         let engine = Distributed::new(&part)?;
-        if context.sum_count(engine.dofs()) == scene.balls.len() {
+        if comm.all_reduce_sum(engine.dofs()) == scene.balls.len() {
             return Err(super::nothing_free());
         }
         super::phase("matrices");
-        let body = PlateAssembly::new(scene, &part.mesh, &ranks)?;
-        let cells = context.together(assembly::cells(&part.mesh, &part.space, &body))?;
+        let body = PlateAssembly::new(scene, &part.mesh, comm)?;
+        let cells = comm.all_ok(assembly::cells(&part.mesh, &part.space, &body))?;
         let dofs = part.space.dofs();
-        let own: Vec<Option<usize>> = (0..dofs).map(|local| engine.own_dof(local)).collect();
+        let partition = MeshPart {
+            comm: comm.clone(),
+            plex: part.plex.clone(),
+            own_dofs: (0..dofs).map(|local| engine.own_dof(local)).collect(),
+            own_nodes: part.owns.as_slice().into(),
+            adder: Rc::new(engine.adder()?),
+        };
         let ground = BuildContext {
             scene,
-            team: &ranks,
+            partition: &partition,
             mesh: &part.mesh,
             holds: &part.holds,
             space: &part.space,
             gaps: &part.extra,
             cells: &cells,
-            own: &|local| own[local],
-            add_up: Rc::new(engine.adder()?),
-            agree: Rc::new({
-                let context = context.clone();
-                move |mine| context.together(mine)
-            }),
-            sum: Rc::new({
-                let context = context.clone();
-                move |own| WorldComm { context: &context, plex: None }.sum(own)
-            }),
-            owns: &|node| part.owns[node],
         };
         let mut model = super::compose(clock, engine, &ground)?;
         // Nodes are numbered in the order of the ranks and of their dofs.
-        let counts = context.gather(&[model.sites.len() as u64]);
-        let before = counts[..context.rank()].iter().sum::<u64>() as usize;
+        let counts = comm.all_gather_one(model.sites.len());
+        let before: usize = counts[..comm.rank()].iter().sum();
         let mut order: Vec<usize> = (0..model.sites.len()).collect();
         order.sort_by_key(|&site| model.sites[site].dof);
         order.into_iter().enumerate().for_each(|(number, site)| model.sites[site].node = before + number);
@@ -153,26 +146,38 @@ fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     }
 }
 
-/// All ranks, with the part of the mesh that they share once it exists.
-struct WorldComm<'c> {
-    context: &'c Context,
-    plex: Option<&'c Part>,
+/// Part of the mesh of one rank.
+#[derive(Clone)]
+struct MeshPart {
+    comm: WorldComm,
+    plex: Rc<Plex>,
+    /// Engine's index of each local dof, if this rank owns it.
+    own_dofs: Rc<[Option<usize>]>,
+    /// Whether this rank owns each node.
+    own_nodes: Rc<[bool]>,
+    adder: Rc<Adder>,
 }
 
-impl Communicator for WorldComm<'_> {
-    fn gather(&self, own: &[f64]) -> Vec<f64> {
-        self.context.gather(own)
+impl Partition for MeshPart {
+    type Comm = WorldComm;
+
+    fn comm(&self) -> &WorldComm {
+        &self.comm
     }
 
-    fn rank(&self) -> usize {
-        self.context.rank()
+    fn own_dof(&self, local: usize) -> Option<usize> {
+        self.own_dofs[local]
     }
 
-    fn together<R>(&self, mine: Result<R>) -> Result<R> {
-        self.context.together(mine)
+    fn owns_node(&self, node: usize) -> bool {
+        self.own_nodes[node]
     }
 
-    fn spread(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
-        self.plex.map_or_else(|| Ok(of_nodes.to_vec()), |part| part.spread(of_nodes))
+    fn add_up(&self, local: &[f64]) -> Result<Vec<f64>> {
+        self.adder.add_up(local)
+    }
+
+    fn sum_at_nodes(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
+        plate::sum_at_nodes(&self.plex, of_nodes)
     }
 }

@@ -5,9 +5,11 @@
 //! functions. Cells share the points on common edges. The first points are the nodes of the mesh,
 //! in its order.
 
-use super::body::{self, Communicator};
+use super::body;
 use super::effects::{BuildContext, Lift};
+use super::partition::Partition;
 use crate::assembly::CellArrays;
+use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::element::{Basis, fvs, hct};
 use crate::error::Result;
@@ -92,8 +94,8 @@ enum Place {
 
 impl Fields {
     /// Prepares sampling if the scene asks for snapshots. Collective.
-    pub(super) fn new<T: Communicator>(ground: &BuildContext<T>, lifts: &[Lift]) -> Result<Option<Fields>> {
-        let BuildContext { scene, team, mesh, space, cells, .. } = *ground;
+    pub(super) fn new<P: Partition>(ground: &BuildContext<P>, lifts: &[Lift]) -> Result<Option<Fields>> {
+        let BuildContext { scene, partition, mesh, space, cells, .. } = *ground;
         let Some(snapshots) = scene.output.fields else { return Ok(None) };
         let parts = snapshots.subdivide;
         let mut lattice =
@@ -149,7 +151,7 @@ impl Fields {
             lifts: Vec::new(),
         };
         for (number, obstacle) in scene.obstacles.iter().enumerate() {
-            let points = fields.opposite(&obstacle.region, mesh, team, &format!("obstacle.{number}"))?;
+            let points = fields.opposite(&obstacle.region, mesh, partition, &format!("obstacle.{number}"))?;
             fields.obstacles.push((obstacle.side, obstacle.height.clone(), points));
         }
         for Lift { motion, shape, .. } in lifts {
@@ -172,7 +174,7 @@ impl Fields {
         &self,
         region: &Region,
         mesh: &Mesh,
-        team: &impl Communicator,
+        partition: &impl Partition,
         key: &str,
     ) -> Result<Vec<usize>> {
         let points = 0..self.lattice.points.len();
@@ -183,10 +185,10 @@ impl Fields {
                     let at = self.lattice.points[point].into();
                     Ok(body::holds(condition, at, key)?.then_some(point))
                 };
-                team.together(points.map(inside).filter_map(Result::transpose).collect())
+                partition.comm().all_ok(points.map(inside).filter_map(Result::transpose).collect())
             }
             Region::Group(_) => {
-                let inside = body::cells_in(region, mesh, team, key)?;
+                let inside = body::cells_in(region, mesh, partition.comm(), key)?;
                 let small = self.lattice.cells.iter().zip(&self.lattice.parents);
                 let mut chosen: Vec<usize> = small
                     .filter(|(_, parent)| inside[**parent])
@@ -197,7 +199,9 @@ impl Fields {
                 Ok(chosen)
             }
             // The first points are the nodes.
-            Region::At(_) | Region::Point(_) | Region::Line(_) => body::nodes_in(region, mesh, team, key),
+            Region::At(_) | Region::Point(_) | Region::Line(_) => {
+                body::nodes_in(region, mesh, partition, key)
+            }
         }
     }
 

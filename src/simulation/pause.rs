@@ -1,9 +1,10 @@
 //! Saves and restores the state of a run between two steps, on any number of processes.
 
 use super::Model;
-use super::body::Communicator;
 use super::effects::BuildContext;
+use super::partition::Partition;
 use crate::archive::{self, Archive, Entry, Numbering, Numbers};
+use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -45,15 +46,15 @@ pub struct DofCoordinates {
 impl DofCoordinates {
     /// Returns the positions for a process's part of a plate, given the engine's numbers of its
     /// dofs and the attached masses.
-    pub(super) fn new<T: Communicator>(
-        ground: &BuildContext<T>,
+    pub(super) fn new<P: Partition>(
+        ground: &BuildContext<P>,
         count: usize,
         carried: impl Iterator<Item = [f64; 2]>,
     ) -> DofCoordinates {
-        let BuildContext { scene, mesh, space, own, .. } = *ground;
+        let BuildContext { scene, mesh, space, partition, .. } = *ground;
         let mut dofs = vec![[0.0; 3]; count];
         let mut put = |dof: Option<usize>, [x, y]: [f64; 2], which: usize| {
-            if let Some(dof) = dof.and_then(own) {
+            if let Some(dof) = dof.and_then(|dof| partition.own_dof(dof)) {
                 dofs[dof] = [x, y, which as f64];
             }
         };
@@ -94,8 +95,8 @@ impl DofCoordinates {
         let values = scheme.displacement().iter().zip(&rates);
         let own: Vec<[f64; 5]> =
             self.dofs.iter().zip(values).map(|(&[x, y, which], (u, v))| [x, y, which, *u, *v]).collect();
-        let part = (numbers(engine, &self.dofs)?, own);
-        let parts = engine.gather(&archive::to_bytes(&part)?)?;
+        let part = (numbers(engine, &self.dofs), own);
+        let parts = engine.comm().gather(&archive::to_bytes(&part)?);
         if parts.is_empty() {
             return Ok(None);
         }
@@ -115,7 +116,7 @@ impl DofCoordinates {
     /// # Errors
     /// Returns [`Error::Scene`] on all processes where the positions of the dofs differ.
     pub(super) fn start<E: Engine>(&self, engine: &E, motion: &Motion) -> Result<[Vec<f64>; 2]> {
-        let Numbers { own, total } = numbers(engine, &self.dofs)?;
+        let Numbers { own, total } = numbers(engine, &self.dofs);
         let extent = motion.dofs.iter().fold(0.0, |extent: f64, [x, y, ..]| extent.max(x.abs()).max(y.abs()));
         let is_there = |number: usize, [x, y, which]: [f64; 3]| {
             let [x_there, y_there, which_there, ..] = motion.dofs[number];
@@ -123,7 +124,7 @@ impl DofCoordinates {
         };
         let elsewhere = total != motion.dofs.len()
             || own.iter().zip(&self.dofs).any(|(&number, &place)| !is_there(number, place));
-        if engine.all_reduce_max(f64::from(u8::from(elsewhere)))? > 0.0 {
+        if engine.comm().all_reduce_any(elsewhere) {
             let there = motion.dofs.len();
             return Err(Error::Scene(format!(
                 "initial.from: a run on another mesh: its {there} free dofs are not where the {total} of this scene are; \
@@ -134,20 +135,19 @@ impl DofCoordinates {
     }
 
     /// Returns the global numbering of all dofs of this process. Collective.
-    fn numbering<E: Engine>(&self, engine: &E, bounded: &[usize]) -> Result<Numbering> {
+    fn numbering<E: Engine>(&self, engine: &E, bounded: &[usize]) -> Numbering {
         let bounds: Vec<[f64; 3]> = bounded.iter().map(|&dof| self.dofs[dof]).collect();
-        Ok(Numbering {
-            dofs: numbers(engine, &self.dofs)?,
-            velocities: numbers(engine, &self.velocities)?,
-            bounds: numbers(engine, &bounds)?,
-        })
+        Numbering {
+            dofs: numbers(engine, &self.dofs),
+            velocities: numbers(engine, &self.velocities),
+            bounds: numbers(engine, &bounds),
+        }
     }
 }
 
 /// Numbers positions by row, column and dof, independently of the distribution. Collective.
-fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Result<Numbers> {
-    let (all, before) = engine.all_gather(own.as_flattened())?;
-    let (all, before) = (all.as_chunks::<3>().0, before / 3);
+fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Numbers {
+    let (all, before) = engine.comm().all_gather_with_offset(own);
     let extent = all.iter().fold(0.0, |extent: f64, [x, y, _]| extent.max(x.abs()).max(y.abs()));
     let [columns, lines] = [0, 1].map(|axis| {
         let values: Vec<f64> = all.iter().map(|place| place[axis]).collect();
@@ -159,7 +159,7 @@ fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Result<Numbers> {
     for (number, &i) in order.iter().enumerate() {
         numbers[i] = number;
     }
-    Ok(Numbers { own: numbers[before..][..own.len()].to_vec(), total: all.len() })
+    Numbers { own: numbers[before..][..own.len()].to_vec(), total: all.len() }
 }
 
 /// Returns the rank of each value among the different values, ascending.
@@ -187,9 +187,10 @@ impl RunState {
         let System { engine, bounds, .. } = &model.system;
         let mut archive = Archive::Saves(Vec::new());
         state(&mut archive)?;
-        let own = (archive.into_entries(), model.places.numbering(engine, &bounds.dofs)?);
+        let own = (archive.into_entries(), model.places.numbering(engine, &bounds.dofs));
         let parts: Vec<_> = engine
-            .gather(&archive::to_bytes(&own)?)?
+            .comm()
+            .gather(&archive::to_bytes(&own)?)
             .iter()
             .map(|part| archive::from_bytes(part))
             .collect::<Result<_>>()?;
@@ -204,8 +205,7 @@ impl RunState {
     /// Returns [`crate::Error::Checkpoint`] where the state is that of another model.
     pub(super) fn part<E: Engine>(self, model: &Model<E>) -> Result<Archive> {
         let System { engine, bounds, .. } = &model.system;
-        let (processes, rank) = engine.all_gather(&[0.0])?;
-        let numbering = model.places.numbering(engine, &bounds.dofs)?;
-        archive::part(self.entries, &numbering, rank, self.processes == processes.len())
+        let numbering = model.places.numbering(engine, &bounds.dofs);
+        archive::part(self.entries, &numbering, engine.comm().rank(), self.processes == engine.comm().size())
     }
 }

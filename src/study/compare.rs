@@ -5,6 +5,7 @@
 //! several ranks, each rank compares the nodes that it owns with a reference that it computes
 //! itself. Only the contender's calls are timed, after a synchronisation of all ranks.
 
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::output::text::{Table, grouped};
@@ -252,36 +253,29 @@ impl Comparison {
             }
             truth.advance()?;
             // This synchronises all ranks before the clock starts.
-            engine.all_reduce_max(0.0)?;
+            engine.comm().barrier();
             let clock = Instant::now();
             if let Err(why) = scheme.advance() {
                 break Some(recover(why)?);
             }
             let seconds = clock.elapsed().as_secs_f64();
-            let in_contact = engine.all_reduce_max(f64::from(u8::from(touches(scheme.as_ref()))))? > 0.0;
+            let in_contact = engine.comm().all_reduce_any(touches(scheme.as_ref()));
             let (total, steps) = &mut spent[usize::from(in_contact)];
             *total += seconds;
             *steps += 1;
         };
         entry.factorisations = scheme.factorisations();
         entry.contact_steps = spent[1].1;
-        let worst = |value: &mut f64| -> Result<()> {
-            *value = engine.all_reduce_max(*value)?;
-            Ok(())
-        };
-        worst(&mut entry.difference)?;
-        worst(&mut entry.worst_kkt)?;
-        worst(&mut entry.seconds.set_up)?;
-        for (total, _) in &mut spent {
-            worst(total)?;
-        }
+        let worst = |value: &mut f64| *value = engine.comm().all_reduce_max(*value);
+        worst(&mut entry.difference);
+        worst(&mut entry.worst_kkt);
+        worst(&mut entry.seconds.set_up);
+        spent.iter_mut().for_each(|(total, _)| worst(total));
         // Rank 0 determines the number of impacts, because another machine's reference may round
         // differently.
-        let (counts, _) = engine.all_gather(&[entry.difference_up_to_impact.len() as f64])?;
-        entry.difference_up_to_impact.resize(counts[0] as usize, entry.difference);
-        for difference in &mut entry.difference_up_to_impact {
-            worst(difference)?;
-        }
+        let counts = engine.comm().all_gather_one(entry.difference_up_to_impact.len());
+        entry.difference_up_to_impact.resize(counts[0], entry.difference);
+        entry.difference_up_to_impact.iter_mut().for_each(worst);
         let mean = |(total, steps): (f64, u64)| (steps > 0).then(|| total / steps as f64);
         (entry.seconds.free_step, entry.seconds.contact_step) = (mean(spent[0]), mean(spent[1]));
         let impacts: Vec<f64> = contacts.iter().map(|[begin, _]| *begin).collect();

@@ -1,6 +1,7 @@
 //! The handles on PETSc, on 1, 2 and 4 ranks.
 
 use crate::common::ranks::{Case, Failure, Success, case};
+use rebond::communicator::Communicator;
 use rebond::linalg::Engine;
 use rebond::modes;
 use rebond::obstacle::Bounds;
@@ -163,7 +164,11 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
             scheme.advance()?;
             let corner = parted.probes[0].deflection(scheme.displacement());
             let other = alone.probes[0].deflection(expected.displacement());
-            assert!((context.sum(corner) - other).abs() <= 1e-9, "{name}, step {}", scheme.step());
+            assert!(
+                (context.comm().all_reduce_sum(corner) - other).abs() <= 1e-9,
+                "{name}, step {}",
+                scheme.step()
+            );
             let (now, other) = (scheme.energies()?, expected.energies()?);
             if let Some(relaxation) = scheme.relaxation() {
                 // Its state is one at or after the instant: which is up to rounding.
@@ -190,20 +195,34 @@ fn blas_has_one_thread(arguments: &[String]) -> Result<()> {
 fn sums_and_gathers(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let (rank, size) = (context.rank(), context.size());
-    assert_eq!(context.sum(rank as f64 + 1.0), (size * (size + 1) / 2) as f64);
-    assert_eq!(context.all_reduce_max(-(rank as f64)), 0.0);
+    assert_eq!(context.comm().all_reduce_sum(rank as f64 + 1.0), (size * (size + 1) / 2) as f64);
+    assert_eq!(context.comm().all_reduce_max(-(rank as f64)), 0.0);
     let mut pair = [1.0, rank as f64];
-    context.sum_all(&mut pair);
+    assert_eq!(context.comm().all_reduce_sum_slice(&pair), context.comm().all_reduce_sum(pair));
+    context.comm().all_reduce_sum_slice_unordered(&mut pair);
     assert_eq!(pair, [size as f64, (size * (size - 1) / 2) as f64]);
-    let mut first = [rank as f64, -1.0];
-    context.broadcast(&mut first);
-    assert_eq!(first, [0.0, -1.0]);
-    let all = context.gather(&vec![rank as i32; rank]);
-    let expected: Vec<_> = (0..size).flat_map(|r| vec![r as i32; r]).collect();
-    assert_eq!(all, expected);
-    assert!(context.all(true));
-    assert!(!context.all(rank != size - 1));
-    context.barrier();
+    let comm = context.comm();
+    let mut first = [(rank as f64, rank > 0), (-1.0, true)];
+    comm.broadcast(&mut first);
+    assert_eq!(first, [(0.0, false), (-1.0, true)]);
+    let (all, offset) = comm.all_gather_with_offset(&vec![[rank as u64; 2]; rank]);
+    let expected: Vec<_> = (0..size).flat_map(|r| vec![[r as u64; 2]; r]).collect();
+    assert_eq!((all, offset), (expected, rank * rank.saturating_sub(1) / 2));
+    let ranks: Vec<_> = (0..size).map(|r| (r, r % 2 == 0)).collect();
+    assert_eq!(comm.all_gather_one((rank, rank % 2 == 0)), ranks);
+    let parts: Vec<_> = (0..size).map(|r| vec![r as u8; r]).collect();
+    assert_eq!(comm.gather(&vec![rank as u8; rank]), if rank == 0 { parts } else { Vec::new() });
+    assert!(comm.all_reduce_max(if rank == 0 { f64::NAN } else { 1.0 }).is_infinite());
+    // Rounding tells the order: rank by rank, the small terms are lost one after the other.
+    let term = if rank == 0 { 1.0 } else { f64::EPSILON / 2.0 };
+    assert_eq!(comm.all_reduce_sum(term), 1.0);
+    assert!(comm.all_reduce_all(true) && !comm.all_reduce_all(rank != size - 1));
+    assert!(comm.all_reduce_any(rank == size - 1) && !comm.all_reduce_any(false));
+    match comm.all_ok(if rank == size - 1 { Err(Error::Usage("the last".into())) } else { Ok(rank) }) {
+        Err(error) => assert_eq!((error.to_string().as_str(), error.exit_code()), ("the last", 2)),
+        Ok(rank) => panic!("rank {rank} goes on"),
+    }
+    context.comm().barrier();
     Ok(())
 }
 
@@ -630,10 +649,10 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     let per_rectangle = if corners == 3 { 2 } else { 1 };
     let owned = mesh.owned()?;
     let count = |points: std::ops::Range<Index>| {
-        context.sum_count(points.filter(|&p| owned[(p - mesh.chart().start) as usize]).count())
+        context.comm().all_reduce_sum(points.filter(|&p| owned[(p - mesh.chart().start) as usize]).count())
     };
     assert!(mesh.cells().all(|cell| owned[cell as usize]), "each cell is on one rank");
-    assert_eq!(context.sum_count(mesh.cells().len()), per_rectangle * nx * ny);
+    assert_eq!(context.comm().all_reduce_sum(mesh.cells().len()), per_rectangle * nx * ny);
     assert_eq!(count(mesh.vertices()), (nx + 1) * (ny + 1));
     let diagonals = if corners == 3 { nx * ny } else { 0 };
     assert_eq!(count(mesh.edges()), nx * (ny + 1) + ny * (nx + 1) + diagonals);
@@ -649,21 +668,21 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
         assert!(twice > 0.0, "counterclockwise");
         area += 0.5 * twice;
     }
-    close(context.sum(area), 0.48, 1e-13);
+    close(context.comm().all_reduce_sum(area), 0.48, 1e-13);
     if context.size() > 1 && refinements > 0 {
-        let share = context.all_reduce_max(mesh.cells().len() as f64) * context.size() as f64;
+        let share = context.comm().all_reduce_max(mesh.cells().len() as f64) * context.size() as f64;
         assert!(share <= 1.5 * (per_rectangle * nx * ny) as f64, "an even partition");
     }
 
     let boundary = mesh.boundary_edges()?;
-    assert_eq!(context.sum_count(boundary.len()), 2 * (nx + ny));
+    assert_eq!(context.comm().all_reduce_sum(boundary.len()), 2 * (nx + ny));
     let mut expected = at_left(&mesh, boundary)?;
     // The label holds the refined edges and the new vertices between them.
     let mut labelled: Vec<_> =
         mesh.labelled("support", 1)?.into_iter().filter(|point| mesh.edges().contains(point)).collect();
     labelled.sort_unstable();
     expected.sort_unstable();
-    assert_eq!(context.sum_count(expected.len()), ny);
+    assert_eq!(context.comm().all_reduce_sum(expected.len()), ny);
     assert_eq!(labelled, expected);
     assert!(mesh.labelled("nothing", 1)?.is_empty());
     Ok(())
@@ -763,7 +782,7 @@ fn words_that_are_no_options(arguments: &[String]) -> Result<()> {
 fn panic_of_one_rank(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     assert!(context.rank() != 1, "only rank 1 fails");
-    context.barrier();
+    context.comm().barrier();
     Ok(())
 }
 
@@ -775,7 +794,7 @@ fn killed_rank(arguments: &[String]) -> Result<()> {
         let killed = Command::new("sh").args(["-c", &kill]).status();
         unreachable!("{killed:?}");
     }
-    context.barrier();
+    context.comm().barrier();
     Ok(())
 }
 
@@ -784,7 +803,7 @@ fn error_of_one_rank(arguments: &[String]) -> Result<()> {
     if context.rank() == 1 {
         context.fail(&Error::Petsc("only rank 1 fails".into()));
     }
-    context.barrier();
+    context.comm().barrier();
     std::thread::sleep(Duration::from_secs(30));
     Ok(())
 }

@@ -4,6 +4,7 @@
 use crate::common::plates::{Matrices, unit};
 use crate::common::ranks::{Case, case};
 use rebond::assembly;
+use rebond::communicator::Communicator;
 use rebond::dof_map::{DofMap, PER_NODE, Place, Support};
 use rebond::linalg::{Engine, Factor, Form};
 use rebond::mesh::{Cell, Mesh, Point};
@@ -51,18 +52,22 @@ fn parts(name: &str) -> Result<()> {
         let Part { mesh, owns, .. } = Part::of_mesh(&context, read, refinements, &on_edges(&[]), &[])?;
         mesh.check()?;
         let mine = mesh.cells.iter().filter(|cell| matches!(cell, Cell::Triangle(_))).count();
-        assert_eq!(context.sum_count(mine), triangles << (2 * refinements));
-        assert_eq!(context.sum_count(mesh.cells.len() - mine), quadrilaterals << (2 * refinements));
+        assert_eq!(context.comm().all_reduce_sum(mine), triangles << (2 * refinements));
+        assert_eq!(
+            context.comm().all_reduce_sum(mesh.cells.len() - mine),
+            quadrilaterals << (2 * refinements)
+        );
         let nodes = owns.iter().filter(|&&owns| owns).count();
         if refinements == 0 {
-            assert_eq!(context.sum_count(nodes), counted("nodes"));
+            assert_eq!(context.comm().all_reduce_sum(nodes), counted("nodes"));
         }
         let assert_names = |found: Vec<(&String, usize, f64)>, expected: &Value, growth: u32| {
             assert_eq!(found.len(), expected.as_object().unwrap().len());
             for (name, count, measure) in found {
-                let count = context.sum_count(count);
+                let count = context.comm().all_reduce_sum(count);
                 assert_eq!(expected[name][0].as_u64().unwrap() << (growth * refinements), count as u64);
-                let (measure, exact) = (context.sum(measure), expected[name][1].as_f64().unwrap());
+                let (measure, exact) =
+                    (context.comm().all_reduce_sum(measure), expected[name][1].as_f64().unwrap());
                 assert!((measure / exact - 1.0).abs() <= 1e-13, "{name}: {measure}, not {exact}");
             }
         };
@@ -76,9 +81,9 @@ fn parts(name: &str) -> Result<()> {
         assert_eq!(mesh.points.len(), expected["points"].as_object().unwrap().len());
         for (name, nodes) in &mesh.points {
             assert!(nodes.iter().all(|&node| owns[node]));
-            let places: Vec<f64> =
-                nodes.iter().flat_map(|&node| <[f64; 2]>::from(mesh.nodes[node])).collect();
-            let places: Vec<Value> = context.gather(&places).chunks(2).map(|at| at.to_vec().into()).collect();
+            let places: Vec<[f64; 2]> = nodes.iter().map(|&node| mesh.nodes[node].into()).collect();
+            let places: Vec<Value> =
+                context.comm().all_gather(&places).into_iter().map(|at| at.to_vec().into()).collect();
             assert_eq!(Value::Array(places), expected["points"][name], "{name}");
         }
         // With a cell of this rank on the left.
@@ -103,12 +108,12 @@ fn every_node_and_edge_has_one_owner(arguments: &[String]) -> Result<()> {
     };
     let part = Part::of_mesh(&context, read, 0, &on_edges(&[]), &[])?;
     let Part { mesh, owns, .. } = part;
-    let (nodes, cells) = (square().nodes, context.sum_count(mesh.cells.len()));
-    assert_eq!(context.sum_count(mesh.edges["each"].len()), nodes.len() + cells - 1);
+    let (nodes, cells) = (square().nodes, context.comm().all_reduce_sum(mesh.cells.len()));
+    assert_eq!(context.comm().all_reduce_sum(mesh.edges["each"].len()), nodes.len() + cells - 1);
     assert_eq!(mesh.points["each"].len(), owns.iter().filter(|&&owns| owns).count());
-    assert!(context.sum_count(mesh.nodes.len()) > nodes.len());
-    let own: Vec<f64> = mesh.points["each"].iter().flat_map(|&n| <[f64; 2]>::from(mesh.nodes[n])).collect();
-    let mut found: Vec<[f64; 2]> = context.gather(&own).chunks(2).map(|at| [at[0], at[1]]).collect();
+    assert!(context.comm().all_reduce_sum(mesh.nodes.len()) > nodes.len());
+    let own: Vec<[f64; 2]> = mesh.points["each"].iter().map(|&node| mesh.nodes[node].into()).collect();
+    let mut found = context.comm().all_gather(&own);
     let mut expected: Vec<[f64; 2]> = nodes.into_iter().map(Into::into).collect();
     for places in [&mut found, &mut expected] {
         places.sort_by(|a, b| a.partial_cmp(b).unwrap());
@@ -154,7 +159,7 @@ impl Both {
                 pairs.extend(own.zip(dof));
             }
         }
-        assert_eq!(context.sum_count(pairs.len()), native.space.dofs());
+        assert_eq!(context.comm().all_reduce_sum(pairs.len()), native.space.dofs());
         assert_eq!(pairs.len(), engine.dofs());
         Ok(Both { native, engine, stiffness, masses: [consistent, singular], load, pairs })
     }
@@ -257,9 +262,9 @@ fn error_of(
 ) -> Error {
     let error = Part::of_mesh(context, read, 1, &on_edges(supports), &[]).err().expect("an error");
     let words = error.to_string();
-    let all = context.gather(words.as_bytes());
+    let all = context.comm().all_gather(words.as_bytes());
     assert_eq!(String::from_utf8(all).unwrap(), words.repeat(context.size()));
-    assert!(context.all_reduce_max(error.exit_code().into()) == f64::from(error.exit_code()));
+    assert!(context.comm().all_reduce_max(error.exit_code().into()) == f64::from(error.exit_code()));
     error
 }
 

@@ -1,6 +1,7 @@
 //! Runs over several ranks that one of them cannot go on with.
 
 use crate::common::ranks::{Case, case};
+use rebond::communicator::Communicator;
 use rebond::motion::Motion;
 use rebond::petsc::Context;
 use rebond::scene::Scene;
@@ -94,7 +95,10 @@ fn fails_alone(arguments: &[String]) -> Result<()> {
         assert!(error.to_string().contains("no space left"), "{at:?}: {error}");
         // Nothing is shown to an observer that has failed.
         assert!(context.rank() != rank || observer.rows == rows, "{at:?}: {} rows", observer.rows);
-        assert_eq!(context.sum_count(outcome.steps as usize), context.size() * outcome.steps as usize);
+        assert_eq!(
+            context.comm().all_reduce_sum(outcome.steps as usize),
+            context.size() * outcome.steps as usize
+        );
     }
     Ok(())
 }

@@ -1,9 +1,10 @@
 //! Attachments of the plate: foundations, springs, masses and balls; and the matrices of all
 //! together.
 
-use super::ground::{BuildContext, Communicator, PointEvaluation, seen};
+use super::ground::{BuildContext, PointEvaluation, seen};
 use super::parts;
 use crate::assembly::{self, CellArrays, Probe};
+use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Rigid};
 use crate::element::adaptive::{self, Integrand, Rules};
 use crate::error::{Error, Result};
@@ -12,6 +13,7 @@ use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene;
 use crate::simulation::body;
+use crate::simulation::partition::Partition;
 
 /// Spring (N/m) or mass (kg) at a point.
 pub(super) struct LumpedMass {
@@ -46,7 +48,7 @@ pub(super) struct Attached<'s> {
 
 impl<'s> Attached<'s> {
     /// Locates all attachments. Collective.
-    pub fn new<T: Communicator>(ground: &BuildContext<'s, T>) -> Result<Attached<'s>> {
+    pub fn new<P: Partition>(ground: &BuildContext<'s, P>) -> Result<Attached<'s>> {
         let scene = ground.scene;
         let lump = |key: String, at: [f64; 2], amount: f64| {
             let spot = ground.spot(&format!("{key}.at"), at)?;
@@ -76,7 +78,7 @@ impl<'s> Attached<'s> {
 
     /// Returns an error where the mesh has several parts and one of them is not held by itself.
     /// Collective.
-    pub fn require_held_parts<T: Communicator>(&self, ground: &BuildContext<T>) -> Result<()> {
+    pub fn require_held_parts<P: Partition>(&self, ground: &BuildContext<P>) -> Result<()> {
         parts::require_held(ground, &self.springs, self.foundations.iter().map(|(cell, _)| *cell))
     }
 
@@ -125,7 +127,7 @@ impl<'s> Attached<'s> {
 
     /// Adds the forces of foundations and springs under a shape (three values per node) to `force`,
     /// in N.
-    pub fn add_forces<T: Communicator>(&self, ground: &BuildContext<T>, shape: &[f64], force: &mut [f64]) {
+    pub fn add_forces<P: Partition>(&self, ground: &BuildContext<P>, shape: &[f64], force: &mut [f64]) {
         for (cell, block) in &self.foundations {
             let nodes = ground.mesh.cells[*cell].nodes();
             let values = nodes.iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]);
@@ -150,19 +152,19 @@ impl<'s> Attached<'s> {
     }
 
     /// Returns the rigid motions that nothing restrains, in words. Collective.
-    pub fn mechanism<T: Communicator>(&self, ground: &BuildContext<T>) -> Option<&'static str> {
+    pub fn mechanism<P: Partition>(&self, ground: &BuildContext<P>) -> Option<&'static str> {
         self.held(ground, &[]).mechanism()
     }
 
     /// Returns the rigid motions that supports, springs and foundations restrain. Collective.
-    pub fn rigid<T: Communicator>(&self, ground: &BuildContext<T>) -> Rigid {
+    pub fn rigid<P: Partition>(&self, ground: &BuildContext<P>) -> Rigid {
         self.held(ground, &[])
     }
 
     /// Returns an error where nothing restrains a rigid motion and the singular mass gives it no
     /// inertia either: its means over all cells vanish, as for a single row of cells rotating about
     /// its centre line. Collective.
-    pub fn refuse_weightless<T: Communicator>(&self, ground: &BuildContext<T>) -> Result<()> {
+    pub fn refuse_weightless<P: Partition>(&self, ground: &BuildContext<P>) -> Result<()> {
         let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
         let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
         match self.held(ground, &fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
@@ -176,17 +178,13 @@ impl<'s> Attached<'s> {
 
     /// Returns the rigid motions that the supports, attachments and some fixed points restrain.
     /// Collective.
-    fn held<T: Communicator>(&self, ground: &BuildContext<T>, at_rest: &[Point]) -> Rigid {
+    fn held<P: Partition>(&self, ground: &BuildContext<P>, at_rest: &[Point]) -> Rigid {
         let nodes = &ground.mesh.nodes;
-        let farthest = |sign: f64, axis: usize| nodes.iter().map(|p| sign * p[axis]).fold(f64::MIN, f64::max);
-        let sides =
-            ground.team.gather(&[farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)]);
-        let [right, top, left, bottom] =
-            std::array::from_fn(|k| sides.iter().skip(k).step_by(4).copied().fold(f64::MIN, f64::max));
+        let [right, top, left, bottom] = ground.farthest();
         let centre = Point::new(0.5 * (right - left), 0.5 * (top - bottom));
         let mut rigid = Rigid::new(centre, 0.5 * (right + left).hypot(top + bottom));
         for (node, hold) in ground.holds.iter().enumerate().filter(|(_, hold)| hold.is_any()) {
-            if (ground.owns)(node) {
+            if ground.partition.owns_node(node) {
                 rigid.hold(nodes[node], hold);
             }
         }
@@ -195,20 +193,19 @@ impl<'s> Attached<'s> {
             ground.mesh.vertices(*cell).into_iter().for_each(|vertex| rigid.hold_deflection(vertex));
         }
         at_rest.iter().for_each(|&point| rigid.hold_deflection(point));
-        let all = ground.team.gather(rigid.seen());
-        let count = rigid.seen().len();
-        let sum: Vec<f64> = (0..count).map(|k| all.iter().skip(k).step_by(count).sum()).collect();
-        rigid.see(&sum);
+        let seen = ground.comm().all_reduce_sum_slice(rigid.seen());
+        rigid.see(&seen);
         rigid
     }
 
     /// Returns an error where a mass is attached to a node that an obstacle can stop, since its
     /// velocity would jump. Collective.
-    pub fn refuse_stopped<T: Communicator>(&self, ground: &BuildContext<T>, bounds: &Bounds) -> Result<()> {
-        let stops = |dof: usize| (ground.own)(dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok());
+    pub fn refuse_stopped<P: Partition>(&self, ground: &BuildContext<P>, bounds: &Bounds) -> Result<()> {
+        let stops = |dof: usize| {
+            ground.partition.own_dof(dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok())
+        };
         let stopped = |mass: &LumpedMass| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
-        let any = f64::from(u8::from(self.masses.iter().any(stopped)));
-        if ground.team.gather(&[any]).contains(&1.0) {
+        if ground.comm().all_reduce_any(self.masses.iter().any(stopped)) {
             return Err(Error::Usage(format!(
                 "time.scheme = \"{}\" needs velocities that do not jump, and a [[mass]] sits on a node that an obstacle can \
                  stop; set time.scheme = \"newmark\"",
@@ -220,13 +217,13 @@ impl<'s> Attached<'s> {
 }
 
 /// Returns the contributions of the foundations to K, each with its cell. Collective.
-fn foundations<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<(usize, ElementMatrix)>> {
+fn foundations<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<(usize, ElementMatrix)>> {
     let foundations = &ground.scene.foundations;
     if foundations.is_empty() {
         return Ok(Vec::new());
     }
     let reach = |(number, of): (usize, &scene::Foundation)| {
-        body::cells_in(&of.region, ground.mesh, ground.team, &format!("foundation.{number}"))
+        body::cells_in(&of.region, ground.mesh, ground.comm(), &format!("foundation.{number}"))
     };
     let reaches: Vec<Vec<bool>> = foundations.iter().enumerate().map(reach).collect::<Result<_>>()?;
     let rules = foundation_rules(ground, &reaches)?;
@@ -242,11 +239,11 @@ fn foundations<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<(usize, 
         }
         Ok(sum)
     };
-    ground.team.together(assembly::foundation(ground.mesh, ground.cells, &stiffness, &rules))
+    ground.comm().all_ok(assembly::foundation(ground.mesh, ground.cells, &stiffness, &rules))
 }
 
 /// Returns special quadrature rules for cells in which foundations need them. Collective.
-fn foundation_rules<T: Communicator>(ground: &BuildContext<T>, reaches: &[Vec<bool>]) -> Result<Rules> {
+fn foundation_rules<P: Partition>(ground: &BuildContext<P>, reaches: &[Vec<bool>]) -> Result<Rules> {
     let foundations = &ground.scene.foundations;
     if foundations.iter().all(|of| of.stiffness.is_low()) {
         return Ok(Rules::new());
@@ -269,7 +266,7 @@ fn foundation_rules<T: Communicator>(ground: &BuildContext<T>, reaches: &[Vec<bo
         let sum = &sums[sum_of[cell]];
         (!sum.is_empty()).then_some(sum as &dyn Integrand)
     };
-    let pieces = ground.team.together(assembly::pieces(ground.mesh))?;
-    let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, &*ground.sum);
-    seen("foundation", ground.team.together(refined)?)
+    let pieces = ground.comm().all_ok(assembly::pieces(ground.mesh))?;
+    let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, ground.comm());
+    seen("foundation", ground.comm().all_ok(refined)?)
 }

@@ -5,14 +5,15 @@
 //! no obstacle stops and on which the load does work, and the error message names it.
 
 use super::OfCells;
-use super::ground::Communicator;
 use super::start::Statics;
 use crate::assembly;
+use crate::communicator::Communicator;
 use crate::dof_map::Rigid;
 use crate::error::{Error, Result};
 use crate::obstacle::Bounds;
 use crate::scheme::{self, System};
 use crate::simulation::judge;
+use crate::simulation::partition::Partition;
 use nalgebra::{DMatrix, Vector3};
 
 /// Stiffness of the proximal steps on the rigid motions, relative to that of the plate's lowest
@@ -34,8 +35,8 @@ const MOST_EXCHANGES: usize = 1000;
 ///
 /// # Errors
 /// Returns [`Error::Singular`], with `key` and the motion, where no equilibrium exists.
-pub(super) fn equilibrium<E: OfCells, T: Communicator>(
-    statics: &Statics<T>,
+pub(super) fn equilibrium<E: OfCells, P: Partition>(
+    statics: &Statics<P>,
     key: &str,
     system: &System<E>,
     stiffness: &E::Form,
@@ -60,10 +61,9 @@ pub(super) fn equilibrium<E: OfCells, T: Communicator>(
         [arm.norm_squared(), 2.0 * arm.x / size, 2.0 * arm.y / size]
     });
     let own = assembly::squares(ground.mesh, ground.cells, &bowl.collect::<Vec<_>>());
-    let all = ground.team.gather(&own);
-    let sum = |k: usize| all.iter().skip(k).step_by(2).sum::<f64>();
+    let [bent, curved] = ground.comm().all_reduce_sum(own);
     let mass = engine.native().form(assembly::consistent_mass(ground.cells));
-    let hold = (HOLD * sum(0) / sum(1), &mass);
+    let hold = (HOLD * bent / curved, &mass);
     let (u, _, verdict) = scheme::equilibrium_on_bounds(engine, stiffness, hold, load, bounds)?;
     judge(0, 0.0, verdict.kkt, ground.scene.solver.tolerance)?;
     Ok(u)
@@ -71,8 +71,8 @@ pub(super) fn equilibrium<E: OfCells, T: Communicator>(
 
 /// Returns the rigid motion a + b x + c y along which a load drives the plate away from all bounds;
 /// `None` if reactions balance the load. Collective.
-fn escape<E: OfCells, T: Communicator>(
-    statics: &Statics<T>,
+fn escape<E: OfCells, P: Partition>(
+    statics: &Statics<P>,
     rigid: &Rigid,
     system: &System<E>,
     load: &[f64],
@@ -112,8 +112,7 @@ fn escape<E: OfCells, T: Communicator>(
     let most = |left: Vector3<f64>| {
         let own = reactions().map(|reaction| reaction.normalize());
         let best = own.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default();
-        let all = ground.team.gather(best.as_slice());
-        let all = all.chunks_exact(3).map(Vector3::from_column_slice);
+        let all = ground.comm().all_gather_one::<[f64; 3]>(best.into()).into_iter().map(Vector3::from);
         all.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default()
     };
     let left = unbalanced(force / total, most);

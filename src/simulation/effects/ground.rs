@@ -1,30 +1,19 @@
 //! Build context of a model.
 
-pub(in crate::simulation) use super::super::body::Communicator;
+use super::super::partition::Partition;
 use crate::assembly::{self, CellArrays, Pressure, Probe};
+use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::adaptive::{self, Refined, Rules};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
 use crate::scene::{self, FieldInput, Scene};
-use std::rc::Rc;
-
-/// Function that sums the contributions of all processes over their dofs, on the engine's dofs.
-/// Collective.
-pub(in crate::simulation) type AddUp = dyn Fn(&[f64]) -> Result<Vec<f64>>;
-
-/// Function that turns an error on one rank into an error on all ranks, so that none destroys a
-/// shared PETSc object alone and deadlocks. Collective.
-pub(in crate::simulation) type Agree = dyn Fn(Result<()>) -> Result<()>;
-
-/// Function that sums numbers over all processes. Collective.
-pub(in crate::simulation) type Sum = dyn Fn(&[f64]) -> Vec<f64>;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
 /// of the engine.
-pub(in crate::simulation) struct BuildContext<'g, T: Communicator> {
+pub(in crate::simulation) struct BuildContext<'g, P: Partition> {
     pub scene: &'g Scene,
-    pub team: &'g T,
+    pub partition: &'g P,
     pub mesh: &'g Mesh,
     /// Constraints of the supports at the nodes.
     pub holds: &'g [NodeConstraint],
@@ -33,16 +22,6 @@ pub(in crate::simulation) struct BuildContext<'g, T: Communicator> {
     /// Dof of each ball's gap, on the process that owns it.
     pub gaps: &'g [Option<usize>],
     pub cells: &'g [CellArrays],
-    /// Function that maps a local dof to the engine's dof, if this process owns it.
-    pub own: &'g dyn Fn(usize) -> Option<usize>,
-    /// Sum over processes, see [`AddUp`].
-    pub add_up: Rc<AddUp>,
-    /// Agreement on errors, see [`Agree`].
-    pub agree: Rc<Agree>,
-    /// Sum of numbers, see [`Sum`].
-    pub sum: Rc<Sum>,
-    /// Function that tells whether this process owns a node.
-    pub owns: &'g dyn Fn(usize) -> bool,
 }
 
 /// Evaluation of the deflection at a point of this process's part of the plate.
@@ -55,15 +34,30 @@ pub(super) struct PointEvaluation {
     pub of_shape: Probe,
 }
 
-impl<T: Communicator> BuildContext<'_, T> {
+impl<P: Partition> BuildContext<'_, P> {
+    /// Returns the communicator of the ranks that build the model.
+    pub fn comm(&self) -> &P::Comm {
+        self.partition.comm()
+    }
+
+    /// Returns the largest values of x, y, -x and -y over all nodes, in m. Collective.
+    pub(super) fn farthest(&self) -> [f64; 4] {
+        let farthest = |sign: f64, axis: usize| {
+            self.mesh.nodes.iter().map(|node| sign * node[axis]).fold(f64::MIN, f64::max)
+        };
+        let own = [farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)];
+        let all = self.comm().all_gather_one(own);
+        std::array::from_fn(|k| all.iter().map(|of| of[k]).fold(f64::MIN, f64::max))
+    }
+
     /// Locates a point of the plate, on the one process that evaluates it; `None` on the others.
     /// Collective.
     pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<PointEvaluation>> {
         let at = Point::new(x, y);
         let here = self.mesh.locate(at).is_some();
-        let ranks = self.team.gather(&[f64::from(u8::from(here))]);
-        match ranks.iter().position(|&here| here == 1.0) {
-            Some(first) if first == self.team.rank() => {
+        let ranks = self.comm().all_gather_one(here);
+        match ranks.iter().position(|&here| here) {
+            Some(first) if first == self.comm().rank() => {
                 let of_shape = Probe::of_shape(self.mesh, at)?;
                 Ok(Some(PointEvaluation { free: of_shape.within(self.space), of_shape }))
             }
@@ -84,7 +78,7 @@ impl<T: Communicator> BuildContext<'_, T> {
             local[gap] += 1.0;
         }
         let of = |shape: &&[f64]| spot.as_ref().map_or(0.0, |spot| spot.of_shape.deflection(shape));
-        Ok((Probe::from_weights(&(self.add_up)(&local)?), shapes.iter().map(of).collect()))
+        Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(of).collect()))
     }
 
     /// Returns deflection and slopes of a formula of x and y at all nodes, three values per node.
@@ -100,7 +94,7 @@ impl<T: Communicator> BuildContext<'_, T> {
     pub(super) fn owned(&self, local: &[f64], dofs: usize) -> Vec<f64> {
         let mut own = vec![0.0; dofs];
         for (dof, value) in local.iter().enumerate() {
-            if let Some(dof) = (self.own)(dof) {
+            if let Some(dof) = self.partition.own_dof(dof) {
                 own[dof] = *value;
             }
         }
@@ -120,7 +114,7 @@ impl<T: Communicator> BuildContext<'_, T> {
             points.load_by(&rules, |points, values| pressure.values(points, 0.0, values), &mut load)?;
             Ok(load)
         };
-        self.team.together(integral())
+        self.comm().all_ok(integral())
     }
 
     /// Returns special quadrature rules for cells in which a constant field needs them. Collective.
@@ -128,10 +122,10 @@ impl<T: Communicator> BuildContext<'_, T> {
         if given.is_low() {
             return Ok(Rules::new());
         }
-        let pieces = self.team.together(assembly::pieces(self.mesh))?;
+        let pieces = self.comm().all_ok(assembly::pieces(self.mesh))?;
         let still = given.still(0.0);
-        let refined = adaptive::refine(&pieces, &|_| Some(&still), adaptive::ONCE, &*self.sum);
-        seen(&given.key, self.team.together(refined)?)
+        let refined = adaptive::refine(&pieces, &|_| Some(&still), adaptive::ONCE, self.comm());
+        seen(&given.key, self.comm().all_ok(refined)?)
     }
 }
 

@@ -2,19 +2,20 @@
 
 use super::Lift;
 use super::attached::AttachedBall;
-use super::ground::{Agree, BuildContext, Communicator};
+use super::ground::BuildContext;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{self, FieldInput, Side};
+use crate::simulation::partition::Partition;
 use crate::simulation::{DeflectionDof, body};
-use std::rc::Rc;
 
 /// Returns the nodes of this process that each obstacle bounds. Collective.
-pub(super) fn opposite<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<Vec<usize>>> {
+pub(super) fn opposite<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<Vec<usize>>> {
     let nodes = |(number, obstacle): (usize, &scene::Obstacle)| {
-        body::nodes_in(&obstacle.region, ground.mesh, ground.team, &format!("obstacle.{number}"))
+        body::nodes_in(&obstacle.region, ground.mesh, ground.partition, &format!("obstacle.{number}"))
     };
     ground.scene.obstacles.iter().enumerate().map(nodes).collect()
 }
@@ -22,8 +23,8 @@ pub(super) fn opposite<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<
 /// Returns the engine's deflections, first the bounded ones in ascending order of dofs, then the
 /// others; and the number of bounded ones. The gap of ball k counts as the deflection of a node k
 /// places past the mesh's last.
-pub(super) fn sites<T: Communicator>(
-    ground: &BuildContext<T>,
+pub(super) fn sites<P: Partition>(
+    ground: &BuildContext<P>,
     opposite: &[Vec<usize>],
     balls: &[AttachedBall],
 ) -> (Vec<DeflectionDof>, usize) {
@@ -31,13 +32,15 @@ pub(super) fn sites<T: Communicator>(
     let mut is_free = vec![true; mesh.nodes.len()];
     opposite.iter().flatten().for_each(|&node| is_free[node] = false);
     let site = |node: usize| {
-        let dof = (ground.own)(ground.space.deflection(node)?)?;
+        let dof = ground.partition.own_dof(ground.space.deflection(node)?)?;
         Some((is_free[node], DeflectionDof { dof, node, at: mesh.nodes[node].into() }))
     };
     let mut sites: Vec<(bool, DeflectionDof)> = (0..mesh.nodes.len()).filter_map(site).collect();
     for AttachedBall { number, ball, gap, .. } in balls {
         let node = mesh.nodes.len() + number;
-        sites.extend((ground.own)(*gap).map(|dof| (false, DeflectionDof { dof, node, at: ball.at })));
+        sites.extend(
+            ground.partition.own_dof(*gap).map(|dof| (false, DeflectionDof { dof, node, at: ball.at })),
+        );
     }
     sites.sort_by_key(|(is_free, site)| (*is_free, site.dof));
     let bounded = sites.iter().filter(|(is_free, _)| !is_free).count();
@@ -53,7 +56,7 @@ struct Opposite {
 }
 
 /// Bounds from the obstacles at the bounded dofs of this process.
-pub(super) struct Heights {
+pub(super) struct Heights<C: Communicator> {
     /// Bounds from fixed obstacles, and 0 at the gaps of balls.
     still: Bounds,
     /// Moving obstacles.
@@ -61,17 +64,17 @@ pub(super) struct Heights {
     /// Whether supports move, which shifts the bounds.
     carried: bool,
     places: Vec<[f64; 2]>,
-    agree: Rc<Agree>,
+    comm: C,
 }
 
-impl Heights {
+impl<C: Communicator> Heights<C> {
     /// Evaluates the fixed obstacles once. Collective.
-    pub fn new<T: Communicator>(
-        ground: &BuildContext<T>,
+    pub fn new<P: Partition<Comm = C>>(
+        ground: &BuildContext<P>,
         opposite: &[Vec<usize>],
         bounded: &[DeflectionDof],
         lifts: &[Lift],
-    ) -> Result<Heights> {
+    ) -> Result<Heights<C>> {
         let BuildContext { scene, mesh, .. } = ground;
         let nodes = mesh.nodes.len();
         let dofs = bounded.iter().map(|site| site.dof).collect();
@@ -100,13 +103,13 @@ impl Heights {
                 found = found.and_then(|()| opposite.narrow(0.0, &mut still));
             }
         }
-        ground.team.together(found)?;
+        ground.comm().all_ok(found)?;
         Ok(Heights {
             still,
             moving,
             carried: !lifts.is_empty(),
             places: bounded.iter().map(|site| site.at).collect(),
-            agree: ground.agree.clone(),
+            comm: ground.comm().clone(),
         })
     }
 
@@ -119,7 +122,7 @@ impl Heights {
     /// Collective.
     pub fn at_start(&self) -> Result<Bounds> {
         let mut bounds = self.still.clone();
-        (self.agree)(self.place(0.0, &mut bounds))?;
+        self.comm.all_ok(self.place(0.0, &mut bounds))?;
         Ok(bounds)
     }
 
@@ -127,7 +130,7 @@ impl Heights {
     pub fn set(&self, t: f64, bounds: &mut Bounds) -> Result<()> {
         let placed = self.place(t, bounds);
         // Support motions alone are the same on all processes.
-        if self.moving.is_empty() { placed } else { (self.agree)(placed) }
+        if self.moving.is_empty() { placed } else { self.comm.all_ok(placed) }
     }
 
     fn place(&self, t: f64, bounds: &mut Bounds) -> Result<()> {

@@ -1,30 +1,31 @@
 //! Loads of the plate: pressure, point forces, gravity.
 
 use super::attached::Attached;
-use super::ground::{AddUp, Agree, BuildContext, Communicator, Sum, seen};
+use super::ground::{BuildContext, seen};
 use crate::assembly::{self, Pressure};
+use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::element::adaptive::{self, Integrand, Rules, Triangle};
 use crate::error::Result;
 use crate::field::{Enclosure, Interval};
 use crate::mesh::Point;
 use crate::scene::FieldInput;
+use crate::simulation::partition::Partition;
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 /// Loads on the engine's dofs.
-pub(super) struct Loads {
+pub(super) struct Loads<P: Partition> {
     /// Constant part of the load, in N; `None` where it is zero.
     pub constant: Option<Vec<f64>>,
     /// Products of a factor g(t) and a load vector (N).
     terms: Vec<(FieldInput, Vec<f64>)>,
-    wave: Option<Wave>,
+    wave: Option<Wave<P>>,
 }
 
 /// Pressure that is no sum of products g(t) h(x, y), integrated at every instant.
-struct Wave {
+struct Wave<P: Partition> {
     pressure: FieldInput,
     points: Pressure,
     pieces: Vec<Triangle>,
@@ -34,9 +35,7 @@ struct Wave {
     step: f64,
     /// Index of the last time window tested and the result, by length of the window in steps.
     calm: RefCell<BTreeMap<u32, (u64, bool)>>,
-    add_up: Rc<AddUp>,
-    agree: Rc<Agree>,
-    sum: Rc<Sum>,
+    partition: P,
 }
 
 /// Lengths, in steps, of the time windows in which a wave is tested for being smooth enough for the
@@ -65,20 +64,18 @@ impl Integrand for Window<'_> {
     }
 }
 
-impl Wave {
+impl<P: Partition> Wave<P> {
     /// Prepares the integration of a pressure. Collective.
-    fn new<T: Communicator>(ground: &BuildContext<T>, pressure: &FieldInput) -> Result<Wave> {
-        let BuildContext { scene, mesh, cells, space, add_up, agree, sum, .. } = ground;
+    fn new(ground: &BuildContext<P>, pressure: &FieldInput) -> Result<Wave<P>> {
+        let BuildContext { scene, mesh, cells, space, .. } = ground;
         Ok(Wave {
             pressure: pressure.clone(),
-            points: ground.team.together(Pressure::new(mesh, cells))?,
-            pieces: ground.team.together(assembly::pieces(mesh))?,
+            points: ground.comm().all_ok(Pressure::new(mesh, cells))?,
+            pieces: ground.comm().all_ok(assembly::pieces(mesh))?,
             dofs: space.dofs(),
             step: scene.time.step,
             calm: RefCell::default(),
-            add_up: add_up.clone(),
-            agree: agree.clone(),
-            sum: sum.clone(),
+            partition: ground.partition.clone(),
         })
     }
 
@@ -93,8 +90,9 @@ impl Wave {
         }
         let window = Window { pressure: &self.pressure, from: number * length, to: (number + 1.0) * length };
         // A window that cannot be evaluated is not calm; its instants report the error.
-        let calm = adaptive::is_calm(&self.pieces, &window, adaptive::EACH_TIME, &*self.sum);
-        let calm = (self.sum)(&[f64::from(u8::from(!matches!(calm, Ok(true))))])[0] == 0.0;
+        let comm = self.partition.comm();
+        let calm = adaptive::is_calm(&self.pieces, &window, adaptive::EACH_TIME, comm);
+        let calm = comm.all_reduce_all(matches!(calm, Ok(true)));
         self.calm.borrow_mut().insert(steps, (number as u64, calm));
         Ok(calm)
     }
@@ -106,8 +104,8 @@ impl Wave {
                 return Ok(Rules::new());
             }
         }
-        let still = self.pressure.still(t);
-        let refined = adaptive::refine(&self.pieces, &|_| Some(&still), adaptive::EACH_TIME, &*self.sum)?;
+        let (still, comm) = (self.pressure.still(t), self.partition.comm());
+        let refined = adaptive::refine(&self.pieces, &|_| Some(&still), adaptive::EACH_TIME, comm)?;
         seen(&self.pressure.key, refined)
     }
 
@@ -116,7 +114,9 @@ impl Wave {
         let mut local = vec![0.0; self.dofs];
         let rules = self.rules(t);
         let pressure = |points: &[Point], values: &mut [f64]| self.pressure.values(points, t, values);
-        (self.agree)(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut local)))?;
+        self.partition
+            .comm()
+            .all_ok(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut local)))?;
         Ok(local)
     }
 }
@@ -169,10 +169,7 @@ const WAVE_INSTANTS: u64 = 100;
 
 /// Returns the resultants of all loads. The build context must have all dofs free and a single
 /// process.
-pub(super) fn totals<T: Communicator>(
-    ground: &BuildContext<T>,
-    attached: &Attached,
-) -> Result<Vec<LoadTotal>> {
+pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached) -> Result<Vec<LoadTotal>> {
     let BuildContext { scene, mesh, cells, space, .. } = ground;
     let of = |load: &[f64]| Resultant::of(&mesh.nodes, load);
     let still = |key: &str, load: &[f64]| LoadTotal { key: key.into(), start: of(load), largest: None };
@@ -241,10 +238,10 @@ pub(super) fn totals<T: Communicator>(
     Ok(totals)
 }
 
-impl Loads {
+impl<P: Partition> Loads<P> {
     /// Integrates the loads that can be integrated in advance. Collective.
-    pub fn new<T: Communicator>(ground: &BuildContext<T>, attached: &Attached) -> Result<Loads> {
-        let BuildContext { scene, cells, space, add_up, .. } = ground;
+    pub fn new(ground: &BuildContext<P>, attached: &Attached) -> Result<Loads<P>> {
+        let BuildContext { scene, cells, space, partition, .. } = ground;
         let dofs = space.dofs();
         let mut loads = Loads { constant: None, terms: Vec::new(), wave: None };
         let Some(load) = &scene.load else { return Ok(loads) };
@@ -260,7 +257,7 @@ impl Loads {
                 let load = ground.pressed(&place)?;
                 match time.number() {
                     Some(factor) => add(factor, &load, &mut constant),
-                    None => loads.terms.push((time, add_up(&load)?)),
+                    None => loads.terms.push((time, partition.add_up(&load)?)),
                 }
             }
         } else {
@@ -273,12 +270,12 @@ impl Loads {
             }
             match force.value.number() {
                 Some(value) => add(value, &unit, &mut constant),
-                None => loads.terms.push((force.value.clone(), add_up(&unit)?)),
+                None => loads.terms.push((force.value.clone(), partition.add_up(&unit)?)),
             }
         }
-        let constant = add_up(&constant)?;
-        let largest = ground.team.gather(&[constant.iter().fold(0.0, |m: f64, f| m.max(f.abs()))]);
-        loads.constant = largest.iter().any(|largest| *largest != 0.0).then_some(constant);
+        let constant = partition.add_up(&constant)?;
+        let loaded = ground.comm().all_reduce_any(constant.iter().any(|f| f.abs() > 0.0));
+        loads.constant = loaded.then_some(constant);
         Ok(loads)
     }
 
@@ -293,7 +290,7 @@ impl Loads {
             add(factor.at(Point::origin(), t)?, of, load);
         }
         if let Some(wave) = &self.wave {
-            add(1.0, &(wave.add_up)(&wave.load(t)?)?, load);
+            add(1.0, &wave.partition.add_up(&wave.load(t)?)?, load);
         }
         Ok(())
     }

@@ -20,7 +20,9 @@ pub(super) use ground::{BuildContext, seen};
 pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 
+use super::partition::Partition;
 use super::{DeflectionDof, DofCoordinates};
+use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{ElementMatrix, Engine, Form, Native, SingularMassCell};
 use crate::modes;
@@ -28,7 +30,6 @@ use crate::obstacle::Bounds;
 use crate::scene::{Mass, SchemeSpec};
 use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
-use ground::Communicator;
 use heights::Heights;
 use loads::Loads;
 use start::Statics;
@@ -87,7 +88,7 @@ pub(super) struct Effects<E: Engine> {
 ///
 /// # Errors
 /// Returns the errors of the scene's formulas and regions on the mesh.
-pub(super) fn matrices<T: Communicator>(ground: &BuildContext<T>) -> Result<Matrices> {
+pub(super) fn matrices<P: Partition>(ground: &BuildContext<P>) -> Result<Matrices> {
     let attached = Attached::new(ground)?;
     let initial = &ground.scene.initial.static_pressure;
     let load = if initial.is_zero() {
@@ -109,7 +110,7 @@ pub(super) fn matrices<T: Communicator>(ground: &BuildContext<T>) -> Result<Matr
 ///
 /// # Errors
 /// Returns the same errors as [`matrices`].
-pub(super) fn load_totals<T: Communicator>(ground: &BuildContext<T>) -> Result<Vec<LoadTotal>> {
+pub(super) fn load_totals<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<LoadTotal>> {
     loads::totals(ground, &Attached::new(ground)?)
 }
 
@@ -117,7 +118,7 @@ pub(super) fn load_totals<T: Communicator>(ground: &BuildContext<T>) -> Result<V
 ///
 /// # Errors
 /// Returns the same errors as [`matrices`].
-pub(super) fn mechanism<T: Communicator>(ground: &BuildContext<T>) -> Result<Option<&'static str>> {
+pub(super) fn mechanism<P: Partition>(ground: &BuildContext<P>) -> Result<Option<&'static str>> {
     let attached = Attached::new(ground)?;
     attached.require_held_parts(ground)?;
     Ok(attached.mechanism(ground))
@@ -128,10 +129,7 @@ pub(super) fn mechanism<T: Communicator>(ground: &BuildContext<T>) -> Result<Opt
 /// # Errors
 /// Returns the errors of the scene's formulas and regions on the mesh, and
 /// [`Singular`](crate::Error::Singular) where a static start is asked of a mechanism.
-pub(super) fn compose<E: OfCells, T: Communicator>(
-    engine: E,
-    ground: &BuildContext<T>,
-) -> Result<Effects<E>> {
+pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext<P>) -> Result<Effects<E>> {
     let BuildContext { scene, cells, .. } = *ground;
     let attached = Attached::new(ground)?;
     attached.require_held_parts(ground)?;
@@ -198,7 +196,7 @@ pub(super) fn compose<E: OfCells, T: Communicator>(
     if loads.vary() {
         system.drive.load = Some(Box::new(move |t, load: &mut [f64]| loads.add(t, load)));
     }
-    if heights.vary() && !ground.team.gather(&[bounded as f64]).iter().all(|&count| count == 0.0) {
+    if heights.vary() && ground.comm().all_reduce_any(bounded > 0) {
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
     Ok(Effects { system, start, lifts, sites, places, mechanism, warnings, seconds })

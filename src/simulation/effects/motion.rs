@@ -2,15 +2,17 @@
 
 use super::OfCells;
 use super::attached::Attached;
-use super::ground::{BuildContext, Communicator};
+use super::ground::BuildContext;
 use super::start::Statics;
 use crate::assembly;
+use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Place, Support};
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{FieldInput, Mass};
 use crate::scheme::{SupportMotion, System};
+use crate::simulation::partition::Partition;
 use crate::simulation::{DeflectionDof, body};
 use std::rc::Rc;
 
@@ -25,11 +27,9 @@ pub(in crate::simulation) struct Lift {
 }
 
 /// Returns each support motion with its lift. Collective.
-pub(super) fn lifts<E: OfCells, T: Communicator>(
-    system: &System<E>,
-    statics: &Statics<T>,
-) -> Result<Vec<Lift>> {
-    let BuildContext { scene, mesh, team, .. } = *statics.ground;
+pub(super) fn lifts<E: OfCells, P: Partition>(system: &System<E>, statics: &Statics<P>) -> Result<Vec<Lift>> {
+    let BuildContext { scene, mesh, partition, .. } = *statics.ground;
+    let comm = partition.comm();
     // Guided edges follow the plate and do not drive it.
     let motions: Vec<Option<&FieldInput>> =
         scene.supports.iter().map(|support| support.motion.as_ref()).collect();
@@ -53,7 +53,7 @@ pub(super) fn lifts<E: OfCells, T: Communicator>(
             different[0].key
         )));
     }
-    let places = body::supports(scene, mesh, team)?;
+    let places = body::supports(scene, mesh, comm)?;
     // Nodes on all processes that supports of one motion hold, or those at rest for `None`.
     // Collective.
     let nodes_of = |motion: Option<&FieldInput>| {
@@ -67,14 +67,14 @@ pub(super) fn lifts<E: OfCells, T: Communicator>(
                 Place::Nodes(at) => at.iter().for_each(|&node| nodes[node] = 1.0),
             }
         }
-        team.spread(&nodes)
+        partition.sum_at_nodes(&nodes)
     };
     let mut taken = nodes_of(None)?;
     let lift = |motion: &FieldInput| {
         // The plate bends statically between held nodes that move and those at rest.
         let moved = nodes_of(Some(motion))?;
         let torn = (0..taken.len()).find(|&node| moved[node] > 0.0 && taken[node] > 0.0);
-        team.together(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
+        comm.all_ok(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
         taken.iter_mut().zip(&moved).for_each(|(taken, moved)| *taken += moved);
         let steps: Vec<f64> = moved.iter().flat_map(|&w| [w.min(1.0), 0.0, 0.0]).collect();
         let mut load = statics.forces(&steps)?;
@@ -100,14 +100,14 @@ fn tears(motion: &FieldInput, at: Point) -> Error {
 impl Lift {
     /// Returns the support motion with forces and momenta of its shape on the engine's dofs, some
     /// of which are bounded. Collective.
-    pub(super) fn moving<T: Communicator>(
+    pub(super) fn moving<P: Partition>(
         &self,
-        ground: &BuildContext<T>,
+        ground: &BuildContext<P>,
         attached: &Attached,
         bounded: &[DeflectionDof],
         dofs: usize,
     ) -> Result<SupportMotion> {
-        let BuildContext { scene, mesh, cells, space, add_up, team, .. } = ground;
+        let BuildContext { scene, mesh, cells, space, partition, .. } = ground;
         let Lift { motion, shape, is_rigid } = self;
         let mut momentum = vec![0.0; space.dofs()];
         match scene.time.mass {
@@ -118,11 +118,9 @@ impl Lift {
         let stiffness = is_rigid.then(|| {
             let mut force = vec![0.0; space.dofs()];
             attached.add_forces(ground, shape, &mut force);
-            add_up(&force)
+            partition.add_up(&force)
         });
-        let any = |force: &Vec<f64>| {
-            team.gather(&[f64::from(u8::from(force.iter().any(|f| *f != 0.0)))]).contains(&1.0)
-        };
+        let any = |force: &Vec<f64>| ground.comm().all_reduce_any(force.iter().any(|f| *f != 0.0));
         let step = scene.time.step;
         let [place, rate] = [(); 2].map(|()| motion.clone());
         // The gaps of balls are numbered past the nodes; no motion shifts them.
@@ -134,7 +132,7 @@ impl Lift {
                 // An infinite velocity is replaced by the mean one over the next step.
                 Err(_) => Ok((rate.at(Point::origin(), t + step)? - rate.at(Point::origin(), t)?) / step),
             }),
-            momentum: add_up(&momentum)?,
+            momentum: partition.add_up(&momentum)?,
             stiffness: stiffness.transpose()?.filter(any),
             at_bounds: bounded.iter().map(at).collect(),
             shape: ground.owned(&space.interpolate(shape), dofs),
@@ -142,13 +140,13 @@ impl Lift {
     }
 }
 
-impl<T: Communicator> Statics<'_, T> {
+impl<P: Partition> Statics<'_, P> {
     /// Returns K u for a shape u (three values per node), in N, on the engine's dofs. Collective.
     fn forces(&self, shape: &[f64]) -> Result<Vec<f64>> {
-        let BuildContext { mesh, cells, space, add_up, .. } = self.ground;
+        let BuildContext { mesh, cells, space, partition, .. } = self.ground;
         let mut force = vec![0.0; space.dofs()];
         assembly::forces(mesh, cells, shape, &mut force);
         self.attached.add_forces(self.ground, shape, &mut force);
-        add_up(&force)
+        partition.add_up(&force)
     }
 }

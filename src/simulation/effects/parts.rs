@@ -1,15 +1,17 @@
 //! Check that each disconnected part of a mesh is held by itself.
 
 use super::attached::LumpedMass;
-use super::ground::{BuildContext, Communicator};
+use super::ground::BuildContext;
+use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Rigid};
 use crate::error::{Error, Result};
 use crate::mesh::{Point, Unions};
+use crate::simulation::partition::Partition;
 use std::collections::BTreeSet;
 
 /// Returns an error where the mesh has several parts and one of them is not held. Collective.
-pub(super) fn require_held<T: Communicator>(
-    ground: &BuildContext<T>,
+pub(super) fn require_held<P: Partition>(
+    ground: &BuildContext<P>,
     springs: &[LumpedMass],
     on_foundation: impl Iterator<Item = usize>,
 ) -> Result<()> {
@@ -23,18 +25,21 @@ pub(super) fn require_held<T: Communicator>(
     for (node, &part) in mesh.nodes.iter().zip(&part_of) {
         [1.0, node.x, node.y].iter().enumerate().for_each(|(k, of)| places[3 * part + k] += of);
     }
-    let places = (ground.sum)(&places);
+    let places = ground.comm().all_reduce_sum_slice(&places);
     let centres: Vec<Point> = places.chunks_exact(3).map(|of| Point::new(of[1], of[2]) / of[0]).collect();
     let mut sizes = vec![0.0; 2 * count];
     for (node, &part) in mesh.nodes.iter().zip(&part_of) {
         sizes[2 * part] += (node - centres[part]).norm_squared();
         sizes[2 * part + 1] += 1.0;
     }
-    let sizes = (ground.sum)(&sizes);
+    let sizes = ground.comm().all_reduce_sum_slice(&sizes);
     let size = |part: usize| (sizes[2 * part] / sizes[2 * part + 1]).sqrt();
     let mut rigid: Vec<Rigid> = (0..count).map(|part| Rigid::new(centres[part], size(part))).collect();
-    for (node, hold) in
-        ground.holds.iter().enumerate().filter(|(node, hold)| hold.is_any() && (ground.owns)(*node))
+    for (node, hold) in ground
+        .holds
+        .iter()
+        .enumerate()
+        .filter(|(node, hold)| hold.is_any() && ground.partition.owns_node(*node))
     {
         rigid[part_of[node]].hold(mesh.nodes[node], hold);
     }
@@ -48,7 +53,7 @@ pub(super) fn require_held<T: Communicator>(
         mesh.vertices(cell).into_iter().for_each(|vertex| rigid[part].hold_deflection(vertex));
     }
     let seen: Vec<f64> = rigid.iter().flat_map(|rigid| rigid.seen().to_vec()).collect();
-    let seen = (ground.sum)(&seen);
+    let seen = ground.comm().all_reduce_sum_slice(&seen);
     for ((rigid, seen), centre) in rigid.iter_mut().zip(seen.chunks_exact(9)).zip(&centres) {
         rigid.see(seen);
         if let Some(motion) = rigid.mechanism() {
@@ -63,20 +68,20 @@ pub(super) fn require_held<T: Communicator>(
 }
 
 /// Returns the part of each node of this process, and the number of parts over all. Collective.
-fn parts<T: Communicator>(ground: &BuildContext<T>) -> Result<(Vec<usize>, usize)> {
+fn parts<P: Partition>(ground: &BuildContext<P>) -> Result<(Vec<usize>, usize)> {
     let (of_node, own) = ground.mesh.part_of_nodes();
-    let counts = ground.team.gather(&[own as f64]);
-    let first: f64 = counts[..ground.team.rank()].iter().sum();
-    let number = |node: usize| first as usize + of_node[node];
+    let counts = ground.comm().all_gather_one(own);
+    let first: usize = counts[..ground.comm().rank()].iter().sum();
+    let number = |node: usize| first + of_node[node];
     // The part numbers that the owner of a node and this process give it belong to one part.
-    let called = |node: usize| if (ground.owns)(node) { (number(node) + 1) as f64 } else { 0.0 };
-    let owners = ground.team.spread(&(0..of_node.len()).map(called).collect::<Vec<_>>())?;
+    let called = |node: usize| if ground.partition.owns_node(node) { (number(node) + 1) as f64 } else { 0.0 };
+    let owners = ground.partition.sum_at_nodes(&(0..of_node.len()).map(called).collect::<Vec<_>>())?;
     let pairs: BTreeSet<[usize; 2]> =
         owners.iter().enumerate().map(|(node, owner)| [number(node), *owner as usize - 1]).collect();
-    let pairs: Vec<f64> = pairs.iter().flatten().map(|&number| number as f64).collect();
-    let mut unions = Unions::new(counts.iter().sum::<f64>() as usize);
-    for pair in ground.team.gather(&pairs).chunks_exact(2) {
-        unions.unite(pair[0] as usize, pair[1] as usize);
+    let pairs: Vec<[usize; 2]> = pairs.into_iter().collect();
+    let mut unions = Unions::new(counts.iter().sum());
+    for [one, other] in ground.comm().all_gather(&pairs) {
+        unions.unite(one, other);
     }
     let (part_of, count) = unions.sets();
     Ok(((0..of_node.len()).map(|node| part_of[number(node)]).collect(), count))

@@ -3,28 +3,30 @@
 use super::OfCells;
 use super::attached::{Attached, AttachedBall};
 use super::bearing;
-use super::ground::{BuildContext, Communicator};
+use super::ground::BuildContext;
 use super::loads::Loads;
 use super::motion::Lift;
+use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scheme::{self, Start, System};
+use crate::simulation::partition::Partition;
 use crate::simulation::{DofCoordinates, judge};
 
 /// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;
 
 /// Context for the computation of equilibria.
-pub(super) struct Statics<'g, T: Communicator> {
-    pub ground: &'g BuildContext<'g, T>,
+pub(super) struct Statics<'g, P: Partition> {
+    pub ground: &'g BuildContext<'g, P>,
     pub attached: &'g Attached<'g>,
     /// Rigid motions that nothing restrains, in words.
     pub mechanism: Option<&'static str>,
 }
 
-impl<T: Communicator> Statics<'_, T> {
+impl<P: Partition> Statics<'_, P> {
     /// Computes the equilibrium of the plate under a load, with the balls at rest. Collective.
     pub fn equilibrium<E: OfCells>(
         &self,
@@ -47,8 +49,8 @@ impl<T: Communicator> Statics<'_, T> {
     }
 
     /// Computes the equilibrium from which the scene starts. Collective.
-    fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads) -> Result<Vec<f64>> {
-        let BuildContext { scene, own, add_up, .. } = self.ground;
+    fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads<P>) -> Result<Vec<f64>> {
+        let BuildContext { scene, partition, .. } = self.ground;
         let initial = &scene.initial;
         let key = if initial.equilibrium { "initial.equilibrium" } else { "initial.static_pressure" };
         if let (Some(motion), true) = (self.mechanism, scene.obstacles.is_empty()) {
@@ -57,7 +59,7 @@ impl<T: Communicator> Statics<'_, T> {
             )));
         }
         crate::simulation::phase("static start");
-        let mut load = add_up(&self.ground.pressed(&initial.static_pressure)?)?;
+        let mut load = partition.add_up(&self.ground.pressed(&initial.static_pressure)?)?;
         system.drive.pull(0.0, &mut load)?;
         if initial.equilibrium {
             let constant = loads.constant.iter().flatten();
@@ -65,7 +67,8 @@ impl<T: Communicator> Statics<'_, T> {
             loads.add(0.0, &mut load)?;
         }
         self.lift_balls(&mut load)?;
-        let gaps: Vec<usize> = self.attached.balls.iter().filter_map(|ball| own(ball.gap)).collect();
+        let gaps: Vec<usize> =
+            self.attached.balls.iter().filter_map(|ball| partition.own_dof(ball.gap)).collect();
         let mut bounds = system.bounds.clone();
         for (i, dof) in bounds.dofs.iter().enumerate() {
             if gaps.contains(dof) {
@@ -83,40 +86,41 @@ impl<T: Communicator> Statics<'_, T> {
     /// Removes the loads of balls from `load`, where they act on the gaps and on the plate below:
     /// held at rest, balls do not load the plate. Collective.
     fn lift_balls(&self, load: &mut [f64]) -> Result<()> {
-        let BuildContext { scene, space, own, add_up, .. } = self.ground;
+        let BuildContext { scene, space, partition, .. } = self.ground;
         if scene.balls.is_empty() {
             return Ok(());
         }
         let mut local = vec![0.0; space.dofs()];
         for AttachedBall { spot, gap, .. } in &self.attached.balls {
-            if let Some(dof) = own(*gap) {
+            if let Some(dof) = partition.own_dof(*gap) {
                 spot.free.push(-load[dof], &mut local);
                 load[dof] = 0.0;
             }
         }
-        load.iter_mut().zip(add_up(&local)?).for_each(|(load, f)| *load += f);
+        load.iter_mut().zip(partition.add_up(&local)?).for_each(|(load, f)| *load += f);
         Ok(())
     }
 }
 
 /// Returns the initial conditions of `[initial]` and warnings on them. Collective.
-pub(super) fn start<E: OfCells, T: Communicator>(
+pub(super) fn start<E: OfCells, P: Partition>(
     system: &System<E>,
-    statics: &Statics<T>,
-    loads: &Loads,
+    statics: &Statics<P>,
+    loads: &Loads<P>,
     lifts: &[Lift],
     places: &DofCoordinates,
 ) -> Result<(Start, Option<String>)> {
     let Statics { ground, attached, .. } = statics;
-    let BuildContext { scene, space, team, .. } = **ground;
+    let BuildContext { scene, space, .. } = **ground;
+    let comm = ground.comm();
     let initial = &scene.initial;
     let engine = &system.engine;
     // Initial deflections are relative to the supports, velocities are not.
-    let given = team.together(ground.shape_of(&initial.velocity))?;
+    let given = comm.all_ok(ground.shape_of(&initial.velocity))?;
     let rates = system.drive.rates(0.0)?;
     let of_supports = |dof: usize| lifts.iter().zip(&rates).map(|(lift, rate)| rate * lift.shape[dof]).sum();
     let thrown = if initial.velocity.is_zero() { None } else { contradiction(ground, &given, of_supports) };
-    let doubt = first_of_all(team, thrown)
+    let doubt = first_of_all(comm, thrown)
         .map(|of| format!("initial.velocity: {}; it stops the plate there at once", of.words("m/s", "1/s")));
     let mut velocity = space.interpolate(&given);
     for (Lift { shape, .. }, rate) in lifts.iter().zip(&rates) {
@@ -131,11 +135,11 @@ pub(super) fn start<E: OfCells, T: Communicator>(
         statics.at_rest(system, loads)?
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
-        ground.owned(&space.interpolate(&team.together(shape)?), engine.dofs())
+        ground.owned(&space.interpolate(&comm.all_ok(shape)?), engine.dofs())
     };
     let (u, v) = (engine.to_local(&displacement)?, engine.to_local(&velocity)?);
     for AttachedBall { ball, spot, gap, .. } in &attached.balls {
-        let Some(dof) = (ground.own)(*gap) else { continue };
+        let Some(dof) = ground.partition.own_dof(*gap) else { continue };
         displacement[dof] = ball.height - spot.free.deflection(&u);
         velocity[dof] = ball.velocity - spot.free.deflection(&v);
         for (Lift { motion, shape, .. }, rate) in lifts.iter().zip(&rates) {
@@ -144,9 +148,9 @@ pub(super) fn start<E: OfCells, T: Communicator>(
             velocity[dof] -= lift * rate;
         }
     }
-    let violation = engine.all_reduce_max(system.bounds.violation(&displacement))?;
+    let violation = comm.all_reduce_max(system.bounds.violation(&displacement));
     let largest = displacement.iter().fold(system.bounds.magnitude(), |m, u| m.max(u.abs()));
-    if violation > BEYOND * engine.all_reduce_max(largest)? {
+    if violation > BEYOND * comm.all_reduce_max(largest) {
         return Err(Error::Scene(format!(
             "initial: the plate starts {violation:.3e} m beyond an obstacle; expected a start within all of them"
         )));
@@ -155,7 +159,7 @@ pub(super) fn start<E: OfCells, T: Communicator>(
 }
 
 /// Returns the initial deflection if the supports allow it.
-fn on_supports<T: Communicator>(ground: &BuildContext<T>, shape: Vec<f64>) -> Result<Vec<f64>> {
+fn on_supports<P: Partition>(ground: &BuildContext<P>, shape: Vec<f64>) -> Result<Vec<f64>> {
     match contradiction(ground, &shape, |_| 0.0) {
         None => Ok(shape),
         Some(of) => Err(Error::Scene(format!("initial.deflection: {}", of.words("m", "")))),
@@ -184,8 +188,8 @@ impl Contradiction {
 
 /// Returns the first node of this process at which a field (three values per node) violates a
 /// support: in its value where the deflection is held, in its slopes where the plate is clamped.
-fn contradiction<T: Communicator>(
-    ground: &BuildContext<T>,
+fn contradiction<P: Partition>(
+    ground: &BuildContext<P>,
     shape: &[f64],
     of_supports: impl Fn(usize) -> f64,
 ) -> Option<Contradiction> {
@@ -215,14 +219,8 @@ fn contradiction<T: Communicator>(
 }
 
 /// Returns the violation of the first process that has one. Collective.
-fn first_of_all(team: &impl Communicator, own: Option<Contradiction>) -> Option<Contradiction> {
-    let numbers = own.map(|of| [of.at[0], of.at[1], f64::from(u8::from(of.is_value)), of.given, of.held]);
-    let all = team.gather(numbers.as_ref().map_or(&[], |of| of));
-    let (first, _) = all.as_chunks::<5>();
-    first.first().map(|&[x, y, is_value, given, held]| Contradiction {
-        at: [x, y],
-        is_value: is_value > 0.0,
-        given,
-        held,
-    })
+fn first_of_all(comm: &impl Communicator, own: Option<Contradiction>) -> Option<Contradiction> {
+    let own = own.map(|of| (of.at, of.is_value, of.given, of.held));
+    let first = comm.all_gather(own.as_slice()).into_iter().next();
+    first.map(|(at, is_value, given, held)| Contradiction { at, is_value, given, held })
 }

@@ -1,6 +1,7 @@
 //! Check for lengths that cannot be in metres.
 
-use super::ground::{BuildContext, Communicator};
+use super::ground::BuildContext;
+use crate::simulation::partition::Partition;
 
 /// Ratio of span to thickness above which a warning asks for the unit: 600 m for 3 mm is 200,000, a
 /// foil of 1 m for 0.1 mm 10,000.
@@ -12,15 +13,9 @@ const BLOCK: f64 = 1.0;
 
 /// Returns a warning that asks whether lengths are in metres, for a plate much too wide or too
 /// narrow for its thickness. A mesh with the key `mesh.scale` is not questioned. Collective.
-pub(super) fn question<T: Communicator>(ground: &BuildContext<T>) -> Option<String> {
+pub(super) fn question<P: Partition>(ground: &BuildContext<P>) -> Option<String> {
     let scene = ground.scene;
-    let farthest = |sign: f64, axis: usize| {
-        ground.mesh.nodes.iter().map(|node| sign * node[axis]).fold(f64::MIN, f64::max)
-    };
-    let sides =
-        ground.team.gather(&[farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)]);
-    let [right, top, left, bottom] =
-        std::array::from_fn(|k| sides.iter().skip(k).step_by(4).copied().fold(f64::MIN, f64::max));
+    let [right, top, left, bottom] = ground.farthest();
     let (span, thickness) = ((right + left).max(top + bottom), scene.plate.plate.thickness);
     let ratio = span / thickness;
     let is_told = scene.file.as_ref().is_some_and(|file| file.scale.is_some());

@@ -628,6 +628,6 @@ fn estimate_seconds(
     };
     let runs: f64 = todo.cases.iter().map(|case| seconds(case, f64::from(study.repeat))).sum();
     let limits = todo.limits.iter().map(|(grid, family)| truth(*grid, *family, LIMIT_STEP * smallest));
-    let reference = f64::from(u8::from(todo.reference));
+    let reference = f64::from(todo.reference);
     runs + limits.sum::<f64>() + reference * truth(finest, Family::Singular, REFERENCE_STEP * smallest)
 }

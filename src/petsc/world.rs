@@ -1,0 +1,179 @@
+//! Communicator of all ranks of MPI.
+
+use crate::communicator::{Communicator, Plain, from_bytes, to_bytes};
+use crate::error::{Error, Result};
+use mpi::collective::SystemOperation;
+use mpi::datatype::PartitionMut;
+use mpi::environment::Universe;
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::{Communicator as _, CommunicatorCollectives, Root};
+use serde::{Serialize, de::DeserializeOwned};
+use std::ffi::c_int;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+/// Communicator of all ranks of MPI, which ends when the last copy is dropped.
+#[derive(Clone)]
+pub struct WorldComm(Rc<World>);
+
+struct World {
+    /// Communicator of the `mpi` crate.
+    all: SimpleCommunicator,
+    /// Environment of MPI, kept for its end.
+    _universe: Universe,
+}
+
+impl WorldComm {
+    /// Takes over MPI, which has been started.
+    pub(super) fn new(universe: Universe) -> WorldComm {
+        WorldComm(Rc::new(World { all: universe.world(), _universe: universe }))
+    }
+
+    /// Returns the communicator of the `mpi` crate.
+    pub(super) fn world(&self) -> &SimpleCommunicator {
+        &self.0.all
+    }
+
+    /// Returns the sum over all ranks, in an order that the MPI library chooses. Collective.
+    ///
+    /// This single reduction costs less than [`Communicator::all_reduce_sum`]. Its last digit may
+    /// depend on the library and on the number of ranks; all ranks get the same.
+    pub fn all_reduce_sum_unordered(&self, own: f64) -> f64 {
+        let mut sum = 0.0;
+        self.world().all_reduce_into(&own, &mut sum, SystemOperation::sum());
+        sum
+    }
+
+    /// Replaces a slice by its entrywise sum over all ranks, in an order that the MPI library
+    /// chooses; all lengths are equal. Collective.
+    pub fn all_reduce_sum_slice_unordered(&self, values: &mut [f64]) {
+        let own = values.to_vec();
+        self.world().all_reduce_into(&own[..], values, SystemOperation::sum());
+    }
+
+    /// Broadcasts a value of rank 0 to every rank, as JSON. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where JSON cannot express the value.
+    pub fn broadcast_value<T: Serialize + DeserializeOwned>(&self, value: &T) -> Result<T> {
+        let unfit = |error| Error::Petsc(format!("a value cannot be sent to other ranks: {error}"));
+        let own = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
+        serde_json::from_slice(&self.all_gather(&self.all_ok(own)?)).map_err(unfit)
+    }
+
+    /// Waits for all ranks, at most for `within` if given, and returns whether they arrived.
+    pub(super) fn arrive(&self, within: Option<Duration>) -> bool {
+        let start = Instant::now();
+        let mut request = self.world().immediate_barrier();
+        loop {
+            match request.test() {
+                Ok(_) => return true,
+                Err(waiting) if within.is_none_or(|within| start.elapsed() < within) => request = waiting,
+                Err(waiting) => {
+                    std::mem::forget(waiting);
+                    return false;
+                }
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Returns the number of bytes of each rank. Collective.
+    fn counts(&self, bytes: &[u8]) -> Vec<c_int> {
+        let mut counts = vec![0 as c_int; self.size()];
+        self.world().all_gather_into(&(bytes.len() as c_int), &mut counts[..]);
+        counts
+    }
+}
+
+impl std::fmt::Debug for WorldComm {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("WorldComm")
+            .field("rank", &self.rank())
+            .field("size", &self.size())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Communicator for WorldComm {
+    fn rank(&self) -> usize {
+        self.world().rank() as usize
+    }
+
+    fn size(&self) -> usize {
+        self.world().size() as usize
+    }
+
+    fn barrier(&self) {
+        self.world().barrier();
+    }
+
+    fn all_gather_one<T: Plain>(&self, own: T) -> Vec<T> {
+        let mut all = vec![0_u8; T::BYTES * self.size()];
+        self.world().all_gather_into(&to_bytes(&[own])[..], &mut all[..]);
+        from_bytes(&all)
+    }
+
+    fn all_gather_with_offset<T: Plain>(&self, own: &[T]) -> (Vec<T>, usize) {
+        if self.size() == 1 {
+            return (own.to_vec(), 0);
+        }
+        let own = to_bytes(own);
+        let counts = self.counts(&own);
+        let starts = starts(&counts);
+        let offset = starts[self.rank()] as usize / T::BYTES.max(1);
+        let mut all = vec![0_u8; counts.iter().sum::<c_int>() as usize];
+        self.world().all_gather_varcount_into(&own[..], &mut PartitionMut::new(&mut all[..], counts, starts));
+        (from_bytes(&all), offset)
+    }
+
+    fn gather<T: Plain>(&self, own: &[T]) -> Vec<Vec<T>> {
+        let own = to_bytes(own);
+        let counts = self.counts(&own);
+        let first = self.world().process_at_rank(0);
+        if self.rank() > 0 {
+            first.gather_varcount_into(&own[..]);
+            return Vec::new();
+        }
+        let starts = starts(&counts);
+        let mut all = vec![0_u8; counts.iter().sum::<c_int>() as usize];
+        first.gather_varcount_into_root(
+            &own[..],
+            &mut PartitionMut::new(&mut all[..], &counts[..], &starts[..]),
+        );
+        let part = |(count, start): (c_int, c_int)| from_bytes(&all[start as usize..][..count as usize]);
+        counts.into_iter().zip(starts).map(part).collect()
+    }
+
+    fn broadcast<T: Plain>(&self, values: &mut [T]) {
+        let mut bytes = to_bytes(values);
+        self.world().process_at_rank(0).broadcast_into(&mut bytes[..]);
+        values.iter_mut().zip(from_bytes(&bytes)).for_each(|(value, first)| *value = first);
+    }
+
+    fn all_reduce_max(&self, own: f64) -> f64 {
+        // MPI's maximum may lose a NaN.
+        let own = if own.is_nan() { f64::INFINITY } else { own };
+        let mut largest = own;
+        self.world().all_reduce_into(&own, &mut largest, SystemOperation::max());
+        largest
+    }
+
+    fn all_reduce_any(&self, holds: bool) -> bool {
+        let mut any = 0_u8;
+        self.world().all_reduce_into(&u8::from(holds), &mut any, SystemOperation::max());
+        any != 0
+    }
+}
+
+/// Returns the offsets of contiguous parts with these lengths.
+fn starts(counts: &[c_int]) -> Vec<c_int> {
+    counts
+        .iter()
+        .scan(0, |sum, &count| {
+            let start = *sum;
+            *sum += count;
+            Some(start)
+        })
+        .collect()
+}
