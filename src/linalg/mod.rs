@@ -150,23 +150,6 @@ pub trait Engine: Sized {
     /// Returns the scalar product of x and y over all ranks.
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
 
-    /// Returns the largest `value` over all ranks.
-    fn all_reduce_max(&self, value: f64) -> Result<f64> {
-        Ok(self.comm().all_reduce_max(value))
-    }
-
-    /// Returns the values of all ranks in rank order, the same on every rank, and the index of this
-    /// rank's first value.
-    fn all_gather(&self, own: &[f64]) -> Result<(Vec<f64>, usize)> {
-        Ok(self.comm().all_gather_with_offset(own))
-    }
-
-    /// Overwrites `values` on all ranks with those of the first.
-    fn broadcast(&self, values: &mut [f64]) -> Result<()> {
-        self.comm().broadcast(values);
-        Ok(())
-    }
-
     /// Returns the values at all dofs of this rank's cells, including dofs that other ranks own, in
     /// the numbering of the cells.
     fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {

@@ -5,6 +5,7 @@
 //! Newmark.
 
 use crate::archive::{Archive, VectorKind};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::modes::Mode;
@@ -108,8 +109,7 @@ impl ModalDamping {
 /// Collective.
 fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f64>> {
     let own: Vec<f64> = onto.iter().map(|y| x.iter().zip(y).map(|(x, y)| x * y).sum()).collect();
-    let (all, _) = engine.all_gather(&own)?;
-    Ok((0..own.len()).map(|k| all.iter().skip(k).step_by(own.len()).sum()).collect())
+    Ok(engine.comm().all_reduce_sum_slice(&own))
 }
 
 /// Time-dependent loads, obstacles and supports, and modal damping. All processes evaluate them at

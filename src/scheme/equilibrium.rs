@@ -1,5 +1,6 @@
 //! Static equilibrium, accurate to rounding.
 
+use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
@@ -161,7 +162,7 @@ where
         engine.multiply(self.stiffness, u, b)?;
         b.iter_mut().zip(self.load).for_each(|(b, f)| *b = f - *b);
         left.shift(bounds, |dof, bound| bound - u[dof]);
-        let length = engine.all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())))?;
+        let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
         let step = self.step.solve(engine, sum, b, left, length, &mut self.x, &mut self.reaction)?;
         self.verdict = StepReport {
             iterations: self.verdict.iterations + step.iterations,
@@ -173,7 +174,8 @@ where
 
     /// Returns the largest magnitude of a bounded deflection, in m. Collective.
     fn largest(&self, x: &[f64]) -> Result<f64> {
-        self.engine.all_reduce_max(self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs())))
+        let own = self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs()));
+        Ok(self.engine.comm().all_reduce_max(own))
     }
 
     /// Returns whether x leaves all deflections with a nonzero reaction unchanged. Collective.
@@ -181,7 +183,7 @@ where
         let stays = STAYS * self.largest(x)?;
         let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
         let moves = self.reaction.iter().zip(&self.left.dofs).any(moves);
-        Ok(self.engine.all_reduce_max(f64::from(u8::from(moves)))? == 0.0)
+        Ok(!self.engine.comm().all_reduce_any(moves))
     }
 
     /// Makes the increment conjugate to the last one if the active bounds are the same. Collective.
@@ -211,7 +213,7 @@ where
             _ => f64::INFINITY,
         };
         let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
-        let room = -engine.all_reduce_max(-room)?;
+        let room = -engine.comm().all_reduce_max(-room);
         last.force.resize(x.len(), 0.0);
         last.increment.clone_from(x);
         last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;

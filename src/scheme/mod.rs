@@ -40,6 +40,7 @@ pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 
 use crate::archive::{Archive, VectorKind};
+use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -99,7 +100,7 @@ impl<E: Engine> System<E> {
     fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
         let deflections = bounds.dofs.iter().map(|&dof| u[dof].abs());
         let largest = deflections.fold(bounds.magnitude(), |m, w| if w > m { w } else { m });
-        self.engine.all_reduce_max(largest)
+        Ok(self.engine.comm().all_reduce_max(largest))
     }
 
     /// Returns the time-dependent data at `time` (s).
@@ -149,7 +150,7 @@ impl<E: Engine> System<E> {
 
     /// Returns the sum of `own` over all processes. Collective.
     fn total(&self, own: f64) -> Result<f64> {
-        Ok(self.engine.all_gather(&[own])?.0.iter().sum())
+        Ok(self.engine.comm().all_reduce_sum(own))
     }
 }
 

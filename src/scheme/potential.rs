@@ -54,6 +54,7 @@ use super::System;
 use super::drive::InstantData;
 use super::half_step::{HalfStep, Images, State};
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
@@ -469,7 +470,7 @@ impl<E: Engine> Line<'_, '_, E> {
             }
             straight &= side(start) == side(middle) && side(start) == side(reaction);
         }
-        Ok(engine.all_reduce_max(f64::from(u8::from(!straight)))? == 0.0)
+        Ok(engine.comm().all_reduce_all(straight))
     }
 
     /// Moves the solution to gamma, from the last one on this line or from the midpoint.

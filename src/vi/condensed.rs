@@ -11,6 +11,7 @@
 use super::active_set::{self, BoundStatus, Exchange, Move};
 use super::{Solver, apply};
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
@@ -74,10 +75,10 @@ impl<E: Engine> Condensed<E> {
         }
         let others: Vec<usize> = (0..bounds.len()).filter(|&i| others[i]).collect();
         // All ranks agree on how small a gap counts as near.
-        let (mut gaps, _) = engine.all_gather(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>())?;
+        let mut gaps = engine.comm().all_gather(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>());
         gaps.sort_by(f64::total_cmp);
         let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
-        let known = engine.all_gather(&vec![0.0; candidates.len()])?.0.len();
+        let known = engine.comm().all_reduce_sum(candidates.len());
         if known + broken > DENSE_LIMIT {
             return self.pin(engine, sum);
         }
@@ -154,19 +155,18 @@ impl<E: Engine> Condensed<E> {
             return Ok(0);
         }
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
-        let own: Vec<f64> = candidates
+        let own: Vec<(f64, f64, u8)> = candidates
             .iter()
-            .flat_map(|&i| {
+            .map(|&i| {
                 let side = self.sides[i].within(bounds.lower[i], bounds.upper[i]);
-                [bounds.lower[i], bounds.upper[i], f64::from(side as u8)]
+                (bounds.lower[i], bounds.upper[i], side as u8)
             })
             .collect();
-        let (all, first) = engine.all_gather(&own)?;
-        let first = first / 3;
-        let lower: Vec<f64> = all.iter().step_by(3).copied().collect();
-        let upper: Vec<f64> = all.iter().skip(1).step_by(3).copied().collect();
+        let (all, first) = engine.comm().all_gather_with_offset(&own);
+        let lower: Vec<f64> = all.iter().map(|(lower, ..)| *lower).collect();
+        let upper: Vec<f64> = all.iter().map(|(_, upper, _)| *upper).collect();
         let mut sides: Vec<BoundStatus> =
-            all.iter().skip(2).step_by(3).map(|&code| BoundStatus::from_code(code)).collect();
+            all.iter().map(|(.., code)| BoundStatus::from_code((*code).into())).collect();
         let mut h = vec![0.0; size];
         let mut values = vec![0.0; size];
         let mut forces = vec![0.0; size];
@@ -185,7 +185,7 @@ impl<E: Engine> Condensed<E> {
             let codes = sides.iter().map(|&side| f64::from(side as u8));
             let mut answer: Vec<f64> = [&values[..], &forces].concat();
             answer.extend(codes.chain([f64::from(exchanges)]));
-            engine.broadcast(&mut answer)?;
+            engine.comm().broadcast(&mut answer);
             values.copy_from_slice(&answer[..size]);
             forces.copy_from_slice(&answer[size..2 * size]);
             sides = answer[2 * size..3 * size].iter().map(|&code| BoundStatus::from_code(code)).collect();
@@ -212,14 +212,14 @@ impl<E: Engine> Condensed<E> {
         for (i, side) in self.sides.iter_mut().enumerate() {
             *side = side.within(bounds.lower[i], bounds.upper[i]);
         }
-        let mut exchange = Exchange::new(engine.all_gather(&vec![0.0; bounds.len()])?.0.len());
+        let mut exchange = Exchange::new(engine.comm().all_reduce_sum(bounds.len()));
         let mut product = vec![0.0; b.len()];
         let mut residual = vec![0.0; b.len()];
         let mut magnitude = vec![0.0; b.len()];
         let mut at_bounds = vec![0.0; bounds.len()];
         let mut scales = vec![0.0; bounds.len()];
         loop {
-            if engine.all_reduce_max(f64::from(u8::from(*pinned != self.sides)))? > 0.0 {
+            if engine.comm().all_reduce_any(*pinned != self.sides) {
                 let held = |i: &usize| self.sides[*i] != BoundStatus::Free;
                 let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
                 self.factor.pin(&dofs)?;
@@ -256,22 +256,20 @@ impl<E: Engine> Condensed<E> {
             // Gather each rank's number of violated conditions and its fingerprint: from these
             // follow the rank that moves the last index, and the fingerprint of all active sets
             // together.
-            let print = active_set::fingerprint(&self.sides) as f64;
-            let (all, own) = engine.all_gather(&[broken.len() as f64, print])?;
-            let counts: Vec<f64> = all.iter().step_by(2).copied().collect();
-            let last = counts.iter().rposition(|&count| count > 0.0);
-            let prints = all.iter().skip(1).step_by(2);
-            let print = prints.fold(0_u64, |print, &own| print.rotate_left(7) ^ own as u64);
-            match exchange.next(counts.iter().sum::<f64>() as usize, print) {
+            let print = active_set::fingerprint(&self.sides);
+            let all = engine.comm().all_gather_one((broken.len(), print));
+            let last = all.iter().rposition(|(count, _)| *count > 0);
+            let print = all.iter().fold(0_u64, |print, (_, own)| print.rotate_left(7) ^ own);
+            match exchange.next(all.iter().map(|(count, _)| count).sum(), print) {
                 None => break,
                 Some(Move::All) => active_set::exchange(&mut self.sides, &broken),
-                Some(Move::Last) if last == Some(own / 2) => {
+                Some(Move::Last) if last == Some(engine.comm().rank()) => {
                     active_set::exchange(&mut self.sides, &broken[broken.len() - 1..]);
                 }
                 Some(Move::Last) => {}
             }
         }
-        Ok(exchange.iterations + engine.all_reduce_max(touching(&self.sides))? as u32)
+        Ok(exchange.iterations + u32::from(engine.comm().all_reduce_any(touching(&self.sides))))
     }
 }
 
@@ -291,13 +289,13 @@ impl<E: Engine> Solver<E> for Condensed<E> {
             // The candidates' own violations are below rounding; only the other bounds' can be
             // real. A NaN is left to the KKT check.
             let Method::Dense { candidates } = &self.method else { break };
-            if engine.all_reduce_max(outside(bounds, candidates, x))? <= 0.0 {
+            if !engine.comm().all_reduce_any(outside(bounds, candidates, x)) {
                 return Ok(iterations);
             }
             self.grow(engine, sum, bounds, x)?;
         }
         iterations += self.solve_pinned(engine, sum, b, bounds, x, reaction)?;
-        if engine.all_reduce_max(touching(&self.sides))? == 0.0 {
+        if !engine.comm().all_reduce_any(touching(&self.sides)) {
             // Nothing touches and nothing is pinned, so the factor is that of the matrix itself
             // again.
             self.method = Method::Dense { candidates: Vec::new() };
@@ -360,8 +358,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         x: &mut [f64],
         reaction: &mut [f64],
     ) -> Result<Option<u32>> {
-        let touched = f64::from(u8::from(reaction.iter().any(|r| *r != 0.0)));
-        if engine.all_reduce_max(touched)? == 0.0 {
+        if !engine.comm().all_reduce_any(reaction.iter().any(|r| *r != 0.0)) {
             return Ok(None);
         }
         // Answers of pinned dofs are corrected by the same method.
@@ -373,21 +370,21 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     }
 }
 
-/// Returns 1 if any bound is active, else 0.
-fn touching(sides: &[BoundStatus]) -> f64 {
-    f64::from(u8::from(sides.iter().any(|&side| side != BoundStatus::Free)))
+/// Returns whether any bound is active.
+fn touching(sides: &[BoundStatus]) -> bool {
+    sides.iter().any(|&side| side != BoundStatus::Free)
 }
 
-/// Returns 1 if x violates a bound that is not among the candidates (ascending), else 0.
-fn outside(bounds: &Bounds, candidates: &[usize], x: &[f64]) -> f64 {
+/// Returns whether x violates a bound that is not among the candidates (ascending).
+fn outside(bounds: &Bounds, candidates: &[usize], x: &[f64]) -> bool {
     let mut candidates = candidates.iter().copied();
     let mut candidate = candidates.next();
     for (i, &dof) in bounds.dofs.iter().enumerate() {
         if candidate == Some(i) {
             candidate = candidates.next();
         } else if x[dof] < bounds.lower[i] || x[dof] > bounds.upper[i] {
-            return 1.0;
+            return true;
         }
     }
-    0.0
+    false
 }

@@ -14,6 +14,7 @@
 //! the magnitude of their row; complementarity is the smaller of relative gap and relative
 //! reaction. A is applied cell by cell, without the assembled matrix on which the solvers work.
 
+use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
@@ -99,10 +100,11 @@ impl KktCheck {
         reaction: &[f64],
     ) -> Result<f64> {
         let length = match length {
-            0.0 => engine.all_reduce_max(largest(bounds.dofs.iter().map(|&dof| x[dof])))?,
+            0.0 => engine.comm().all_reduce_max(largest(bounds.dofs.iter().map(|&dof| x[dof]))),
             length => length,
         };
-        engine.all_reduce_max(self.parts(engine, sum, b, bounds, length, x, reaction)?.worst())
+        let own = self.parts(engine, sum, b, bounds, length, x, reaction)?.worst();
+        Ok(engine.comm().all_reduce_max(own))
     }
 
     /// Returns the parts of the residual on this rank, for the terms of b as in
@@ -135,7 +137,7 @@ impl KktCheck {
         let moved = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
         let loaded =
             b.iter().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
-        let size = engine.all_reduce_max(loaded.fold(moved, larger))?;
+        let size = engine.comm().all_reduce_max(loaded.fold(moved, larger));
         // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());

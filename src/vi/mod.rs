@@ -25,6 +25,7 @@ pub use active_set::{BoundStatus, dense};
 pub use condensed::Condensed;
 
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
@@ -250,7 +251,7 @@ impl<E: Engine> CheckedSolver<E> {
         apply(engine, sum, x, product, left)?;
         left.iter_mut().zip(b).for_each(|(left, b)| *left = b - *left);
         let is_answer = left.iter().all(|left| left.is_finite());
-        if engine.all_reduce_max(f64::from(u8::from(!is_answer)))? > 0.0 {
+        if !engine.comm().all_reduce_all(is_answer) {
             return Ok(0);
         }
         within.clone_from(bounds);

@@ -20,6 +20,7 @@
 use super::kkt::{KktCheck, Residual};
 use super::{BoundStatus, Condensed, Solver};
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
@@ -267,7 +268,7 @@ impl Bounded {
         x: &mut [f64],
         reaction: &mut [f64],
     ) -> Result<()> {
-        let size = engine.all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)))?;
+        let size = engine.comm().all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)));
         let mut residual = vec![0.0; x.len()];
         let mut magnitude = vec![0.0; x.len()];
         engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
@@ -287,7 +288,7 @@ impl Bounded {
         let mut judge = |x: &[f64], reaction: &[f64]| {
             let Residual { stationarity, .. } =
                 self.judge.parts(engine, sum, &[b], bounds, 1.0, x, reaction)?;
-            engine.all_reduce_max(stationarity)
+            Ok::<_, crate::Error>(engine.comm().all_reduce_max(stationarity))
         };
         if judge(x, reaction)? <= EXACT {
             return Ok(());
@@ -348,7 +349,7 @@ impl Bounded {
     fn free(&mut self, engine: &Distributed, b: &[f64], bounds: &Bounds, x: &mut [f64]) -> Result<bool> {
         x.copy_from_slice(b);
         self.factor.solve(x)?;
-        Ok(engine.all_reduce_max(bounds.violation(x))? <= 0.0)
+        Ok(engine.comm().all_reduce_max(bounds.violation(x)) <= 0.0)
     }
 }
 

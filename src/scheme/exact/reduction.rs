@@ -67,7 +67,7 @@ impl ReducedModel {
         let load = Mat::from_fn(dofs, 1, |i, _| system.load.as_ref().map_or(0.0, |load| load[i]));
         let (rest, force) = saddle.solve(load, Mat::zeros(cells, 1))?;
         let (lift, acceleration) = saddle.solve(Mat::zeros(dofs, cells), Mat::identity(cells, cells))?;
-        let unit_forces = Mat::from_fn(dofs, bounded, |i, j| f64::from(u8::from(bounds.dofs[j] == i)));
+        let unit_forces = Mat::from_fn(dofs, bounded, |i, j| f64::from(bounds.dofs[j] == i));
         let unbound = saddle.unbound(unit_forces.clone(), bounds)?;
         let (push, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
         let at = |of: &Mat<f64>| Mat::from_fn(bounded, of.ncols(), |i, j| of[(bounds.dofs[i], j)]);
