@@ -24,6 +24,7 @@
 //! # Ok::<(), rebond::Error>(())
 //! ```
 
+mod cross_checks;
 mod document;
 mod effects;
 mod given;

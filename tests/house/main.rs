@@ -116,10 +116,9 @@ fn a_planted_import_is_found() {
 /// Names of types that several modules still give to things of their own.
 const SHARED_NAMES: &[&str] = &[
     "Axis", "Basis", "Bounded", "Check", "Choice", "Contacts", "Damping", "Entry", "Family", "Figures",
-    "Grid", "Kind", "Line", "Method", "Names", "Node", "Obstacle", "Panel", "Part", "Parts", "Place",
-    "Places", "Plan", "Probe", "Product", "Recorder", "Room", "Row", "Run", "Sample", "Search", "Seconds",
-    "Sections", "Shape", "Solver", "State", "Study", "Summary", "Support", "Table", "Value", "Verdict",
-    "Watch", "Window", "Work",
+    "Grid", "Kind", "Line", "Method", "Names", "Node", "Obstacle", "Panel", "Part", "Parts", "Place", "Plan",
+    "Probe", "Product", "Recorder", "Room", "Row", "Run", "Sample", "Search", "Seconds", "Sections", "Shape",
+    "Solver", "State", "Study", "Summary", "Support", "Table", "Value", "Verdict", "Watch", "Window", "Work",
 ];
 
 /// The files that define each type.

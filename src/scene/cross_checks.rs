@@ -1,0 +1,95 @@
+//! Checks that need several tables of a scene, once all of them are read.
+
+use super::document::{Document, quote};
+use super::{EngineName, Initial, Obstacle, Scene, SchemeSpec, Side, StartFrom};
+use crate::error::Result;
+use crate::field::MOST_LOOKS;
+use crate::mesh::Point;
+
+/// Refuses what the tables of a scene contradict in each other; the first fault found wins.
+pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
+    check_start(doc, scene)?;
+    check_from(doc, scene)?;
+    check_jumps(doc, scene)?;
+    check_scheme(doc, scene)
+}
+
+/// Refuses a flat start beyond an obstacle.
+fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
+    let Initial { static_pressure, equilibrium, deflection, from, .. } = &scene.initial;
+    let moves = scene.supports.iter().any(|support| support.motion.is_some());
+    if moves || from.is_some() || *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
+        return Ok(());
+    }
+    for (index, Obstacle { side, height, .. }) in scene.obstacles.iter().enumerate() {
+        let Some(height) = height.number() else { continue };
+        let (is_beyond, side, limit) = match side {
+            Side::Below => (height > 0.0, "above", "at most"),
+            Side::Above => (height < 0.0, "below", "at least"),
+        };
+        if is_beyond {
+            let wrong = format!("{height:?} is {side} the plate, which starts flat at 0");
+            let wrong = format!("{wrong}; expected {limit} 0, or a start by initial.static_pressure");
+            return Err(doc.fault(&format!("obstacle.{index}.height"), wrong));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses keys that a start from another run excludes.
+fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
+    let Some(StartFrom { folder, motion, .. }) = &scene.initial.from else { return Ok(()) };
+    let refuse = |what: &str| Err(doc.fault("initial.from", format!("{} {what}", quote(folder))));
+    if !scene.balls.is_empty() {
+        return refuse("does not record balls; expected a scene without [[ball]]");
+    }
+    if scene.motions().next().is_some() {
+        return refuse("does not record supports that move; expected a scene whose supports stand still");
+    }
+    if motion.supports != scene.supports_in_words() {
+        return refuse("is a run with other supports; expected the same [[support]]");
+    }
+    Ok(())
+}
+
+/// Refuses jumps of obstacles and supports, as far as they can be found without a mesh.
+fn check_jumps(doc: &Document, scene: &Scene) -> Result<()> {
+    let heights = scene.obstacles.iter().map(|obstacle| &obstacle.height);
+    for given in scene.motions().chain(heights).filter(|given| given.is_even() && given.changes()) {
+        if let Some(wrong) = given.jump(Point::origin(), &scene.time, MOST_LOOKS) {
+            return Err(doc.fault(&given.key, wrong));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses combinations that the scheme does not support.
+fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
+    let name = scene.time.scheme.name();
+    let damping = scene.damping.as_ref();
+    let refuse = |key: &str, what: &str, others: &str| {
+        Err(doc.fault(key, format!("time.scheme = \"{name}\" {what}; expected {others}")))
+    };
+    if scene.time.scheme == SchemeSpec::Exact {
+        if scene.solver.engine == EngineName::Petsc {
+            let others = "\"native\", or time.scheme = \"newmark\"";
+            return refuse("solver.engine", "runs on the native engine, in one process", others);
+        }
+        if let Some(key) = scene.changes() {
+            let what = "takes only what does not change with time";
+            return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
+        }
+    }
+    if matches!(scene.time.scheme, SchemeSpec::Exact | SchemeSpec::Conserving) {
+        for (key, is_on) in [
+            ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
+            ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),
+        ] {
+            if is_on {
+                let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";
+                return refuse(key, "knows damping by mass only", others);
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,90 @@
+//! Translation of a document into a scene: one file per table, its keys in the order of the
+//! file.
+
+mod attachments;
+mod initial;
+mod loads;
+mod mesh;
+mod obstacles;
+mod output;
+mod plate;
+mod quantities;
+mod region;
+mod solver;
+mod study;
+mod supports;
+mod time;
+
+use std::path::Path;
+
+use super::document::{Document, quote};
+use super::{EngineName, Scene, cross_checks};
+use crate::error::Result;
+use region::PlaceReader;
+
+/// Names of a scene's tables.
+const TABLES: [&str; 17] = [
+    "title",
+    "plate",
+    "part",
+    "mesh",
+    "support",
+    "obstacle",
+    "load",
+    "foundation",
+    "spring",
+    "mass",
+    "ball",
+    "damping",
+    "initial",
+    "time",
+    "solver",
+    "output",
+    "study",
+];
+
+/// Reads the whole scene; `engine` is the default.
+pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
+    doc.allow("", &TABLES)?;
+    let title = title(doc, file_name)?;
+    let file = mesh::read_file(doc)?;
+    let plate = plate::read(doc, file.is_some())?;
+    let (mesh, time, solver) =
+        (mesh::read(doc, file.is_some())?, time::read(doc)?, solver::read(doc, engine)?);
+    let places = PlaceReader::new(&plate, file.as_ref());
+    let balls = attachments::read_balls(doc, &places)?;
+    let scene = Scene {
+        title,
+        parts: plate::read_parts(doc, &plate)?,
+        supports: supports::read(doc, file.is_some())?,
+        obstacles: obstacles::read(doc)?,
+        load: loads::read(doc, &places)?,
+        foundations: attachments::read_foundations(doc)?,
+        springs: attachments::read_springs(doc, &places)?,
+        masses: attachments::read_masses(doc, &places)?,
+        damping: plate::read_damping(doc)?,
+        initial: initial::read(doc)?,
+        output: output::read(doc, &places, &mesh, &balls)?,
+        balls,
+        study: study::read(doc, &mesh, &time, &solver)?,
+        plate,
+        mesh,
+        file,
+        time,
+        solver,
+    };
+    cross_checks::check(doc, &scene)?;
+    Ok(scene)
+}
+
+fn title(doc: &Document, file_name: &str) -> Result<String> {
+    let expected = "expected one line of text";
+    let Some(title) = doc.optional_text("title", expected)? else {
+        let stem = Path::new(file_name).file_stem().unwrap_or_default().to_string_lossy();
+        return Ok(stem.replace(char::is_control, " "));
+    };
+    if title.contains(char::is_control) {
+        return Err(doc.fault("title", format!("{} has a control character; {expected}", quote(title))));
+    }
+    Ok(title.to_owned())
+}

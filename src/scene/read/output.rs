@@ -1,0 +1,84 @@
+//! Table `[output]`: rows, snapshots, checkpoints and probes.
+
+use super::region::PlaceReader;
+use crate::error::Result;
+use crate::scene::document::{Document, quote};
+use crate::scene::{Ball, Grid, HISTORY_COLUMNS, Output, Probe, Snapshots};
+
+/// Limit on the parts into which snapshots divide an edge.
+const MOST_PARTS: u64 = 64;
+
+pub(super) fn read(doc: &Document, places: &PlaceReader, mesh: &Grid, balls: &[Ball]) -> Result<Output> {
+    doc.allow("output", &["every", "fields_every", "subdivide", "checkpoint_every", "probes"])?;
+    let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
+    let mut probes: Vec<Probe> = Vec::new();
+    for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
+        let probe = probe(doc, &format!("output.probes.{index}"), places, balls)?;
+        if let Some(first) = probes.iter().position(|earlier| earlier.name == probe.name) {
+            let wrong =
+                format!("{} is already output.probes.{first}; expected unique names", quote(&probe.name));
+            return Err(doc.fault(&format!("output.probes.{index}.name"), wrong));
+        }
+        probes.push(probe);
+    }
+    let checkpoint_every = doc.optional_count("output.checkpoint_every", "a number of steps", 1)?;
+    Ok(Output { every, checkpoint_every, fields: snapshots(doc, mesh)?, probes })
+}
+
+/// Reads the settings of snapshots; by default finer meshes divide their cells less.
+fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
+    let Some(every) = doc.optional_count("output.fields_every", "a number of steps", 1)? else {
+        doc.forbid("output.subdivide", "has no use without output.fields_every")?;
+        return Ok(None);
+    };
+    let rectangles = (mesh.cells[0] * mesh.cells[1]) << (2 * mesh.refine);
+    let parts = match rectangles {
+        0..=2_000 => 4,
+        2_001..=20_000 => 2,
+        _ => 1,
+    };
+    let subdivide =
+        doc.optional_count("output.subdivide", "a number of parts of each edge", 1)?.unwrap_or(parts);
+    if subdivide > MOST_PARTS {
+        let wrong = format!("{subdivide} parts are too many; expected at most {MOST_PARTS}");
+        return Err(doc.fault("output.subdivide", wrong));
+    }
+    Ok(Some(Snapshots { every, subdivide: subdivide as usize }))
+}
+
+fn probe(doc: &Document, table: &str, places: &PlaceReader, balls: &[Ball]) -> Result<Probe> {
+    doc.allow(table, &["name", "at", "point", "ball"])?;
+    let name = probe_name(doc, &format!("{table}.name"))?;
+    let key = format!("{table}.ball");
+    let Some(number) = doc.optional_count(&key, "the number of a ball, from 0,", 0)? else {
+        let (at, point) = places.read(doc, table)?;
+        return Ok(Probe { name, at, point, ball: None });
+    };
+    for place in ["at", "point"] {
+        doc.forbid(
+            &format!("{table}.{place}"),
+            format!("contradicts {key}: a ball is where its own table says"),
+        )?;
+    }
+    let number = usize::try_from(number).unwrap_or(usize::MAX);
+    let ball = balls.get(number).ok_or_else(|| {
+        doc.fault(&key, format!("{number} is no ball; the scene has {} of them, counted from 0", balls.len()))
+    })?;
+    Ok(Probe { name, at: ball.at, point: None, ball: Some(number) })
+}
+
+/// Reads a name that is valid as a column of the history.
+fn probe_name(doc: &Document, key: &str) -> Result<String> {
+    let expected = "expected a name without commas, quotes and control characters";
+    let name = doc.optional_text(key, expected)?.ok_or_else(|| doc.missing(key, expected))?;
+    if HISTORY_COLUMNS.contains(&name) {
+        return Err(
+            doc.fault(key, format!("{} is a column of history.csv; expected another name", quote(name)))
+        );
+    }
+    let is_bad = |c: char| matches!(c, ',' | '"' | '\'') || c.is_control();
+    if name.trim().is_empty() || name.contains(is_bad) {
+        return Err(doc.fault(key, format!("{} cannot head a column; {expected}", quote(name))));
+    }
+    Ok(name.to_owned())
+}

@@ -1,0 +1,84 @@
+//! Table `[study]`: the runs that a study compares.
+
+use super::mesh;
+use super::quantities::{INSTANT, RESTITUTION, STEP};
+use crate::error::Result;
+use crate::scene::document::Document;
+use crate::scene::study::finer;
+use crate::scene::{Grid, Solver, Study, Time};
+
+pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) -> Result<Option<Study>> {
+    let keys = ["schemes", "masses", "restitutions", "steps", "elements", "cells", "refinements", "engines"];
+    let others = ["vi", "reference_cells", "reference_refine", "at", "until", "repeat"];
+    doc.allow("study", &[&keys[..], &others].concat())?;
+    if doc.get("study").is_none() {
+        return Ok(None);
+    }
+    let is_of_file = grid.is_of_file();
+    if is_of_file {
+        for key in ["study.elements", "study.cells", "study.reference_cells"] {
+            doc.forbid(key, "contradicts mesh.file, whose cells are given; expected study.refinements")?;
+        }
+    } else {
+        doc.forbid("study.reference_refine", "is for a mesh from a file; expected study.reference_cells")?;
+    }
+    let usual = Study::of(grid, time, solver);
+    let cells = doc.list("study.cells", |key| mesh::cells(doc, key))?.unwrap_or(usual.cells);
+    let count = |key: &str| doc.count(key, "a number of uniform refinements", 0);
+    let refinements = doc.list("study.refinements", count)?;
+    let refinements =
+        refinements.unwrap_or_else(|| usual.refinements.iter().copied().map(u64::from).collect());
+    let most = refinements.iter().copied().max().unwrap_or(0);
+    let reference_refine =
+        doc.optional_count("study.reference_refine", "a number of uniform refinements", 0)?;
+    let reference_refine = reference_refine.unwrap_or(if is_of_file { most.saturating_add(1) } else { 0 });
+    let sized = |cells: &[usize; 2]| if is_of_file { [1, 1] } else { *cells };
+    for (key, times) in [("study.refinements", most), ("study.reference_refine", reference_refine)] {
+        if let Some(cells) = cells.iter().map(sized).find(|cells| mesh::refinements(*cells, times).is_none())
+        {
+            return Err(mesh::too_many(doc, key, cells, times));
+        }
+    }
+    let refinements: Vec<u32> = refinements.into_iter().map(|refine| refine as u32).collect();
+    let reference_cells = match doc.get("study.reference_cells") {
+        Some(_) => mesh::cells(doc, "study.reference_cells")?,
+        None => finer(&cells, &refinements),
+    };
+    let study = Study {
+        schemes: doc.list("study.schemes", |key| doc.choice(key))?.unwrap_or(usual.schemes),
+        masses: doc.list("study.masses", |key| doc.choice(key))?.unwrap_or(usual.masses),
+        restitutions: doc
+            .list("study.restitutions", |key| doc.number(key, &RESTITUTION))?
+            .unwrap_or(usual.restitutions),
+        steps: doc.list("study.steps", |key| doc.number(key, &STEP))?.unwrap_or(usual.steps),
+        elements: doc.list("study.elements", |key| doc.choice(key))?.unwrap_or(usual.elements),
+        cells,
+        refinements,
+        engines: doc.list("study.engines", |key| doc.choice(key))?.unwrap_or(usual.engines),
+        vi: doc.list("study.vi", |key| doc.choice(key))?.unwrap_or(usual.vi),
+        reference_cells,
+        reference_refine: reference_refine as u32,
+        at: doc.list("study.at", |key| instant(doc, key, time))?.unwrap_or(usual.at),
+        until: doc.optional_choice("study.until")?.unwrap_or(usual.until),
+        repeat: doc
+            .optional_count("study.repeat", "a number of repetitions", 1)?
+            .map_or(usual.repeat, |n| u32::try_from(n).unwrap_or(u32::MAX)),
+    };
+    if study.interval(time.end).is_none() {
+        let wrong = "no instants are common to these steps, or fewer than 20 of them";
+        let expected = "expected steps with a short common multiple, such as 1e-3, 5e-4, 2e-4, 1e-4";
+        return Err(
+            doc.fault("study.steps", format!("{wrong} up to time.end = {:?} s; {expected}", time.end))
+        );
+    }
+    Ok(Some(study))
+}
+
+/// Reads an instant of the run.
+fn instant(doc: &Document, key: &str, time: &Time) -> Result<f64> {
+    let at = doc.number(key, &INSTANT)?;
+    if at > time.end {
+        return Err(doc.fault(key, format!("{at:?} is after time.end = {:?} s", time.end)));
+    }
+    Ok(at)
+}

@@ -1,0 +1,71 @@
+//! Tables `[[support]]`: edges and points that are held, at rest or in motion.
+
+use super::quantities::DEFLECTION;
+use super::region::{name, point};
+use crate::error::Result;
+use crate::field::Names;
+use crate::scene::document::Document;
+use crate::scene::typed::Choice;
+use crate::scene::{FieldInput, Support, SupportKind, SupportLocation};
+
+/// Names of the edges of a rectangle.
+const EDGES: [&str; 4] = ["left", "right", "bottom", "top"];
+
+pub(super) fn read(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
+    let mut supports: Vec<Support> = Vec::new();
+    for index in 0..doc.entries("support", "expected tables [[support]] with edge and kind")? {
+        let table = format!("support.{index}");
+        doc.allow(&table, &["edge", "where", "at", "point", "kind", "motion"])?;
+        let kind: SupportKind = doc.choice(&format!("{table}.kind"))?;
+        let key = format!("{table}.motion");
+        if !kind.holds_deflection() {
+            doc.forbid(
+                &key,
+                format!("contradicts kind = \"{}\", which leaves the plate free to move", kind.word()),
+            )?;
+        }
+        let support = Support { stand: location(doc, &table, has_file)?, kind, motion: motion(doc, &key)? };
+        let whole = |support: &Support| matches!(support.stand, SupportLocation::Edge { part: None, .. });
+        if let Some(first) =
+            supports.iter().position(|earlier| earlier.stand == support.stand && whole(&support))
+        {
+            let wrong = format!("support.{first} already holds this edge; expected each edge once");
+            return Err(doc.fault(&format!("{table}.edge"), wrong));
+        }
+        supports.push(support);
+    }
+    Ok(supports)
+}
+
+fn location(doc: &Document, table: &str, has_file: bool) -> Result<SupportLocation> {
+    let key = |name: &str| format!("{table}.{name}");
+    let named: Vec<&str> =
+        ["edge", "at", "point"].into_iter().filter(|name| doc.get(&key(name)).is_some()).collect();
+    if let [first, second, ..] = named[..] {
+        let wrong = format!("contradicts {table}.{second}; expected only one of edge, at, point");
+        return Err(doc.fault(&key(first), wrong));
+    }
+    let part = match doc.get(&key("where")) {
+        Some(_) if named.first() != Some(&"edge") => {
+            return Err(doc.fault(&key("where"), "has no use without edge, of which it takes a part"));
+        }
+        Some(_) => Some(doc.condition(&key("where"))?),
+        None => None,
+    };
+    match named.first() {
+        Some(&"at") => Ok(SupportLocation::At(point(doc, &key("at"))?)),
+        Some(&"point") => {
+            Ok(SupportLocation::Point(name(doc, &key("point"), "expected the name of a physical point")?))
+        }
+        _ if has_file => {
+            let edge = name(doc, &key("edge"), "expected the name of a physical curve")?;
+            Ok(SupportLocation::Edge { edge, part })
+        }
+        _ => Ok(SupportLocation::Edge { edge: doc.one_of(&key("edge"), &EDGES)?.to_owned(), part }),
+    }
+}
+
+/// Reads the motion of a support; the cross-checks refuse jumps.
+fn motion(doc: &Document, key: &str) -> Result<Option<FieldInput>> {
+    Ok(doc.given(key, &DEFLECTION, Names::T)?.filter(|motion| !motion.is_zero()))
+}

@@ -1,0 +1,114 @@
+//! Table `[time]`: scheme, mass matrix, step and end.
+
+use super::quantities::{BETA, END, RESTITUTION, STEP, STIFFNESS_DAMPING};
+use crate::error::Result;
+use crate::scene::document::{Document, spell};
+use crate::scene::typed::Choice;
+use crate::scene::{Mass, Massless, SchemeName, SchemeSpec, Time};
+
+/// Limit on the number of steps: all smaller integers are exact floating-point numbers.
+const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
+
+/// Relative distance of the end from a whole number of steps that rounding of decimals explains.
+const WHOLE: f64 = 1e-9;
+
+pub(super) fn read(doc: &Document) -> Result<Time> {
+    doc.allow("time", &["scheme", "mass", "beta", "restitution", "massless", "step", "end"])?;
+    let time = Time {
+        scheme: scheme(doc)?,
+        mass: doc.choice("time.mass")?,
+        step: doc.number("time.step", &STEP)?,
+        end: doc.number("time.end", &END)?,
+    };
+    let Time { step, end, .. } = time;
+    if end < step {
+        let wrong = format!("{end:?} is before the first step; expected at least time.step = {step:?} s");
+        return Err(doc.fault("time.end", wrong));
+    }
+    if end / step >= TOO_MANY_STEPS {
+        let wrong = format!("{step:?} makes {:.1e} steps to {end:?} s; expected less than 2^53", end / step);
+        return Err(doc.fault("time.step", wrong));
+    }
+    whole_steps(doc, &time)?;
+    Ok(time)
+}
+
+/// Refuses an end between two steps, and suggests values that fit.
+fn whole_steps(doc: &Document, time: &Time) -> Result<()> {
+    let Time { step, end, .. } = *time;
+    let steps = end / step;
+    if (steps - steps.round()).abs() <= WHOLE * steps {
+        return Ok(());
+    }
+    // Twelve digits pass the check and stay short for round numbers.
+    let tidy = |value: f64| spell(format!("{value:.11e}").parse().unwrap_or(value));
+    let counts = [steps.floor(), steps.floor() + 1.0];
+    let [long, short] = counts.map(|count| tidy(end / count));
+    let [before, after] = counts.map(|count| tidy(count * step));
+    let is_of_step = doc.is_overridden("time.step") && !doc.is_overridden("time.end");
+    let key = if is_of_step { "time.step" } else { "time.end" };
+    let wrong = format!("{end:?} s is no whole number of steps of {step:?} s, but {steps:.6} of them");
+    let expected = format!("expected time.step = {long} or {short}, or time.end = {before} or {after}");
+    Err(doc.fault(key, format!("{wrong}; {expected}")))
+}
+
+fn scheme(doc: &Document) -> Result<SchemeSpec> {
+    let name: SchemeName = doc.choice("time.scheme")?;
+    for (key, of) in [
+        ("time.beta", SchemeName::Newmark),
+        ("time.restitution", SchemeName::Newmark),
+        ("time.massless", SchemeName::Midpoint),
+    ] {
+        if name != of {
+            let wrong = format!(
+                "contradicts time.scheme = \"{}\"; expected only with \"{}\"",
+                name.word(),
+                of.word()
+            );
+            doc.forbid_with("time.scheme", key, wrong)?;
+        }
+    }
+    match name {
+        SchemeName::Newmark => Ok(SchemeSpec::Newmark {
+            beta: doc.optional_number("time.beta", &BETA)?.unwrap_or(0.5),
+            restitution: doc.optional_number("time.restitution", &RESTITUTION)?.unwrap_or(0.0),
+        }),
+        SchemeName::Midpoint => Ok(SchemeSpec::Midpoint { massless: massless(doc)? }),
+        SchemeName::Conserving => only_singular(
+            doc,
+            SchemeSpec::Conserving,
+            "with this mass velocities jump at impacts, and nothing says what energy is left",
+        ),
+        SchemeName::Exact => {
+            only_singular(doc, SchemeSpec::Exact, "with this mass an impact has no law of its own to follow")
+        }
+    }
+}
+
+/// Returns a scheme after the check that the mass is singular, which it needs for the reason `why`.
+fn only_singular(doc: &Document, scheme: SchemeSpec, why: &str) -> Result<SchemeSpec> {
+    if doc.choice::<Mass>("time.mass")? == Mass::Consistent {
+        let name = doc.choice::<SchemeName>("time.scheme")?.word();
+        let wrong = format!("\"consistent\" contradicts time.scheme = \"{name}\": {why}");
+        let expected = "expected \"singular\", or time.scheme = \"newmark\"";
+        return Err(doc.fault("time.mass", format!("{wrong}; {expected}")));
+    }
+    Ok(scheme)
+}
+
+/// Reads the treatment of the massless part, whose default depends on mass and damping.
+fn massless(doc: &Document) -> Result<Massless> {
+    let mass: Mass = doc.choice("time.mass")?;
+    let damped = doc.optional_number("damping.stiffness", &STIFFNESS_DAMPING)?.is_some_and(|beta| beta > 0.0);
+    let own = if damped { Massless::Reflected } else { mass.massless() };
+    let massless = doc.optional_choice("time.massless")?.unwrap_or(own);
+    if (own, massless) == (Massless::Reflected, Massless::Equilibrium) {
+        let why = match mass {
+            Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
+            Mass::Singular => "damping.stiffness, under which the massless part is in no equilibrium",
+        };
+        let wrong = format!("\"equilibrium\" contradicts {why}; expected \"reflected\"");
+        return Err(doc.fault("time.massless", wrong));
+    }
+    Ok(massless)
+}
