@@ -18,6 +18,7 @@ use rebond::scene::Scene;
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::Model;
 use rebond::vi::kkt::KktCheck;
+use rebond::vi::{Answer, Problem};
 use std::time::{Duration, Instant};
 
 const MESHES: [&str; 6] = ["fvs 10x4", "hct 10x4", "fvs 80x32", "hct 80x32", "fvs 160x64", "hct 160x64"];
@@ -103,12 +104,13 @@ fn d_stiffness(bencher: Bencher, mesh: &str) {
 fn e_judge(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
     let sum = Newmark::sum(&model.system, PARAMETERS);
-    let x = &model.start.displacement;
-    let mut judge = KktCheck::new(&model.system.engine, &sum).unwrap();
-    let reaction = vec![0.0; model.system.bounds.len()];
-    bencher.bench_local(|| {
-        judge.residual(&model.system.engine, &sum, &[x], &model.system.bounds, 1.0, x, &reaction).unwrap()
-    });
+    let (engine, bounds) = (&model.system.engine, &model.system.bounds);
+    let mut judge = KktCheck::new(engine, &sum).unwrap();
+    let mut x = model.start.displacement.clone();
+    let mut reaction = vec![0.0; bounds.len()];
+    let problem = Problem { matrix: &sum, rhs: &model.start.displacement, bounds, length: 1.0 };
+    let answer = Answer { x: &mut x, reaction: &mut reaction };
+    bencher.bench_local(|| judge.residual(engine, &problem, &[], &answer).unwrap());
 }
 
 #[divan::bench(args = MESHES)]

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
-use crate::vi::{CheckedSolver, Condensed, StepReport};
+use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
 
 /// Number of corrections after the first solve. The first removes the effect of rounding the
 /// entries of the factored K (about 1e-16 h^-4); the second is needed on the finest meshes.
@@ -82,8 +82,9 @@ where
         search.conjugate(&mut last)?;
         let reach = search.reach(&mut last)?;
         search.add(reach);
-        let Search { u, reaction, .. } = &search;
-        let kkt = judge.residual(engine, &alone, &[load], bounds, length, u, reaction)?;
+        let problem = Problem { matrix: &alone, rhs: load, bounds, length };
+        let answer = Answer { x: &mut search.u, reaction: &mut search.reaction };
+        let kkt = judge.residual(engine, &problem, &[], &answer)?;
         search.verdict.kkt = kkt;
         (best, idle) = if kkt < 0.5 * best { (kkt, 0) } else { (best, idle + 1) };
         // An answer accurate to rounding cannot improve.
@@ -158,12 +159,13 @@ where
 
     /// Solves for the next increment. Returns the length scale of the deflection, in m. Collective.
     fn increment(&mut self) -> Result<f64> {
-        let Search { engine, sum, u, b, left, bounds, .. } = self;
+        let Search { engine, sum, u, x, b, left, bounds, reaction, .. } = self;
         engine.multiply(self.stiffness, u, b)?;
         b.iter_mut().zip(self.load).for_each(|(b, f)| *b = f - *b);
         left.shift(bounds, |dof, bound| bound - u[dof]);
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
-        let step = self.step.solve(engine, sum, b, left, length, &mut self.x, &mut self.reaction)?;
+        let problem = Problem { matrix: sum, rhs: b, bounds: left, length };
+        let step = self.step.solve(engine, &problem, &mut Answer { x, reaction })?;
         self.verdict = StepReport {
             iterations: self.verdict.iterations + step.iterations,
             kkt: step.kkt,

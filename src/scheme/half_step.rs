@@ -5,9 +5,9 @@ use super::drive::InstantData;
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
-use crate::linalg::{Engine, LinearCombination};
+use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::{CheckedSolver, Solver, StepReport};
+use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport};
 use std::rc::Rc;
 
 /// State (U, V) with its forces, reactions and energies.
@@ -210,9 +210,9 @@ impl<'s, E: Engine> HalfStep<'s, E> {
         let limits = self.mean.bounds(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| bound - from.u[dof]);
         let length = self.system.length(limits, &from.u)?;
-        let sum: &LinearCombination<E> = &self.sum;
-        let verdict =
-            self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
+        let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
+        let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
+        let verdict = self.solver.solve(engine, &problem, &mut answer)?;
         engine.project(mass, &self.x, &mut self.rate)?;
         for (dv, (rate, v)) in self.dv.iter_mut().zip(self.rate.iter().zip(&self.v)) {
             *dv = 4.0 / dt * rate - 2.0 * v;

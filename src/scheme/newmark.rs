@@ -88,9 +88,9 @@ use super::{Approach, Scheme, Start, System};
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
-use crate::linalg::{Engine, LinearCombination};
+use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::{CheckedSolver, Condensed, Solver, StepReport};
+use crate::vi::{Answer, CheckedSolver, Condensed, Problem, Solver, StepReport};
 
 /// Parameters of [`Newmark`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -333,9 +333,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let limits = limits.unwrap_or(&self.system.bounds);
         self.bounds.shift(limits, |dof, bound| ((bound - self.u[dof]) - drift(dof)) * stretch);
         let length = self.system.length(limits, &self.u)?;
-        let sum: &LinearCombination<E> = &self.sum;
-        self.verdict =
-            self.solver.solve(engine, sum, &self.b, &self.bounds, length, &mut self.x, &mut self.reaction)?;
+        let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
+        let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
+        self.verdict = self.solver.solve(engine, &problem, &mut answer)?;
         let share = 1.0 / stretch;
         for (z, &dof) in self.admissible.iter_mut().zip(&limits.dofs) {
             *z = self.u[dof] + (share * self.x[dof] + drift(dof));

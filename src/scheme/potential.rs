@@ -59,7 +59,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
-use crate::vi::{BoundStatus, Condensed, Solver, StepReport};
+use crate::vi::{Answer, BoundStatus, Condensed, Problem, Solver, StepReport};
 use std::rc::Rc;
 
 /// Penalty s relative to the square of the highest angular frequency: target and accepted range.
@@ -143,7 +143,8 @@ impl<'s, E: Engine> Potential<'s, E> {
             for _ in 0..*ROUNDS.end() {
                 engine.project_transpose(mass, &image, b)?;
                 b.iter_mut().zip(momentum).for_each(|(b, m)| *b = *penalty * (m - *b));
-                solver.solve(engine, sum, b, &Bounds::default(), x, &mut [])?;
+                let problem = Problem { matrix: sum, rhs: b, bounds: &Bounds::default(), length: 0.0 };
+                solver.solve(engine, &problem, &mut Answer { x, reaction: &mut [] })?;
                 engine.project(mass, x, moved)?;
                 image.iter_mut().zip(&*moved).for_each(|(image, moved)| *image += moved);
                 let [more, all] = [&*moved, &image].map(|v| engine.mass_norm_squared(mass, v));
@@ -182,7 +183,8 @@ impl<'s, E: Engine> Potential<'s, E> {
             // on a uniform grid held all around. T (1 - T) excludes the latter.
             let mut apply = |v: &[f64], image: &mut [f64]| -> Result<()> {
                 engine.project_transpose(mass, v, &mut b)?;
-                solver.solve(engine, &sum, &b, &Bounds::default(), &mut x, &mut [])?;
+                let problem = Problem { matrix: &sum, rhs: &b, bounds: &Bounds::default(), length: 0.0 };
+                solver.solve(engine, &problem, &mut Answer { x: &mut x, reaction: &mut [] })?;
                 engine.project(mass, &x, image)?;
                 image.iter_mut().for_each(|v| *v *= penalty);
                 Ok(())
@@ -335,9 +337,9 @@ impl<'s, E: Engine> Potential<'s, E> {
             self.b.iter_mut().zip(&self.x).for_each(|(b, pull)| *b += pull);
             moment.push(&mut self.b);
             self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
-            let (sum, b, within) = (&self.sum, &self.b, &self.bounds);
-            let iterations = self.solver.solve(engine, sum, b, within, &mut self.x, &mut self.reaction)?;
-            verdict.iterations += iterations;
+            let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
+            let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
+            verdict.iterations += self.solver.solve(engine, &problem, &mut answer)?;
             self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += x);
             engine.project(mass, &self.x, &mut self.moved)?;
             for (multiplier, (lack, moved)) in
@@ -356,8 +358,9 @@ impl<'s, E: Engine> Potential<'s, E> {
             engine.project_transpose(mass, &self.multiplier, &mut self.b)?;
             let [load, varying] =
                 [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
-            let (sum, terms) = (&self.sum[..1], [&self.b, load, varying]);
-            let kkt = self.judge.residual(engine, sum, &terms, bounds, length, &self.u, &self.reaction)?;
+            let problem = Problem { matrix: &self.sum[..1], rhs: &self.b, bounds, length };
+            let answer = Answer { x: &mut self.u, reaction: &mut self.reaction };
+            let kkt = self.judge.residual(engine, &problem, &[load, varying], &answer)?;
             let last = std::mem::replace(&mut verdict.kkt, kkt);
             // Where cell sizes differ much, p converges before U is in equilibrium.
             if kkt <= self.solver.tolerance() || kkt.is_nan() || kkt > 0.5 * last {

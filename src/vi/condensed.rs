@@ -9,7 +9,7 @@
 //! methods.
 
 use super::active_set::{self, BoundStatus, Exchange, Move};
-use super::{Solver, apply};
+use super::{Answer, Problem, Solver, apply};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -138,15 +138,10 @@ impl<E: Engine> Condensed<E> {
         Ok(done)
     }
 
-    fn solve_dense(
-        &mut self,
-        engine: &E,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
-    ) -> Result<u32> {
+    fn solve_dense(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32> {
         let Method::Dense { candidates } = &self.method else { return Ok(0) };
+        let Problem { rhs: b, bounds, .. } = *problem;
+        let Answer { x, reaction } = answer;
         reaction.fill(0.0);
         let size = self.factor.schur().nrows();
         if size == 0 {
@@ -199,16 +194,10 @@ impl<E: Engine> Condensed<E> {
         Ok(iterations)
     }
 
-    fn solve_pinned(
-        &mut self,
-        engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
-    ) -> Result<u32> {
+    fn solve_pinned(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32> {
         let Method::Pinned { pinned } = &mut self.method else { return Ok(0) };
+        let Problem { matrix, rhs: b, bounds, .. } = *problem;
+        let Answer { x, reaction } = answer;
         for (i, side) in self.sides.iter_mut().enumerate() {
             *side = side.within(bounds.lower[i], bounds.upper[i]);
         }
@@ -235,7 +224,7 @@ impl<E: Engine> Condensed<E> {
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 x[dof] = fixed(i).unwrap_or(0.0);
             }
-            apply(engine, sum, x, &mut product, &mut residual)?;
+            apply(engine, matrix, x, &mut product, &mut residual)?;
             for ((x, r), b) in x.iter_mut().zip(&residual).zip(b) {
                 *x = b - r;
             }
@@ -245,7 +234,7 @@ impl<E: Engine> Condensed<E> {
                 }
             }
             self.factor.solve(x)?;
-            engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
+            engine.multiply_with_magnitude(matrix, x, &mut residual, &mut magnitude)?;
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
                 reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { residual[dof] - b[dof] };
@@ -274,27 +263,19 @@ impl<E: Engine> Condensed<E> {
 }
 
 impl<E: Engine> Solver<E> for Condensed<E> {
-    fn solve(
-        &mut self,
-        engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
-    ) -> Result<u32> {
+    fn solve(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32> {
         let mut iterations = 0;
         while matches!(self.method, Method::Dense { .. }) {
-            iterations += self.solve_dense(engine, b, bounds, x, reaction)?;
+            iterations += self.solve_dense(engine, problem, answer)?;
             // The candidates' own violations are below rounding; only the other bounds' can be
             // real. A NaN is left to the KKT check.
             let Method::Dense { candidates } = &self.method else { break };
-            if !engine.comm().all_reduce_any(outside(bounds, candidates, x)) {
+            if !engine.comm().all_reduce_any(outside(problem.bounds, candidates, answer.x)) {
                 return Ok(iterations);
             }
-            self.grow(engine, sum, bounds, x)?;
+            self.grow(engine, problem.matrix, problem.bounds, answer.x)?;
         }
-        iterations += self.solve_pinned(engine, sum, b, bounds, x, reaction)?;
+        iterations += self.solve_pinned(engine, problem, answer)?;
         if !engine.comm().all_reduce_any(touching(&self.sides)) {
             // Nothing touches and nothing is pinned, so the factor is that of the matrix itself
             // again.
@@ -352,21 +333,18 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         &mut self,
         attempt: u32,
         engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<E>,
+        answer: &mut Answer,
     ) -> Result<Option<u32>> {
-        if !engine.comm().all_reduce_any(reaction.iter().any(|r| *r != 0.0)) {
+        if !engine.comm().all_reduce_any(answer.reaction.iter().any(|r| *r != 0.0)) {
             return Ok(None);
         }
         // Answers of pinned dofs are corrected by the same method.
         let corrects = attempt == 0 && self.corrections > 0;
-        if !(self.distrust(engine, sum)? || corrects) {
+        if !(self.distrust(engine, problem.matrix)? || corrects) {
             return Ok(None);
         }
-        self.solve(engine, sum, b, bounds, x, reaction).map(Some)
+        self.solve(engine, problem, answer).map(Some)
     }
 }
 

@@ -17,7 +17,7 @@
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
-use crate::obstacle::Bounds;
+use crate::vi::{Answer, Problem};
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
@@ -80,34 +80,35 @@ impl KktCheck {
         Ok(KktCheck { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 
-    /// Returns the largest part of the residual of (x, reaction) over all ranks; see the [module
+    /// Returns the largest part of the residual of an answer over all ranks; see the [module
     /// page](self). Collective.
     ///
-    /// The slices of `b` are the terms whose sum is the right-hand side: each counts with its own
-    /// magnitude. Where `length`, in m, is 0, as at rest on obstacles at 0, the largest bounded
-    /// entry of x takes its place.
+    /// The slices of `more` are further terms of the right-hand side, added in turn to the one of
+    /// the problem: each counts with its own magnitude, and an empty one is zero. Where the length
+    /// of the problem is 0, as at rest on obstacles at 0, the largest bounded entry of x takes its
+    /// place.
     ///
     /// # Errors
     /// Returns the errors of the engine.
     pub fn residual<E: Engine>(
         &mut self,
         engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[&[f64]],
-        bounds: &Bounds,
-        length: f64,
-        x: &[f64],
-        reaction: &[f64],
+        problem: &Problem<E>,
+        more: &[&[f64]],
+        answer: &Answer,
     ) -> Result<f64> {
-        let length = match length {
-            0.0 => engine.comm().all_reduce_max(largest(bounds.dofs.iter().map(|&dof| x[dof]))),
+        let length = match problem.length {
+            0.0 => {
+                let bounded = problem.bounds.dofs.iter().map(|&dof| answer.x[dof]);
+                engine.comm().all_reduce_max(largest(bounded))
+            }
             length => length,
         };
-        let own = self.parts(engine, sum, b, bounds, length, x, reaction)?.worst();
+        let own = self.parts(engine, &Problem { length, ..*problem }, more, answer)?.worst();
         Ok(engine.comm().all_reduce_max(own))
     }
 
-    /// Returns the parts of the residual on this rank, for the terms of b as in
+    /// Returns the parts of the residual on this rank, with the arguments of
     /// [`KktCheck::residual`]. Collective.
     ///
     /// # Errors
@@ -115,17 +116,17 @@ impl KktCheck {
     pub fn parts<E: Engine>(
         &mut self,
         engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[&[f64]],
-        bounds: &Bounds,
-        length: f64,
-        x: &[f64],
-        reaction: &[f64],
+        problem: &Problem<E>,
+        more: &[&[f64]],
+        answer: &Answer,
     ) -> Result<Residual> {
         let KktCheck { scale, residual, magnitude } = self;
-        engine.multiply_with_magnitude(sum, x, residual, magnitude)?;
-        for term in b {
-            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(*term) {
+        let Problem { bounds, length, .. } = *problem;
+        let (x, reaction) = (&*answer.x, &*answer.reaction);
+        engine.multiply_with_magnitude(problem.matrix, x, residual, magnitude)?;
+        let terms = || std::iter::once(problem.rhs).chain(more.iter().copied());
+        for term in terms() {
+            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(term) {
                 *r -= b;
                 *m += b.abs();
             }
@@ -135,8 +136,7 @@ impl KktCheck {
             magnitude[dof] += r.abs();
         }
         let moved = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
-        let loaded =
-            b.iter().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
+        let loaded = terms().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
         let size = engine.comm().all_reduce_max(loaded.fold(moved, larger));
         // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);

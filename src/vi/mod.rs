@@ -31,6 +31,26 @@ use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
 
+/// Bound-constrained problem of a step; see the [module page](self).
+pub struct Problem<'a, E: Engine> {
+    /// Matrix A as a weighted sum of forms.
+    pub matrix: &'a LinearCombination<'a, E>,
+    /// Right-hand side b, in N, one entry per dof.
+    pub rhs: &'a [f64],
+    /// Bounds l, u on G x, in m.
+    pub bounds: &'a Bounds,
+    /// Length scale of the deflections, against which gaps are measured, in m.
+    pub length: f64,
+}
+
+/// Answer to a [`Problem`].
+pub struct Answer<'a> {
+    /// Unknown x, in m for deflections, one entry per dof.
+    pub x: &'a mut [f64],
+    /// Reactions r, in N, one entry per bound.
+    pub reaction: &'a mut [f64],
+}
+
 /// Solver of the bound-constrained problem, warm-started from its last answer.
 pub trait Solver<E: Engine> {
     /// Solves for x and the reactions, one per bound. Returns the number of active-set or Newton
@@ -39,15 +59,7 @@ pub trait Solver<E: Engine> {
     /// # Errors
     /// Returns [`Error::Singular`] where a matrix cannot be factored. An answer that did not
     /// converge is not an error here, because [`CheckedSolver::solve`] measures it.
-    fn solve(
-        &mut self,
-        engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
-    ) -> Result<u32>;
+    fn solve(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32>;
 
     /// Returns the number of numeric factorisations so far.
     fn factorisations(&self) -> u64;
@@ -86,13 +98,10 @@ pub trait Solver<E: Engine> {
         &mut self,
         attempt: u32,
         engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<E>,
+        answer: &mut Answer,
     ) -> Result<Option<u32>> {
-        let _ = (attempt, engine, sum, b, bounds, x, reaction);
+        let _ = (attempt, engine, problem, answer);
         Ok(None)
     }
 }
@@ -196,37 +205,27 @@ impl<E: Engine> CheckedSolver<E> {
     }
 
     /// Solves a step and measures the answer; safer methods follow until the solver's tolerance is
-    /// met or none is left. `length` is the scale of the deflection against which gaps are
-    /// measured, in m.
+    /// met or none is left.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where a matrix cannot be factored.
-    pub fn solve(
-        &mut self,
-        engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        length: f64,
-        x: &mut [f64],
-        reaction: &mut [f64],
-    ) -> Result<StepReport> {
-        let mut iterations = self.solver.solve(engine, sum, b, bounds, x, reaction)?;
+    pub fn solve(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<StepReport> {
+        let mut iterations = self.solver.solve(engine, problem, answer)?;
         for _ in 0..self.solver.corrections() {
-            iterations += self.correct(None, engine, sum, b, bounds, x, reaction)?;
+            iterations += self.correct(None, engine, problem, answer)?;
         }
-        let kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
+        let kkt = self.judge.residual(engine, problem, &[], answer)?;
         let mut verdict = StepReport { iterations, kkt, retries: 0 };
         while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
             let attempt = verdict.retries;
-            let retried = self.solver.retry(attempt, engine, sum, b, bounds, x, reaction)?;
+            let retried = self.solver.retry(attempt, engine, problem, answer)?;
             let Some(iterations) = retried else { break };
             verdict.retries += 1;
             verdict.iterations += iterations;
             for _ in 0..self.solver.corrections() {
-                verdict.iterations += self.correct(Some(attempt), engine, sum, b, bounds, x, reaction)?;
+                verdict.iterations += self.correct(Some(attempt), engine, problem, answer)?;
             }
-            verdict.kkt = self.judge.residual(engine, sum, &[b], bounds, length, x, reaction)?;
+            verdict.kkt = self.judge.residual(engine, problem, &[], answer)?;
         }
         Ok(verdict)
     }
@@ -240,25 +239,25 @@ impl<E: Engine> CheckedSolver<E> {
         &mut self,
         attempt: Option<u32>,
         engine: &E,
-        sum: &LinearCombination<E>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<E>,
+        answer: &mut Answer,
     ) -> Result<u32> {
+        let Answer { x, reaction } = answer;
         let Correction { product, b: left, bounds: within, x: more } = &mut self.correction;
         [&mut *product, left, more].into_iter().for_each(|v| v.resize(x.len(), 0.0));
-        apply(engine, sum, x, product, left)?;
-        left.iter_mut().zip(b).for_each(|(left, b)| *left = b - *left);
+        apply(engine, problem.matrix, x, product, left)?;
+        left.iter_mut().zip(problem.rhs).for_each(|(left, b)| *left = b - *left);
         let is_answer = left.iter().all(|left| left.is_finite());
         if !engine.comm().all_reduce_all(is_answer) {
             return Ok(0);
         }
-        within.clone_from(bounds);
-        within.shift(bounds, |dof, bound| bound - x[dof]);
+        within.clone_from(problem.bounds);
+        within.shift(problem.bounds, |dof, bound| bound - x[dof]);
+        let residual = Problem { rhs: left, bounds: within, ..*problem };
+        let mut correction = Answer { x: more, reaction };
         let solved = match attempt {
-            None => Some(self.solver.solve(engine, sum, left, within, more, reaction)?),
-            Some(attempt) => self.solver.retry(attempt, engine, sum, left, within, more, reaction)?,
+            None => Some(self.solver.solve(engine, &residual, &mut correction)?),
+            Some(attempt) => self.solver.retry(attempt, engine, &residual, &mut correction)?,
         };
         let Some(iterations) = solved else { return Ok(0) };
         x.iter_mut().zip(more).for_each(|(x, more)| *x += *more);

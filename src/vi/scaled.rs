@@ -18,7 +18,7 @@
 //! rounding floor already.
 
 use super::kkt::{KktCheck, Residual};
-use super::{BoundStatus, Condensed, Solver};
+use super::{Answer, BoundStatus, Condensed, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -197,12 +197,11 @@ impl Bounded {
         &mut self,
         safely: bool,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<Distributed>,
+        answer: &mut Answer,
     ) -> Result<u32> {
+        let Problem { rhs: b, bounds, .. } = *problem;
+        let Answer { x, reaction } = answer;
         // The factor s is large enough for the tolerance to exceed the rounding of A y.
         let right: Vec<f64> = b.iter().zip(&self.scale).map(|(b, d)| b * d).collect();
         let size: Vec<f64> = x.iter().zip(&self.scale).map(|(x, d)| x / d).collect();
@@ -252,7 +251,7 @@ impl Bounded {
         for ((x, y), unit) in x.iter_mut().zip(&y).zip(&unit) {
             *x = y * unit;
         }
-        self.complete(engine, sum, b, bounds, x, reaction)?;
+        self.complete(engine, problem, answer)?;
         // At least one iteration is reported, because contact was met.
         Ok((iterations as u32).max(1))
     }
@@ -262,16 +261,15 @@ impl Bounded {
     fn complete(
         &mut self,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<Distributed>,
+        answer: &mut Answer,
     ) -> Result<()> {
+        let Problem { matrix, rhs: b, bounds, .. } = *problem;
+        let x = &mut *answer.x;
         let size = engine.comm().all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)));
         let mut residual = vec![0.0; x.len()];
         let mut magnitude = vec![0.0; x.len()];
-        engine.multiply_with_magnitude(sum, x, &mut residual, &mut magnitude)?;
+        engine.multiply_with_magnitude(matrix, x, &mut residual, &mut magnitude)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let force = residual[dof] - b[dof];
             let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
@@ -284,13 +282,10 @@ impl Bounded {
             };
         }
         self.hold(bounds, size, x);
-        self.react(engine, sum, b, bounds, x, reaction, &mut residual, &mut magnitude)?;
-        let mut judge = |x: &[f64], reaction: &[f64]| {
-            let Residual { stationarity, .. } =
-                self.judge.parts(engine, sum, &[b], bounds, 1.0, x, reaction)?;
-            Ok::<_, crate::Error>(engine.comm().all_reduce_max(stationarity))
-        };
-        if judge(x, reaction)? <= EXACT {
+        self.react(engine, problem, answer, &mut residual, &mut magnitude)?;
+        let Residual { stationarity, .. } =
+            self.judge.parts(engine, &Problem { length: 1.0, ..*problem }, &[], answer)?;
+        if engine.comm().all_reduce_max(stationarity) <= EXACT {
             return Ok(());
         }
         // Solve A dx = b + G^T r - A x for the dofs that are not held.
@@ -306,9 +301,9 @@ impl Bounded {
         self.factorisations += 1;
         self.factor.solve(&mut correction)?;
         self.factor.pin(&[])?;
-        x.iter_mut().zip(&correction).for_each(|(x, dx)| *x += dx);
-        self.hold(bounds, size, x);
-        self.react(engine, sum, b, bounds, x, reaction, &mut residual, &mut magnitude)
+        answer.x.iter_mut().zip(&correction).for_each(|(x, dx)| *x += dx);
+        self.hold(bounds, size, answer.x);
+        self.react(engine, problem, answer, &mut residual, &mut magnitude)
     }
 
     /// Puts x onto its bounds where it is held or outside by rounding only.
@@ -330,15 +325,14 @@ impl Bounded {
     fn react(
         &self,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &[f64],
-        reaction: &mut [f64],
+        problem: &Problem<Distributed>,
+        answer: &mut Answer,
         product: &mut [f64],
         magnitude: &mut [f64],
     ) -> Result<()> {
-        engine.multiply_with_magnitude(sum, x, product, magnitude)?;
+        let Problem { matrix, rhs: b, bounds, .. } = *problem;
+        let Answer { x, reaction } = answer;
+        engine.multiply_with_magnitude(matrix, x, product, magnitude)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { product[dof] - b[dof] };
         }
@@ -346,10 +340,10 @@ impl Bounded {
     }
 
     /// Solves without bounds. Returns whether the solution lies within them.
-    fn free(&mut self, engine: &Distributed, b: &[f64], bounds: &Bounds, x: &mut [f64]) -> Result<bool> {
-        x.copy_from_slice(b);
+    fn free(&mut self, engine: &Distributed, problem: &Problem<Distributed>, x: &mut [f64]) -> Result<bool> {
+        x.copy_from_slice(problem.rhs);
         self.factor.solve(x)?;
-        Ok(engine.comm().all_reduce_max(bounds.violation(x)) <= 0.0)
+        Ok(engine.comm().all_reduce_max(problem.bounds.violation(x)) <= 0.0)
     }
 }
 
@@ -357,18 +351,15 @@ impl Solver<Distributed> for Bounded {
     fn solve(
         &mut self,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<Distributed>,
+        answer: &mut Answer,
     ) -> Result<u32> {
-        if self.free(engine, b, bounds, x)? && !self.always {
-            reaction.fill(0.0);
+        if self.free(engine, problem, answer.x)? && !self.always {
+            answer.reaction.fill(0.0);
             self.sides.fill(BoundStatus::Free);
             return Ok(0);
         }
-        self.iterate(false, engine, sum, b, bounds, x, reaction)
+        self.iterate(false, engine, problem, answer)
     }
 
     fn factorisations(&self) -> u64 {
@@ -404,11 +395,8 @@ impl Solver<Distributed> for Bounded {
         &mut self,
         attempt: u32,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
-        b: &[f64],
-        bounds: &Bounds,
-        x: &mut [f64],
-        reaction: &mut [f64],
+        problem: &Problem<Distributed>,
+        answer: &mut Answer,
     ) -> Result<Option<u32>> {
         if !self.said && engine.context().rank() == 0 {
             eprintln!(
@@ -420,16 +408,16 @@ impl Solver<Distributed> for Bounded {
         self.said = true;
         match attempt {
             0 => {
-                self.free(engine, b, bounds, x)?;
-                self.iterate(true, engine, sum, b, bounds, x, reaction).map(Some)
+                self.free(engine, problem, answer.x)?;
+                self.iterate(true, engine, problem, answer).map(Some)
             }
             1 => {
                 let condensed = match &mut self.condensed {
                     Some(condensed) => condensed,
-                    none => none.insert(Condensed::new(engine, sum, bounds.len())?),
+                    none => none.insert(Condensed::new(engine, problem.matrix, problem.bounds.len())?),
                 };
-                let iterations = condensed.solve(engine, sum, b, bounds, x, reaction)?;
-                for (side, r) in self.sides.iter_mut().zip(reaction.iter()) {
+                let iterations = condensed.solve(engine, problem, answer)?;
+                for (side, r) in self.sides.iter_mut().zip(answer.reaction.iter()) {
                     *side = match r {
                         r if *r > 0.0 => BoundStatus::Lower,
                         r if *r < 0.0 => BoundStatus::Upper,
@@ -440,7 +428,7 @@ impl Solver<Distributed> for Bounded {
             }
             // From then on the condensed solver retries by its own safer method.
             _ => match &mut self.condensed {
-                Some(condensed) => condensed.retry(attempt - 2, engine, sum, b, bounds, x, reaction),
+                Some(condensed) => condensed.retry(attempt - 2, engine, problem, answer),
                 None => Ok(None),
             },
         }

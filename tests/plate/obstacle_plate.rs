@@ -17,7 +17,7 @@ use rebond::linalg::{Bending, ElementMatrix, Engine, Native};
 use rebond::mesh::{Cell, Diagonal, ElementKind, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::plate::{Plate, stiffness_root};
-use rebond::vi::{CheckedSolver, Condensed};
+use rebond::vi::{Answer, CheckedSolver, Condensed, Problem};
 
 /// Cells a side, and the distance from the interpolant that an independent program found there.
 const FVS: [(usize, f64); 4] = [(8, 6.33e-2), (16, 2.69e-2), (32, 1.43e-2), (64, 7.04e-3)];
@@ -179,7 +179,9 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     let solver = Condensed::new(&engine, &sum, bounds.len()).unwrap();
     let mut step: CheckedSolver<Native> = CheckedSolver::new(Box::new(solver), &engine, &sum).unwrap();
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; bounds.len()]);
-    let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction).unwrap();
+    let problem = Problem { matrix: &sum, rhs: &b, bounds: &bounds, length: 1.0 };
+    let mut answer = Answer { x: &mut x, reaction: &mut reaction };
+    let verdict = step.solve(&engine, &problem, &mut answer).unwrap();
     assert!(verdict.kkt <= 1e-12, "{cells} cells: {:e}", verdict.kkt);
     for (u, dof) in u.iter_mut().zip(&free) {
         if let Some(dof) = dof {

@@ -12,7 +12,7 @@
 use crate::common::block;
 use rebond::linalg::{Engine, Native};
 use rebond::obstacle::Bounds;
-use rebond::vi::{CheckedSolver, Condensed};
+use rebond::vi::{Answer, CheckedSolver, Condensed, Problem};
 
 const RADIUS: f64 = 0.697965148223374;
 const A: f64 = 0.680259411891719;
@@ -89,7 +89,9 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
             CheckedSolver::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum)
                 .unwrap();
         let (mut u, mut reaction) = (vec![0.0; size], vec![0.0; size]);
-        let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut u, &mut reaction).unwrap();
+        let problem = Problem { matrix: &sum, rhs: &b, bounds: &bounds, length: 1.0 };
+        let mut answer = Answer { x: &mut u, reaction: &mut reaction };
+        let verdict = step.solve(&engine, &problem, &mut answer).unwrap();
         assert!(verdict.kkt <= 1e-12, "{points}: {:e}", verdict.kkt);
         assert!(bounds.violation(&u) <= 1e-14);
 

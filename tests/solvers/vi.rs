@@ -17,7 +17,7 @@ use faer::Mat;
 use rebond::linalg::{Form, Native};
 use rebond::obstacle::Bounds;
 use rebond::vi::kkt::{KktCheck, Residual};
-use rebond::vi::{BoundStatus, CheckedSolver, Condensed, Solver};
+use rebond::vi::{Answer, BoundStatus, CheckedSolver, Condensed, Problem, Solver};
 
 const INF: f64 = f64::INFINITY;
 
@@ -26,13 +26,13 @@ const ACCEPTED: f64 = 1e-12;
 
 /// A x = b + G^T r within bounds; A dense, row by row.
 #[derive(Clone)]
-struct Problem {
+struct DenseProblem {
     matrix: Vec<f64>,
     b: Vec<f64>,
     bounds: Bounds,
 }
 
-impl Problem {
+impl DenseProblem {
     fn size(&self) -> usize {
         self.b.len()
     }
@@ -48,8 +48,10 @@ impl Problem {
         let length = self.length(x);
         let sum = [(1.0, &form)];
         let mut judge = KktCheck::new(&engine, &sum).unwrap();
-        let parts = judge.parts(&engine, &sum, &[&self.b], &self.bounds, length, x, reaction).unwrap();
-        let worst = judge.residual(&engine, &sum, &[&self.b], &self.bounds, length, x, reaction).unwrap();
+        let problem = Problem { matrix: &sum, rhs: &self.b, bounds: &self.bounds, length };
+        let answer = Answer { x: &mut x.to_vec(), reaction: &mut reaction.to_vec() };
+        let parts = judge.parts(&engine, &problem, &[], &answer).unwrap();
+        let worst = judge.residual(&engine, &problem, &[], &answer).unwrap();
         assert_eq!(worst.to_bits(), parts.worst().to_bits());
         parts
     }
@@ -111,7 +113,7 @@ impl Problem {
 }
 
 /// A displacement and its reactions.
-type Answer = (Vec<f64>, Vec<f64>);
+type Known = (Vec<f64>, Vec<f64>);
 
 /// What the bounds of a problem look like.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -159,7 +161,7 @@ fn draw(
     matrix: &[f64],
     dofs: &[usize],
     loose: &[bool],
-) -> (Problem, Option<Answer>) {
+) -> (DenseProblem, Option<Known>) {
     let count = dofs.len();
     let size = (matrix.len() as f64).sqrt() as usize;
     let mut bounds = Bounds::uniform(dofs.to_vec(), -INF, INF);
@@ -182,7 +184,7 @@ fn draw(
             }
             b[dofs[i]] -= reaction[i];
         }
-        return (Problem { matrix: matrix.to_vec(), b, bounds }, Some((x, reaction)));
+        return (DenseProblem { matrix: matrix.to_vec(), b, bounds }, Some((x, reaction)));
     }
     // A target of size 1 that the bounds cut off.
     let target: Vec<f64> = (0..size).map(|_| random.signed()).collect();
@@ -206,7 +208,7 @@ fn draw(
             }
         }
     }
-    (Problem { matrix: matrix.to_vec(), b, bounds }, None)
+    (DenseProblem { matrix: matrix.to_vec(), b, bounds }, None)
 }
 
 #[test]
@@ -246,8 +248,10 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
             for _ in 0..10 {
                 let (problem, known) = draw(&mut random, kind, &matrix, &dofs, &loose);
                 let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; count]);
-                let iterations =
-                    solver.solve(&engine, &sum, &problem.b, &problem.bounds, &mut x, &mut reaction).unwrap();
+                let DenseProblem { b, bounds, .. } = &problem;
+                let step = Problem { matrix: &sum, rhs: b, bounds, length: 0.0 };
+                let mut answer = Answer { x: &mut x, reaction: &mut reaction };
+                let iterations = solver.solve(&engine, &step, &mut answer).unwrap();
                 let context = format!("{kind:?}, {count} of {size} dofs, matrix {number}, 1e{decades:.1}");
                 touched += usize::from(iterations > 0);
                 solved += 1;
@@ -282,7 +286,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
 
 /// The answer of a problem with every kind of row: at the lower bound, at the upper one, between,
 /// without bounds.
-fn judged() -> (Problem, Vec<f64>, Vec<f64>) {
+fn judged() -> (DenseProblem, Vec<f64>, Vec<f64>) {
     let matrix = random_spd(&mut Random::new(5), 6, 1.0);
     let x = vec![0.5, -1.0, 0.75, 2.0, -0.25, 1.5];
     let bounds = Bounds {
@@ -296,11 +300,11 @@ fn judged() -> (Problem, Vec<f64>, Vec<f64>) {
     for (&dof, r) in bounds.dofs.iter().zip(&reaction) {
         b[dof] -= r;
     }
-    (Problem { matrix, b, bounds }, x, reaction)
+    (DenseProblem { matrix, b, bounds }, x, reaction)
 }
 
 /// The terms of a row: what stationarity and reactions are measured against.
-fn terms(problem: &Problem, x: &[f64], reaction: &[f64], dof: usize) -> f64 {
+fn terms(problem: &DenseProblem, x: &[f64], reaction: &[f64], dof: usize) -> f64 {
     let row = &problem.matrix[dof * problem.size()..][..problem.size()];
     let product: f64 = row.iter().zip(x).map(|(a, x)| (a * x).abs()).sum();
     let bound = problem.bounds.dofs.iter().position(|&d| d == dof);
@@ -429,7 +433,7 @@ fn the_judge_does_not_depend_on_units() {
 fn the_judge_accepts_rounding_in_a_row_that_vanishes() {
     let chain =
         [[4.0, -1.0, 0.0, 0.0], [-1.0, 4.0, -1.0, 0.0], [0.0, -1.0, 4.0, -1.0], [0.0, 0.0, -1.0, 4.0]];
-    let problem = Problem {
+    let problem = DenseProblem {
         matrix: chain.concat(),
         b: vec![4.0, -1.0, 0.0, 0.0],
         bounds: Bounds::uniform(vec![], 0.0, 0.0),
@@ -483,7 +487,8 @@ fn infinities_and_nans_come_to_an_end() {
             CheckedSolver::new(Box::new(Condensed::new(&engine, &sum, size).unwrap()), &engine, &sum)
                 .unwrap();
         let (mut x, mut reaction) = ([0.0; 3], [0.0; 3]);
-        let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction);
+        let problem = Problem { matrix: &sum, rhs: &b, bounds: &bounds, length: 1.0 };
+        let verdict = step.solve(&engine, &problem, &mut Answer { x: &mut x, reaction: &mut reaction });
         assert!(verdict.is_err() || verdict.is_ok_and(|verdict| verdict.kkt.is_nan()), "{b:?}");
     }
 }
@@ -528,7 +533,9 @@ fn candidates_grow_as_contact_spreads_and_then_stay() {
         let b: Vec<f64> = (0..side * side)
             .map(|dof| if dof < side * side / 2 { -load } else { load } * (1.0 + 0.1 * random.signed()))
             .collect();
-        let verdict = step.solve(&engine, &sum, &b, &bounds, 1.5, &mut x, &mut reaction).unwrap();
+        let problem = Problem { matrix: &sum, rhs: &b, bounds: &bounds, length: 1.5 };
+        let mut answer = Answer { x: &mut x, reaction: &mut reaction };
+        let verdict = step.solve(&engine, &problem, &mut answer).unwrap();
         assert!(verdict.kkt <= ACCEPTED, "load {load}: {:e}", verdict.kkt);
         assert!(difference(&x, &relax(&dense, &b, &bounds, 2000)) <= 1e-9, "load {load}");
         let touching = reaction.iter().filter(|&&r| r != 0.0).count();
@@ -570,7 +577,9 @@ fn wide_contact_pins_dofs_and_agrees_with_the_dense_problem() {
         let b: Vec<f64> = (0..size)
             .map(|dof| if dof % side < side / 2 { -load } else { load } * (1.0 + 0.5 * random.signed()))
             .collect();
-        let verdict = step.solve(&engine, &sum, &b, &bounds, 1.0, &mut x, &mut reaction).unwrap();
+        let problem = Problem { matrix: &sum, rhs: &b, bounds: &bounds, length: 1.0 };
+        let mut answer = Answer { x: &mut x, reaction: &mut reaction };
+        let verdict = step.solve(&engine, &problem, &mut answer).unwrap();
         assert!(verdict.kkt <= ACCEPTED, "load {load}: {:e}", verdict.kkt);
         let (mut expected, mut forces) = (vec![0.0; size], vec![0.0; size]);
         rebond::vi::dense(&dense, &b, &bounds.lower, &bounds.upper, &mut sides, &mut expected, &mut forces);
@@ -586,7 +595,9 @@ fn wide_contact_pins_dofs_and_agrees_with_the_dense_problem() {
             assert!(touching > 512);
         }
     }
-    let expected = relax(&dense, &vec![0.1; size], &bounds, 3000);
-    let verdict = step.solve(&engine, &sum, &vec![0.1; size], &bounds, 1.0, &mut x, &mut reaction).unwrap();
+    let b = vec![0.1; size];
+    let expected = relax(&dense, &b, &bounds, 3000);
+    let problem = Problem { matrix: &sum, rhs: &b, bounds: &bounds, length: 1.0 };
+    let verdict = step.solve(&engine, &problem, &mut Answer { x: &mut x, reaction: &mut reaction }).unwrap();
     assert!(verdict.kkt <= ACCEPTED && difference(&x, &expected) <= 1e-9, "{:e}", difference(&x, &expected));
 }

@@ -76,7 +76,7 @@ use crate::linalg::Engine;
 use crate::memory;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
-use crate::vi::{self, BoundStatus, StepReport};
+use crate::vi::{self, Answer, BoundStatus, Problem, StepReport};
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side as Triangle};
 use modes::{Cache, Modes};
@@ -353,12 +353,13 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// bounds.
     fn residual(&mut self) -> Result<f64> {
         let System { engine, stiffness, bounds, load, .. } = self.system;
-        let b = self.inertia()?;
-        let terms: Vec<&[f64]> = load.iter().map(Vec::as_slice).chain([b.as_slice()]).collect();
-        let displacement = self.shape().displacement.clone();
+        let inertia = self.inertia()?;
+        let mut displacement = self.shape().displacement.clone();
         let length = self.system.length(bounds, &displacement)?;
-        let sum = [(1.0, stiffness)];
-        self.judge.residual(engine, &sum, &terms, bounds, length, &displacement, &self.reaction)
+        let load = load.as_deref().unwrap_or(&[]);
+        let problem = Problem { matrix: &[(1.0, stiffness)], rhs: load, bounds, length };
+        let answer = Answer { x: &mut displacement, reaction: &mut self.reaction };
+        self.judge.residual(engine, &problem, &[&inertia], &answer)
     }
 
     /// Returns the present shape and reactions corrected by a solution of the saddle-point problem
