@@ -1,4 +1,4 @@
-# The everyday commands. `make` lists them.
+# Common commands. `make` without a target lists them.
 
 export PATH := $(PATH):$(HOME)/.cargo/bin
 
@@ -14,7 +14,7 @@ say = @printf '==> %s\n' '$(1)'
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## install what the build needs and is missing
+setup: ## install missing packages that the build needs
 	@scripts/setup.sh
 
 run: setup ## build, simulate the paper's figure 4 to the second impact, compare with PETSc
@@ -36,7 +36,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@scripts/check_vtk.sh
 	$(call say,energies of the paper at steps down to 1e-5 s)
 	@$(CARGO_RUN) --example csma2013_table -- 1e-5
-	$(call say,what effects cost)
+	$(call say,cost of effects)
 	@cargo bench --locked --bench effects -- --report
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
@@ -45,19 +45,19 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@scripts/check_equations.sh
 	$(call say,all passed)
 
-test-long: setup ## the tests that take minutes, and all without default features, which make test leaves out
+test-long: setup ## run the tests that make test omits: those that take minutes, and all without default features
 	$(call say,tests without default features)
 	@cargo test --release $(NATIVE) --locked
 	$(call say,long tests)
 	@cargo test --release --locked --tests -- --ignored
 
-stability: setup ## put every method to the hard scenes again, natively and on PETSc, for docs/stability.md (25 min)
+stability: setup ## recompute the tables of docs/stability.md, natively and on PETSc (25 min)
 	$(call say,native)
 	@$(CARGO_RUN) -- stability > docs/stability/table.txt
 	$(call say,PETSc with each contact solver)
 	@for with in petsc petsc:snes petsc:tao; do $(CARGO_RUN) -- stability --with $$with || exit; echo; done > docs/stability/petsc.txt
 
-bench: setup ## time assembly, factorisation, one step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
+bench: setup ## time assembly, factorisation, a step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)
 	@cargo bench --locked
 	$(call say,PETSc on fine meshes)
@@ -67,10 +67,10 @@ table: setup ## recompute the table of the paper
 	$(call say,table)
 	@$(CARGO_RUN) --example csma2013_table
 
-accuracy: setup ## make the studies and figures of docs/accuracy.md again
+accuracy: setup ## recompute the studies and figures of docs/accuracy.md
 	$(call say,accuracy)
 	@scripts/accuracy.sh
 
-clean: ## remove what was built; runs stay
+clean: ## remove build products; runs stay
 	$(call say,clean)
 	@cargo clean --quiet

@@ -1,6 +1,8 @@
 #!/bin/sh
-# Makes again what docs/accuracy.md shows: the studies of the paper's plate, of the same refined, of a smooth problem and of the plate's free
-# flight, and the paper's figures. Reports and pictures go to docs/accuracy. Some ten minutes on an idle machine; timings are its own.
+# Recomputes the results of docs/accuracy.md: the studies of the paper's plate, of the same plate
+# refined, of a smooth problem and of the plate's free flight, and the paper's figures. Reports and
+# pictures go to docs/accuracy. The script takes some ten minutes on an idle machine; timings are
+# those of the machine.
 #
 #   scripts/accuracy.sh
 set -eu
@@ -17,7 +19,7 @@ done
 "$rebond" figures --out "$work/figures" >docs/accuracy/claims.txt
 sed -i '/^written to/d' docs/accuracy/*.txt
 
-# Pictures tell the command that made them; where its output went is this script's affair.
+# Pictures name the command that made them; its temporary output folder is removed from it.
 keep() { sed 's/ --out [^<]*//' "$work/$1" >"docs/accuracy/$2"; }
 for name in paper refined; do
     cp "$work/$name/study.csv" "docs/accuracy/$name.csv"

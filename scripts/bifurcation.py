@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""A bifurcation diagram: runs a scene for each value of a parameter and keeps its stroboscopic section.
+"""Draws a bifurcation diagram: the stroboscopic section of a scene for each value of a parameter.
 
     scripts/bifurcation.py scenes/gallery/chaos.toml 'load.pressure="{}*sin(2*pi*40*t)"' 20 120 201
 
-The section are the rows of history.csv: output.every must be one period of the drive. `{}` in the setting stands for the
-value; where it occurs in several settings, give them all, with --set. Writes NAME.csv and NAME.svg.
+The section consists of the rows of history.csv, so output.every must be one period of the drive. `{}`
+in the setting stands for the value; further settings that contain it are given with --set. The script
+writes NAME.csv and NAME.svg.
 """
 import argparse
 import csv
@@ -24,15 +25,15 @@ ROOT = Path(__file__).resolve().parent.parent
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path)
-    parser.add_argument("setting", help="a setting of rebond run, with {} for the value")
+    parser.add_argument("setting", help="setting of rebond run, with {} for the value")
     parser.add_argument("first", type=float)
     parser.add_argument("last", type=float)
     parser.add_argument("count", type=int, help="number of values")
-    parser.add_argument("--set", action="append", default=[], help="a further setting; {} stands for the value")
-    parser.add_argument("--probe", help="its deflection is shown; the first unless named")
-    parser.add_argument("--skip", type=float, default=0.5, help="share of each run that is left to settle (0.5)")
-    parser.add_argument("--out", type=Path, default=Path("runs/bifurcation"), help="path without its extension")
-    parser.add_argument("--rebond", default=str(ROOT / "target/release/rebond"), help="the program")
+    parser.add_argument("--set", action="append", default=[], help="further setting; {} stands for the value")
+    parser.add_argument("--probe", help="probe whose deflection is shown (the first one)")
+    parser.add_argument("--skip", type=float, default=0.5, help="fraction of each run that is omitted as transient (0.5)")
+    parser.add_argument("--out", type=Path, default=Path("runs/bifurcation"), help="path of the output without extension")
+    parser.add_argument("--rebond", default=str(ROOT / "target/release/rebond"), help="path of the program")
     args = parser.parse_args()
     if args.count < 1:
         parser.error("count: expected at least 1 value")
@@ -42,7 +43,7 @@ def arguments():
 
 
 def section(args, value):
-    """The deflections (m) at the ends of the periods of a run that has settled."""
+    """Returns the deflections at the ends of the periods after the transient, in m."""
     settings = [f"--set={setting.replace('{}', repr(value))}" for setting in [args.setting, *args.set]]
     with tempfile.TemporaryDirectory() as folder:
         command = [args.rebond, "run", str(args.scene), "--quiet", "--out", folder, *settings]
@@ -64,7 +65,7 @@ def section(args, value):
 
 
 def ticks(low, high, wanted=5):
-    """Round numbers from low to high."""
+    """Returns round numbers from low to high."""
     rough = (high - low) / wanted or 1.0
     power = 10.0 ** floor(log10(rough))
     step = next(digit * power for digit in (1, 2, 5, 10) if digit * power >= rough)
@@ -72,7 +73,7 @@ def ticks(low, high, wanted=5):
 
 
 def svg(points, name, width=560, height=320):
-    """The points (parameter, deflection in m) as a picture."""
+    """Returns a picture of the points (parameter, deflection in m) as SVG."""
     left, right, top, bottom = 56, width - 12, 12, height - 44
     xs, ws = [x for x, _ in points], [1e3 * w for _, w in points]
     (x0, x1), (w0, w1) = (min(xs), max(xs)), (min(ws), max(ws))
@@ -94,7 +95,7 @@ def svg(points, name, width=560, height=320):
         f'<path d="{dots}" stroke="#0072b2" stroke-width="1.2" stroke-linecap="round" fill="none"/>',
         f'<path d="M{left} {top}V{bottom}H{right}{marks}" stroke="#000" fill="none"/>', *labels,
         text(0.5 * (left + right), height - 8, name.replace("{}", "\u2026")),
-        text(14, middle, "deflection once a period (mm)", f'text-anchor="middle" transform="rotate(-90 14 {middle})"'),
+        text(14, middle, "deflection once per period (mm)", f'text-anchor="middle" transform="rotate(-90 14 {middle})"'),
         "</svg>\n"])
 
 

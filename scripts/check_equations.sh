@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Checks that the equations of the documentation have reached its pages as they were written, for KaTeX to typeset them.
+# Checks that the pages of the documentation contain the equations unchanged, so that KaTeX can
+# typeset them.
 # Usage: scripts/check_equations.sh, after cargo doc
 set -eu
 cd "$(dirname "$0")/.."
@@ -8,7 +9,7 @@ page=$pages/scheme/newmark/index.html
 
 fail() { printf 'check_equations: %s\n' "$*" >&2; exit 1; }
 
-# A backslash before punctuation is what Markdown takes away.
+# Markdown removes a backslash before punctuation.
 for part in 'language-math' '\frac{' '\tfrac12' '\Bigl(' '\,(' 'katex.min.js'; do
     grep -qF -- "$part" "$page" || fail "$page has no $part"
 done

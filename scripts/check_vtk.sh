@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Checks with VTK's own reader, from PyPI, what a run writes for it: tests/vtk.py. Skipped only where VTK cannot be had.
+# Checks the snapshots of a run with VTK's own reader, from PyPI, by tests/vtk.py. The check is
+# skipped only where VTK cannot be installed.
 # Usage: scripts/check_vtk.sh
 set -eu
 cd "$(dirname "$0")/.."
@@ -8,7 +9,7 @@ version=9.5.2
 vtk=${CARGO_TARGET_DIR:-target}/vtk-$version
 if [ ! -e "$vtk/complete" ]; then
     rm -rf "$vtk"
-    # Its dependencies are for drawing.
+    # VTK's dependencies serve only for drawing.
     if ! said=$(python3 -m pip install --quiet --no-deps --target "$vtk" "vtk==$version" 2>&1); then
         printf 'skipped: pip cannot install vtk %s for this python: %s\n' "$version" "$(tail -n 1 <<<"$said")"
         exit 0

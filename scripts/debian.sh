@@ -1,10 +1,13 @@
 #!/usr/bin/env bash
-# Builds and tests the working tree on a bare Debian of another release, in a folder that debootstrap fills (chroot): scripts/setup.sh,
-# then `make run` and `make test`; on sid, whose packages change daily, the build, its lints and the tests of PETSc's handles alone.
-# Root only. Rust is the caller's own (~/.cargo, ~/.rustup); debootstrap is installed if it is missing.
+# Builds and tests the working tree on a bare Debian of another release, in a root folder (chroot)
+# that debootstrap fills. It runs scripts/setup.sh, then `make run` and `make test`; on sid, whose
+# packages change daily, it runs only the build, its lints and the tests of PETSc's handles. The
+# script must run as root. Rust is the caller's own (~/.cargo, ~/.rustup); debootstrap is installed
+# if it is missing.
 # Usage: scripts/debian.sh bookworm|trixie|sid [COMMAND [ARGUMENTS]]
-#   DEBIAN_MIRROR=http://deb.debian.org/debian   packages; default: the first mirror that this machine's apt uses for Debian
-#   DEBIAN_ROOT=/var/tmp/rebond-debian           where the folders of the releases are, with what was built in them
+#   DEBIAN_MIRROR=http://deb.debian.org/debian   source of packages; default: the first Debian mirror of
+#                                                this machine's apt
+#   DEBIAN_ROOT=/var/tmp/rebond-debian           parent of the root folders and of their build products
 #   scripts/debian.sh trixie cargo test --release --locked --test petsc
 set -eu
 
@@ -26,7 +29,7 @@ system=${DEBIAN_ROOT:-/var/tmp/rebond-debian}/$release
 say() { printf 'debian: %s\n' "$*" >&2; }
 fail() { say "$@"; exit 1; }
 
-# The first mirror of Debian's main archive that apt knows.
+# Prints the first mirror of Debian's main archive that apt knows.
 mirror() {
     apt-get indextargets --format '$(ORIGIN) $(LABEL) $(REPO_URI)' 'Created-By: Packages' |
         sed -n 's/^Debian Debian //p' | head -n 1
@@ -48,12 +51,13 @@ if [ ! -e "$system/complete" ]; then
     mkdir -p "$system"
     debootstrap --variant=minbase --include=ca-certificates "$release" "$system" "$packages" >"$system.log" 2>&1 ||
         fail "debootstrap failed: see $system.log"
-    # How this machine's apt gets through to mirrors: proxies, and whether they may be older than they say.
+    # Settings by which this machine's apt reaches mirrors: proxies, and whether packages may be
+    # outdated.
     apt-config dump Acquire | grep -iE '::(proxy|check-)' >"$system/etc/apt/apt.conf.d/90machine" || true
     touch "$system/complete"
 fi
 
-# Mounts end with the name space that they are made in, whatever ends the script.
+# The mounts disappear with their name space, however the script ends.
 export source system
 exec unshare --mount --propagation private bash -eu -c '
     bind() { mkdir -p "$2"; mount --rbind "$1" "$2"; }
@@ -67,7 +71,8 @@ exec unshare --mount --propagation private bash -eu -c '
         [ ! -e "$name" ] || file "$name" "$system$name"
     done
 
-    # The files of the working tree, those that are not committed too; what an older one left behind goes.
+    # Copies the working tree, with files that are not committed, and removes the files of an
+    # earlier copy.
     mkdir -p "$system/rebond"
     find "$system/rebond" -mindepth 1 -maxdepth 1 ! -name target ! -name runs -exec rm -rf {} +
     cd "$source"

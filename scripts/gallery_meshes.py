@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Makes the meshes of scenes/gallery and scenes/hard in Gmsh's format 4.1, without Gmsh: python3 scripts/gallery_meshes.py"""
+"""Makes the meshes of scenes/gallery and scenes/hard in Gmsh's format 4.1, without Gmsh.
+
+    python3 scripts/gallery_meshes.py
+"""
 from math import atan2, cos, hypot, pi, sin
 from pathlib import Path
 
@@ -8,7 +11,11 @@ LINE, TRIANGLE, QUADRANGLE = 1, 2, 3  # Gmsh's numbers of element types
 
 
 def write(name, nodes, curves, surfaces, points=()):
-    """nodes: [(x, y)]; curves, surfaces, points: (physical name, Gmsh's type, elements as tuples of node numbers from 0)."""
+    """Writes a mesh.
+
+    Nodes are pairs (x, y). Curves, surfaces and points are triples of the physical name, Gmsh's element
+    type, and the elements as tuples of node numbers from 0.
+    """
     physical = [(0, point[0]) for point in points] + [(1, curve[0]) for curve in curves]
     physical += list(dict.fromkeys((2, surface[0]) for surface in surfaces))
     tag = {key: number for number, key in enumerate(physical, 1)}
@@ -41,7 +48,7 @@ def write(name, nodes, curves, surfaces, points=()):
 
 
 def disc(radius, rings):
-    """A disc of triangles: 6 k nodes on ring k."""
+    """Writes a disc of triangles with 6 k nodes on ring k."""
     first = [0] + [1 + 3 * k * (k - 1) for k in range(1, rings + 2)]
 
     def node(ring, place):
@@ -64,7 +71,7 @@ def disc(radius, rings):
 
 
 def cover(length, width, hole, cells, rings):
-    """A rectangle about its centre, with a round hole: quadrangles, and triangles along the outer edge."""
+    """Writes a centred rectangle with a round hole: quadrangles, and triangles along the outer edge."""
     nx, ny = cells
     outer = [(length * (i / nx - 0.5), -width / 2) for i in range(nx)]
     outer += [(length / 2, width * (j / ny - 0.5)) for j in range(ny)]
@@ -94,12 +101,15 @@ def cover(length, width, hole, cells, rings):
 
 
 def jitter(number):
-    """Numbers between -1 and 1 without order."""
+    """Returns a pseudo-random number between -1 and 1."""
     return 2 * (number * 0.6180339887498949 % 1) - 1
 
 
 def plate(cells, place=lambda i, j: (i, j)):
-    """Nodes, quadrangles and left edge of a plate of 1.2 m x 0.4 m, its nodes at place(i, j) in units of cells."""
+    """Returns nodes, quadrangles and left edge of a plate of 1.2 m x 0.4 m.
+
+    The nodes are at place(i, j), in units of cells.
+    """
     nx, ny = cells
     at = lambda i, j: j * (nx + 1) + i
     nodes = [(1.2 * x / nx, 0.4 * y / ny) for x, y in (place(i, j) for j in range(ny + 1) for i in range(nx + 1))]
@@ -112,19 +122,19 @@ def cut(quadrangles):
 
 
 def hard(name, nodes, quadrangles, triangles, left):
-    """A plate for scenes/hard."""
+    """Writes a plate for scenes/hard."""
     cells = [("plate", kind, of) for kind, of in ((QUADRANGLE, quadrangles), (TRIANGLE, triangles)) if of]
     write(f"hard/{name}.msh", nodes, [("left", LINE, left)], cells)
 
 
 def needles():
-    """Triangles fifteen to forty-five times longer than wide."""
+    """Writes triangles that are fifteen to forty-five times longer than wide."""
     nodes, quadrangles, left = plate((3, 30), lambda i, j: (i + 0.5 * (j % 2) * (0 < i < 3), j))
     hard("needles", nodes, [], cut(quadrangles), left)
 
 
 def caps(flatness):
-    """Triangles with a corner of nearly 180 degrees: one on either side of each diagonal."""
+    """Writes triangles with an angle of nearly 180 degrees, one on either side of each diagonal."""
     nodes, quadrangles, left = plate((6, 2))
     triangles = []
     for p, q, r in cut(quadrangles):
@@ -136,14 +146,17 @@ def caps(flatness):
 
 
 def dented(depth):
-    """Quadrangles with a corner of nearly 180 degrees: this share of a diagonal off the other one."""
+    """Writes quadrangles with an angle of nearly 180 degrees.
+
+    The corner is the fraction `depth` of a diagonal away from the other diagonal.
+    """
     dent = 0.5 - depth
     nodes, quadrangles, left = plate((6, 4), lambda i, j: (i - dent, j - dent) if i % 2 and j % 2 else (i, j))
     hard("dented", nodes, quadrangles, [], left)
 
 
 def graded(name, ratio, is_cut):
-    """Cells that grow by a ratio from one to the next, with jittered corners; whole or cut."""
+    """Writes cells with jittered corners, whole or cut in two, whose size grows by a ratio."""
     nx, ny = cells = 12, 6
 
     def grown(k, n, number):
@@ -155,7 +168,7 @@ def graded(name, ratio, is_cut):
 
 
 def turned(angle):
-    """Quadrangles and triangles mixed, turned, away from the origin, their nodes numbered without order."""
+    """Writes rotated quadrangles and triangles, away from the origin, with nodes in random order."""
     nodes, quadrangles, left = plate((6, 2))
     order = sorted(range(len(nodes)), key=jitter)
     number = {old: new for new, old in enumerate(order)}

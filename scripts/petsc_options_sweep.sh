@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# One scene under several of PETSc's options: how far each is from the native engine, and what it costs.
-# An option that the contenders of its line do not use is refused: rebond names it.
+# Runs one scene with several of PETSc's options, and prints the difference of each from the native
+# engine and its cost. rebond refuses an option that the contenders of its line do not use, and
+# names it.
 # Usage: scripts/petsc_options_sweep.sh [SCENE.toml [arguments of rebond compare]]
 set -eu
 
@@ -12,7 +13,7 @@ if [ $# -eq 0 ]; then
     set -- "$root/scenes/csma2013/fig4.toml" --set time.step=1e-4 --set time.end=0.1
 fi
 
-# Contenders, then the options that they try.
+# Each line has contenders, then the options for them.
 sweep='
 petsc
 petsc           -pc_type cholesky -pc_factor_mat_solver_type petsc

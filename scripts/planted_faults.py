@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
-"""Proves that the tests can fail: plants faults, one at a time, in a copy of the sources and demands that the suite of each turns red.
+"""Proves that the tests detect faults.
 
-    scripts/planted_faults.py            # all, about a minute each
-    scripts/planted_faults.py restitution bound   # those whose names contain a word
+The script plants faults in a copy of the sources, one at a time, and requires that the tests of each fail.
 
-A fault is a change of source text that occurs once, so that the script breaks, rather than lies, when the sources move on.
+    scripts/planted_faults.py                     # all faults, about a minute each
+    scripts/planted_faults.py restitution bound   # the faults whose names contain one of these words
+
+A fault replaces a piece of source text that must occur exactly once. When the sources change, the script
+therefore fails instead of giving a wrong answer.
 """
 
 import os
@@ -16,7 +19,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# Name, file, text, faulty text, test program, tests in it (a part of their names).
+# Each fault has a name, a file, a text, a faulty text, a test program, and part of the names of its
+# tests.
 FAULTS = [
     ("1 % in the stiffness", "src/plate.rs", "(stiffness + stiffness.transpose()) / 2.0",
      "(stiffness + stiffness.transpose()) / 1.98", "plate", "statics::"),
@@ -65,7 +69,7 @@ def main():
 
 
 def is_seen(copy, name, path, text, fault, suite, test):
-    """Whether the suite is red with the fault."""
+    """Returns whether the tests fail with the fault."""
     source = (copy / path).read_text()
     if source.count(text) != 1:
         sys.exit(f"{name}: {path} has {source.count(text)} times {text!r}; expected once")

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Assembly, step times and peak memory of the PETSc engine on fine meshes of triangles, on 1 and 2 ranks: 20 steps through
-# contact of a bent plate pushed down on an obstacle just under its tip.
+# Measures assembly, step times and peak memory of the PETSc engine on fine meshes of triangles, on
+# 1 and 2 ranks. The run makes 20 steps of a bent plate that is pushed onto an obstacle just under
+# its tip.
 # Usage: scripts/scaling.sh [CELLS...]      default: 320,128 640,256
 #   RANKS="1 2 4" scripts/scaling.sh 160,64
 set -eu
@@ -26,7 +27,7 @@ load = { pressure = -1e5 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
 SCENE
 
-# Peak memory of each process, in MiB, if there is GNU time.
+# GNU time, if it is installed, measures the peak memory of each process, in KiB.
 peak=()
 [ -x /usr/bin/time ] && peak=(/usr/bin/time --append --output "$folder/memory" --format %M)
 

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Prepares a machine to build and test rebond: installs the Debian packages that are missing and checks the Rust tools.
-# Silent when nothing is missing. Usage: scripts/setup.sh
+# Prepares a machine to build and test rebond: installs the Debian packages that are missing and
+# checks the Rust tools. It prints nothing when nothing is missing. Usage: scripts/setup.sh
 set -eu
 
-# What the build needs besides Rust and gcc.
+# Packages that the build needs besides Rust and gcc.
 packages=(
     make                 # runs the targets of the Makefile
     pkg-config           # finds PETSc
@@ -20,7 +20,7 @@ say() { printf 'setup: %s\n' "$*" >&2; }
 fail() { say "$@"; exit 1; }
 
 install_packages() {
-    # VTK's reader, which make test lets read a run's fields.
+    # pip installs VTK's reader, with which make test reads the fields of a run.
     python3 -m pip --version >/dev/null 2>&1 || packages+=(python3-pip)
     command -v cc >/dev/null || packages+=(gcc libc6-dev)
     if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
