@@ -1,7 +1,9 @@
-//! Finds PETSc and MPI and writes the Rust declarations of the PETSc functions that the crate calls.
+//! Finds PETSc and MPI and writes the Rust declarations of the PETSc functions that the crate
+//! calls.
 //!
-//! PETSc is the one of `PETSC_DIR` (and `PETSC_ARCH`) where these are set, else the one that pkg-config finds. Without
-//! the feature `petsc` this does nothing. A missing piece ends the build with one sentence that says what to install.
+//! PETSc is that of `PETSC_DIR` (and `PETSC_ARCH`) where these are set, otherwise the one that
+//! pkg-config finds. Without the feature `petsc` this program does nothing. A missing component
+//! ends the build with one sentence that names the package to install.
 
 fn main() {
     #[cfg(feature = "petsc")]
@@ -25,7 +27,7 @@ mod petsc {
         #include <petscsys.h>\n#include <petscsnes.h>\n#include <petsctao.h>\n\
         #include <petscdmplex.h>\n#include <petscsf.h>\n#include <petscpartitioner.h>\n";
 
-    /// Everything that the crate calls, and no more.
+    /// Functions that the crate calls, and no others.
     const FUNCTIONS: &[&str] = &[
         "Petsc(Initialize|Initialized|Finalize|Finalized|Error|PushErrorHandler|PopErrorHandler)",
         "PetscGetVersionNumber",
@@ -60,16 +62,17 @@ mod petsc {
         "PKG_CONFIG_LIBDIR",
     ];
 
-    /// Where PETSc is.
+    /// Location of PETSc.
     struct Petsc {
         includes: Vec<PathBuf>,
         libraries: Vec<PathBuf>,
         names: Vec<String>,
-        /// Whether programs must be told where the library is.
+        /// Whether programs must be told the folder of the library.
         rpath: bool,
     }
 
-    /// Writes the bindings; returns what cargo must know. Said at the end, so that a failure shows nothing else.
+    /// Writes the bindings and returns the directives for cargo, which are printed at the end only,
+    /// so that a failure prints nothing else.
     pub fn bind() -> Result<Vec<String>, String> {
         let petsc = find()?;
         suits(&petsc)?;
@@ -81,10 +84,11 @@ mod petsc {
             .header_contents("rebond_petsc.h", HEADERS)
             .clang_args(arguments)
             .default_enum_style(bindgen::EnumVariation::NewType { is_bitfield: false, is_global: false })
-            // Releases differ in whether these are enumerations: as plain types their uses hold for all.
+            // Releases differ in whether these are enumerations; with plain types the same code
+            // works for all.
             .constified_enum("PetscErrorCode|PETSC_ERR_.*|PetscBool")
             .prepend_enum_name(false)
-            // MPI's types are the `mpi` crate's own, so that a communicator needs no cast.
+            // MPI's types are those of the `mpi` crate, so that a communicator needs no cast.
             .blocklist_type("(MPI_|ompi_|MPIR_).*")
             .raw_line("pub use mpi::ffi::*;")
             .layout_tests(false)
@@ -125,7 +129,7 @@ mod petsc {
         Ok(lines)
     }
 
-    /// Runs what may panic without a trace on the screen.
+    /// Runs a closure that may panic without printing the panic.
     fn quietly<T>(body: impl FnOnce() -> T) -> std::thread::Result<T> {
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(|_| {}));
@@ -160,7 +164,7 @@ mod petsc {
         Err(format!("PETSc is missing: install the Debian package petsc-dev (or set PETSC_DIR), {WAY_OUT}"))
     }
 
-    /// The PETSc of `PETSC_DIR` and `PETSC_ARCH`.
+    /// Returns the PETSc of `PETSC_DIR` and `PETSC_ARCH`.
     fn in_folder(folder: &Path) -> Result<Petsc, String> {
         let arch = std::env::var_os("PETSC_ARCH").filter(|arch| !arch.is_empty());
         let root = arch.map_or(folder.to_path_buf(), |arch| folder.join(arch));
@@ -177,7 +181,7 @@ mod petsc {
         if !includes.iter().any(|path| path.join("petscconf.h").is_file()) {
             return Err(absent());
         }
-        // Debian's builds carry their kind in the name: libpetsc_real.so.
+        // Debian's builds have their kind in the name: libpetsc_real.so.
         let name = ["petsc", "petsc_real"]
             .into_iter()
             .find(|name| {
@@ -187,7 +191,7 @@ mod petsc {
         Ok(Petsc { includes, libraries: vec![libraries], names: vec![name.into()], rpath: true })
     }
 
-    /// The values of `#define NAME VALUE` lines in PETSc's own headers.
+    /// Returns the values of `#define NAME VALUE` lines in PETSc's own headers.
     fn definitions(petsc: &Petsc, header: &str) -> Result<Vec<(String, String)>, String> {
         let path = petsc
             .includes
@@ -233,7 +237,8 @@ mod petsc {
         ))
     }
 
-    /// Include folders of the MPI that the compiler wrapper (`MPICC`, else `mpicc`) stands for.
+    /// Returns the include folders of the MPI to which the compiler wrapper (`MPICC`, otherwise
+    /// `mpicc`) belongs.
     fn mpi_includes() -> Result<Vec<PathBuf>, String> {
         let wrapper = std::env::var_os("MPICC").unwrap_or("mpicc".into());
         let output =

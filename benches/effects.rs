@@ -1,7 +1,8 @@
-//! What effects cost: the time of a step with each, beside that of the bare plate; and that those which a scene does not have cost nothing.
+//! Cost of effects: the time of a step with each effect, compared with that of the bare plate.
+//! Effects that a scene does not have must cost nothing.
 //!
-//! All scenes take turns, a few steps each, so that whatever slows the machine slows them alike; the least of many turns counts. Not
-//! covered: set-up, output, PETSc.
+//! All scenes take turns of a few steps, so that other work on the machine slows them alike; the
+//! shortest of many turns counts. Set-up, output and PETSc are not covered.
 
 use rebond::scene::Scene;
 use rebond::simulation::Model;
@@ -9,16 +10,16 @@ use std::time::{Duration, Instant};
 
 const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
 
-/// Steps of a turn.
+/// Number of steps per turn.
 const STEPS: u32 = 16;
 
-/// How long each mesh is watched, and how long for a report, which no time fails.
+/// Measuring time of each mesh, and that for a report, in which no time is a failure.
 const WATCH: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(2)];
 
-/// What an absent effect may cost.
+/// Relative cost that an absent effect may have.
 const NOTHING: f64 = 0.02;
 
-/// A scene's name, what it has, and whether that is as good as nothing.
+/// Name of a scene, its content, and whether its effects are absent.
 const SCENES: [(&str, &str, bool); 12] = [
     ("bare", "", true),
     ("bare, again", "", true),
@@ -89,7 +90,7 @@ fn main() {
         100.0 * most,
         100.0 * NOTHING
     );
-    // The bare plate twice: what the machine's other work makes of the same.
+    // The bare plate is measured twice; the difference shows the noise of the machine.
     let noise = columns.iter().map(|column| (column[1] - 1.0).abs()).fold(0.0, f64::max);
     if noise > 0.5 * NOTHING {
         println!("the machine is too busy to judge: the same scene twice differs by {:.1} %", 100.0 * noise);

@@ -1,4 +1,5 @@
-//! What a formula costs at the quadrature points of a 160x64 mesh, beside the same written in Rust.
+//! Cost of a formula at the quadrature points of a 160x64 mesh, compared with the same formula
+//! written in Rust.
 
 use divan::{Bencher, black_box};
 use rebond::field::{Derivatives, Field, Names};

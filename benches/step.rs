@@ -1,9 +1,11 @@
-//! What a step costs, and what it is made of: the paper's plate in free flight.
+//! Cost of a step and of its parts for the paper's plate in free flight.
 //!
-//! `cargo bench` prints, for each mesh: `solve` alone (the floor of any scheme that factors once: a pair of triangular
-//! solves), `stiffness` (K applied cell by cell), `judge` (the KKT residual), the whole `step` of Newmark with the singular
-//! mass, and a `contact` step, of the plate pressed onto its obstacle. `assembly` and `factor` come once in a run. At the end
-//! a table of steps over solves, by this program and by faer alone; timed in turns, so that other programs slow all alike.
+//! `cargo bench` prints for each mesh: `solve` alone (a pair of triangular solves, the lower limit
+//! for any scheme that factors once), `stiffness` (K applied cell by cell), `judge` (the KKT
+//! residual), the whole `step` of Newmark's scheme with the singular mass, and a `contact` step of
+//! the plate pressed onto its obstacle. `assembly` and `factor` occur once per run. At the end a
+//! table gives the ratio of steps to solves, by this program and by faer alone; these are timed in
+//! turns, so that other programs slow all alike.
 
 use divan::{Bencher, black_box};
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -23,7 +25,7 @@ use std::time::{Duration, Instant};
 
 const MESHES: [&str; 6] = ["fvs 10x4", "hct 10x4", "fvs 80x32", "hct 80x32", "fvs 160x64", "hct 160x64"];
 
-/// The paper's plate far above its obstacle, from rest under 14600 Pa.
+/// Returns the paper's plate far above its obstacle, at rest under 14600 Pa.
 fn scene(mesh: &str) -> Scene {
     scene_with(
         mesh,
@@ -34,7 +36,8 @@ fn scene(mesh: &str) -> Scene {
     )
 }
 
-/// The plate at rest, bent down onto its obstacle by 14600 Pa: its free edge touches.
+/// Returns the plate at rest, bent down onto its obstacle by 14600 Pa, so that its free edge
+/// touches.
 fn resting(mesh: &str) -> Scene {
     scene_with(
         mesh,
@@ -128,7 +131,8 @@ fn g_contact(bencher: Bencher, mesh: &str) {
     assert!(scheme.reaction().iter().any(|r| *r != 0.0), "the plate has left its obstacle");
 }
 
-/// A floor from outside: faer's sparse Cholesky solver of the assembled matrix, as it comes.
+/// Lower limit from an independent program: faer's sparse Cholesky solver of the assembled matrix
+/// with its default settings.
 struct Faer {
     symbolic: SymbolicCholesky<usize>,
     values: Vec<f64>,
@@ -171,7 +175,7 @@ impl Faer {
     }
 }
 
-/// Prints what a free step costs beside the faster of two solves.
+/// Prints the cost of a free step relative to the faster of two solves.
 fn compare() {
     println!(
         "\n{:<12}{:>12}{:>12}{:>12}{:>8}   (the least of many, in us)",
@@ -206,7 +210,8 @@ fn compare() {
     }
 }
 
-/// The least seconds of several runs, each short enough to be left in peace; the first warms the caches and is not counted.
+/// Returns the shortest time of several runs, in s, each short enough to be undisturbed. The first
+/// run warms the caches and is not counted.
 fn seconds(mut work: impl FnMut()) -> f64 {
     const RUNS: u32 = 8;
     work();
@@ -221,7 +226,7 @@ fn seconds(mut work: impl FnMut()) -> f64 {
 
 fn main() {
     divan::main();
-    // Not where only a part was asked for.
+    // The comparison is omitted where only a part of the benchmarks is requested.
     if std::env::args().skip(1).all(|argument| argument == "--bench") {
         compare();
     }

@@ -1,13 +1,16 @@
-//! The energy left at the end of the paper's experiment, for every scheme, mass and step: what its figures 3 to 6 draw.
+//! Energy left at the end of the paper's experiment, for every scheme, mass and step, as in its
+//! figures 3 to 6.
 //!
-//! A plate, 1.2 m x 0.4 m x 1 cm of steel, clamped at x = 0, starts at rest from its equilibrium under 14600 Pa and falls on a
-//! flat obstacle at -0.1 m; 10 x 4 cells, half a second, four impacts. Printed is E(T) / E(0), beside it the value that an
-//! independent program gave. The runs with e > 0 and the midpoint scheme are chaotic at large steps: there two correct programs
-//! differ by some per cent, and only steps of 1e-5 s and less are held to a tolerance. The consistent mass is chaotic at small
-//! steps as well: which step closes a gap hangs on the last digits of the velocity, and a program that adds positions
-//! of 0.2 m at 1e-6 s rounds its velocities by some 1e-10. Where a run is further off than its tolerance, the start is changed
-//! by parts in 1e13 to 1e10: the difference is explained if this alone makes as large a spread (`~` marks such a run),
-//! and a failure otherwise.
+//! A plate of steel, 1.2 m x 0.4 m x 1 cm, clamped at x = 0, starts at rest from its equilibrium
+//! under 14600 Pa and falls on a flat obstacle at -0.1 m. It has 10 x 4 cells, and half a second
+//! brings four impacts. The table has E(T) / E(0) and the value of an independent program. The runs
+//! with e > 0 and those of the midpoint scheme are chaotic at large steps, where two correct
+//! programs differ by some per cent; only steps of 1e-5 s and less are compared within a tolerance.
+//! The consistent mass is chaotic at small steps as well: the step that closes a gap depends on the
+//! last digits of the velocity, and a program that adds displacements of 0.2 m at 1e-6 s rounds its
+//! velocities by some 1e-10. Where a run differs by more than its tolerance, the start is changed
+//! by parts in 1e13 to 1e10. The difference is explained if these changes alone cause as large a
+//! spread (`~` marks such a run), and is a failure otherwise.
 //!
 //! ```sh
 //! cargo run --release --example csma2013_table            # a minute
@@ -18,7 +21,7 @@ use rebond::scene::Scene;
 use rebond::simulation::{self, Model, Observer, Outcome, Row};
 use std::io::Write;
 
-/// E(T) / E(0) by step, from an independent program.
+/// Values of E(T) / E(0) per step from an independent program.
 struct Case {
     element: &'static str,
     scheme: &'static str,
@@ -67,7 +70,7 @@ impl Case {
         format!("{} {} {}{restitution}", self.element, self.scheme, self.mass)
     }
 
-    /// The case with the pressure of its start changed by a part of it.
+    /// Returns the scene of the case with a relative change of the initial pressure.
     fn scene(&self, step: f64, nudge: f64) -> rebond::Result<Scene> {
         let pressure = 14600.0 * (1.0 + nudge);
         let parameter = match self.restitution {
@@ -108,13 +111,14 @@ impl Case {
         Scene::from_str(&text, "the paper's plate", &[])
     }
 
-    /// How far from the expected value a correct program may be; `None` where chaos rules.
+    /// Returns the difference from the expected value that a correct program may have, or `None`
+    /// where the motion is chaotic.
     fn tolerance(&self, step: f64) -> Option<f64> {
         if self.restitution == Some(0.0) { Some(1e-4) } else { (step <= 1e-5).then_some(2e-3) }
     }
 }
 
-/// Runs a case; returns what it was and E(T) / E(0).
+/// Runs a case, and returns its outcome and E(T) / E(0).
 fn run(case: &Case, step: f64, nudge: f64) -> rebond::Result<(Outcome, f64)> {
     let scene = case.scene(step, nudge)?;
     let model = Model::new(&scene)?;
@@ -124,7 +128,7 @@ fn run(case: &Case, step: f64, nudge: f64) -> rebond::Result<(Outcome, f64)> {
     Ok((outcome, ratio))
 }
 
-/// Largest minus least of E(T) / E(0) over starts that are all but the same.
+/// Returns the largest minus the least E(T) / E(0) over almost identical starts.
 fn spread(case: &Case, step: f64) -> rebond::Result<f64> {
     let nudges = [0.0, 1e-13, -1e-13, 1e-12, -1e-12, 1e-11, -1e-11, 1e-10, -1e-10];
     let ratios = nudges

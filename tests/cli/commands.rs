@@ -1,4 +1,4 @@
-//! The command as a user meets it: exit codes, messages, files.
+//! The command from the user's point of view: exit codes, messages and files.
 
 use crate::common::command;
 use crate::common::command::{comparison, rebond, text};
@@ -20,7 +20,7 @@ fn folder(test: &str) -> PathBuf {
     command::folder(&format!("cli-{test}"), SCENE)
 }
 
-/// Asserts an exit code and one line of message, nothing else, with some words.
+/// Asserts an exit code and a message of exactly one line that contains some words.
 fn assert_fails(output: &Output, code: i32, words: &[&str]) {
     assert_eq!(text(&output.stderr).lines().count(), 1, "{}", text(&output.stderr));
     command::assert_fails(output, code, words);
@@ -47,7 +47,7 @@ fn a_run_writes_history_summary_and_picture() {
     assert!(picture.contains("<svg") && picture.contains("a short fall"));
 }
 
-/// What a check finds doubtful, a run says on standard error and keeps in its summary.
+/// A run prints the warnings of a check on standard error and keeps them in its summary.
 #[test]
 fn a_run_hides_no_warning_of_its_check() {
     let folder = folder("warnings");
@@ -145,7 +145,7 @@ fn compare_puts_solvers_side_by_side() {
     for words in ["a short fall: 36 dofs, 1 rank", "up to", "impact 1", "native", "impacts at 0.0"] {
         assert!(table.contains(words), "no {words:?} in:\n{table}");
     }
-    // What cannot run is a row of its own, and is named at the end.
+    // A contender that cannot run has a row of its own, and the final error names it.
     let output = compare(&["--json", "--with", "native,native:snes"]);
     assert_fails(&output, 3, &["1 of 2", "native:snes", "no \"snes\""]);
     let value = comparison(&output);
@@ -158,7 +158,7 @@ fn compare_puts_solvers_side_by_side() {
     );
     assert!(native["seconds"]["contact_step"].as_f64().unwrap() > 0.0);
     assert!(other["failure"].as_str().unwrap().contains("snes"), "{other}");
-    // So is what stops on the way.
+    // The same holds for a contender that stops on its way.
     let stopped = compare(&["--set", "solver.tolerance=1e-18", "--with", "native"]);
     assert_eq!(stopped.status.code(), Some(3), "the reference itself cannot start");
     assert!(compare(&["--quiet"]).stdout.is_empty());
@@ -257,15 +257,15 @@ fn the_exact_scheme_lists_its_events() {
     assert_eq!(first[0].parse::<f64>().ok(), summary["first_impact"]["time"].as_f64());
     assert_eq!(first[4], "closes");
     assert_eq!(first[5].parse::<f64>().ok(), summary["first_impact"]["velocity"].as_f64());
-    // A run that follows no events leaves none of an earlier one.
+    // A run that follows no events removes the events file of an earlier run.
     let output = rebond(&folder, &["run", "fall.toml", "--out", "out", "--overwrite"]);
     assert!(output.status.success() && !folder.join("out/events.csv").exists());
     let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
     assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
 }
 
-/// Without a terminal a run tells how far it is at each tenth of its steps, by the steps and not by
-/// a clock.
+/// Without a terminal a run reports its progress at each tenth of its steps, which does not depend
+/// on a clock.
 #[test]
 fn a_run_tells_its_progress_without_a_terminal() {
     let folder = folder("progress");
@@ -277,7 +277,7 @@ fn a_run_tells_its_progress_without_a_terminal() {
     assert!(json.status.success() && json.stderr.is_empty(), "{}", text(&json.stderr));
 }
 
-/// A wall is drawn in the phase portrait of a probe that it is opposite to, and in no other.
+/// A wall is drawn in the phase portraits of the probes that are opposite to it, and in no others.
 #[test]
 fn phase_portraits_show_the_obstacles_of_their_own_probe() {
     let folder = folder("phase");
@@ -310,17 +310,17 @@ fn a_picture_has_no_panel_without_data() {
     }
 }
 
-/// The hard scenes come with the program: no repository is needed.
+/// The hard scenes are part of the program and need no repository.
 #[test]
 fn stability_has_scenes_of_its_own() {
     let folder = folder("stability");
-    // A key that no scene takes stops all of them at the first: they were found.
+    // The first scene is refused for its unknown key, which shows that the scenes were found.
     assert_fails(&rebond(&folder, &["stability", "--set", "time.stop=1"]), 2, &["time.stop"]);
     let none = rebond(&folder, &["stability", "nowhere.toml"]);
     assert_fails(&none, 4, &["nowhere.toml"]);
 }
 
-/// A run starts from where another one ended, with whatever scheme, step, loads and obstacles.
+/// A run may start from the end of another one, with any scheme, step, loads and obstacles.
 #[test]
 fn a_run_starts_from_another_ones_end() {
     let folder = folder("from");
@@ -338,7 +338,7 @@ fn a_run_starts_from_another_ones_end() {
     let (whole, second) = (rows("whole"), rows("second"));
     for row in &second {
         let same = &whole[(row[0] / 10.0) as usize + 30];
-        // The tip, and the energies.
+        // These columns are the deflection of the tip and the energies.
         for column in [10, 2, 3, 4] {
             let scale = whole[0][if column == 10 { 10 } else { 2 }];
             let (a, b) = (row[column], same[column]);
@@ -367,7 +367,7 @@ fn a_run_starts_from_another_ones_end() {
     ] {
         assert_fails(&run("wrong", settings), 2, &[words]);
     }
-    // What is damaged is not started from.
+    // A damaged file is refused as a start.
     let file = folder.join("first/end.motion");
     let mut bytes = std::fs::read(&file).unwrap();
     bytes[100] ^= 1;
@@ -375,7 +375,7 @@ fn a_run_starts_from_another_ones_end() {
     assert_fails(&run("wrong", &["initial.from=first"]), 2, &["first/end.motion: damaged"]);
 }
 
-/// The script says in one line what it needs.
+/// The script reports its requirements in one line.
 #[test]
 fn a_bifurcation_diagram_without_a_program_says_so() {
     let folder = folder("bifurcation");
@@ -402,7 +402,7 @@ fn a_bifurcation_diagram_without_a_program_says_so() {
     assert!(folder.join("runs/bifurcation.svg").exists());
 }
 
-/// What a run writes grows with the rows asked for and with its impacts, not with its steps.
+/// The output of a run grows with the number of rows and of impacts, not with the number of steps.
 #[test]
 #[ignore = "minutes"]
 fn a_million_steps_write_small_files() {

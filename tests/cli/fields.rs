@@ -1,4 +1,5 @@
-//! What a run leaves to look at: snapshots and contacts agree with its history, and pictures come of them.
+//! Output of a run for inspection: snapshots and contacts agree with the history, and pictures can
+//! be drawn from them.
 
 use rebond::output::{contacts, history, plot, vtu};
 use std::fs;
@@ -16,7 +17,7 @@ time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
 output = { fields_every = 250, subdivide = 3, probes = [{ name = "corner", at = [1.2, 0.0] }] }
 "#;
 
-/// A folder of its own for a test, with a scene.
+/// Makes a folder for a test, with a scene.
 fn folder(test: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fields-{test}"));
     let _ = fs::remove_dir_all(&folder);
@@ -35,7 +36,7 @@ fn succeeds(folder: &Path, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Asserts exit code 4 and one line of message with some words.
+/// Asserts exit code 4 and a message of one line that contains some words.
 fn assert_unreadable(output: &Output, words: &[&str]) {
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(4), "{message}");
@@ -81,7 +82,8 @@ fn contacts_carry_the_whole_impulse() {
     let impulse: f64 = contacts.iter().map(|contact| contact.impulse).sum();
     assert!(impulse > 10.0 && (impulse / (1e-4 * force) - 1.0).abs() < 1e-12, "{impulse} N s");
     assert!(contacts.iter().all(|contact| contact.impulse > 0.0 && contact.begin <= contact.end));
-    // Each instant has as many contacts as the history has nodes, but for nodes that let go for one step.
+    // At each instant there are as many contacts as nodes in the history, except for nodes that are
+    // released for one step.
     for (time, nodes) in table.column("time").unwrap().iter().zip(table.column("contact_nodes").unwrap()) {
         let open = contacts.iter().filter(|contact| (contact.begin..=contact.end).contains(time)).count();
         assert!(open as f64 >= *nodes, "{open} contacts of {nodes} nodes at {time} s");
@@ -135,7 +137,7 @@ fn plot_draws_all_that_a_run_left() {
     }
 }
 
-/// The rows of the contact map go by the numbers that contacts.csv has.
+/// The rows of the contact map have the numbers of nodes in contacts.csv.
 #[test]
 fn the_contact_map_numbers_nodes_as_the_file_does() {
     let contact =
@@ -154,7 +156,8 @@ fn the_contact_map_numbers_nodes_as_the_file_does() {
     }
 }
 
-/// Under a Hann window an oscillation in the middle of a bin has its amplitude there, half beside, and none elsewhere.
+/// With a Hann window an oscillation in the middle of a bin has its amplitude there, half of it in
+/// the bins beside, and none elsewhere.
 #[test]
 fn spectra_tell_amplitudes() {
     let times: Vec<f64> = (0..1000).map(|i| 1e-3 * f64::from(i)).collect();
@@ -175,7 +178,7 @@ fn spectra_tell_amplitudes() {
     }
 }
 
-/// The same title twice as long makes more ink: letters reach the PNG on a machine that may have no font at all.
+/// A title twice as long makes more ink, so letters are drawn even on a machine without any font.
 #[test]
 fn letters_need_no_font_of_the_machine() {
     let folder = folder("letters");

@@ -1,5 +1,5 @@
-//! The scenes of `scenes/gallery`, run as a user runs them: each gives the number that theory gives
-//! it.
+//! The scenes of `scenes/gallery`, run as a user runs them: each gives the number that theory
+//! predicts.
 
 use crate::common::command;
 use crate::common::command::{rebond, succeeds};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 const GALLERY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery");
 const G: f64 = 9.81;
 
-/// What a run left.
+/// Output of a run.
 struct Run {
     summary: Value,
     names: Vec<String>,
@@ -29,18 +29,18 @@ impl Run {
         self.rows.iter().map(|row| row[index]).collect()
     }
 
-    /// Instants and values of a column.
+    /// Returns instants and values of a column.
     fn curve(&self, name: &str) -> Vec<(f64, f64)> {
         self.column("time").into_iter().zip(self.column(name)).collect()
     }
 
-    /// A value at an instant that has a row.
+    /// Returns the value at an instant that has a row.
     fn at(&self, time: f64, name: &str) -> f64 {
         let near = |(t, value): (f64, f64)| ((t - time).abs() < 1e-9).then_some(value);
         self.curve(name).into_iter().find_map(near).unwrap()
     }
 
-    /// Time and velocity of the first impact.
+    /// Returns time and velocity of the first impact.
     fn first_impact(&self) -> [f64; 2] {
         let impact = &self.summary["first_impact"];
         ["time", "velocity"].map(|name| impact[name].as_f64().unwrap())
@@ -72,29 +72,29 @@ fn assert_near(value: f64, expected: f64, part: f64) {
     assert!((value / expected - 1.0).abs() <= part, "{value} is not {expected} to {part}");
 }
 
-/// The modes of a cantilever, scaled to a mean square of 1: the numbers beta L, and the frequencies
-/// in rad/s.
+/// Modes of a cantilever, scaled to a mean square of 1: the numbers beta L, and the frequencies in
+/// rad/s.
 struct Cantilever {
     length: f64,
     modes: Vec<(f64, f64)>,
 }
 
 impl Cantilever {
-    /// `wave` is sqrt(E I / (rho A)), in m2/s.
+    /// Computes the modes; `wave` is sqrt(E I / (rho A)), in m2/s.
     fn new(length: f64, wave: f64) -> Cantilever {
         let roots =
             [1.875_104_068_711_961, 4.694_091_132_974_175, 7.854_757_438_237_613, 10.995_540_734_875_467];
         Cantilever { length, modes: roots.map(|root| (root, (root / length).powi(2) * wave)).to_vec() }
     }
 
-    /// A mode at a share of the length.
+    /// Returns the value of a mode at a fraction of the length.
     fn shape(root: f64, share: f64) -> f64 {
         let sigma = (root.cosh() + root.cos()) / (root.sinh() + root.sin());
         let z = root * share;
         z.cosh() - z.cos() - sigma * (z.sinh() - z.sin())
     }
 
-    /// The integral of a mode over a part of the beam, over its length.
+    /// Returns the integral of a mode over a part of the beam, divided by the length.
     fn share(&self, root: f64, from: f64, to: f64) -> f64 {
         let parts = 2000;
         let h = (to - from) / f64::from(parts);
@@ -102,8 +102,9 @@ impl Cantilever {
         (0..parts).map(at).sum::<f64>() * h / self.length
     }
 
-    /// The tip's deflection after each step under accelerations a(t) of the part between two
-    /// places, from rest, damped by mass: the central difference scheme, mode by mode.
+    /// Returns the deflection of the tip after each step under accelerations a(t) of the part
+    /// between two places. The beam starts at rest with mass-proportional damping; each mode is
+    /// integrated by the central difference scheme.
     fn tip(&self, step: f64, steps: usize, damping: f64, part: [f64; 2], a: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut tip = vec![0.0; steps];
         for &(root, omega) in &self.modes {
@@ -121,12 +122,12 @@ impl Cantilever {
     }
 }
 
-/// The height of a curve of steps of 1e-5 s at an instant.
+/// Returns the value of a curve with steps of 1e-5 s at an instant.
 fn tip_at(curve: &[f64], time: f64) -> f64 {
     curve[(time / 1e-5).round() as usize]
 }
 
-/// Time and velocity where a curve first passes a height.
+/// Returns time and velocity where a curve first satisfies a condition.
 fn passes(curve: &[f64], step: f64, is_past: impl Fn(f64) -> bool) -> [f64; 2] {
     let i = curve.iter().position(|&w| is_past(w)).unwrap();
     [i as f64 * step, (curve[i] - curve[i - 1]) / step]
@@ -157,8 +158,8 @@ fn every_scene_is_told_and_pinned() {
 
 #[test]
 fn a_vibrating_beam_meets_its_stop_when_its_modes_say() {
-    // Seen from the support, which starts at once at the velocity a W, each mode starts at rest
-    // minus that.
+    // In the frame of the support, which starts at once at the velocity a W, each mode starts with
+    // the opposite of this velocity.
     let (amplitude, drive) = (2e-3, 2.0 * PI * 5.832);
     let beam = Cantilever::new(1.2, 0.01 * (210e9_f64 / (12.0 * 7770.0)).sqrt());
     let shares: Vec<f64> = beam.modes.iter().map(|&(root, _)| beam.share(root, 0.0, 1.2)).collect();
@@ -177,13 +178,14 @@ fn a_vibrating_beam_meets_its_stop_when_its_modes_say() {
     let run = run("vibrating", &["time.end=0.45", "output.every=1"]);
     let [first, speed] = run.first_impact();
     assert!((first - time).abs() < 1e-3, "{first} s is not {time} s");
-    // The support starts at once: the fast modes, of which a mesh has the phase no more, come and
-    // go. Their mean over 20 ms is small.
+    // The sudden start of the support excites fast modes, whose phase the mesh does not resolve.
+    // The mean of their velocity over 20 ms is small.
     let (step, tip) = (5e-5, run.column("tip"));
     let touched = run.column("contact_nodes").iter().position(|nodes| *nodes > 0.0).unwrap();
     let way = tip[touched] - tip[touched - 400];
     assert_near(way / 0.02, (tip_at(&curve, time) - tip_at(&curve, time - 0.02)) / 0.02, 0.01);
-    // The stop stands still: the speed is the tip's from the ground, not from the support.
+    // The stop stands still, so the impact velocity is that of the tip relative to the ground, not
+    // to the support.
     assert_near(speed, (tip[touched] - tip[touched - 1]) / step, 1e-2);
 }
 
@@ -192,7 +194,7 @@ fn a_ball_slows_down_as_on_an_infinite_plate() {
     let run = run("ball", &["time.end=5e-4"]);
     let stiffness = 210e9 * 4e-3_f64.powi(3) / (12.0 * (1.0 - 0.3 * 0.3));
     let tau = 0.5 / (8.0 * (stiffness * 7800.0 * 4e-3).sqrt());
-    // It touches after 0.1 ms.
+    // The ball touches the plate after 0.1 ms.
     let sunk = -0.626 * tau * (1.0 - (-4e-4 / tau).exp());
     let [time, velocity] = run.first_impact();
     assert!((time - 1e-4).abs() < 1e-7 && (velocity + 0.626).abs() < 1e-6, "{time} s, {velocity} m/s");
@@ -219,7 +221,7 @@ fn a_loose_cover_takes_off_where_gravity_no_longer_holds_it() {
     };
     let landing = (1..).map(|i| off + 1e-5 * f64::from(i)).find(|&t| t > off + 0.01 && flight(t) <= floor(t));
 
-    // The cover is no rigid body: it leaves and lands some milliseconds late, one side after the
+    // The cover is no rigid body: it takes off and lands some milliseconds late, one side after the
     // other.
     let contacts = run("rattle", &["time.end=0.12"]).summary["contacts"].clone();
     let end = |contact: usize, end: usize| contacts[contact][end].as_f64().unwrap();
@@ -231,7 +233,7 @@ fn a_loose_cover_takes_off_where_gravity_no_longer_holds_it() {
 #[test]
 fn a_stroke_at_a_corner_meets_a_seventh_of_the_mass() {
     let (mass, omega, duration) = (2400.0 * 0.05 * 0.36, (5e6_f64 / (2400.0 * 0.05)).sqrt(), 0.01);
-    // The Fourier transform of half a sine of 1 kN.
+    // This is the Fourier transform of half a sine of 1 kN.
     let rate = PI / duration;
     let transform = 1000.0 * rate * 2.0 * (0.5 * omega * duration).cos() / (rate * rate - omega * omega);
     let run = run("struck", &["time.end=0.03"]);
@@ -286,7 +288,7 @@ fn plywood_rings_and_dies_away() {
 fn a_reed_meets_its_stop_as_a_beam_does() {
     let beam = Cantilever::new(0.03, 3e-4 * (210e9_f64 / (12.0 * 7700.0)).sqrt());
     let pressure = |t: f64| 4e4 * (100.0 * PI * t).sin() - 2e3;
-    // Until the pressure turns, the seat holds the reed.
+    // Until the pressure changes sign, the seat holds the reed.
     let a = |t: f64| pressure(t).max(0.0) / (7700.0 * 3e-4);
     let tip = beam.tip(1e-7, 20_000, 50.0, [0.018, 0.027], a);
     let [time, velocity] = passes(&tip, 1e-7, |w| w >= 1.5e-3);
@@ -322,7 +324,7 @@ fn a_driven_cantilever_grazes_its_walls_where_its_modes_say() {
         im -= force * damped / size;
     }
     let grazing = 1e-3 / f64::hypot(re, im);
-    // Slowly driven up, so that no start makes it touch.
+    // The amplitude of the drive increases slowly, so that the start causes no contact.
     let touches = |pressure: f64| {
         let load = format!("load.pressure=\"{pressure}*min(1, t)*sin(2*pi*40*t)\"");
         let run = run("chaos", &[&load, "time.end=2.5"]);
@@ -359,7 +361,7 @@ fn all_commands_take_meshes_from_files_and_balls() {
     }
 }
 
-/// Every row's deflections alike, to a part of the largest.
+/// Asserts that the deflections of all rows agree, relative to the largest one.
 #[cfg(feature = "petsc")]
 fn same_on_two_ranks(name: &str, settings: &[&str]) {
     let native = run(name, settings);

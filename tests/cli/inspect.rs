@@ -1,4 +1,4 @@
-//! What is said of a scene before it runs.
+//! Reports on a scene before it runs.
 
 use crate::common::plates::close;
 use rebond::scene::{Scene, SchemeSpec};
@@ -9,7 +9,7 @@ fn scene(figure: u32, overrides: &[&str]) -> Scene {
     Scene::load(path, &overrides.iter().map(|o| o.to_string()).collect::<Vec<_>>()).unwrap()
 }
 
-/// Figure 4: quadrilaterals, Newmark with e = 0 and the singular mass.
+/// Figure 4 has quadrilaterals, and Newmark's scheme with e = 0 and the singular mass.
 #[test]
 fn the_plate_of_the_paper() {
     let inspection = study::inspect(&scene(4, &[])).unwrap();
@@ -27,7 +27,7 @@ fn the_plate_of_the_paper() {
     close("highest, singular", inspection.singular.highest.unwrap(), 9142.18, 1e-6);
     close("inf-sup", inspection.inf_sup.raw.unwrap(), 5.6393574385e-3, 1e-8);
     assert_eq!(inspection.advised_step, Some(2e-5));
-    // The paper's own step.
+    // This is the paper's own step.
     assert_eq!(inspection.energy_step, Some(5e-6));
     assert!(inspection.warnings.is_empty() && inspection.mechanism.is_none());
 
@@ -45,7 +45,7 @@ fn a_constant_load_has_its_own_equilibrium() {
     let inspection = study::inspect(&scene(4, &["load.pressure=7300", "obstacle=[]"])).unwrap();
     let corner = &inspection.deflections[0];
     close("half the pressure", corner.loaded.unwrap(), 0.5 * corner.start.unwrap(), 1e-12);
-    // Elastic energy E, less the work of half the load that made it: E - E.
+    // The energy is the elastic energy E minus the work of half the load that caused it, E - E.
     assert!(inspection.initial_energy.unwrap().abs() < 1e-9);
 }
 
@@ -75,7 +75,7 @@ fn warnings_say_what_will_go_wrong() {
     );
     said(4, &["time.mass=\"consistent\""], "does not vanish with the step");
     said(6, &["time.mass=\"consistent\""], "unstable");
-    // One free node for eight triangles, clamped all round.
+    // The plate of eight triangles has one free node and is clamped all around.
     let clamped = r#"support=[{edge="left",kind="clamped"},{edge="right",kind="clamped"},{edge="top",kind="clamped"},{edge="bottom",kind="clamped"}]"#;
     said(3, &["mesh.cells=[2,2]", clamped], "inf-sup condition fails");
 }
@@ -96,7 +96,7 @@ fn a_check_resolves_the_scene_and_tells_its_cost() {
     assert!(text.starts_with(&check.scene) && text.contains("expected time"), "{text}");
 }
 
-/// A run that could not start fails its check.
+/// A check refuses a scene that could not start to run.
 #[test]
 fn a_check_refuses_what_a_run_would() {
     let error = study::check(&scene(4, &["support=[]"])).unwrap_err();
@@ -109,7 +109,8 @@ const NEWMARK: SchemeSpec = SchemeSpec::Newmark { beta: 0.5, restitution: 0.0 };
 fn advised_steps_are_round_and_bounded() {
     let frequencies = |highest| Frequencies { lowest: vec![0.0, 5.0, 40.0], highest };
     let advise = |highest| advised_step(NEWMARK, &frequencies(highest), true);
-    // A part of the first period, however fast the fastest motion is, and no less than that takes.
+    // The advised step is a fraction of the first period, however fast the fastest motion is, and
+    // never shorter than that motion requires.
     assert_eq!(
         [advise(Some(9142.0)), advise(Some(1e9)), advise(Some(50.0))],
         [Some(2e-5), Some(2e-5), Some(1e-3)]
@@ -120,8 +121,8 @@ fn advised_steps_are_round_and_bounded() {
     assert_eq!(energy_step(&frequencies(Some(9142.0))), Some(5e-6));
 }
 
-/// The advised step is one that can be followed, and finer meshes do not shorten it; `conserving`
-/// is told nothing of the energy.
+/// A run can follow the advised step, and finer meshes do not shorten it. For `conserving` no step
+/// is advised for the energy.
 #[test]
 fn finer_meshes_advise_the_same_step() {
     for cells in ["mesh.cells=[5, 2]", "mesh.cells=[20, 8]", "mesh.cells=[40, 16]"] {
@@ -133,8 +134,8 @@ fn finer_meshes_advise_the_same_step() {
     }
 }
 
-/// A cosine in the mode that counts has a period within 1 % with the advised step, and not with
-/// three times as long a one.
+/// With the advised step a cosine in the relevant mode has the correct period within 1 %; with a
+/// step three times as long it has not.
 #[test]
 fn the_advised_step_keeps_periods_to_one_per_cent() {
     let pi = std::f64::consts::PI;
@@ -143,8 +144,8 @@ fn the_advised_step_keeps_periods_to_one_per_cent() {
             let frequencies = Frequencies { lowest: vec![5.0, highest], highest: None };
             let step = advised_step(scheme, &frequencies, false).unwrap();
             let turned = 0.5 * 2.0 * pi * highest * step;
-            // The discrete frequency of Newmark's scheme: sin(w dt / 2)^2 = x^2 / (1 + 4 beta x^2),
-            // x half the exact angle.
+            // The discrete frequency of Newmark's scheme satisfies sin(w dt / 2)^2 = x^2 / (1 + 4
+            // beta x^2), where x is half the exact angle.
             let beta = 2.0 * (error + 1.0 / 24.0);
             let period = turned / (turned / (4.0 * beta * turned * turned + 1.0).sqrt()).asin() - 1.0;
             assert!(period < 0.0101 && period > 0.01 / 9.0, "{step}: {period}");

@@ -1,4 +1,5 @@
-//! Whatever stops a run, nothing is lost: it goes on to the files that it would have written undisturbed, byte for byte.
+//! Interruptions lose nothing: a resumed run leaves the files that the undisturbed run would have
+//! written, byte for byte.
 
 use crate::common::Random;
 use crate::common::command;
@@ -8,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 
-/// A plate that chatters on an obstacle, with all that a run can write.
+/// Plate that chatters on an obstacle, with all kinds of output of a run.
 const FALL: &str = r#"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
 mesh = { element = "fvs", cells = [4, 2] }
@@ -25,7 +26,7 @@ fn folder(test: &str) -> PathBuf {
     command::folder(&format!("interrupted-{test}"), FALL)
 }
 
-/// A command under way; one that a failed test leaves behind is killed.
+/// Running command, which is killed if a failed test leaves it behind.
 struct Job(Option<Child>);
 
 impl Job {
@@ -41,7 +42,7 @@ impl Job {
         self.process().kill().unwrap();
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the command.
     fn output(mut self) -> Output {
         self.0.take().unwrap().wait_with_output().unwrap()
     }
@@ -69,7 +70,7 @@ fn whole(folder: &Path, overrides: &[&str]) {
     succeeds(&rebond(folder, &[&run[..], overrides].concat()));
 }
 
-/// Names and bytes of all that a run leaves, except pictures, and its summary without what time it took.
+/// Returns names and bytes of all output of a run except pictures, and its summary without times.
 fn results(run: &Path) -> Vec<(String, Vec<u8>)> {
     let mut found = Vec::new();
     for part in [run, &run.join("fields")] {
@@ -102,15 +103,17 @@ fn has_checkpoint(run: &Path) -> bool {
     !checkpoints(run).is_empty()
 }
 
-/// What a run that is under way shows of how far it is: the names of its checkpoints, and the size of its history.
+/// Returns the progress of a running command: the paths of its checkpoints, and the size of its
+/// history.
 fn progress(run: &Path) -> (Vec<PathBuf>, u64) {
     (checkpoints(run), fs::metadata(run.join("history.csv")).map_or(0, |history| history.len()))
 }
 
-/// Kills a run again and again as it gets on, and goes on from what is there.
+/// Kills a run again and again as it progresses, and resumes it from the files that it left.
 ///
-/// No clock says when, so that a busy machine kills as often: each time the run has come further, at most kills right then, or
-/// some looks later, which may be anywhere up to the next checkpoint. One in five is killed as soon as its files are there.
+/// No clock determines the kills, so that a busy machine kills as often. A run is killed once it
+/// has progressed, either at once or after some more looks at it, which may be anywhere up to the
+/// next checkpoint. One run in five is killed as soon as its files exist.
 fn survives_kills(test: &str, overrides: &[&str], kills: usize) {
     let folder = folder(test);
     whole(&folder, overrides);
@@ -145,7 +148,7 @@ fn survives_kills(test: &str, overrides: &[&str], kills: usize) {
             assert!(status.code().is_none(), "{status}: {}", text(&stderr));
         }
     }
-    // Most kills wait for a checkpoint, and all those leave one.
+    // Most kills wait for a checkpoint, and each of these leaves one.
     assert!(2 * resumed > kills, "{resumed} of {killed}");
 }
 
@@ -163,15 +166,15 @@ fn runs_of_every_scheme_survive_two_hundred_kills() {
     survives_kills("kills-exact", &EXACT, 200);
 }
 
-/// Sends a signal with the shell's own kill: a bare system has no other.
+/// Sends a signal with the shell's own kill, since a bare system has no other.
 fn send(signal: &str, job: &mut Job) {
     let kill = format!("kill -{signal} {}", job.process().id());
-    // One that has ended is not yet waited for, and so still there.
+    // A command that has ended is not yet waited for, so its process still exists.
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
-/// Starts a run, sends a signal once it writes, and waits for it to end. One that had come to its end before is made again: on
-/// a busy machine this test may be held up.
+/// Starts a run, sends a signal once it writes, and waits for its end. A run that ended before is
+/// started again, since this test may be delayed on a busy machine.
 fn signalled(folder: &Path, signal: &str, arguments: &[&str]) -> (ExitStatus, String) {
     loop {
         let _ = fs::remove_dir_all(folder.join("run"));
@@ -190,7 +193,7 @@ fn a_signal_finishes_the_step_and_leaves_a_checkpoint() {
     for (signal, overrides) in [("INT", &[][..]), ("TERM", &EXACT)] {
         let folder = folder(&format!("signal-{signal}"));
         whole(&folder, overrides);
-        // Without periodic ones too.
+        // The signal also works without periodic checkpoints.
         let run = ["run", "fall.toml", "--out", "run", "--set", "output.checkpoint_every=100000000"];
         let (status, said) = signalled(&folder, signal, &[&run[..], overrides].concat());
         assert_eq!(status.code(), Some(130), "{said}");
@@ -211,7 +214,7 @@ fn a_signal_finishes_the_step_and_leaves_a_checkpoint() {
     }
 }
 
-/// Runs until it is killed after a few checkpoints; the folder of the run.
+/// Runs until the run is killed after a few checkpoints, and returns its folder.
 fn unfinished(folder: &Path) -> PathBuf {
     let run = folder.join("run");
     let mut job = start(folder, &["run", "fall.toml", "--out", "run", "--set", "time.end=1000"]);
@@ -223,7 +226,7 @@ fn unfinished(folder: &Path) -> PathBuf {
     run
 }
 
-/// Paths of the checkpoints of a run, the newest first.
+/// Returns the paths of a run's checkpoints, the newest first.
 fn checkpoints(run: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(run).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut found: Vec<PathBuf> =
@@ -247,7 +250,7 @@ fn damage_is_never_taken_for_a_checkpoint() {
             let mut flipped = bytes.clone();
             flipped[i] ^= mask;
             assert!(Checkpoint::from_bytes(&flipped).is_err(), "byte {i}");
-            // Even bytes that someone has signed are read without a panic.
+            // Damaged bytes with a correct check sum are read without a panic.
             let sum = crc32fast::hash(&flipped[..content]);
             flipped[content..].copy_from_slice(&sum.to_le_bytes());
             let _ = Checkpoint::from_bytes(&flipped);
@@ -257,12 +260,12 @@ fn damage_is_never_taken_for_a_checkpoint() {
     longer.push(0);
     assert!(Checkpoint::from_bytes(&longer).is_err());
 
-    // The one before serves.
+    // The checkpoint before is used.
     fs::write(newest, &bytes[..bytes.len() / 2]).unwrap();
     let (read, damaged) = Checkpoint::newest(&run).unwrap();
     assert_eq!((read, damaged.len()), (Checkpoint::from_bytes(&bytes).unwrap(), 1));
     let mut resumed = start(&folder, &["resume", "run"]);
-    // It is written again, and some time later removed, for others that are newer.
+    // The run writes this checkpoint again, and later removes it in favour of newer ones.
     while newest.metadata().is_ok_and(|newest| newest.len() <= bytes.len() as u64 / 2) {
         assert!(!resumed.has_ended(), "it has ended");
     }
@@ -274,7 +277,7 @@ fn damage_is_never_taken_for_a_checkpoint() {
         "{said}"
     );
 
-    // Without any there is nothing to go on from, and nothing is touched.
+    // Without checkpoints a run cannot be resumed, and nothing is changed.
     for path in checkpoints(&run) {
         fs::write(path, b"").unwrap();
     }
@@ -361,7 +364,7 @@ fn an_unfinished_run_is_not_overwritten_unasked() {
     assert_eq!(checkpoints(&run), files);
     succeeds(&rebond(&folder, &[&arguments[..], &["--overwrite"]].concat()));
     assert!(!has_checkpoint(&run));
-    // A finished run of the same scene is.
+    // A finished run of the same scene may be overwritten.
     succeeds(&rebond(&folder, &arguments));
 }
 
@@ -384,9 +387,10 @@ fn two_runs_never_write_into_one_folder() {
     succeeds(&rebond(&folder, &[&arguments[..], &["--overwrite", "--quiet"]].concat()));
 }
 
-/// Calls the command where files may grow to so many KiB, as if the disk were full then.
+/// Calls the command with a limit on the size of files, in KiB, which acts like a full disk.
 fn with_little_room(folder: &Path, kib: usize, arguments: &[&str]) -> std::process::Output {
-    // Without the signal's default, which is to kill. The shell counts in halves of a KiB.
+    // The trap prevents the signal from killing the command. The shell counts in units of half a
+    // KiB.
     let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", 2 * kib);
     Command::new("sh")
         .args(["-c", &script, "sh", env!("CARGO_BIN_EXE_rebond")])
@@ -396,7 +400,7 @@ fn with_little_room(folder: &Path, kib: usize, arguments: &[&str]) -> std::proce
         .unwrap()
 }
 
-/// A run that is done goes on to a later end, and leaves what a run to that end leaves.
+/// A finished run continues to a later end, and leaves the files of a run to that end.
 #[test]
 fn a_run_that_is_done_goes_on_to_a_later_end() {
     for (name, overrides) in [("newmark", &[][..]), ("exact", &EXACT)] {
@@ -421,11 +425,11 @@ fn a_full_disk_loses_nothing() {
     whole(&folder, &[]);
     let run = folder.join("run");
     let arguments = ["run", "fall.toml", "--quiet", "--out", "run"];
-    // The history grows into the limit.
+    // The history grows beyond the limit.
     assert_fails(&with_little_room(&folder, 300, &arguments), 4, &["history.csv: File too large"]);
     let kept = checkpoints(&run);
     assert_eq!(kept.len(), 2);
-    // Nothing fits any more.
+    // The limit leaves no room for anything.
     assert_fails(&with_little_room(&folder, 1, &["resume", "run", "--quiet"]), 4, &["File too large"]);
     assert_eq!(checkpoints(&run), kept);
     let names = fs::read_dir(&run).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -433,11 +437,11 @@ fn a_full_disk_loses_nothing() {
     succeeds(&rebond(&folder, &["resume", "run", "--quiet"]));
     assert_same(&folder, "run");
 
-    // A checkpoint is the first thing that does not fit.
+    // The checkpoint is the first file that does not fit.
     let large = ["--set", "mesh.cells=[10, 4]", "--set", "output={ every = 1000, checkpoint_every = 700 }"];
     let output = with_little_room(&folder, 4, &[&arguments[..], &large, &["--overwrite"]].concat());
     assert_fails(&output, 4, &["checkpoint-000000000700.bin: File too large"]);
     assert!(!has_checkpoint(&run));
-    // Nor can a folder be where a file is.
+    // A folder cannot be made below a file.
     assert_fails(&rebond(&folder, &["run", "fall.toml", "--out", "fall.toml/run"]), 4, &["fall.toml"]);
 }

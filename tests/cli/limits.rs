@@ -1,5 +1,5 @@
-//! Scenes that are too large for the memory there is, and files that are no scenes: one message,
-//! before anything is built.
+//! Scenes that are too large for the available memory, and files that are no scenes: the program
+//! answers with one message before it builds anything.
 
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds, text};
@@ -20,11 +20,11 @@ fn folder(test: &str) -> PathBuf {
     command::folder(&format!("limits-{test}"), SCENE)
 }
 
-/// Calls the command where its addresses may take so many KB.
+/// Calls the command with a limit on its address space, in KB.
 ///
-/// OpenBLAS reserves addresses for each of its threads before the program begins, 140 MB or more,
-/// and ends it where they do not suffice. One thread makes what is left independent of the number
-/// of cores.
+/// OpenBLAS reserves address space for each of its threads before the program begins, 140 MB or
+/// more, and ends the program where it does not suffice. With one thread the remainder does not
+/// depend on the number of cores.
 fn within(folder: &Path, kilobytes: u64, arguments: &[&str]) -> Output {
     let script = format!("ulimit -v {kilobytes}; exec \"$@\"");
     Command::new("sh")
@@ -36,8 +36,8 @@ fn within(folder: &Path, kilobytes: u64, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// Limit in KB for small runs. The libraries of PETSc take 230 MB of it on Debian 12, and 380 MB on
-/// Debian 13.
+/// Limit for small runs, in KB. The libraries of PETSc take 230 MB of it on Debian 12, and 380 MB
+/// on Debian 13.
 const TIGHT: u64 = 600_000;
 
 #[test]
@@ -57,19 +57,19 @@ fn what_does_not_fit_is_refused_before_it_is_built() {
     }
     let refined = ["check", "fall.toml", "--set", "mesh.refine=8"];
     assert_fails(&within(&folder, 2_000_000, &refined), 2, &["a run with 2621440 cells", "cells would fit"]);
-    // What is said to fit is let through.
+    // The mesh that the message suggests is accepted.
     let said =
         text(&within(&folder, 1_000_000, &["check", "fall.toml", "--set", "mesh.cells=[800, 300]"]).stderr);
     let cells = &said[said.find("mesh.cells").unwrap()..said.find(" would fit").unwrap()];
     let numbers: Vec<f64> =
         cells.split(|c: char| !c.is_ascii_digit()).filter_map(|number| number.parse().ok()).collect();
     assert!(numbers[0] > 200.0 && numbers[1] > 80.0 && numbers[0] < 800.0, "{said}");
-    // Contenders and studies tell it of each that does not fit.
+    // Comparisons and studies report each contender that does not fit.
     let compare = [&["compare", "fall.toml", "--with", "native"], &large[..]].concat();
     let output = within(&folder, 2_000_000, &compare);
     assert!([2, 3].contains(&output.status.code().unwrap()), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("of memory, and"), "{}", text(&output.stderr));
-    // Too many cells for any machine.
+    // No machine has memory for this many cells.
     assert_fails(
         &rebond(&folder, &["check", "fall.toml", "--set", "mesh.cells=[1000000, 1000000]"]),
         2,
@@ -85,7 +85,7 @@ fn petsc_is_not_started_for_what_does_not_fit() {
     assert_fails(&within(&folder, 2_000_000, &run), 2, &["a run with 4000000 cells", "would fit"]);
 }
 
-/// Whatever fits into the limit, the answer is a report or one message.
+/// Asserts that with any number of cells the answer is a report or one message.
 fn any_size(test: &str, limit: u64, cells: impl Iterator<Item = [u32; 2]>) {
     let folder = folder(test);
     let (mut refused, mut done) = (0, 0);
@@ -131,13 +131,13 @@ fn what_is_no_scene_is_not_read() {
         assert!(made);
         for command in ["run", "check", "inspect", "study", "compare", "stability"] {
             let output = rebond(&folder, &[command, file]);
-            // Stability takes folders of scenes.
+            // The command stability accepts folders of scenes.
             if (command, file) != ("stability", ".") {
                 assert_fails(&output, 4, &[words]);
             }
         }
     }
-    // So with meshes and tables.
+    // The same holds for meshes and tables.
     let mesh = ["check", "fall.toml", "--set"];
     let without = "plate = { thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n\
                    support = [{ edge = \"left\", kind = \"clamped\" }]\n\

@@ -1,4 +1,4 @@
-//! The command as a user calls it, and what it writes.
+//! The command as a user calls it, and its output.
 
 #[path = "../common/mod.rs"]
 mod common;

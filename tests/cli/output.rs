@@ -1,4 +1,4 @@
-//! The files that a run leaves behind: exact, whole, and drawn whatever the data.
+//! Files that a run leaves: they are exact and complete, and drawn for any data.
 
 use rebond::error::Error;
 use rebond::output::history::{self, COLUMNS, History, Row, Table};
@@ -8,7 +8,7 @@ use rebond::output::text::{Report, grouped, significant};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A folder of its own for each test, removed at its end.
+/// Folder for one test, removed at its end.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -19,7 +19,7 @@ impl Folder {
         Folder(path)
     }
 
-    /// A path below a regular file, where nobody can write, root included.
+    /// Returns a path below a regular file, where nobody can write, not even root.
     fn impossible(&self) -> PathBuf {
         let file = self.0.join("file");
         fs::write(&file, "").unwrap();
@@ -77,7 +77,7 @@ fn numbers_read_back_bit_for_bit() {
     let mut values =
         vec![0.0, -0.0, 0.1 + 0.2, 1e-3, 9.999e-4, 1e7, f64::MIN_POSITIVE, 5e-324, f64::MAX, f64::MIN];
     values.extend([f64::INFINITY, f64::NEG_INFINITY, std::f64::consts::PI, 0.2076]);
-    // Every exponent, with all bits of the mantissa in use.
+    // These values have every exponent, with all bits of the mantissa in use.
     values.extend((0..2047).map(|exponent: u64| f64::from_bits(exponent << 52 | 0x000A_BCDE_F012_3457)));
     let mut history = History::create(&folder.0, &names(&["tip"])).unwrap();
     for (step, &value) in values.iter().enumerate() {
@@ -203,7 +203,7 @@ fn summaries_are_whole_or_not_there() {
     assert_eq!(fs::read_to_string(&path).unwrap(), "{\n  \"steps\": 2,\n  \"energy\": null\n}\n");
     assert_eq!(folder.names(), ["summary.json"], "no temporary file stays");
 
-    // A name already taken by a folder cannot be replaced: the folder stays, the temporary file does not.
+    // A folder of the same name cannot be replaced: it stays, and the temporary file is removed.
     let taken = folder.0.join("taken");
     fs::create_dir(&taken).unwrap();
     write_json(&taken, &1).unwrap_err();
@@ -226,7 +226,7 @@ fn history_of(folder: &Path, probes: &[&str], rows: u64, f: impl Fn(f64) -> (f64
     history::read(folder).unwrap()
 }
 
-/// Draws, checks that the XML is well-formed and within the canvas, and gives it back.
+/// Draws a history, checks that the XML is well-formed and within the canvas, and returns it.
 fn drawn(folder: &Folder, table: &Table, title: &str, obstacles: &[Obstacle]) -> String {
     let path = folder.0.join("plots/history.svg");
     plot::run::history(table, title, obstacles).write_svg(&path).unwrap();
@@ -249,7 +249,7 @@ fn drawn(folder: &Folder, table: &Table, title: &str, obstacles: &[Obstacle]) ->
     svg
 }
 
-/// All points of the curves of that colour.
+/// Returns all points of the curves of a colour.
 fn points(svg: &str, color: &str) -> Vec<(f64, f64)> {
     let lines = svg.lines().filter(|line| line.starts_with("<polyline") && line.contains(color));
     let points =
@@ -321,7 +321,8 @@ fn a_long_history_makes_a_small_picture_that_keeps_its_extremes() {
         let svg = drawn(&folder, &table, "long", &[Obstacle::Below(-3.0)]);
         assert!(svg.len() < 300_000, "{probes} probes: {} bytes", svg.len());
 
-        // However dense, no dashes leave holes: kinetic energy is the dashed curve of its panel.
+        // However dense the curve, its dashes leave no holes: kinetic energy is the dashed curve of
+        // its panel.
         let kinetic = svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("#E69F00"));
         assert!(kinetic.map(|line| line.split("points=").nth(1).unwrap().len()).max() > Some(1000));
 

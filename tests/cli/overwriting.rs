@@ -1,4 +1,4 @@
-//! Nothing is written over that somebody may want to keep, unless asked to.
+//! No command overwrites results that somebody may want to keep, unless asked to.
 
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds};
@@ -22,7 +22,7 @@ fn folder(test: &str) -> PathBuf {
 
 const RUN: [&str; 5] = ["run", "fall.toml", "--quiet", "--out", "run"];
 
-/// All files of a folder with their bytes.
+/// Returns all files of a folder with their bytes.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).into_iter().flatten() {
@@ -36,7 +36,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// Asserts that a command refuses, with some words, and that a folder keeps what it holds.
+/// Asserts that a command refuses with some words, and that a folder keeps its contents.
 fn assert_refused(folder: &Path, kept: &str, arguments: &[&str], code: i32, words: &[&str]) {
     let before = files(&folder.join(kept));
     assert_fails(&rebond(folder, arguments), code, words);
@@ -48,7 +48,7 @@ fn only_the_same_scene_replaces_a_finished_run_unasked() {
     let folder = folder("finished");
     succeeds(&rebond(&folder, &RUN));
     succeeds(&rebond(&folder, &["plot", "run"]));
-    // The same scene may, however its file is called.
+    // The same scene may overwrite its results, whatever the name of its file.
     fs::copy(folder.join("fall.toml"), folder.join("same.toml")).unwrap();
     succeeds(&rebond(&folder, &["run", "same.toml", "--quiet", "--out", "run"]));
     assert!(!folder.join("run/plots/phase.svg").exists(), "pictures of the run before are gone");
@@ -61,10 +61,10 @@ fn only_the_same_scene_replaces_a_finished_run_unasked() {
     assert_refused(&folder, "run", &other, 2, &words);
     succeeds(&rebond(&folder, &[&other[..], &["--overwrite"]].concat()));
     assert_refused(&folder, "run", &RUN, 2, &["another scene"]);
-    // Nor does a summary that cannot be read.
+    // An unreadable summary prevents overwriting too.
     fs::write(folder.join("run/summary.json"), "{").unwrap();
     assert_refused(&folder, "run", &other, 2, &["another scene", "--overwrite"]);
-    // Without one, nobody knows what the results are of.
+    // Without a summary the origin of the results is unknown.
     fs::remove_file(folder.join("run/summary.json")).unwrap();
     assert_refused(&folder, "run", &other, 2, &["results without a summary", "history.csv", "--overwrite"]);
     succeeds(&rebond(&folder, &[&other[..], &["--overwrite"]].concat()));

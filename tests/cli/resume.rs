@@ -1,4 +1,4 @@
-//! A run that stops and goes on leaves what it would have left without the pause, to the last bit.
+//! A run that stops and is resumed gives the results of the uninterrupted run, to the last bit.
 
 use rebond::Result;
 use rebond::motion::Motion;
@@ -9,7 +9,8 @@ use rebond::simulation::{
 };
 use std::path::PathBuf;
 
-/// A plate that falls on an obstacle close beneath: contact from the start on, chatter and rest.
+/// Plate that falls on an obstacle close below it: there is contact from the start on, chatter and
+/// rest.
 const FALL: &str = r#"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
 mesh = { element = "fvs", cells = [4, 2] }
@@ -21,13 +22,13 @@ time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.06 }
 output = { every = 7, fields_every = 50, checkpoint_every = 37, probes = [{ name = "corner", at = [1.2, 0.0] }] }
 "#;
 
-/// All that a run says, with the number of the step at which it does.
+/// Record of everything that a run reports, with the number of the step.
 #[derive(Default)]
 struct Diary {
     step: u64,
     entries: Vec<(u64, String)>,
     pauses: Vec<RunState>,
-    /// The state at the last step, and how many entries there were before it.
+    /// State at the last step, and the number of entries before it.
     end: Option<(RunState, usize)>,
 }
 
@@ -39,7 +40,7 @@ impl Diary {
 }
 
 impl Observer for Diary {
-    // Numbers are printed with as many digits as tell them from all others.
+    // Numbers are printed with enough digits to distinguish all floating-point values.
     fn row(&mut self, row: &Row) -> Result<()> {
         self.note(row.step, format!("{row:?}"))
     }
@@ -81,12 +82,12 @@ fn scene(overrides: &[&str]) -> Scene {
     Scene::from_str(FALL, "fall.toml", &overrides).unwrap()
 }
 
-/// What a run was, but for the time that it took.
+/// Returns the outcome of a run without its times.
 fn timeless(outcome: Outcome) -> Outcome {
     Outcome { seconds: Seconds::default(), ..outcome }
 }
 
-/// A pause through a file and back.
+/// Returns a run state that was written to bytes and read back.
 fn through_bytes(pause: &RunState) -> RunState {
     let checkpoint = Checkpoint {
         scene: String::new(),
@@ -101,7 +102,7 @@ fn through_bytes(pause: &RunState) -> RunState {
     read.pause
 }
 
-/// Runs a scene, and goes on from each of its pauses with everything made anew.
+/// Runs a scene, and resumes it from each of its checkpoints with a new model.
 fn goes_on(overrides: &[&str]) {
     let scene = scene(&[&["solver.energy_guard=1e9"], overrides].concat());
     let model = Model::new(&scene).unwrap();
@@ -127,7 +128,7 @@ fn goes_on(overrides: &[&str]) {
     }
 }
 
-/// Runs a scene to an end, and from there to a later one: nothing tells that there was the first.
+/// Runs a scene to an end, and from there to a later one. The result equals that of a single run.
 fn goes_on_to_a_later_end(overrides: &[&str]) {
     let all = |end: &str| scene(&[&["solver.energy_guard=1e9"], overrides, &[end]].concat());
     let run = |scene: &Scene| {
@@ -136,8 +137,8 @@ fn goes_on_to_a_later_end(overrides: &[&str]) {
         ended.unwrap();
         (outcome, diary)
     };
-    // No row is due at the first of these ends, contact may go on there, and what is close in the
-    // longer run is not in the shorter.
+    // At the first of these ends no row is due and contact may continue, and intervals that are
+    // joined in the longer run are not joined in the shorter one.
     for (first, later) in [("time.end=0.006", "time.end=0.06"), ("time.end=0.05", "time.end=0.06")] {
         let (_, short) = run(&all(first));
         let scene = all(later);
@@ -198,7 +199,7 @@ fn exact_goes_on() {
     goes_on(&["time.scheme=exact", "time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]);
 }
 
-/// What changes with time is taken up where it was: a load, an obstacle and supports that move, a
+/// Time-dependent data resume from the interruption: a load, an obstacle and supports that move, a
 /// ball that rides, damping.
 #[test]
 fn what_changes_with_time_goes_on() {
@@ -225,8 +226,8 @@ fn what_changes_with_time_goes_on() {
     goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
 }
 
-/// More nodes touch at once than the dense problem of contact takes: active dofs are pinned in the
-/// factor.
+/// More nodes touch at once than the dense problem of contact admits, so active dofs are held in
+/// the factor.
 #[test]
 fn wide_contact_goes_on() {
     let flat = [

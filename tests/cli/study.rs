@@ -1,4 +1,4 @@
-//! What `rebond study` measures: orders that theory gives, combinations, fronts, files.
+//! Results of `rebond study`: orders of convergence, combinations, fronts and files.
 
 use crate::common::Random;
 use crate::common::command;
@@ -32,7 +32,7 @@ fn study(text: &str) -> Accuracy {
     accuracy::study(&scene, &scene.study(), None, &accuracy::run_native, 1, &mut Silent).unwrap()
 }
 
-/// Without contact every scheme is of second order, with either mass, once the fastest of its few
+/// Without contact every scheme is of second order, with either mass, once the fastest of the few
 /// modes is resolved.
 #[test]
 fn free_flight_is_of_second_order_in_time() {
@@ -49,15 +49,15 @@ fn free_flight_is_of_second_order_in_time() {
     );
     assert!(accuracy.complete && accuracy.failures.is_empty(), "{accuracy}");
     let orders = accuracy.time_orders();
-    // Newmark with two restitutions and midpoint with either mass, conserving with the singular
-    // one; exact has no step.
+    // The study has Newmark with two restitutions and midpoint with either mass, and conserving
+    // with the singular one; exact has no step.
     assert_eq!((orders.len(), accuracy.runs.len()), (7, 7 * 3 + 1), "{accuracy}");
     for of in orders {
         let order = of.end.unwrap_or(f64::NAN);
         assert!((1.9..2.2).contains(&order), "{}: {order}\n{accuracy}", of.method);
         assert_eq!((of.first_impact, of.second_impact), (None, None));
     }
-    // On the reference's own mesh there is no error in space.
+    // On the reference's own mesh the error in space is zero.
     assert!(
         accuracy
             .runs
@@ -66,8 +66,8 @@ fn free_flight_is_of_second_order_in_time() {
     );
 }
 
-/// A simply supported plate has no singularity: order 2 of the deflection and 1 in the energy norm,
-/// as the study reads them.
+/// A simply supported plate has no singularity: the study finds order 2 for the deflection and 1 in
+/// the energy norm.
 #[test]
 fn a_study_reads_the_orders_in_space() {
     for element in ["fvs", "hct"] {
@@ -132,8 +132,8 @@ fn a_study_of_a_mesh_from_a_file_refines_it() {
     }
 }
 
-/// On one mesh the norms by matrices are those by quadrature, thickness and material changing
-/// within and between cells.
+/// On one mesh the norms by matrices equal those by quadrature, with thickness and material that
+/// vary within and between cells.
 #[test]
 fn norms_are_those_of_the_scenes_sections() {
     let text = r#"
@@ -158,8 +158,8 @@ fn norms_are_those_of_the_scenes_sections() {
     assert!((by_points.l2 / by_matrices.l2 - 1.0).abs() < 0.02, "{by_points:?} {by_matrices:?}");
 }
 
-/// The unit square, simply supported, D = 1, under 4 pi^4 sin(pi x) sin(pi y): w = sin(pi x) sin(pi
-/// y).
+/// Returns the errors on the unit square, simply supported with D = 1, under the pressure 4 pi^4
+/// sin(pi x) sin(pi y), for which w = sin(pi x) sin(pi y).
 fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let exact = |p: Point| (PI * p.x).sin() * (PI * p.y).sin();
     let pressure = |p: Point| 4.0 * PI.powi(4) * exact(p);
@@ -231,7 +231,7 @@ fn a_plan_has_every_combination_that_makes_sense() {
         "#;
     let scene = Scene::from_str(text, "plan.toml", &[]).unwrap();
     let plan = Plan::new(&scene, &scene.study());
-    // 20x8 is also 10x4 refined once.
+    // The mesh 20x8 equals 10x4 refined once.
     assert_eq!(plan.grids.len(), 2 * 3);
     let methods: Vec<String> = plan.methods.iter().map(ToString::to_string).collect();
     assert_eq!(
@@ -249,7 +249,7 @@ fn a_plan_has_every_combination_that_makes_sense() {
     let dropped: Vec<&str> = plan.dropped.iter().map(|dropped| dropped.what.as_str()).collect();
     assert_eq!(dropped, ["native:snes", "midpoint consistent"]);
 
-    // Without obstacles the midpoint scheme is sound with either mass.
+    // Without obstacles the midpoint scheme is stable with either mass.
     let free = text.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
     let scene = Scene::from_str(&free, "plan.toml", &[]).unwrap();
     assert_eq!(Plan::new(&scene, &scene.study()).methods.len(), 6);
@@ -338,7 +338,7 @@ fn wrong_lists_are_told_like_wrong_keys() {
     assert!(!folder.join("studies").exists());
 }
 
-/// At steps down to 1e-5 s; the claims hold better below.
+/// The claims are tested at steps down to 1e-5 s, and hold better at smaller ones.
 #[test]
 fn the_claims_of_the_paper_hold() {
     let folder = command::folder("study-figures", "");
@@ -361,7 +361,7 @@ fn the_claims_of_the_paper_hold() {
     }
 }
 
-/// Quick, with an impact.
+/// Scene that runs in a short time and has an impact.
 const FALL: &str = r#"
     plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
     mesh = { element = "fvs", cells = [4, 2] }
@@ -378,7 +378,7 @@ const FALL: &str = r#"
     repeat = 1
     "#;
 
-/// By its error alone: seconds are the machine's.
+/// The test depends on errors only, since seconds depend on the machine.
 #[test]
 fn the_exact_scheme_leads_the_front() {
     let accuracy = study(FALL);
@@ -395,7 +395,7 @@ fn the_exact_scheme_leads_the_front() {
     assert!(row.is_some_and(|row| row.ends_with(",true,true")), "{}", accuracy.csv());
 }
 
-/// Stops after some parts of the work, and keeps what is known then.
+/// Observer that stops a study after some parts of its work and keeps the results so far.
 struct Stopping {
     left: usize,
     known: Option<Accuracy>,
@@ -436,7 +436,7 @@ fn a_study_that_was_stopped_goes_on() {
         let ended = accuracy::study(&scene, &scene.study(), known, &accuracy::run_native, 1, &mut watch);
         (ended, watch)
     };
-    // Reference, limit, nine runs.
+    // The parts are the reference, its limit, and nine runs.
     let (whole, watch) = run(None, usize::MAX);
     assert_eq!(watch.parts, 11);
     let (stopped, watch) = run(None, 5);
@@ -446,7 +446,7 @@ fn a_study_that_was_stopped_goes_on() {
     assert!(Accuracy::stopped(&json, "of another scene").is_none());
     let read = Accuracy::stopped(&json, "hash").unwrap();
     assert_eq!(read.runs.len(), 3);
-    // The limit again, for the six runs that are left.
+    // The remaining parts are the limit again and six runs.
     let (resumed, watch) = run(Some(read), usize::MAX);
     assert_eq!(watch.parts, 7);
     let errors = |accuracy: rebond::Result<Accuracy>| {

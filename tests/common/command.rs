@@ -1,9 +1,10 @@
-//! The built command as a user calls it: in a folder of its own, alone or under mpirun.
+//! The built command, called as a user calls it: in a folder of its own, in one process or under
+//! mpirun.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A folder of its own for a test, with nothing in it but a scene, `fall.toml`.
+/// Makes an empty folder for a test and writes the scene `fall.toml` into it.
 pub fn folder(test: &str, scene: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
     let _ = std::fs::remove_dir_all(&folder);
@@ -22,14 +23,14 @@ pub fn rebond(folder: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// What mpirun needs to start ranks of one machine, whichever release it is: more than there are
-/// cores, which wait without taking them, and speak through memory: Open MPI 5 complains of a
-/// machine without a network, else.
+/// Options of mpirun that start ranks on one machine with any release. There may be more ranks than
+/// cores, waiting ranks yield their cores, and messages go through memory: on a machine without a
+/// network Open MPI 5 complains otherwise.
 pub const ON_ONE_MACHINE: [&str; 7] =
     ["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--mca", "btl", "^tcp"];
 
-/// The command under mpirun; root may, as in a container. A busy machine may take minutes for what
-/// takes seconds.
+/// Returns the command under mpirun, which root may call too, as in a container. Its time limit
+/// allows for a busy machine that takes minutes for seconds of work.
 pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     let mut command = Command::new("mpirun");
     command
@@ -45,8 +46,8 @@ pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     command
 }
 
-/// Calls the command on some ranks. Jobs of other tests may run beside it: a job waits more than it
-/// works.
+/// Calls the command on several ranks. Jobs of other tests may run at the same time, since the
+/// ranks of a job mostly wait.
 pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
     mpirun(folder, ranks, arguments).output().unwrap()
 }
@@ -55,14 +56,14 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// Asserts success; what was printed.
+/// Asserts success and returns the standard output.
 pub fn succeeds(output: &Output) -> String {
     assert!(output.status.success(), "{}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stdout)
 }
 
-/// Asserts an exit code and one message, on one line, with some words. Where mpirun adds its own
-/// lines, ours is the one that begins with the command's name.
+/// Asserts an exit code and a message of one line that contains some words. Where mpirun adds its
+/// own lines, the message is the line that begins with the command's name.
 pub fn assert_fails(output: &Output, code: i32, words: &[&str]) {
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{}{said}", text(&output.stdout));
@@ -74,24 +75,24 @@ pub fn assert_fails(output: &Output, code: i32, words: &[&str]) {
     assert!(!said.contains("panicked"), "{said}");
 }
 
-/// The rows of a run's history.
+/// Returns the rows of a run's history.
 pub fn history(run: &Path) -> Vec<Vec<f64>> {
     let text = std::fs::read_to_string(run.join("history.csv")).unwrap();
     text.lines().skip(1).map(|line| line.split(',').map(|number| number.parse().unwrap()).collect()).collect()
 }
 
-/// A run's summary.
+/// Returns a run's summary.
 pub fn summary(run: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(run.join("summary.json")).unwrap()).unwrap()
 }
 
-/// What a comparison says as JSON.
+/// Returns the JSON output of a comparison.
 pub fn comparison(output: &Output) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Asserts the same rows, with deflections (from column 10 on) to 1e-8 m and energies to 1e-8 of
-/// the start.
+/// Asserts that two histories agree: deflections (from column 10 on) to 1e-8 m and energies to 1e-8
+/// of the initial energy.
 pub fn assert_agree(one: &[Vec<f64>], other: &[Vec<f64>], name: &str) {
     assert_eq!(one.len(), other.len(), "{name}");
     for (a, b) in one.iter().zip(other) {

@@ -1,6 +1,6 @@
-//! What several tests share: seeded random numbers, forms from dense matrices, a dense Cholesky
-//! solver of its own; plates, scenes, the command, ranks.
-#![allow(dead_code, unused_imports)] // Each program uses its part.
+//! Tools that several tests share: seeded random numbers, forms from dense matrices, an independent
+//! dense Cholesky solver, plates, scenes, the command, and ranks.
+#![allow(dead_code, unused_imports)] // Each test program uses only a part.
 
 pub mod clock;
 pub mod command;
@@ -12,7 +12,7 @@ pub mod scenes;
 use rebond::linalg::{ElementMatrix, Engine, Form, Native};
 use rebond::scheme::System;
 
-/// SplitMix64: small, seeded, the same on every machine.
+/// SplitMix64, a small generator of random numbers that gives the same sequence on every machine.
 pub struct Random(u64);
 
 impl Random {
@@ -27,41 +27,41 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Uniform in (-1, 1).
+    /// Returns a number that is uniform in (-1, 1).
     pub fn signed(&mut self) -> f64 {
         2.0 * self.unit() - 1.0
     }
 
-    /// Uniform in [0, 1).
+    /// Returns a number that is uniform in [0, 1).
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// A whole number in 0..n.
+    /// Returns an integer in 0..n.
     pub fn below(&mut self, n: usize) -> usize {
         (self.bits() % n as u64) as usize
     }
 
-    /// A whole number in -n..=n, as a float.
+    /// Returns an integer in -n..=n as a float.
     pub fn integer(&mut self, n: usize) -> f64 {
         self.below(2 * n + 1) as f64 - n as f64
     }
 }
 
-/// A block of a form applied as it is; `None` in `dofs` holds a dof at zero.
+/// Returns an element matrix that is applied unchanged; `None` in `dofs` holds a dof at zero.
 pub fn block(dofs: &[Option<usize>], matrix: &[f64], class: usize) -> ElementMatrix {
     assert_eq!(matrix.len(), dofs.len() * dofs.len());
     ElementMatrix { dofs: dofs.into(), matrix: matrix.into(), bending: None, class }
 }
 
-/// A dense matrix, row by row, as a form of one block.
+/// Returns a dense matrix, stored by rows, as a form of one element matrix.
 pub fn dense_form(engine: &Native, size: usize, matrix: &[f64]) -> Form {
     let dofs: Vec<Option<usize>> = (0..size).map(Some).collect();
     engine.form(vec![block(&dofs, matrix, 0)])
 }
 
-/// Solves A x = b by a plain Cholesky factorisation; A row by row. `None` where A is not positive
-/// definite.
+/// Solves A x = b by a plain Cholesky factorisation, with A stored by rows. Returns `None` where A
+/// is not positive definite.
 pub fn solve_dense(matrix: &[f64], b: &[f64]) -> Option<Vec<f64>> {
     let n = b.len();
     let mut l = matrix.to_vec();
@@ -87,18 +87,19 @@ pub fn solve_dense(matrix: &[f64], b: &[f64]) -> Option<Vec<f64>> {
     Some(x)
 }
 
-/// A x for a dense A, row by row.
+/// Returns A x for a dense A stored by rows.
 pub fn multiply(matrix: &[f64], x: &[f64]) -> Vec<f64> {
     matrix.chunks_exact(x.len()).map(|row| row.iter().zip(x).map(|(a, x)| a * x).sum()).collect()
 }
 
-/// Rows and columns `at` of a dense matrix of `size` rows.
+/// Returns a submatrix of a dense matrix of `size` rows.
 pub fn submatrix(matrix: &[f64], size: usize, rows: &[usize], columns: &[usize]) -> Vec<f64> {
     rows.iter().flat_map(|&i| columns.iter().map(move |&j| matrix[i * size + j])).collect()
 }
 
-/// A random symmetric positive definite matrix, row by row, whose condition number is about
-/// `10^decades`: eigenvalues spread evenly over the decades, turned by random reflections.
+/// Returns a random symmetric positive definite matrix, stored by rows, of condition number about
+/// `10^decades`. Its eigenvalues are spread evenly over the decades and rotated by random
+/// reflections.
 pub fn random_spd(random: &mut Random, size: usize, decades: f64) -> Vec<f64> {
     let mut a = vec![0.0; size * size];
     for i in 0..size {
@@ -126,18 +127,18 @@ pub fn random_spd(random: &mut Random, size: usize, decades: f64) -> Vec<f64> {
     a
 }
 
-/// Largest magnitude of an entry.
+/// Returns the largest magnitude of an entry.
 pub fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |m: f64, v| if v.is_nan() || v.abs() > m { v.abs() } else { m })
 }
 
-/// Largest difference between entries.
+/// Returns the largest difference between corresponding entries.
 pub fn difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     largest(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>())
 }
 
-/// The least W with C^-1 B W = v, up to rounding.
+/// Returns the shortest W with C^-1 B W = v, up to rounding.
 pub fn lift(system: &System<Native>, v: &[f64]) -> Vec<f64> {
     let System { engine, mass, .. } = system;
     let mut unit = vec![0.0; engine.dofs()];

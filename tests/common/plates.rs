@@ -11,10 +11,11 @@ use rebond::scheme;
 pub use Diagonal::{Alternating, Left, Right};
 pub use ElementKind::{Fvs, Hct};
 
-/// The paper's plate, 1.2 m x 0.4 m.
+/// The paper's plate, whose sides are 1.2 m and 0.4 m.
 pub const STEEL: Plate = Plate::isotropic(0.01, 210e9, 0.3, 7770.0);
 
-/// D = 1, rho h = 1: frequencies are lambda / (2 pi a^2), deflections w D / (q a^4).
+/// Returns a plate with D = 1 and rho h = 1: frequencies are lambda / (2 pi a^2), deflections w D /
+/// (q a^4).
 pub fn unit(poissons_ratio: f64) -> Plate {
     let youngs_modulus = 12.0 * (1.0 - poissons_ratio * poissons_ratio);
     Plate::isotropic(1.0, youngs_modulus, poissons_ratio, 1.0)
@@ -47,19 +48,19 @@ impl Matrices {
         Matrices { mesh, space, cells, engine, stiffness, consistent, singular }
     }
 
-    /// The paper's plate, clamped at the left.
+    /// Returns the paper's plate, clamped on the left edge.
     pub fn paper(cells: [usize; 2], element: ElementKind, diagonal: Diagonal) -> Matrices {
         let mesh = Mesh::rectangle(1.2, 0.4, cells, element, diagonal).unwrap();
         Matrices::new(mesh, STEEL, CLAMPED_LEFT)
     }
 
-    /// A unit square with D = 1 and a mass of 1.
+    /// Returns a unit square with D = 1 and a mass of 1.
     pub fn square(cells: usize, element: ElementKind, supports: &[(&str, Support)]) -> Matrices {
         let mesh = Mesh::rectangle(1.0, 1.0, [cells; 2], element, Right).unwrap();
         Matrices::new(mesh, unit(0.3), supports)
     }
 
-    /// The equilibrium under a uniform pressure.
+    /// Returns the equilibrium under a uniform pressure.
     pub fn statics(&self, pressure: f64) -> Vec<f64> {
         let load = assembly::uniform_load(&self.cells, self.space.dofs(), pressure);
         let (u, _, _) =
@@ -67,18 +68,18 @@ impl Matrices {
         u
     }
 
-    /// The deflection at a point.
+    /// Returns the deflection at a point.
     pub fn at(&self, u: &[f64], x: f64, y: f64) -> f64 {
         Probe::new(&self.mesh, &self.space, Point::new(x, y)).unwrap().deflection(u)
     }
 
-    /// All free deflections.
+    /// Returns all free deflection dofs.
     pub fn deflections(&self) -> Vec<usize> {
         self.space.deflections().map(|(dof, _)| dof).collect()
     }
 }
 
-/// Fails unless a value is within a relative tolerance of what is expected.
+/// Asserts that a value is within a relative tolerance of the expected one.
 #[track_caller]
 pub fn close(what: &str, value: f64, expected: f64, tolerance: f64) {
     let error = (value / expected - 1.0).abs();

@@ -1,21 +1,22 @@
-//! Cases that run on several ranks: each test starts `mpirun` on its very program, with the case's name in the
-//! environment; the child runs the case's body on every rank.
+//! Cases that run on several ranks. Each test starts `mpirun` on its own program with the case's
+//! name in the environment, and each rank runs the body of the case.
 
 use super::command::ON_ONE_MACHINE;
 use libtest_mimic::{Arguments, Failed, Trial};
 use rebond::Result;
 use std::process::{Command, ExitCode, Output};
 
-/// Names the case to a child.
+/// Environment variable that names the case to a child.
 const CASE: &str = "REBOND_PETSC_CASE";
 
 pub type Body = fn(&[String]) -> Result<()>;
 
-/// What mpirun must show of a case.
+/// Expected outcome of a case under mpirun.
 pub enum Expect {
     /// Exit code 0.
     Success,
-    /// This exit code, and this text once on its standard error, before long.
+    /// The given exit code, and the given text exactly once on standard error, within the time
+    /// limit.
     Failure(i32, &'static str),
 }
 pub use Expect::{Failure, Success};
@@ -26,7 +27,8 @@ pub struct Case {
     pub arguments: &'static [&'static str],
     pub body: Body,
     pub expect: Expect,
-    /// Seconds that it takes at most where nothing else runs; beyond a minute it is left out unless asked for.
+    /// Maximum run time on an idle machine, in s. A case of more than a minute is ignored unless
+    /// requested.
     pub seconds: u32,
 }
 
@@ -34,12 +36,12 @@ pub const fn case(name: &'static str, ranks: &'static [usize], body: Body) -> Ca
     Case { name, ranks, arguments: &[], body, expect: Success, seconds: 60 }
 }
 
-/// A case that takes minutes.
+/// Returns a case that takes minutes.
 pub const fn long(name: &'static str, ranks: &'static [usize], body: Body) -> Case {
     Case { seconds: 1200, ..case(name, ranks, body) }
 }
 
-/// Runs the cases, or one of them where mpirun asks for it.
+/// Runs all cases, or the one that mpirun requests.
 pub fn main(cases: impl Iterator<Item = &'static Case>) -> ExitCode {
     if let Ok(name) = std::env::var(CASE) {
         return child(cases, &name);
@@ -52,7 +54,7 @@ pub fn main(cases: impl Iterator<Item = &'static Case>) -> ExitCode {
         }
     }
     let mut arguments = Arguments::from_args();
-    // The ranks of one case already share the cores.
+    // Two cases run at once, since the ranks of one case already share the cores.
     arguments.test_threads.get_or_insert(2);
     libtest_mimic::run(&arguments, trials).exit_code()
 }
@@ -70,7 +72,7 @@ fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
     let program = std::env::current_exe()?;
     let Output { status, stdout, stderr } = Command::new("mpirun")
         .args(ON_ONE_MACHINE)
-        // Ends what hangs; a busy machine may take minutes for what takes seconds.
+        // The limit ends a case that hangs; a busy machine may take minutes for seconds of work.
         .args(["--timeout", &(15 * case.seconds).to_string(), "-n", &ranks.to_string()])
         .arg(program)
         .env(CASE, case.name)

@@ -1,4 +1,4 @@
-//! Scenes for tests: written as a user writes them, run in this process.
+//! Scenes for tests, written as a user writes them and run in this process.
 
 use rebond::scene::Scene;
 use rebond::simulation::{self, Model, Observer, Outcome, Row};
@@ -7,13 +7,13 @@ use rebond::{Error, Result};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// A plate on the unit square with D = 1 N m, a mass of 1 kg and nu = 0.3.
+/// Plate on the unit square with D = 1 N m, a mass of 1 kg and nu = 0.3.
 pub const UNIT: &str = "plate = { length = 1, width = 1, thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\n";
 
-/// A strip, 1 m x 0.1 m, of rigidity E h^3 / 12 = 1 N m (nu = 0), 1 kg/m2.
+/// Strip of 1 m x 0.1 m with rigidity E h^3 / 12 = 1 N m (nu = 0) and 1 kg/m2.
 pub const STRIP: &str = "plate = { length = 1, width = 0.1, thickness = 1, youngs_modulus = 12, poissons_ratio = 0, density = 1 }\n";
 
-/// All edges of a rectangle.
+/// Returns supports on all edges of a rectangle.
 pub fn all_round(kind: &str) -> String {
     let support = |edge| format!("{{ edge = \"{edge}\", kind = \"{kind}\" }}");
     format!("support = [{}]\n", ["left", "right", "bottom", "top"].map(support).join(", "))
@@ -23,7 +23,7 @@ pub fn grid(element: &str, nx: usize, ny: usize) -> String {
     format!("mesh = {{ element = \"{element}\", cells = [{nx}, {ny}] }}\n")
 }
 
-/// A time table that no test of statics minds.
+/// Time table for tests of statics, which do not depend on it.
 pub const STILL: &str = "time = { scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 1e-3 }\n";
 
 pub fn newmark(mass: &str, step: f64, end: f64) -> String {
@@ -31,7 +31,7 @@ pub fn newmark(mass: &str, step: f64, end: f64) -> String {
 }
 
 pub fn read(text: &str) -> Result<Scene> {
-    // Files that it names are sought beside this one.
+    // Files that the scene names are sought in the folder of this path.
     Scene::from_str(text, concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/scene.toml"), &[])
 }
 
@@ -50,7 +50,7 @@ pub fn inspect(text: &str) -> Inspection {
     study::inspect(&scene(text)).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
-/// What reading or building a scene says.
+/// Returns the error of reading a scene or of building its model.
 #[track_caller]
 pub fn refusal(text: &str) -> Error {
     match read(text).and_then(|scene| Model::new(&scene)) {
@@ -59,13 +59,13 @@ pub fn refusal(text: &str) -> Error {
     }
 }
 
-/// The deflections at the probes at the start.
+/// Returns the initial deflections at the probes.
 #[track_caller]
 pub fn start(text: &str) -> Vec<f64> {
     run(text)[0].probes.clone()
 }
 
-/// An instant of a run.
+/// Probes and energies at one instant of a run.
 #[derive(Debug, Clone)]
 pub struct Instant {
     pub time: f64,
@@ -101,7 +101,8 @@ pub fn run_to_end(text: &str) -> (Vec<Instant>, Outcome) {
     (rows.0, outcome)
 }
 
-/// Largest difference of the first probe's deflection from a function of time, at all rows.
+/// Returns the largest difference, over all rows, of the first probe's deflection from a function
+/// of time.
 pub fn off(rows: &[Instant], expected: impl Fn(f64) -> f64) -> f64 {
     rows.iter().fold(0.0, |m, row| (row.probes[0] - expected(row.time)).abs().max(m))
 }
@@ -123,7 +124,7 @@ pub fn close(what: &str, value: f64, expected: f64, tolerance: f64) {
     assert!(error <= tolerance, "{what}: {value:.15e}, expected {expected:.15e}: relative error {error:.1e}");
 }
 
-/// A mesh to write as Gmsh 2.2 text: nodes, cells of three or four, named lines.
+/// Mesh to be written as Gmsh 2.2 text: nodes, cells of three or four nodes, and named lines.
 pub struct Drawing {
     pub nodes: Vec<[f64; 2]>,
     pub cells: Vec<Vec<usize>>,
@@ -131,7 +132,8 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// A grid on [0, length] x [0, width] with a map of its points; triangles cut along "/".
+    /// Returns a grid on [0, length] x [0, width] with a map of its points; triangles are cut along
+    /// "/".
     pub fn grid(
         [nx, ny]: [usize; 2],
         [length, width]: [f64; 2],
@@ -158,7 +160,8 @@ impl Drawing {
         Drawing { nodes: (0..(nx + 1) * (ny + 1)).map(place).collect(), cells, lines }
     }
 
-    /// A disc of radius 1 in rings of triangles: six around the centre, six more nodes in each ring.
+    /// Returns a disc of radius 1 in rings of triangles: six around the centre, and six more nodes
+    /// in each ring.
     pub fn disc(rings: usize) -> Drawing {
         let first = |ring: usize| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
         let node = |ring: usize, k: usize| first(ring) + if ring == 0 { 0 } else { k % (6 * ring) };
@@ -189,7 +192,7 @@ impl Drawing {
         Drawing { nodes, cells, lines: vec![("rim", rim)] }
     }
 
-    /// Writes the mesh; its file's name.
+    /// Writes the mesh and returns the name of its file.
     pub fn write(&self, name: &str) -> String {
         let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n");
         let _ = writeln!(text, "{}", self.lines.len() + 1);

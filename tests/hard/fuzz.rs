@@ -1,5 +1,5 @@
-//! Spoilt scenes: whatever a file holds, the answer is a scene or one message, at once; and a scene
-//! of few cells runs, or says why not.
+//! Corrupted scenes. Whatever a file contains, the answer is a scene or one message, within a short
+//! time; a scene of few cells runs or is refused with a reason.
 
 use crate::common::Random;
 use crate::common::clock::processor_seconds;
@@ -9,7 +9,7 @@ use rebond::{Error, Result};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// Values that a scene does not expect where they come.
+/// Values that are invalid in most places of a scene.
 const NASTY: &[&str] = &[
     "0",
     "-0.0",
@@ -54,12 +54,12 @@ const NASTY: &[&str] = &[
     "1e12",
 ];
 
-/// Cells up to which a scene is run.
+/// Number of cells up to which a scene is run.
 const MOST_CELLS: usize = 24;
 
-/// Seconds of the processor that an answer may take. The slowest refusal, of a pressure `1/x` that
-/// refinement cannot integrate, takes 0.7 s, and half as much again where the other threads of a
-/// core are busy.
+/// Processor time that an answer may take, in s. The slowest refusal, that of a pressure `1/x`
+/// whose integral no refinement determines, takes 0.7 s, and half as much again where the other
+/// threads of a core are busy.
 const PATIENCE: f64 = 5.0;
 
 fn seeds() -> Vec<Vec<u8>> {
@@ -80,8 +80,8 @@ fn seeds() -> Vec<Vec<u8>> {
     files.iter().map(|file| std::fs::read(file).unwrap()).collect()
 }
 
-/// Where the values of a text stand: after `=`, up to the end of the line or a comma, brace or
-/// bracket.
+/// Returns the positions of the values in a text: after `=`, up to the end of the line or a comma,
+/// brace or bracket.
 fn values(text: &str) -> Vec<std::ops::Range<usize>> {
     let mut found = Vec::new();
     let mut from = 0;
@@ -94,7 +94,7 @@ fn values(text: &str) -> Vec<std::ops::Range<usize>> {
     found
 }
 
-/// Spoils a scene in one way.
+/// Corrupts a scene in one way.
 fn spoil(scene: &mut Vec<u8>, others: &[Vec<u8>], random: &mut Random) {
     if scene.is_empty() {
         return;
@@ -105,7 +105,7 @@ fn spoil(scene: &mut Vec<u8>, others: &[Vec<u8>], random: &mut Random) {
         1 => scene[at] = random.below(256) as u8,
         2 => scene.insert(at, b"\"'[]{}=.,#\n\\-e0"[random.below(15)]),
         3 => drop(scene.drain(at..(at + 1 + random.below(40)).min(scene.len()))),
-        // A line of another scene, or of this one, anywhere.
+        // Inserts a line of this scene, or of another one, anywhere.
         4 | 5 => {
             let other =
                 if random.below(2) == 0 { scene.clone() } else { others[random.below(others.len())].clone() };
@@ -114,7 +114,7 @@ fn spoil(scene: &mut Vec<u8>, others: &[Vec<u8>], random: &mut Random) {
             let place = scene[..at].iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
             drop(scene.splice(place..place, line));
         }
-        // A value that is not expected.
+        // Replaces a value by an unexpected one.
         _ => {
             let Ok(text) = str::from_utf8(scene) else { return };
             let values = values(text);

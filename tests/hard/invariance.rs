@@ -1,4 +1,5 @@
-//! What must not matter does not: units, the way the mesh lies and is numbered, obstacles out of reach.
+//! Invariance of the results under changes of units, under changes of position and numbering of the
+//! mesh, and under obstacles out of reach.
 
 use crate::common::Random;
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Matrices, Right, STEEL};
@@ -20,14 +21,14 @@ const METHODS: &[(&str, &str)] = &[
     ("exact", ""),
 ];
 
-/// Units of length, mass and time, each in those of the SI.
+/// Units of length, mass and time, in SI units.
 struct Units {
     length: f64,
     mass: f64,
     time: f64,
 }
 
-/// A plate that is dropped on an obstacle and hits it, in other units.
+/// Returns the scene of a plate that is dropped on an obstacle and hits it, in the given units.
 fn scene(element: &str, (scheme, more): (&str, &str), units: &Units, changes: &[&str]) -> Scene {
     let Units { length, mass, time } = units;
     let pressure = mass / length / time / time;
@@ -77,7 +78,7 @@ fn scene(element: &str, (scheme, more): (&str, &str), units: &Units, changes: &[
     Scene::from_str(&text, "units", &changes).unwrap()
 }
 
-/// Deflections at all nodes, in units of length, every tenth step.
+/// Returns the deflections at all nodes at every tenth step, in units of length.
 fn motion(scene: &Scene, length: f64) -> Vec<f64> {
     let model = Model::new(scene).unwrap();
     let mut scheme = model.scheme(scene).unwrap();
@@ -112,13 +113,14 @@ fn units_do_not_matter() {
     }
 }
 
-/// A power of four scales every number, and its square root, without rounding: not a bit may differ. Any tolerance that is not
-/// relative to something of its own unit shows here.
+/// A power of four scales every number, and its square root, without rounding, so that no bit may
+/// differ. A tolerance that is not relative to a quantity of its own unit fails this test.
 #[test]
 fn units_that_are_powers_of_four_do_not_change_a_bit() {
     let units = Units { length: 4f64.powi(-10), mass: 4f64.powi(-25), time: 4f64.powi(-6) };
     for element in ["fvs", "hct"] {
-        // Not of the exact scheme: its dense eigenvalues come from a library, to rounding.
+        // The exact scheme is excluded, since its dense eigenvalues come from a library and agree
+        // only to rounding.
         for &method in METHODS.iter().filter(|(scheme, _)| *scheme != "exact") {
             let usual = motion(&scene(element, method, &SI, &[]), 1.0);
             let other = motion(&scene(element, method, &units, &[]), units.length);
@@ -146,7 +148,7 @@ fn an_obstacle_out_of_reach_does_not_change_a_bit() {
     }
 }
 
-/// A mesh without symmetry: interior nodes moved at random.
+/// Returns a mesh without symmetry, whose interior nodes are displaced at random.
 fn jittered(element: ElementKind, diagonal: Diagonal) -> Mesh {
     let mut mesh = Mesh::rectangle(1.2, 0.4, [6, 3], element, diagonal).unwrap();
     let mut random = Random::new(3);
@@ -161,7 +163,7 @@ fn jittered(element: ElementKind, diagonal: Diagonal) -> Mesh {
     mesh
 }
 
-/// The mesh in other coordinates; `turns` if these are left-handed.
+/// Returns the mesh in other coordinates; `turns` is true if these are left-handed.
 fn placed(mesh: &Mesh, to: impl Fn(Point) -> Point, turns: bool) -> Mesh {
     let mut mesh = mesh.clone();
     mesh.nodes.iter_mut().for_each(|node| *node = to(*node));
@@ -177,7 +179,8 @@ fn placed(mesh: &Mesh, to: impl Fn(Point) -> Point, turns: bool) -> Mesh {
     mesh
 }
 
-/// The same mesh with nodes and cells in another order, each cell begun at another node; the new number of each node.
+/// Returns the same mesh with nodes and cells in another order, and with cells that begin at
+/// another node, and the new number of each node.
 fn renumbered(mesh: &Mesh, random: &mut Random) -> (Mesh, Vec<usize>) {
     let mut shuffle = |count: usize| {
         let mut order: Vec<usize> = (0..count).collect();
@@ -210,7 +213,8 @@ fn renumbered(mesh: &Mesh, random: &mut Random) -> (Mesh, Vec<usize>) {
     (other, number)
 }
 
-/// The paper's plate on a mesh, held at the edge "left", let go from 14600 Pa above an obstacle: deflections at all nodes.
+/// Returns the deflections at all nodes of the paper's plate on a mesh, held at the edge "left" and
+/// released from 14600 Pa above an obstacle.
 fn flight(mesh: &Mesh, method: &str) -> Vec<Vec<f64>> {
     let plate = Matrices::new(mesh.clone(), STEEL, CLAMPED_LEFT);
     let displacement = plate.statics(14600.0);
@@ -277,7 +281,7 @@ fn mirrors_turns_and_numbers_do_not_matter() {
     }
 }
 
-/// A flat plate at rest stays there to the last bit.
+/// A flat plate at rest stays at rest to the last bit.
 #[test]
 fn nothing_begets_nothing() {
     for element in ["fvs", "hct"] {

@@ -1,4 +1,4 @@
-//! Cases known to break solvers of this kind.
+//! Scenes that are known to break solvers of this kind.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,5 +1,5 @@
-//! Random plates, meshes, obstacles and loads: what must hold of each. A failure is shrunk to a
-//! small scene, which is printed.
+//! Random plates, meshes, obstacles and loads, with properties that must hold for each. A failure
+//! is reduced to a small scene, which is printed.
 
 use crate::common::{Random, lift};
 use proptest::prelude::*;
@@ -14,46 +14,47 @@ use std::path::Path;
 
 const STEPS: u32 = 80;
 
-/// A scene, in units of its own: deflections of a tenth of the length, times of the first period of
+/// Random scene in units of its own: deflections in tenths of the length, times in first periods of
 /// a strip.
 #[derive(Clone)]
 struct Drawn {
     element: &'static str,
     diagonal: &'static str,
     cells: [usize; 2],
-    /// What moves the nodes of a mesh of triangles and quadrilaterals; without it the mesh is
-    /// regular.
+    /// Seed of the displacements of nodes of a mesh of triangles and quadrilaterals; without it the
+    /// mesh is regular.
     moved: Option<u64>,
     /// Length in m, width over length, thickness over length, Young's modulus in Pa, Poisson's
     /// ratio, density in kg/m3.
     plate: [f64; 6],
-    /// Of left, right, bottom, top.
+    /// Kinds of the supports on the left, right, bottom and top edges.
     supports: [Option<&'static str>; 4],
-    /// Heights, pressures and velocity in units of the scene.
+    /// Heights, pressures and velocity in the units of the scene.
     below: Option<f64>,
     above: Option<f64>,
     shape: Shape,
     load: f64,
     pressure: f64,
     velocity: f64,
-    /// Step over the period, as a power of ten.
+    /// Decimal logarithm of the step over the period.
     step: f64,
 }
 
-/// Of the obstacles.
+/// Shape of the obstacles.
 #[derive(Debug, Clone, Copy)]
 enum Shape {
     Flat,
-    /// The plate's own middle surface at the left edge, twice its height at the right one.
+    /// Obstacle at the plate's middle surface at the left edge and at twice its given height at the
+    /// right one.
     Sloping,
-    /// Higher on the half beyond the middle.
+    /// Obstacle that is nearer to the plate on the half beyond the middle.
     Stepped,
-    /// Only under that half.
+    /// Obstacle under the half beyond the middle only.
     Half,
 }
 
 impl Shape {
-    /// Keys of an obstacle of this height, the plate being this long.
+    /// Returns the keys of an obstacle of this height under a plate of this length.
     fn keys(self, height: f64, length: f64) -> String {
         match self {
             Shape::Flat => format!("height = {height:e}"),
@@ -69,8 +70,8 @@ impl Drawn {
         [self.plate[0], self.plate[0] * self.plate[1]]
     }
 
-    /// A file of a mesh whose inner nodes have been moved, and whose cells are quadrilaterals or
-    /// pairs of triangles.
+    /// Writes a mesh whose inner nodes are displaced and whose cells are quadrilaterals or pairs of
+    /// triangles, and returns the name of its file.
     fn mesh(&self, seed: u64) -> String {
         let ([length, width], [columns, rows]) = (self.size(), self.cells);
         let mut random = Random::new(seed);
@@ -81,7 +82,7 @@ impl Drawn {
         let node = |i: usize, j: usize| 1 + i + j * (columns + 1);
         for j in 0..=rows {
             for i in 0..=columns {
-                // Quadrilaterals stay convex up to a quarter of a cell.
+                // Quadrilaterals stay convex with displacements of up to a quarter of a cell.
                 let mut place = |at: usize, cells: usize| {
                     let shift = if at == 0 || at == cells { 0.0 } else { 0.24 * random.signed() };
                     (at as f64 + shift) / cells as f64
@@ -162,7 +163,7 @@ impl Drawn {
         text
     }
 
-    /// The scene. Its mesh, if from a file, is this thread's until it draws again.
+    /// Returns the scene. A mesh file belongs to this thread until the thread draws the next scene.
     fn scene(&self) -> Scene {
         let of = format!("{}-{:?}", std::process::id(), std::thread::current().id());
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(of);
@@ -192,7 +193,7 @@ fn decades(from: f64, to: f64) -> impl Strategy<Value = f64> {
     (from..to).prop_map(|power| 10f64.powf(power))
 }
 
-/// A number that is often 0.
+/// Returns a strategy for a number that is often 0.
 fn maybe(range: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
     prop_oneof![2 => Just(0.0), 3 => range]
 }
@@ -247,7 +248,7 @@ fn check(cases: u32, seed: u64, property: impl Fn(Drawn) -> Result<(), TestCaseE
     TestRunner::new(config).run(&drawn(), property).unwrap_or_else(|why| panic!("{why}"));
 }
 
-/// What a scene may be refused for: none of it is a matter of luck.
+/// Admissible reasons for refusing a scene; none of them depends on chance.
 const REFUSALS: &[&str] = &[
     "mechanism",
     "nothing can move",
@@ -289,12 +290,12 @@ fn every_method_holds_on_ten_thousand_random_plates() {
     check(10_000, 2, |drawn| every_method_holds(&drawn.scene()));
 }
 
-/// Plates found by the draws above, each of which once broke a method.
+/// Plates that were found by the strategies above, each of which once broke a method.
 #[test]
 fn every_method_holds_on_plates_once_drawn() {
     let plates = [
-        // All motions are rigid: no frequency is the fastest. In the first step the load lifts all
-        // nodes off the obstacle.
+        // All motions are rigid, so no frequency is the fastest. In the first step the load lifts
+        // all nodes off the obstacle.
         "plate = { length = 1e0, width = 9.195416366491815e-1, thickness = 7.623386668486327e-2, \
            youngs_modulus = 7.017812072029467e2, poissons_ratio = -0.5, density = 4.494734534269413e1 }
          mesh = { element = \"hct\", cells = [1, 1], diagonal = \"alternating\" }
@@ -302,7 +303,8 @@ fn every_method_holds_on_plates_once_drawn() {
          obstacle = [{ side = \"below\", height = 0e0 }]
          load = { pressure = 1.2578979273763061e-2 }
          time = { scheme = \"newmark\", mass = \"singular\", step = 2.861088644677331e0, end = 2.2888709157418648e2 }",
-        // conserving: the gamma that keeps the energy lies between two numbers.
+        // With conserving, the gamma that conserves the energy lies between two floating-point
+        // numbers.
         "plate = { length = 1, width = 0.3, thickness = 0.1, youngs_modulus = 1, poissons_ratio = 0, density = 1 }
          mesh = { element = \"hct\", cells = [1, 3], diagonal = \"left\" }
          support = [{ edge = \"right\", kind = \"clamped\" }, { edge = \"bottom\", kind = \"clamped\" }]
@@ -310,7 +312,8 @@ fn every_method_holds_on_plates_once_drawn() {
          load = { pressure = -5.810985781604713e-5 }
          initial = { static_pressure = -5.5516549890387404e-5, velocity = -1.8482033561714965e-3 }
          time = { scheme = \"newmark\", mass = \"singular\", step = 2.190890230020664e1, end = 1.7527121840165314e3 }",
-        // conserving: contact is left within the first half of a step, for a flight without force.
+        // With conserving, the plate leaves contact within the first half of a step, for a flight
+        // without force.
         "plate = { length = 4.569060719901861, width = 1.3707182159705582, thickness = 0.4569060719901861, \
            youngs_modulus = 1, poissons_ratio = 0, density = 1 }
          mesh = { element = \"fvs\", cells = [1, 1] }
@@ -318,7 +321,7 @@ fn every_method_holds_on_plates_once_drawn() {
          obstacle = [{ side = \"below\", height = 0 }]
          initial = { velocity = -2.284189229876602e-3 }
          time = { scheme = \"newmark\", mass = \"singular\", step = 1.0010310491604172e2, end = 8.0082483932833375e3 }",
-        // newmark, e = 0.5: the guard ends the first step.
+        // With newmark and e = 0.5, the guard ends the run at the first step.
         "plate = { length = 1.4866149618785405e-2, width = 4.459844885635621e-3, thickness = 1.6802463260126294e-5, \
            youngs_modulus = 1, poissons_ratio = 0, density = 3.3198447281657746 }
          mesh = { element = \"fvs\", cells = [1, 1] }
@@ -332,8 +335,9 @@ fn every_method_holds_on_plates_once_drawn() {
     }
 }
 
-/// All motions of a free column of three cells that have inertia are rigid, of cells that are no
-/// rectangles: to bend it is to turn it, for the cells' means. Drawn, as the plates above.
+/// A free column of three cells that are no rectangles: all motions that have inertia are rigid,
+/// since bending is equivalent to rotation for the means of the cells. The strategies above found
+/// this plate.
 #[test]
 fn every_method_holds_on_free_columns() {
     for seed in [164, 356, 394] {
@@ -356,8 +360,8 @@ fn every_method_holds_on_free_columns() {
     }
 }
 
-/// Two cells that are nearly rectangles can all but turn without moving their means: the exact
-/// scheme knew held nodes to 2e-10 only. A random plate, whose mesh is kept.
+/// Two nearly rectangular cells can almost rotate without changing their means, and the exact
+/// scheme was accurate at held nodes to 2e-10 only. This is a random plate whose mesh was kept.
 #[test]
 fn every_method_holds_on_cells_that_all_but_turn() {
     let text = "plate = { thickness = 9.965558434610791e-5, youngs_modulus = 9.241354686811783e10, poissons_ratio = 0, \
@@ -371,7 +375,7 @@ fn every_method_holds_on_cells_that_all_but_turn() {
     every_method_holds(&Scene::from_str(text, name, &[]).unwrap()).unwrap();
 }
 
-/// A plate whose bottom and top are held alike moves as its mirror image does.
+/// Asserts that a plate whose bottom and top are held alike moves as its mirror image does.
 fn mirror_images_move_alike(mut drawn: Drawn) -> Result<(), TestCaseError> {
     (drawn.element, drawn.moved) = ("fvs", None);
     drawn.supports[3] = drawn.supports[2];
@@ -385,7 +389,8 @@ fn mirror_images_move_alike(mut drawn: Drawn) -> Result<(), TestCaseError> {
         twin.unwrap().dof
     };
     let pairs: Vec<(usize, usize)> = model.sites.iter().map(|site| (site.dof, twin(site.at))).collect();
-    // Where an obstacle keeps the plate from moving, it rounds to what it would have moved.
+    // Where an obstacle prevents a motion of the plate, rounding is relative to the prevented
+    // displacement.
     let mut largest = scene.time.step * crate::common::largest(&model.start.velocity);
     for _ in 0..STEPS {
         scheme.advance().unwrap();
@@ -402,13 +407,14 @@ fn mirror_images_move_alike_on_random_plates() {
     check(200, 3, mirror_images_move_alike);
 }
 
-/// Events after which roundings may have grown too far to go back.
+/// Number of events beyond which rounding errors may have grown too large for a reversal of time.
 const MOST_EVENTS: u64 = 10;
 
-/// The exact motion goes back the way it came.
+/// Asserts that the exact motion runs backwards along its own path.
 fn time_runs_backwards(mut drawn: Drawn) -> Result<(), TestCaseError> {
     drawn.step = drawn.step.min(-2.0);
-    // Held all around, cells have velocities that no displacement gives, and so none to turn.
+    // If the plate is held all around, some cell velocities belong to no displacement and cannot be
+    // reversed.
     drawn.supports[1] = None;
     let scene = drawn.scene();
     let Ok(model) = Model::new(&scene) else { return Ok(()) };
@@ -419,7 +425,7 @@ fn time_runs_backwards(mut drawn: Drawn) -> Result<(), TestCaseError> {
     let mut largest = crate::common::largest(&begin);
     for _ in 0..STEPS {
         if there.advance().is_err() {
-            return Ok(()); // Too many events.
+            return Ok(()); // There are too many events.
         }
         largest = largest.max(crate::common::largest(there.displacement()));
     }

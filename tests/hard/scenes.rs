@@ -1,18 +1,18 @@
-//! Every scene of scenes/hard with every method: what a scheme promises of its energy holds, every
-//! step is solved to the last digits, and what cannot hold is told in words that help. `rebond
-//! stability` prints the same as a table.
+//! Every scene of scenes/hard with every method. Each scheme keeps its promise on the energy, every
+//! step is solved to the last digits, and scenes without a solution are refused with a helpful
+//! message. `rebond stability` prints the same results as a table.
 
 use rebond::scene::{ContactSolver, EngineName, Mass, Scene, SchemeSpec};
 use rebond::study::stability::{Ending, Trial, run_native, variants};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Schemes that promise something of their energy, and where that does not end in "holds".
+/// Trials of schemes with a promise on the energy that do not end in "holds".
 const EXCEPTIONS: &[(&str, &str, &str)] = &[
-    // The slowest motions are 1e8 times slower than those of a pair of triangles, which its dense
-    // matrices hold too.
+    // The slowest motions are 1e8 times slower than those of a pair of triangles, and the dense
+    // matrices contain both.
     ("flatter-cells", "hct 10x1, exact singular", "refused"),
-    // Where U(p) does not exist there is nothing to follow.
+    // Where U(p) does not exist, these schemes are undefined.
     ("no-inf-sup", "midpoint singular", "refused"),
     ("no-inf-sup", "conserving singular", "refused"),
     ("no-inf-sup", "exact singular", "refused"),
@@ -22,7 +22,7 @@ fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("scenes/hard")
 }
 
-/// What theory says of a trial that ended well.
+/// Returns the verdict that theory predicts for a trial that ended well.
 fn expected(scene: &str, trial: &Trial) -> Option<&'static str> {
     let method = trial.method.to_string();
     let of_mesh = format!("{}, {method}", trial.mesh);
@@ -45,7 +45,7 @@ fn judge(name: &str, trial: &Trial) {
     if let Some(figures) = &trial.figures {
         assert!(figures.worst_kkt <= 1e-10 && figures.penetration <= 1e-12, "{what}");
     }
-    // The scheme that is unstable by nature is named, and one that is not.
+    // The message names the scheme that is unstable by nature, and one that is stable.
     if trial.method.mass == Mass::Consistent
         && matches!(trial.method.scheme, SchemeSpec::Midpoint { .. })
         && let Some(why) = trial.ending.why()

@@ -1,5 +1,5 @@
-//! Numbers through all magnitudes, and meshes that no one would draw: nothing fails, and what a
-//! scheme promises of its energy holds.
+//! Parameters of all magnitudes and extreme meshes: nothing fails, and each scheme keeps its
+//! promise on the energy.
 
 use crate::common::Random;
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL, unit};
@@ -14,8 +14,8 @@ use rebond::scheme::{
 use rebond::simulation::Model;
 use rebond::study::stability::{Ending, run_native, variants};
 
-/// The paper's plate in small, a hundred steps of 1 ms, with keys changed: no method fails, and
-/// those that promise something of their energy keep it.
+/// Asserts that no method fails in a hundred steps of 1 ms on a coarse mesh of the paper's plate
+/// with changed keys, and that methods with a promise on the energy keep it.
 fn holds(changes: &[String]) {
     let text = r#"
         plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -97,8 +97,8 @@ fn poissons_ratios_up_to_the_limits() {
     }
 }
 
-/// How much the energy moves that a scheme promises to keep, or not to raise, over its start. The
-/// exact scheme may refuse motions whose frequencies lie too far apart.
+/// Returns the relative changes of the energies that three schemes promise to conserve, or not to
+/// raise. The exact scheme may refuse motions whose frequencies are too far apart.
 fn broken(system: &System<rebond::linalg::Native>, start: &Start, step: f64, steps: usize) -> [f64; 3] {
     let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step };
     let exact = match Exact::new(system, step, start.clone()) {
@@ -141,16 +141,18 @@ fn system(mesh: Mesh, height: f64) -> (System<rebond::linalg::Native>, Matrices)
     (System { engine, stiffness, mass, damping, load: None, bounds, drive }, plate)
 }
 
-/// One interior node of a small mesh moved to within a share of flattening a cell.
+/// Returns a small mesh one interior node of which is displaced until a cell is flat, up to a given
+/// share.
 fn pinched(kind: &str, share: f64) -> Mesh {
     let element = if kind == "needles" { Hct } else { Fvs };
     let mut mesh = Mesh::rectangle(1.2, 0.4, [4, 2], element, Right).unwrap();
     let node = mesh.nodes.iter().position(|p| (p - Point::new(0.6, 0.2)).norm() < 1e-9).unwrap();
     mesh.nodes[node] = match kind {
-        // Triangles with one angle of almost pi: two of its neighbours are (0.3, 0) and (0.9, 0.4).
+        // Triangles get one angle of almost pi; two neighbours of the node are (0.3, 0) and (0.9,
+        // 0.4).
         "needles" => Point::new(0.6, 0.2 - 0.2 * (1.0 - share)),
-        // The quadrilateral above and to the right: its corners (0.6, 0.4) and (0.9, 0.2) and this
-        // one come into line.
+        // The cell above and to the right becomes nearly non-convex: its corners (0.6, 0.4) and
+        // (0.9, 0.2) and this one approach a line.
         "nearly not convex" => Point::new(0.75 - 0.15 * share, 0.3 - 0.1 * share),
         // The quadrilateral above becomes a sliver.
         _ => Point::new(0.6, 0.4 - 0.2 * share),
@@ -174,8 +176,8 @@ fn cells_that_are_nearly_flat() {
     }
 }
 
-/// Beyond what rounding allows, a million times longer than wide, the message names the cell: no
-/// answer that is wrong.
+/// For cells a million times longer than wide, where rounding prevents an accurate answer, the
+/// message names the cell.
 #[test]
 fn cells_that_are_too_flat() {
     let mesh = pinched("needles", 1e-7);
@@ -183,9 +185,9 @@ fn cells_that_are_too_flat() {
     assert!(error.starts_with("cell ") && error.contains("too flat"), "{error}");
 }
 
-/// A strip in one row of cells a hundred and a thousand times longer than wide. With nu = 0 a
-/// couple at its end bends it to x^2/2, which every cell contains, and a pressure as a beam, to q
-/// L^4 / 8 D. Of steel it takes 10 000 steps against an obstacle.
+/// A strip of one row of cells that are a hundred and a thousand times longer than wide. With nu =
+/// 0 a couple at its end bends it to x^2/2, which every cell contains, and a pressure bends it like
+/// a beam, to q L^4 / 8 D. A strip of steel makes 10 000 steps against an obstacle.
 #[test]
 fn cells_a_thousand_times_longer_than_wide() {
     for (element, aspect, kept) in [(Fvs, 1e2, 1e-11), (Hct, 1e2, 1e-11), (Fvs, 1e3, 1e-9), (Hct, 1e3, 1e-9)]
@@ -213,7 +215,7 @@ fn cells_a_thousand_times_longer_than_wide() {
     }
 }
 
-/// All inner nodes moved at random, up to cells that are nearly flat.
+/// All inner nodes are displaced at random, until cells are nearly flat.
 #[test]
 fn jitter() {
     let mut random = Random::new(11);
@@ -225,7 +227,7 @@ fn jitter() {
                 if at.x <= 0.0 || at.x >= 1.2 - 1e-9 || at.y <= 0.0 || at.y >= 0.4 - 1e-9 {
                     continue;
                 }
-                // As far as the cells allow.
+                // The displacement is as large as the cells allow.
                 let [dx, dy] = [0.15 * random.signed(), 0.08 * random.signed()];
                 for share in [1.0, 0.5, 0.25, 0.0] {
                     mesh.nodes[node] = Point::new(at.x + share * dx, at.y + share * dy);
@@ -244,7 +246,7 @@ fn jitter() {
     }
 }
 
-/// One node displaced, or struck: all that the mesh can carry of high frequencies, in contact from
+/// One node is displaced or struck, which excites all high frequencies of the mesh, in contact from
 /// the start.
 #[test]
 fn one_node_displaced_or_struck() {
@@ -263,7 +265,7 @@ fn one_node_displaced_or_struck() {
             ] {
                 let broken = broken(&system, &start, 1e-4, 200);
                 assert!(broken.iter().all(|broken| *broken <= 1e-9), "{element:?}: {broken:?}");
-                // The midpoint rule may gain energy; it must not lose its way.
+                // The midpoint rule may gain energy, but each of its steps must be solved.
                 for massless in [Massless::Equilibrium, Massless::Reflected] {
                     let mut midpoint = Midpoint::new(&system, 1e-4, massless, start.clone()).unwrap();
                     for _ in 0..200 {
@@ -276,7 +278,7 @@ fn one_node_displaced_or_struck() {
     }
 }
 
-/// Kinds of cells side by side, some needles: what Gmsh's recombination leaves.
+/// Cells of both kinds with some needles, such as Gmsh's recombination leaves.
 #[test]
 fn triangles_and_quadrilaterals_together() {
     let mut mesh = Mesh::rectangle(1.2, 0.4, [6, 2], Fvs, Right).unwrap();
@@ -296,8 +298,8 @@ fn triangles_and_quadrilaterals_together() {
     assert!(broken.iter().all(|broken| *broken <= 1e-10), "{broken:?}");
 }
 
-/// Two triangles on a guided edge know rigid motions alone: their eigenvalues are all rounding, and
-/// the impact comes when it must.
+/// Two triangles on a guided edge have rigid motions only: their eigenvalues are all rounding, and
+/// the impact occurs at the correct time.
 #[test]
 fn all_motions_are_rigid() {
     let text = r#"

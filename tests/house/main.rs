@@ -1,24 +1,24 @@
-//! The rules that the source keeps: which module may import which, one meaning per name, comments
-//! that can be read alone.
+//! Rules that the source keeps: the order of imports among modules, one meaning per name, and
+//! comments that can be read alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A source file: its path below `src/`, and its lines.
+/// Source file with its path below `src/` and its text.
 struct Source {
     path: String,
     text: String,
 }
 
 impl Source {
-    /// The module of the crate's root that the file belongs to.
+    /// Returns the module of the crate's root that the file belongs to.
     fn room(&self) -> &str {
         let first = self.path.split('/').next().unwrap();
         first.strip_suffix(".rs").unwrap_or(first)
     }
 
-    /// Numbered lines without those of comments.
+    /// Returns the numbered lines that are no comments.
     fn code(&self) -> impl Iterator<Item = (usize, &str)> {
         let lines = self.text.lines().enumerate().map(|(index, line)| (index + 1, line));
         lines.filter(|(_, line)| !line.trim_start().starts_with("//"))
@@ -49,7 +49,8 @@ fn sources() -> Vec<Source> {
     sources
 }
 
-/// The modules of the crate's root in the order of `lib.rs`, which is that of their imports.
+/// Returns the modules of the crate's root in the order of `lib.rs`, which is the order of their
+/// imports.
 fn order() -> Vec<String> {
     let text = fs::read_to_string(root().join("lib.rs")).unwrap();
     let module = |line: &str| {
@@ -59,7 +60,7 @@ fn order() -> Vec<String> {
     text.lines().filter_map(module).collect()
 }
 
-/// The modules that a line names after `crate::`.
+/// Returns the modules that a line names after `crate::`.
 fn imports(line: &str) -> Vec<String> {
     let word = |text: &str| -> String {
         text.chars().take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || *c == '_').collect()
@@ -74,7 +75,7 @@ fn imports(line: &str) -> Vec<String> {
     found
 }
 
-/// Imports of a module that stands below the importer, one line each.
+/// Returns the imports of modules that stand below the importer, one line each.
 fn upward(source: &Source, order: &[String]) -> Vec<String> {
     let place = |room: &str| order.iter().position(|other| other == room);
     let Some(own) = place(source.room()) else { return Vec::new() };
@@ -113,7 +114,7 @@ fn a_planted_import_is_found() {
     assert_eq!(planted("cli/run.rs", "use crate::{Error, scene::Scene};"), "");
 }
 
-/// Names of types that several modules still give to things of their own.
+/// Names of types that several modules still define.
 const SHARED_NAMES: &[&str] = &[
     "Axis", "Basis", "Bounded", "Check", "Choice", "Contacts", "Damping", "Entry", "Family", "Figures",
     "Grid", "Kind", "Line", "Method", "Names", "Node", "Obstacle", "Panel", "Part", "Parts", "Place", "Plan",
@@ -121,7 +122,7 @@ const SHARED_NAMES: &[&str] = &[
     "Solver", "State", "Study", "Summary", "Support", "Table", "Value", "Verdict", "Watch", "Window", "Work",
 ];
 
-/// The files that define each type.
+/// Returns the modules that define each type.
 fn types(sources: &[Source]) -> BTreeMap<String, BTreeSet<&str>> {
     let mut types: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
     for source in sources {
@@ -151,13 +152,13 @@ fn a_name_has_one_meaning() {
 /// Modules whose comments do not keep the rules yet.
 const UNREVISED: &[&str] = &[];
 
-/// Words with which no comment of an item begins: they need a sentence before them.
+/// Words with which no comment of an item may begin, since they need a sentence before them.
 const OPENERS: [&str; 9] = ["What", "Its", "It", "As", "Of", "Those", "That", "These", "Whose"];
 
-/// Longest line of a comment, in characters.
+/// Maximum length of a comment line, in characters.
 const LONGEST: usize = 100;
 
-/// Comments that break a rule, one line each.
+/// Returns the comments that break a rule, one line each.
 fn riddles(source: &Source) -> Vec<String> {
     let mut found = Vec::new();
     let mut before = "";
@@ -172,7 +173,7 @@ fn riddles(source: &Source) -> Vec<String> {
         {
             found.push(format!("{}: opens with {first:?}", place()));
         }
-        // Tables, formulas and addresses have no place to break.
+        // Tables, formulas and addresses cannot be broken.
         let breaks = !["|", "http", "```", "\\"].iter().any(|part| trimmed.contains(part));
         if trimmed.starts_with("//") && breaks && line.chars().count() > LONGEST {
             found.push(format!("{}: {} columns", place(), line.chars().count()));

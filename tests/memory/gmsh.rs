@@ -1,4 +1,5 @@
-//! Spoilt Gmsh files: the answer is a sound mesh or an error, within a second of the processor's time and in memory proportional to the file.
+//! Corrupted Gmsh files. The answer is a sound mesh or an error, within a second of processor time
+//! and with memory proportional to the size of the file.
 
 use std::path::Path;
 
@@ -9,14 +10,14 @@ use proptest::sample::Index;
 use proptest::test_runner::{Config, RngSeed, TestRunner};
 use rebond::{Error, mesh::Mesh};
 
-/// Bytes of memory a byte of a file may cost.
+/// Maximum memory per byte of a file, in bytes.
 const COST: usize = 64;
 
 #[derive(Clone, Debug)]
 enum Spoil {
     Truncate(Index),
     Byte(Index, u8),
-    /// Numbers that counts and indices do not like.
+    /// Number that is invalid for most counts and indices.
     Number(Index, u64),
     Remove(Index, usize),
     Repeat(Index, Index, usize),
@@ -43,7 +44,7 @@ fn apply(bytes: &mut Vec<u8>, spoil: &Spoil) {
         Spoil::Byte(at, byte) => *at.get_mut(bytes) = *byte,
         Spoil::Number(at, number) => {
             let at = at.index(length);
-            // A whole word of text, or the eight bytes here.
+            // Replaces a whole number in text, or eight bytes of a binary file.
             let word = bytes[at..].iter().take_while(|byte| byte.is_ascii_digit()).count();
             let new = if word > 0 { number.to_string().into_bytes() } else { number.to_le_bytes().to_vec() };
             let old = if word > 0 { word } else { 8.min(length - at) };

@@ -1,4 +1,5 @@
-//! A million steps of the paper's plate: the energy does what theory says to the last, and memory does not grow.
+//! A million steps of the paper's plate: the energy behaves as theory predicts to the end, and
+//! memory does not grow.
 
 use crate::{MEMORY, alone};
 use rebond::scene::Scene;
@@ -6,17 +7,18 @@ use rebond::simulation::Model;
 
 const STEPS: u64 = 1_000_000;
 
-/// Bytes that a run may come to hold between its first tenth and its end.
+/// Maximum growth of the allocated memory between the first tenth and the end of a run, in bytes.
 const GROWTH: usize = 1 << 20;
 
-/// What a scheme promises of its energy.
+/// Promise of a scheme on its energy.
 #[derive(Clone, Copy, PartialEq)]
 enum Promise {
-    /// Never above what it was, but for this part of the start's.
+    /// The energy never exceeds its earlier values by more than this fraction of the initial
+    /// energy.
     NeverRises(f64),
-    /// Within this part of the start's.
+    /// The energy differs from the initial one by at most this fraction of it.
     Constant(f64),
-    /// Below this many times the start's.
+    /// The energy stays below this multiple of the initial one.
     Bounded(f64),
 }
 

@@ -1,4 +1,5 @@
-//! What memory a reading or a long run takes: a program of its own, for all that runs in it is counted.
+//! Memory that readers and long runs need. This is a program of its own, since all allocations in a
+//! process are counted.
 
 use peak_alloc::PeakAlloc;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,7 +12,7 @@ mod long;
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;
 
-/// Until it is dropped, no other test allocates.
+/// Prevents other tests from allocating until the guard is dropped.
 fn alone() -> MutexGuard<'static, ()> {
     static TURN: Mutex<()> = Mutex::new(());
     TURN.lock().unwrap_or_else(PoisonError::into_inner)

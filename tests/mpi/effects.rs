@@ -1,5 +1,5 @@
-//! Effects on two ranks: the same numbers as on the native engine, and one message where one rank
-//! alone finds a fault.
+//! Effects on two ranks: the numbers equal those of the native engine, and a fault that one rank
+//! alone finds gives one message.
 
 use crate::common::command;
 use crate::common::command::{assert_fails, history, on, rebond, succeeds};
@@ -23,7 +23,7 @@ fn rows(folder: &Path, ranks: usize) -> Vec<Vec<f64>> {
 }
 
 /// Asserts that two ranks and one process agree: energies and deflections to 1e-8 of the largest,
-/// for impacts amplify rounding.
+/// since impacts amplify rounding.
 fn agree(test: &str, scene: &str, touches: bool) {
     let folder = folder(test, scene);
     let (native, two) = (rows(&folder, 0), rows(&folder, 2));
@@ -67,7 +67,7 @@ fn shaken_between_stops() {
     );
 }
 
-/// Supports that move apart, with kinks, over a stop: an impulse at each on both ranks.
+/// Supports move apart, with kinks, over a stop; each kink gives an impulse on both ranks.
 #[test]
 fn kinks_of_supports() {
     for scheme in ["conserving", "midpoint"] {
@@ -111,9 +111,9 @@ fn a_ball_and_all_that_is_attached() {
     );
 }
 
-/// A mixed mesh with groups and a point, read by rank 0 alone; a patch of load that travels between
-/// the points of any rule. The run ends before impacts, with a scheme that gains energy at each,
-/// have amplified rounding to the tolerance.
+/// A mixed mesh with groups and a point, which rank 0 alone reads, and a patch of load that travels
+/// between the points of any quadrature rule. The scheme gains energy at each impact; the run ends
+/// before impacts have amplified rounding to the tolerance.
 #[test]
 fn a_mesh_of_groups() {
     let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh/square_41_text.msh");
@@ -137,7 +137,8 @@ fn a_mesh_of_groups() {
     );
 }
 
-/// Hinges askew all round a disc, let go from a deflection over a point.
+/// A disc is simply supported on its oblique edges all around, and is released from a deflection
+/// over a point.
 #[test]
 fn a_disc_over_a_point() {
     let file = Drawing::disc(4).write("disc-on-ranks.msh");
@@ -159,8 +160,8 @@ fn a_disc_over_a_point() {
     );
 }
 
-/// A plate that nothing but stops and a rail hold, none of them at nodes of the grid, pushed up and
-/// let fall.
+/// Only stops and a rail hold a plate, none of them at nodes of the grid; the plate is pushed up
+/// and falls.
 #[test]
 fn a_cover_on_stops_between_nodes() {
     agree(
@@ -195,7 +196,7 @@ fn a_cover_on_stops_between_nodes() {
     assert_fails(&on(&folder, 2, &["run", "fall.toml"]), 2, &words);
 }
 
-/// A disc of a file whose stop and support lie between nodes, refined where it was read.
+/// A disc from a file, whose stop and support lie between nodes, is refined where it was read.
 #[test]
 fn a_disc_on_points_between_nodes() {
     let file = Drawing::disc(2).write("disc-on-points.msh");
@@ -216,7 +217,7 @@ fn a_disc_on_points_between_nodes() {
     );
 }
 
-/// Formulas that fail on a part of the plate, which one rank may have alone, and later than at the
+/// Formulas fail on a part of the plate that may belong to one rank alone, and later than at the
 /// start.
 #[test]
 fn a_fault_of_one_rank_ends_all() {
@@ -253,8 +254,8 @@ fn a_fault_of_one_rank_ends_all() {
     }
 }
 
-/// A free plate falls on a floor that moves: two ranks book the impulses that one process does,
-/// which weigh it over the run.
+/// A free plate falls on a moving floor. Two ranks report the same impulses as one process, and
+/// their sum is the weight of the plate times the time.
 #[test]
 fn impulses_of_contacts() {
     for scheme in ["newmark", "midpoint", "conserving"] {
@@ -277,7 +278,7 @@ fn impulses_of_contacts() {
             let mut impulses = BTreeMap::new();
             for line in text.lines().skip(1) {
                 let numbers: Vec<f64> = line.split(',').map(|number| number.parse().unwrap()).collect();
-                // By their places: ranks number nodes as they like.
+                // Nodes are compared by their places, since ranks number nodes differently.
                 let place = [numbers[1], numbers[2]].map(|at| (1e6 * at).round() as i64);
                 *impulses.entry(place).or_insert(0.0) += numbers[5];
             }

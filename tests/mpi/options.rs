@@ -1,5 +1,5 @@
-//! PETSc's options through the command: iterative linear solvers, their words, and options that
-//! come from elsewhere.
+//! PETSc's options through the command: iterative linear solvers, their messages, and options from
+//! the environment and from files.
 
 use crate::common::command::{
     self, assert_agree, assert_fails, history, on, rebond, succeeds, summary, text,
@@ -7,7 +7,7 @@ use crate::common::command::{
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The paper's plate, bent down and pushed further onto an obstacle just beneath.
+/// The paper's plate, bent down and pushed further onto an obstacle just below it.
 const PUSHED: &str = r#"
 title = "a push"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -31,7 +31,7 @@ fn run(folder: &Path, steps: &str, options: &[&str]) -> Output {
     rebond(folder, &[&RUN[..], &["--set", steps, "--"], options].concat())
 }
 
-/// The same with the environment's options.
+/// Runs the scene with options in an environment variable.
 fn run_with_variable(folder: &Path, variable: &str, options: &[&str]) -> Output {
     with_variable(folder, variable, &[&RUN[..], &["--set", ONE_STEP, "--"], options].concat())
 }
@@ -59,8 +59,8 @@ fn iterative_solvers_go_through_contact() {
     }
 }
 
-/// Cells five times as long as wide: the preconditioned residual rises ten thousandfold before it
-/// falls.
+/// Cells are five times as long as wide: the norm of the preconditioned residual rises ten
+/// thousandfold before it falls.
 #[test]
 fn conjugate_gradients_outlast_a_rising_residual() {
     let folder = folder("rising");
@@ -69,7 +69,7 @@ fn conjugate_gradients_outlast_a_rising_residual() {
     succeeds(&rebond(&folder, &[&RUN[..], &mesh].concat()));
 }
 
-/// Multigrid knows which motions cost no energy and which dofs are those of a node.
+/// Multigrid knows the motions without energy and the dofs of each node.
 #[test]
 fn multigrid_needs_few_iterations() {
     let folder = folder("multigrid");
@@ -105,8 +105,8 @@ fn options_from_elsewhere_are_checked_too() {
     let arguments = ["stability", "fall.toml", "--with", "petsc", "--quiet", "--set", ONE_STEP];
     refused(&with_variable(&folder, "-ksp_tpye cg", &arguments), &["-ksp_tpye", "did you mean `-ksp_type`?"]);
 
-    // A file that PETSc would read by itself: the program says that it does not, or reads it and
-    // checks what it says.
+    // PETSc would read this file by itself. The program reports that it does not read it, or reads
+    // it and checks its contents.
     std::fs::write(folder.join(".petscrc"), "-ksp_tpye cg\n").unwrap();
     let output = run(&folder, ONE_STEP, &[]);
     succeeds(&output);

@@ -1,5 +1,5 @@
-//! The command under mpirun: the same numbers as in one process, one voice, and an end to
-//! everything.
+//! The command under mpirun: the numbers equal those of one process, one rank reports, and an error
+//! ends all ranks.
 
 use crate::common::command;
 use crate::common::command::{
@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// The paper's plate, coarse, bent down by its own pressure and pushed further onto an obstacle
-/// just beneath: contact at once.
+/// The paper's plate on a coarse mesh, bent down by its own pressure and pushed further onto an
+/// obstacle just below it, which it touches at once.
 const PUSHED: &str = r#"
 title = "a short push"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -39,7 +39,7 @@ fn run_native(folder: &Path, arguments: &[&str]) -> Vec<Vec<f64>> {
     history(&folder.join("native"))
 }
 
-/// Whether a node is in contact in some row.
+/// Returns whether a node is in contact in some row.
 fn touches(history: &[Vec<f64>]) -> bool {
     history.iter().any(|row| row[6] > 0.0)
 }
@@ -53,7 +53,7 @@ fn run_on(folder: &Path, ranks: usize, arguments: &[&str]) -> Vec<Vec<f64>> {
     history(&folder.join(out))
 }
 
-/// Asserts that the native engine's numbers are those on some ranks.
+/// Asserts that the numbers on some ranks equal those of the native engine.
 fn assert_same_on(folder: &Path, ranks: usize, arguments: &[&str]) {
     assert_agree(
         &run_on(folder, ranks, arguments),
@@ -62,7 +62,7 @@ fn assert_same_on(folder: &Path, ranks: usize, arguments: &[&str]) {
     );
 }
 
-/// To the second impact, past 0.06 s.
+/// Asserts the agreement up to the second impact, past 0.06 s.
 fn any_number_of_ranks(test: &str, scene: &str) {
     let folder = folder(test);
     let arguments = [scene, "--set", "time.step=1e-4", "--set", "time.end=0.063", "--set", "output.every=5"];
@@ -165,7 +165,7 @@ fn compare_measures_the_difference_on_any_number_of_ranks() {
             assert!(entry["worst_kkt"].as_f64().unwrap() < 1e-10, "{entry}");
         }
     }
-    // A contender that fails is a row with its reason, and is named at the end.
+    // A contender that fails has a row with the reason, and the final error names it.
     let arguments = ["compare", "fall.toml", "--with", "native,petsc", "--", "-pc_type", "nosuch"];
     let output = on(&folder, 2, &arguments);
     let reason = "PCSetType(): Unable to find requested PC type nosuch";
@@ -189,7 +189,7 @@ fn what_all_ranks_find_wrong_is_said_once() {
     assert_fails(&on(&folder, 2, &["check", "fall.toml"]), 2, &["check", "one process"]);
     let wrong = on(&folder, 2, &["run"]);
     assert_eq!((wrong.status.code(), text(&wrong.stderr).matches("Usage:").count()), (Some(2), 1));
-    // Only rank 0 writes, and only it can fail to.
+    // Only rank 0 writes, so only rank 0 can fail to write.
     assert_fails(&run(2, &["--out", "fall.toml/run"]), 4, &["fall.toml"]);
 }
 
@@ -198,29 +198,29 @@ fn a_killed_rank_ends_all() {
     let folder = folder("killed");
     let mut job =
         mpirun(&folder, 2, &["run", "fall.toml", "--quiet", "--set", "time.end=1000"]).spawn().unwrap();
-    // Its rows are buffered: the file's presence says that the run has begun.
+    // The rows of the history are buffered; the existence of the file shows that the run has begun.
     while !folder.join("runs/fall/history.csv").exists() {
         assert!(job.try_wait().unwrap().is_none(), "it has ended");
         std::thread::sleep(PAUSE);
     }
     let ranks = children(job.id());
     assert_eq!(ranks.len(), 2);
-    // The shell's own kill: a bare system has no other.
+    // The shell's own kill is used, since a bare system has no other.
     let kill = format!("kill -9 {}", ranks[1]);
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-    // The run is far from its end, and the launcher's own limit ends one that hangs.
+    // The run is far from its end, and the time limit of the launcher ends one that hangs.
     assert!(!job.wait().unwrap().success());
     while runs(ranks[0]) {
         std::thread::sleep(PAUSE);
     }
 }
 
-/// Between two looks at a run under way.
+/// Interval at which a running job is observed.
 const PAUSE: Duration = Duration::from_millis(1);
 
-/// Starts a job, and asks its ranks to stop once it has written the checkpoint of a step; what it
-/// says. One that came to its end before it heard is started again: on a busy machine this test may
-/// be held up.
+/// Starts a job, asks its ranks to stop once it has written the checkpoint of a step, and returns
+/// its output. A job that ended before it received the signal is started again, since this test may
+/// be delayed on a busy machine.
 fn stopped(
     folder: &Path,
     ranks: usize,
@@ -235,7 +235,7 @@ fn stopped(
         while !folder.join(run).join(checkpoint).exists() && job.try_wait().unwrap().is_none() {
             std::thread::sleep(PAUSE);
         }
-        // One rank is asked, and tells the others.
+        // One rank is asked, and informs the others.
         if let Some(rank) = children(job.id()).last() {
             let kill = format!("kill -TERM {rank} 2>/dev/null");
             Command::new("sh").args(["-c", &kill]).status().unwrap();
@@ -247,8 +247,8 @@ fn stopped(
     }
 }
 
-/// MUMPS on several ranks rounds in another way each time, and a factor of all on each rank does
-/// not.
+/// Options that make runs on several ranks reproducible: MUMPS on several ranks rounds differently
+/// each time, and a factor of the whole matrix on each rank does not.
 const SAME_EACH_TIME: [&str; 3] = ["--", "-pc_type", "redundant"];
 
 fn goes_on(cases: &[(usize, &str)]) {
@@ -320,7 +320,7 @@ fn petscs_contact_solvers_go_on_to_the_same_bytes() {
     }
 }
 
-/// Two ranks start from where one ended, and one from where two did.
+/// Two ranks start from the end of a run on one, and one starts from the end of a run on two.
 #[test]
 fn a_start_from_another_run_holds_on_any_number_of_ranks() {
     let folder = folder("from");
@@ -339,7 +339,7 @@ fn a_start_from_another_run_holds_on_any_number_of_ranks() {
     for other in ["one-two", "two-one"] {
         assert_agree(&history(&folder.join(other)), &whole, other);
     }
-    // A run that is done on two ranks goes on to a later end on one.
+    // A run that finished on two ranks continues to a later end on one.
     let resumed = on(&folder, 1, &["resume", "two", "--quiet", "--until", "0.03"]);
     succeeds(&resumed);
     let start = "initial={ static_pressure = 3000, velocity = '-0.5*x^2' }";
@@ -348,20 +348,20 @@ fn a_start_from_another_run_holds_on_any_number_of_ranks() {
     assert_agree(&history(&folder.join("two")), &history(&folder.join("long")), "until");
 }
 
-/// State and parent of a process.
+/// Returns state and parent of a process.
 fn state(process: u32) -> Option<(String, u32)> {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-    // They come after the name in parentheses.
+    // State and parent follow the name in parentheses.
     let mut words = stat.rsplit(')').next()?.split_whitespace();
     Some((words.next()?.into(), words.next()?.parse().ok()?))
 }
 
-/// Whether a process is there and not a zombie.
+/// Returns whether a process exists and is not a zombie.
 fn runs(process: u32) -> bool {
     state(process).is_some_and(|(state, _)| state != "Z" && state != "X")
 }
 
-/// The processes that a process started.
+/// Returns the processes that a process started.
 fn children(parent: u32) -> Vec<u32> {
     let is_child = |&process: &u32| state(process).is_some_and(|(_, of)| of == parent);
     let all = std::fs::read_dir("/proc").unwrap();

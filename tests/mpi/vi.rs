@@ -1,5 +1,5 @@
 //! PETSc's contact solvers through the command, under mpirun: they agree with the native one, or
-//! say why not.
+//! give the reason why not.
 
 use crate::common::command;
 use crate::common::command::{assert_agree, assert_fails, comparison, history, on, rebond, succeeds, text};
@@ -7,8 +7,8 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-/// The paper's plate on 40 quadrilaterals, bent down and pushed further onto an obstacle just
-/// beneath.
+/// The paper's plate on 40 quadrilaterals, bent down and pushed further onto an obstacle just below
+/// it.
 const PUSHED: &str = r#"
 title = "a push"
 plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
@@ -25,13 +25,13 @@ fn folder(test: &str) -> PathBuf {
     command::folder(&format!("vi-petsc-{test}"), PUSHED)
 }
 
-/// Runs the scene on some ranks; 0 without mpirun.
+/// Runs the scene on some ranks; 0 means without mpirun.
 fn run(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
     let arguments = [&["run", "fall.toml", "--overwrite"], arguments].concat();
     if ranks == 0 { rebond(folder, &arguments) } else { on(folder, ranks, &arguments) }
 }
 
-/// A run's history and summary.
+/// Returns history and summary of a run.
 fn result(folder: &Path, name: &str, ranks: usize, arguments: &[&str]) -> (Vec<Vec<f64>>, Value) {
     succeeds(&run(folder, ranks, &[&["--out", name, "--quiet"], arguments].concat()));
     (history(&folder.join(name)), command::summary(&folder.join(name)))
@@ -44,7 +44,7 @@ const SOLVERS: [(&str, &[&str]); 4] = [
     ("gpcg", &["--set", "solver.vi=tao", "--", "-tao_type", "gpcg"]),
 ];
 
-/// All side by side on the paper's scenes, to just beyond the first impact.
+/// All solvers are compared on the paper's scenes, to just beyond the first impact.
 #[test]
 fn they_agree_with_the_native_solver_at_every_step() {
     let folder = folder("compare");
@@ -86,7 +86,8 @@ fn they_agree_with_the_native_solver_on_two_ranks() {
     }
 }
 
-/// The type in a contender's name goes before the option, and leaves nothing behind.
+/// The type in a contender's name takes precedence over the option, and does not affect later
+/// contenders.
 #[test]
 fn contenders_name_their_types() {
     let folder = folder("types");
@@ -94,7 +95,7 @@ fn contenders_name_their_types() {
         let arguments = ["compare", "fall.toml", "--json", "--with", with, "--"];
         rebond(&folder, &[&arguments[..], options].concat())
     };
-    // BNTR alone needs a Krylov method, and only the untyped contender is GPCG, which makes more
+    // Only BNTR needs a Krylov method. The contender without a type is GPCG, which makes more
     // iterations than BNLS.
     let output = compare("petsc:tao:bntr,petsc:tao:bnls,petsc:tao", &["-tao_type", "gpcg"]);
     succeeds(&output);
@@ -103,7 +104,7 @@ fn contenders_name_their_types() {
         (0..3).map(|k| value["entries"][k]["vi_iterations"].as_u64().unwrap()).collect();
     assert!(iterations[2] > iterations[1], "{iterations:?}");
     assert_fails(&compare("native,petsc:tao:bqpip", &["-log_view"]), 2, &["-tao_type bqpip", "wrong"]);
-    // Before anything is compared.
+    // Options are refused before anything is compared.
     for (with, option) in [("petsc:tao:tron,petsc:snes", "-tao_type"), ("petsc,petsc:snes", "-snes_rtoll")] {
         let output = compare(with, &[option, "tron"]);
         assert_fails(&output, 2, &["nothing used", option]);
@@ -126,7 +127,7 @@ fn a_small_mesh_on_four_ranks() {
     }
 }
 
-/// Two obstacles that leave no gap or next to none: every scheme, element and solver.
+/// Two obstacles leave no gap or almost none: every scheme, element and solver is tested.
 #[test]
 fn narrow_gaps_hold_with_every_scheme() {
     let folder = folder("hard");
@@ -183,7 +184,7 @@ fn options_reach_the_solver() {
         let said = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success() && said.contains("1 SNES Function norm"), "{said}");
     }
-    // Conjugate gradients in place of the factor.
+    // Conjugate gradients replace the factor.
     for vi in ["condensed", "snes"] {
         let solver = format!("solver.vi={vi}");
         let all = ["--engine", "petsc", "--set", &solver];
@@ -191,7 +192,7 @@ fn options_reach_the_solver() {
         let (rows, _) = result(&folder, vi, 1, &all);
         assert_agree(&rows, &result(&folder, "native", 0, &[]).0, vi);
     }
-    // A view is no typo, even if no step needs the solver.
+    // An option that prints a solver is no misspelt option, even if no step needs the solver.
     let all = ["--engine", "petsc", "--set", "time.end=1e-4", "--set", "solver.vi=snes", "--", "-snes_view"];
     assert!(run(&folder, 1, &all).status.success());
 }
@@ -216,7 +217,7 @@ fn what_cannot_work_is_refused_by_name() {
         ),
         (&["--set", "solver.vi=snes", "--set", "solver.tolerance=1e-30"], 3, &["asked for 1.0e-30"]),
     ];
-    // On two ranks some of each kind: each start of a launcher takes its time.
+    // On two ranks only some of each kind are run, since each start of the launcher takes time.
     for (ranks, every) in [(0, 1), (2, 3)] {
         for (arguments, code, words) in cases.into_iter().rev().step_by(every) {
             let output = run(&folder, ranks, &[&["--engine", "petsc"][..], arguments].concat());

@@ -91,7 +91,7 @@ fn close(left: f64, right: f64, tolerance: f64) {
     assert!((left - right).abs() <= tolerance * right.abs().max(1.0), "{left} is not {right}");
 }
 
-/// This rank's share of `0..n`, different on each.
+/// Returns this rank's share of `0..n`, whose size differs among ranks.
 fn share(context: &Context, n: usize) -> std::ops::Range<usize> {
     let cut = |rank: usize| (n * rank * (rank + 1)) / (context.size() * (context.size() + 1));
     cut(context.rank())..cut(context.rank() + 1)
@@ -104,15 +104,15 @@ fn start_and_stop(arguments: &[String]) -> Result<()> {
     assert!((major, minor) >= (3, 18));
     let second = Context::start(arguments);
     assert!(matches!(second, Err(Error::Petsc(text)) if text.contains("once")));
-    // A handle keeps it running.
+    // A handle keeps PETSc running.
     let vector = Vector::new(&context, Comm::World, 3)?;
     drop(context);
     assert_eq!(vector.size(), 3 * vector.context().size());
     Ok(())
 }
 
-/// Loads and obstacles that shake, damping: step by step as on the native engine, through an
-/// impact.
+/// Time-dependent loads, oscillating obstacles and damping agree with the native engine step by
+/// step, through an impact.
 fn what_changes_with_time(arguments: &[String]) -> Result<()> {
     fn shake<E: Engine>(mut model: Model<E>, modal: bool) -> Result<Model<E>> {
         let System { engine, stiffness, mass, .. } = &model.system;
@@ -171,7 +171,8 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
             );
             let (now, other) = (scheme.energies()?, expected.energies()?);
             if let Some(relaxation) = scheme.relaxation() {
-                // Its state is one at or after the instant: which is up to rounding.
+                // The state of this scheme is one at or after the instant; which one depends on
+                // rounding.
                 close(now.total() + relaxation.dissipated, start, 1e-11);
             } else {
                 close(now.kinetic, other.kinetic, 1e-8);
@@ -187,7 +188,7 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
 
 fn blas_has_one_thread(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
-    // None where BLAS is not OpenBLAS.
+    // The number is unknown where BLAS is not OpenBLAS.
     assert!(context.blas_threads().is_none_or(|threads| threads == 1));
     Ok(())
 }
@@ -252,8 +253,8 @@ fn vectors(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Triplets of this rank's share of the matrix (-1, 2 + shift, -1) of order n, cell by cell as in
-/// an assembly: rows of other ranks and repeated places are among them.
+/// Returns triplets of this rank's share of the matrix (-1, 2 + shift, -1) of order n, cell by cell
+/// as in an assembly. They contain rows of other ranks and repeated positions.
 fn string(context: &Context, n: usize, shift: f64) -> (usize, Vec<Index>, Vec<Index>, Vec<f64>) {
     let range = share(context, n);
     let (mut rows, mut columns, mut values) = (vec![], vec![], vec![]);
@@ -264,7 +265,7 @@ fn string(context: &Context, n: usize, shift: f64) -> (usize, Vec<Index>, Vec<In
         values.push(value);
     };
     for i in range.clone() {
-        // The cell between i and i + 1; the last one ends at a support.
+        // The cell lies between i and i + 1; the last cell ends at a support.
         for (a, b, value) in [(i, i, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0), (i + 1, i + 1, 1.0)] {
             add(a, b, value);
         }
@@ -314,7 +315,7 @@ fn matrices(arguments: &[String]) -> Result<()> {
     a.copy_from(&copy)?;
     assert_eq!(a.norm_infinity()?, 4.5);
 
-    // The first rank with rows names a row for all.
+    // The first rank names a row for all ranks.
     let named: &[Index] = if context.rank() == 0 { &[7] } else { &[] };
     a.zero_rows_columns(named, 3.0)?;
     for row in range.clone().filter(|row| (6..=8).contains(row)) {
@@ -344,7 +345,7 @@ fn cholesky(arguments: &[String]) -> Result<()> {
     solver.set_operator(&a)?;
     solver.set_up()?;
 
-    // (-1, 2, -1) has the inverse min(i, j) (n + 1 - max(i, j)) / (n + 1), counted from 1.
+    // With indices from one, the inverse of (-1, 2, -1) is min(i, j) (n + 1 - max(i, j)) / (n + 1).
     let inverse = |i: usize, j: usize| (i.min(j) + 1) as f64 * (n - i.max(j)) as f64 / (n + 1) as f64;
     let range = a.range();
     let (mut b, mut x) = (a.vector()?, a.vector()?);
@@ -375,7 +376,7 @@ fn cholesky(arguments: &[String]) -> Result<()> {
         }
     })?;
 
-    // A factor that is kept, then renewed.
+    // A factor is kept, then renewed.
     a.scale(2.0)?;
     let before = x.norm()?;
     solver.keep_preconditioner(true)?;
@@ -399,7 +400,7 @@ fn cholesky_refuses_an_indefinite_matrix(arguments: &[String]) -> Result<()> {
     let refusal = solver.set_up();
     assert!(matches!(refusal, Err(Error::Singular(_))), "{refusal:?}");
 
-    // Its eigenvalues are 1 - 2 cos(k pi / 31), k = 1 to 30: ten are negative.
+    // The eigenvalues are 1 - 2 cos(k pi / 31), k = 1 to 30; ten are negative.
     let a = Matrix::from_triplets(&context, Comm::World, local, &rows, &columns, &values)?;
     context.default_option("count_mat_mumps_icntl_13", "1")?;
     context.default_option("count_mat_mumps_icntl_24", "1")?;
@@ -412,10 +413,10 @@ fn cholesky_refuses_an_indefinite_matrix(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The string over an obstacle: -u'' = -8 on (0, 1), u(0) = u(1) = 0, u >= -1/4.
+/// String over an obstacle: -u'' = -8 on (0, 1), u(0) = u(1) = 0, u >= -1/4.
 ///
-/// It leaves the obstacle without a kink, 1/4 from either end: u = 4 (x - 1/4)^2 - 1/4 on (0, 1/4),
-/// which finite differences meet exactly.
+/// The solution leaves the obstacle without a kink at 1/4 from either end: u = 4 (x - 1/4)^2 - 1/4
+/// on (0, 1/4), which finite differences reproduce exactly.
 struct Obstacle {
     matrix: Matrix,
     load: Vector,
@@ -481,13 +482,13 @@ fn snes_solves_the_obstacle_problem(arguments: &[String]) -> Result<()> {
     assert!(solver.iterations()? > 0 && solver.linear_iterations()? > 0 && *count.borrow() > 0);
     compare(&x, &exact)?;
 
-    // From the solution there is nothing to do, unless forced.
+    // From the solution the method makes no iteration, unless forced.
     solver.solve(&mut x)?;
     assert_eq!(solver.iterations()?, 0);
     assert!(solver.linear_solver()?.reason()?.converged());
     context.refuse_unused_options()?;
 
-    // Too few iterations are not an error of the call: the reason says it.
+    // Too few iterations are not an error of the call, but appear in the convergence reason.
     solver.set_tolerances(1e-12, 0.0, 0.0, 1)?;
     x.fill(0.0)?;
     solver.solve(&mut x)?;
@@ -496,7 +497,8 @@ fn snes_solves_the_obstacle_problem(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The iteration of the first of two columns does not converge, that of the last has nothing to do.
+/// The iteration for the first of two columns does not converge, and that for the last one has
+/// nothing to do.
 fn every_column_is_judged(_: &[String]) -> Result<()> {
     let context = Context::start(&["-pc_type".into(), "jacobi".into(), "-ksp_max_it".into(), "1".into()])?;
     let matrix = obstacle(&context)?.matrix;
@@ -556,7 +558,7 @@ fn refused_calls_say_why(arguments: &[String]) -> Result<()> {
     let text = long.copy_from(&short).unwrap_err().to_string();
     assert!(text.contains("Vec"), "{text}");
     assert!(solver.set_tolerances(f64::NAN, 0.0, 0.0, 10).is_err());
-    // What failed does not cling to what follows.
+    // A failed call does not affect later ones.
     long.fill(1.0)
 }
 
@@ -602,8 +604,8 @@ fn errors_of_all_ranks_come_back(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// A rectangle of 1.2 by 0.4 cut into cells: cells and vertices shared out over the ranks, not
-/// matching one another.
+/// Returns a rectangle of 1.2 by 0.4 cut into cells. Cells and vertices are distributed over the
+/// ranks independently of each other.
 fn rectangle(context: &Rc<Context>, corners: usize, [nx, ny]: [usize; 2]) -> Result<Plex> {
     let vertex = |i: usize, j: usize| (j * (nx + 1) + i) as Index;
     let mut cells = Vec::new();
@@ -622,7 +624,7 @@ fn rectangle(context: &Rc<Context>, corners: usize, [nx, ny]: [usize; 2]) -> Res
     Plex::from_cells(context, corners, &cells, &vertices)
 }
 
-/// Those of some edges that lie on x = 0.
+/// Returns the edges that lie on x = 0, of some edges.
 fn at_left(mesh: &Plex, mut edges: Vec<Index>) -> Result<Vec<Index>> {
     let (positions, first) = (mesh.coordinates()?, mesh.vertices().start);
     let corners = edges.iter().map(|&edge| mesh.corners(edge)).collect::<Result<Vec<_>>>()?;
@@ -677,7 +679,7 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     let boundary = mesh.boundary_edges()?;
     assert_eq!(context.comm().all_reduce_sum(boundary.len()), 2 * (nx + ny));
     let mut expected = at_left(&mesh, boundary)?;
-    // The label holds the refined edges and the new vertices between them.
+    // The label contains the refined edges and the new vertices between them.
     let mut labelled: Vec<_> =
         mesh.labelled("support", 1)?.into_iter().filter(|point| mesh.edges().contains(point)).collect();
     labelled.sort_unstable();
@@ -688,8 +690,8 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     Ok(())
 }
 
-/// Three dofs a vertex, the left edge held: scatters, numbering, assembly of the string's cousin on
-/// the mesh.
+/// Three dofs per vertex with the left edge held: scatters, numbering, and assembly of a matrix
+/// like that of the string.
 fn dofs(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let mesh = rectangle(&context, 4, [4, 2])?.distribute()?.refine()?;
@@ -708,7 +710,7 @@ fn dofs(arguments: &[String]) -> Result<()> {
     assert_eq!(global.size(), 3 * nodes - held);
     assert_eq!((local.size(), section.size()), (3 * vertices.len(), 3 * vertices.len()));
 
-    // Each dof's number reaches the ranks that share it.
+    // The number of each dof reaches the ranks that share it.
     let numbers: Vec<_> = global.range().map(f64::from).collect();
     global.set_local(&numbers)?;
     local.fill(-1.0)?;
@@ -726,7 +728,7 @@ fn dofs(arguments: &[String]) -> Result<()> {
         assert_eq!(section.dofs(vertex)?, 3);
     }
 
-    // A sum over cells, by vector and by matrix: how many cells touch each dof.
+    // Sums over cells, by vector and by matrix, count the cells that touch each dof.
     global.fill(0.0)?;
     let (mut rows, mut values) = (Vec::new(), Vec::new());
     let mut counts = vec![0.0; local.size()];
@@ -775,7 +777,7 @@ fn words_that_are_no_options(arguments: &[String]) -> Result<()> {
     };
     assert!(!refused(&["-snes_monitor", "-ksp_atol", "-1e-3", "--pc_type", "lu", "-snes_rtol", "-inf"]));
     assert!(refused(&["5"]) && refused(&["-"]) && refused(&["-pc_type", "lu", "ilu"]) && refused(&["-1"]));
-    // Nothing was started, so that it can be.
+    // PETSc was not started by the above, so it can start here.
     Context::start(&arguments[..2]).map(drop)
 }
 
@@ -789,7 +791,7 @@ fn panic_of_one_rank(arguments: &[String]) -> Result<()> {
 fn killed_rank(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     if context.rank() == 1 {
-        // The shell's own kill: a bare system has no other.
+        // The shell's own kill is used, since a bare system has no other.
         let kill = format!("kill -9 {}", std::process::id());
         let killed = Command::new("sh").args(["-c", &kill]).status();
         unreachable!("{killed:?}");

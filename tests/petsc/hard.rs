@@ -1,4 +1,4 @@
-//! Hard scenes on PETSc, on 1 and 2 ranks: what `rebond stability` asks of one process.
+//! Hard scenes on PETSc, on 1 and 2 ranks, judged as `rebond stability` judges them in one process.
 
 use crate::common::ranks::{Case, case, long};
 use rebond::Result;
@@ -24,7 +24,8 @@ fn hard(name: &str) -> Result<Scene> {
     Scene::load(folder().join(format!("{name}.toml")), &[])
 }
 
-/// Puts the methods with a promise to a scene; whether some may be refused.
+/// Applies the methods with a promise to a scene and asserts that they keep it; `refused` allows
+/// some to be refused.
 fn keeps_its_promise(context: &Rc<Context>, scene: &Scene, vi: ContactSolver, refused: bool) -> Result<()> {
     for (own, method) in variants(scene, EngineName::Petsc, vi) {
         if !has_promise(&method) {
@@ -47,8 +48,8 @@ fn has_promise(method: &Method) -> bool {
     name.starts_with("newmark e=0 ") || name.starts_with("conserving")
 }
 
-/// Cells a hundred times as long as wide, whose assembled matrix has lost digits: contact solvers
-/// correct their answers.
+/// Cells are a hundred times as long as wide, and their assembled matrix has lost digits: contact
+/// solvers correct their answers.
 fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let mut scene = hard("flat-cells")?;
@@ -59,8 +60,8 @@ fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// At rest on its obstacle under a load that lifts it, a plate has no deflection to measure gaps
-/// against. A random plate.
+/// A plate at rest on its obstacle, under a load that lifts it, has no deflection that could serve
+/// as a scale for gaps. This is a random plate.
 fn a_start_without_deflection(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let text = r#"
@@ -74,7 +75,7 @@ fn a_start_without_deflection(arguments: &[String]) -> Result<()> {
     keeps_its_promise(&context, &Scene::from_str(text, "drawn", &[])?, ContactSolver::Condensed, false)
 }
 
-/// All of them.
+/// All hard scenes keep their promises.
 fn hard_scenes_keep_their_promise(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let mut names = Vec::new();
@@ -87,8 +88,8 @@ fn hard_scenes_keep_their_promise(arguments: &[String]) -> Result<()> {
     names.sort();
     assert!(names.len() > 30);
     for name in names {
-        // Cells of aspect ratio 1000, and a clamped plate in a few cells: the message is tested
-        // elsewhere.
+        // The messages for cells of aspect ratio 1000 and for a clamped plate of a few cells are
+        // tested elsewhere.
         let refused = ["flatter-cells", "no-inf-sup"].contains(&name.as_str());
         keeps_its_promise(&context, &hard(&name)?, ContactSolver::Condensed, refused)?;
     }

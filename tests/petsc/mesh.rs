@@ -1,5 +1,5 @@
-//! Gmsh's meshes over 1 to 4 ranks: their parts add up to the whole, the plate on them is the
-//! native engine's, and an error is one on all ranks.
+//! Gmsh's meshes on 1 to 4 ranks: their parts add up to the whole, the plate on them equals that of
+//! the native engine, and an error occurs on all ranks.
 
 use crate::common::plates::{Matrices, unit};
 use crate::common::ranks::{Case, case};
@@ -34,13 +34,12 @@ fn path(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh").join(name)
 }
 
-/// Supports on all of named edges.
+/// Returns the supports along named edges.
 fn on_edges<'s>(supports: &'s [(&str, Support)]) -> impl Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's {
     move |mesh| DofMap::on_edges(mesh, supports.iter().copied())
 }
 
-/// Counts, measures and places as Gmsh gives them (`expected.json`), and what refinement makes of
-/// them.
+/// Counts, measures and places agree with those of Gmsh (`expected.json`), also after refinement.
 fn parts(name: &str) -> Result<()> {
     let context = Context::start(&[])?;
     let expected: Value = serde_json::from_slice(&std::fs::read(path("expected.json")).unwrap()).unwrap();
@@ -86,15 +85,15 @@ fn parts(name: &str) -> Result<()> {
                 context.comm().all_gather(&places).into_iter().map(|at| at.to_vec().into()).collect();
             assert_eq!(Value::Array(places), expected["points"][name], "{name}");
         }
-        // With a cell of this rank on the left.
+        // These sides have a cell of this rank on their left.
         let sides: Vec<[usize; 2]> = mesh.cells.iter().flat_map(Cell::edges).collect();
         assert!(mesh.edges.values().flatten().all(|edge| sides.contains(edge)));
     }
     Ok(())
 }
 
-/// By names for all of them, in a mesh without holes: it has one edge less than nodes and cells
-/// (Euler).
+/// Asserts the ownership by the names of all nodes and edges, in a mesh without holes: the number
+/// of its edges is that of nodes and cells minus one (Euler).
 fn every_node_and_edge_has_one_owner(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let read = || {
@@ -122,14 +121,14 @@ fn every_node_and_edge_has_one_owner(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// A plate natively and over all ranks, and the pairs of dofs that are one.
+/// A plate natively and on all ranks, with the corresponding dofs.
 struct Both {
     native: Matrices,
     engine: Distributed,
     stiffness: Form,
     masses: [Form; 2],
     load: Vec<f64>,
-    /// (own, native)
+    /// Pairs (own dof, native dof).
     pairs: Vec<(usize, usize)>,
 }
 
@@ -164,7 +163,7 @@ impl Both {
         Ok(Both { native, engine, stiffness, masses: [consistent, singular], load, pairs })
     }
 
-    /// This rank's part of a native vector.
+    /// Returns this rank's part of a native vector.
     fn own(&self, native: &[f64]) -> Vec<f64> {
         let mut own = vec![0.0; self.engine.dofs()];
         self.pairs.iter().for_each(|&(dof, twin)| own[dof] = native[twin]);
@@ -180,7 +179,7 @@ impl Both {
         }
     }
 
-    /// Products, an equilibrium, the lowest frequency.
+    /// Asserts that products, an equilibrium and the lowest frequency agree.
     fn agree(&self) -> Result<()> {
         let Both { native, engine, .. } = self;
         let x: Vec<f64> = (0..native.space.dofs()).map(|dof| (1.0 + 0.7 * dof as f64).sin()).collect();
@@ -224,7 +223,7 @@ fn square() -> Mesh {
 fn the_plate_is_the_native_one(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     use Support::{Clamped, Guided, SimplySupported};
-    // The joint lies inside the plate: ranks share its edges.
+    // The joint lies inside the plate, so ranks share its edges.
     for supports in [
         &[("left", Clamped)][..],
         &[("left", SimplySupported), ("right", Guided), ("bottom", SimplySupported)],
@@ -254,7 +253,7 @@ fn more_ranks_than_cells(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The error of a part, which all ranks must have in the same words.
+/// Returns the error of a part, which all ranks must have in the same words.
 fn error_of(
     context: &Rc<Context>,
     read: impl FnOnce() -> Result<Mesh>,
@@ -275,7 +274,7 @@ fn an_error_of_rank_0_is_that_of_all(arguments: &[String]) -> Result<()> {
         let error = error_of(&context, read, &[]);
         assert_eq!((error.to_string(), error.exit_code()), (read().unwrap_err().to_string(), code));
     }
-    // Ranks go on after it.
+    // The ranks can continue after the error.
     Part::of_mesh(&context, || Ok(square()), 0, &on_edges(&[]), &[]).map(drop)
 }
 

@@ -1,4 +1,4 @@
-//! Runs over several ranks that one of them cannot go on with.
+//! Runs on several ranks, one of which fails.
 
 use crate::common::ranks::{Case, case};
 use rebond::communicator::Communicator;
@@ -10,7 +10,7 @@ use rebond::{Error, Result};
 
 pub const CASES: &[Case] = &[case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone)];
 
-/// A moving plate with snapshots and checkpoints.
+/// Moving plate with snapshots and checkpoints.
 const SCENE: &str = r#"
     plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
     mesh = { element = "fvs", cells = [4, 2] }
@@ -22,7 +22,7 @@ const SCENE: &str = r#"
     solver = { engine = "petsc" }
 "#;
 
-/// Where an observer fails.
+/// Point at which an observer fails.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum At {
     Row(u64),
@@ -31,7 +31,7 @@ enum At {
     End,
 }
 
-/// An observer whose disk is full from some point on, on one rank.
+/// Observer whose disk is full from some point on, on one rank.
 struct Full {
     at: Option<At>,
     rows: u64,
@@ -72,14 +72,14 @@ impl Observer for Full {
     }
 }
 
-/// The others stop after the same step, know why, and what the error's exit code is: none is left
-/// waiting for another.
+/// The other ranks stop after the same step and know the cause and the exit code, so that no rank
+/// waits for another.
 fn fails_alone(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let scene = Scene::from_str(SCENE, "full", &[])?;
     let model = Model::distributed(&scene, &context)?;
     let last = context.size() - 1;
-    // Checkpoints and ends are the first rank's.
+    // Checkpoints and ends belong to the first rank.
     for (at, rank, rows) in [
         (At::Row(0), 0, 1),
         (At::Row(12), last, 4),
@@ -93,7 +93,7 @@ fn fails_alone(arguments: &[String]) -> Result<()> {
         let error = ended.expect_err("a rank failed");
         assert_eq!(error.exit_code(), 4, "{at:?}: {error}");
         assert!(error.to_string().contains("no space left"), "{at:?}: {error}");
-        // Nothing is shown to an observer that has failed.
+        // An observer that has failed receives no more data.
         assert!(context.rank() != rank || observer.rows == rows, "{at:?}: {} rows", observer.rows);
         assert_eq!(
             context.comm().all_reduce_sum(outcome.steps as usize),

@@ -1,4 +1,5 @@
-//! The two elements and the plate's matrices on them, against their definition and against numbers from outside.
+//! The two elements and the plate's matrices on them, tested against their definition and against
+//! independent numbers.
 
 use nalgebra::{SMatrix, SVector, Vector2};
 use proptest::prelude::*;
@@ -9,14 +10,14 @@ use rebond::mesh::Point;
 use rebond::plate::{Plate, load, moments};
 use serde_json::Value;
 
-/// D = 1 and rho h = 1.
+/// Returns a plate with D = 1 and rho h = 1.
 fn unit_plate(poissons_ratio: f64) -> Plate {
     let youngs_modulus = 12.0 * (1.0 - poissons_ratio * poissons_ratio);
     Plate::isotropic(1.0, youngs_modulus, poissons_ratio, 1.0)
 }
 
-/// An element with what makes its numbers comparable: its longest side, how flat its flattest piece is, and how large its
-/// Bezier ordinates are, for lengths measured in `size`.
+/// Element with scales that make its numbers comparable: its longest side, the flatness of its
+/// flattest piece, and the size of its Bezier ordinates, for lengths measured in `size`.
 struct Measured<const N: usize> {
     element: Element<N>,
     size: f64,
@@ -38,7 +39,7 @@ impl<const N: usize> Measured<N> {
         Measured { element, size, flatness, ordinate }
     }
 
-    /// Rows w, x, y, xx, xy, yy, for lengths measured in `size`.
+    /// Returns the rows w, x, y, xx, xy, yy, for lengths measured in `size`.
     fn scaled(&self, basis: Basis<N>) -> SMatrix<f64, 6, N> {
         let mut rows = SMatrix::<f64, 6, N>::zeros();
         rows.fixed_rows_mut::<1>(0).copy_from(&basis.value.transpose());
@@ -51,13 +52,14 @@ impl<const N: usize> Measured<N> {
         self.scaled(self.element.pieces[piece].basis(barycentric))
     }
 
-    /// A point in units of `size` from the first vertex.
+    /// Returns a point relative to the first vertex, in units of `size`.
     fn position(&self, point: Point) -> Vector2<f64> {
         (point - self.element.origin) / self.size
     }
 
-    /// Differences in the first `rows` rows must be rounding. Each derivative multiplies it by the flatness, and so does
-    /// each of the `conversions` from Cartesian to barycentric coordinates (of a point, or of the centre).
+    /// Asserts that differences in the first `rows` rows are rounding. Each derivative multiplies
+    /// rounding by the flatness, and so does each of the `conversions` from Cartesian to
+    /// barycentric coordinates (of a point, or of the centre).
     fn assert_close<const M: usize>(
         &self,
         what: &str,
@@ -74,7 +76,7 @@ impl<const N: usize> Measured<N> {
     }
 }
 
-/// The six rows of the monomials 1, x, y, x^2, xy, y^2.
+/// Returns the six rows of the monomials 1, x, y, x^2, xy, y^2.
 fn monomials(p: Vector2<f64>) -> SMatrix<f64, 6, 6> {
     let (x, y) = (p.x, p.y);
     SMatrix::from_row_slice(&[
@@ -121,13 +123,13 @@ const ALONG: [f64; 5] = [0.0, 0.13, 0.5, 0.77, 1.0];
 const INSIDE: [[f64; 3]; 4] =
     [[1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0], [0.7, 0.2, 0.1], [0.1, 0.6, 0.3], [0.05, 0.05, 0.9]];
 
-/// All that makes it the element, on one cell.
+/// Asserts the defining properties of the element on one cell.
 fn assert_is_the_element<const N: usize>(vertices: &[Point], element: Element<N>) {
     let cell = Measured::new(element);
     let count = cell.element.pieces.len();
     assert_eq!((count, 3 * count), (vertices.len(), N));
 
-    // Kronecker: the dofs of the basis functions are the unit vectors.
+    // The dofs of the basis functions are the unit vectors (Kronecker property).
     for (i, &vertex) in vertices.iter().enumerate() {
         let unit = SMatrix::<f64, 6, N>::from_fn(|row, dof| f64::from(row < 3 && dof == 3 * i + row));
         cell.assert_close("dofs", 0, 3, cell.sample(i, [1.0, 0.0, 0.0]), unit);
@@ -137,7 +139,7 @@ fn assert_is_the_element<const N: usize>(vertices: &[Point], element: Element<N>
 
     for i in 0..count {
         for s in ALONG {
-            // C1 across the line between two pieces.
+            // The functions are C1 across the line between two pieces.
             let (here, there) = ([0.0, 1.0 - s, s], [1.0 - s, 0.0, s]);
             cell.assert_close("C1 inside", 1, 3, cell.sample(i, here), cell.sample((i + 1) % count, there));
         }
@@ -155,7 +157,8 @@ fn assert_is_the_element<const N: usize>(vertices: &[Point], element: Element<N>
         }
     }
 
-    // Quadratics are reproduced: values, gradients and second derivatives, wherever and however one asks.
+    // Quadratics are reproduced: values, gradients and second derivatives, at any point and by each
+    // way of evaluation.
     let mut dofs = SMatrix::<f64, N, 6>::zeros();
     for (i, &vertex) in vertices.iter().enumerate() {
         dofs.fixed_rows_mut::<3>(3 * i).copy_from(&monomials(cell.position(vertex)).fixed_rows::<3>(0));
@@ -172,8 +175,8 @@ fn assert_is_the_element<const N: usize>(vertices: &[Point], element: Element<N>
         }
     }
 
-    // The stiffness, for lengths in units of `size`: it forgets the three rigid motions, knows the energy of every
-    // quadratic, and has no other mode without energy.
+    // The stiffness, for lengths in units of `size`, vanishes for the three rigid motions, has the
+    // energy of every quadratic, and has no other mode without energy.
     let scale = |dof: usize| if dof.is_multiple_of(3) { cell.size } else { 1.0 };
     let nu = 0.3;
     let stiffness = unit_plate(nu).section().stiffness(&cell.element);
@@ -217,7 +220,7 @@ fn quadrilateral_of(v: &[[f64; 2]]) -> [Point; 4] {
     [0, 1, 2, 3].map(|i| v[i].into())
 }
 
-/// Stretches along a direction, turns and moves a cell.
+/// Stretches a cell along a direction, and rotates and moves it.
 #[derive(Clone, Copy, Debug)]
 struct Placement {
     scale: f64,
@@ -243,13 +246,14 @@ fn placement() -> impl Strategy<Value = Placement> {
     )
 }
 
-/// Any triangle whose apex stands anywhere above its base, a little beyond its ends included.
+/// Returns a strategy for triangles whose apex lies anywhere above the base, or slightly beyond its
+/// ends.
 fn triangle() -> impl Strategy<Value = [Point; 3]> {
     (-0.5..1.5, 0.3..1.5, placement())
         .prop_map(|(x, y, placement)| [[0.0, 0.0], [1.0, 0.0], [x, y]].map(|p| placement.apply(p)))
 }
 
-/// Any convex quadrilateral: four half-diagonals and the angle between them.
+/// Returns a strategy for convex quadrilaterals: four half-diagonals and the angle between them.
 fn quadrilateral() -> impl Strategy<Value = [Point; 4]> {
     ([0.3..1.5, 0.3..1.5, 0.3..1.5, 0.3..1.5], 0.5..2.6, placement()).prop_map(|(half, angle, placement)| {
         let (sin, cos) = f64::sin_cos(angle);
@@ -277,7 +281,8 @@ proptest! {
     }
 }
 
-/// Dofs of the two nodes of outer edge `i` to w, x, y at the fraction `s` of it; all other dofs must do nothing there.
+/// Returns the map from the dofs of the two nodes of outer edge `i` to w, x, y at the fraction `s`
+/// of the edge. All other dofs must vanish there.
 fn trace<const N: usize>(cell: &Measured<N>, i: usize, s: f64) -> SMatrix<f64, 6, 6> {
     let rows = cell.sample(i, [1.0 - s, s, 0.0]);
     let nodes = [i, (i + 1) % (N / 3)];
@@ -288,7 +293,7 @@ fn trace<const N: usize>(cell: &Measured<N>, i: usize, s: f64) -> SMatrix<f64, 6
     SMatrix::from_fn(|row, column| rows[(row, 3 * nodes[column / 3] + column % 3)])
 }
 
-/// The same edge, seen from the other side.
+/// Returns the trace of the same edge, seen from the other side.
 fn reversed(trace: SMatrix<f64, 6, 6>) -> SMatrix<f64, 6, 6> {
     SMatrix::from_fn(|row, column| trace[(row, (column + 3) % 6)])
 }
@@ -311,14 +316,15 @@ fn neighbours_of_either_kind_meet_with_one_slope() {
     let turn = Placement { scale: 0.37, stretch: 3.0, angle: 0.7, shift: [5.0, -3.0] };
     let [a, b, c, d, e, f] =
         [[0.0, 0.0], [1.1, 0.2], [0.9, 1.3], [-0.2, 0.8], [2.1, 0.1], [1.8, 1.2]].map(|p| turn.apply(p));
-    // The edge from b to c, its left side first.
+    // The edge from b to c has its left side first.
     assert_c1_across(1, hct::element([a, b, c]).unwrap(), hct::element([c, b, e]).unwrap());
     assert_c1_across(1, hct::element([a, b, c]).unwrap(), fvs::element([c, b, e, f]).unwrap());
     assert_c1_across(1, fvs::element([a, b, c, d]).unwrap(), hct::element([c, b, e]).unwrap());
     assert_c1_across(1, fvs::element([a, b, c, d]).unwrap(), fvs::element([c, b, e, f]).unwrap());
 }
 
-/// Reference values of one shape: what they are, how a matrix is scaled, and how far rounding may take us.
+/// Asserts that matrices and basis functions of one shape agree with reference values, within the
+/// rounding of that shape.
 fn assert_agrees_with_reference<const N: usize>(name: &str, data: &Value, element: Element<N>) {
     let tolerance = if name.starts_with("needle") { 1e-12 } else { 1e-13 };
     let vector = |v: &Value| {
@@ -398,7 +404,8 @@ fn hct_has_the_published_values_at_a_rational_point() {
     assert!((found - SVector::from(published)).amax() <= 1e-15, "{found}");
 }
 
-/// How much second derivatives jump from piece `i` to the next, in the middle of the line between them and at the centre.
+/// Returns the jumps of the second derivatives from piece `i` to the next, in the middle of the
+/// line between them and at the centre.
 fn jumps<const N: usize>(element: &Element<N>, i: usize) -> [f64; 2] {
     let next = (i + 1) % element.pieces.len();
     [0.5, 1.0].map(|s| {
@@ -420,7 +427,7 @@ fn second_derivatives_jump_between_pieces_but_not_at_a_barycentre() {
         let [middle, centre] = jumps(&quadrilateral, i);
         assert!(middle > 0.1 && centre > 0.1, "{middle} {centre}");
     }
-    // On a line between pieces, and at the centre, the first of them answers.
+    // On a line between pieces, and at the centre, the first of these pieces is found.
     let on_lines =
         [(1, [0.5, 0.0, 0.5], 0), (3, [0.0, 0.5, 0.5], 0), (2, [0.0, 0.0, 1.0], 0), (3, [0.5, 0.0, 0.5], 2)];
     for (piece, barycentric, first) in on_lines {
@@ -448,7 +455,7 @@ fn a_cell_far_from_the_origin_loses_no_digit() {
     assert_eq!(plate.section().consistent_mass(&near), plate.section().consistent_mass(&far));
 }
 
-/// The dofs of y^2.
+/// Returns the dofs of y^2.
 fn y_squared<const N: usize>(vertices: &[Point]) -> SVector<f64, N> {
     SVector::from_fn(|dof, _| {
         let y = vertices[dof / 3].y;

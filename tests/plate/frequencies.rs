@@ -1,4 +1,4 @@
-//! Natural frequencies against independent programs and published values.
+//! Natural frequencies, compared with independent programs and published values.
 
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
 use rebond::dof_map::{DofMap, Rigid, Support};
@@ -6,7 +6,7 @@ use rebond::mesh::ElementKind;
 use rebond::modes;
 use std::f64::consts::{PI, TAU};
 
-/// The paper's plate at 10 x 4: GetFEM's matrices, dense eigenvalues by LAPACK.
+/// The paper's plate at 10 x 4, compared with GetFEM's matrices and dense eigenvalues by LAPACK.
 #[test]
 fn the_plate_of_the_paper() {
     let cases = [
@@ -42,14 +42,14 @@ fn the_plate_of_the_paper() {
                 close(&what, *value, expected, 1e-9);
             }
             let value = modes::highest(&plate.engine, &plate.stiffness, mass).unwrap();
-            // Known to a hundredth of a hertz.
+            // This value is known to a hundredth of a hertz.
             assert!((value - highest).abs() < 0.006, "{what}, highest: {value}, expected {highest}");
         }
     }
 }
 
 /// Conforming elements on nested meshes with the consistent mass: every refinement lowers every
-/// frequency, towards the plate's.
+/// frequency, towards that of the plate.
 #[test]
 fn nested_meshes_lower_the_first_frequency() {
     for (element, diagonal) in [(Fvs, Right), (Hct, Right), (Hct, Left)] {
@@ -65,19 +65,19 @@ fn nested_meshes_lower_the_first_frequency() {
     }
 }
 
-/// lambda = omega a^2 sqrt(rho h / D) of the unit square, nu = 0.3, against the plate's exact or
-/// converged values: every mesh stays above them (to the digits known), and the finest comes as
-/// near as the last column says.
+/// The numbers lambda = omega a^2 sqrt(rho h / D) of the unit square, nu = 0.3, are compared with
+/// exact or converged values of the plate. Every mesh stays above them (to the known digits), and
+/// the finest comes as near as the last column says.
 #[test]
 fn published_frequencies_of_the_square() {
     let squares = [2.0, 5.0, 5.0, 8.0, 10.0, 10.0].map(|n| n * PI * PI);
     type Case<'c> = (&'c str, &'c [(&'c str, Support)], [f64; 6], f64);
     let cases: [Case; 3] = [
-        // pi^2 (m^2 + n^2).
+        // The exact values are pi^2 (m^2 + n^2).
         ("SSSS", &all_round(Support::SimplySupported), squares, 2e-3),
-        // Leissa 1973 and later.
+        // The values are those of Leissa 1973 and later authors.
         ("CCCC", &all_round(Support::Clamped), [35.985, 73.394, 73.394, 108.22, 131.58, 132.20], 4e-3),
-        // Argyris triangles, converged.
+        // The values are converged, with Argyris triangles.
         ("CFFF", CLAMPED_LEFT, [3.4710, 8.5065, 21.285, 27.199, 30.955, 54.185], 2.3e-3),
     ];
     for (name, supports, expected, bound) in cases {
@@ -101,9 +101,9 @@ fn published_frequencies_of_the_square() {
     }
 }
 
-/// A plate that nothing holds: three rigid motions at exactly 0, then the published values
-/// (SDLS01), which are upper bounds up to 1 % high; the square's symmetry makes the last two equal
-/// on a mesh that has it.
+/// A plate without supports has three rigid motions at exactly 0, then the published values
+/// (SDLS01), which are upper bounds up to 1 % high. The symmetry of the square makes the last two
+/// equal on a mesh that has it.
 #[test]
 fn a_free_plate_has_three_rigid_motions() {
     for element in [Fvs, Hct] {
@@ -132,7 +132,7 @@ fn modes_end_where_the_mass_does() {
     close("highest", values[8], highest, 1e-8);
 }
 
-/// Dimensionless frequencies of a unit square with the consistent mass.
+/// Returns dimensionless frequencies of a unit square with the consistent mass.
 fn square_frequencies(
     cells: usize,
     element: ElementKind,

@@ -1,5 +1,5 @@
-//! Meshes from Gmsh and from meshio: what Gmsh itself says of them, in every format; every flaw
-//! named with its place.
+//! Meshes from Gmsh and from meshio agree with Gmsh's own report in every format, and every defect
+//! is named with its place.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -20,7 +20,7 @@ fn expected(name: &str) -> Value {
     serde_json::from_slice::<Value>(&std::fs::read(path("expected.json")).unwrap()).unwrap()[name].take()
 }
 
-/// Each name with the number of its members and their measure.
+/// Returns each name with the number of its members and their measure.
 fn measured<M>(
     names: &BTreeMap<String, Vec<M>>,
     measure: impl Fn(&M) -> f64,
@@ -40,7 +40,8 @@ fn assert_measures(found: BTreeMap<String, (usize, f64)>, expected: &Value) {
     }
 }
 
-/// Counts, measures and places as Gmsh gives them; boundary edges with the plate on their left.
+/// Asserts that counts, measures and places agree with those of Gmsh, and that boundary edges have
+/// the plate on their left.
 #[track_caller]
 fn assert_is(mesh: &Mesh, expected: &Value) {
     let triangles = mesh.cells.iter().filter(|cell| matches!(cell, Cell::Triangle(_))).count();
@@ -131,8 +132,8 @@ fn names_survive_refinement() {
     }
 }
 
-/// A unit square of two triangles in 2.2, lines 1 to 25, with gaps in the numbers, an orphan,
-/// carriage returns and comments.
+/// Unit square of two triangles in format 2.2 on lines 1 to 25, with gaps in the numbers, an
+/// orphan, carriage returns and comments.
 const SQUARE: &str = "$Comments\r\nby hand: $Nodes\r\n$EndComments\r\n$MeshFormat\r\n2.2 0 8\r\n$EndMeshFormat\r\n\
     $PhysicalNames\r\n2\r\n1 1 \"the \u{e9}dge\"\r\n2 2 \"plate\"\r\n$EndPhysicalNames\r\n\
     $Nodes\r\n5\r\n10 0 0 3\r\n20 1 0 3\r\n7 .5 .5 9\r\n30 1 1 3\r\n40 0 1 3\r\n$EndNodes\r\n\
@@ -159,8 +160,7 @@ fn assert_refused(bytes: &[u8], words: &[&str]) {
     }
 }
 
-/// Each pair of a text in [`SQUARE`] and its replacement must be refused, with the line and these
-/// words.
+/// Each replacement of a text in [`SQUARE`] must be refused, with the line and these words.
 #[test]
 fn a_flaw_is_named_with_its_line() {
     let cases: &[(&str, &str, &[&str])] = &[
@@ -219,7 +219,7 @@ fn a_flaw_is_named_with_its_line() {
 
 #[test]
 fn cells_that_do_not_share_their_nodes_are_refused() {
-    // A second node at (1, 1), and a node halfway up the diagonal.
+    // The mesh gets a second node at (1, 1), and a node halfway up the diagonal.
     let twin = SQUARE.replace("7 .5 .5 9", "7 1 1 3").replace("10 30 40", "10 7 40");
     assert_refused(twin.as_bytes(), &["nodes 2 and 3 are both at (1, 1)"]);
     let hanging = SQUARE

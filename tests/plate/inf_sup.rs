@@ -1,4 +1,4 @@
-//! The inf-sup constant against an independent program, and where it must vanish.
+//! The inf-sup constant, compared with an independent program, and cases in which it vanishes.
 
 use crate::common::plates::{Alternating, Fvs, Hct, Matrices, Right, all_round, close};
 use rebond::dof_map::Support;
@@ -18,7 +18,8 @@ fn plate_constants(plate: &Matrices, bounded: &[usize]) -> InfSup {
     infsup::constants(dofs, &plate.stiffness, false, rows, bounded).unwrap()
 }
 
-/// Smallest singular value of G on ker B at 10 x 4: numpy, from GetFEM's matrices.
+/// The constant is the smallest singular value of G on ker B at 10 x 4, compared with numpy's from
+/// GetFEM's matrices.
 #[test]
 fn the_plate_of_the_paper() {
     let cases =
@@ -30,8 +31,8 @@ fn the_plate_of_the_paper() {
     }
 }
 
-/// A bar of unit length, stiffness and mass on (0, 1), held at 1, with an obstacle at 0:
-/// displacements of a degree, a constant velocity a cell.
+/// Returns dofs, stiffness and mass of a bar on (0, 1), held at 1, with an obstacle at 0.
+/// Displacements have the given degree, and the velocity is constant per cell.
 fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     let h = 1.0 / cells as f64;
     let dofs = degree * cells;
@@ -55,9 +56,9 @@ fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     (dofs, stiffness, mass)
 }
 
-/// P1 displacements see every P0 velocity: ker B is trivial and nothing carries a reaction. P2
-/// displacements leave one dof a cell to ker B, and the constant does not depend on the mesh:
-/// 0.9717 in Euclidean norms.
+/// P1 displacements are determined by P0 velocities: ker B is trivial and no reaction can be
+/// carried. P2 displacements leave one dof per cell to ker B, and the constant does not depend on
+/// the mesh: 0.9717 in Euclidean norms.
 #[test]
 fn bars() {
     for cells in [1, 2, 10, 100, 1000] {
@@ -72,8 +73,8 @@ fn bars() {
     }
 }
 
-/// A bar with a cell of P2, by hand: w = (1, -1/4) is in ker B, so that the raw constant is 1 /
-/// |w|; its energy is 4 times that of the straight line.
+/// The constant of a bar with one P2 cell is computed by hand: w = (1, -1/4) is in ker B, so the
+/// constant in Euclidean norms is 1 / |w|; its energy is 4 times that of the straight line.
 #[test]
 fn one_quadratic_cell() {
     let (dofs, stiffness, mass) = bar(1, 2);
@@ -82,7 +83,7 @@ fn one_quadratic_cell() {
     close("energy", constants.energy.unwrap(), 0.5, 1e-14);
 }
 
-/// Clamped all round with one free node: eight cells leave nothing to ker B.
+/// The plate is clamped all around and has one free node: eight cells leave nothing to ker B.
 #[test]
 fn too_many_cells_for_the_free_dofs() {
     let plate = Matrices::square(2, Hct, &all_round(Support::Clamped));
@@ -90,7 +91,8 @@ fn too_many_cells_for_the_free_dofs() {
     assert_eq!((constants.raw, constants.energy), (Some(0.0), Some(0.0)));
 }
 
-/// Shrinks as h^2 on quadrilaterals, the same by dense (to 1500 dofs) and by sparse matrices.
+/// The constant decreases as h^2 on quadrilaterals, and is the same by dense (up to 1500 dofs) and
+/// by sparse matrices.
 #[test]
 fn refinement() {
     for n in [10, 20, 30, 40, 80] {
@@ -103,7 +105,7 @@ fn refinement() {
     }
 }
 
-/// An obstacle under a part of the plate only: fewer reactions, none harder to carry.
+/// An obstacle under a part of the plate has fewer reactions, none of which is harder to carry.
 #[test]
 fn fewer_reactions_are_easier_to_carry() {
     let plate = Matrices::paper([10, 4], Hct, Right);

@@ -1,4 +1,5 @@
-//! Nodes made at points and along lines: the mesh stays a mesh of the same plate, with sound cells, on which quadratics are exact.
+//! Nodes made at points and along lines: the result is a mesh of the same plate with well-shaped
+//! cells, on which quadratics are exact.
 
 use crate::common::Random;
 use crate::common::plates::{Matrices, unit};
@@ -8,7 +9,7 @@ use std::collections::BTreeMap;
 
 const SIDES: [f64; 2] = [1.5, 1.0];
 
-/// A rectangle whose inner nodes are anywhere near their places, in two groups.
+/// Returns a rectangle in two groups, whose inner nodes are displaced at random.
 fn plate(random: &mut Random) -> Mesh {
     let cells = [2 + random.below(6), 2 + random.below(5)];
     let kind = [ElementKind::Fvs, ElementKind::Hct][random.below(2)];
@@ -22,7 +23,7 @@ fn plate(random: &mut Random) -> Mesh {
             }
         }
     }
-    // Nodes of the boundary stay on it: each moved along it alone.
+    // Nodes of the boundary stay on it, since each moved along it only.
     mesh.check().unwrap();
     let split = random.below(mesh.cells.len());
     mesh.groups.insert("first".into(), (0..split).collect());
@@ -31,7 +32,7 @@ fn plate(random: &mut Random) -> Mesh {
     mesh
 }
 
-/// A point of the plate, often near an edge, a node or a cell's side, or on one.
+/// Returns a point of the plate, often near an edge, a node or a cell's side, or on one.
 fn place(mesh: &Mesh, random: &mut Random) -> Point {
     let anywhere = Point::new(SIDES[0] * random.unit(), SIDES[1] * random.unit());
     let node = mesh.nodes[random.below(mesh.nodes.len())];
@@ -64,7 +65,7 @@ fn lengths(mesh: &Mesh) -> BTreeMap<&str, f64> {
     mesh.edges.iter().map(|(name, sides)| (name.as_str(), length(sides))).collect()
 }
 
-/// The least angle of a mesh, and the least difference of one from 180 degrees.
+/// Returns the least angle of a mesh, and the least difference of an angle from 180 degrees.
 fn angles(mesh: &Mesh) -> [f64; 2] {
     let mut least = [f64::INFINITY; 2];
     for cell in 0..mesh.cells.len() {
@@ -80,7 +81,8 @@ fn angles(mesh: &Mesh) -> [f64; 2] {
     least.map(f64::to_degrees)
 }
 
-/// Largest force of a quadratic shape at inner nodes, over the largest entry of K: 0 if quadratics are exact.
+/// Returns the largest force of a quadratic shape at inner nodes, over the largest entry of K; it
+/// is 0 if quadratics are exact.
 fn patch(mesh: Mesh) -> f64 {
     let on_rim = |p: &Point| (0..2).any(|axis| p[axis] == 0.0 || p[axis] == SIDES[axis]);
     let rim: Vec<bool> = mesh.nodes.iter().map(on_rim).collect();
@@ -155,7 +157,8 @@ fn ten_thousand_random_points_and_lines() {
     random_marks(10_000);
 }
 
-/// A line gets a node wherever it crosses a side of a cell, and at its ends in the plate.
+/// A line gets a node wherever it crosses a side of a cell, and at those of its ends that lie in
+/// the plate.
 #[test]
 fn a_line_has_nodes_at_its_crossings() {
     for (kind, most) in [(ElementKind::Fvs, 30), (ElementKind::Hct, 40)] {
@@ -181,7 +184,7 @@ fn a_line_has_nodes_at_its_crossings() {
     }
 }
 
-/// What needs no node stays as it is, and what cannot have one is refused.
+/// Points that need no new node change nothing, and points that cannot have one are refused.
 #[test]
 fn nodes_that_are_there_and_that_cannot_be() {
     let mesh = Mesh::rectangle(1.5, 1.0, [3, 2], ElementKind::Hct, Diagonal::Alternating).unwrap().refine();

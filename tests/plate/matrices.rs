@@ -1,4 +1,4 @@
-//! The assembled matrices against GetFEM's, and as files.
+//! The assembled matrices, compared with GetFEM's, and as files.
 
 use crate::common::plates::{Fvs, Hct, Matrices, Right, STEEL};
 use rebond::linalg::Form;
@@ -34,7 +34,7 @@ fn reference(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// Rows of a text file of numbers.
+/// Returns the rows of a text file of numbers.
 fn table(name: &str) -> Dense {
     let numbers = |line: &str| line.split_whitespace().map(|n| n.parse().unwrap()).collect();
     fs::read_to_string(reference(name)).unwrap().lines().map(numbers).collect()
@@ -65,7 +65,7 @@ fn rows_of_b(plate: &Matrices) -> Dense {
     averages.rows().iter().map(row).collect()
 }
 
-/// Where our numbering puts each item of the reference, matched by sorted keys.
+/// Returns the number of each reference item in our numbering, matched by keys.
 fn numbering<K: Ord>(ours: impl Iterator<Item = K>, reference: impl Iterator<Item = K>) -> Vec<usize> {
     let places: BTreeMap<K, usize> = ours.enumerate().map(|(number, key)| (key, number)).collect();
     reference.map(|key| places[&key]).collect()
@@ -122,7 +122,7 @@ fn the_plate_of_the_paper() {
     }
 }
 
-/// M = B^T C^-1 B: symmetric, positive semi-definite, of the rank of the cells.
+/// M = B^T C^-1 B is symmetric and positive semi-definite, and its rank is the number of cells.
 #[test]
 fn the_singular_mass_has_the_rank_of_the_cells() {
     for (element, cells) in [(Fvs, 40), (Hct, 80)] {
@@ -140,7 +140,7 @@ fn the_singular_mass_has_the_rank_of_the_cells() {
     }
 }
 
-/// The files hold the matrices to the bit, and agree with one another.
+/// The files contain the matrices to the bit, and agree with one another.
 #[test]
 fn files_for_other_programs() {
     let scene =

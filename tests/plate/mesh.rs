@@ -1,4 +1,5 @@
-//! Meshes: numbering, names, patterns, refinement, location, and every flaw found and named.
+//! Meshes: numbering, names, patterns, refinement, location of points, and detection of every
+//! defect.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +14,7 @@ fn quadrilaterals(cells: [usize; 2]) -> Mesh {
     Mesh::rectangle(1.2, 0.4, cells, ElementKind::Fvs, Diagonal::Right).unwrap()
 }
 
-/// The cells as cycles that start at their smallest node, whatever their order.
+/// Returns the cells as cycles that start at their smallest node, in any order.
 fn cycles(cells: impl IntoIterator<Item = Vec<usize>>) -> BTreeSet<Vec<usize>> {
     let rotate = |mut nodes: Vec<usize>| {
         let first = (0..nodes.len()).min_by_key(|&i| nodes[i]).unwrap();
@@ -92,7 +93,7 @@ fn left_diagonals_are_the_mirror_image_of_right_ones() {
     let mirrored =
         right.cells.iter().map(|cell| cell.nodes().iter().rev().map(|&node| mirror(node)).collect());
     assert_eq!(cycles(mirrored), cycles(left.cells.iter().map(|cell| cell.nodes().to_vec())));
-    // Either way the lower triangle comes first.
+    // With either diagonal the lower triangle comes first.
     assert_eq!(right.cells[..2], [[0, 1, 5], [0, 5, 4]].map(Cell::Triangle));
     assert_eq!(left.cells[..2], [[4, 0, 1], [4, 1, 5]].map(Cell::Triangle));
 }
@@ -143,7 +144,7 @@ fn refined_quadrilaterals_are_those_of_the_finer_rectangle() {
 
 #[test]
 fn refinement_cuts_a_cell_into_four_that_follow_each_other() {
-    // A triangle against a quadrilateral, neither of them regular.
+    // The mesh has a triangle next to a quadrilateral, both irregular.
     let coarse = mixed();
     let fine = coarse.refine();
     fine.check().unwrap();
@@ -160,7 +161,7 @@ fn refinement_cuts_a_cell_into_four_that_follow_each_other() {
     }
 }
 
-/// A quadrilateral and a triangle on its right.
+/// Returns a quadrilateral with a triangle on its right.
 fn mixed() -> Mesh {
     Mesh {
         nodes: [[0.0, 0.0], [1.0, -0.125], [1.25, 1.0], [0.0, 0.75], [2.0, 0.5]].map(Point::from).to_vec(),

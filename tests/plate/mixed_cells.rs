@@ -1,4 +1,4 @@
-//! Triangles and quadrilaterals in one mesh, both unstructured: C1 across every edge, exact on
+//! Triangles and quadrilaterals in one mesh, both unstructured: C1 across every edge, exact for
 //! quadratics, convergent.
 
 use crate::common::plates::{Matrices, all_round, unit};
@@ -9,13 +9,13 @@ use rebond::linalg::Engine;
 use rebond::mesh::{Cell, Mesh, Point};
 use std::collections::HashMap;
 
-/// The unit square of Gmsh: quadrilaterals on the left, triangles on the right.
+/// Returns Gmsh's unit square: quadrilaterals on the left, triangles on the right.
 fn square() -> Mesh {
     let bytes = include_bytes!("../data/gmsh/square_41_binary.msh");
     Mesh::from_gmsh(bytes, "square.msh").unwrap()
 }
 
-/// w, w_x and w_y on the `edge`-th edge of a cell, the fraction `s` along it.
+/// Returns w, w_x and w_y on the `edge`-th edge of a cell, at the fraction `s` of it.
 fn trace(mesh: &Mesh, cell: usize, edge: usize, s: f64, u: &[f64]) -> [f64; 3] {
     fn combine<const N: usize>(basis: Basis<N>, nodes: &[usize], u: &[f64]) -> [f64; 3] {
         let dofs = SVector::<f64, N>::from_fn(|i, _| u[3 * nodes[i / 3] + i % 3]);
@@ -44,7 +44,8 @@ fn deflections_and_slopes_are_continuous_across_every_edge() {
             sides.insert(nodes, (number, edge));
         }
     }
-    // Anything: deflections of order one, slopes of order one over the length of an edge.
+    // Any values will do: deflections are of order one, slopes of order one over the length of an
+    // edge.
     let u: Vec<f64> = (0..3 * mesh.nodes.len())
         .map(|dof| (1.0 + dof as f64 * 0.7548776662).fract() * if dof % 3 == 0 { 1.0 } else { 10.0 } - 0.5)
         .collect();
@@ -64,8 +65,8 @@ fn deflections_and_slopes_are_continuous_across_every_edge() {
     assert_eq!(mixed, mesh.edges["joint"].len());
 }
 
-/// D = 1, nu = 0.3: the energies of x^2, xy, y^2 on the unit square are 2, 1 - nu and 2; their
-/// inner forces vanish.
+/// With D = 1 and nu = 0.3 the energies of x^2, xy, y^2 on the unit square are 2, 1 - nu and 2, and
+/// their inner forces vanish.
 #[test]
 fn quadratics_are_exact() {
     type Field = fn(Point) -> [f64; 3];
@@ -108,8 +109,8 @@ fn no_mass_is_lost() {
     }
 }
 
-/// w D / (q a^4) at the centre, nu = 0.3: published values, approached from below, each refinement
-/// at least 2.5 times nearer.
+/// The value w D / (q a^4) at the centre, nu = 0.3, approaches published values from below, and
+/// each refinement brings it at least 2.5 times nearer.
 #[test]
 fn published_deflections_of_the_square() {
     for (support, expected, bound) in

@@ -1,15 +1,16 @@
-//! A plate over a parabolic dome, against the exact solution.
+//! A plate over a parabolic dome, compared with the exact solution.
 //!
-//! The disc of radius 2, clamped, of rigidity 1 (energy: the integral of D^2 u : D^2 u over 2),
-//! above psi = 1 - r^2. It touches for r <= r0; outside, u = C1 r^2 ln r + C2 r^2 + C3 ln r + C4
-//! with u, u', u'' continuous at r0 and u(2) = u'(2) = 0: five equations, solved here once more.
-//! The problem solved is its part in the square (-1/2, 1/2)^2, with w, w_x, w_y given on the edge:
-//! K applied to the given dofs is the load of the others.
+//! The disc of radius 2 is clamped, has rigidity 1 (its energy is half the integral of D^2 u : D^2
+//! u), and lies above psi = 1 - r^2. It touches for r <= r0. Outside, u = C1 r^2 ln r + C2 r^2 + C3
+//! ln r + C4 with u, u', u'' continuous at r0 and u(2) = u'(2) = 0: these five equations are solved
+//! here again. The discrete problem is the part of the disc in the square (-1/2, 1/2)^2, with w,
+//! w_x, w_y given on the edge: K applied to the given dofs is the load of the others.
 //!
-//! Two errors are looked at: the true one |D^2 (u_h - u)|, by quadrature, and |D^2 (u_h - I u)|,
-//! the distance from the interpolant, for which the numbers of an independent program are known.
-//! Contact makes u no smoother than its second derivatives (the third jump), and both decrease as
-//! h. On triangles with alternating diagonals u_h lies nearer to u than to I u.
+//! The tests consider two errors: the true one |D^2 (u_h - u)|, by quadrature, and |D^2 (u_h - I
+//! u)|, the distance from the interpolant, for which the numbers of an independent program are
+//! known. Contact limits the smoothness of u to its second derivatives (the third ones jump), and
+//! both errors decrease as h. On triangles with alternating diagonals u_h is nearer to u than to I
+//! u.
 
 use nalgebra::SVector;
 use rebond::element::{Element, fvs, hct, quadrature};
@@ -19,14 +20,15 @@ use rebond::obstacle::Bounds;
 use rebond::plate::{Plate, stiffness_root};
 use rebond::vi::{Answer, CheckedSolver, Condensed, Problem};
 
-/// Cells a side, and the distance from the interpolant that an independent program found there.
+/// Number of cells per side, and the distance from the interpolant that an independent program
+/// found.
 const FVS: [(usize, f64); 4] = [(8, 6.33e-2), (16, 2.69e-2), (32, 1.43e-2), (64, 7.04e-3)];
 const HCT: [(usize, f64); 4] = [(8, 1.74e-1), (16, 8.90e-2), (32, 4.59e-2), (64, 2.32e-2)];
 
-/// D = 1, and no Poisson effect: D^2 u : D^2 u is the whole energy.
+/// Plate with D = 1 and nu = 0, whose energy density is D^2 u : D^2 u over 2.
 const PLATE: Plate = Plate::isotropic(1.0, 12.0, 0.0, 1.0);
 
-/// The radial solution outside contact.
+/// Radial solution outside contact.
 #[derive(Debug)]
 struct Exact {
     r0: f64,
@@ -34,13 +36,13 @@ struct Exact {
 }
 
 impl Exact {
-    /// For a given r0, four of the conditions are linear in C1 to C4; the fifth, u(2) = 0, is the
-    /// equation for r0.
+    /// Solves for r0. For a given r0, four of the conditions are linear in C1 to C4; the fifth,
+    /// u(2) = 0, is the equation for r0.
     fn solve() -> Exact {
         let at = |r0: f64| {
             let (r2, l, l2) = (r0 * r0, r0.ln(), 2f64.ln());
-            // r u'' - u' = 2 C1 r - 2 C3 / r vanishes at r0: C3 = C1 r0^2.
-            // Then u'(r0) = -2 r0 is C1 a + 2 C2 = -2, and u'(2) = 0 is C1 b + 4 C2 = 0.
+            // The expression r u'' - u' = 2 C1 r - 2 C3 / r vanishes at r0, so C3 = C1 r0^2. Then
+            // u'(r0) = -2 r0 is C1 a + 2 C2 = -2, and u'(2) = 0 is C1 b + 4 C2 = 0.
             let (a, b) = (2.0 * l + 2.0, 2.0 * (2.0 * l2 + 1.0) + r2 / 2.0);
             let c1 = -4.0 / (2.0 * a - b);
             let c2 = -c1 * b / 4.0;
@@ -57,7 +59,7 @@ impl Exact {
         at(low).0
     }
 
-    /// u, u' and u'' outside contact.
+    /// Returns u, u' and u'' outside contact.
     fn radial(&self, r: f64) -> [f64; 3] {
         let (l, [c1, c2, c3, c4]) = (r.ln(), self.c);
         [
@@ -67,7 +69,7 @@ impl Exact {
         ]
     }
 
-    /// w, w_x, w_y and w_xx, w_xy, w_yy.
+    /// Returns w, w_x, w_y and w_xx, w_xy, w_yy.
     fn at(&self, p: Point) -> ([f64; 3], [f64; 3]) {
         let r = p.coords.norm();
         if r <= self.r0 {
@@ -82,7 +84,7 @@ impl Exact {
     }
 }
 
-/// The matrix of a cell.
+/// Returns the element matrix of a cell.
 fn stiffness<const N: usize>(
     element: &Element<N>,
     nodes: &[usize],
@@ -99,7 +101,7 @@ fn stiffness<const N: usize>(
     ElementMatrix { dofs, matrix: matrix.as_slice().into(), bending: Some(bending.into()), class }
 }
 
-/// The square of the true error on a cell; each piece is cut in four.
+/// Returns the square of the true error on a cell, each piece of which is cut in four.
 fn error<const N: usize>(element: &Element<N>, nodes: &[usize], u: &[f64], exact: &Exact) -> f64 {
     let local = SVector::<f64, N>::from_fn(|i, _| u[3 * nodes[i / 3] + i % 3]);
     let quarters: [([f64; 3], f64); 4] =
@@ -120,7 +122,7 @@ fn error<const N: usize>(element: &Element<N>, nodes: &[usize], u: &[f64], exact
     sum
 }
 
-/// The true error, and the distance from the interpolant.
+/// Returns the true error, and the distance from the interpolant.
 fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     let mut mesh = Mesh::rectangle(1.0, 1.0, [cells, cells], kind, Diagonal::Alternating).unwrap();
     mesh.nodes.iter_mut().for_each(|p| *p -= nalgebra::Vector2::new(0.5, 0.5));
@@ -151,7 +153,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
     };
     let interpolant: Vec<f64> = mesh.nodes.iter().flat_map(|&p| exact.at(p).0).collect();
 
-    // The given dofs, and the forces that they exert on the free ones.
+    // The given dofs exert these forces on the free ones.
     let whole = Native::new(all);
     let whole_form = whole.form(blocks(&everything));
     let mut u: Vec<f64> =
@@ -221,14 +223,15 @@ fn the_exact_solution_meets_its_conditions() {
     for (value, expected) in conditions {
         assert!((value - expected).abs() <= 1e-13, "{value} {expected}");
     }
-    // Outside, the plate lies above the obstacle.
+    // Outside contact, the plate lies above the obstacle.
     assert!((1..1000).all(|i| {
         let r = r0 + (2.0 - r0) * f64::from(i) / 1000.0;
         exact.radial(r)[0] > 1.0 - r * r
     }));
 }
 
-/// Both errors fall as h, the second to the digits of an independent program.
+/// Asserts that both errors decrease as h, and that the second agrees with an independent program
+/// to its digits.
 fn check(kind: ElementKind, table: [(usize, f64); 4], cap: f64) {
     let exact = Exact::solve();
     let computed = table.map(|(cells, _)| errors(kind, cells, &exact));

@@ -1,5 +1,5 @@
-//! Static deflections against independent programs, published values and symmetry; the digits that
-//! fine meshes keep.
+//! Static deflections, compared with independent programs, published values and symmetry, and the
+//! digits that fine meshes keep.
 
 use crate::common::plates::{
     Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close, unit,
@@ -14,8 +14,8 @@ fn elastic_energy(plate: &Matrices, u: &[f64]) -> f64 {
     0.5 * plate.engine.multiply(&plate.stiffness, u, &mut vec![0.0; u.len()]).unwrap()
 }
 
-/// The paper's plate under its initial pressure at 10 x 4: w(L, 0), w(L, l) where it differs, E_0.
-/// GetFEM's matrices, refined.
+/// The paper's plate under its initial pressure at 10 x 4: w(L, 0), w(L, l) where it differs, and
+/// E_0, compared with GetFEM's matrices and iterative refinement.
 #[test]
 fn the_plate_of_the_paper() {
     let cases = [
@@ -33,7 +33,8 @@ fn the_plate_of_the_paper() {
     }
 }
 
-/// Twelve digits on fine meshes: solved elsewhere with long-double refinement.
+/// Fine meshes keep twelve digits, compared with an independent solution with long-double
+/// refinement.
 #[test]
 fn fine_meshes_keep_their_digits() {
     for (cells, expected) in [([20, 8], 0.207974277259), ([80, 32], 0.208197225632)] {
@@ -60,7 +61,8 @@ fn mirror_images() {
     assert!(worst <= 1e-12 * scale, "{:e}", worst / scale);
 }
 
-/// U^T K U by the assembled matrix: its entries summed first, as any sparse matrix has them.
+/// Returns U^T K U by the assembled matrix, whose entries are summed first, as in any sparse
+/// matrix.
 fn assembled_energy(plate: &Matrices, u: &[f64]) -> f64 {
     let mut entries = std::collections::BTreeMap::<(usize, usize), f64>::new();
     plate.stiffness.for_each_lower(|i, j, entry| *entries.entry((i, j)).or_default() += entry);
@@ -74,8 +76,9 @@ fn assembled_energy(plate: &Matrices, u: &[f64]) -> f64 {
     0.5 * product.iter().zip(u).map(|(f, u)| f * u).sum::<f64>()
 }
 
-/// Clapeyron: twice the elastic energy is the work of the load, F . U, a sum of positive terms that
-/// loses nothing. The cell-by-cell operator keeps that; the assembled matrix loses it as h^-4.
+/// By Clapeyron's theorem, twice the elastic energy is the work of the load, F . U, a sum of
+/// positive terms that loses no digits. The cell-by-cell operator preserves this; the assembled
+/// matrix loses it as h^-4.
 #[test]
 fn cell_by_cell_energies_keep_the_digits_that_assembled_ones_lose() {
     for (cells, assembled_loses) in [([20, 8], 1e-11), ([80, 32], 1e-8), ([160, 64], 1e-7)] {
@@ -90,8 +93,8 @@ fn cell_by_cell_energies_keep_the_digits_that_assembled_ones_lose() {
     }
 }
 
-/// A rigid motion of a plate far from the origin of its coordinates costs no energy, to rounding of
-/// the motion itself.
+/// A rigid motion of a plate far from the origin has no energy, up to the rounding of the motion
+/// itself.
 #[test]
 fn rigid_motions_are_free() {
     for element in [Fvs, Hct] {
@@ -104,9 +107,9 @@ fn rigid_motions_are_free() {
     }
 }
 
-/// w D / (q a^4), nu = 0.3, on the unit square: published values, approached from below, each
-/// refinement at least 2.5 times nearer (h^2 but for the corner singularities of the cantilever),
-/// and at 64 x 64 as near as the last column says.
+/// The value w D / (q a^4), nu = 0.3, on the unit square approaches published values from below.
+/// Each refinement brings it at least 2.5 times nearer (as h^2, except for the corner singularities
+/// of the cantilever), and at 64 x 64 it is as near as the last column says.
 #[test]
 fn published_deflections_of_the_square() {
     type Case<'c> = (&'c str, &'c [(&'c str, Support)], [f64; 2], f64, f64);
@@ -136,8 +139,8 @@ fn published_deflections_of_the_square() {
     }
 }
 
-/// The mean deflection under a uniform pressure is the energy's: Galerkin's is below the plate's
-/// and grows on nested meshes.
+/// The mean deflection under a uniform pressure is proportional to the energy: Galerkin's value is
+/// below that of the plate and grows on nested meshes.
 #[test]
 fn nested_meshes_grow_softer() {
     for element in [Fvs, Hct] {
@@ -151,8 +154,8 @@ fn nested_meshes_grow_softer() {
     }
 }
 
-/// With nu = 0 a cantilever under a uniform pressure is a beam: w = q L^4 / (8 D) at the tip.
-/// Rectangles have its cubics and meet it exactly; triangles come from below, as h^2.
+/// With nu = 0 a cantilever under a uniform pressure is a beam with w = q L^4 / (8 D) at the tip.
+/// Rectangles contain its cubics and are exact; triangles converge from below, as h^2.
 #[test]
 fn a_strip_without_poisson_is_a_beam() {
     let tip = |element, cells| {
@@ -165,7 +168,8 @@ fn a_strip_without_poisson_is_a_beam() {
     assert!(fine > 0.0 && (3.8..4.5).contains(&(coarse / fine)), "{coarse:e}, then {fine:e}");
 }
 
-/// The shape of the paper's plate, in units of q a^4 / D: corner and middle of the tip, from below.
+/// The deflection of the paper's plate, in units of q a^4 / D, at the corner and the middle of the
+/// tip, from below.
 #[test]
 fn the_tip_of_a_plate_three_times_as_long_as_wide() {
     for element in [Fvs, Hct] {

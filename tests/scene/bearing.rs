@@ -1,4 +1,5 @@
-//! Equilibrium of plates that rest on obstacles: reactions by moments, runs that stay at rest, and what cannot rest.
+//! Equilibrium of plates that rest on obstacles: reactions from moments, runs that stay at rest,
+//! and plates that cannot rest.
 
 use crate::common::Random;
 use crate::common::scenes::{STILL, STRIP, UNIT, close, grid, model, off, refusal, run, scene};
@@ -7,7 +8,7 @@ use rebond::simulation::Model;
 
 const REST: &str = "initial.equilibrium = true\nload.gravity = 2\n";
 
-/// Where the obstacles bear at the start, and with what force (N).
+/// Returns the nodes at which obstacles bear at the start, and their forces in N.
 fn reactions(model: &Model) -> Vec<([f64; 2], f64)> {
     let system = &model.system;
     let u = &model.start.displacement;
@@ -18,8 +19,8 @@ fn reactions(model: &Model) -> Vec<([f64; 2], f64)> {
     system.bounds.dofs.iter().enumerate().map(of).collect()
 }
 
-/// Largest force that nothing balances, beyond the rounding of its terms (needles of cells have large ones), and largest distance beyond
-/// an obstacle.
+/// Returns the largest unbalanced force, beyond the rounding of its terms (needle-shaped cells have
+/// large ones), and the largest penetration of an obstacle.
 fn wrong(model: &Model) -> [f64; 2] {
     let system = &model.system;
     let u = &model.start.displacement;
@@ -42,7 +43,8 @@ fn stop([x, y]: [f64; 2], height: f64) -> String {
     format!("{{ side = \"below\", height = {height:?}, at = [{x:?}, {y:?}] }}")
 }
 
-/// 2 N on stops at two corners and the middle of the other side: half on the latter, wherever the stops are.
+/// Stops at two corners and the middle of the opposite side carry 2 N: the latter carries half,
+/// wherever the stops are.
 #[test]
 fn three_stops_share_the_weight_by_moments() {
     for element in ["fvs", "hct"] {
@@ -61,7 +63,7 @@ fn three_stops_share_the_weight_by_moments() {
     }
 }
 
-/// Stops anywhere, not at nodes: the same reactions by moments.
+/// Stops at any points that are no nodes have the same reactions from moments.
 #[test]
 fn stops_off_the_nodes_share_the_weight_too() {
     for element in ["fvs", "hct"] {
@@ -76,7 +78,8 @@ fn stops_off_the_nodes_share_the_weight_too() {
     }
 }
 
-/// On a floor all nodes lie on it; in a bowl, far below, and between two obstacles every force is balanced and none pulls.
+/// On a floor all nodes touch it. In a bowl, far below, and between two obstacles every force is
+/// balanced and none pulls.
 #[test]
 fn floors_bowls_and_gaps() {
     for height in [0.0, -3.0, 1e3] {
@@ -104,7 +107,8 @@ fn floors_bowls_and_gaps() {
     }
 }
 
-/// A hinge and a stop, and a stop that holds a lever down: reactions by moments. A spring holds as a support does.
+/// A hinge with a stop, and a lever held down by a stop, have reactions from moments. A spring
+/// holds as a support does.
 #[test]
 fn levers_rest_on_supports_and_stops() {
     let hinge = "support = [{ edge = \"left\", kind = \"simply_supported\" }]\n";
@@ -119,7 +123,8 @@ fn levers_rest_on_supports_and_stops() {
     close("pivot", sum(0.25), 0.4, 1e-8);
     close("held down", sum(0.0), -0.2, 1e-8);
 
-    // A spring at a corner, stops at two others: a half of the weight on each end of either diagonal's line.
+    // There is a spring at one corner, and stops at another corner and in the middle of the
+    // opposite side. By moments the latter carries half of the weight, and the others a quarter.
     let spring = "spring = [{ at = [0, 0], stiffness = 100 }]\n";
     let stops = format!("obstacle = [{}, {}]\n", stop([1.0, 0.0], 0.0), stop([0.5, 1.0], 0.0));
     let sprung = model(&[UNIT, &grid("fvs", 4, 4), spring, &stops, REST, STILL].concat());
@@ -128,7 +133,7 @@ fn levers_rest_on_supports_and_stops() {
     close("beside", found.iter().find(|(at, _)| at[1] == 0.0).unwrap().1, 0.5, 1e-8);
 }
 
-/// Three stops almost in a line, and a plate that balances on a ridge.
+/// Three stops lie almost in a line, and a plate balances on a ridge.
 #[test]
 fn hardly_held_and_balanced() {
     let near = [[0.0, 0.5], [1.0, 0.5], [0.5, 0.502]];
@@ -145,7 +150,7 @@ fn hardly_held_and_balanced() {
     assert!(force <= 1e-9 && beyond <= 1e-12, "{force:e} N, {beyond:e} m");
 }
 
-/// What starts at rest stays there, with every scheme and mass.
+/// A plate that starts at rest stays at rest, with every scheme and mass.
 #[test]
 fn a_run_from_rest_stays_at_rest() {
     let probes = "output.probes = [{ name = \"a\", at = [0.7, 0.6] }, { name = \"b\", at = [0, 1] }]\n";
@@ -168,7 +173,8 @@ fn a_run_from_rest_stays_at_rest() {
     }
 }
 
-/// Balls stay where they are, also one that lies on the plate; static pressure and obstacles that move count at t = 0.
+/// Balls stay where they are, even a ball that lies on the plate; static pressure and moving
+/// obstacles have their values at t = 0.
 #[test]
 fn balls_pressure_and_moving_obstacles() {
     let floor = "obstacle = [{ side = \"below\", height = \"-1 + t\", where = \"x < 0.01 or x > 0.99\" }]\n";
@@ -180,7 +186,7 @@ fn balls_pressure_and_moving_obstacles() {
     }
 }
 
-/// A motion that no obstacle stops is named, and so is the key.
+/// The error names the motion that no obstacle stops, and the key.
 #[test]
 fn what_nothing_holds_is_refused() {
     let cases = [
@@ -201,7 +207,8 @@ fn what_nothing_holds_is_refused() {
     }
 }
 
-/// How far a point lies inside the triangles of some others, as a least barycentric coordinate: negative outside all.
+/// Returns the depth of a point inside the triangles of some others, as a least barycentric
+/// coordinate, which is negative outside all of them.
 fn inside(at: [f64; 2], stops: &[[f64; 2]]) -> f64 {
     let area =
         |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
@@ -218,13 +225,14 @@ fn inside(at: [f64; 2], stops: &[[f64; 2]]) -> f64 {
     deepest
 }
 
-/// Random stops anywhere under a random load: an equilibrium if the load's resultant lies among the stops, else a refusal.
+/// Asserts that under a random load on random stops there is an equilibrium if the load's resultant
+/// lies among the stops, and a refusal otherwise.
 fn random_stops(tries: u64) {
     let mut counts = [0, 0];
     for seed in 0..tries {
         let mut random = Random::new(seed);
         let stops: Vec<[f64; 2]> = (0..3 + random.below(3)).map(|_| [random.unit(), random.unit()]).collect();
-        // The resultant of -(1 + a (x - 1/2) + b (y - 1/2)) is at 1/2 + a/12, 1/2 + b/12.
+        // The resultant of -(1 + a (x - 1/2) + b (y - 1/2)) acts at 1/2 + a/12, 1/2 + b/12.
         let [a, b] = [2.0 * random.signed(), 2.0 * random.signed()];
         let depth = inside([0.5 + a / 12.0, 0.5 + b / 12.0], &stops);
         if depth.abs() < 1e-3 {

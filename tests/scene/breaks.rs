@@ -1,5 +1,5 @@
-//! Kinks and jumps of formulas of time: found where they are, and refused where nothing rigid can
-//! follow.
+//! Kinks and jumps of formulas of time: they are located, and jumps are refused where no rigid body
+//! can follow them.
 
 use crate::common::Random;
 use crate::common::scenes::{STRIP, grid, newmark, read, refusal, run};
@@ -15,7 +15,7 @@ fn breaks(text: &str, end: f64) -> Breaks {
     field.breaks(Point::origin(), 0.0, end, MOST_LOOKS)
 }
 
-/// An instant with the jump of the value and of the rate.
+/// Instant with the jumps of the value and of the rate.
 type Expected = (f64, f64, f64);
 
 #[test]
@@ -62,7 +62,7 @@ fn breaks_are_found_to_rounding() {
         let Breaks { found, complete } = breaks(text, end);
         assert!(complete, "{text}");
         assert_eq!(found.len(), expected.len(), "{text}: {found:?}");
-        // Within 1e-8 of its top a sine is rounded to 1.
+        // Within 1e-8 of its maximum a sine is rounded to 1.
         let [near, steep] = if text.starts_with("asin") { [1e-7, 1e-1] } else { [1e-14, 1e-6] };
         for (of, (time, jump, kink)) in found.iter().zip(expected) {
             assert!((of.time - time).abs() < near * end.max(1.0), "{text}: {of:?}, expected {time}");
@@ -72,7 +72,7 @@ fn breaks_are_found_to_rounding() {
     }
 }
 
-/// Where there are too many, the first ones are found, in bounded time.
+/// Where there are too many breaks, the first ones are found in bounded time.
 #[test]
 fn a_search_ends() {
     for text in ["abs(sin(1e7*t))", "mod(t, 1e-7)", "step(sin(1e9*t^2))"] {
@@ -81,7 +81,8 @@ fn a_search_ends() {
     }
 }
 
-/// An instant before an end: of six digits, round, or one at which a search by halves looks itself.
+/// Returns an instant before an end: with six digits, round, or one that a search by halving
+/// evaluates itself.
 fn instant(random: &mut Random, end: f64) -> f64 {
     let share = match random.below(3) {
         0 => 0.1 + 0.8 * random.unit(),
@@ -94,7 +95,7 @@ fn instant(random: &mut Random, end: f64) -> f64 {
     format!("{:.6}", end * share).parse().unwrap()
 }
 
-/// Sums of ramps and steps at known instants before an end, hidden in other functions.
+/// Returns sums of ramps and steps at known instants before an end, hidden in other functions.
 fn hidden(random: &mut Random, end: f64) -> (String, Vec<(f64, f64)>) {
     let mut text = format!("{:.3}*sin({:.3}*t)", random.signed(), 20.0 * random.signed());
     let mut jumps = Vec::new();
@@ -170,11 +171,11 @@ fn places_that_jump_are_refused() {
         ("\"if(t > 0, 0.1, 0)\"", "t = 0.0 s"),
         ("\"mod(t, 0.2)\"", "t = 0.2 s"),
         ("\"t + 1e-3*floor(3*t)\"", "t = 0.33333"),
-        // After two branches that part ever so slowly, and two that are the same.
+        // The jump follows two branches that separate very slowly, or two identical branches.
         ("\"min(12*t^2, 24*t^2, 0.06) + 0.1*step(t - 0.0217)\"", "t = 0.0217 s"),
         ("\"max(t, abs(t)) + 0.1*step(t - 0.0217)\"", "t = 0.0217 s"),
         ("\"1e-9*abs(sin(1e7*t)) + 0.1*step(t - 0.4217)\"", "t = 0.4217 s"),
-        // Where a search by halves ends one interval and begins the next.
+        // The jump is where a search by halving ends one interval and begins the next.
         ("\"0.1*step(t - 0.25)\"", "t = 0.25 s"),
         ("\"0.1*step(t - 0.0625)\"", "t = 0.0625 s"),
     ] {
@@ -189,7 +190,7 @@ fn places_that_jump_are_refused() {
         let said = refusal(&strip("0", &obstacle)).to_string();
         assert!(said.contains("obstacle.0.height: jumps by "), "{said}");
     }
-    // Where the plate is opposite only; and a jump that comes after the end is none.
+    // Heights matter only where the obstacle faces the plate, and a jump after the end is none.
     let beyond = "obstacle = [{ side = \"below\", height = \"-0.1 + step(t - 0.3)*step(0.1 - x)\", where = \"x > 0.5\" }]\n";
     let late = "obstacle = [{ side = \"below\", height = \"-0.1 + step(t - 0.6)\" }]\n";
     for obstacle in [beyond, late] {
@@ -197,8 +198,7 @@ fn places_that_jump_are_refused() {
     }
 }
 
-/// A table whose rows are joined by straight lines moves a support as the same lines in a formula
-/// do.
+/// A table with linear interpolation moves a support as the same lines in a formula do.
 #[test]
 fn a_linear_table_moves_a_support() {
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("kinked.csv");

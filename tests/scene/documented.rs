@@ -1,4 +1,5 @@
-//! The examples of `docs/scenes.md` are scenes, and what it says of keys is what the reader knows.
+//! The examples of `docs/scenes.md` are valid scenes, and the page lists the keys that the reader
+//! knows.
 
 use crate::common::scenes;
 use rebond::scene::Scene;
@@ -6,7 +7,7 @@ use rebond::simulation::Model;
 
 const PAGE: &str = include_str!("../../docs/scenes.md");
 
-/// What an example leaves out.
+/// Tables that are added to an example which omits them.
 const PLATE: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 const MESH: &str = "mesh = { element = \"fvs\", cells = [4, 2] }\n";
 const SUPPORT: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
@@ -42,7 +43,7 @@ fn every_example_runs() {
     }
 }
 
-/// Tables and their keys, as the reader lists them where it meets an unknown one.
+/// Every table and key that the reader lists in its error for an unknown one is in the document.
 #[test]
 fn every_key_is_documented() {
     let base = [PLATE, MESH, TIME].concat();

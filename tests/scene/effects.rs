@@ -1,4 +1,4 @@
-//! What may act on a plate, each effect against something exact or published.
+//! Effects on a plate, each compared with an exact or a published result.
 
 use crate::common::scenes;
 use crate::common::scenes::{
@@ -11,7 +11,7 @@ use std::f64::consts::{PI, TAU};
 use std::fs;
 use std::path::PathBuf;
 
-/// The work of a scene's constant load on a deflection with its slopes, before supports.
+/// Returns the work of a scene's constant load on a deflection with its slopes, before supports.
 fn work(text: &str, shape: impl Fn(Point) -> [f64; 3]) -> f64 {
     let scene = scene(text);
     let mesh = simulation::mesh(&scene).unwrap();
@@ -21,12 +21,13 @@ fn work(text: &str, shape: impl Fn(Point) -> [f64; 3]) -> f64 {
 
 const PLATE: &str = "plate = { length = 2, width = 1, thickness = 0.1, youngs_modulus = 1e6, poissons_ratio = 0.3, density = 30 }\n";
 
-/// A pressure of degree 3 on deflections of degree 2, which both elements hold, is integrated without error.
+/// The work of a pressure of degree 3 on deflections of degree 2, which both elements contain, is
+/// integrated without error.
 #[test]
 fn a_cubic_pressure_is_exact() {
     for element in ["fvs", "hct"] {
         let text = [PLATE, &grid(element, 3, 2), "load.pressure = \"x^3 - 4*x*y^2 + 5\"\n", STILL].concat();
-        // Integrals over 2 x 1 of p times 1, x, x y, y^2.
+        // These are the integrals over 2 x 1 of p times 1, x, x y, y^2.
         close("1", work(&text, |_| [1.0, 0.0, 0.0]), 4.0 - 8.0 / 3.0 + 10.0, 1e-14);
         close("x", work(&text, |p| [p.x, 1.0, 0.0]), 6.4 - 32.0 / 9.0 + 10.0, 1e-14);
         close("x y", work(&text, |p| [p.x * p.y, p.y, p.x]), 3.2 - 8.0 / 3.0 + 5.0, 1e-14);
@@ -34,7 +35,7 @@ fn a_cubic_pressure_is_exact() {
     }
 }
 
-/// Gravity is the pressure -rho h g, and pulls at every mass that the plate carries.
+/// Gravity is the pressure -rho h g, and acts on every mass that the plate carries.
 #[test]
 fn gravity_is_a_pressure() {
     for element in ["fvs", "hct"] {
@@ -49,8 +50,9 @@ fn gravity_is_a_pressure() {
     }
 }
 
-/// Timoshenko and Woinowsky-Krieger, *Theory of Plates and Shells*, 1959, article 34: w = 0.01160 P a^2 / D under a force in the
-/// middle of a simply supported square. Forces at two points do the same to each other.
+/// By Timoshenko and Woinowsky-Krieger, *Theory of Plates and Shells*, 1959, article 34, w =
+/// 0.01160 P a^2 / D under a force in the middle of a simply supported square. The effects of two
+/// point forces at each other's place are equal.
 #[test]
 fn point_forces() {
     let mut before = 1.0;
@@ -79,7 +81,7 @@ fn point_forces() {
     close("reciprocity", deflection(a, b), deflection(b, a), 1e-11);
 }
 
-/// A clamped plate under a load: its deflections at two points.
+/// Returns a run of a clamped plate under a load, with its deflections at two points.
 fn loaded(load: &str) -> Vec<scenes::Instant> {
     run(&format!(
         "{UNIT}{}support = [{{ edge = \"left\", kind = \"clamped\" }}]\n{load}\n{}\
@@ -89,7 +91,8 @@ fn loaded(load: &str) -> Vec<scenes::Instant> {
     ))
 }
 
-/// The same loads written in several ways: constant, products of time and place, sums of them, and what is neither.
+/// A load gives the same motion in each form: constant, as a product of time and place, as a sum of
+/// products, and as a formula that is neither.
 #[test]
 fn loads_in_time() {
     let constant = loaded("load.pressure = 3");
@@ -97,7 +100,8 @@ fn loads_in_time() {
     same(&constant, &loaded("load.pressure = \"3*(sin(t)^2 + cos(t)^2)\""), 1e-13);
     same(&constant, &loaded("load.pressure = \"exp(x - t)*exp(t - x)*3\""), 1e-13);
 
-    // A travelling load, which no finite sum of products makes exp(-(x - 2t)^2) but exp(x - 2t) does.
+    // This load travels. The formula exp(x - 2t) is a finite sum of products, unlike exp(-(x -
+    // 2t)^2).
     let products = loaded("load.pressure = \"exp(x)*exp(-2*t) + y*sin(9*t)\"");
     same(&products, &loaded("load.pressure = \"exp(x - 2*t) + y*sin(9*t)\""), 1e-13);
     same(
@@ -106,7 +110,7 @@ fn loads_in_time() {
         1e-5,
     );
 
-    // A force at a point, and a pressure around it that shrinks to it.
+    // A pressure around a point converges to a point force as its patch shrinks.
     let force = loaded("load.force = [{ at = [0.5, 0.5], value = \"sin(7*t)\" }]");
     let twice = loaded(
         "load.force = [{ at = [0.5, 0.5], value = \"2*sin(7*t)\" }, { at = [0.5, 0.5], value = \"-sin(7*t)\" }]",
@@ -128,7 +132,8 @@ fn measured_loads() {
         "load.pressure = {{ table = '{ramp}', interpolation = \"linear\", times = \"4*x*y\" }}"
     ));
     same(&table, &loaded("load.pressure = \"4*x*y*min(5*t, 1)\""), 1e-13);
-    // The natural spline through -1, 0, 1 is straight; through 0, 1, 0 it is (3 s - s^3) / 2 up to its top.
+    // The natural spline through -1, 0, 1 is straight; through 0, 1, 0 it is (3 s - s^3) / 2 up to
+    // its maximum.
     let bump = file("bump.csv", "0,0\n0.25,1\n0.5,0\n");
     let table = loaded(&format!(
         "load.force = [{{ at = [1, 1], value = {{ table = '{bump}', interpolation = \"spline\", times = 2 }} }}]"
@@ -140,7 +145,8 @@ fn measured_loads() {
     );
 }
 
-/// A rigid plate of 1 kg on four springs of 25 N/m at its corners, or on a foundation of 100 N/m3: heave at 10 rad/s.
+/// Rigid plate of 1 kg on four springs of 25 N/m at its corners, or on a foundation of 100 N/m3,
+/// which heaves at 10 rad/s.
 const RAFT: &str = "plate = { length = 1, width = 1, thickness = 1, youngs_modulus = 1e9, poissons_ratio = 0, density = 1 }\n";
 const SPRINGS: &str = "spring = [{ at = [0, 0], stiffness = 25 }, { at = [1, 0], stiffness = 25 }, \
     { at = [0, 1], stiffness = 25 }, { at = [1, 1], stiffness = 25 }]\n";
@@ -148,11 +154,12 @@ const FOUNDATION: &str = "foundation = [{ stiffness = 60 }, { stiffness = 40, wh
 
 #[test]
 fn springs_and_foundations_carry_a_raft() {
-    // Heave, and two rotations: omega^2 = 12 k / m on springs at the corners; on a foundation all three alike.
+    // The rigid motions are heave and two rotations. With springs at the corners the rotations have
+    // omega^2 = 12 k / m; on a foundation all three frequencies are equal.
     let lowest = inspect(&[RAFT, &grid("fvs", 4, 4), SPRINGS, STILL].concat()).consistent.lowest;
     assert_eq!(lowest.len(), 6);
     for (value, expected) in lowest.iter().zip([10.0, 300_f64.sqrt(), 300_f64.sqrt()]) {
-        // It bends a little: k a^2 / D = 3e-4.
+        // The plate bends a little, with k a^2 / D = 3e-4.
         close("springs", TAU * value, expected, 1e-3);
     }
     let lowest = inspect(&[RAFT, &grid("hct", 4, 4), FOUNDATION, STILL].concat()).consistent.lowest;
@@ -161,7 +168,8 @@ fn springs_and_foundations_carry_a_raft() {
     }
 }
 
-/// A foundation adds k / (rho h) to the square of every frequency: D k^4 + k_f for a simply supported plate.
+/// A foundation adds k / (rho h) to the square of every frequency; for a simply supported plate
+/// this is D k^4 + k_f.
 #[test]
 fn a_foundation_lifts_all_frequencies_alike() {
     for element in ["fvs", "hct"] {
@@ -185,7 +193,8 @@ fn a_foundation_lifts_all_frequencies_alike() {
     }
 }
 
-/// A mass M in the middle of a simply supported square: 1 / M = sum over modes of 4 phi^2 w^2 / (w_mn^2 - w^2).
+/// A mass M in the middle of a simply supported square satisfies 1 / M = sum over modes of 4 phi^2
+/// w^2 / (w_mn^2 - w^2).
 #[test]
 fn an_added_mass() {
     let mass = 0.7;
@@ -212,7 +221,8 @@ fn an_added_mass() {
     assert!(before < 3e-3, "{before}");
 }
 
-/// x'' + a x' + (w^2 + b w^2 d/dt) x = 0 from x = 0 with velocity 1, or from x = 1 at rest.
+/// Returns x with x'' + a x' + (w^2 + b w^2 d/dt) x = 0, from x = 0 with velocity 1 and from x = 1
+/// at rest.
 fn damped(alpha: f64, beta: f64, t: f64) -> [f64; 2] {
     let w2 = 100.0;
     let decay = 0.5 * (alpha + beta * w2);
@@ -221,7 +231,8 @@ fn damped(alpha: f64, beta: f64, t: f64) -> [f64; 2] {
     [fade * (w * t).sin() / w, fade * ((w * t).cos() + decay / w * (w * t).sin())]
 }
 
-/// The heave of the raft, in every scheme with every mass and every damping that it takes.
+/// The heave of the raft is correct in every scheme with every mass and every damping that the
+/// scheme allows.
 #[test]
 fn damped_heave() {
     let schemes = [
@@ -254,8 +265,8 @@ fn damped_heave() {
     }
 }
 
-/// Deflections and slopes of a start are those of its formula: quadratics, which both elements hold, have their exact energy, D (1 - nu)
-/// for x y on the unit square.
+/// Initial deflections and slopes are those of the formula. Quadratics, which both elements
+/// contain, have their exact energy, D (1 - nu) for x y on the unit square.
 #[test]
 fn a_start_has_the_energy_of_its_formula() {
     for element in ["fvs", "hct"] {
@@ -267,7 +278,7 @@ fn a_start_has_the_energy_of_its_formula() {
         let bent = start("initial.deflection = \"2*x*y + 1\"\n", "singular");
         close("elastic", bent.energy, 4.0 * 0.7, 1e-12);
         close("probe", bent.probes[0], 1.0 + 2.0 * 0.37 * 0.61, 1e-14);
-        // 1/2 int (x + 2 y)^2.
+        // The exact value is 1/2 int (x + 2 y)^2.
         close(
             "kinetic",
             start("initial.velocity = \"x + 2*y\"\n", "consistent").energy,
@@ -277,7 +288,7 @@ fn a_start_has_the_energy_of_its_formula() {
     }
 }
 
-/// A start in the first mode stays in it: no other wakes, and the frequency is pi.
+/// A start in the first mode stays in this mode: no other mode appears, and the frequency is pi.
 #[test]
 fn a_start_in_a_mode_stays_in_it() {
     let text = format!(
@@ -294,12 +305,14 @@ fn a_start_in_a_mode_stays_in_it() {
     }
 }
 
-/// A plate in its first mode, of 2 pi^2 rad/s, dies away with the ratio that `damping.modal` gives it; the second mode's is another's.
+/// A plate in its first mode, at 2 pi^2 rad/s, decays with the ratio that `damping.modal` gives;
+/// the second mode has another ratio.
 #[test]
 fn a_damping_ratio_is_the_modes_own() {
     let (w, ratio) = (TAU * PI, 0.05);
     let turns = w * (1.0_f64 - ratio * ratio).sqrt();
-    // What the mesh's own frequency is off, less with the consistent mass.
+    // The tolerance is the error of the mesh's frequency, which is smaller with the consistent
+    // mass.
     for (scheme, mass, tolerance) in
         [("newmark", "consistent", 1e-5), ("newmark", "singular", 3e-5), ("midpoint", "consistent", 1e-5)]
     {
@@ -318,7 +331,7 @@ fn a_damping_ratio_is_the_modes_own() {
     }
 }
 
-/// A plate that starts in equilibrium under its loads stays there, on its obstacle too.
+/// A plate that starts in equilibrium under its loads stays there, also on its obstacle.
 #[test]
 fn equilibrium_stays() {
     for contact in
@@ -342,12 +355,13 @@ fn equilibrium_stays() {
                 assert!((now - then).abs() < 1e-10, "t = {}: {now} after {then}", row.time);
             }
         }
-        // And one that does not, does not.
+        // A plate that does not start in equilibrium moves.
         assert!(off(&run(&text("")), |_| 0.0) > 1e-3);
     }
 }
 
-/// Where obstacles are: everywhere, by condition, group, point and line; of several on a side the nearest counts.
+/// Obstacles act everywhere, by condition, group, point and line; of several on a side the nearest
+/// counts.
 #[test]
 fn obstacles_bound_what_they_are_opposite_to() {
     let plate = [UNIT, &grid("fvs", 4, 4), &all_round("guided"), STILL].concat();
@@ -376,7 +390,7 @@ fn obstacles_bound_what_they_are_opposite_to() {
     let places: Vec<[f64; 2]> = line.iter().map(|(at, _)| *at).collect();
     assert_eq!(places, [[0.0, 0.25], [0.25, 0.25], [0.5, 0.25]]);
 
-    // A group is its cells' nodes.
+    // A group consists of the nodes of its cells.
     let mesh = "plate = { thickness = 1, youngs_modulus = 1, poissons_ratio = 0, density = 1 }\nmesh.file = 'gmsh/square_41_text.msh'\n";
     let mesh = [mesh, &all_round("guided"), STILL].concat();
     let read = rebond::mesh::Mesh::load_gmsh("tests/data/gmsh/square_41_text.msh").unwrap();
@@ -393,7 +407,7 @@ fn obstacles_bound_what_they_are_opposite_to() {
     }
 }
 
-/// What a user may get wrong that only the mesh tells; each message begins with the key.
+/// Errors that only the mesh reveals; each message begins with the key.
 #[test]
 fn errors_name_the_key() {
     let plate = [UNIT, &grid("fvs", 4, 4), STILL].concat();
@@ -461,13 +475,14 @@ fn errors_name_the_key() {
     }
     let taper = plate.replace("thickness = 1", "thickness = \"0.5 - x\"");
     assert!(refusal(&taper).to_string().starts_with("plate.thickness: "));
-    // Nothing moves where all is held.
+    // Nothing can move where all dofs are held.
     let held = format!("{UNIT}{}{}{STILL}", grid("fvs", 1, 1), all_round("clamped"));
     assert!(refusal(&held).to_string().contains("nothing can move"));
     run(&format!("{plate}{clamped}"));
 }
 
-/// A probe sees the element's own deflection anywhere in a cell, and a node alone at a node.
+/// A probe gives the element's own deflection anywhere in a cell, and only the nodal value at a
+/// node.
 #[test]
 fn probes_see_the_element() {
     let scene = scene(&[UNIT, &grid("fvs", 4, 4), STILL].concat());

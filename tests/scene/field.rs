@@ -1,6 +1,6 @@
-//! What a formula means, what is said of one that means nothing, and tables of time.
+//! The meaning of formulas, the errors of invalid ones, and tables of time.
 //!
-//! `data/formulas.json` has the reference values; `data/README.md` says where they are from.
+//! The file `data/formulas.json` has the reference values; `data/README.md` names their source.
 
 use crate::common::clock::processor_seconds;
 use proptest::prelude::*;
@@ -76,8 +76,8 @@ fn derivatives_of_pieces() {
     assert_eq!(jet("if(t < 1, t^2, 2*t - 1)", 0.5), [0.25, 1.0, 2.0]);
     assert_eq!(jet("mod(3*t, 2) + floor(t) + sign(t) + step(t)", 1.5), [3.5, 3.0, 0.0]);
     assert_eq!(jet("t^2 + t^1 + t^0 + t^3", 0.0), [1.0, 1.0, 2.0]);
-    // What does not move has no velocity, however steep it is in place; a branch not taken has no
-    // say.
+    // A field that does not depend on time has no velocity, however steep it is in space, and a
+    // branch that is not taken does not matter.
     assert_eq!(jet("sqrt(x)*t + hypot(x, 0)", 2.0), [0.0, 0.0, 0.0]);
     assert_eq!(jet("if(y > 0, ln(y*t), t)", 2.0), [2.0, 1.0, 0.0]);
 }
@@ -257,7 +257,8 @@ fn long_and_deep_formulas_end() {
     assert!(processor_seconds() - begin < 5.0);
 }
 
-/// A formula in full parentheses, and its value at x = 0.7, y = -1.3, t = 0.35.
+/// Returns a strategy for a formula in full parentheses with its value at x = 0.7, y = -1.3, t =
+/// 0.35.
 fn formulas() -> impl Strategy<Value = (String, f64)> {
     let leaf = prop_oneof![
         Just(("x".to_owned(), 0.7)),
@@ -299,7 +300,7 @@ proptest! {
         let Ok(value) = field.value(point, t) else { return Ok(()) };
         prop_assert!((value - expected).abs() <= 1e-9 * expected.abs().max(1e-9), "{text}: {value}, {expected}");
 
-        // What is printed with few parentheses is the same, to the bit.
+        // The formula printed with few parentheses has the same value, to the bit.
         let of_place = text.replace('t', "0.35").replace("no0.35", "not");
         let Ok(field) = Field::parse(&of_place, Names::XY) else { return Ok(()) };
         let printed = &field.terms().expect("of place alone")[0].place;

@@ -1,5 +1,5 @@
-//! Meshes from files: nodes that nearly coincide, parts that nothing connects, units, and places by
-//! the names of points.
+//! Meshes from files: nodes that nearly coincide, parts that are not connected, units, and places
+//! given by the names of points.
 
 use crate::common::Random;
 use crate::common::scenes::{Drawing, STILL, close, inspect, read, refusal, run, scene};
@@ -11,8 +11,8 @@ const MATERIAL: &str =
     "plate = { thickness = 0.003, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 
-/// A plate of 0.6 m x 0.4 m in two halves with nodes of their own, the second moved by a gap and a
-/// step along the joint.
+/// Returns a plate of 0.6 m x 0.4 m in two halves with nodes of their own, the second displaced by
+/// a gap and by a shift along the joint.
 fn halves(triangles: bool, gap: f64, shift: f64, rows: usize) -> Drawing {
     let mut all = Drawing::grid([3, 4], [0.3, 0.4], triangles, |x, y| [x, y]);
     let right = Drawing::grid([3, rows], [0.3, 0.4], triangles, |x, y| [0.3 + gap + x, y + shift]);
@@ -64,7 +64,7 @@ fn nodes_that_nearly_coincide_are_refused_or_merged() {
 fn nodes_beside_an_edge_that_is_not_theirs_are_refused() {
     for (number, gap) in [0.0, 1e-9, -1e-9].into_iter().enumerate() {
         let file = halves(false, gap, 0.0, 8).write(&format!("hanging_{number}.msh"));
-        // Every second node has a twin; merged, the others hang.
+        // Every second node has a twin; when these are merged, the others hang.
         assert_refused(&refusal(&text(&file, "", CLAMPED)), &["4 more pairs"]);
         assert_refused(
             &refusal(&text(&file, ", merge = 1e-6", CLAMPED)),
@@ -73,7 +73,7 @@ fn nodes_beside_an_edge_that_is_not_theirs_are_refused() {
         let file = halves(false, gap, 0.03, 4).write(&format!("shifted_{number}.msh"));
         assert_refused(&refusal(&text(&file, "", CLAMPED)), &["hangs"]);
     }
-    // Sheets over one another.
+    // The halves overlap.
     let file = halves(false, -0.15, 0.02, 4).write("overlapping.msh");
     assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["but is not one of its nodes"]);
 }
@@ -94,7 +94,7 @@ fn parts_that_nothing_connects_are_named() {
     let words =
         ["in 2 parts that nothing connects", "12 cells from (0, 0) to (0.3, 0.4)", "12 cells from (0.31, 0)"];
     assert_refused(&refused, &[&words[..], &["mesh.merge", "mesh.parts = 2"]].concat());
-    // One is held, the other is not: the whole would pass for held.
+    // One part is held and the other is not, although the supports would hold a connected plate.
     assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["not held by itself: nothing holds it"]);
     let both =
         "support = [{ edge = \"left\", kind = \"clamped\" }, { edge = \"right\", kind = \"clamped\" }]\n";
@@ -149,7 +149,7 @@ fn keys_of_the_file_are_read_printed_and_refused_elsewhere() {
     assert_refused(&refusal(&text(&file, ", merge = -1", "")), &["mesh.merge: -1 is not positive"]);
 }
 
-/// A plate with a point at (0.75, 0.5), by that name or by its place.
+/// A point at (0.75, 0.5) of a plate is given by its name or by its place.
 #[test]
 fn points_have_names_wherever_places_are_taken() {
     let tables = |place: &str| {
@@ -168,10 +168,10 @@ fn points_have_names_wherever_places_are_taken() {
     let (named, placed) = (of("point = \"peak\""), of("at = [0.75, 0.5]"));
     assert_eq!(format!("{:?}", run(&named)), format!("{:?}", run(&placed)));
     let resolved = scene(&named).resolved();
-    // Six places, and the name of the probe.
+    // There are six places, and the name of the probe.
     assert_eq!(resolved.matches("= \"peak\"").count(), 7, "{resolved}");
     assert_eq!(read(&resolved).unwrap(), scene(&named));
-    // Scaled with the mesh.
+    // The place is scaled with the mesh.
     let scaled = scene(&named.replace("msh\"", "msh\", scale = 2"));
     assert_eq!(scaled.springs[0].at, [1.5, 1.0]);
 }
@@ -197,8 +197,8 @@ fn points_that_are_not_there_are_named() {
     );
 }
 
-/// Whatever nodes are doubled and moved: the frequency is that of the whole plate, or there is a
-/// word.
+/// Asserts that with any nodes doubled and displaced the frequency is that of the whole plate, or
+/// the mesh is refused.
 fn random_doubles(tries: u64) {
     let mut accepted = 0;
     for seed in 0..tries {
@@ -226,8 +226,7 @@ fn random_doubles(tries: u64) {
         let file = drawing.write(&format!("random_{tries}.msh"));
         let merge = if random.below(2) == 0 { "" } else { ", merge = 1e-4" };
         if let Ok(frequency) = first_frequency(&text(&file, merge, CLAMPED)) {
-            // Gaps that open by more than a ten-thousandth of a cell are meant; they make a plate
-            // softer.
+            // Gaps wider than a ten-thousandth of a cell are intended; they make a plate softer.
             let slit = drawing.nodes[nodes..].iter().any(|[x, y]| {
                 drawing.nodes[..nodes]
                     .iter()

@@ -1,11 +1,12 @@
-//! What steps of time do not see of loads and motions is said before a run.
+//! Checks warn of parts of loads and motions that the time steps miss.
 
 use crate::common::scenes::{STRIP, grid, newmark, scene};
 use rebond::study;
 use std::fs;
 use std::path::PathBuf;
 
-/// What a check warns of in a scene of a strip with steps of 1 ms, 1 s long, by one of its keys.
+/// Returns the warnings of a check of a strip with steps of 1 ms, 1 s long, that concern one of its
+/// keys.
 fn warnings(more: &str, key: &str) -> Vec<String> {
     let text = format!(
         "{STRIP}{}support = [{{ edge = \"left\", kind = \"clamped\" }}]\n{}{more}\n",
@@ -23,13 +24,15 @@ fn of_pressure(pressure: &str) -> Vec<String> {
 #[test]
 fn impulses_that_steps_miss_are_said() {
     for (pressure, words) in [
-        // A pulse between two instants, one of three steps, one that is smooth, one on a long load, one seen twice over.
+        // The pulses are: one between two instants, one of three steps, a smooth one, one on a long
+        // load, and one that an instant overestimates.
         ("\"1e6*step(t - 0.5002)*step(0.5008 - t)\"", ["t = 0.501 s", "100 %"]),
         ("\"1e3*step(t - 0.5009)*step(0.5031 - t)\"", ["t = 0.50", "%"]),
         ("\"1e6*exp(-((t - 0.30042)/1e-5)^2)\"", ["t = 0.301 s", "100 %"]),
         ("\"100 + 1e6*step(t - 0.5002)*step(0.5008 - t)\"", ["t = 0.501 s", "%"]),
         ("\"1e6*step(t - 0.49999)*step(0.50001 - t)\"", ["t = 0.5", "%"]),
-        // Three steps a period; the same that grows; a product with place, and none.
+        // The oscillations have three steps per period: a plain one, a growing one, and a product
+        // with place. The last load is no sum of products.
         ("\"sin(2*pi*t/0.003)\"", ["t = ", "%"]),
         ("\"exp(5*t)*sin(2*pi*t/0.003)\"", ["t = ", "%"]),
         ("\"x*y*sin(2*pi*t/0.003) + 1e-3*x\"", ["t = ", "%"]),
@@ -64,7 +67,8 @@ fn loads_that_steps_see_pass() {
     }
 }
 
-/// However many steps, the work is bounded: a search that looked at each of them would take minutes.
+/// The work is bounded for any number of steps; a search that examined each of them would take
+/// minutes.
 #[test]
 fn long_runs_are_looked_at_too() {
     use rebond::field::{Field, Names};
@@ -96,7 +100,7 @@ fn tables_are_looked_at_too() {
     for interpolation in ["linear", "spline"] {
         assert_eq!(of_pressure(&table(&slow, interpolation)), [""; 0]);
     }
-    // A spline through 0, 0, 1, 0, 0 in rows of uneven length goes far beyond them.
+    // A spline through 0, 0, 1, 0, 0 in rows of uneven spacing goes far beyond these values.
     let rough = file("rough.csv", "0,0\n0.4,0\n0.4001,1\n0.8,0\n");
     let moves = format!("obstacle = [{{ side = \"below\", height = {} }}]", table(&rough, "spline"));
     let said: Vec<_> =

@@ -1,4 +1,4 @@
-//! Scene files, and what each of their effects does.
+//! Scene files, and the effect of each of their tables.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,4 +1,4 @@
-//! Supports and obstacles that move, and bodies that fly free: each against another frame, a closed
+//! Moving supports and obstacles, and free rigid bodies, each compared with another frame, a closed
 //! form or a balance.
 
 use crate::common::scenes;
@@ -17,7 +17,7 @@ fn clamped(motion: &str) -> String {
 
 const PROBES: &str = "output.probes = [{ name = \"tip\", at = [1, 0] }, { name = \"in\", at = [0.3, 0.6] }, { name = \"root\", at = [0, 0.5] }]\n";
 
-/// The deflections less a motion of the frame.
+/// Returns the deflections relative to a moving frame.
 fn seen_from(rows: Vec<Instant>, frame: impl Fn(f64) -> f64) -> Vec<Instant> {
     let relative = |mut row: Instant| {
         row.probes.iter_mut().for_each(|w| *w -= frame(row.time));
@@ -26,8 +26,9 @@ fn seen_from(rows: Vec<Instant>, frame: impl Fn(f64) -> f64) -> Vec<Instant> {
     rows.into_iter().map(relative).collect()
 }
 
-/// Supports that rise at a steady velocity towards a ceiling: seen from them, the plate falls and
-/// the ceiling comes down. Where they gain speed, the plate feels that as a pressure -rho h a.
+/// Supports rise at a constant velocity towards a ceiling. In their frame, the plate falls and the
+/// ceiling comes down. Where the supports accelerate, this acts on the plate as a pressure -rho h
+/// a.
 #[test]
 fn moving_supports_are_moving_obstacles_in_their_frame() {
     for mass in ["singular", "consistent"] {
@@ -47,8 +48,8 @@ fn moving_supports_are_moving_obstacles_in_their_frame() {
     }
 }
 
-/// The response to a motion w(t) is, in the supports' frame, that to the pressure -rho h w''(t): in
-/// every scheme, with damping.
+/// The response to a motion w(t) is, in the frame of the supports, that to the pressure -rho h
+/// w''(t), in every scheme and with damping.
 #[test]
 fn base_excitation_is_an_inertial_load() {
     for (scheme, mass) in [
@@ -65,14 +66,14 @@ fn base_excitation_is_an_inertial_load() {
         let moved = run(&[&plate, &clamped("0.02*(1 - cos(8*t))")[..], &rest].concat());
         let pushed = run(&[&plate, CLAMPED, "load.pressure = \"-0.02*64*cos(8*t)\"\n", &rest].concat());
         assert!(off(&pushed, |_| 0.0) > 1e-2);
-        // The load is the mean of the acceleration between the instants, not its values there.
+        // The load is the mean acceleration between the instants, not its values there.
         same(&seen_from(moved, |t| 0.02 * (1.0 - (8.0 * t).cos())), &pushed, 5e-6);
     }
 }
 
-/// A simply supported square shaken by W sin(p t), with damping alpha: each mode (m, n) carries 16
-/// / (pi^2 m n) of the base's acceleration and answers by its own transfer function, W p^2 / (w^2 -
-/// p^2 + i alpha p).
+/// A simply supported square is shaken by W sin(p t), with damping alpha. Each mode (m, n) has 16 /
+/// (pi^2 m n) of the acceleration of the base and its own transfer function, W p^2 / (w^2 - p^2 + i
+/// alpha p).
 #[test]
 fn transfer_function_of_a_damped_mode() {
     let [p, w0, alpha] = [15.0, 1e-3, 6.0];
@@ -95,16 +96,16 @@ fn transfer_function_of_a_damped_mode() {
         }
         sum
     };
-    // What the start has woken has died out to exp(-3 * 3).
+    // The transient from the start has decayed to exp(-3 * 3).
     let late: Vec<Instant> = rows.into_iter().filter(|row| row.time > 3.0).collect();
     let largest = off(&late, |_| 0.0);
     assert!(largest > 2.0 * w0);
     assert!(off(&late, steady) < 1e-2 * largest, "{} of {largest}", off(&late, steady));
 }
 
-/// Motions that differ in how they are written go the long way, by the plate's static shapes; these
-/// add up to the rigid one. Springs to the ground pull at the rigid shape only, as a load in time:
-/// then both are the same but for the error of the step.
+/// Motions that are written differently are computed by the static shapes of the plate, which add
+/// up to the rigid motion. Springs to the ground act on the rigid shape only, as a time-dependent
+/// load; then the results differ by the error of the step.
 #[test]
 fn lifts_add_up_to_a_rigid_motion() {
     let stop = "obstacle = [{ side = \"above\", height = 0.02, at = [1, 0] }]\n";
@@ -131,7 +132,8 @@ fn lifts_add_up_to_a_rigid_motion() {
 }
 
 /// One end of a clamped strip rises slowly: its shape is the static one of beam theory, x^2 (3 - x)
-/// / 2, at every instant. Ends that move by a and b, constant, bend it from the first instant on.
+/// / 2, at every instant. Ends with constant displacements a and b bend it from the first instant
+/// on.
 #[test]
 fn supports_that_move_apart_bend_the_plate() {
     let scene = |left: &str, right: &str, more: &str| {
@@ -141,8 +143,8 @@ fn supports_that_move_apart_bend_the_plate() {
             grid("fvs", 8, 1)
         )
     };
-    // Slow beside the first period of 0.4 s: what is left is the inertia of the motion itself, 1e-4
-    // of the deflection.
+    // The motion is slow compared with the first period of 0.4 s; only its own inertia remains,
+    // 1e-4 of the deflection.
     let slow = run(&scene("", ", motion = \"0.5*(1 - cos(pi*t/40))\"", &newmark("singular", 2e-2, 40.0)));
     for row in &slow {
         let moved = 0.5 * (1.0 - (PI * row.time / 40.0).cos());
@@ -164,8 +166,8 @@ fn supports_that_move_apart_bend_the_plate() {
     }
 }
 
-/// A foundation to the ground pulls at a plate that its supports carry up: rigid, all of it is k
-/// w(t).
+/// A foundation on the ground acts on a plate that its supports lift; on a rigid lift its force is
+/// k w(t).
 #[test]
 fn a_foundation_stays_behind() {
     let text = format!(
@@ -174,7 +176,8 @@ fn a_foundation_stays_behind() {
         clamped("0.01 + 0*t"),
         newmark("singular", 1e-3, 0.2)
     );
-    // In equilibrium over its foundation, and so at rest: as under the pressure -k w0.
+    // The strip starts in equilibrium on its foundation, and therefore stays at rest, as under the
+    // pressure -k w0.
     let rows = run(&text);
     let pushed = "foundation = [{ stiffness = 50 }]\ninitial.static_pressure = -0.5\n";
     let frame =
@@ -186,8 +189,8 @@ fn a_foundation_stays_behind() {
     }
 }
 
-/// A plate next to nothing in weight, as a spring of stiffness k under its middle, for a ball of 2
-/// kg.
+/// Returns a nearly massless plate, which acts as a spring of stiffness k under its middle, for a
+/// ball of 2 kg.
 fn trampoline(more: &str) -> String {
     let light = UNIT.replace("density = 1", "density = 1e-9");
     format!(
@@ -198,10 +201,10 @@ fn trampoline(more: &str) -> String {
     )
 }
 
-/// The ball falls, sinks in by the closed form of a mass on a spring, and comes back: twice.
+/// The ball falls, sinks in by the closed form of a mass on a spring, and comes back, twice.
 #[test]
 fn a_ball_on_a_trampoline() {
-    // The spring, by the plate's own answer to a force.
+    // The stiffness follows from the plate's own response to a force.
     let force = format!(
         "{UNIT}{}{}initial.equilibrium = true\nload.force = [{{ at = [0.5, 0.5], value = -1 }}]\n{}\
          output.probes = [{{ name = \"centre\", at = [0.5, 0.5] }}]\n",
@@ -214,7 +217,7 @@ fn a_ball_on_a_trampoline() {
     let w = (k / m).sqrt();
     let v = f64::sqrt(2.0 * g * height);
     let falls = v / g;
-    // y = -(v / w) sin(w s) - (g / w^2)(1 - cos(w s)) until it is 0 again.
+    // The contact follows y = -(v / w) sin(w s) - (g / w^2)(1 - cos(w s)) until it is 0 again.
     let contact = (TAU - 2.0 * (v * w / g).atan()) / w;
     let height_at = |t: f64| {
         let s = (t + falls) % (2.0 * falls + contact);
@@ -245,7 +248,7 @@ fn a_ball_on_a_trampoline() {
     }
 }
 
-/// A ball thrown from below hangs on nothing: gravity turns it.
+/// A ball thrown from below does not stick to the plate: gravity turns it.
 #[test]
 fn a_ball_that_does_not_reach_the_plate() {
     let text = format!(
@@ -257,14 +260,15 @@ fn a_ball_that_does_not_reach_the_plate() {
     );
     let rows = run(&text);
     assert!(off(&rows, |t| -0.5 + 1.5 * t - 4.905 * t * t) < 1e-12);
-    // The plate does not feel it, and keeps the sag of a clamped square under its weight.
+    // The ball does not affect the plate, which keeps the deflection of a clamped square under its
+    // weight.
     for row in &rows {
         assert!((row.probes[1] - rows[0].probes[1]).abs() < 1e-12);
     }
     close("sag", rows[0].probes[1], -9.81 * 0.001_265, 1e-1);
 }
 
-/// A ball meets a free plate: together they keep momentum and energy; a rigid plate takes the
+/// A ball hits a free plate: together they conserve momentum and energy, and a rigid plate gets the
 /// velocity of a perfect shock.
 #[test]
 fn a_ball_meets_a_free_plate() {
@@ -282,8 +286,8 @@ fn a_ball_meets_a_free_plate() {
         let system = &model.system;
         let momentum = |v: &[f64]| {
             use rebond::linalg::Engine;
-            // The ball's height is its gap over the plate: a rise of all is a rise of every
-            // deflection.
+            // The height of the ball is its gap over the plate, so a rise of everything is a rise
+            // of every deflection.
             let rise: Vec<f64> =
                 (0..v.len()).map(|dof| f64::from(u8::from(dof % 3 == 0 && dof + 1 < v.len()))).collect();
             let mut product = vec![0.0; v.len()];
@@ -323,7 +327,7 @@ fn a_ball_in_the_air_is_free() {
     close("mass", inspection.mass, 2.0, 1e-13);
 }
 
-/// Supports askew that move apart, and a ball: the same when all is turned.
+/// Oblique supports that move apart, and a ball, give the same result when everything is rotated.
 #[test]
 fn motion_of_askew_supports() {
     let angle: f64 = 0.7;

@@ -1,5 +1,5 @@
-//! Loads that lie between the points of a fixed quadrature: forces and moments against exact
-//! integrals, on any mesh.
+//! Loads that lie between the points of a fixed quadrature rule: forces and moments agree with
+//! exact integrals on any mesh.
 
 use crate::common::Random;
 use crate::common::scenes::{STILL, close, grid, refusal, run, scene};
@@ -8,7 +8,7 @@ use rebond::plate::Sections;
 use rebond::simulation::{self, LoadTotal};
 use std::f64::consts::PI;
 
-/// The plate of the paper.
+/// The paper's plate.
 const PLATE: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 const MESHES: [(&str, usize, usize); 4] = [("fvs", 10, 4), ("hct", 10, 4), ("fvs", 40, 16), ("hct", 7, 3)];
@@ -18,7 +18,7 @@ fn totals(text: &str) -> Vec<LoadTotal> {
     simulation::load_totals(&scene, &simulation::mesh(&scene).unwrap()).unwrap()
 }
 
-/// Asserts force, centre and hence moments of a pressure, on several meshes.
+/// Asserts force, centre and therefore moments of a pressure, on several meshes.
 #[track_caller]
 fn assert_pushes(pressure: &str, force: f64, [x, y]: [f64; 2], tolerance: f64) {
     for (element, nx, ny) in MESHES {
@@ -59,7 +59,7 @@ fn peaks_are_found() {
         let peak = format!("1e5*exp(-((x - 0.637)^2 + (y - 0.183)^2)/(2*{width}^2))");
         assert_pushes(&peak, 2e5 * PI * width * width, [0.637, 0.183], 1e-4);
     }
-    // On a background that any rule sees: a tenth of a newton on 480.
+    // The patch lies on a background that any rule resolves: a tenth of a newton on 480.
     let (force, background) = (1e5 * 2.0 * PI * 1e-6, 1000.0 * 0.48);
     let hidden = "1000 + 1e5*exp(-((x - 0.637)^2 + (y - 0.183)^2)/2e-6)";
     let x = (0.6 * background + 0.637 * force) / (background + force);
@@ -69,7 +69,7 @@ fn peaks_are_found() {
 
 #[test]
 fn kinks_are_followed() {
-    // A cone.
+    // This patch is a cone.
     assert_pushes(
         "1e4*max(0, 1 - hypot(x - 0.61, y - 0.21)/0.03)",
         1e4 * PI * 9e-4 / 3.0,
@@ -79,7 +79,7 @@ fn kinks_are_followed() {
     assert_pushes("abs(x - 0.6)", 0.4 * 0.36, [0.6, 0.2], 1e-5);
 }
 
-/// The rule of fixed degree stays where it does, to the bit.
+/// Where the rule of fixed degree suffices, its result is unchanged, to the bit.
 #[test]
 fn smooth_pressures_and_jumps_along_the_mesh_keep_their_rule() {
     for (formula, nx) in [
@@ -125,7 +125,7 @@ fn foundations_and_thicknesses_are_seen_too() {
     let scene_on = scene(&text(disc));
     let mesh = simulation::mesh(&scene_on).unwrap();
     let blocks = simulation::matrices(&scene_on, &mesh, false).unwrap().stiffness;
-    // The work of a unit of deflection, which does not bend the plate.
+    // These entries give the work of a unit deflection, which does not bend the plate.
     let deflections = |block: &rebond::linalg::ElementMatrix| {
         let size = block.dofs.len();
         (0..size * size)
@@ -145,7 +145,7 @@ fn foundations_and_thicknesses_are_seen_too() {
     assert!((0..mesh.cells.len()).any(|cell| sections.rules(cell).is_some()));
 }
 
-/// A patch that travels is followed wherever it is.
+/// The integration follows a travelling patch to any place.
 #[test]
 fn moving_patches_push_all_the_time() {
     let load = "load = { pressure = \"if(hypot(x - 0.1 - t, y - 0.2) < 0.005, 1e5, 0)\" }\n";
@@ -175,7 +175,7 @@ fn what_has_no_integral_is_refused() {
     );
 }
 
-/// A random patch: its formula, force and centre.
+/// Returns a random patch: its formula, force and centre.
 fn patch(random: &mut Random) -> (String, f64, [f64; 2], f64) {
     let [x, y] = [0.3 + 0.6 * random.unit(), 0.12 + 0.16 * random.unit()];
     let strength = 10f64.powf(8.0 * random.unit() - 2.0) * random.signed().signum();
@@ -214,7 +214,7 @@ fn patch(random: &mut Random) -> (String, f64, [f64; 2], f64) {
             [x, y],
             1e-4,
         ),
-        // Two at a time, one inside the other.
+        // These are two patches, one inside the other.
         _ => (
             format!(
                 "if((x - {x:?})^2 + (y - {y:?})^2 < {:?}, if(abs(x - {x:?}) < {:?} and abs(y - {y:?}) < {:?}, 3, 1)*({strength:?}), 0)",
@@ -229,7 +229,8 @@ fn patch(random: &mut Random) -> (String, f64, [f64; 2], f64) {
     }
 }
 
-/// A mesh of the plate whose inner nodes are moved, some of whose cells are cut in two.
+/// Returns a mesh of the plate whose inner nodes are displaced, and some of whose cells are cut in
+/// two.
 fn random_mesh(random: &mut Random) -> Mesh {
     let (nx, ny) = (2 + (random.unit() * 10.0) as usize, 1 + (random.unit() * 5.0) as usize);
     let mut mesh = Mesh::rectangle(1.2, 0.4, [nx, ny], ElementKind::Fvs, Diagonal::Right).unwrap();
@@ -251,7 +252,7 @@ fn random_mesh(random: &mut Random) -> Mesh {
     mesh
 }
 
-/// No patch on no mesh pushes with another force, or elsewhere.
+/// Asserts that random patches act with their force at their place on random meshes.
 fn random_patches(tries: u64) {
     for seed in 0..tries {
         let mut random = Random::new(seed);

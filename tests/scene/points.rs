@@ -10,12 +10,13 @@ const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 const PRESSED: &str = "initial.static_pressure = -1\n";
 const PROBES: &str = "output.probes = [{ name = \"corner\", at = [1, 1] }, { name = \"in\", at = [0.85, 0.15] }, { name = \"at\", at = [0.7, 0.4] }]\n";
 
-/// The deflections at the probes on a mesh.
+/// Returns the deflections at the probes on a mesh.
 fn deflections(mesh: &str, rest: &str) -> Vec<f64> {
     start(&[UNIT, mesh, rest, PRESSED, PROBES, STILL].concat())
 }
 
-/// A stop, a support and a rail between nodes: the deflections are those of meshes that have the nodes, and converge to the same.
+/// A stop, a support and a rail lie between nodes: the deflections equal those on meshes that have
+/// the nodes, and converge to the same values.
 #[test]
 fn deflections_do_not_depend_on_where_the_nodes_are() {
     let on = [
@@ -43,7 +44,7 @@ fn deflections_do_not_depend_on_where_the_nodes_are() {
     }
 }
 
-/// Stops between nodes bound one dof each, where they are; the inf-sup condition holds there too.
+/// Each stop between nodes bounds one dof at its place; the inf-sup condition holds there too.
 #[test]
 fn points_are_single_bounds() {
     for element in ["fvs", "hct"] {
@@ -87,7 +88,8 @@ fn every_scheme_stops_at_the_point() {
     }
 }
 
-/// A check lists the nodes that were made; where the mesh has them it lists none, and the run's numbers stay to the bit.
+/// A check lists the nodes that were made. Where the mesh has the nodes it lists none, and the run
+/// is unchanged to the bit.
 #[test]
 fn a_check_lists_the_nodes() {
     let text = |at: &str| {
@@ -115,13 +117,13 @@ fn a_check_lists_the_nodes() {
     }
 }
 
-/// Springs, masses, forces and probes at any point, nodes made beside them or not.
+/// Springs, masses, forces and probes may be at any point, with or without nodes made near them.
 #[test]
 fn what_is_attached_is_where_it_was() {
     let rest = "spring = [{ at = [0.61, 0.33], stiffness = 5 }]\nmass = [{ at = [0.93, 0.71], mass = 0.2 }]\n\
                 load = { gravity = 1, force = [{ at = [0.37, 0.84], value = -0.5 }] }\ninitial.equilibrium = true\n";
     let free = start(&[UNIT, &grid("fvs", 8, 8), CLAMPED, rest, PROBES, STILL].concat());
-    // A stop that is never reached changes the mesh alone.
+    // A stop that is never reached changes only the mesh.
     let stop = "obstacle = [{ side = \"below\", height = -9, at = [0.66, 0.47] }]\n";
     let stopped = start(&[UNIT, &grid("fvs", 8, 8), CLAMPED, rest, stop, PROBES, STILL].concat());
     for (free, stopped) in free.iter().zip(&stopped) {
@@ -144,7 +146,7 @@ fn points_that_cannot_be_nodes_are_refused() {
         near.starts_with("obstacle.0.at: a node at (0.5, 0.99995)") && near.ends_with("(0.5, 1)"),
         "{near}"
     );
-    // On an edge, and a rounding beside it, there is no such trouble.
+    // A point on an edge, or within rounding of it, is accepted.
     for y in ["1", "0.9999999", "1.0000001"] {
         let stop = format!("obstacle = [{{ side = \"below\", height = -0.01, at = [0.4, {y}] }}]\n");
         let model = Model::new(&scene(&[UNIT, &grid("hct", 4, 4), CLAMPED, &stop, STILL].concat())).unwrap();

@@ -1,4 +1,4 @@
-//! What a scene file means, and what is said of one that means nothing.
+//! The meaning of scene files, and the errors of invalid ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -105,7 +105,8 @@ fn toml_files(folder: &str) -> Vec<PathBuf> {
     files
 }
 
-/// The first line of each bad scene says `# expect: part | part`: what its message must contain.
+/// The first line of each bad scene, `# expect: part | part`, has parts that its message must
+/// contain.
 #[test]
 fn every_bad_scene_is_told_what_is_wrong_and_where() {
     let files = toml_files("tests/data/bad");
@@ -218,7 +219,7 @@ fn the_hash_follows_the_scene_and_not_its_spelling() {
     assert_ne!(hash(&[]), hash(&["time.beta=0.51"]));
 }
 
-/// The summary's words are those of the scene file.
+/// The summary uses the words of the scene file.
 #[test]
 fn json_says_what_the_scene_file_says() {
     let scene = read(FULL, &[]).unwrap();
@@ -269,7 +270,7 @@ fn a_choice_by_override_drops_the_parameters_of_the_files() {
     assert!(message(&file, &both).contains("time.beta: contradicts"), "{}", message(&file, &both));
 }
 
-/// The limits themselves are out of range, whatever is inside is not.
+/// The limits themselves are out of range, and all values between them are valid.
 #[test]
 fn poissons_ratio_lies_between_its_limits() {
     for ratio in ["-0.999", "-0.5", "0", "0.4999999"] {
@@ -339,7 +340,7 @@ fn bad_overrides_are_named() {
     }
 }
 
-/// Commas and comparisons within a value are its own.
+/// Commas and comparisons within a value belong to the value.
 #[test]
 fn a_value_with_commas_is_one_value() {
     for value in ["a, b", "'a,b=2'", "if(x >= 1, y == 2, y <= 3)", "min(x, y), z"] {
@@ -366,7 +367,7 @@ fn a_formula_needs_no_quotes() {
     assert!(open.contains("invalid TOML"), "{open}");
 }
 
-/// The four numbers that the message offers.
+/// Returns the four numbers that the message suggests.
 fn offers(message: &str) -> Vec<String> {
     let (_, expected) = message.split_once("expected ").unwrap();
     let offer = |part: &str| {
@@ -386,7 +387,8 @@ fn an_end_between_two_steps_is_refused_with_what_fits() {
                  0.0003003003003 or 0.000299401197605, or time.end = 0.0999 or 0.1002";
     assert!(between.ends_with(words), "{between}");
     assert_eq!(offers(&between).len(), 4);
-    // Whoever changed the step alone hears of the step, whoever wrote the file of its line.
+    // The message names the step if only the step was changed, and the line of the end if the file
+    // contains it.
     assert!(message(MINIMAL, &["time.step=3e-4"]).starts_with("--set time.step=3e-4: time.step: 1.0 s"));
     let file = message(&MINIMAL.replace("end = 1", "end = 1.0005"), &[]);
     assert!(file.starts_with("dir/my scene.toml:10:7: time.end: 1.0005 s"), "{file}");
@@ -464,8 +466,8 @@ fn the_variants_of_the_paper_are_valid() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever step and end: a scene that is read ends on its last step, and what a refusal offers
-    /// is read.
+    /// For any step and end, a scene that is read ends on its last step, and the suggestions of a
+    /// refusal are accepted.
     #[test]
     fn runs_end_on_their_last_step(step in -7.0..0.0_f64, steps in 1.0..1e6_f64, whole in any::<bool>()) {
         let step = 10_f64.powf(step);
@@ -485,7 +487,7 @@ proptest! {
     }
 }
 
-/// Replaces, inserts or removes bytes here and there.
+/// Replaces, inserts or removes bytes at some places.
 fn mutate(text: &str, edits: &[(prop::sample::Index, u8, Option<u8>)]) -> Vec<u8> {
     let mut bytes = text.as_bytes().to_vec();
     for (index, kind, byte) in edits {
@@ -499,7 +501,7 @@ fn mutate(text: &str, edits: &[(prop::sample::Index, u8, Option<u8>)]) -> Vec<u8
     bytes
 }
 
-/// Mostly bytes that mean something in TOML; some that mean nothing anywhere.
+/// Returns a strategy for bytes that mostly have a meaning in TOML; some have none anywhere.
 fn any_byte() -> impl Strategy<Value = u8> {
     prop_oneof![4 => prop::sample::select(b"[]{}=.,\"'#-+_0123456789eina \n\r\t".to_vec()), 1 => any::<u8>()]
 }

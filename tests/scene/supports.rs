@@ -1,17 +1,19 @@
-//! Supports, shapes and sections of plates: published frequencies, exact beams, and the same plate in another position.
+//! Supports, shapes and sections of plates, compared with published frequencies, exact beams, and
+//! the same plate in another position.
 
 use crate::common::scenes::{
     Drawing, STILL, STRIP, UNIT, all_round, close, grid, inspect, refusal, run, same, start,
 };
 use std::f64::consts::{PI, TAU};
 
-/// The lowest frequencies with the consistent mass, rigid motions left out, in Hz.
+/// Returns the lowest frequencies with the consistent mass, without rigid motions, in Hz.
 fn frequencies(text: &str) -> Vec<f64> {
     inspect(text).consistent.lowest.into_iter().filter(|f| *f > 0.0).collect()
 }
 
-/// NAFEMS, *The Standard NAFEMS Benchmarks*, TNSB rev. 3, 1990: free plate FV12, cantilever FV16, and the simply supported square;
-/// 10 x 10 x 0.05 m. Conforming elements with the consistent mass come from above.
+/// NAFEMS, *The Standard NAFEMS Benchmarks*, TNSB rev. 3, 1990: free plate FV12, cantilever FV16,
+/// and the simply supported square, all 10 x 10 x 0.05 m. Conforming elements with the consistent
+/// mass converge from above.
 #[test]
 fn nafems_squares() {
     let steel = "plate = { length = 10, width = 10, thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
@@ -26,13 +28,14 @@ fn nafems_squares() {
     for (supports, published) in cases {
         let values = frequencies(&[steel, &grid("fvs", 20, 20), supports, STILL].concat());
         for (value, published) in values.iter().zip(published) {
-            // Published to three decimals; those of FV12 and FV16 are Ritz bounds up to 0.8 % high.
+            // Published values have three decimals; those of FV12 and FV16 are Ritz bounds up to
+            // 0.8 % high.
             assert!((-9e-3..6e-3).contains(&(value / published - 1.0)), "{value}, published {published}");
         }
     }
 }
 
-/// NAFEMS FV15: a rhombus of 45 degrees, all edges clamped, two of them askew.
+/// NAFEMS FV15 is a rhombus of 45 degrees with all edges clamped, two of them oblique.
 #[test]
 fn nafems_rhombus() {
     let shear = |x: f64, y: f64| [x + y * (PI / 4.0).cos(), y * (PI / 4.0).sin()];
@@ -44,7 +47,7 @@ fn nafems_rhombus() {
             "plate = { thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
         frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &all_round("clamped"), STILL].concat())
     };
-    // Triangles as acute as these are far from their limit in the higher modes.
+    // Triangles as acute as these are far from convergence in the higher modes.
     for (triangles, modes) in [(false, 6), (true, 2)] {
         let (coarse, fine) = (of(10, triangles), of(20, triangles));
         for ((coarse, fine), published) in coarse.iter().zip(&fine).zip(published).take(modes) {
@@ -54,7 +57,8 @@ fn nafems_rhombus() {
     }
 }
 
-/// Whatever holds a plate and however its grain lies, it vibrates, bends and rebounds the same when turned with all that is about it.
+/// For any supports and any grain, the plate vibrates, bends and rebounds in the same way when
+/// everything is rotated.
 #[test]
 fn a_turned_plate_is_the_same_plate() {
     let angle: f64 = 0.4;
@@ -97,8 +101,9 @@ fn a_turned_plate_is_the_same_plate() {
     }
 }
 
-/// Leissa, *Vibration of Plates*, NASA SP-160, 1969, table 2.2: omega R^2 sqrt(rho h / D) = 4.935 for nu = 0.3. To hold both slopes of
-/// the polygon's corners would make it a clamped plate's 10.216 (Babuska's paradox).
+/// Leissa, *Vibration of Plates*, NASA SP-160, 1969, table 2.2, gives omega R^2 sqrt(rho h / D) =
+/// 4.935 for nu = 0.3. If both slopes were held at the corners of the polygon, the value would be
+/// 10.216, that of a clamped plate (Babuska's paradox).
 #[test]
 fn a_simply_supported_disc_is_no_clamped_one() {
     let value = |rings: usize, kind: &str| {
@@ -107,14 +112,15 @@ fn a_simply_supported_disc_is_no_clamped_one() {
         let support = format!("support = [{{ edge = \"rim\", kind = \"{kind}\" }}]\n");
         TAU * frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &support, STILL].concat())[0]
     };
-    // The roots of J1/J0 + I1/I0 = 2 l / (1 - nu) and J0 I1 + I0 J1 = 0.
+    // The values are the roots of J1/J0 + I1/I0 = 2 l / (1 - nu) and J0 I1 + I0 J1 = 0.
     let errors = [4, 8, 16].map(|rings| (value(rings, "simply_supported") / 4.935_149_04 - 1.0).abs());
     assert!(errors[0] < 1e-4 && errors[1] < errors[0] && errors[2] < 1e-5, "{errors:?}");
     let errors = [4, 8, 16].map(|rings| value(rings, "clamped") / 10.215_826_23 - 1.0);
     assert!(errors[1] < errors[0] / 3.0 && errors[2] < errors[1] / 3.0 && errors[2] > 0.0, "{errors:?}");
 }
 
-/// A square on point supports at its corners (Leissa 1973: omega a^2 sqrt(rho h / D) = 7.11 for nu = 0.3), and the part of an edge.
+/// The supports are points at the corners of a square (Leissa 1973: omega a^2 sqrt(rho h / D) =
+/// 7.11 for nu = 0.3), and parts of an edge.
 #[test]
 fn points_and_parts_of_edges() {
     let corners = [[0, 0], [1, 0], [0, 1], [1, 1]];
@@ -124,7 +130,7 @@ fn points_and_parts_of_edges() {
     let value = TAU * frequencies(&[UNIT, &grid("fvs", 16, 16), &supports, STILL].concat())[0];
     close("corners", value, 7.11, 3e-3);
 
-    // Parts that make up an edge are that edge.
+    // Parts that make up an edge are equivalent to the edge.
     let whole = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
     let parts = r#"support = [{ edge = "left", where = "y <= 0.5", kind = "clamped" }, { edge = "left", where = "y >= 0.5", kind = "clamped" }]
 "#;
@@ -134,7 +140,7 @@ fn points_and_parts_of_edges() {
     assert!(of(part)[0] < 0.9 * of(whole)[0]);
 }
 
-/// What is not held is named.
+/// The error names the motions that are not held.
 #[test]
 fn mechanisms_are_named() {
     let hinge = "support = [{ edge = \"left\", kind = \"simply_supported\" }]\n";
@@ -162,14 +168,15 @@ fn mechanisms_are_named() {
             let error = error.to_string();
             assert!(error.starts_with(key) && error.ends_with(words), "{error}");
         }
-        // It moves all the same, and what holds it up makes it a structure.
+        // The plate can still run, and a foundation makes it a structure.
         run(&[UNIT, &grid("fvs", 4, 4), supports, "load = { gravity = 1 }\n", STILL].concat());
         let under = "foundation = [{ stiffness = 1 }]\ninitial = { static_pressure = 1 }\n";
         run(&[UNIT, &grid("fvs", 4, 4), supports, under, STILL].concat());
     }
 }
 
-/// A clamped strip whose other end is pushed up by 1 m, with no moment there: w'' = F (1 - x) / EI.
+/// Asserts the shape of a clamped strip whose other end is pushed up by 1 m, without a moment
+/// there: w'' = F (1 - x) / EI.
 fn pushed_strip(plate: &str, expected: impl Fn(f64) -> f64, tolerances: [f64; 2]) {
     for (element, tolerance) in ["fvs", "hct"].into_iter().zip(tolerances) {
         let places: Vec<f64> = (1..10).map(|k| 0.1 * f64::from(k)).collect();
@@ -191,31 +198,33 @@ fn pushed_strip(plate: &str, expected: impl Fn(f64) -> f64, tolerances: [f64; 2]
     }
 }
 
-/// Cubic pieces, which quadrilaterals hold, exactly, and triangles do not.
+/// The solution has cubic pieces, which quadrilaterals contain exactly, and triangles do not.
 #[test]
 fn strips_of_one_and_two_thicknesses() {
     pushed_strip(STRIP, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
-    // Half as thick from the middle on: EI is 1, then 1/8. Inside triangles thickness must jump along an edge.
+    // The strip is half as thick from the middle on: EI is 1, then 1/8. In meshes of triangles the
+    // thickness must jump along an edge.
     let thick = |x: f64| x * x / 2.0 - x.powi(3) / 6.0;
     let moved = |x: f64| {
         if x <= 0.5 {
             return thick(x);
         }
         let (w, slope) = (thick(0.5), 0.5 - 0.125);
-        // The second integral of 8 (1 - x) from 0.5 on.
+        // This is the second integral of 8 (1 - x) from 0.5 on.
         let s = x - 0.5;
         w + slope * s + 8.0 * (0.25 * s * s - s.powi(3) / 6.0)
     };
     let plate = |region: &str| format!("{STRIP}part = [{{ {region}, thickness = 0.5 }}]\n");
     pushed_strip(&plate("where = \"x > 0.5\""), |x| moved(x) / moved(1.0), [1e-9, 5e-3]);
-    // Of several parts in one place the last counts; the same again changes nothing.
+    // Of several parts in one place the last counts, and repeating it changes nothing.
     let twice = format!(
         "{STRIP}part = [{{ where = \"x > 0.2\", thickness = 2 }}, {{ where = \"x < 2\", thickness = 1 }}]\n"
     );
     pushed_strip(&twice, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
 }
 
-/// EI = (1 - x / 2)^3: w'' = F (1 - x) / (1 - x/2)^3, integrated twice by Simpson's rule.
+/// With EI = (1 - x / 2)^3, the curvature w'' = F (1 - x) / (1 - x/2)^3 is integrated twice by
+/// Simpson's rule.
 #[test]
 fn a_tapered_strip() {
     let plate = STRIP.replace("thickness = 1", "thickness = \"1 - x/2\"");
@@ -230,16 +239,16 @@ fn a_tapered_strip() {
         (0..=n as usize).map(term).sum::<f64>() * x / (3.0 * f64::from(n))
     };
     pushed_strip(&plate, |x| w(x) / w(1.0), [3e-4, 3e-3]);
-    // A formula that is a number is that number.
+    // A formula with a constant value equals that number.
     let same = STRIP.replace("thickness = 1", "thickness = \"1 + 0*x\"");
     pushed_strip(&same, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
-    // Thickness and density make the mass: 3/4 of it here.
+    // The mass follows from thickness and density, and is 3/4 of the uniform one here.
     let inspection = inspect(&[&plate, &grid("fvs", 4, 2)[..], STILL].concat());
     close("mass", inspection.mass, 0.075, 1e-13);
 }
 
-/// Lekhnitskii, *Anisotropic Plates*, 1968: simply supported, omega^2 rho h = D1 a^4 + 2 (D1 nu21 + 2 Dk) a^2 b^2 + D2 b^4, with
-/// a = m pi / length, b = n pi / width.
+/// Lekhnitskii, *Anisotropic Plates*, 1968: a simply supported plate has omega^2 rho h = D1 a^4 + 2
+/// (D1 nu21 + 2 Dk) a^2 b^2 + D2 b^4, with a = m pi / length, b = n pi / width.
 #[test]
 fn an_orthotropic_plate() {
     let (e1, e2, g, nu, h, rho) = (12e9, 1e9, 0.7e9, 0.35, 0.01, 500.0);
@@ -266,11 +275,11 @@ fn an_orthotropic_plate() {
     for (value, exact) in of(&plate(e1, e2, nu, 0.0)).iter().zip(exact) {
         assert!((0.0..2e-2).contains(&(value / exact - 1.0)), "{value}, exact {exact}");
     }
-    // Turned by a right angle, what was along is across.
+    // After a rotation by a right angle, the values along and across are exchanged.
     for (a, b) in of(&plate(e1, e2, nu, 90.0)).iter().zip(of(&plate(e2, e1, nu * e2 / e1, 0.0))) {
         close("grain", *a, b, 1e-9);
     }
-    // One modulus for all is an isotropic plate.
+    // With one modulus for all directions the plate is isotropic.
     let isotropic = format!(
         "plate = {{ length = {length}, width = {width}, thickness = {h}, youngs_modulus = {e1:?}, poissons_ratio = {nu}, density = {rho:?} }}\n"
     );
@@ -281,7 +290,8 @@ fn an_orthotropic_plate() {
     }
 }
 
-/// Equal parts, by condition and by group, are the whole; triangles and quadrilaterals mix.
+/// Equal parts, by condition and by group, make up the whole; triangles and quadrilaterals may be
+/// mixed.
 #[test]
 fn parts_of_a_mixed_mesh() {
     let plate = "plate = { thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\nmesh.file = 'gmsh/square_41_text.msh'\n";

@@ -1,13 +1,14 @@
 //! A ball that bounces on the floor: the schemes on one dof, without any mesh.
 //!
-//! m u'' = -m g + r, u >= 0, r >= 0, r u = 0, dropped from h with restitution e: the k-th apex is
-//! e^{2k} h. With one dof the step's bound-constrained problem is solved by taking a maximum, so
-//! that each scheme is a recursion of one line, written here once more; the program's schemes
-//! follow it to rounding, whatever the mass.
+//! The problem is m u'' = -m g + r, u >= 0, r >= 0, r u = 0, with the ball dropped from h with
+//! restitution e: the k-th apex is e^{2k} h. With one dof the step's bound-constrained problem is
+//! solved by taking a maximum, so that each scheme is a recursion of one line, written here again;
+//! the program's schemes follow it to rounding, for any mass.
 //!
 //! - Newmark: u^{n+1} = max(2 u^n - u^{n-1} - g dt^2, -e u^{n-1}). Its apexes converge as dt.
-//! - Midpoint, which here has a regular mass: u^{n+1/2} = max(u^n + v^n dt/2 - g dt^2/4, 0). It has no restitution: what a
-//!   bounce returns depends on where in the step the floor is met, at every dt. Only a singular mass gives it a limit.
+//! - Midpoint, which here has a regular mass: u^{n+1/2} = max(u^n + v^n dt/2 - g dt^2/4, 0). It has
+//!   no restitution: the velocity after a bounce depends on where in the step the ball meets the
+//!   floor, at every dt. Only a singular mass gives it a limit.
 
 use crate::common::block;
 use rebond::linalg::Native;
@@ -45,7 +46,7 @@ fn midpoint(system: &System<Native>, step: f64, height: f64) -> Midpoint<'_, Nat
     Midpoint::new(system, step, Massless::Reflected, start).unwrap()
 }
 
-/// The first apexes, read off the grid of instants.
+/// Returns the first apexes, read from the values at the instants.
 fn apexes<const K: usize>(scheme: &mut dyn Scheme) -> [f64; K] {
     let mut before = scheme.displacement()[0];
     let mut now = before;
@@ -53,7 +54,7 @@ fn apexes<const K: usize>(scheme: &mut dyn Scheme) -> [f64; K] {
         loop {
             scheme.advance().unwrap();
             assert!(scheme.step_report().kkt <= 1e-10);
-            // The bound is met in terms of the step's increment: to rounding.
+            // The bound holds for the increment of the step, and therefore to rounding.
             assert!(scheme.admissible()[0] >= -1e-15 && scheme.reaction()[0] >= 0.0);
             let next = scheme.displacement()[0];
             let top = now > before && now >= next;
@@ -67,7 +68,7 @@ fn apexes<const K: usize>(scheme: &mut dyn Scheme) -> [f64; K] {
 
 #[test]
 fn the_first_apexes_are_those_of_an_independent_program() {
-    // Dropped from 1 under g = 1, to the digits given.
+    // The ball is dropped from 1 under g = 1; values have the given digits.
     let system = ball(1.0);
     for (e, expected) in [(1.0, ["1.00225", "1.00081", "1.00010"]), (0.5, ["0.25085", "0.24924", "0.24993"])]
     {
@@ -80,8 +81,8 @@ fn the_first_apexes_are_those_of_an_independent_program() {
 
 #[test]
 fn newmark_apexes_converge_to_the_law_of_restitution() {
-    // The first bounce loses or gains a part of a step: at most 2 dt times the speed of impact,
-    // wherever in the step it falls.
+    // The first bounce loses or gains the velocity of a fraction of a step: at most 2 dt times the
+    // speed of impact, wherever in the step it occurs.
     for gravity in [1.0, 9.81] {
         let system = ball(gravity);
         for e in [1.0, 0.8, 0.5] {
@@ -113,7 +114,7 @@ fn without_restitution_the_ball_stays_where_it_falls() {
             assert!(scheme.step_report().kkt <= 1e-10);
             if scheme.time() > landing + 2.0 * step {
                 assert!(scheme.displacement()[0].abs() <= 1e-15, "{:e}", scheme.displacement()[0]);
-                // The floor carries its weight.
+                // The floor carries the weight of the ball.
                 let weight = MASS * 9.81;
                 assert!((scheme.reaction()[0] - weight).abs() <= 1e-12 * weight, "{}", scheme.reaction()[0]);
             }
@@ -144,8 +145,8 @@ fn midpoint_follows_its_recursion() {
         let system = ball(gravity);
         let mut scheme = midpoint(&system, step, 1.0);
         let (mut u, mut v) = (1.0f64, 0.0);
-        // The floor turns an error in u into one of the speed 4/dt times as large: what agrees to
-        // rounding after one bounce differs visibly some bounces later.
+        // The floor turns an error in u into an error of the speed 4/dt times as large. Values that
+        // agree to rounding after one bounce therefore differ visibly some bounces later.
         let mut tolerance = 1e-12;
         let mut landed = false;
         while tolerance < 1e-5 {

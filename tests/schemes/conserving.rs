@@ -1,7 +1,9 @@
-//! The relaxed midpoint rule keeps the energy at every step, however long, and stays above the obstacle.
+//! The relaxed midpoint rule conserves the energy at every step, however long, and stays above the
+//! obstacle.
 //!
-//! What is proven in the scheme's documentation is measured here: the energy of every state is that of the start, gamma is at
-//! least 1/2, U(p) satisfies its optimality conditions, and the scheme tends to the exact trajectory with order 2.
+//! These tests measure what the documentation of the scheme proves: the energy of every state
+//! equals the initial energy, gamma is at least 1/2, U(p) satisfies its optimality conditions, and
+//! the scheme converges to the exact trajectory with order 2.
 
 use crate::common::{Random, largest, solve_dense};
 use rebond::linalg::Engine;
@@ -9,7 +11,7 @@ use rebond::scene::Scene;
 use rebond::scheme::{Conserving, Massless, Midpoint, Potential, Scheme, System};
 use rebond::simulation::Model;
 
-/// The paper's plate on some cells, from rest under 14600 Pa, above an obstacle.
+/// Returns the paper's plate on some cells, at rest under 14600 Pa above an obstacle.
 fn plate(element: &str, cells: [usize; 2], overrides: &[&str]) -> Scene {
     let text = format!(
         r#"
@@ -26,13 +28,14 @@ fn plate(element: &str, cells: [usize; 2], overrides: &[&str]) -> Scene {
     Scene::from_str(&text, "plate", &overrides).unwrap()
 }
 
-/// Largest magnitude of any part of the energy at the start.
+/// Returns the largest magnitude of any part of the initial energy.
 fn scale(scheme: &dyn Scheme) -> f64 {
     let energies = scheme.energies().unwrap();
     largest(&[energies.total(), energies.kinetic, energies.elastic, energies.work])
 }
 
-/// Runs a scene and asserts at every instant that its energy has moved by at most `allowed` of the start's.
+/// Runs a scene and asserts at every instant that its energy has changed by at most `allowed` times
+/// the initial energy.
 fn keeps_its_energy(scene: &Scene, allowed: f64) {
     let model = Model::new(scene).unwrap();
     let bounds = &model.system.bounds;
@@ -86,7 +89,7 @@ fn energy_is_kept_where_the_midpoint_rule_multiplies_it() {
     let scene = |scheme| plate("hct", [20, 8], &["time.step=1e-3", &format!("time.scheme={scheme}")]);
     let reflected =
         plate("hct", [20, 8], &["time.step=1e-3", "time.scheme=midpoint", "time.massless=reflected"]);
-    // The second from an independent program.
+    // The second value is from an independent program.
     for (scene, expected) in [(reflected, 8.54), (scene("midpoint"), 3603.0)] {
         let model = Model::new(&scene).unwrap();
         let mut scheme = model.scheme(&scene).unwrap();
@@ -107,7 +110,8 @@ fn energy_is_kept_on_a_fine_mesh() {
     keeps_its_energy(&plate("fvs", [80, 32], &["time.step=1e-3", "time.end=0.06"]), 1e-9);
 }
 
-/// A plate that nothing holds, thrown between two obstacles under a load: all nodes land at once, and all of them may stay.
+/// A plate without supports is thrown between two obstacles under a load: all nodes land at once,
+/// and all of them may stay.
 #[test]
 fn energy_is_kept_by_a_plate_thrown_flat_under_load() {
     for element in ["fvs", "hct"] {
@@ -125,7 +129,7 @@ fn energy_is_kept_by_a_plate_thrown_flat_under_load() {
     }
 }
 
-/// The tip's corners every ms.
+/// Returns the exact deflections of the tip's corners at every ms.
 fn exact(element: &str) -> Vec<[f64; 2]> {
     let path = format!("{}/tests/data/exact_{element}_10x4.csv", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(path).unwrap();
@@ -136,7 +140,7 @@ fn exact(element: &str) -> Vec<[f64; 2]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// Root mean square error of the tip's corners up to an end, in m.
+/// Returns the root mean square error of the tip's corners up to an end, in m.
 fn error(element: &str, steps_a_ms: u64, end: f64) -> f64 {
     let step = format!("time.step={:e}", 1e-3 / steps_a_ms as f64);
     let scene = plate(element, [10, 4], &[&step]);
@@ -155,7 +159,8 @@ fn error(element: &str, steps_a_ms: u64, end: f64) -> f64 {
     (sum / f64::from(count)).sqrt()
 }
 
-/// Order 2 once the step follows the fastest motion (9.1 kHz; 61 kHz of triangles), before the first impact and after it.
+/// The order is 2 once the step resolves the fastest motion (9.1 kHz; 61 kHz on triangles), before
+/// the first impact and after it.
 #[test]
 fn the_exact_trajectory_is_met_with_order_2() {
     for (element, end, steps, cap) in [("fvs", 0.05, [100, 400], 5e-8), ("fvs", 0.1, [200, 800], 4e-6)] {
@@ -176,13 +181,13 @@ fn in_free_flight_it_is_the_midpoint_rule() {
     while conserving.time() < 0.05 {
         conserving.advance().unwrap();
         midpoint.advance().unwrap();
-        // Rounding that has moved the energy by 1e-13 is put right.
+        // The scheme corrects changes of the energy by rounding, of 1e-13.
         assert!(crate::common::difference(conserving.displacement(), midpoint.displacement()) <= 1e-10);
     }
     assert_eq!(conserving.relaxation().unwrap().relaxed_steps, 0);
 }
 
-/// The two reports of the midpoint rule are one motion of p.
+/// The two reports of the midpoint rule have the same motion of p.
 #[test]
 fn the_massless_part_does_not_change_the_motion() {
     let scene = plate("fvs", [10, 4], &[]);
@@ -206,8 +211,8 @@ fn the_massless_part_does_not_change_the_motion() {
     assert!(apart > 1.0, "{apart} J flip to and fro");
 }
 
-/// U(p) satisfies its optimality conditions, which are sufficient: p is kept, the bounds hold, reactions push where something
-/// touches, and K U - F - G^T r is a combination of rows of B.
+/// U(p) satisfies its optimality conditions, which are sufficient: p is kept, the bounds hold,
+/// reactions push only where something touches, and K U - F - G^T r is a combination of rows of B.
 #[test]
 fn the_minimiser_satisfies_its_optimality_conditions() {
     let mut random = Random::new(5);
@@ -225,7 +230,7 @@ fn the_minimiser_satisfies_its_optimality_conditions() {
                 row
             })
             .collect();
-        // Each dof in its own unit, so that rounding is seen in all of them.
+        // Each dof is measured in its own unit, so that rounding is visible in all of them.
         let units: Vec<f64> =
             engine.diagonal(&[(1.0, stiffness)]).unwrap().iter().map(|k| 1.0 / k.sqrt()).collect();
         for _ in 0..20 {
@@ -254,7 +259,7 @@ fn the_minimiser_satisfies_its_optimality_conditions() {
             for (&dof, r) in bounds.dofs.iter().zip(&reaction) {
                 left[dof] -= r;
             }
-            // What rows of B do not explain, by least squares.
+            // This is the part that rows of B do not explain, by least squares.
             let dot =
                 |a: &[f64], b: &[f64]| (0..dofs).map(|i| units[i] * units[i] * a[i] * b[i]).sum::<f64>();
             let gram: Vec<f64> = rows.iter().flat_map(|a| rows.iter().map(move |b| dot(a, b))).collect();

@@ -21,7 +21,7 @@ fn by_mass(mass: f64) -> Damping {
     Damping { mass, stiffness: 0.0 }
 }
 
-/// A ball on a spring of stiffness k, under gravity.
+/// Returns a ball on a spring of stiffness k, under gravity.
 fn oscillator(k: f64, alpha: f64) -> System<Native> {
     let engine = Native::new(1);
     let average = SingularMassCell { dofs: [Some(0)].into(), row: [MASS].into(), mass: MASS, class: 0 };
@@ -36,11 +36,11 @@ fn oscillator(k: f64, alpha: f64) -> System<Native> {
     }
 }
 
-/// Place and speed after a time of y'' + alpha y' + w^2 y = -g.
+/// Returns position and speed at a time, for y'' + alpha y' + w^2 y = -g.
 fn motion(w: f64, alpha: f64, [place, speed]: [f64; 2], t: f64) -> [f64; 2] {
     let decay = 0.5 * alpha;
     if w == 0.0 && alpha * t < 0.1 {
-        // What the closed form loses to differences, its series keeps.
+        // The series keeps the digits that the closed form loses in differences.
         let series = |of: u32| -> f64 {
             let term = |k: u32| (-alpha * t).powi(k as i32) / (1..=k + of).map(f64::from).product::<f64>();
             (0..9).map(term).sum()
@@ -73,7 +73,8 @@ fn motion(w: f64, alpha: f64, [place, speed]: [f64; 2], t: f64) -> [f64; 2] {
 
 #[test]
 fn the_exact_scheme_has_the_closed_forms_of_one_mode() {
-    // w = 100 / s: barely, weakly, strongly, critically and overdamped; free fall in air.
+    // The frequency is w = 100 / s: weak, moderate, strong, critical and overcritical damping, and
+    // free fall in air.
     for (k, alpha) in [
         (K, 1e-6),
         (K, 3.0),
@@ -108,7 +109,7 @@ fn the_exact_scheme_has_the_closed_forms_of_one_mode() {
     }
 }
 
-/// A ball on a massless tip with a spring between, above a floor: dofs (tip, ball).
+/// Returns a ball on a massless tip with a spring between them, above a floor: dofs (tip, ball).
 fn bouncer(alpha: f64) -> System<Native> {
     let engine = Native::new(2);
     let average = SingularMassCell { dofs: [Some(1)].into(), row: [MASS].into(), mass: MASS, class: 0 };
@@ -123,7 +124,7 @@ fn bouncer(alpha: f64) -> System<Native> {
     }
 }
 
-/// Where a function changes from one sign to the other, to the last digit.
+/// Returns the last argument before a change of sign of a function, to the last digit.
 fn zero(f: impl Fn(f64) -> f64, mut inside: f64, mut outside: f64) -> f64 {
     let sign = f(inside).signum();
     for _ in 0..200 {
@@ -149,7 +150,8 @@ fn a_damped_ball_bounces_by_its_closed_form() {
         }
         let w = (K / MASS).sqrt();
         for pair in events.chunks_exact(2) {
-            // Down: from above 0 to 0. Up: from below 0 to 0, past the turn.
+            // The ball falls from above 0 to 0, and rises from below 0 to 0, past the turning
+            // point.
             let fall = |t: f64| motion(0.0, alpha, state, t)[0];
             let mut later = 1e-3;
             while fall(later) > 0.0 {
@@ -178,7 +180,7 @@ fn a_damped_ball_bounces_by_its_closed_form() {
     }
 }
 
-/// The paper's plate from rest under 14600 Pa, damped.
+/// Returns the paper's plate at rest under 14600 Pa, damped.
 fn plate(damping: Damping, obstacle: bool) -> Model {
     let obstacle = if obstacle { "obstacle = [{ side = \"below\", height = -0.1 }]" } else { "" };
     let text = format!(
@@ -261,8 +263,8 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
     }
 }
 
-/// The lowest modes, of unit modal mass, with their frequencies in rad/s: inverse iteration, one
-/// after the other.
+/// Returns the lowest modes, of unit modal mass, with their frequencies in rad/s, by inverse
+/// iteration one after the other.
 fn lowest_modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
     let System { engine, stiffness, mass, .. } = &model.system;
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
@@ -385,7 +387,7 @@ fn single_modes_are_damped_by_ratios_of_their_own() {
             }
         }
     }
-    // Steps that the extrapolation is not good for, and schemes that have no place for it.
+    // Steps that are too long for the extrapolation are refused, and schemes without modal damping.
     let start = || model.start.clone();
     let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step: 0.05 };
     for refused in [

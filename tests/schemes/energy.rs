@@ -1,5 +1,5 @@
-//! Energy does what theory says: constant in free flight, never rising for e = 0, and the guard
-//! stops what grows.
+//! Energy behaves as theory predicts: it is constant in free flight, never rises for e = 0, and the
+//! guard stops a run in which it grows.
 
 use rebond::energy::Energies;
 use rebond::field::{Field, Names};
@@ -7,7 +7,7 @@ use rebond::scene::{FieldInput, Scene, Value};
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::{self, Model, Observer, Row};
 
-/// The paper's plate, from rest under 14600 Pa.
+/// Returns the paper's plate, at rest under 14600 Pa.
 fn plate(element: &str, mass: &str, scheme: &str, step: f64, end: f64, obstacle: bool) -> Scene {
     let obstacle = if obstacle { "obstacle = [{ side = \"below\", height = -0.1 }]" } else { "" };
     let text = format!(
@@ -28,7 +28,7 @@ const KINDS: [(&str, &str); 4] =
 
 const NEWMARK: NewmarkParameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step: 1e-5 };
 
-/// Largest relative distance of values from the first.
+/// Returns the largest relative difference of values from the first.
 fn drift(mut values: impl Iterator<Item = f64>) -> f64 {
     let start = values.next().expect("a start");
     values.map(|value| (value / start - 1.0).abs()).fold(0.0, f64::max)
@@ -110,8 +110,8 @@ fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
     assert!(last.total() > 2.0 * start.total(), "with that which the guard stopped at");
 }
 
-/// An obstacle that carries the plate 0.4 m along within a step: the work that it does is all that
-/// the plate has, so that the total stays; but no plate has it.
+/// An obstacle moves the plate by 0.4 m within a step. The total energy hides this, since the plate
+/// has only the energy that this work gave it, but no plate can have so much.
 #[test]
 fn the_guard_sees_the_energy_that_work_hides() {
     for scheme in ["newmark", "midpoint", "conserving"] {
@@ -128,7 +128,7 @@ fn the_guard_sees_the_energy_that_work_hides() {
         assert!(error.to_string().contains("speed of sound"), "{scheme}: {error}");
         assert!((99..=102).contains(&outcome.steps), "{scheme}: {}", outcome.steps);
         let last = rows.0.last().unwrap();
-        // Contact takes some of it; the midpoint scheme adds to it.
+        // Contact dissipates some of the energy; the midpoint scheme adds to it.
         let kept = scheme == "midpoint" || last.total().abs() < 0.2 * last.work;
         assert!(kept, "{scheme}: {} of {} J", last.total(), last.work);
     }

@@ -1,4 +1,4 @@
-//! The exact scheme: against an independent program, closed forms, and what theory says of it.
+//! The exact scheme, compared with an independent program, closed forms, and theory.
 
 use crate::common::{Random, block, lift};
 use rebond::Error;
@@ -11,7 +11,7 @@ use rebond::scheme::{
 use rebond::simulation::Model;
 use std::f64::consts::PI;
 
-/// The paper's plate, from rest under 14600 Pa.
+/// Returns the paper's plate, at rest under 14600 Pa.
 fn plate(element: &str, cells: [usize; 2], scheme: &str, step: f64, end: f64) -> Scene {
     let text = format!(
         r#"
@@ -27,12 +27,12 @@ fn plate(element: &str, cells: [usize; 2], scheme: &str, step: f64, end: f64) ->
     Scene::from_str(&text, "plate", &[]).expect("a valid scene")
 }
 
-/// Deflections of the two corners.
+/// Returns the deflections of the two corners.
 fn corners(model: &Model, scheme: &dyn Scheme) -> [f64; 2] {
     [0, 1].map(|k| model.probes[k].deflection(scheme.displacement()))
 }
 
-/// Rows of numbers under a head.
+/// Returns the rows of numbers of a table with a header.
 fn table(name: &str) -> Vec<Vec<f64>> {
     let path = format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(path).unwrap();
@@ -41,8 +41,8 @@ fn table(name: &str) -> Vec<Vec<f64>> {
 
 #[test]
 fn the_paper_s_plate_moves_as_an_independent_program_says() {
-    // Rounding of the matrix entries alone moves these by 2e-11 and 4e-10 (fvs), 8e-10 and 2e-8 m
-    // (hct).
+    // Rounding of the matrix entries alone changes these by 2e-11 and 4e-10 m (fvs), 8e-10 and 2e-8
+    // m (hct).
     for (element, early, late, events) in [("fvs", 2e-9, 2e-8, 186), ("hct", 5e-8, 1e-6, 478)] {
         let model = Model::new(&plate(element, [10, 4], "exact", 1e-3, 0.3)).unwrap();
         let mut scheme = Exact::new(&model.system, 1e-3, model.start.clone()).unwrap();
@@ -67,7 +67,7 @@ fn the_paper_s_plate_moves_as_an_independent_program_says() {
         assert_eq!((counted, tally.events), (events, events as u64), "{element}");
         assert!(drift <= 1e-9, "{element}: {drift:e}");
         assert!(kkt <= 1e-11, "{element}: {kkt:e}");
-        // Some ten looks an event.
+        // The search makes some ten evaluations per event.
         assert!(tally.evaluations <= 12 * tally.events, "{element}: {tally:?}");
     }
 }
@@ -109,7 +109,7 @@ fn the_search_s_tolerances_do_not_move_the_trajectory() {
 
 #[test]
 fn finer_quadrilaterals() {
-    // An independent program counts 592 events to 0.2 s.
+    // An independent program finds 592 events up to 0.2 s.
     let model = Model::new(&plate("fvs", [20, 8], "exact", 1e-2, 0.2)).unwrap();
     let mut scheme = Exact::new(&model.system, 1e-2, model.start.clone()).unwrap();
     let energy = scheme.energies().unwrap().total();
@@ -126,8 +126,8 @@ fn finer_quadrilaterals() {
     assert_eq!(scheme.event_statistics().unwrap().events, 592);
 }
 
-/// Runs a plate of quadrilaterals to its end; returns its tally and the largest relative change of
-/// energy.
+/// Runs a plate of quadrilaterals to its end; returns its event statistics and the largest relative
+/// change of energy.
 fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
     let step = 1e-4;
     let model = Model::new(&plate("fvs", cells, "exact", step, end)).unwrap();
@@ -147,7 +147,7 @@ fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
 
 #[test]
 fn modes_of_many_cells_are_modes() {
-    // Vectors that are not keep neither the energy (1e-5) nor K U = F - B^T v' + G^T r (5e-7)
+    // Inaccurate eigenvectors keep neither the energy (1e-5) nor K U = F - B^T v' + G^T r (5e-7)
     // through the impact at 0.0548 s.
     let (tally, drift) = run_fine([24, 10], 0.056);
     assert!(tally.events > 50 && drift <= 1e-10, "{drift:e}, {tally:?}");
@@ -196,10 +196,11 @@ fn the_schemes_of_the_paper_converge_to_it() {
     };
     for name in ["newmark", "midpoint"] {
         let errors = errors_of(name, Mass::Singular);
-        // Order 1 on the whole, with wobbles: each event falls somewhere else in a step.
+        // The order is 1 overall, with fluctuations, since each event lies at another place within
+        // a step.
         assert!(errors[3] <= errors[0] / 4.0, "{name}: {errors:?}");
         assert!(errors.windows(2).all(|pair| pair[1] <= 1.2 * pair[0]), "{name}: {errors:?}");
-        // The consistent mass is another semi-discrete problem: no step brings it nearer.
+        // The consistent mass defines another semi-discrete problem, to which no step converges.
         let others = errors_of(name, Mass::Consistent);
         assert!(others.iter().all(|error| *error > 5e-4), "{name}: {others:?}");
     }
@@ -219,7 +220,7 @@ fn time_runs_backwards_as_well() {
         }
         let events = there.event_statistics().unwrap().events;
         assert!(events > 0);
-        // A displacement rate whose velocities are those of the end, turned.
+        // This displacement rate has the reversed velocities of the end.
         let turned = lift(&model.system, there.cell_velocity()).into_iter().map(|v| -v).collect();
         let start = Start { displacement: there.displacement().to_vec(), velocity: turned };
         let mut back = Exact::new(&model.system, 1e-3, start).unwrap();
@@ -233,8 +234,8 @@ fn time_runs_backwards_as_well() {
     }
 }
 
-/// Balls of mass 2 that fall under gravity, each on a massless tip with a spring of stiffness K
-/// between: dofs (tip, ball) of each. The tips are bounded.
+/// Returns balls of mass 2 that fall under gravity, each on a massless tip with a spring of
+/// stiffness K between them. Each has dofs (tip, ball), and the tips are bounded.
 fn balls(count: usize, gravity: f64, lower: f64, upper: f64) -> System<Native> {
     balls_on_springs(K, count, gravity, lower, upper)
 }
@@ -266,7 +267,7 @@ fn balls_on_springs(k: f64, count: usize, gravity: f64, lower: f64, upper: f64) 
 const MASS: f64 = 2.0;
 const K: f64 = 2e4;
 
-/// Frequency of a ball on its spring: 100 rad/s.
+/// Returns the frequency of a ball on its spring, 100 rad/s.
 fn omega() -> f64 {
     (K / MASS).sqrt()
 }
@@ -288,8 +289,8 @@ fn run(scheme: &mut Exact<Native>, end: f64) -> Vec<Event> {
 
 #[test]
 fn a_ball_bounces_by_its_closed_form() {
-    // Contact: y'' = -g - w^2 y from y = 0 at speed -v to y = 0 again. With tan(a) = w v / g it
-    // lasts 2 (pi - a) / w.
+    // In contact y'' = -g - w^2 y holds from y = 0 at speed -v to y = 0 again. With tan(a) = w v /
+    // g the contact lasts 2 (pi - a) / w.
     let (gravity, height) = (9.81, 1.0);
     let system = balls(1, gravity, 0.0, f64::INFINITY);
     let mut scheme = Exact::new(&system, 0.01, start(&[height], &[0.0])).unwrap();
@@ -311,7 +312,7 @@ fn a_ball_bounces_by_its_closed_form() {
 
 #[test]
 fn a_ball_between_two_walls_keeps_its_period() {
-    // Without weight: 2 x gap / v in flight and 2 x pi / w in contact.
+    // Without weight, the flights last 2 x gap / v and the contacts 2 x pi / w.
     let system = balls(1, 0.0, -1.0, 1.0);
     let mut scheme = Exact::new(&system, 0.05, start(&[0.0], &[3.0])).unwrap();
     let events = run(&mut scheme, 50.0);
@@ -342,7 +343,7 @@ fn balls_that_land_together_are_taken_together() {
 
 #[test]
 fn a_touch_that_only_grazes_changes_nothing() {
-    // Thrown up at 1 under g = 1 the ball turns at 1/2, just where the ceiling is.
+    // Thrown up at speed 1 under g = 1, the ball turns at 1/2, exactly at the ceiling.
     for ceiling in [0.5, 0.5 + 1e-16, 0.5 - 1e-16] {
         let system = balls(1, 1.0, f64::NEG_INFINITY, ceiling);
         let mut scheme = Exact::new(&system, 1e-2, start(&[0.0], &[1.0])).unwrap();
@@ -354,7 +355,7 @@ fn a_touch_that_only_grazes_changes_nothing() {
 
 #[test]
 fn a_touch_of_less_than_a_nanosecond_is_not_missed() {
-    // It reaches the ceiling at 4e-9 m/s; gravity takes it back after 2 v / g = 8e-10 s.
+    // The ball reaches the ceiling at 4e-9 m/s; gravity takes it back after 2 v / g = 8e-10 s.
     let (gravity, speed, below) = (10.0, 4e-9, 1e-9);
     let system = balls_on_springs(2e12, 1, gravity, f64::NEG_INFINITY, 0.0);
     let thrown = (2.0_f64 * gravity * below + speed * speed).sqrt();
@@ -371,7 +372,7 @@ fn a_touch_of_less_than_a_nanosecond_is_not_missed() {
 #[test]
 fn a_start_at_the_floor() {
     let contact = PI / omega();
-    // Down: it touches at 0. Up: it leaves, and nothing happens.
+    // Thrown down, the ball touches at time 0. Thrown up, it leaves, and nothing happens.
     let system = balls(1, 0.0, 0.0, f64::INFINITY);
     let mut scheme = Exact::new(&system, 1e-3, start(&[0.0], &[-1.0])).unwrap();
     assert!(scheme.take_events().is_empty());
@@ -381,12 +382,12 @@ fn a_start_at_the_floor() {
     let mut scheme = Exact::new(&system, 1e-3, start(&[0.0], &[1.0])).unwrap();
     assert!(run(&mut scheme, 0.1).is_empty());
     assert!((scheme.displacement()[0] - 0.1).abs() <= 1e-14);
-    // At rest, with nothing to press it: it stays, and neither leaves nor presses.
+    // At rest without a load the ball stays: it neither leaves nor presses.
     let mut scheme = Exact::new(&system, 1.0, start(&[0.0], &[0.0])).unwrap();
     assert!(run(&mut scheme, 100.0).is_empty());
     assert_eq!((scheme.displacement()[0], scheme.reaction()[0]), (0.0, 0.0));
-    // At rest under its weight, from where the spring is slack: it swings about its equilibrium and
-    // comes back at rest, once a period.
+    // At rest under its weight with a slack spring, the ball oscillates about its equilibrium and
+    // comes to rest again once per period.
     let system = balls(1, 10.0, 0.0, f64::INFINITY);
     let mut scheme = Exact::new(&system, 2.0 * contact, start(&[0.0], &[0.0])).unwrap();
     assert!(run(&mut scheme, 100.0 * contact).len() <= 100);
@@ -498,7 +499,8 @@ fn a_plate_held_all_around_moves_although_no_displacement_gives_its_cells_a_chec
         assert_eq!(other.len(), exact.len());
         (exact.iter().zip(other).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / exact.len() as f64).sqrt()
     };
-    // It hits, rebounds past its flat position, and a finer step of another scheme is nearer.
+    // The plate hits the obstacle and rebounds past its flat position, and a finer step of another
+    // scheme is nearer to the exact motion.
     assert!(exact.iter().any(|w| *w < -9e-4) && exact[100..].iter().any(|w| *w > 0.0));
     let (coarse, fine) = (rms("1e-5", 10), rms("1e-6", 100));
     assert!(fine < 0.1 * coarse && fine < 1e-6, "{coarse} and {fine} m");
@@ -518,7 +520,7 @@ fn too_many_events_in_a_step_are_an_error_that_says_when_and_where() {
 
 #[test]
 fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
-    // P1 displacements and P0 velocities on a bar: ker B = {0}.
+    // With P1 displacements and P0 velocities on a bar, ker B = {0}.
     let cells = 4;
     let engine = Native::new(cells);
     let dofs = |cell: usize| [cell, cell + 1].map(|d| (d < cells).then_some(d));

@@ -1,4 +1,4 @@
-//! Loads that change with time: closed forms, and an energy balance that is kept to rounding.
+//! Time-dependent loads: closed forms, and an energy balance that holds to rounding.
 
 use crate::common::{block, largest};
 use rebond::linalg::{Engine, Native, SingularMassCell};
@@ -16,7 +16,7 @@ const FORCE: f64 = 30.0;
 const PLACE: f64 = 0.02;
 const SPEED: f64 = -0.3;
 
-/// m u'' + (alpha m + beta k) u' + k u = F sin(W t), its mass in a cell of its own.
+/// Returns m u'' + (alpha m + beta k) u' + k u = F sin(W t), with the mass in a cell of its own.
 fn oscillator(damping: Damping, frequency: f64) -> System<Native> {
     let engine = Native::new(1);
     let stiffness = engine.form(vec![block(&[Some(0)], &[STIFFNESS], 0)]);
@@ -34,7 +34,7 @@ fn oscillator(damping: Damping, frequency: f64) -> System<Native> {
     System { engine, stiffness, mass, damping, load: None, bounds: Bounds::default(), drive }
 }
 
-/// Its place, by the textbook: a steady oscillation and a free one that dies away.
+/// Returns the position by the textbook: a steady oscillation and a decaying free one.
 fn place(damping: Damping, frequency: f64, t: f64) -> f64 {
     let resistance = damping.mass * MASS + damping.stiffness * STIFFNESS;
     let (real, imaginary) = (STIFFNESS - MASS * frequency * frequency, resistance * frequency);
@@ -107,7 +107,8 @@ fn an_oscillator_follows_its_closed_form_with_order_2() {
     }
 }
 
-/// The paper's plate from rest under 14600 Pa, pressed by 3 kPa at 12 Hz, above an obstacle or not.
+/// Returns the paper's plate at rest under 14600 Pa, pressed by 3 kPa at 12 Hz, with or without an
+/// obstacle.
 fn plate(element: &str, scheme: &str, step: f64, obstacle: bool, damping: Damping) -> (Scene, Model) {
     let obstacle = if obstacle { "obstacle = [{ side = \"below\", height = -0.1 }]" } else { "" };
     let text = format!(
@@ -133,7 +134,7 @@ fn plate(element: &str, scheme: &str, step: f64, obstacle: bool, damping: Dampin
     (scene, model)
 }
 
-/// V^T D V, in W.
+/// Returns V^T D V, in W.
 fn loss(model: &Model, rate: &[f64]) -> f64 {
     let System { engine, stiffness, mass, damping, .. } = &model.system;
     let mut product = vec![0.0; rate.len()];
@@ -141,7 +142,7 @@ fn loss(model: &Model, rate: &[f64]) -> f64 {
     damping.mass * of_mass + damping.stiffness * engine.multiply(stiffness, rate, &mut product).unwrap()
 }
 
-/// The velocity in the middle of a step, which damping acts on; `before` becomes what is after it.
+/// Returns the velocity in the middle of a step, on which damping acts; `before` becomes `after`.
 fn middle(before: &mut [f64], after: &[f64], step: f64) -> Vec<f64> {
     let rate = before.iter().zip(after).map(|(before, after)| (after - before) / step).collect();
     before.copy_from_slice(after);
@@ -195,7 +196,7 @@ fn midpoint_balances_work_and_damping() {
         println!("{element}, {damping:?}: {worst:.1e} J, {given} J, {lost} J, {:?}", scheme.relaxation());
         assert!(worst <= 1e-10 * given, "{element}, {damping:?}: {worst:e} J");
         if let Some(relaxation) = scheme.relaxation() {
-            // A free step is one of the midpoint rule; what rounding has moved is put right.
+            // A free step is a step of the midpoint rule; only changes by rounding are corrected.
             assert!(relaxation.relaxed_steps == 0);
             assert!((relaxation.least_gamma - 1.0).abs() <= 1e-6, "{relaxation:?}");
             assert!((relaxation.largest_gamma - 1.0).abs() <= 1e-6, "{relaxation:?}");

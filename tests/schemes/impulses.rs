@@ -1,5 +1,5 @@
-//! The impulses of the obstacles: their sum is the change of momentum, less what loads and damping
-//! give, at any step.
+//! Impulses of the obstacles: their sum is the change of momentum minus the impulses of loads and
+//! damping, at any step.
 
 use crate::common::scenes::{STRIP, UNIT, close, grid, read, run_to_end, scene};
 use crate::common::{Random, difference, largest};
@@ -20,22 +20,22 @@ const METHODS: [(&str, &str, &str); 9] = [
     ("exact", "singular", ""),
 ];
 
-/// Relative error that rounding leaves in a balance of momentum.
+/// Relative rounding error of a balance of momentum.
 const ROUNDING: f64 = 1e-10;
 
 fn time((scheme, mass, more): (&str, &str, &str), step: f64, end: f64) -> String {
     format!("time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = {step:?}, end = {end:?}{more} }}\n")
 }
 
-/// Momentum upwards of a free plate, with all that it carries, as a functional of a rate over its
-/// dofs; `plate` dofs come first.
+/// Upward momentum of a free plate and of everything attached to it, as a functional of a rate over
+/// its dofs; the `plate` dofs come first.
 struct Upward {
-    /// 1 for each deflection: a rise of a plate by 1 m.
+    /// Rise of the plate by 1 m: 1 for each deflection.
     rise: Vec<f64>,
 }
 
 impl Upward {
-    /// Of a model with so many balls, whose gaps come last.
+    /// Returns the functional of a model with some balls, whose gaps come last.
     fn new(model: &Model, balls: usize) -> Upward {
         let dofs = model.system.engine.dofs();
         let is_deflection = |dof: usize| dof.is_multiple_of(3) && dof + balls < dofs;
@@ -46,7 +46,7 @@ impl Upward {
         x.iter().zip(&self.rise).map(|(x, rise)| x * rise).sum()
     }
 
-    /// In kg m/s, of a rate in m/s.
+    /// Returns the momentum of a rate in m/s, in kg m/s.
     fn momentum(&self, model: &Model, rate: &[f64]) -> f64 {
         let mut product = vec![0.0; rate.len()];
         model.system.engine.multiply(&model.system.mass, rate, &mut product).unwrap();
@@ -54,7 +54,7 @@ impl Upward {
     }
 }
 
-/// What a run showed of contacts.
+/// Contacts that a run reported.
 #[derive(Default)]
 struct Watched {
     contacts: Vec<Contact>,
@@ -79,9 +79,9 @@ impl Observer for Watched {
     }
 }
 
-/// Follows a scene of a free plate and asserts the balance of momentum at each of its instants; the
-/// impulses add up to those of the contacts that a run reports. Returns the sum of their
-/// magnitudes, and the worst error relative to it and to the momenta.
+/// Runs a scene of a free plate and asserts the balance of momentum at each instant, and that the
+/// impulses add up to those of the reported contacts. Returns the sum of their magnitudes, and the
+/// worst error relative to this sum and to the momenta.
 fn balance(text: &str, balls: usize, tolerance: f64) -> Result<[f64; 2]> {
     let scene = read(text)?;
     let model = Model::new(&scene)?;
@@ -96,7 +96,7 @@ fn balance(text: &str, balls: usize, tolerance: f64) -> Result<[f64; 2]> {
     let (mut given, mut whole, mut lost, mut worst) = (0.0, 0.0, 0.0, 0.0f64);
     let mut every = vec![0.0; model.system.bounds.len()];
     let mut scale = start.abs();
-    // Newmark's damping acts on its central velocity, and at the start on the chord of the first
+    // Newmark's damping acts on the central velocity, and at the start on the chord of the first
     // step.
     let (mut before, mut central) = (first.clone(), start);
     assert!(scheme.impulses().iter().all(|impulse| *impulse == 0.0));
@@ -133,7 +133,7 @@ fn balance(text: &str, balls: usize, tolerance: f64) -> Result<[f64; 2]> {
     let mut watched = Watched::default();
     let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut watched)?;
     match ended {
-        // It ends the run, not the law.
+        // The guard ends the run, but the balance holds until then.
         Err(Error::EnergyGuard { .. } | Error::NotConverged { .. }) => return Ok([whole, worst]),
         ended => ended?,
     }
@@ -145,7 +145,7 @@ fn balance(text: &str, balls: usize, tolerance: f64) -> Result<[f64; 2]> {
     Ok([whole, worst])
 }
 
-/// History, contacts and events name the same instants.
+/// Asserts that history, contacts and events name the same instants.
 fn one_story(watched: &Watched, step: f64, text: &str) {
     for &[time, force] in &watched.forces {
         let near = |contact: &&Contact| contact.begin <= time && time <= contact.end;
@@ -168,12 +168,12 @@ fn one_story(watched: &Watched, step: f64, text: &str) {
     }
 }
 
-/// A free plate of 1 kg falls on a floor by 0.05 m under 9.81 N.
+/// A free plate of 1 kg falls by 0.05 m onto a floor under 9.81 N.
 #[test]
 fn a_plate_falls_on_a_floor() {
     for method in METHODS {
         for step in [1e-2, 1e-3, 1e-4] {
-            // Not flat: it lands on an edge first.
+            // The plate is not level, and lands on an edge first.
             let text = format!(
                 "{UNIT}{}obstacle = [{{ side = \"below\", height = \"-0.05 + 0.01*x + 0.002*y\" }}]\n\
                  load = {{ pressure = -9.81 }}\n{}output.every = 1\n",
@@ -187,7 +187,7 @@ fn a_plate_falls_on_a_floor() {
     }
 }
 
-/// The plate bears on the floor from the start: its weight times the time, and nothing else.
+/// The plate lies on the floor from the start: the impulse is its weight times the time.
 #[test]
 fn a_plate_rests_on_a_floor() {
     for method in METHODS {
@@ -206,7 +206,8 @@ fn a_plate_rests_on_a_floor() {
     }
 }
 
-/// Two stops, an obstacle that moves, damping by mass; and a ball that rides.
+/// The scenes have two stops, a moving obstacle with mass-proportional damping, and a ball that
+/// rides on the plate.
 #[test]
 fn momentum_is_balanced_between_stops_and_on_balls() {
     for (k, method) in METHODS.into_iter().enumerate() {
@@ -232,7 +233,7 @@ fn momentum_is_balanced_between_stops_and_on_balls() {
             grid("fvs", 4, 4),
             time(method, step, 0.15)
         );
-        // A ball in the air beside a stiff plate is too slow a motion for modes.
+        // A ball in the air next to a stiff plate is too slow a motion for modes.
         if !exact {
             let [whole, worst] = balance(&text, 1, ROUNDING).unwrap();
             println!("{method:?}, ball: {whole:.3} N s, {worst:.1e}");
@@ -241,7 +242,7 @@ fn momentum_is_balanced_between_stops_and_on_balls() {
     }
 }
 
-/// A scene drawn at random.
+/// Returns a random scene.
 fn drawn(random: &mut Random) -> (String, usize) {
     let method = METHODS[random.below(METHODS.len())];
     let exact = method.0 == "exact";
@@ -293,7 +294,8 @@ fn draws_are_balanced(seed: u64, tries: u32) {
                 touched += u32::from(whole > 0.0);
                 worst = worst.max(error);
             }
-            // No inf-sup condition, a mechanism of a single cell: no motion that could be wrong.
+            // Scenes without the inf-sup condition, or with a mechanism of a single cell, have no
+            // motion that could be wrong.
             Err(Error::Singular(_) | Error::Usage(_) | Error::Scene(_) | Error::Mesh(_)) => refused += 1,
             Err(why) => panic!("{why}\n{text}"),
         }
@@ -313,7 +315,7 @@ fn momentum_is_balanced_in_ten_thousand_scenes() {
     draws_are_balanced(2, 10_000);
 }
 
-/// A plate that falls freely has the velocity of its own instant: - g t everywhere.
+/// A freely falling plate has the velocity of its own instant, -g t everywhere.
 #[test]
 fn a_falling_plate_is_as_fast_as_it_falls() {
     for method in METHODS {
@@ -337,7 +339,7 @@ fn a_falling_plate_is_as_fast_as_it_falls() {
     }
 }
 
-/// A strip pressed on a stop, which it vibrates around and never leaves.
+/// Returns a strip pressed on a stop, around which it vibrates and which it never leaves.
 fn pressed(method: (&str, &str, &str), step: f64) -> String {
     format!(
         "{STRIP}{}support = [{{ edge = \"left\", kind = \"clamped\" }}]\n\
@@ -348,7 +350,7 @@ fn pressed(method: (&str, &str, &str), step: f64) -> String {
     )
 }
 
-/// Velocities tend to those of the exact motion with order 2, in lasting contact too.
+/// Velocities converge to those of the exact motion with order 2, in lasting contact too.
 #[test]
 fn velocities_are_of_order_two() {
     let at_end = |method, step: f64| {
@@ -372,7 +374,7 @@ fn velocities_are_of_order_two() {
     }
 }
 
-/// Who asks for velocities does not change what follows.
+/// Evaluating velocities does not change the motion.
 #[test]
 fn looking_at_velocities_changes_nothing() {
     for method in METHODS {
@@ -393,7 +395,8 @@ fn looking_at_velocities_changes_nothing() {
     }
 }
 
-/// A floor that rises hits a plate at rest: they close at its speed, whatever moves.
+/// A rising floor hits a plate at rest: the closing speed is that of the floor, whichever of them
+/// moves.
 #[test]
 fn a_floor_that_rises_closes_at_its_speed() {
     for method in METHODS.into_iter().filter(|method| method.0 != "exact") {

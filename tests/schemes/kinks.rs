@@ -1,5 +1,5 @@
-//! Supports whose motion has kinks: against the exact motion of each mode, to which each jump of
-//! the velocity is an impulse.
+//! Supports whose motion has kinks, compared with the exact motion of each mode, for which each
+//! jump of the velocity is an impulse.
 
 use crate::common::Random;
 use crate::common::scenes::{Instant, STRIP, grid, read, run, run_to_end, scene};
@@ -32,21 +32,21 @@ fn dense(engine: &Native, form: &Form) -> Mat<f64> {
     matrix
 }
 
-/// A mode of the strip in the frame of its support.
+/// Mode of the strip in the frame of its support.
 struct Mode {
     /// Frequency, in rad/s.
     omega: f64,
-    /// Its acceleration over that of the support.
+    /// Acceleration of the mode over that of the support.
     share: f64,
-    /// The tip's deflection in it.
+    /// Deflection of the tip in the mode.
     tip: f64,
-    /// Its velocity at the start over that of a plate that moves evenly by 1 m/s.
+    /// Initial velocity of the mode over that of a plate that moves uniformly at 1 m/s.
     start: f64,
 }
 
-/// The modes that the mass sees.
+/// Returns the modes that have inertia.
 fn modes(mass: &str) -> Vec<Mode> {
-    // As a pressure, the inertia of a rigid motion is the mass per area, 1 kg/m2.
+    // The inertia of a rigid motion equals a pressure of the mass per area, 1 kg/m2.
     let text = text(mass, "newmark", 1e-3, "0*t", "") + "load.pressure = 1\ninitial.velocity = 1\n";
     let Model { system, start, probes, .. } = Model::new(&scene(&text)).unwrap();
     let engine = &system.engine;
@@ -75,8 +75,8 @@ fn modes(mass: &str) -> Vec<Mode> {
     (0..n).filter(|&k| eigen.S()[k] > 1e-10 * largest).map(of).collect()
 }
 
-/// The tip's deflection at some instants, of a strip at rest until its support moves: exact for a
-/// support that goes evenly between instants `PARTS` times as near.
+/// Returns the deflection of the tip at some instants, for a strip at rest until its support moves.
+/// It is exact for a support that moves uniformly between instants that are `PARTS` times as dense.
 fn truth(modes: &[Mode], motion: &Field, step: f64) -> Vec<f64> {
     const PARTS: usize = 16;
     let place = |t: f64| motion.value(Point::origin(), t).unwrap();
@@ -109,7 +109,7 @@ const SCHEMES: [(&str, &str, &str); 6] = [
     ("singular", "conserving", ""),
 ];
 
-/// Root mean square error of the tip, and the root mean square of its motion.
+/// Returns the root mean square error of the tip, and the root mean square of its motion.
 fn error(rows: &[Instant], expected: &[f64]) -> [f64; 2] {
     let mean = |of: &dyn Fn(usize) -> f64| {
         ((0..rows.len()).map(|n| of(n).powi(2)).sum::<f64>() / rows.len() as f64).sqrt()
@@ -118,7 +118,7 @@ fn error(rows: &[Instant], expected: &[f64]) -> [f64; 2] {
     [mean(&|n| rows[n].probes[0] - expected[n]), mean(&|n| expected[n])]
 }
 
-/// A motion without jumps, of random pieces one in the other, and whether a jump was added to it.
+/// Returns a motion without jumps, composed of nested random pieces.
 fn piece(random: &mut Random, depth: usize) -> String {
     let number = |random: &mut Random, size: f64| format!("{:.3}", size * random.signed());
     if depth == 0 {
@@ -133,7 +133,7 @@ fn piece(random: &mut Random, depth: usize) -> String {
     let f = piece(random, depth - 1);
     let other = random.below(depth);
     let g = piece(random, other);
-    // Now and then at one of the instants of the run's halves, where a search by halves looks
+    // Some instants are those of the repeatedly halved run, which a search by halving evaluates
     // itself.
     let at = match random.below(4) {
         0 => format!("{}", END * (1 + random.below(15)) as f64 / 16.0),
@@ -154,7 +154,7 @@ fn piece(random: &mut Random, depth: usize) -> String {
     }
 }
 
-/// Largest rate of a motion within the run, per s.
+/// Returns the largest rate of a motion within the run, per s.
 fn fastest(motion: &str) -> f64 {
     let field = Field::parse(motion, Names::T).unwrap();
     let rate = |k: u32| field.jet(Point::origin(), END * f64::from(k) / 1000.0).unwrap().first.abs();
@@ -168,7 +168,8 @@ fn kinks_have_their_impulse(tries: usize) {
     for tried in 0..tries {
         let depth = 1 + random.below(3);
         let piece = piece(&mut random, depth);
-        // Far below the speed of sound, 3.5 m/s, at which the guard would end the run.
+        // Velocities are far below the speed of sound, 3.5 m/s, at which the guard would end the
+        // run.
         let size = (1.0 / fastest(&piece)).min(0.05);
         let mut motion = format!("{size:.3e}*({piece})");
         let jumps = random.below(8) == 0;
@@ -196,7 +197,7 @@ fn kinks_have_their_impulse(tries: usize) {
         };
         let [coarse, fine] = [2e-3, 5e-4].map(of_step);
         worst = worst.max(fine);
-        // Many kinks wake much that is fast, which only shorter steps begin to follow.
+        // Many kinks excite many fast modes, which only shorter steps begin to resolve.
         let follows = || [1.25e-4, 3.125e-5].into_iter().any(|step| of_step(step) <= 2e-2);
         assert!(
             fine <= 0.2 && (fine <= 2e-2 || fine <= 0.4 * coarse || follows()),
@@ -217,7 +218,7 @@ fn ten_thousand_random_kinks_have_their_impulse() {
     kinks_have_their_impulse(10_000);
 }
 
-/// A corner at an instant of its own, at any place within a step: of second order in every scheme.
+/// Every scheme is of second order for a corner at an instant anywhere within a step.
 #[test]
 fn a_corner_is_of_second_order() {
     let motion = "0.1*max(0, t - 0.0503)";
@@ -234,8 +235,8 @@ fn a_corner_is_of_second_order() {
     }
 }
 
-/// The paper's plate on a support that starts at 0.1 m/s: the kinetic energy of the corner rounded
-/// over 10 us, 0.18 J.
+/// The paper's plate on a support that starts at 0.1 m/s: the kinetic energy is that of the corner
+/// rounded over 10 us, 0.18 J.
 #[test]
 fn a_corner_moves_the_plate_as_one_that_is_rounded() {
     let plate = |motion: &str, scheme: &str| {
@@ -263,7 +264,7 @@ fn a_corner_moves_the_plate_as_one_that_is_rounded() {
                 let off = (one.probes[0] - other.probes[0]).abs();
                 assert!(off < 3e-8, "{scheme}, {corner}, t = {}: {off:e}", one.time);
             }
-            // The tip stays where it is while the support has gone.
+            // The tip stays in its place while the support moves away.
             assert!(sharp.last().unwrap().probes[0].abs() < 5e-4 && sharp[100].probes[0] == 0.0);
         }
     }

@@ -1,5 +1,5 @@
-//! Obstacles that move: laws that hold in every frame, a ball on a table that shakes, and an energy
-//! balance kept to rounding.
+//! Moving obstacles: laws that hold in every frame, a ball on a shaken table, and an energy balance
+//! that holds to rounding.
 
 use crate::common::{block, difference};
 use rebond::linalg::Native;
@@ -11,7 +11,7 @@ use rebond::simulation::Model;
 const MASS: f64 = 2.5;
 const GRAVITY: f64 = 9.81;
 
-/// A ball above a floor at a height of time.
+/// Returns a ball above a floor whose height depends on time.
 fn ball(height: impl Fn(f64) -> f64 + 'static) -> System<Native> {
     let engine = Native::new(1);
     let form = |value: f64| engine.form(vec![block(&[Some(0)], &[value], 0)]);
@@ -46,7 +46,7 @@ fn newmark(
 
 #[test]
 fn a_ball_that_a_floor_lifts_presses_as_newton_says() {
-    // It never leaves: the floor's acceleration stays below that of gravity.
+    // The ball never leaves, since the acceleration of the floor stays below that of gravity.
     let (size, frequency) = (0.05, 12.0);
     let height = move |t: f64| size * (1.0 - (frequency * t).cos());
     let system = ball(height);
@@ -63,7 +63,7 @@ fn a_ball_that_a_floor_lifts_presses_as_newton_says() {
                 MASS * size * frequency.powi(4) * step * step / 12.0 + 1e-16 * MASS / step.powi(2);
             assert!((scheme.reaction()[0] - expected).abs() <= 1.1 * tolerance, "t = {t}");
         }
-        // What the floor gave the ball is what the ball has.
+        // The ball has the energy that the floor gave it.
         let grown = scheme.invariant().unwrap() - start;
         assert!(grown.abs() <= 1e-12, "{grown:e}");
         let total = scheme.energies().unwrap().total();
@@ -71,13 +71,14 @@ fn a_ball_that_a_floor_lifts_presses_as_newton_says() {
     }
 }
 
-/// The place of a ball at an instant, flight by flight: v+ = -e v- + (1 + e) h'.
+/// Returns the position of a ball at an instant and its number of bounces, flight by flight: v+ =
+/// -e v- + (1 + e) h'.
 fn flights(height: impl Fn(f64) -> f64, e: f64, from: f64, end: f64) -> (f64, u32) {
     let (mut time, mut place, mut speed, mut bounces) = (0.0, from, 0.0, 0);
     loop {
         let at = |t: f64| place + speed * (t - time) - 0.5 * GRAVITY * (t - time).powi(2);
         let gap = |t: f64| at(t) - height(t);
-        // No gap opens and closes within a look.
+        // No gap opens and closes within this interval.
         let look = 1e-4;
         let mut next = time + look;
         while gap(next) >= 0.0 && next < end {
@@ -114,14 +115,14 @@ fn a_ball_on_a_table_that_shakes_bounces_by_the_law_of_restitution() {
         });
         println!("e = {e}, {bounces} bounces: {errors:?}");
         assert!(bounces >= 2);
-        // A bounce is off by a part of a step.
+        // The error of a bounce is a fraction of a step.
         for (error, step) in errors.iter().zip([1e-3, 1e-4, 1e-5]) {
             assert!(*error <= 50.0 * step, "e = {e}: {errors:?}");
         }
     }
 }
 
-/// A free plate thrown down onto an obstacle, both carried along at a speed.
+/// Returns a free plate thrown down onto an obstacle, both carried along at a speed.
 fn thrown(scheme: &str, carried: f64) -> (Scene, Model) {
     let text = format!(
         r#"
@@ -141,7 +142,7 @@ fn thrown(scheme: &str, carried: f64) -> (Scene, Model) {
         bounds.shift(&at_rest, |_, bound| bound + carried * time);
         Ok(())
     }));
-    // Not all nodes at once: it turns a little.
+    // The plate rotates a little, so that not all nodes land at once.
     let tilts: Vec<(usize, f64)> =
         model.sites.iter().map(|site| (site.dof, 0.5 * site.at[0] + 0.2 * site.at[1])).collect();
     for (dof, tilt) in tilts {
@@ -180,7 +181,7 @@ fn a_plate_and_obstacles_that_are_carried_along_move_as_at_rest() {
     }
 }
 
-/// The paper's plate from rest under 14600 Pa above an obstacle that shakes.
+/// Returns the paper's plate at rest under 14600 Pa above a shaken obstacle.
 fn shaken(element: &str, scheme: &str, step: f64) -> (Scene, Model) {
     let text = format!(
         r#"
@@ -230,7 +231,7 @@ fn conserving_balances_the_work_of_an_obstacle_that_shakes() {
 
 #[test]
 fn all_schemes_tend_to_one_motion_over_an_obstacle_that_shakes() {
-    // Through the first impact, at 0.055 s.
+    // The comparison covers the first impact, at 0.055 s.
     let corner = |scheme: &str, step: f64| {
         let (scene, model) = shaken("fvs", scheme, step);
         let mut scheme = model.scheme(&scene).unwrap();

@@ -1,17 +1,18 @@
 //! An elastic bar that hits a wall with period 3: the singular mass where the exact motion is
 //! known.
 //!
-//! u_tt = u_xx on (0, 1), u(1) = 0, u(0) >= 0, released at rest from u = (1 - x)/2. The tip u(0, t)
-//! is 1/2 - t/2, then 0, then (t - 2)/2, on thirds of a period 3; the energy is 1/8. Displacements
-//! are quadratic on each cell, velocities constant: the mass is singular, and the pair satisfies
-//! the inf-sup condition.
+//! The problem is u_tt = u_xx on (0, 1), u(1) = 0, u(0) >= 0, released at rest from u = (1 - x)/2.
+//! The tip u(0, t) is 1/2 - t/2, then 0, then (t - 2)/2, on thirds of a period 3; the energy is
+//! 1/8. Displacements are quadratic on each cell and velocities constant: the mass is singular, and
+//! the pair satisfies the inf-sup condition.
 //!
-//! What is expected, and measured here: the KKT conditions hold at every step; with Newmark and e =
-//! 0 the invariant H never rises; tip and energy converge as mesh and step are refined together;
-//! and at a fixed mesh the restitution ceases to matter as the step goes to 0, because the singular
-//! mass needs no law of restitution. The linear start is no equilibrium of the massless modes next
-//! to the tip: they flip from step to step about one, with an energy of order h, which contact
-//! takes away. So on a fixed mesh neither error tends to zero with the step alone.
+//! These are the expected results, measured here. The KKT conditions hold at every step. With
+//! Newmark and e = 0 the invariant H never rises. Tip and energy converge as mesh and step are
+//! refined together. At a fixed mesh the restitution ceases to matter as the step goes to 0,
+//! because the singular mass needs no law of restitution. The linear start is no equilibrium of the
+//! massless modes next to the tip: they oscillate from step to step about one, with an energy of
+//! order h, which contact dissipates. On a fixed mesh, therefore, neither error tends to zero with
+//! the step alone.
 
 use crate::common::block;
 use rebond::linalg::{Native, SingularMassCell};
@@ -21,7 +22,7 @@ use rebond::scheme::{
     TimeDependence,
 };
 
-/// The tip's exact position.
+/// Returns the exact position of the tip.
 fn tip(t: f64) -> f64 {
     let t = t.rem_euclid(3.0);
     if t < 1.0 {
@@ -33,8 +34,8 @@ fn tip(t: f64) -> f64 {
     }
 }
 
-/// u_tt = u_xx on (0, 1), `cells` quadratic cells with a constant velocity each; u(1) = 0 and
-/// u(0) >= 0.
+/// Returns the discrete bar, u_tt = u_xx on (0, 1) with u(1) = 0 and u(0) >= 0, with `cells`
+/// quadratic cells with a constant velocity each.
 fn bar(cells: usize) -> System<Native> {
     let h = 1.0 / cells as f64;
     let size = 2 * cells;
@@ -70,15 +71,15 @@ fn newmark(system: &System<Native>, cells: usize, e: f64, step: f64) -> Newmark<
     Newmark::new(system, NewmarkParameters { beta: 0.5, restitution: e, step }, start(cells)).unwrap()
 }
 
-/// Instants until `end`.
+/// Returns the number of instants until `end`.
 fn count(end: f64, step: f64) -> usize {
     (end / step).round() as usize
 }
 
-/// Cells of the four meshes, with steps of a tenth of a cell.
+/// Numbers of cells of the four meshes, whose steps are a tenth of a cell.
 const MESHES: [usize; 4] = [10, 20, 40, 80];
 
-/// Each mesh improves on the one before by at least this factor.
+/// Asserts that each mesh improves on the one before by at least this factor.
 fn falls(name: &str, values: [f64; 4], factor: f64, cap: f64) {
     println!("{name}: {values:.6?}");
     assert!(values.windows(2).all(|pair| pair[0] >= factor * pair[1]), "{name}: {values:?}");
@@ -130,7 +131,7 @@ fn midpoint_converges() {
             scheme.advance().unwrap();
             assert!(scheme.step_report().kkt <= 1e-10);
             assert!(scheme.admissible()[0] >= -1e-14);
-            // The configuration in the middle of the step is the one that the wall bounds.
+            // The wall bounds the configuration in the middle of the step.
             error = error.max((scheme.admissible()[0] - tip(scheme.time() - 0.5 * step)).abs());
             drift = drift.max((scheme.energies().unwrap().total() / 0.125 - 1.0).abs());
         }
@@ -141,7 +142,7 @@ fn midpoint_converges() {
 }
 
 /// The conserving scheme starts from the equilibrium of the massless modes, of energy 1/8 - O(h),
-/// and keeps it.
+/// and conserves this energy.
 #[test]
 fn the_conserving_scheme_keeps_the_energy_and_converges() {
     let results = MESHES.map(|cells| {
@@ -196,7 +197,8 @@ fn as_the_step_goes_to_zero_the_restitution_ceases_to_matter() {
         let step = share / cells as f64;
         let [mut absorbing, mut elastic] = [0.0, 1.0].map(|e| newmark(&system, cells, e, step));
         let mut apart = 0.0f64;
-        // What K acts on, (U^{n+1} + U^{n-1}) / 2: massless modes flip about it from step to step.
+        // The means are those on which K acts, (U^{n+1} + U^{n-1}) / 2: massless modes oscillate
+        // about them from step to step.
         let mut earlier = [[0.5; 2]; 2];
         for n in 0..count(3.0, step) {
             absorbing.advance().unwrap();
@@ -213,12 +215,13 @@ fn as_the_step_goes_to_zero_the_restitution_ceases_to_matter() {
     falls("e = 0 from e = 1, tip", results, 1.5, 1e-3);
 }
 
-/// With time the mesh's dispersion makes the motion lose its period: some touches more than one a
-/// period are right. They are counted twice: from the events, and by looking at the tip at instants
-/// some hundred times finer than the fastest period of the coarsest mesh.
+/// The dispersion of the mesh eventually destroys the period of the motion, so some touches more
+/// than one per period are correct. They are counted twice: from the events, and by observing the
+/// tip at instants some hundred times denser than the fastest period of the coarsest mesh.
 #[test]
 fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
-    // A bounce is a touch after a flight: vibration may lift the tip now and then while it rests.
+    // A bounce is a touch after a flight of this length: vibration may lift the tip now and then
+    // while it rests.
     const FLIGHT: f64 = 0.5;
     let results = [(10, 1e-3), (20, 1e-3), (40, 5e-3), (80, 5e-3)].map(|(cells, step)| {
         let system = bar(cells);
@@ -241,7 +244,7 @@ fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
                 }
             }
             let (gap, reaction, time) = (scheme.admissible()[0], scheme.reaction()[0], scheme.time());
-            // An event that was missed would show as penetration or pull.
+            // A missed event would cause penetration or a pulling reaction.
             assert!(gap >= -1e-14 && reaction >= -1e-12, "t = {time}: {gap:e}, {reaction:e}");
             assert_eq!(reaction != 0.0, open, "t = {time}");
             if reaction != 0.0 {
@@ -262,8 +265,8 @@ fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
         assert!(drift <= 1e-10, "{cells} cells: {drift:e}");
         assert_eq!(bounces, seen, "{cells} cells");
         assert!((100..=103).contains(&bounces), "{cells} cells: {bounces}");
-        // At the start the massless modes go to their equilibrium at once: a part of order h of the
-        // energy is theirs.
+        // At the start the massless modes go to their equilibrium at once, which takes a part of
+        // order h of the energy.
         assert!(energy <= 0.125 && energy >= 0.125 * (1.0 - 1.0 / cells as f64), "{cells} cells: {energy}");
         error
     });

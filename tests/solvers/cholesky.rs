@@ -1,20 +1,20 @@
-//! The sparse Cholesky factor against dense linear algebra: solve, Schur complement of the
-//! candidates, condense and expand, pinned dofs.
+//! The sparse Cholesky factor, compared with dense linear algebra: solution, Schur complement of
+//! the contact dofs, forward elimination to it and back substitution, pinned dofs.
 //!
 //! The matrices are sums of random positive definite blocks on random dofs, from a few coupled dofs
 //! (supernodes of one column) to nearly full ones (one supernode, so that columns are taken four at
-//! a time), plus a share of the identity. Candidates are none, some or all of the dofs. The order
-//! of the candidates is the caller's: ascending.
+//! a time), plus a share of the identity. The contact dofs are none, some or all of the dofs. Their
+//! order is the caller's: ascending.
 
 use crate::common::{Random, block, difference, largest, multiply, random_spd, solve_dense, submatrix};
 use rebond::Error;
 use rebond::linalg::{Engine, Factor, Form, Native, SingularMassCell};
 
-/// Condition numbers stay below 1e4, so 1e-11 leaves three digits to rounding and none to a wrong
-/// entry.
+/// Tolerance of all comparisons. Condition numbers stay below 1e4, so 1e-11 allows for three digits
+/// of rounding and detects a wrong entry.
 const TOLERANCE: f64 = 1e-11;
 
-/// A random sparse form, and the same matrix dense.
+/// Returns a random sparse form, and the same matrix dense.
 fn sparse(random: &mut Random, size: usize, blocks: usize, width: usize) -> (Native, Form, Vec<f64>) {
     let engine = Native::new(size);
     let mut dense = vec![0.0; size * size];
@@ -38,7 +38,7 @@ fn sparse(random: &mut Random, size: usize, blocks: usize, width: usize) -> (Nat
     (engine, form, dense)
 }
 
-/// `count` numbers in 0..size, each once, in no order.
+/// Returns `count` distinct numbers in 0..size, in random order.
 fn distinct(random: &mut Random, size: usize, count: usize) -> Vec<usize> {
     let mut numbers: Vec<usize> = (0..size).collect();
     for i in 0..count {
@@ -67,14 +67,14 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             let mut factor = engine.factor(&[(1.0, &form)], &candidates).unwrap();
             let context = format!("{size} dofs, {blocks} blocks of {width}, {count} candidates");
 
-            // Solve.
+            // The solution agrees with the dense one.
             let b = random_vector(&mut random, size);
             let expected = solve_dense(&dense, &b).unwrap();
             let mut x = b.clone();
             factor.solve(&mut x).unwrap();
             assert!(difference(&x, &expected) <= TOLERANCE * largest(&expected), "solve, {context}");
 
-            // H = A_cc - A_cf A_ff^-1 A_fc and h = b_c - A_cf A_ff^-1 b_f.
+            // The reduced system is H = A_cc - A_cf A_ff^-1 A_fc and h = b_c - A_cf A_ff^-1 b_f.
             let inner = submatrix(&dense, size, &rest, &rest);
             let across = submatrix(&dense, size, &candidates, &rest);
             let reduced = |right: &[f64]| -> Vec<f64> {
@@ -100,14 +100,15 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             factor.forward_to_schur(&b, &mut h).unwrap();
             assert!(difference(&h, &expected_h) <= 1e3 * TOLERANCE, "condense, {context}");
 
-            // The candidates' own values make the solution whole again,
+            // With their own values at the contact dofs, back substitution gives the whole
+            // solution.
             let mut values = h.clone();
             factor.solve_schur(&mut values);
             let at: Vec<f64> = candidates.iter().map(|&i| expected[i]).collect();
             assert!(difference(&values, &at) <= TOLERANCE * largest(&expected), "candidates, {context}");
             factor.back_substitute(&values, &mut x).unwrap();
             assert!(difference(&x, &expected) <= TOLERANCE * largest(&expected), "expand, {context}");
-            // and any others leave the rows of the rest in balance.
+            // With any other values, the rows of the remaining dofs are still balanced.
             let values = random_vector(&mut random, count);
             factor.forward_to_schur(&b, &mut h).unwrap();
             factor.back_substitute(&values, &mut x).unwrap();
@@ -116,8 +117,8 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             let residual: Vec<f64> = rest.iter().map(|&i| product[i] - b[i]).collect();
             assert!(largest(&residual) <= TOLERANCE * largest(&dense) * largest(&x), "balance, {context}");
 
-            // Pinned dofs keep their values; the rows of the others balance among themselves.
-            // Nothing pinned: as before.
+            // Pinned dofs keep their values, and the rows of the others are balanced. With nothing
+            // pinned, the result is the solution as before.
             for pinned in [size / 3, size, 1, 0] {
                 let pinned = distinct(&mut random, size, pinned);
                 factor.pin(&pinned).unwrap();
@@ -145,7 +146,7 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
     let mut random = Random::new(2);
     let size = 30;
     let (engine, stiffness, dense) = sparse(&mut random, size, 30, 4);
-    // Rank-one masses with a held dof each.
+    // The mass consists of rank-one cells with a held dof each.
     let mut rows = Vec::new();
     let mut matrix: Vec<f64> = dense.iter().map(|a| 0.3 * a).collect();
     for class in 0..25 {
@@ -177,7 +178,7 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
     let mut factor = engine.factor(&sum, &[3, 11, 29]).unwrap();
     factor.solve(&mut b).unwrap();
     assert!(difference(&b, &x) <= TOLERANCE, "{}", difference(&b, &x));
-    // B^T C^-1 B x = B^T v, and x^T M x = v^T C v.
+    // The coupling satisfies B^T C^-1 B x = B^T v, and x^T M x = v^T C v.
     let mut v = vec![0.0; engine.velocities(&mass)];
     engine.project(&mass, &x, &mut v).unwrap();
     let mut momentum = vec![0.0; size];

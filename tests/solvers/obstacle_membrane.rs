@@ -1,13 +1,15 @@
-//! A membrane over a hemisphere, against numbers from another program and the exact solution.
+//! A membrane over a hemisphere, compared with numbers of an independent program and the exact
+//! solution.
 //!
-//! u minimises the Dirichlet energy on (-2, 2)^2 above psi(r) = sqrt(1 - r^2), continued from r =
-//! 0.9 on by its tangent, with the exact solution on the boundary: u = psi for r <= a, and B - A ln r
-//! beyond, where a solves a^2 (ln 2 - ln a) = 1 - a^2, A = a^2 / sqrt(1 - a^2) and B = A ln 2.
-//! The 5-point Laplacian of a grid is the stiffness of unit springs along its edges.
+//! The deflection u minimises the Dirichlet energy on (-2, 2)^2 above psi(r) = sqrt(1 - r^2),
+//! continued from r = 0.9 on by its tangent, with the exact solution on the boundary: u = psi for r
+//! <= a, and u = B - A ln r beyond, where a solves a^2 (ln 2 - ln a) = 1 - a^2, A = a^2 / sqrt(1 -
+//! a^2) and B = A ln 2. The 5-point Laplacian of a grid is the stiffness of unit springs along its
+//! edges.
 //!
 //! This is the tutorial `ex9` of PETSc's SNES (E. Bueler, *PETSc for Partial Differential
-//! Equations*, 2021, chapter 12); the errors expected below are what that program prints: the
-//! discrete problem has one answer, whatever solves it.
+//! Equations*, 2021, chapter 12). The errors expected below are those that this program prints: the
+//! discrete problem has one solution, whatever solves it.
 
 use crate::common::block;
 use rebond::linalg::{Engine, Native};
@@ -18,8 +20,8 @@ const RADIUS: f64 = 0.697965148223374;
 const A: f64 = 0.680259411891719;
 const B: f64 = 0.471519893402112;
 
-/// Grid points a side; mean and maximum error over all of them, to the digits that the tutorial
-/// prints.
+/// Number of grid points per side, and mean and maximum error over all of them, to the digits that
+/// the tutorial prints.
 const EXPECTED: [(usize, f64, f64); 5] = [
     (9, 3.076e-3, 1.334e-2),
     (17, 2.707e-3, 1.428e-2),
@@ -59,8 +61,8 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
             (inside(i) && inside(j)).then(|| (i - 1) + interior * (j - 1))
         };
 
-        // A spring along every edge; one that ends on the boundary pulls its inner end towards the
-        // value there.
+        // There is a spring along every edge. A spring that ends on the boundary pulls its inner
+        // end towards the value there.
         let mut blocks = Vec::new();
         let mut b = vec![0.0; size];
         let mut spring = |one: (usize, usize), other: (usize, usize)| {
@@ -95,7 +97,7 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
         assert!(verdict.kkt <= 1e-12, "{points}: {:e}", verdict.kkt);
         assert!(bounds.violation(&u) <= 1e-14);
 
-        // The boundary's own error is zero; it counts in the mean.
+        // The error on the boundary is zero, but counts in the mean.
         let errors: Vec<f64> =
             (0..size).map(|k| (u[k] - exact(radius(1 + k % interior, 1 + k / interior))).abs()).collect();
         let computed_mean = errors.iter().sum::<f64>() / (points * points) as f64;
@@ -107,7 +109,7 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
         assert_eq!(format!("{computed_mean:.3e}"), format!("{mean:.3e}"), "mean error, {points}^2");
         assert_eq!(format!("{computed_maximum:.3e}"), format!("{maximum:.3e}"), "maximum error, {points}^2");
 
-        // The reactions carry what the membrane pulls down with: they balance it as a whole.
+        // The reactions balance the total downward force of the membrane.
         let mut product = vec![0.0; size];
         engine.multiply(&form, &u, &mut product).unwrap();
         let balance: f64 =

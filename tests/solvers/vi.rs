@@ -1,14 +1,14 @@
-//! The bound-constrained solver against brute force, and the judge against answers known to be
-//! right or wrong.
+//! The bound-constrained solver, compared with brute force, and the judge, tested with answers that
+//! are known to be right or wrong.
 //!
-//! 10,000 random problems A x = b + G^T r with up to 8 bounded dofs (and up to 3 without bounds) go
-//! through [`rebond::vi::Condensed`], ten right-hand sides a matrix so that warm starts are kept;
-//! brute force tries every one of the 3^n active sets with a Cholesky solver of its own and takes
-//! the set that breaks the conditions least. A solution is determined by the data to rounding times
-//! the condition number of A, so that is what the two may differ by; that the conditions hold is
-//! judged at 1e-12 whatever the condition. One problem in six is made of small integers around a
-//! known solution with reactions that are exactly zero on the bound: rounding plays no part in its
-//! data.
+//! 10,000 random problems A x = b + G^T r with up to 8 bounded dofs (and up to 3 without bounds)
+//! are solved by [`rebond::vi::Condensed`], ten right-hand sides per matrix so that warm starts are
+//! kept. Brute force tries every one of the 3^n active sets with an independent Cholesky solver and
+//! takes the set that violates the conditions least. The data determine a solution to rounding
+//! times the condition number of A, so this is the admissible difference. The conditions themselves
+//! are judged at 1e-12 for any condition number. One problem in six consists of small integers
+//! around a known solution with reactions that are exactly zero at the bound, so its data are free
+//! of rounding.
 
 use crate::common::{
     Random, block, dense_form, difference, largest, multiply, random_spd, solve_dense, submatrix,
@@ -21,10 +21,10 @@ use rebond::vi::{Answer, BoundStatus, CheckedSolver, Condensed, Problem, Solver}
 
 const INF: f64 = f64::INFINITY;
 
-/// Every answer of the solver meets this, see [`rebond::vi::kkt`].
+/// Residual that every answer of the solver must meet, see [`rebond::vi::kkt`].
 const ACCEPTED: f64 = 1e-12;
 
-/// A x = b + G^T r within bounds; A dense, row by row.
+/// Problem A x = b + G^T r within bounds, with a dense A stored by rows.
 #[derive(Clone)]
 struct DenseProblem {
     matrix: Vec<f64>,
@@ -37,7 +37,7 @@ impl DenseProblem {
         self.b.len()
     }
 
-    /// The scale of the deflection for the judge.
+    /// Returns the scale of the deflection for the judge.
     fn length(&self, x: &[f64]) -> f64 {
         self.bounds.dofs.iter().fold(self.bounds.magnitude(), |m, &dof| m.max(x[dof].abs()))
     }
@@ -56,8 +56,8 @@ impl DenseProblem {
         parts
     }
 
-    /// Tries every active set; x and r of the one that breaks the conditions least, and by how
-    /// much.
+    /// Tries every active set; returns x and r of the one that violates the conditions least, and
+    /// its violation.
     fn brute_force(&self) -> (Vec<f64>, Vec<f64>, f64) {
         let (size, count) = (self.size(), self.bounds.len());
         let mut best = (vec![], vec![], INF);
@@ -85,7 +85,7 @@ impl DenseProblem {
             for (&dof, value) in free.iter().zip(values) {
                 x[dof] = value;
             }
-            // Pushed by the force that holds it: towards the inside.
+            // The force that holds the dof pushes it towards the inside.
             let product = multiply(&self.matrix, &x);
             let length = self.length(&x);
             let mut reaction = vec![0.0; count];
@@ -112,27 +112,27 @@ impl DenseProblem {
     }
 }
 
-/// A displacement and its reactions.
+/// Displacement and reactions.
 type Known = (Vec<f64>, Vec<f64>);
 
-/// What the bounds of a problem look like.
+/// Kind of the bounds of a problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     TwoSided,
     LowerOnly,
     UpperOnly,
-    /// Some dofs held, lower = upper.
+    /// Some dofs are held, with lower = upper.
     Held,
-    /// Some bounds infinite, some on both sides.
+    /// Some bounds are infinite, some of them on both sides.
     Loose,
-    /// Integers around a known solution, some reactions exactly zero at the bound.
+    /// Integers around a known solution; some reactions are exactly zero at the bound.
     Degenerate,
 }
 
 const KINDS: [Kind; 6] =
     [Kind::TwoSided, Kind::LowerOnly, Kind::UpperOnly, Kind::Held, Kind::Loose, Kind::Degenerate];
 
-/// `count` ascending dofs of `size`.
+/// Returns `count` ascending dofs of `size`.
 fn choose(random: &mut Random, size: usize, count: usize) -> Vec<usize> {
     let mut dofs: Vec<usize> = (0..size).collect();
     while dofs.len() > count {
@@ -141,7 +141,7 @@ fn choose(random: &mut Random, size: usize, count: usize) -> Vec<usize> {
     dofs
 }
 
-/// L L^T of a unit lower triangle of small integers.
+/// Returns L L^T of a unit lower triangle of small integers.
 fn integer_spd(random: &mut Random, size: usize) -> Vec<f64> {
     let mut l = vec![0.0; size * size];
     for i in 0..size {
@@ -154,7 +154,7 @@ fn integer_spd(random: &mut Random, size: usize) -> Vec<f64> {
     (0..size * size).map(|k| dot(k / size, k % size)).collect()
 }
 
-/// A right-hand side and bounds of the kind; `known` of a degenerate problem is its solution.
+/// Returns a problem of the given kind and, if it is degenerate, its solution.
 fn draw(
     random: &mut Random,
     kind: Kind,
@@ -166,8 +166,8 @@ fn draw(
     let size = (matrix.len() as f64).sqrt() as usize;
     let mut bounds = Bounds::uniform(dofs.to_vec(), -INF, INF);
     if kind == Kind::Degenerate {
-        // No zeros: the judge measures a row against its own terms, and one without any has only
-        // rounding to show.
+        // The values are nonzero: the judge measures a row relative to its own terms, and a row
+        // without any would show only rounding.
         let x: Vec<f64> =
             (0..size).map(|_| random.integer(5)).map(|x| if x == 0.0 { 6.0 } else { x }).collect();
         let mut b = multiply(matrix, &x);
@@ -186,7 +186,7 @@ fn draw(
         }
         return (DenseProblem { matrix: matrix.to_vec(), b, bounds }, Some((x, reaction)));
     }
-    // A target of size 1 that the bounds cut off.
+    // The target is of size 1, and the bounds exclude it.
     let target: Vec<f64> = (0..size).map(|_| random.signed()).collect();
     let b = multiply(matrix, &target);
     for i in 0..count {
@@ -199,7 +199,7 @@ fn draw(
             _ => (below, above),
         };
         if kind == Kind::Loose {
-            // Which ones stays the same for a matrix, as in a run.
+            // The choice of infinite bounds is the same for all problems of a matrix, as in a run.
             if loose[i] {
                 bounds.lower[i] = -INF;
             }
@@ -218,7 +218,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
     let mut touched = 0;
     let mut worst_kkt: f64 = 0.0;
     let mut worst_ratio: f64 = 0.0;
-    // Matrices of each number of bounds.
+    // There are matrices for each number of bounds.
     for (count, matrices) in [(1, 100), (2, 160), (3, 160), (4, 160), (5, 160), (6, 140), (7, 80), (8, 40)] {
         for number in 0..matrices {
             let kind = KINDS[number % KINDS.len()];
@@ -231,7 +231,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
                 random_spd(&mut random, size, decades)
             };
             if kind != Kind::Degenerate && random.below(4) == 0 {
-                // Slopes in other units than deflections: dofs without bounds, graded over six
+                // Slopes have other units than deflections: dofs without bounds are scaled over six
                 // decades.
                 let scales: Vec<f64> = (0..size)
                     .map(|i| if dofs.contains(&i) { 1.0 } else { 10f64.powf(3.0 * random.signed()) })
@@ -264,7 +264,8 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
                 let (expected, forces, broken) = problem.brute_force();
                 assert!(broken <= 1e-9, "{context}: brute force found nothing better than {broken:e}");
                 let condition = if kind == Kind::Degenerate { 1e4 } else { 10f64.powf(decades) };
-                // On the bounded dofs, whose units are the bounds', and in energy on all of them.
+                // Answers are compared on the bounded dofs, whose units are those of the bounds,
+                // and in energy on all dofs.
                 let scale = problem.length(&expected);
                 let at = |x: &[f64]| dofs.iter().map(|&dof| x[dof]).collect::<Vec<f64>>();
                 let error = difference(&at(&x), &at(&expected)) / scale;
@@ -284,8 +285,8 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
     println!("contact in {touched}, worst residual {worst_kkt:.1e}, error {worst_ratio:.1} eps cond(A)");
 }
 
-/// The answer of a problem with every kind of row: at the lower bound, at the upper one, between,
-/// without bounds.
+/// Returns the answer of a problem with every kind of row: at the lower bound, at the upper one,
+/// between them, without bounds.
 fn judged() -> (DenseProblem, Vec<f64>, Vec<f64>) {
     let matrix = random_spd(&mut Random::new(5), 6, 1.0);
     let x = vec![0.5, -1.0, 0.75, 2.0, -0.25, 1.5];
@@ -303,7 +304,7 @@ fn judged() -> (DenseProblem, Vec<f64>, Vec<f64>) {
     (DenseProblem { matrix, b, bounds }, x, reaction)
 }
 
-/// The terms of a row: what stationarity and reactions are measured against.
+/// Returns the size of a row's terms, relative to which stationarity and reactions are measured.
 fn terms(problem: &DenseProblem, x: &[f64], reaction: &[f64], dof: usize) -> f64 {
     let row = &problem.matrix[dof * problem.size()..][..problem.size()];
     let product: f64 = row.iter().zip(x).map(|(a, x)| (a * x).abs()).sum();
@@ -317,7 +318,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
     assert!(problem.judge(&x, &reaction).worst() <= 1e-15, "{:?}", problem.judge(&x, &reaction));
     let close = |value: f64, expected: f64| (value - expected).abs() <= 1e-9 * expected;
 
-    // Through a bound by 1e-5 of the deflection's scale, with forces in balance.
+    // The answer violates a bound by 1e-5 of the deflection's scale, with forces in balance.
     for (dof, shift) in [(0, -1e-5), (1, 1e-5), (2, 0.25 + 1e-5)] {
         let mut moved = (problem.clone(), x.clone());
         moved.1[dof] += shift;
@@ -330,7 +331,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
         assert!(parts.stationarity <= 1e-15 && parts.worst() < 1.1e-5, "dof {dof}: {parts:?}");
     }
 
-    // A reaction that pulls at a bound, or pushes where there is none or far from one.
+    // The reaction pulls at a bound, or acts where there is no bound or far from one.
     for (i, force) in [(0, -3.0), (1, 2.0), (2, 1.0), (2, -1.0), (3, 0.5), (3, -0.5)] {
         let mut pulled = problem.clone();
         let mut forces = reaction.clone();
@@ -357,7 +358,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
         }
     }
 
-    // Forces out of balance in a row, bounded or not.
+    // Forces are out of balance in a row, bounded or not.
     for dof in 0..problem.size() {
         let mut unbalanced = problem.clone();
         unbalanced.b[dof] += 1e-6;
@@ -369,7 +370,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
         );
     }
 
-    // What is not a number is never right, wherever it is.
+    // Infinities and NaN are never right, in any place.
     for value in [f64::NAN, INF, -INF] {
         for dof in 0..problem.size() {
             let mut x = x.clone();
@@ -400,7 +401,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
 fn the_judge_does_not_depend_on_units() {
     let mut random = Random::new(6);
     let (mut problem, mut x, mut reaction) = judged();
-    // An answer that is wrong in every way.
+    // The answer is wrong in every way.
     problem.b.iter_mut().for_each(|b| *b += 1e-3 * random.signed());
     x[0] -= 1e-3;
     reaction[0] = -2e-3;
@@ -409,7 +410,8 @@ fn the_judge_does_not_depend_on_units() {
     let numbers = |p: Residual| [p.stationarity, p.penetration, p.adhesion, p.complementarity];
     assert!(numbers(parts).iter().all(|&part| part > 1e-6), "{parts:?}");
     for (force, length, slope) in [(1e6, 1.0, 1.0), (1.0, 1e-6, 1.0), (1.0, 1.0, 1e-3), (1e-9, 1e4, 1e3)] {
-        // Lengths in new units everywhere, and the dofs without bounds in others still: x = s x'.
+        // Lengths have new units everywhere, and the dofs without bounds have different ones: x = s
+        // x'.
         let size = problem.size();
         let scales: Vec<f64> = (0..size)
             .map(|i| if problem.bounds.dofs.contains(&i) { length } else { length * slope })
@@ -443,7 +445,8 @@ fn the_judge_accepts_rounding_in_a_row_that_vanishes() {
     assert!(off(1e-9) >= 1e-6, "what is no rounding is seen: {:e}", off(1e-9));
 }
 
-/// A membrane on springs, `side` by `side` dofs, as 2-dof blocks and diagonal ones; and dense.
+/// Returns a membrane on springs with `side` by `side` dofs, as blocks of two dofs and diagonal
+/// ones, and as a dense matrix.
 fn membrane(side: usize, spring: f64) -> (Native, Form, Mat<f64>) {
     let size = side * side;
     let engine = Native::new(size);
@@ -471,8 +474,7 @@ fn membrane(side: usize, spring: f64) -> (Native, Form, Mat<f64>) {
     (engine, form, dense)
 }
 
-/// A problem that is no longer one of numbers ends, whatever its answer: the judge says what it is
-/// worth.
+/// A solve with infinities and NaN ends, with any answer; the judge rejects it.
 #[test]
 fn infinities_and_nans_come_to_an_end() {
     let size = 3;
@@ -493,8 +495,8 @@ fn infinities_and_nans_come_to_an_end() {
     }
 }
 
-/// The answer of a dense problem by projected over-relaxation: slow, and nothing like an active
-/// set.
+/// Returns the solution of a dense problem by projected over-relaxation, which is slow and
+/// independent of active sets.
 fn relax(matrix: &Mat<f64>, b: &[f64], bounds: &Bounds, sweeps: usize) -> Vec<f64> {
     let size = b.len();
     let (mut lower, mut upper) = (vec![-INF; size], vec![INF; size]);
@@ -527,7 +529,7 @@ fn candidates_grow_as_contact_spreads_and_then_stay() {
     let mut random = Random::new(7);
     let mut factorisations = vec![];
     let (mut x, mut reaction) = (vec![0.0; side * side], vec![0.0; bounds.len()]);
-    // A load that grows: nothing touches, then a few, then most.
+    // The load grows: nothing touches, then a few nodes, then most of them.
     let loads = [0.01, 0.1, 0.12, 0.3, 1.0, 0.1, 0.01, 1.0];
     for load in loads {
         let b: Vec<f64> = (0..side * side)
