@@ -1,7 +1,8 @@
-"""Reads what a run wrote with VTK's own reader, and compares it with what it must be. Usage: vtk.py REBOND [MPIRUN ...]
+"""Reads the snapshots of a run with VTK's own reader and checks them. Usage: vtk.py REBOND [MPIRUN ...]
 
-Nothing here is computed as rebond does: points and cells are counted, energies and probes come from history.csv, and
-between two nodes the deflection is the cubic, the slope across the edge the line, that both elements have by definition.
+Nothing here is computed as in rebond: points and cells are counted, energies and probes come from
+history.csv, and between two nodes both elements have by definition a cubic deflection and a linear
+slope across the edge.
 """
 
 import csv
@@ -21,7 +22,7 @@ CELLS, PARTS = (10, 4), 5
 LENGTH, WIDTH, HEIGHT = 1.2, 0.4, -0.1
 SURFACE_DENSITY = 7770.0 * 0.01
 STEP, END, EVERY = 1e-4, 0.06, 20
-# Of a static start under 14600 Pa, to fall on the obstacle before the end.
+# Settings of a run that starts at rest under 14600 Pa and falls on the obstacle before its end.
 SHORT = [
     f"time.step={STEP}",
     f"time.end={END}",
@@ -49,7 +50,7 @@ def simulate(command, scene, folder, more=()):
 
 
 def index(folder):
-    """Times and files of fields.pvd."""
+    """Returns times and files of fields.pvd."""
     root = xml.parse(os.path.join(folder, "fields.pvd")).getroot()
     entries = root.find("Collection").findall("DataSet")
     return [(float(e.get("timestep")), os.path.join(folder, e.get("file"))) for e in entries]
@@ -76,7 +77,7 @@ def array(data, name):
 
 
 def at(grid):
-    """Number of the point at each position."""
+    """Returns the number of the point at each position."""
     points = (grid.GetPoint(i) for i in range(grid.GetNumberOfPoints()))
     return {(round(x, 9), round(y, 9)): i for i, (x, y, _) in enumerate(points)}
 
@@ -88,7 +89,7 @@ def area(grid, cell):
 
 
 def check_edges(grid, w, slope):
-    """Along the edges from left to right: cubic deflection, linear slope across."""
+    """Checks that along the edges from left to right the deflection is cubic and the slope across linear."""
     place = at(grid)
     h = LENGTH / CELLS[0]
     for j in range(CELLS[1] + 1):
@@ -169,11 +170,11 @@ def check_parallel(rebond, mpirun, scene):
 
 
 def check_killed(rebond, scene):
-    """Whenever a run is stopped, the index is sound and so is all it names."""
+    """Checks that a killed run leaves a sound index, all of whose files are complete."""
     with tempfile.TemporaryDirectory() as folder:
         command = [rebond, "run", scene, "--quiet", "--out", folder, "--set", "time.end=1000"]
         run = subprocess.Popen([*command, "--set", "output.fields_every=10"])
-        # By what it has written, not by the clock: this machine may be busy.
+        # The output determines the instant, not a clock, since the machine may be busy.
         has_begun = lambda: os.path.exists(os.path.join(folder, "fields.pvd"))
         while run.poll() is None and not (has_begun() and len(index(folder)) >= 20):
             time.sleep(0.01)
@@ -188,7 +189,7 @@ def check_killed(rebond, scene):
 def main(rebond, mpirun):
     scenes = os.path.join(ROOT, "scenes", "csma2013")
     triangles, quadrilaterals = (os.path.join(scenes, name) for name in ("fig1.toml", "fig2.toml"))
-    # Static deflections by extended computations: see tests/statics.rs.
+    # Static deflections of extended computations, see tests/plate/statics.rs.
     check_native(rebond, triangles, True, 0.2065318015)
     check_native(rebond, quadrilaterals, False, 0.2076308761)
     check_killed(rebond, quadrilaterals)

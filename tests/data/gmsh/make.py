@@ -26,9 +26,9 @@ def write(name, version, binary, **options):
 
 
 def measure(dimension, elements):
-    """Number of lines or cells, and their length or area, by Gmsh."""
+    """Returns the number of lines or cells, and their length or area, by Gmsh."""
     volume = gmsh.model.mesh.getElementQualities(elements, "volume")
-    if dimension == 1:  # a line's "volume" is not on offer
+    if dimension == 1:  # Gmsh does not provide the "volume" of a line
         volume = []
         for element in elements:
             a, b = (gmsh.model.mesh.getNode(n)[0] for n in gmsh.model.mesh.getElement(element)[1])
@@ -60,7 +60,7 @@ def expected():
 
 
 def swapped(data):
-    """A binary file with the other order of bytes."""
+    """Returns a binary file with the other order of bytes."""
     at, out = 0, bytearray()
 
     def copy(end):
@@ -145,10 +145,10 @@ for form in ["22", "41"]:
     gmsh.clear()
     gmsh.open(f"square_{form}_big_endian.msh")
     cells = [len(gmsh.model.mesh.getElementsByType(kind)[0]) for kind in (2, 3)]
-    times = 2 if form == "22" else 1  # 2.2 repeats a cell for each of its groups
+    times = 2 if form == "22" else 1  # format 2.2 repeats a cell for each of its groups
     assert cells == [times * answers["square"][kind] for kind in ("triangles", "quadrilaterals")], cells
 
-# The same mesh written by another program; one group a cell is all that it knows.
+# The same mesh is written by another program, which supports only one group per cell.
 for form, (version, binary) in FORMATS.items():
     meshio.write(f"meshio_{form}.msh", meshio.read("hole_41_binary.msh"), file_format="gmsh" if version == 4.1 else "gmsh22", binary=bool(binary))
 
