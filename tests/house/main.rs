@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Source file with its path below `src/` and its text.
+/// Source file with its folder, its path below this folder, and its text.
 struct Source {
+    folder: &'static str,
     path: String,
     text: String,
 }
@@ -25,26 +26,33 @@ impl Source {
     }
 }
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+fn root(folder: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)
 }
 
-fn sources() -> Vec<Source> {
-    fn collect(folder: &Path, sources: &mut Vec<Source>) {
-        for entry in fs::read_dir(folder).unwrap() {
+/// Returns the source files below a folder of the repository, sorted by path.
+fn sources_in(folder: &'static str) -> Vec<Source> {
+    fn collect(folder: &'static str, below: &Path, sources: &mut Vec<Source>) {
+        for entry in fs::read_dir(below).unwrap() {
             let path = entry.unwrap().path();
             if path.is_dir() {
-                collect(&path, sources);
+                collect(folder, &path, sources);
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let text = fs::read_to_string(&path).unwrap();
-                let path = path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
-                sources.push(Source { path, text });
+                let path = path.strip_prefix(root(folder)).unwrap().to_str().unwrap().to_owned();
+                sources.push(Source { folder, path, text });
             }
         }
     }
     let mut sources = Vec::new();
-    collect(&root(), &mut sources);
+    collect(folder, &root(folder), &mut sources);
     sources.sort_by(|a, b| a.path.cmp(&b.path));
+    sources
+}
+
+/// Returns the source files of the crate.
+fn sources() -> Vec<Source> {
+    let sources = sources_in("src");
     assert!(sources.len() > 100);
     sources
 }
@@ -52,7 +60,7 @@ fn sources() -> Vec<Source> {
 /// Returns the modules of the crate's root in the order of `lib.rs`, which is the order of their
 /// imports.
 fn order() -> Vec<String> {
-    let text = fs::read_to_string(root().join("lib.rs")).unwrap();
+    let text = fs::read_to_string(root("src").join("lib.rs")).unwrap();
     let module = |line: &str| {
         let rest = line.strip_prefix("pub mod ").or_else(|| line.strip_prefix("mod "))?;
         rest.strip_suffix(';').map(str::to_owned)
@@ -101,7 +109,7 @@ fn a_module_imports_only_what_stands_above_it() {
 #[test]
 fn a_planted_import_is_found() {
     let planted = |path: &str, text: &str| {
-        upward(&Source { path: path.into(), text: text.into() }, &order()).join("\n")
+        upward(&Source { folder: "src", path: path.into(), text: text.into() }, &order()).join("\n")
     };
     assert_eq!(
         planted("mesh/quality.rs", "//! crate::scene\nuse crate::scene::Scene;\n"),
@@ -165,7 +173,7 @@ fn riddles(source: &Source) -> Vec<String> {
     for (index, line) in source.text.lines().enumerate() {
         let trimmed = line.trim_start();
         let doc = trimmed.strip_prefix("///").or_else(|| trimmed.strip_prefix("//!"));
-        let place = || format!("src/{}:{}", source.path, index + 1);
+        let place = || format!("{}/{}:{}", source.folder, source.path, index + 1);
         if let Some(doc) = doc
             && !before.starts_with(&trimmed[..3])
             && let Some(first) = doc.split_whitespace().next()
@@ -186,13 +194,15 @@ fn riddles(source: &Source) -> Vec<String> {
 #[test]
 fn comments_can_be_read_alone() {
     let revised = sources().into_iter().filter(|source| !UNREVISED.contains(&source.room()));
-    let found: Vec<String> = revised.flat_map(|source| riddles(&source)).collect();
+    let others = ["tests", "benches", "examples"].into_iter().flat_map(sources_in);
+    let found: Vec<String> = revised.chain(others).flat_map(|source| riddles(&source)).collect();
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
 #[test]
 fn a_planted_riddle_is_found() {
-    let planted = |text: &str| riddles(&Source { path: "mesh/mod.rs".into(), text: text.into() });
+    let planted =
+        |text: &str| riddles(&Source { folder: "src", path: "mesh/mod.rs".into(), text: text.into() });
     assert_eq!(planted("/// What a run was.\nstruct Run;\n").len(), 1);
     assert_eq!(planted("/// Summary of a run.\n/// What follows is a second line.\nstruct Run;\n").len(), 0);
     assert_eq!(planted(&format!("// {}\n", "word ".repeat(20))).len(), 1);
