@@ -79,13 +79,13 @@ fn a_assembly(bencher: Bencher, mesh: &str) {
 #[divan::bench(args = MESHES)]
 fn b_factor(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
-    bencher.bench_local(|| model.system.engine.factor(&Newmark::sum(&model.system, PARAMETERS), &[]));
+    bencher.bench_local(|| model.system.engine.factor(&Newmark::matrix(&model.system, PARAMETERS), &[]));
 }
 
 #[divan::bench(args = MESHES)]
 fn c_solve(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
-    let sum = Newmark::sum(&model.system, PARAMETERS);
+    let sum = Newmark::matrix(&model.system, PARAMETERS);
     let mut factor = model.system.engine.factor(&sum, &[]).expect("positive definite");
     let mut x = model.start.displacement.clone();
     bencher.bench_local(|| {
@@ -106,7 +106,7 @@ fn d_stiffness(bencher: Bencher, mesh: &str) {
 #[divan::bench(args = MESHES)]
 fn e_judge(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
-    let sum = Newmark::sum(&model.system, PARAMETERS);
+    let sum = Newmark::matrix(&model.system, PARAMETERS);
     let (engine, bounds) = (&model.system.engine, &model.system.bounds);
     let mut judge = KktCheck::new(engine, &sum).unwrap();
     let mut x = model.start.displacement.clone();
@@ -183,7 +183,7 @@ fn compare() {
     );
     for mesh in MESHES {
         let model = model(mesh);
-        let sum = Newmark::sum(&model.system, PARAMETERS);
+        let sum = Newmark::matrix(&model.system, PARAMETERS);
         let mut factor = model.system.engine.factor(&sum, &[]).expect("positive definite");
         let mut faer = Faer::new(model.system.engine.dofs(), &sum);
         let mut scheme = Newmark::new(&model.system, PARAMETERS, model.start.clone()).expect("a sound start");

@@ -256,11 +256,11 @@ impl<E: Engine> Model<E> {
         Ok(match scene.time.scheme {
             scene::SchemeSpec::Newmark { beta, restitution } => {
                 let parameters = NewmarkParameters { beta, restitution, step };
-                let solver = solver(engine, &Newmark::sum(&self.system, parameters), bounds.len())?;
+                let solver = solver(engine, &Newmark::matrix(&self.system, parameters), bounds.len())?;
                 Box::new(Newmark::with_solver(&self.system, parameters, start, solver)?)
             }
             scene::SchemeSpec::Midpoint { massless } => {
-                let solver = solver(engine, &Midpoint::sum(&self.system, step), bounds.len())?;
+                let solver = solver(engine, &Midpoint::matrix(&self.system, step), bounds.len())?;
                 Box::new(Midpoint::with_solver(&self.system, step, massless, start, solver)?)
             }
             scene::SchemeSpec::Conserving => {

@@ -20,7 +20,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Version of the format, increased whenever the data of a checkpoint or their order change.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";

@@ -126,15 +126,16 @@
 //!   U(p).
 
 use super::drive::InstantData;
-use super::half_step::{HalfStep, Images, State, change_frame};
+use super::midpoint::MidpointRule;
 use super::potential::Line;
-use super::{Approach, Potential, Scheme, Start, System};
+use super::state::{State, SupportVelocities, change_frame};
+use super::{Approach, Potential, Scheme, Start, StepRecord, System};
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::vi::{Condensed, Solver, SolverFactory, StepReport};
+use crate::vi::{Condensed, Solver, SolverFactory};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -180,37 +181,31 @@ pub struct RelaxationStatistics {
 /// Conserving scheme at grid instant n; see the [module page](self).
 pub struct Conserving<'s, E: Engine> {
     system: &'s System<E>,
-    /// Half steps for lengths dt, dt/2, dt/4, ..., built as needed.
-    halves: Vec<HalfStep<'s, E>>,
-    /// Index of the half step that led to the present state.
+    /// Midpoint rules with steps of dt, dt/2, dt/4, ..., built as needed.
+    rules: Vec<MidpointRule<'s, E>>,
+    /// Index of the rule that led to the present state.
     last: usize,
     solver: &'s SolverFactory<E>,
     potential: Potential<'s, E>,
-    images: Rc<Images>,
+    support_velocities: Rc<SupportVelocities>,
     /// Energy at the start, and work of time-dependent data since then, in J.
     start: f64,
-    given: f64,
-    n: u64,
+    work: f64,
     /// State at or just after n dt, the state before it, the time between them (s), and the time
     /// from n dt to the later one (s).
     now: State,
     before: State,
     span: f64,
     ahead: f64,
-    /// Reported U at n dt (m), its values at the bounds (m), and the mean reactions over the last
-    /// dt (N).
+    /// Reported U at n dt, in m.
     u: Vec<f64>,
-    admissible: Vec<f64>,
     /// Bounds at n dt, where they move.
     limits: InstantData,
-    reaction: Vec<f64>,
-    /// Impulses of the obstacles over the last dt, in N s, one entry per bound.
-    impulses: Vec<f64>,
     /// Rates in the last step (m/s), and the last states without reaction, one entry per bound.
     rates: Vec<f64>,
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
-    verdict: StepReport,
+    record: StepRecord,
 }
 
 impl<'s, E: Engine + 'static> Conserving<'s, E>
@@ -244,32 +239,30 @@ impl<'s, E: Engine> Conserving<'s, E> {
         system.drive.refuse_modal("conserving")?;
         let bounds = &system.bounds;
         let mut now = State::new(system, start.displacement, &start.velocity)?;
-        let images = Potential::images(system)?;
+        let support_velocities = Potential::support_velocities(system)?;
         let mut potential = Potential::new(system)?;
-        let verdict = potential.settle_state(&mut now)?;
-        let (mut admissible, mut rates) = (vec![0.0; bounds.len()], vec![0.0; bounds.len()]);
-        bounds.restrict(&now.u, &mut admissible);
+        let mut record = StepRecord::new(dt, bounds.len());
+        record.report = potential.settle_state(&mut now)?;
+        record.reaction.copy_from_slice(&now.reaction);
+        bounds.restrict(&now.u, &mut record.admissible);
+        let mut rates = vec![0.0; bounds.len()];
         bounds.restrict(&start.velocity, &mut rates);
         let starts = |(&deflection, &velocity)| Approach { time: 0.0, deflection, velocity };
-        let free = admissible.iter().zip(&rates).map(starts).collect();
+        let free = record.admissible.iter().zip(&rates).map(starts).collect();
         let mut scheme = Conserving {
             system,
-            halves: Vec::new(),
+            rules: Vec::new(),
             last: 0,
             solver,
             potential,
-            images,
+            support_velocities,
             start: now.energies.total(),
-            given: 0.0,
-            n: 0,
+            work: 0.0,
             before: now.clone(),
             span: 0.0,
             ahead: 0.0,
             u: now.u.clone(),
-            admissible,
-            limits: now.moment.clone(),
-            reaction: now.reaction.clone(),
-            impulses: vec![0.0; bounds.len()],
+            limits: now.instant.clone(),
             now,
             rates,
             free,
@@ -281,43 +274,39 @@ impl<'s, E: Engine> Conserving<'s, E> {
                 largest_gamma: 1.0,
                 dissipated: 0.0,
             },
-            verdict,
+            record,
         };
-        scheme.add_half(dt)?;
-        scheme.halves[0].begin(&start.velocity, &scheme.now.moment)?;
+        scheme.add_rule(dt)?;
+        scheme.rules[0].begin(&start.velocity, &scheme.now)?;
         Ok(scheme)
     }
 
-    fn add_half(&mut self, dt: f64) -> Result<()> {
+    /// Adds the midpoint rule with a step of `dt` seconds.
+    fn add_rule(&mut self, dt: f64) -> Result<()> {
         let System { engine, bounds, .. } = self.system;
-        let solver = (self.solver)(engine, &HalfStep::sum(self.system, dt), bounds.len())?;
-        self.halves.push(HalfStep::new(self.system, dt, solver, self.images.clone())?);
+        let solver = (self.solver)(engine, &MidpointRule::matrix(self.system, dt), bounds.len())?;
+        self.rules.push(MidpointRule::new(self.system, dt, solver, self.support_velocities.clone())?);
         Ok(())
     }
 
     /// Adds the impulses of the reactions of the last step over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
-        let reactions = &self.halves[self.last].reaction;
-        self.impulses.iter_mut().zip(reactions).for_each(|(impulse, r)| *impulse += seconds * r);
-    }
-
-    /// Returns the length dt of a grid step, in s.
-    fn dt(&self) -> f64 {
-        self.halves[0].dt
+        let reactions = &self.rules[self.last].driver.reaction;
+        self.record.impulses.iter_mut().zip(reactions).for_each(|(impulse, r)| *impulse += seconds * r);
     }
 
     /// Advances from the present state, at `time` (s), to the next.
     fn step_on(&mut self, time: f64) -> Result<()> {
         std::mem::swap(&mut self.now, &mut self.before);
-        let target = self.start + self.given - self.relaxation.dissipated;
+        let target = self.start + self.work - self.relaxation.dissipated;
         let mut halvings = 0;
         loop {
-            if halvings == self.halves.len() {
-                self.add_half(0.5 * self.halves[halvings - 1].dt)?;
+            if halvings == self.rules.len() {
+                self.add_rule(0.5 * self.rules[halvings - 1].dt)?;
             }
-            let half = &mut self.halves[halvings];
-            let verdict = half.solve(&self.before, time)?;
-            let mut line = self.potential.line(&self.before, half, time)?;
+            let rule = &mut self.rules[halvings];
+            let report = rule.solve(&self.before, time)?;
+            let mut line = self.potential.line(&self.before, rule, time)?;
             line.at(1.0, &mut self.now)?;
             let straight = line.same_piece;
             let range = match halvings {
@@ -335,26 +324,26 @@ impl<'s, E: Engine> Conserving<'s, E> {
                     line.at(1.0, &mut self.now)?;
                     gamma = Some(1.0);
                     if straight && moved.abs() <= ROUNDED * self.now.energies.kinetic {
-                        self.now.shed(moved);
+                        self.now.remove_energy(moved);
                     }
                 }
             }
-            self.verdict = self.verdict.and(verdict).and(line.verdict);
+            self.record.report = self.record.report.and(report).and(line.report);
             let relaxation = &mut self.relaxation;
             let Some(gamma) = gamma else {
                 relaxation.halved_steps += 1;
                 halvings += 1;
                 continue;
             };
-            let [given, dissipated] = line.exchange(gamma, &self.now)?;
-            self.given += given;
+            let [work, dissipated] = line.exchange(gamma, &self.now)?;
+            self.work += work;
             relaxation.dissipated += dissipated;
             relaxation.states += 1;
             relaxation.relaxed_steps += u64::from(!straight && gamma != 1.0);
             relaxation.least_gamma = relaxation.least_gamma.min(gamma);
             relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
-            self.span = gamma * half.dt;
-            self.given += self.now.ride(self.system, &self.images, time + self.span)?;
+            self.span = gamma * rule.dt;
+            self.work += self.now.follow_supports(self.system, &self.support_velocities, time + self.span)?;
             self.last = halvings;
             return Ok(());
         }
@@ -370,8 +359,8 @@ fn size(state: &State) -> f64 {
 /// Returns the energy of a state on the line beyond its target, in J: `target` at the start of the
 /// line, plus the work done and less the energy dissipated since.
 fn excess<E: Engine>(line: &Line<E>, target: f64, gamma: f64, state: &State) -> Result<f64> {
-    let [given, dissipated] = line.exchange(gamma, state)?;
-    Ok(state.energies.total() - (target + given - dissipated))
+    let [work, dissipated] = line.exchange(gamma, state)?;
+    Ok(state.energies.total() - (target + work - dissipated))
 }
 
 /// Finds the larger root gamma of the energy excess, starting from gamma = 1, and sets `to` to the
@@ -432,11 +421,10 @@ fn keep_energy<E: Engine>(
 
 impl<E: Engine> Scheme for Conserving<'_, E> {
     fn advance(&mut self) -> Result<()> {
-        self.n += 1;
-        self.verdict = StepReport::default();
-        let dt = self.dt();
+        self.record.begin_step();
+        self.record.report = Default::default();
+        let dt = self.record.dt;
         let covered = self.ahead.min(dt);
-        self.impulses.fill(0.0);
         self.add_impulses(covered);
         self.ahead -= dt;
         let bounds = &self.system.bounds;
@@ -444,22 +432,23 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
             let time = self.time() + self.ahead;
             self.step_on(time)?;
             self.add_impulses(self.span.min(-self.ahead));
-            let half = &self.halves[self.last];
+            let rule = &self.rules[self.last];
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 if self.before.reaction[i] == 0.0 {
                     self.free[i] = Approach { time, deflection: self.before.u[dof], velocity: self.rates[i] };
                 }
-                self.rates[i] = 2.0 / half.dt * half.x[dof];
+                self.rates[i] = 2.0 / rule.dt * rule.driver.x[dof];
             }
             self.ahead += self.span;
         }
-        self.reaction.iter_mut().zip(&self.impulses).for_each(|(r, impulse)| *r = impulse / dt);
+        let StepRecord { reaction, impulses, .. } = &mut self.record;
+        reaction.iter_mut().zip(impulses).for_each(|(r, impulse)| *r = *impulse / dt);
         let share = self.ahead / self.span;
         for (u, (now, before)) in self.u.iter_mut().zip(self.now.u.iter().zip(&self.before.u)) {
             *u = now + share * (before - now);
         }
-        bounds.restrict(&self.u, &mut self.admissible);
-        self.limits.extrapolate(&self.now.moment, &self.before.moment, share);
+        bounds.restrict(&self.u, &mut self.record.admissible);
+        self.limits.extrapolate(&self.now.instant, &self.before.instant, share);
         let drive = &self.system.drive;
         let beyond: Vec<f64> =
             drive.places(self.time())?.iter().zip(&self.limits.places).map(|(s, frame)| frame - s).collect();
@@ -467,12 +456,10 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         Ok(())
     }
 
-    fn step(&self) -> u64 {
-        self.n
-    }
-
-    fn time(&self) -> f64 {
-        self.n as f64 * self.dt()
+    /// Returns the record of the last step. Its bounded configuration is the reported displacement,
+    /// and its reactions are the mean over the last dt; at the start they are those at U(p).
+    fn record(&self) -> &StepRecord {
+        &self.record
     }
 
     fn displacement(&self) -> &[f64] {
@@ -483,32 +470,31 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
     /// the nodes in contact at the later state following their obstacles, in m/s. At the start it
     /// is `$v_0$`.
     fn velocity(&mut self) -> Result<Vec<f64>> {
-        let half = &self.halves[self.last];
-        if self.n == 0 {
-            return Ok(half.first_velocity());
+        let rule = &self.rules[self.last];
+        if self.record.step == 0 {
+            return Ok(rule.mean_rate());
         }
+        let frame_rates = &rule.instants.frame_rates;
         // Measure both velocities relative to the frame of the step between the two states.
         let seen = |state: &State| {
             let mut v = state.v.clone();
-            change_frame(&self.images, &state.rates, half.chords(), &mut v);
+            change_frame(&self.support_velocities, &state.frame_rates, frame_rates, &mut v);
             v
         };
         let (mut v, before) = (seen(&self.now), seen(&self.before));
         let share = self.ahead / self.span;
         v.iter_mut().zip(before).for_each(|(v, before)| *v += share * (before - *v));
-        let change = self.system.change(self.time(), self.dt(), half.chords())?;
-        self.potential.rate(&v, &self.now.reaction, &change)
+        let rates = self.system.data_rates(self.time(), self.record.dt, frame_rates)?;
+        self.potential.rate(&v, &self.now.reaction, &rates)
     }
 
     /// Returns the frame velocities during the last step, in m/s; at the start those of the
     /// motions.
     fn support_rates(&self) -> Result<Vec<f64>> {
-        if self.n == 0 { self.system.drive.rates(0.0) } else { Ok(self.halves[self.last].chords().to_vec()) }
-    }
-
-    /// Returns the reported displacement, in m, one entry per bound.
-    fn admissible(&self) -> &[f64] {
-        &self.admissible
+        match self.record.step {
+            0 => self.system.drive.rates(0.0),
+            _ => Ok(self.rules[self.last].instants.frame_rates.clone()),
+        }
     }
 
     /// Returns the bounds interpolated between the two states around the instant, in m.
@@ -516,23 +502,10 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.limits.bounds(&self.system.bounds)
     }
 
-    /// Returns the mean reactions over the last dt, in N; at the start those at U(p).
-    fn reaction(&self) -> &[f64] {
-        &self.reaction
-    }
-
-    fn impulses(&self) -> &[f64] {
-        &self.impulses
-    }
-
     /// Returns the energies of the state at or just after the instant.
     fn energies(&self) -> Result<Energies> {
         let energies = self.now.energies;
-        Ok(Energies { work: energies.work + self.given, ..energies })
-    }
-
-    fn step_report(&self) -> StepReport {
-        self.verdict
+        Ok(Energies { work: energies.work + self.work, ..energies })
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -540,32 +513,30 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        for value in [&mut self.start, &mut self.given, &mut self.span, &mut self.ahead] {
+        self.record.archive(archive)?;
+        for value in [&mut self.start, &mut self.work, &mut self.span, &mut self.ahead] {
             archive.value(value)?;
         }
-        archive.value(&mut self.n)?;
         archive.value(&mut self.last)?;
-        archive.value(&mut self.verdict)?;
         archive.value(&mut self.relaxation)?;
         self.now.archive(archive)?;
         self.before.archive(archive)?;
         self.limits.archive(archive)?;
         archive.vector(VectorKind::Dofs, &mut self.u)?;
-        for vector in [&mut self.admissible, &mut self.reaction, &mut self.impulses, &mut self.rates] {
-            archive.vector(VectorKind::Bounds, vector)?;
-        }
+        archive.vector(VectorKind::Bounds, &mut self.rates)?;
         Approach::archive(&mut self.free, archive)?;
-        let mut halves = self.halves.len();
-        archive.value(&mut halves)?;
-        while self.halves.len() < halves {
-            self.add_half(0.5 * self.halves[self.halves.len() - 1].dt)?;
+        let mut rules = self.rules.len();
+        archive.value(&mut rules)?;
+        while self.rules.len() < rules {
+            self.add_rule(0.5 * self.rules[self.rules.len() - 1].dt)?;
         }
-        self.halves.iter_mut().try_for_each(|half| half.archive(archive))?;
+        self.rules.iter_mut().try_for_each(|rule| rule.archive(archive))?;
         self.potential.archive(archive)
     }
 
     fn factorisations(&self) -> u64 {
-        self.potential.factorisations() + self.halves.iter().map(HalfStep::factorisations).sum::<u64>()
+        self.potential.factorisations()
+            + self.rules.iter().map(|rule| rule.driver.factorisations()).sum::<u64>()
     }
 
     fn relaxation(&self) -> Option<RelaxationStatistics> {

@@ -98,9 +98,9 @@ impl ModalDamping {
     }
 
     /// Subtracts the modal damping force of given modal velocities from `force`.
-    pub(super) fn resist(&self, shares: impl Iterator<Item = f64>, force: &mut [f64]) {
-        for ((rate, momentum), share) in self.rates.iter().zip(&self.momenta).zip(shares) {
-            force.iter_mut().zip(momentum).for_each(|(force, m)| *force -= rate * share * m);
+    pub(super) fn subtract_damping(&self, velocities: impl Iterator<Item = f64>, force: &mut [f64]) {
+        for ((rate, momentum), v) in self.rates.iter().zip(&self.momenta).zip(velocities) {
+            force.iter_mut().zip(momentum).for_each(|(force, m)| *force -= rate * v * m);
         }
     }
 }
@@ -330,7 +330,7 @@ impl InstantData {
     }
 
     /// Adds the time-dependent load to `force`, in N.
-    pub fn push(&self, force: &mut [f64]) {
+    pub fn add_load(&self, force: &mut [f64]) {
         if let Some(load) = &self.load {
             force.iter_mut().zip(load).for_each(|(force, load)| *force += load);
         }
@@ -338,7 +338,7 @@ impl InstantData {
 
     /// Returns this process's part of the work of the reactions as the bounds move to those of
     /// `to`, in J.
-    pub fn carried(&self, to: &InstantData, reaction: &[f64]) -> f64 {
+    pub fn boundary_work(&self, to: &InstantData, reaction: &[f64]) -> f64 {
         let (Some(from), Some(to)) = (&self.bounds, &to.bounds) else { return 0.0 };
         let way = |i: usize| {
             if reaction[i] > 0.0 { to.lower[i] - from.lower[i] } else { to.upper[i] - from.upper[i] }

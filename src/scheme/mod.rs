@@ -26,10 +26,11 @@ pub mod conserving;
 mod drive;
 pub mod equilibrium;
 pub mod exact;
-mod half_step;
 pub mod midpoint;
 pub mod newmark;
 pub mod potential;
+mod state;
+mod step_driver;
 
 pub use conserving::{Conserving, RelaxationStatistics};
 pub use drive::{BoundsOfTime, Damping, LoadOfTime, ModalDamping, SupportMotion, TimeDependence};
@@ -96,6 +97,22 @@ impl<E: Engine> System<E> {
         self.load.as_ref().map_or(Ok(0.0), |load| self.engine.dot(load, u))
     }
 
+    /// Returns the momentum M `rate` of a rate of displacement (m/s), one entry per dof.
+    fn momentum(&self, rate: &[f64]) -> Result<Vec<f64>> {
+        let mut v = vec![0.0; self.engine.velocities(&self.mass)];
+        self.engine.project(&self.mass, rate, &mut v)?;
+        let mut momentum = vec![0.0; rate.len()];
+        self.engine.project_transpose(&self.mass, &v, &mut momentum)?;
+        Ok(momentum)
+    }
+
+    /// Returns the kinetic energy of a rate of displacement (m/s), in J.
+    fn kinetic_energy(&self, rate: &[f64]) -> Result<f64> {
+        let mut v = vec![0.0; self.engine.velocities(&self.mass)];
+        self.engine.project(&self.mass, rate, &mut v)?;
+        Ok(0.5 * self.engine.mass_norm_squared(&self.mass, &v)?)
+    }
+
     /// Returns the length scale of the deflections and bounds, in m. Collective.
     fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
         let deflections = bounds.dofs.iter().map(|&dof| u[dof].abs());
@@ -104,24 +121,24 @@ impl<E: Engine> System<E> {
     }
 
     /// Returns the time-dependent data at `time` (s).
-    fn moment(&self, time: f64) -> Result<InstantData> {
-        let mut moment = InstantData::new(&self.drive, self.engine.dofs(), &self.bounds);
-        moment.set(&self.drive, time)?;
-        Ok(moment)
+    fn instant(&self, time: f64) -> Result<InstantData> {
+        let mut instant = InstantData::new(&self.drive, self.engine.dofs(), &self.bounds);
+        instant.set(&self.drive, time)?;
+        Ok(instant)
     }
 
     /// Returns the rates of change of load (N/s) and bounds (m/s) at the end of a step of `dt`
     /// seconds, relative to a support frame moving at `rates` (m/s, one entry per motion). The
     /// rates are second order in dt and use instants within the step only, since a formula may be
     /// undefined beyond the end of the run.
-    fn change(&self, time: f64, dt: f64, rates: &[f64]) -> Result<InstantData> {
+    fn data_rates(&self, time: f64, dt: f64, rates: &[f64]) -> Result<InstantData> {
         let still = vec![0.0; rates.len()];
-        let moment = |steps: f64| {
-            let mut moment = self.moment((time - steps * dt).max(0.0))?;
-            moment.carry(&self.drive, &still);
-            Ok::<_, Error>(moment)
+        let instant = |steps: f64| {
+            let mut instant = self.instant((time - steps * dt).max(0.0))?;
+            instant.carry(&self.drive, &still);
+            Ok::<_, Error>(instant)
         };
-        let [first, middle, last] = [moment(1.0)?, moment(0.5)?, moment(0.0)?];
+        let [first, middle, last] = [instant(1.0)?, instant(0.5)?, instant(0.0)?];
         let (mut change, mut whole) = (last.clone(), last.clone());
         whole.combine(&last, &first, |last, first| last - first);
         change.combine(&last, &middle, |last, middle| 4.0 * (last - middle));
@@ -216,27 +233,112 @@ pub struct EventStatistics {
     pub evaluations: u64,
 }
 
+/// Quantities that every scheme reports about the step to the present instant.
+#[derive(Debug, Clone)]
+pub struct StepRecord {
+    /// Index n of the present instant; 0 at the start.
+    pub step: u64,
+    /// Length of a step, in s.
+    pub dt: f64,
+    /// Bounded configuration of the step (the paper's `$U^{n+1,e}$` or `$U^{n+1/2}$`), in m, one
+    /// entry per bound.
+    pub admissible: Vec<f64>,
+    /// Reactions of the obstacles, in N, one entry per bound, positive upwards.
+    pub reaction: Vec<f64>,
+    /// Impulses of the obstacles over the step, from the scheme's own balance of momentum, in N s,
+    /// one entry per bound, positive upwards. They are zero at the start.
+    pub impulses: Vec<f64>,
+    /// Iterations and accuracy of the last solve.
+    pub report: StepReport,
+}
+
+impl StepRecord {
+    fn new(dt: f64, bounds: usize) -> StepRecord {
+        let zeros = vec![0.0; bounds];
+        StepRecord {
+            step: 0,
+            dt,
+            admissible: zeros.clone(),
+            reaction: zeros.clone(),
+            impulses: zeros,
+            report: StepReport::default(),
+        }
+    }
+
+    /// Returns the time of the present instant, in s.
+    pub fn time(&self) -> f64 {
+        self.step as f64 * self.dt
+    }
+
+    fn begin_step(&mut self) {
+        self.step += 1;
+        self.impulses.fill(0.0);
+    }
+
+    /// Adds the impulses of the recorded reactions over a duration, in s.
+    fn add_impulses(&mut self, seconds: f64) {
+        self.impulses.iter_mut().zip(&self.reaction).for_each(|(impulse, r)| *impulse += seconds * r);
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.step)?;
+        archive.value(&mut self.report)?;
+        for vector in [&mut self.admissible, &mut self.reaction, &mut self.impulses] {
+            archive.vector(VectorKind::Bounds, vector)?;
+        }
+        Ok(())
+    }
+}
+
 /// Time scheme at an instant of its grid.
 pub trait Scheme {
     /// Advances one step.
     ///
     /// # Errors
     /// Returns an error where a matrix cannot be factored. The accuracy that the solver reached is
-    /// in [`Scheme::step_report`].
+    /// in [`StepRecord::report`].
     fn advance(&mut self) -> Result<()>;
 
-    /// Returns the index of the present instant; 0 at the start.
-    fn step(&self) -> u64;
+    /// Returns the record of the step to the present instant. Each scheme states the instant that
+    /// its reactions belong to.
+    fn record(&self) -> &StepRecord;
 
-    /// Returns the present time, in s.
-    fn time(&self) -> f64;
+    /// Returns [`StepRecord::step`].
+    fn step(&self) -> u64 {
+        self.record().step
+    }
+
+    /// Returns [`StepRecord::time`].
+    fn time(&self) -> f64 {
+        self.record().time()
+    }
+
+    /// Returns [`StepRecord::admissible`].
+    fn admissible(&self) -> &[f64] {
+        &self.record().admissible
+    }
+
+    /// Returns [`StepRecord::reaction`].
+    fn reaction(&self) -> &[f64] {
+        &self.record().reaction
+    }
+
+    /// Returns [`StepRecord::impulses`].
+    fn impulses(&self) -> &[f64] {
+        &self.record().impulses
+    }
+
+    /// Returns [`StepRecord::report`].
+    fn step_report(&self) -> StepReport {
+        self.record().report
+    }
 
     /// Returns the displacement `$U^n$`, in m, one entry per dof.
     fn displacement(&self) -> &[f64];
 
     /// Returns the rate of U at the present instant, in m/s, one entry per displacement dof. The
     /// product of M with it is the momentum of the scheme, whose change is the impulse of loads,
-    /// damping and [`Scheme::impulses`]. The call does not change later steps. Collective.
+    /// damping and [`StepRecord::impulses`]. The call does not change later steps. Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -251,21 +353,8 @@ pub trait Scheme {
         Ok(Vec::new())
     }
 
-    /// Returns the bounded configuration of the present step (the paper's `$U^{n+1,e}$` or
-    /// `$U^{n+1/2}$`), in m, one entry per bound.
-    fn admissible(&self) -> &[f64];
-
-    /// Returns the bounds that [`Scheme::admissible`] satisfies, in m.
+    /// Returns the bounds that [`StepRecord::admissible`] satisfies, in m.
     fn limits(&self) -> &Bounds;
-
-    /// Returns the reactions of the obstacles, in N, one entry per bound, positive upwards. Each
-    /// scheme states the instant that they belong to.
-    fn reaction(&self) -> &[f64];
-
-    /// Returns the impulses of the obstacles over the step to the present instant, from the
-    /// scheme's own balance of momentum, in N s, one entry per bound, positive upwards. They are
-    /// zero at the start.
-    fn impulses(&self) -> &[f64];
 
     /// Returns the kinetic energy, elastic energy and work of the scheme at the present instant, in
     /// J.
@@ -282,9 +371,6 @@ pub trait Scheme {
     fn invariant(&self) -> Result<f64> {
         Ok(self.energies()?.total())
     }
-
-    /// Returns iterations and accuracy of the last solve.
-    fn step_report(&self) -> StepReport;
 
     /// Returns the state of a bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;

@@ -52,7 +52,8 @@ mod rate;
 
 use super::System;
 use super::drive::InstantData;
-use super::half_step::{HalfStep, Images, State};
+use super::midpoint::MidpointRule;
+use super::state::{State, SupportVelocities};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -131,7 +132,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     ///
     /// The equation M R = B^T V is solved iteratively with K + s M; each iteration leaves the
     /// fraction `$\omega^2 / (\omega^2 + s)$` of a vibration of angular frequency `$\omega$`.
-    pub(super) fn images(system: &System<E>) -> Result<Rc<Images>> {
+    pub(super) fn support_velocities(system: &System<E>) -> Result<Rc<SupportVelocities>> {
         let System { engine, mass, drive, .. } = system;
         if drive.supports.is_empty() {
             return Ok(Rc::new([]));
@@ -243,47 +244,52 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn settle(&mut self, time: f64, u: &mut [f64], reaction: &mut [f64]) -> Result<StepReport> {
-        let moment = self.system.moment(time)?;
-        self.settle_at(&moment, u, reaction)
+        let instant = self.system.instant(time)?;
+        self.settle_at(&instant, u, reaction)
     }
 
     /// Moves a state to U(p) at its own instant.
     pub(super) fn settle_state(&mut self, state: &mut State) -> Result<StepReport> {
-        let State { moment, u, reaction, .. } = state;
-        let verdict = self.settle_at(moment, u, reaction)?;
-        state.weigh(self.system)?;
+        let State { instant, u, reaction, .. } = state;
+        let verdict = self.settle_at(instant, u, reaction)?;
+        state.update_energies(self.system)?;
         Ok(verdict)
     }
 
-    fn settle_at(&mut self, moment: &InstantData, u: &mut [f64], reaction: &mut [f64]) -> Result<StepReport> {
+    fn settle_at(
+        &mut self,
+        instant: &InstantData,
+        u: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<StepReport> {
         let System { engine, mass, .. } = self.system;
         self.u.copy_from_slice(u);
         self.multiplier.fill(0.0);
         self.lack.fill(0.0);
         engine.project(mass, &self.u, &mut self.moved)?;
         let way = engine.mass_norm_squared(mass, &self.moved)?.sqrt();
-        let verdict = self.reach(way, moment)?;
+        let verdict = self.reach(way, instant)?;
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
         Ok(verdict)
     }
 
-    /// Returns the line of states along a half step that starts at `time` (s).
+    /// Returns the line of states along a solved midpoint step that starts at `time` (s).
     pub(super) fn line<'l>(
         &'l mut self,
         from: &'l State,
-        half: &'l HalfStep<'s, E>,
+        rule: &'l MidpointRule<'s, E>,
         time: f64,
     ) -> Result<Line<'l, 's, E>> {
         Ok(Line {
             potential: self,
             from,
-            half,
+            rule,
             time,
-            loss: half.loss()?,
+            dissipated_power: rule.dissipated_power()?,
             gamma: None,
             kinetic_slope: None,
-            verdict: StepReport::default(),
+            report: StepReport::default(),
             same_piece: false,
         })
     }
@@ -291,13 +297,13 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// Moves the last solution to U(p) at p plus the residual, for the data of one instant. The
     /// solution exists wherever the inf-sup condition holds. `way` is the norm, by C, of the whole
     /// displacement of p.
-    fn reach(&mut self, way: f64, moment: &InstantData) -> Result<StepReport> {
+    fn reach(&mut self, way: f64, instant: &InstantData) -> Result<StepReport> {
         let System { engine, bounds, .. } = self.system;
-        let length = self.system.length(moment.bounds(bounds), &self.u)?;
+        let length = self.system.length(instant.bounds(bounds), &self.u)?;
         for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.lack]) {
             kept.clone_from(from);
         }
-        let (mut verdict, mut missed) = self.rounds(way, length, moment)?;
+        let (mut verdict, mut missed) = self.rounds(way, length, instant)?;
         // The penalty gives neighbouring nodes nearly equal flexibility: where both touch, their
         // Schur complement may consist of rounding errors.
         let poor = missed || verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance();
@@ -306,7 +312,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 to.clone_from(kept);
             }
             let again;
-            (again, missed) = self.rounds(way, length, moment)?;
+            (again, missed) = self.rounds(way, length, instant)?;
             verdict = StepReport { iterations: verdict.iterations + again.iterations, retries: 1, ..again };
         }
         if missed {
@@ -321,9 +327,9 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Runs the rounds of multipliers. Returns also whether they miss p. `length` is the length
     /// scale of gaps, in m.
-    fn rounds(&mut self, way: f64, length: f64, moment: &InstantData) -> Result<(StepReport, bool)> {
+    fn rounds(&mut self, way: f64, length: f64, instant: &InstantData) -> Result<(StepReport, bool)> {
         let System { engine, mass, bounds, .. } = self.system;
-        let bounds = moment.bounds(bounds);
+        let bounds = instant.bounds(bounds);
         let mut verdict = StepReport { kkt: f64::INFINITY, ..StepReport::default() };
         let (mut distance, mut farthest) = (f64::INFINITY, way);
         let least = ROUNDS.start() + self.solver.corrections();
@@ -335,7 +341,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             engine.project_transpose(mass, &self.pull, &mut self.x)?;
             self.system.force(&self.u, &mut self.b)?;
             self.b.iter_mut().zip(&self.x).for_each(|(b, pull)| *b += pull);
-            moment.push(&mut self.b);
+            instant.add_load(&mut self.b);
             self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
             let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
             let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
@@ -357,7 +363,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             // Check K U = F + B^T λ + G^T r within the bounds.
             engine.project_transpose(mass, &self.multiplier, &mut self.b)?;
             let [load, varying] =
-                [&self.system.load, &moment.load].map(|load| load.as_deref().unwrap_or(&[]));
+                [&self.system.load, &instant.load].map(|load| load.as_deref().unwrap_or(&[]));
             let problem = Problem { matrix: &self.sum[..1], rhs: &self.b, bounds, length };
             let answer = Answer { x: &mut self.u, reaction: &mut self.reaction };
             let kkt = self.judge.residual(engine, &problem, &[load, varying], &answer)?;
@@ -381,21 +387,21 @@ impl<'s, E: Engine> Potential<'s, E> {
     }
 }
 
-/// Line of the states (p + gamma dp, V + gamma dV) of a half step; gamma = 1 is the midpoint rule.
+/// Line of the states (p + gamma dp, V + gamma dV) of a step; gamma = 1 is the midpoint rule.
 pub(super) struct Line<'l, 's, E: Engine> {
     potential: &'l mut Potential<'s, E>,
     from: &'l State,
-    half: &'l HalfStep<'s, E>,
+    rule: &'l MidpointRule<'s, E>,
     /// Time at the start of the line, in s.
     time: f64,
     /// Power dissipated by damping, in W.
-    loss: f64,
+    dissipated_power: f64,
     /// Value of gamma of the last solution, once it lies on this line.
     gamma: Option<f64>,
     /// Slope of the kinetic energy at the midpoint, and its curvature.
     kinetic_slope: Option<[f64; 2]>,
     /// Accuracy that the solves on this line have reached.
-    pub verdict: StepReport,
+    pub report: StepReport,
     /// Whether the last state has the same active bounds as the start.
     pub same_piece: bool,
 }
@@ -407,22 +413,22 @@ impl<E: Engine> Line<'_, '_, E> {
     /// midpoint: no solve is needed. With time-dependent data the same holds at gamma = 1 only,
     /// since the midpoint has the mean data of both ends.
     pub fn at(&mut self, gamma: f64, to: &mut State) -> Result<()> {
-        let Line { half, from, time, .. } = *self;
-        half.extend(from, gamma, to);
-        half.reach(from, time, gamma, &mut to.moment)?;
+        let Line { rule, from, time, .. } = *self;
+        rule.update(from, gamma, to);
+        rule.instants.reach(from, time, gamma, &mut to.instant)?;
         self.same_piece = self.goes_straight(gamma, to)?;
         if !self.same_piece || gamma != 1.0 && self.potential.system.drive.varies() {
-            self.solve(gamma, &to.moment)?;
+            self.solve(gamma, &to.instant)?;
             to.u.copy_from_slice(&self.potential.u);
             to.reaction.copy_from_slice(&self.potential.reaction);
         }
-        to.weigh(self.potential.system)
+        to.update_energies(self.potential.system)
     }
 
     /// Returns the work done and the energy dissipated, in J, up to the last state, which is at
     /// gamma.
     pub fn exchange(&self, gamma: f64, at: &State) -> Result<[f64; 2]> {
-        Ok([self.half.given(self.from, at)?, gamma * self.half.dt * self.loss])
+        Ok([self.rule.work(self.from, at)?, gamma * self.rule.dt * self.dissipated_power])
     }
 
     /// Returns the derivative with respect to gamma, in J, of the energy less work and dissipation,
@@ -436,34 +442,34 @@ impl<E: Engine> Line<'_, '_, E> {
             Some(known) => known,
             None => {
                 // At the midpoint, gamma = 1/2, V = 2/dt C^-1 B x.
-                engine.project_transpose(mass, &self.half.dv, work)?;
-                let middle = 2.0 / self.half.dt * engine.dot(work, &self.half.x)?;
-                *self.kinetic_slope.insert([middle, engine.mass_norm_squared(mass, &self.half.dv)?])
+                engine.project_transpose(mass, &self.rule.dv, work)?;
+                let middle = 2.0 / self.rule.dt * engine.dot(work, &self.rule.driver.x)?;
+                *self.kinetic_slope.insert([middle, engine.mass_norm_squared(mass, &self.rule.dv)?])
             }
         };
         work.copy_from_slice(&at.force);
-        self.half.push(work);
+        self.rule.instants.add_load(work);
         bounds.add_transposed(&at.reaction, work);
-        let elastic = -2.0 * engine.dot(work, &self.half.x)?;
-        let Line { from, half, potential: Potential { system, .. }, .. } = self;
-        let carried = match &at.moment.bounds {
+        let elastic = -2.0 * engine.dot(work, &self.rule.driver.x)?;
+        let Line { from, rule, potential: Potential { system, .. }, .. } = self;
+        let obstacles = match &at.instant.bounds {
             None => 0.0,
             Some(_) => {
-                let by = |reaction| from.moment.carried(&at.moment, reaction);
-                system.total(by(&at.reaction) - by(&half.reaction))? / gamma
+                let by = |reaction| from.instant.boundary_work(&at.instant, reaction);
+                system.total(by(&at.reaction) - by(&rule.driver.reaction))? / gamma
             }
         };
-        Ok(middle + (gamma - 0.5) * rise + elastic + carried + half.dt * self.loss)
+        Ok(middle + (gamma - 0.5) * rise + elastic + obstacles + rule.dt * self.dissipated_power)
     }
 
     /// Returns whether the extended displacement satisfies all conditions of U(p) with the active
     /// bounds of the start and of the midpoint, and sets its reactions.
     fn goes_straight(&self, gamma: f64, to: &mut State) -> Result<bool> {
         let System { engine, bounds, .. } = self.potential.system;
-        let bounds = to.moment.bounds(bounds);
+        let bounds = to.instant.bounds(bounds);
         let mut straight = true;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let (start, middle) = (self.from.reaction[i], self.half.reaction[i]);
+            let (start, middle) = (self.from.reaction[i], self.rule.driver.reaction[i]);
             let reaction = start + 2.0 * gamma * (middle - start);
             to.reaction[i] = reaction;
             match side(start) {
@@ -477,30 +483,30 @@ impl<E: Engine> Line<'_, '_, E> {
     }
 
     /// Moves the solution to gamma, from the last one on this line or from the midpoint.
-    fn solve(&mut self, gamma: f64, moment: &InstantData) -> Result<()> {
-        let (potential, half) = (&mut *self.potential, self.half);
+    fn solve(&mut self, gamma: f64, instant: &InstantData) -> Result<()> {
+        let (potential, rule) = (&mut *self.potential, self.rule);
         let last = match self.gamma.replace(gamma) {
             Some(last) => last,
             None => {
-                for (u, (from, x)) in potential.u.iter_mut().zip(self.from.u.iter().zip(&half.x)) {
+                for (u, (from, x)) in potential.u.iter_mut().zip(self.from.u.iter().zip(&rule.driver.x)) {
                     *u = from + x;
                 }
                 // The midpoint rule has dV = -dt (λ + alpha V) with the midpoint velocity V = 2/dt
                 // C^-1 B x.
-                let damping = potential.system.damping.mass * 2.0 / half.dt;
-                let middle = half.dv.iter().zip(&half.rate);
-                for (multiplier, (dv, rate)) in potential.multiplier.iter_mut().zip(middle) {
-                    *multiplier = -dv / half.dt - damping * rate;
+                let damping = potential.system.damping.mass * 2.0 / rule.dt;
+                let middle = rule.dv.iter().zip(&rule.half_dp);
+                for (multiplier, (dv, half_dp)) in potential.multiplier.iter_mut().zip(middle) {
+                    *multiplier = -dv / rule.dt - damping * half_dp;
                 }
                 0.5
             }
         };
-        for (lack, rate) in potential.lack.iter_mut().zip(&half.rate) {
-            *lack = 2.0 * (gamma - last) * rate;
+        for (lack, half_dp) in potential.lack.iter_mut().zip(&rule.half_dp) {
+            *lack = 2.0 * (gamma - last) * half_dp;
         }
         let System { engine, mass, .. } = potential.system;
-        let way = 2.0 * engine.mass_norm_squared(mass, &half.rate)?.sqrt();
-        self.verdict = self.verdict.and(potential.reach(way, moment)?);
+        let way = 2.0 * engine.mass_norm_squared(mass, &rule.half_dp)?.sqrt();
+        self.report = self.report.and(potential.reach(way, instant)?);
         Ok(())
     }
 }

@@ -68,15 +68,15 @@ mod reduction;
 mod search;
 mod switch;
 
-use super::{Approach, Event, EventStatistics, Scheme, Start, System};
-use crate::archive::{Archive, VectorKind};
+use super::{Approach, Event, EventStatistics, Scheme, Start, StepRecord, System};
+use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::memory;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
-use crate::vi::{self, Answer, BoundStatus, Problem, StepReport};
+use crate::vi::{self, Answer, BoundStatus, Problem};
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side as Triangle};
 use modes::{Cache, Modes};
@@ -136,22 +136,15 @@ pub struct Exact<'s, E: Engine> {
     cache: Cache,
     motion: ModalSolution,
     search: Search,
-    dt: f64,
-    n: u64,
     /// Modal state (q, q'), and the watched quantities with their rates.
     state: Mat<f64>,
     watched: Mat<f64>,
-    /// Deflections G U (m) and reactions (N) at the present instant, one entry per bound.
-    admissible: Vec<f64>,
-    reaction: Vec<f64>,
-    /// Impulses of the obstacles over the last step, in N s, one entry per bound.
-    impulses: Vec<f64>,
     /// U and v at the present instant, computed on request.
     shape: OnceCell<Shape>,
     events: Vec<Event>,
     touches: Vec<Approach>,
     judge: KktCheck,
-    verdict: StepReport,
+    record: StepRecord,
     tally: EventStatistics,
 }
 
@@ -234,17 +227,12 @@ impl<'s, E: Engine> Exact<'s, E> {
             cache,
             motion,
             search,
-            dt,
-            n: 0,
             watched: Mat::zeros(bounded, 2),
-            admissible: vec![0.0; bounded],
-            reaction: vec![0.0; bounded],
-            impulses: vec![0.0; bounded],
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
             judge: KktCheck::new(engine, &[(1.0, stiffness)])?,
-            verdict: StepReport::default(),
+            record: StepRecord::new(dt, bounded),
             tally: EventStatistics::default(),
             saddle,
             reduction,
@@ -271,10 +259,10 @@ impl<'s, E: Engine> Exact<'s, E> {
             return;
         }
         let integral = self.motion.integral(&self.state, seconds, step);
-        touching.iter().for_each(|&i| self.impulses[i] += seconds * modes.offset[i]);
+        touching.iter().for_each(|&i| self.record.impulses[i] += seconds * modes.offset[i]);
         for (k, integral) in integral.into_iter().enumerate() {
             let column = modes.rows.col_as_slice(k);
-            touching.iter().for_each(|&i| self.impulses[i] += integral * column[i]);
+            touching.iter().for_each(|&i| self.record.impulses[i] += integral * column[i]);
         }
     }
 
@@ -285,7 +273,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         self.motion.watch(&self.state, &mut self.watched);
         for (i, side) in self.motion.modes.sides.iter().enumerate() {
             let y = self.watched[(i, 0)];
-            (self.admissible[i], self.reaction[i]) = match side {
+            (self.record.admissible[i], self.record.reaction[i]) = match side {
                 BoundStatus::Free => (y, 0.0),
                 BoundStatus::Lower => (bounds.lower[i], y),
                 BoundStatus::Upper => (bounds.upper[i], y),
@@ -299,14 +287,14 @@ impl<'s, E: Engine> Exact<'s, E> {
             let ReducedModel { lift, push, rest, frame, .. } = &self.reduction;
             let modes = &self.motion.modes;
             let z = &modes.vectors * &self.state;
-            let forces = Mat::from_fn(self.reaction.len(), 1, |i, _| self.reaction[i]);
+            let forces = Mat::from_fn(self.record.reaction.len(), 1, |i, _| self.record.reaction[i]);
             let mut u = rest + lift * z.get(.., ..1);
-            if self.reaction.iter().any(|r| *r != 0.0) {
+            if self.record.reaction.iter().any(|r| *r != 0.0) {
                 u += push * forces;
             }
             for (i, (&dof, side)) in self.system.bounds.dofs.iter().zip(&modes.sides).enumerate() {
                 if *side != BoundStatus::Free {
-                    u[(dof, 0)] = self.admissible[i];
+                    u[(dof, 0)] = self.record.admissible[i];
                 }
             }
             let pull = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
@@ -322,18 +310,18 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// Checks the residual of the present shape, and corrects the shape where rounding is too large
     /// and the correction helps.
     fn judge(&mut self) -> Result<()> {
-        self.verdict.kkt = self.residual()?;
-        if self.verdict.kkt > SPOILT {
+        self.record.report.kkt = self.residual()?;
+        if self.record.report.kkt > SPOILT {
             let (shape, reaction) = self.corrected()?;
             let kept = (
                 std::mem::replace(&mut self.shape, shape.into()),
-                std::mem::replace(&mut self.reaction, reaction),
+                std::mem::replace(&mut self.record.reaction, reaction),
             );
             let corrected = self.residual()?;
-            if corrected < self.verdict.kkt {
-                self.verdict.kkt = corrected;
+            if corrected < self.record.report.kkt {
+                self.record.report.kkt = corrected;
             } else {
-                (self.shape, self.reaction) = kept;
+                (self.shape, self.record.reaction) = kept;
             }
         }
         Ok(())
@@ -358,7 +346,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let length = self.system.length(bounds, &displacement)?;
         let load = load.as_deref().unwrap_or(&[]);
         let problem = Problem { matrix: &[(1.0, stiffness)], rhs: load, bounds, length };
-        let answer = Answer { x: &mut displacement, reaction: &mut self.reaction };
+        let answer = Answer { x: &mut displacement, reaction: &mut self.record.reaction };
         self.judge.residual(engine, &problem, &[&inertia], &answer)
     }
 
@@ -373,7 +361,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let mut force = vec![0.0; displacement.len()];
         self.system.force(displacement, &mut force)?;
         force.iter_mut().zip(self.inertia()?).for_each(|(force, inertia)| *force += inertia);
-        bounds.add_transposed(&self.reaction, &mut force);
+        bounds.add_transposed(&self.record.reaction, &mut force);
         let position = &modes.vectors * self.state.get(.., ..1);
         let position = position - frame.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
@@ -402,7 +390,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             velocity: velocity.clone(),
             acceleration: sum(acceleration, &frame.velocity(da.col_as_slice(0))),
         };
-        Ok((shape, sum(&self.reaction, forces.col_as_slice(0))))
+        Ok((shape, sum(&self.record.reaction, forces.col_as_slice(0))))
     }
 
     /// Switches the active set at an event of the present motion, at the instant `at` (s).
@@ -426,11 +414,11 @@ impl<'s, E: Engine> Exact<'s, E> {
             &before.sides,
             &undecided,
             &state,
-            &self.reaction,
+            &self.record.reaction,
             self.options.roundings,
         );
         let arriving = self.watched.clone();
-        let force = self.reaction.iter().sum();
+        let force = self.record.reaction.iter().sum();
         let modes = self.cache.get(self.system, reduction, &sides)?;
         let modal = modes.vectors.transpose() * state;
         let time = self.motion.start + at;
@@ -448,7 +436,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             self.events.push(Event { time, bound: i, closes, velocity, force });
             self.tally.events += 1;
             if closes {
-                self.touches[i] = Approach { time, deflection: self.admissible[i], velocity };
+                self.touches[i] = Approach { time, deflection: self.record.admissible[i], velocity };
             }
         }
         Ok(())
@@ -555,12 +543,11 @@ fn first_sides<E: Engine>(
 
 impl<E: Engine> Scheme for Exact<'_, E> {
     fn advance(&mut self) -> Result<()> {
-        self.n += 1;
+        self.record.begin_step();
         let time = self.time();
         let mut switches = 0;
         // Time of the state, counted from the start of the motion.
-        let mut from = (self.n - 1) as f64 * self.dt - self.motion.start;
-        self.impulses.fill(0.0);
+        let mut from = (self.record.step - 1) as f64 * self.record.dt - self.motion.start;
         loop {
             let until = time - self.motion.start;
             self.search.extend(&self.motion, until);
@@ -568,7 +555,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
             if switches == self.options.events_per_step {
                 let place = format!("bound {bound}");
                 return Err(Error::Events {
-                    step: self.n,
+                    step: self.record.step,
                     time: self.motion.start + at,
                     count: switches,
                     bound,
@@ -581,24 +568,22 @@ impl<E: Engine> Scheme for Exact<'_, E> {
             from = 0.0;
         }
         match switches {
-            0 => self.add_impulses(self.dt, true),
+            0 => self.add_impulses(self.record.dt, true),
             _ => self.add_impulses(time - self.motion.start, false),
         }
-        self.motion.walk(time - self.motion.start, self.dt, &mut self.state);
+        self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
         self.watch();
-        if switches > 0 || self.n.is_multiple_of(JUDGE_EVERY) {
+        if switches > 0 || self.record.step.is_multiple_of(JUDGE_EVERY) {
             self.judge()?;
         }
-        self.verdict.iterations = u32::try_from(switches).unwrap_or(u32::MAX);
+        self.record.report.iterations = u32::try_from(switches).unwrap_or(u32::MAX);
         Ok(())
     }
 
-    fn step(&self) -> u64 {
-        self.n
-    }
-
-    fn time(&self) -> f64 {
-        self.n as f64 * self.dt
+    /// Returns the record of the last step. Its reactions are those of the present instant, and its
+    /// impulses the integrals of the reactions, in closed form from event to event.
+    fn record(&self) -> &StepRecord {
+        &self.record
     }
 
     fn displacement(&self) -> &[f64] {
@@ -615,22 +600,8 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         Ok(rates.col_as_slice(0).to_vec())
     }
 
-    fn admissible(&self) -> &[f64] {
-        &self.admissible
-    }
-
     fn limits(&self) -> &Bounds {
         &self.system.bounds
-    }
-
-    /// Returns the reactions at the present instant, in N, one entry per bound.
-    fn reaction(&self) -> &[f64] {
-        &self.reaction
-    }
-
-    /// Returns the integrals of the reactions, in closed form from event to event, in N s.
-    fn impulses(&self) -> &[f64] {
-        &self.impulses
     }
 
     fn energies(&self) -> Result<Energies> {
@@ -640,21 +611,15 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
     }
 
-    fn step_report(&self) -> StepReport {
-        self.verdict
-    }
-
     fn approach(&self, bound: usize) -> Approach {
         self.touches[bound]
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        archive.value(&mut self.n)?;
-        archive.value(&mut self.verdict)?;
+        self.record.archive(archive)?;
         archive.value(&mut self.tally)?;
         archive.value(&mut self.events)?;
         Approach::archive(&mut self.touches, archive)?;
-        archive.vector(VectorKind::Bounds, &mut self.impulses)?;
         let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
         archive.value(&mut state)?;
         let mut sides = self.motion.modes.sides.clone();

@@ -88,7 +88,7 @@ impl<E: Engine> Search<'_, '_, E> {
             engine.project_transpose(mass, &pull, &mut x)?;
             engine.multiply(stiffness, &w, &mut product)?;
             x.iter_mut().zip(&product).for_each(|(x, resistance)| *x -= resistance);
-            change.push(&mut x);
+            change.add_load(&mut x);
             held.push(&mut x);
             solve(&mut x)?;
             held.hold(&w, &mut x, solve)?;

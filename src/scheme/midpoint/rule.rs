@@ -1,0 +1,68 @@
+//! Midpoint rule besides its formulas: construction, start, work and checkpoint.
+
+use super::MidpointRule;
+use super::instants::StepInstants;
+use crate::archive::{Archive, VectorKind};
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::scheme::System;
+use crate::scheme::state::{State, SupportVelocities};
+use crate::scheme::step_driver::StepDriver;
+use crate::vi::Solver;
+use std::rc::Rc;
+
+impl<'s, E: Engine> MidpointRule<'s, E> {
+    /// Prepares steps of `dt` seconds with a solver for the matrix [`MidpointRule::matrix`].
+    pub fn new(
+        system: &'s System<E>,
+        dt: f64,
+        solver: Box<dyn Solver<E>>,
+        support_velocities: Rc<SupportVelocities>,
+    ) -> Result<MidpointRule<'s, E>> {
+        let velocities = || vec![0.0; system.engine.velocities(&system.mass)];
+        Ok(MidpointRule {
+            driver: StepDriver::new(system, Self::matrix(system, dt), dt, solver)?,
+            instants: StepInstants::new(system, dt, support_velocities),
+            dt,
+            v: velocities(),
+            half_dp: velocities(),
+            dv: velocities(),
+        })
+    }
+
+    /// Returns the power dissipated by mass-proportional damping during the step, in W.
+    pub fn dissipated_power(&self) -> Result<f64> {
+        let System { engine, mass, damping, .. } = self.driver.system;
+        if damping.mass == 0.0 {
+            return Ok(0.0);
+        }
+        // The midpoint velocity is V + dV/2 = 2/dt C^-1 B x.
+        Ok(damping.mass * (2.0 / self.dt).powi(2) * engine.mass_norm_squared(mass, &self.half_dp)?)
+    }
+
+    /// Returns the work of time-dependent data between two states on the line of the step, in J.
+    /// Collective.
+    pub fn work(&self, from: &State, to: &State) -> Result<f64> {
+        self.instants.work(from, to, &self.driver.reaction)
+    }
+
+    /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
+    pub fn begin(&mut self, velocity: &[f64], start: &State) -> Result<()> {
+        self.driver.x.iter_mut().zip(velocity).for_each(|(x, v)| *x = 0.5 * self.dt * v);
+        self.instants.begin(&start.instant)
+    }
+
+    /// Returns the mean rate `$2 x / \Delta t$` of U in the last step, in m/s: the initial velocity
+    /// as long as no step was taken.
+    pub fn mean_rate(&self) -> Vec<f64> {
+        self.driver.x.iter().map(|x| 2.0 / self.dt * x).collect()
+    }
+
+    /// Saves or restores the last solution and the solver.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.instants.archive(archive)?;
+        archive.vector(VectorKind::Dofs, &mut self.driver.x)?;
+        archive.vector(VectorKind::Bounds, &mut self.driver.reaction)?;
+        self.driver.archive(archive)
+    }
+}

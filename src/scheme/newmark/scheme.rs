@@ -1,0 +1,163 @@
+//! Newmark scheme as a [`Scheme`]: start, steps, and the quantities that it reports.
+
+use super::instants::CentralInstants;
+use super::start::FirstStep;
+use super::{Levels, Newmark, NewmarkParameters};
+use crate::archive::{Archive, VectorKind};
+use crate::energy::Energies;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::scheme::step_driver::{Formulas, StepDriver};
+use crate::scheme::{Approach, Scheme, Start, StepRecord, System};
+use crate::vi::{Condensed, Solver};
+
+impl<'s, E: Engine + 'static> Newmark<'s, E>
+where
+    E::Factor: 'static,
+{
+    /// Starts the scheme with the condensed solver.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Singular`] where the step matrix is not positive definite.
+    pub fn new(system: &'s System<E>, parameters: NewmarkParameters, start: Start) -> Result<Newmark<'s, E>> {
+        let matrix = Self::matrix(system, parameters);
+        let solver = Condensed::new(&system.engine, &matrix, system.bounds.len())?;
+        Newmark::with_solver(system, parameters, start, Box::new(solver))
+    }
+}
+
+impl<'s, E: Engine> Newmark<'s, E> {
+    /// Starts the scheme with a given solver for the matrix [`Newmark::matrix`].
+    ///
+    /// # Errors
+    /// Returns the errors of the solver.
+    pub fn with_solver(
+        system: &'s System<E>,
+        parameters: NewmarkParameters,
+        start: Start,
+        solver: Box<dyn Solver<E>>,
+    ) -> Result<Newmark<'s, E>> {
+        let dofs = system.engine.dofs();
+        let matrix = Self::matrix(system, parameters);
+        let mut driver = StepDriver::new(system, matrix, parameters.step, solver)?;
+        let mut record = StepRecord::new(parameters.step, system.bounds.len());
+        let mut levels = Levels {
+            system,
+            parameters,
+            u_n: start.displacement,
+            d_n: vec![0.0; dofs],
+            d_next: vec![0.0; dofs],
+            elastic: 0.0,
+            v0: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
+            instants: CentralInstants::new(system, parameters)?,
+            product: if system.damping.is_none() { Vec::new() } else { vec![0.0; dofs] },
+        };
+        let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
+        driver.solve(&mut first)?;
+        first.update(&driver.x);
+        driver.restart_modal_damping(&levels)?;
+        driver.report_to(&mut record);
+        levels.account(0, &driver.reaction)?;
+        Ok(Newmark { driver, levels, record })
+    }
+
+    /// Returns the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
+    fn central_velocity(&self) -> Vec<f64> {
+        let Levels { d_n, d_next, parameters, .. } = &self.levels;
+        d_n.iter().zip(d_next).map(|(d, e)| (d + e) / (2.0 * parameters.step)).collect()
+    }
+
+    /// Returns the discrete invariant of beta = 1/2 between n and n + 1, in J:
+    ///
+    /// ```math
+    /// H = \frac12 \Bigl|\frac{U^{n+1} - U^n}{\Delta t}\Bigr|_M^2 + \frac14 \bigl(|U^{n+1}|_K^2 + |U^n|_K^2\bigr) - \frac12 F \cdot (U^{n+1} + U^n) - W_n - \frac12 w_n ,
+    /// ```
+    ///
+    /// with the constant load F and the work `$W_n$`, `$w_n$` of time-dependent data. H is constant
+    /// in free flight without damping; for e = 0 it never rises.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn invariant(&self) -> Result<f64> {
+        let Levels { system, parameters, u_n, d_next, elastic, instants, .. } = &self.levels;
+        let System { engine, stiffness, mass, .. } = system;
+        let rate: Vec<f64> = d_next.iter().map(|d| d / parameters.step).collect();
+        let next: Vec<f64> = u_n.iter().zip(d_next).map(|(u, d)| u + d).collect();
+        let mut product = vec![0.0; next.len()];
+        let kinetic = engine.multiply(mass, &rate, &mut product)?;
+        let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * elastic;
+        let work = system.work(u_n)? + system.work(&next)?;
+        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
+        Ok(0.5 * kinetic + 0.25 * elastic - 0.5 * work - by_time)
+    }
+}
+
+impl<E: Engine> Scheme for Newmark<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        let half = 0.5 * self.record.dt;
+        self.record.begin_step();
+        self.record.add_impulses(half);
+        self.levels.shift((self.record.step + 1) as f64 * self.record.dt)?;
+        self.driver.solve(&mut self.levels)?;
+        self.levels.update(&self.driver.x);
+        self.driver.report_to(&mut self.record);
+        self.record.add_impulses(half);
+        self.levels.account(self.record.step, &self.driver.reaction)
+    }
+
+    fn record(&self) -> &StepRecord {
+        &self.record
+    }
+
+    fn displacement(&self) -> &[f64] {
+        &self.levels.u_n
+    }
+
+    fn limits(&self) -> &Bounds {
+        self.levels.limits()
+    }
+
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        Ok(self.central_velocity())
+    }
+
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        Ok(self.levels.instants.as_ref().map_or(Vec::new(), CentralInstants::support_rates))
+    }
+
+    /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity.
+    fn energies(&self) -> Result<Energies> {
+        let Levels { system, u_n, elastic, instants, .. } = &self.levels;
+        let kinetic = system.kinetic_energy(&self.central_velocity())?;
+        let work = system.work(u_n)? + instants.as_ref().map_or(0.0, |instants| instants.work);
+        Ok(Energies { kinetic, elastic: *elastic, work })
+    }
+
+    fn invariant(&self) -> Result<f64> {
+        Newmark::invariant(self)
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        let Levels { system, u_n, d_n, v0, .. } = &self.levels;
+        let dof = system.bounds.dofs[bound];
+        // U^{-1} is a ghost value, not a displacement that occurred.
+        let velocity = if self.record.step == 0 { v0[bound] } else { d_n[dof] / self.record.dt };
+        Approach { time: self.record.time(), deflection: u_n[dof], velocity }
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.record.archive(archive)?;
+        let Levels { u_n, d_n, d_next, elastic, instants, .. } = &mut self.levels;
+        archive.value(elastic)?;
+        for vector in [u_n, d_n, d_next] {
+            archive.vector(VectorKind::Dofs, vector)?;
+        }
+        instants.as_mut().map_or(Ok(()), |instants| instants.archive(archive))?;
+        self.driver.archive(archive)
+    }
+
+    fn factorisations(&self) -> u64 {
+        self.driver.factorisations()
+    }
+}

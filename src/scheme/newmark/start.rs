@@ -1,0 +1,82 @@
+//! Start of the Newmark scheme.
+//!
+//! The ghost value `$U^{-1} = U^1 - 2 \Delta t\, v_0$` makes the energy at t = 0 exact. `$U^1$`
+//! follows from half a trapezoidal step:
+//!
+//! ```math
+//! \Bigl(\frac{M}{\Delta t^2} + \beta K\Bigr)\, 2 (U^1 - U^0) = \frac{2}{\Delta t} M v_0 + F - K U^0 + G^T r .
+//! ```
+//!
+//! The start is second order and depends on `$v_0$` only through the momentum `$M v_0$`. It gains
+//! no energy however rough `$v_0$` is (a clamped plate thrown as a whole, a single node): for beta
+//! = 1/2, no load, no contact, `$y = U^1 - U^0$` and `$A = M / \Delta t^2 + K / 2$`,
+//!
+//! ```math
+//! H^{1/2} - \tfrac12 |U^0|_K^2 = \tfrac12 y \cdot A y + \tfrac12 y \cdot K U^0
+//!    = \tfrac12 \Bigl|\frac{M v_0}{\Delta t}\Bigr|_{A^{-1}}^2 - \tfrac18 |K U^0|_{A^{-1}}^2 \le \tfrac12 |v_0|_M^2 .
+//! ```
+//!
+//! The damping matrix D multiplies `$(U^1 - U^0) / \Delta t$`, which is part of the step matrix.
+
+use super::Levels;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::scheme::drive::ModalDamping;
+use crate::scheme::step_driver::Formulas;
+
+/// First step, whose unknown is `$x = 2 (U^1 - U^0)$`.
+pub(super) struct FirstStep<'l, 's, E: Engine> {
+    pub levels: &'l mut Levels<'s, E>,
+    /// Initial velocity `$v_0$`, in m/s, one entry per dof.
+    pub v0: &'l [f64],
+}
+
+impl<E: Engine> FirstStep<'_, '_, E> {
+    /// Returns `$U^{0,e} - U^0$` for `$U^1 = U^0$`, in m: `$-2 \Delta t\, v_0\, e / (1 + e)$`.
+    fn drift(&self, dof: usize) -> f64 {
+        let e = self.levels.parameters.restitution;
+        -2.0 * self.levels.parameters.step * self.v0[dof] * e / (1.0 + e)
+    }
+
+    /// Sets `$U^0 - U^{-1} = 2 \Delta t\, v_0 - x / 2$` and `$U^1 - U^0 = x / 2$`.
+    pub fn update(self, x: &[f64]) {
+        let Levels { d_n, d_next, parameters, .. } = self.levels;
+        for ((d, d_next), (x, v)) in d_n.iter_mut().zip(d_next).zip(x.iter().zip(self.v0)) {
+            *d = 2.0 * parameters.step * v - 0.5 * x;
+            *d_next = 0.5 * x;
+        }
+    }
+}
+
+impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
+    fn displacement(&self) -> &[f64] {
+        &self.levels.u_n
+    }
+
+    fn limits(&self) -> &Bounds {
+        self.levels.limits()
+    }
+
+    /// `$b = \frac{2}{\Delta t} M v_0 + F - K U^0$`
+    fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
+        self.levels.force(b)?;
+        let momentum = self.levels.system.momentum(self.v0)?;
+        let dt = self.levels.parameters.step;
+        b.iter_mut().zip(momentum).for_each(|(b, momentum)| *b += momentum * (2.0 / dt));
+        Ok(())
+    }
+
+    fn modal_velocities(&self, modal: &ModalDamping) -> Result<Vec<f64>> {
+        modal.of_rate(&self.levels.system.engine, self.v0)
+    }
+
+    /// `$\alpha \le U^{0,e} = U^0 + x / 2 - 2 \Delta t\, v_0\, e / (1 + e)$`
+    fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64 {
+        2.0 * ((alpha - self.levels.u_n[dof]) - self.drift(dof))
+    }
+
+    fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
+        self.levels.u_n[dof] + (0.5 * x + self.drift(dof))
+    }
+}

@@ -1,0 +1,104 @@
+//! State (U, V) of the schemes that carry displacement and velocity from instant to instant.
+
+use super::System;
+use super::drive::InstantData;
+use crate::archive::{Archive, VectorKind};
+use crate::energy::Energies;
+use crate::error::Result;
+use crate::linalg::Engine;
+
+/// State (U, V) with its forces, reactions and energies.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    /// Displacement U, in m, one entry per dof.
+    pub u: Vec<f64>,
+    /// Velocity V, in m/s, one entry per velocity dof.
+    pub v: Vec<f64>,
+    /// Reactions of the obstacles where U is in equilibrium for given p, in N, one entry per bound.
+    pub reaction: Vec<f64>,
+    /// Force F - K U with the constant load, in N, one entry per dof.
+    pub force: Vec<f64>,
+    /// Time-dependent data at the instant of the state.
+    pub instant: InstantData,
+    /// Velocities of the support frame that V is measured relative to, in m/s, one entry per
+    /// motion.
+    pub frame_rates: Vec<f64>,
+    /// Energies of the state; the work is that of the constant load, in J.
+    pub energies: Energies,
+}
+
+impl State {
+    /// Builds the initial state from a displacement (m) and its rate (m/s).
+    pub fn new<E: Engine>(system: &System<E>, u: Vec<f64>, rate: &[f64]) -> Result<State> {
+        let System { engine, mass, bounds, .. } = system;
+        let mut v = vec![0.0; engine.velocities(mass)];
+        engine.project(mass, rate, &mut v)?;
+        let mut state = State {
+            v,
+            reaction: vec![0.0; bounds.len()],
+            force: vec![0.0; u.len()],
+            u,
+            instant: system.instant(0.0)?,
+            frame_rates: system.drive.rates(0.0)?,
+            energies: Energies::default(),
+        };
+        state.update_energies(system)?;
+        Ok(state)
+    }
+
+    /// Saves the state to an archive or restores it from there.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.energies)?;
+        self.instant.archive(archive)?;
+        archive.value(&mut self.frame_rates)?;
+        archive.vector(VectorKind::Dofs, &mut self.u)?;
+        archive.vector(VectorKind::Dofs, &mut self.force)?;
+        archive.vector(VectorKind::Velocities, &mut self.v)?;
+        archive.vector(VectorKind::Bounds, &mut self.reaction)
+    }
+
+    /// Updates force and energies from U and V.
+    pub fn update_energies<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
+        let elastic = system.force(&self.u, &mut self.force)?;
+        let kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
+        self.energies = Energies { kinetic, elastic, work: system.work(&self.u)? };
+        Ok(())
+    }
+
+    /// Measures V relative to the support velocities just after `time` (s). Returns the change of
+    /// kinetic energy, which counts as work, in J.
+    pub fn follow_supports<E: Engine>(
+        &mut self,
+        system: &System<E>,
+        velocities: &SupportVelocities,
+        time: f64,
+    ) -> Result<f64> {
+        if velocities.is_empty() {
+            return Ok(0.0);
+        }
+        let rates = system.drive.rates(time)?;
+        change_frame(velocities, &self.frame_rates, &rates, &mut self.v);
+        self.frame_rates = rates;
+        let before = self.energies.kinetic;
+        self.energies.kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
+        Ok(self.energies.kinetic - before)
+    }
+
+    /// Scales V so that the kinetic energy decreases by `energy` (J).
+    pub fn remove_energy(&mut self, energy: f64) {
+        let kept = 1.0 - energy / self.energies.kinetic;
+        self.v.iter_mut().for_each(|v| *v *= kept.sqrt());
+        self.energies.kinetic -= energy;
+    }
+}
+
+/// Velocities V with the momentum of the support shape at 1 m/s, one vector per motion.
+pub(super) type SupportVelocities = [Vec<f64>];
+
+/// Changes the frame of the velocity v from frame velocities `from` to `to` (m/s, one entry per
+/// motion).
+pub(super) fn change_frame(velocities: &SupportVelocities, from: &[f64], to: &[f64], v: &mut [f64]) {
+    for (velocity, (from, to)) in velocities.iter().zip(from.iter().zip(to)) {
+        v.iter_mut().zip(velocity).for_each(|(v, shape)| *v -= (to - from) * shape);
+    }
+}

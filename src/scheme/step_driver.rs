@@ -1,0 +1,161 @@
+//! Solution of one step, the same for every scheme that has a step matrix.
+//!
+//! A scheme supplies the matrix A and its [`Formulas`]: the right-hand side b, the bounds on the
+//! unknown x, and the bounded configuration that x leads to. The [`StepDriver`] adds the modal
+//! damping, solves
+//!
+//! ```math
+//! A x = b + G^T r, \qquad x \text{ within its bounds},
+//! ```
+//!
+//! checks the answer, and keeps what the next step starts from.
+
+use super::drive::ModalDamping;
+use super::{StepRecord, System};
+use crate::archive::Archive;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport};
+
+/// Step matrix as a weighted sum of mass and stiffness.
+pub(super) type StepMatrix<'s, E> = [(f64, &'s <E as Engine>::Form); 2];
+
+/// Formulas of a scheme for the step from `$U^n$`.
+pub(super) trait Formulas<E: Engine> {
+    /// Returns `$U^n$`, in m, one entry per dof.
+    fn displacement(&self) -> &[f64];
+
+    /// Returns the bounds on the bounded configuration of the step, in m.
+    fn limits(&self) -> &Bounds;
+
+    /// Sets b, in N, one entry per dof, without modal damping.
+    fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()>;
+
+    /// Returns the velocity that modal damping acts on, in modal coordinates. Collective.
+    fn modal_velocities(&self, modal: &ModalDamping) -> Result<Vec<f64>>;
+
+    /// Returns the bound on x, in m, that a bound `alpha` (m) on the bounded configuration implies
+    /// at a dof.
+    fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64;
+
+    /// Returns the bounded configuration, in m, that the unknown x (m) leads to at a dof.
+    fn bounded_configuration(&self, x: f64, dof: usize) -> f64;
+}
+
+/// Solver of the steps of one scheme, with the answer to the last step.
+pub(super) struct StepDriver<'s, E: Engine> {
+    pub system: &'s System<E>,
+    matrix: StepMatrix<'s, E>,
+    solver: CheckedSolver<E>,
+    b: Vec<f64>,
+    /// Bounds on x, in m.
+    bounds: Bounds,
+    /// Modal velocities of the last step, present after the first step with modal damping.
+    modal_velocities: Option<Vec<f64>>,
+    /// Unknown x, in m, one entry per dof.
+    pub x: Vec<f64>,
+    /// Reactions r, in N, one entry per bound.
+    pub reaction: Vec<f64>,
+    /// Bounded configuration, in m, one entry per bound.
+    pub admissible: Vec<f64>,
+    pub report: StepReport,
+}
+
+impl<'s, E: Engine> StepDriver<'s, E> {
+    /// Prepares steps of `dt` seconds with a solver for the step matrix.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Usage`] where the step is too long for a damped mode, and the errors
+    /// of the engine.
+    pub fn new(
+        system: &'s System<E>,
+        matrix: StepMatrix<'s, E>,
+        dt: f64,
+        solver: Box<dyn Solver<E>>,
+    ) -> Result<StepDriver<'s, E>> {
+        let System { engine, bounds, drive, .. } = system;
+        if let Some(modal) = &drive.modal {
+            modal.check(dt)?;
+        }
+        Ok(StepDriver {
+            system,
+            solver: CheckedSolver::new(solver, engine, &matrix)?,
+            matrix,
+            b: vec![0.0; engine.dofs()],
+            bounds: bounds.clone(),
+            modal_velocities: None,
+            x: vec![0.0; engine.dofs()],
+            reaction: vec![0.0; bounds.len()],
+            admissible: vec![0.0; bounds.len()],
+            report: StepReport::default(),
+        })
+    }
+
+    /// Solves a step.
+    ///
+    /// # Errors
+    /// Returns the errors of the formulas and of the solver.
+    pub fn solve(&mut self, formulas: &mut impl Formulas<E>) -> Result<()> {
+        let System { engine, .. } = self.system;
+        formulas.right_hand_side(&mut self.b)?;
+        self.damp_modes(formulas)?;
+        let limits = formulas.limits();
+        self.bounds.shift(limits, |dof, alpha| formulas.bound_on_unknown(alpha, dof));
+        let problem = Problem {
+            matrix: &self.matrix,
+            rhs: &self.b,
+            bounds: &self.bounds,
+            length: self.system.length(limits, formulas.displacement())?,
+        };
+        let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
+        self.report = self.solver.solve(engine, &problem, &mut answer)?;
+        for (z, &dof) in self.admissible.iter_mut().zip(&limits.dofs) {
+            *z = formulas.bounded_configuration(self.x[dof], dof);
+        }
+        Ok(())
+    }
+
+    /// Subtracts the modal damping force, with the velocity extrapolated from the last two steps.
+    fn damp_modes(&mut self, formulas: &impl Formulas<E>) -> Result<()> {
+        let Some(modal) = &self.system.drive.modal else { return Ok(()) };
+        let now = formulas.modal_velocities(modal)?;
+        let before = self.modal_velocities.as_ref().unwrap_or(&now);
+        let extrapolated = now.iter().zip(before).map(|(now, before)| 1.5 * now - 0.5 * before);
+        modal.subtract_damping(extrapolated, &mut self.b);
+        self.modal_velocities = Some(now);
+        Ok(())
+    }
+
+    /// Makes the modal velocities of these formulas those of the last step.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn restart_modal_damping(&mut self, formulas: &impl Formulas<E>) -> Result<()> {
+        let modal = self.system.drive.modal.as_ref();
+        self.modal_velocities = modal.map(|modal| formulas.modal_velocities(modal)).transpose()?;
+        Ok(())
+    }
+
+    /// Copies the answer to the last step into a record.
+    pub fn report_to(&self, record: &mut StepRecord) {
+        record.admissible.copy_from_slice(&self.admissible);
+        record.reaction.copy_from_slice(&self.reaction);
+        record.report = self.report;
+    }
+
+    /// Saves or restores all that the next step depends on.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Checkpoint`] where the archive does not fit, and the errors of the
+    /// solver.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.modal_velocities)?;
+        self.solver.archive(&self.system.engine, &self.matrix, &self.system.bounds, archive)
+    }
+
+    /// Returns the number of numeric factorisations so far.
+    pub fn factorisations(&self) -> u64 {
+        self.solver.factorisations()
+    }
+}
