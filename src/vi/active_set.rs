@@ -8,6 +8,7 @@
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Factor;
+use crate::vi::Answer;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side as Triangle};
 use std::collections::HashSet;
@@ -108,18 +109,24 @@ pub(super) fn fingerprint(sides: &[BoundStatus]) -> u64 {
     sides.iter().fold(0xcbf2_9ce4_8422_2325, mix) >> 12
 }
 
+/// Values on which the exchange of indices is decided, one entry per bound.
+#[derive(Clone, Copy)]
+pub(super) struct BoundValues<'a> {
+    /// Lower and upper bounds on x, in m.
+    pub lower: &'a [f64],
+    pub upper: &'a [f64],
+    /// Unknown x at the bounds, in m.
+    pub x: &'a [f64],
+    /// Reactions, in N.
+    pub reaction: &'a [f64],
+    /// Magnitude of the row of each reaction, in N. A reaction has the wrong sign only if it
+    /// exceeds the rounding of its row.
+    pub magnitude: &'a [f64],
+}
+
 /// Returns the indices that violate a condition, ascending, and the statuses they should have.
-///
-/// `magnitude` is the magnitude of each reaction's row: a reaction has the wrong sign only if it
-/// exceeds its rounding.
-pub(super) fn broken(
-    sides: &[BoundStatus],
-    x: &[f64],
-    reaction: &[f64],
-    magnitude: &[f64],
-    lower: &[f64],
-    upper: &[f64],
-) -> Vec<(usize, BoundStatus)> {
+pub(super) fn broken(sides: &[BoundStatus], values: BoundValues) -> Vec<(usize, BoundStatus)> {
+    let BoundValues { lower, upper, x, reaction, magnitude } = values;
     let wanted = |i: usize| {
         let rounding = ROUNDINGS * f64::EPSILON * magnitude[i];
         match sides[i] {
@@ -140,80 +147,84 @@ pub(super) fn exchange(sides: &mut [BoundStatus], moves: &[(usize, BoundStatus)]
     }
 }
 
-/// Solves H x = h + r with bounds on every entry, starting from the active sets in `sides`. Returns
-/// the number of exchanges.
-pub fn dense(
-    schur: &Mat<f64>,
-    h: &[f64],
-    lower: &[f64],
-    upper: &[f64],
-    sides: &mut [BoundStatus],
-    x: &mut [f64],
-    reaction: &mut [f64],
-) -> u32 {
-    let size = h.len();
-    let mut rule = Exchange::new(size);
-    let mut magnitude = vec![0.0; size];
-    loop {
-        solve_fixed(schur, h, lower, upper, sides, x);
-        for i in 0..size {
-            (reaction[i], magnitude[i]) = (-h[i], h[i].abs());
-        }
-        for (j, &value) in x.iter().enumerate() {
-            for (i, &entry) in schur.col(j).iter().enumerate() {
-                reaction[i] += entry * value;
-                magnitude[i] += (entry * value).abs();
-            }
-        }
-        let broken = broken(sides, x, reaction, &magnitude, lower, upper);
-        match rule.next(broken.len(), fingerprint(sides)) {
-            None => break,
-            Some(Move::All) => exchange(sides, &broken),
-            Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),
-        }
-    }
-    for (r, side) in reaction.iter_mut().zip(sides.iter()) {
-        if *side == BoundStatus::Free {
-            *r = 0.0;
-        }
-    }
-    rule.iterations
+/// Dense problem H x = h + r with bounds l, u on every entry of x.
+#[derive(Clone, Copy)]
+pub struct DenseProblem<'a> {
+    /// Matrix H, symmetric positive definite.
+    pub matrix: &'a Mat<f64>,
+    /// Right-hand side h.
+    pub rhs: &'a [f64],
+    /// Lower bounds l.
+    pub lower: &'a [f64],
+    /// Upper bounds u.
+    pub upper: &'a [f64],
 }
 
-/// Puts the active entries on their bounds and solves for the others.
-fn solve_fixed(
-    schur: &Mat<f64>,
-    h: &[f64],
-    lower: &[f64],
-    upper: &[f64],
-    sides: &[BoundStatus],
-    x: &mut [f64],
-) {
-    let mut free = Vec::with_capacity(h.len());
-    for (i, side) in sides.iter().enumerate() {
-        match side {
-            BoundStatus::Free => free.push(i),
-            BoundStatus::Lower => x[i] = lower[i],
-            BoundStatus::Upper => x[i] = upper[i],
+impl DenseProblem<'_> {
+    /// Solves the problem, starting from the active sets in `sides`. Returns the number of
+    /// exchanges.
+    pub fn solve(&self, sides: &mut [BoundStatus], answer: &mut Answer) -> u32 {
+        let DenseProblem { matrix, rhs, lower, upper } = *self;
+        let Answer { x, reaction } = answer;
+        let size = rhs.len();
+        let mut rule = Exchange::new(size);
+        let mut magnitude = vec![0.0; size];
+        loop {
+            self.solve_fixed(sides, x);
+            for i in 0..size {
+                (reaction[i], magnitude[i]) = (-rhs[i], rhs[i].abs());
+            }
+            for (j, &value) in x.iter().enumerate() {
+                for (i, &entry) in matrix.col(j).iter().enumerate() {
+                    reaction[i] += entry * value;
+                    magnitude[i] += (entry * value).abs();
+                }
+            }
+            let values = BoundValues { lower, upper, x, reaction, magnitude: &magnitude };
+            let broken = broken(sides, values);
+            match rule.next(broken.len(), fingerprint(sides)) {
+                None => break,
+                Some(Move::All) => exchange(sides, &broken),
+                Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),
+            }
         }
+        for (r, side) in reaction.iter_mut().zip(sides.iter()) {
+            if *side == BoundStatus::Free {
+                *r = 0.0;
+            }
+        }
+        rule.iterations
     }
-    if free.is_empty() {
-        return;
-    }
-    let fixed = |j: &usize| sides[*j] != BoundStatus::Free;
-    let mut rhs = Mat::from_fn(free.len(), 1, |k, _| {
-        let column = schur.col(free[k]);
-        h[free[k]] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
-    });
-    let block = Mat::from_fn(free.len(), free.len(), |i, j| schur[(free[i], free[j])]);
-    match block.llt(Triangle::Lower) {
-        Ok(llt) => llt.solve_in_place(&mut rhs),
-        // A matrix that is not positive definite to rounding gives NaN, which the KKT check
-        // reports.
-        Err(_) => rhs.fill(f64::NAN),
-    }
-    for (k, &i) in free.iter().enumerate() {
-        x[i] = rhs[(k, 0)];
+
+    /// Puts the active entries on their bounds and solves for the others.
+    fn solve_fixed(&self, sides: &[BoundStatus], x: &mut [f64]) {
+        let DenseProblem { matrix, rhs: h, lower, upper } = *self;
+        let mut free = Vec::with_capacity(h.len());
+        for (i, side) in sides.iter().enumerate() {
+            match side {
+                BoundStatus::Free => free.push(i),
+                BoundStatus::Lower => x[i] = lower[i],
+                BoundStatus::Upper => x[i] = upper[i],
+            }
+        }
+        if free.is_empty() {
+            return;
+        }
+        let fixed = |j: &usize| sides[*j] != BoundStatus::Free;
+        let mut rhs = Mat::from_fn(free.len(), 1, |k, _| {
+            let column = matrix.col(free[k]);
+            h[free[k]] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
+        });
+        let block = Mat::from_fn(free.len(), free.len(), |i, j| matrix[(free[i], free[j])]);
+        match block.llt(Triangle::Lower) {
+            Ok(llt) => llt.solve_in_place(&mut rhs),
+            // A matrix that is not positive definite to rounding gives NaN, which the KKT check
+            // reports.
+            Err(_) => rhs.fill(f64::NAN),
+        }
+        for (k, &i) in free.iter().enumerate() {
+            x[i] = rhs[(k, 0)];
+        }
     }
 }
 

@@ -8,8 +8,8 @@
 //! pinned in the sparse matrix, natively on the same symbolic analysis. Both are exact active-set
 //! methods.
 
-use super::active_set::{self, BoundStatus, Exchange, Move};
-use super::{Answer, Problem, Solver, apply};
+use super::active_set::{self, BoundStatus, BoundValues, Exchange, Move};
+use super::{Answer, DenseProblem, Problem, Solver, apply};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -22,10 +22,10 @@ pub const DENSE_LIMIT: usize = 512;
 /// Smallest number of candidates added when a node comes into reach.
 const FIRST_LOT: usize = 4;
 
-/// KKT residual above which the step is solved again with the active dofs pinned. On PETSc, the
-/// Schur complement of neighbouring dofs comes from their flexibility and may lose that many
-/// digits.
-const SUSPECT: f64 = 1e-11;
+/// Largest KKT residual, dimensionless, that is accepted from the Schur complement. Above it the
+/// step is solved again with the active dofs pinned. On PETSc, the Schur complement of neighbouring
+/// dofs comes from their flexibility and may lose that many digits.
+const MAX_SCHUR_RESIDUAL: f64 = 1e-11;
 
 /// Condensed solver; see the [module page](self).
 #[derive(Debug)]
@@ -173,9 +173,9 @@ impl<E: Engine> Condensed<E> {
             sides.fill(BoundStatus::Free);
             0
         } else {
-            let schur = self.factor.schur();
-            let exchanges =
-                active_set::dense(schur, &h, &lower, &upper, &mut sides, &mut values, &mut forces);
+            let problem = DenseProblem { matrix: self.factor.schur(), rhs: &h, lower: &lower, upper: &upper };
+            let mut answer = Answer { x: &mut values, reaction: &mut forces };
+            let exchanges = problem.solve(&mut sides, &mut answer);
             // Rounding may decide which nodes touch, so the first rank decides for all.
             let codes = sides.iter().map(|&side| f64::from(side as u8));
             let mut answer: Vec<f64> = [&values[..], &forces].concat();
@@ -240,8 +240,14 @@ impl<E: Engine> Condensed<E> {
                 reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { residual[dof] - b[dof] };
                 scales[i] = magnitude[dof] + b[dof].abs();
             }
-            let broken =
-                active_set::broken(&self.sides, &at_bounds, reaction, &scales, &bounds.lower, &bounds.upper);
+            let values = BoundValues {
+                lower: &bounds.lower,
+                upper: &bounds.upper,
+                x: &at_bounds,
+                reaction,
+                magnitude: &scales,
+            };
+            let broken = active_set::broken(&self.sides, values);
             // Gather each rank's number of violated conditions and its fingerprint: from these
             // follow the rank that moves the last index, and the fingerprint of all active sets
             // together.
@@ -326,7 +332,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     }
 
     fn tolerance(&self) -> f64 {
-        SUSPECT
+        MAX_SCHUR_RESIDUAL
     }
 
     fn retry(

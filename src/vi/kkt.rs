@@ -135,9 +135,9 @@ impl KktCheck {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let moved = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
-        let loaded = terms().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
-        let size = engine.comm().all_reduce_max(loaded.fold(moved, larger));
+        let of_x = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
+        let of_rhs = terms().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
+        let size = engine.comm().all_reduce_max(of_rhs.fold(of_x, larger));
         // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());
@@ -154,10 +154,10 @@ impl KktCheck {
             let force = magnitude[dof];
             // A positive reaction pushes up, off the lower bound.
             let gap = if r >= 0.0 { below } else { above };
-            let pull = if gap.is_infinite() { r.abs() } else { 0.0 };
+            let adhesion = if gap.is_infinite() { r.abs() } else { 0.0 };
             let outside = larger(0.0, larger(-below, -above));
             parts.penetration = larger(parts.penetration, ratio(outside, length));
-            parts.adhesion = larger(parts.adhesion, ratio(pull, force));
+            parts.adhesion = larger(parts.adhesion, ratio(adhesion, force));
             parts.complementarity =
                 larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));
         }

@@ -21,7 +21,7 @@ pub mod snes;
 #[cfg(feature = "petsc")]
 pub mod tao;
 
-pub use active_set::{BoundStatus, dense};
+pub use active_set::{BoundStatus, DenseProblem};
 pub use condensed::Condensed;
 
 use crate::archive::Archive;
@@ -43,7 +43,7 @@ pub struct Problem<'a, E: Engine> {
     pub length: f64,
 }
 
-/// Answer to a [`Problem`].
+/// Answer to a [`Problem`] or [`DenseProblem`].
 pub struct Answer<'a> {
     /// Unknown x, in m for deflections, one entry per dof.
     pub x: &'a mut [f64],
@@ -133,24 +133,26 @@ impl StepReport {
     }
 }
 
-/// Relative energy-norm error of an answer below which it needs no correction.
-const SPOILT: f64 = 3e-11;
-/// Relative energy-norm error of a solve above which corrections do not converge in practice.
-const LOST: f64 = 0.1;
+/// Relative energy-norm error of an answer below which it needs no correction, dimensionless.
+const MAX_FACTOR_ERROR: f64 = 3e-11;
+/// Relative energy-norm error of a solve above which corrections do not converge in practice,
+/// dimensionless.
+const MAX_CORRECTABLE_ERROR: f64 = 0.1;
 
-/// Returns how many corrections bring the answers of a factor to an error of [`SPOILT`].
+/// Returns how many corrections bring the answers of a factor to an error of
+/// [`MAX_FACTOR_ERROR`].
 fn corrections<E: Engine>(engine: &E, sum: &LinearCombination<E>, factor: &mut E::Factor) -> Result<u32> {
-    let estimate_factor_error = engine.estimate_factor_error(sum, factor)?;
-    if estimate_factor_error <= SPOILT {
+    let error = engine.estimate_factor_error(sum, factor)?;
+    if error <= MAX_FACTOR_ERROR {
         return Ok(0);
     }
-    if estimate_factor_error > LOST || estimate_factor_error.is_nan() {
+    if error > MAX_CORRECTABLE_ERROR || error.is_nan() {
         return Err(Error::Singular(format!(
             "the step matrix ({} dofs) is singular to working precision; the cells may be too small for the plate",
             engine.dofs()
         )));
     }
-    Ok(((SPOILT.ln() / estimate_factor_error.ln()).ceil() - 1.0) as u32)
+    Ok(((MAX_FACTOR_ERROR.ln() / error.ln()).ceil() - 1.0) as u32)
 }
 
 /// Computes y = A x for a sum of forms.
@@ -174,7 +176,7 @@ fn apply<E: Engine>(
 /// Solver together with the check of its answers.
 pub struct CheckedSolver<E: Engine> {
     solver: Box<dyn Solver<E>>,
-    judge: kkt::KktCheck,
+    check: kkt::KktCheck,
     correction: Correction,
 }
 
@@ -182,7 +184,8 @@ pub struct CheckedSolver<E: Engine> {
 #[derive(Debug, Default)]
 struct Correction {
     product: Vec<f64>,
-    b: Vec<f64>,
+    /// Residual b - A x, in N, one entry per dof.
+    residual: Vec<f64>,
     bounds: Bounds,
     x: Vec<f64>,
 }
@@ -199,7 +202,7 @@ impl<E: Engine> CheckedSolver<E> {
     ) -> Result<CheckedSolver<E>> {
         Ok(CheckedSolver {
             solver,
-            judge: kkt::KktCheck::new(engine, sum)?,
+            check: kkt::KktCheck::new(engine, sum)?,
             correction: Correction::default(),
         })
     }
@@ -214,20 +217,20 @@ impl<E: Engine> CheckedSolver<E> {
         for _ in 0..self.solver.corrections() {
             iterations += self.correct(None, engine, problem, answer)?;
         }
-        let kkt = self.judge.residual(engine, problem, &[], answer)?;
-        let mut verdict = StepReport { iterations, kkt, retries: 0 };
-        while verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance() {
-            let attempt = verdict.retries;
+        let kkt = self.check.residual(engine, problem, &[], answer)?;
+        let mut report = StepReport { iterations, kkt, retries: 0 };
+        while report.kkt.is_nan() || report.kkt > self.solver.tolerance() {
+            let attempt = report.retries;
             let retried = self.solver.retry(attempt, engine, problem, answer)?;
             let Some(iterations) = retried else { break };
-            verdict.retries += 1;
-            verdict.iterations += iterations;
+            report.retries += 1;
+            report.iterations += iterations;
             for _ in 0..self.solver.corrections() {
-                verdict.iterations += self.correct(Some(attempt), engine, problem, answer)?;
+                report.iterations += self.correct(Some(attempt), engine, problem, answer)?;
             }
-            verdict.kkt = self.judge.residual(engine, problem, &[], answer)?;
+            report.kkt = self.check.residual(engine, problem, &[], answer)?;
         }
-        Ok(verdict)
+        Ok(report)
     }
 
     /// Solves for the residual problem of x, with A applied cell by cell, and adds the solution to
@@ -243,24 +246,24 @@ impl<E: Engine> CheckedSolver<E> {
         answer: &mut Answer,
     ) -> Result<u32> {
         let Answer { x, reaction } = answer;
-        let Correction { product, b: left, bounds: within, x: more } = &mut self.correction;
-        [&mut *product, left, more].into_iter().for_each(|v| v.resize(x.len(), 0.0));
-        apply(engine, problem.matrix, x, product, left)?;
-        left.iter_mut().zip(problem.rhs).for_each(|(left, b)| *left = b - *left);
-        let is_answer = left.iter().all(|left| left.is_finite());
+        let Correction { product, residual, bounds, x: increment } = &mut self.correction;
+        [&mut *product, residual, increment].into_iter().for_each(|v| v.resize(x.len(), 0.0));
+        apply(engine, problem.matrix, x, product, residual)?;
+        residual.iter_mut().zip(problem.rhs).for_each(|(r, b)| *r = b - *r);
+        let is_answer = residual.iter().all(|r| r.is_finite());
         if !engine.comm().all_reduce_all(is_answer) {
             return Ok(0);
         }
-        within.clone_from(problem.bounds);
-        within.shift(problem.bounds, |dof, bound| bound - x[dof]);
-        let residual = Problem { rhs: left, bounds: within, ..*problem };
-        let mut correction = Answer { x: more, reaction };
+        bounds.clone_from(problem.bounds);
+        bounds.shift(problem.bounds, |dof, bound| bound - x[dof]);
+        let problem = Problem { rhs: residual, bounds, ..*problem };
+        let mut correction = Answer { x: increment, reaction };
         let solved = match attempt {
-            None => Some(self.solver.solve(engine, &residual, &mut correction)?),
-            Some(attempt) => self.solver.retry(attempt, engine, &residual, &mut correction)?,
+            None => Some(self.solver.solve(engine, &problem, &mut correction)?),
+            Some(attempt) => self.solver.retry(attempt, engine, &problem, &mut correction)?,
         };
         let Some(iterations) = solved else { return Ok(0) };
-        x.iter_mut().zip(more).for_each(|(x, more)| *x += *more);
+        x.iter_mut().zip(increment).for_each(|(x, dx)| *x += *dx);
         Ok(iterations)
     }
 

@@ -127,6 +127,12 @@ pub(super) fn set_defaults(context: &Context, prefix: &str, defaults: &[(&str, &
     defaults.iter().try_for_each(|(name, value)| context.default_option(&format!("{prefix}{name}"), value))
 }
 
+/// Product A x and its magnitude |A| |x|, in N, one entry per dof.
+struct MatrixProduct {
+    value: Vec<f64>,
+    magnitude: Vec<f64>,
+}
+
 /// Method of PETSc with the state that it starts from and leaves behind.
 struct Bounded {
     name: &'static str,
@@ -135,7 +141,7 @@ struct Bounded {
     safe: Box<dyn Method>,
     condensed: Option<Condensed<Distributed>>,
     factor: DistributedFactor,
-    judge: KktCheck,
+    check: KktCheck,
     /// Diagonal of D, 1/sqrt(A_ii).
     scale: Vec<f64>,
     norm: f64,
@@ -147,7 +153,8 @@ struct Bounded {
     tolerance: f64,
     /// Reason why the last attempt failed, for the message to the user.
     complaint: String,
-    said: bool,
+    /// Whether the user has been told about retries.
+    has_warned: bool,
 }
 
 impl Bounded {
@@ -177,7 +184,7 @@ impl Bounded {
             problem,
             condensed: None,
             factor,
-            judge: KktCheck::new(engine, sum)?,
+            check: KktCheck::new(engine, sum)?,
             scale,
             norm,
             y: vector,
@@ -187,7 +194,7 @@ impl Bounded {
             corrections,
             tolerance,
             complaint: String::new(),
-            said: false,
+            has_warned: false,
         })
     }
 
@@ -267,11 +274,10 @@ impl Bounded {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let x = &mut *answer.x;
         let size = engine.comm().all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)));
-        let mut residual = vec![0.0; x.len()];
-        let mut magnitude = vec![0.0; x.len()];
-        engine.multiply_with_magnitude(matrix, x, &mut residual, &mut magnitude)?;
+        let mut product = MatrixProduct { value: vec![0.0; x.len()], magnitude: vec![0.0; x.len()] };
+        engine.multiply_with_magnitude(matrix, x, &mut product.value, &mut product.magnitude)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let force = residual[dof] - b[dof];
+            let force = product.value[dof] - b[dof];
             let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
             self.sides[i] = if near(bounds.lower[i]) && force > 0.0 {
                 BoundStatus::Lower
@@ -282,14 +288,14 @@ impl Bounded {
             };
         }
         self.hold(bounds, size, x);
-        self.react(engine, problem, answer, &mut residual, &mut magnitude)?;
+        self.update_reactions(engine, problem, answer, &mut product)?;
         let Residual { stationarity, .. } =
-            self.judge.parts(engine, &Problem { length: 1.0, ..*problem }, &[], answer)?;
+            self.check.parts(engine, &Problem { length: 1.0, ..*problem }, &[], answer)?;
         if engine.comm().all_reduce_max(stationarity) <= EXACT {
             return Ok(());
         }
         // Solve A dx = b + G^T r - A x for the dofs that are not held.
-        let mut correction: Vec<f64> = b.iter().zip(&residual).map(|(b, r)| b - r).collect();
+        let mut correction: Vec<f64> = b.iter().zip(&product.value).map(|(b, r)| b - r).collect();
         let mut held = Vec::new();
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             if self.sides[i] != BoundStatus::Free {
@@ -303,7 +309,7 @@ impl Bounded {
         self.factor.pin(&[])?;
         answer.x.iter_mut().zip(&correction).for_each(|(x, dx)| *x += dx);
         self.hold(bounds, size, answer.x);
-        self.react(engine, problem, answer, &mut residual, &mut magnitude)
+        self.update_reactions(engine, problem, answer, &mut product)
     }
 
     /// Puts x onto its bounds where it is held or outside by rounding only.
@@ -322,19 +328,19 @@ impl Bounded {
     }
 
     /// Computes the reactions A x - b where x is held, and `product` = A x.
-    fn react(
+    fn update_reactions(
         &self,
         engine: &Distributed,
         problem: &Problem<Distributed>,
         answer: &mut Answer,
-        product: &mut [f64],
-        magnitude: &mut [f64],
+        product: &mut MatrixProduct,
     ) -> Result<()> {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
-        engine.multiply_with_magnitude(matrix, x, product, magnitude)?;
+        let MatrixProduct { value, magnitude } = product;
+        engine.multiply_with_magnitude(matrix, x, value, magnitude)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { product[dof] - b[dof] };
+            reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { value[dof] - b[dof] };
         }
         Ok(())
     }
@@ -398,14 +404,14 @@ impl Solver<Distributed> for Bounded {
         problem: &Problem<Distributed>,
         answer: &mut Answer,
     ) -> Result<Option<u32>> {
-        if !self.said && engine.context().rank() == 0 {
+        if !self.has_warned && engine.context().rank() == 0 {
             eprintln!(
                 "rebond: {} ended a step with {}; such steps are solved again, from a cold start and then by the \
                  condensed solver, and counted as retries",
                 self.name, self.complaint
             );
         }
-        self.said = true;
+        self.has_warned = true;
         match attempt {
             0 => {
                 self.free(engine, problem, answer.x)?;

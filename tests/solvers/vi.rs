@@ -17,7 +17,7 @@ use faer::Mat;
 use rebond::linalg::{Form, Native};
 use rebond::obstacle::Bounds;
 use rebond::vi::kkt::{KktCheck, Residual};
-use rebond::vi::{Answer, BoundStatus, CheckedSolver, Condensed, Problem, Solver};
+use rebond::vi::{Answer, BoundStatus, CheckedSolver, Condensed, DenseProblem, Problem, Solver};
 
 const INF: f64 = f64::INFINITY;
 
@@ -26,13 +26,13 @@ const ACCEPTED: f64 = 1e-12;
 
 /// Problem A x = b + G^T r within bounds, with a dense A stored by rows.
 #[derive(Clone)]
-struct DenseProblem {
+struct SmallProblem {
     matrix: Vec<f64>,
     b: Vec<f64>,
     bounds: Bounds,
 }
 
-impl DenseProblem {
+impl SmallProblem {
     fn size(&self) -> usize {
         self.b.len()
     }
@@ -161,7 +161,7 @@ fn draw(
     matrix: &[f64],
     dofs: &[usize],
     loose: &[bool],
-) -> (DenseProblem, Option<Known>) {
+) -> (SmallProblem, Option<Known>) {
     let count = dofs.len();
     let size = (matrix.len() as f64).sqrt() as usize;
     let mut bounds = Bounds::uniform(dofs.to_vec(), -INF, INF);
@@ -184,7 +184,7 @@ fn draw(
             }
             b[dofs[i]] -= reaction[i];
         }
-        return (DenseProblem { matrix: matrix.to_vec(), b, bounds }, Some((x, reaction)));
+        return (SmallProblem { matrix: matrix.to_vec(), b, bounds }, Some((x, reaction)));
     }
     // The target is of size 1, and the bounds exclude it.
     let target: Vec<f64> = (0..size).map(|_| random.signed()).collect();
@@ -208,7 +208,7 @@ fn draw(
             }
         }
     }
-    (DenseProblem { matrix: matrix.to_vec(), b, bounds }, None)
+    (SmallProblem { matrix: matrix.to_vec(), b, bounds }, None)
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
             for _ in 0..10 {
                 let (problem, known) = draw(&mut random, kind, &matrix, &dofs, &loose);
                 let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; count]);
-                let DenseProblem { b, bounds, .. } = &problem;
+                let SmallProblem { b, bounds, .. } = &problem;
                 let step = Problem { matrix: &sum, rhs: b, bounds, length: 0.0 };
                 let mut answer = Answer { x: &mut x, reaction: &mut reaction };
                 let iterations = solver.solve(&engine, &step, &mut answer).unwrap();
@@ -287,7 +287,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
 
 /// Returns the answer of a problem with every kind of row: at the lower bound, at the upper one,
 /// between them, without bounds.
-fn judged() -> (DenseProblem, Vec<f64>, Vec<f64>) {
+fn judged() -> (SmallProblem, Vec<f64>, Vec<f64>) {
     let matrix = random_spd(&mut Random::new(5), 6, 1.0);
     let x = vec![0.5, -1.0, 0.75, 2.0, -0.25, 1.5];
     let bounds = Bounds {
@@ -301,11 +301,11 @@ fn judged() -> (DenseProblem, Vec<f64>, Vec<f64>) {
     for (&dof, r) in bounds.dofs.iter().zip(&reaction) {
         b[dof] -= r;
     }
-    (DenseProblem { matrix, b, bounds }, x, reaction)
+    (SmallProblem { matrix, b, bounds }, x, reaction)
 }
 
 /// Returns the size of a row's terms, relative to which stationarity and reactions are measured.
-fn terms(problem: &DenseProblem, x: &[f64], reaction: &[f64], dof: usize) -> f64 {
+fn terms(problem: &SmallProblem, x: &[f64], reaction: &[f64], dof: usize) -> f64 {
     let row = &problem.matrix[dof * problem.size()..][..problem.size()];
     let product: f64 = row.iter().zip(x).map(|(a, x)| (a * x).abs()).sum();
     let bound = problem.bounds.dofs.iter().position(|&d| d == dof);
@@ -435,7 +435,7 @@ fn the_judge_does_not_depend_on_units() {
 fn the_judge_accepts_rounding_in_a_row_that_vanishes() {
     let chain =
         [[4.0, -1.0, 0.0, 0.0], [-1.0, 4.0, -1.0, 0.0], [0.0, -1.0, 4.0, -1.0], [0.0, 0.0, -1.0, 4.0]];
-    let problem = DenseProblem {
+    let problem = SmallProblem {
         matrix: chain.concat(),
         b: vec![4.0, -1.0, 0.0, 0.0],
         bounds: Bounds::uniform(vec![], 0.0, 0.0),
@@ -584,7 +584,9 @@ fn wide_contact_pins_dofs_and_agrees_with_the_dense_problem() {
         let verdict = step.solve(&engine, &problem, &mut answer).unwrap();
         assert!(verdict.kkt <= ACCEPTED, "load {load}: {:e}", verdict.kkt);
         let (mut expected, mut forces) = (vec![0.0; size], vec![0.0; size]);
-        rebond::vi::dense(&dense, &b, &bounds.lower, &bounds.upper, &mut sides, &mut expected, &mut forces);
+        let Bounds { lower, upper, .. } = &bounds;
+        let mut reference = Answer { x: &mut expected, reaction: &mut forces };
+        DenseProblem { matrix: &dense, rhs: &b, lower, upper }.solve(&mut sides, &mut reference);
         assert!(difference(&x, &expected) <= 1e-12, "load {load}: {:e}", difference(&x, &expected));
         assert!(difference(&reaction, &forces) <= 1e-12, "load {load}: {:e}", difference(&reaction, &forces));
         let touching = reaction.iter().filter(|&&r| r != 0.0).count();

@@ -76,7 +76,7 @@ use crate::linalg::Engine;
 use crate::memory;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
-use crate::vi::{self, Answer, BoundStatus, Problem};
+use crate::vi::{Answer, BoundStatus, DenseProblem, Problem};
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side as Triangle};
 use modes::{Cache, Modes};
@@ -500,21 +500,14 @@ fn first_sides<E: Engine>(
     if !values.iter().enumerate().all(|(i, &value)| inside(i, value)) {
         // The compliance is positive definite: checked by the reduction.
         if let Ok(llt) = reduction.compliance.llt(Triangle::Lower) {
-            let stiffness = llt.inverse();
-            let wanted = &stiffness * &free;
+            let stiffness = &llt.inverse();
+            let wanted = stiffness * &free;
             for (i, scale) in scale.iter_mut().enumerate() {
                 *scale = (0..bounds.len()).map(|j| (stiffness[(i, j)] * free[(j, 0)]).abs()).sum();
             }
-            let wanted = wanted.col_as_slice(0);
-            vi::dense(
-                &stiffness,
-                wanted,
-                &bounds.lower,
-                &bounds.upper,
-                &mut sides,
-                &mut values,
-                &mut reactions,
-            );
+            let (rhs, Bounds { lower, upper, .. }) = (wanted.col_as_slice(0), bounds);
+            let mut answer = Answer { x: &mut values, reaction: &mut reactions };
+            DenseProblem { matrix: stiffness, rhs, lower, upper }.solve(&mut sides, &mut answer);
         }
     }
     let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= roundings * f64::EPSILON * scale;

@@ -16,7 +16,7 @@
 //! J. Control Optim. 44, 2005): events do not accumulate.
 
 use super::reduction::ReducedModel;
-use crate::vi::{BoundStatus, dense};
+use crate::vi::{Answer, BoundStatus, DenseProblem};
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side as Triangle};
 
@@ -78,7 +78,10 @@ pub(super) fn next_sides(
             where_now[touching.len() + k] = next[undecided[k].0];
         }
         let (mut rates, mut forces) = (vec![0.0; size], vec![0.0; size]);
-        dense(&stiffness, wanted.col_as_slice(0), &lower, &upper, &mut where_now, &mut rates, &mut forces);
+        let rhs = wanted.col_as_slice(0);
+        let mut answer = Answer { x: &mut rates, reaction: &mut forces };
+        DenseProblem { matrix: &stiffness, rhs, lower: &lower, upper: &upper }
+            .solve(&mut where_now, &mut answer);
         open.retain(|&k| {
             let (at, (i, side)) = (touching.len() + k, undecided[k]);
             let rounding = |of: &Mat<f64>, times: &Mat<f64>| -> f64 {
