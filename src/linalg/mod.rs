@@ -126,6 +126,12 @@ pub struct SingularMassCell {
 /// Number of power iterations that [`Engine::estimate_factor_error`] measures.
 const LOOKS: usize = 3;
 
+/// Returns entry i, from 0 on, of a pseudo-random vector, in [-1/2, 1/2): multiples of the golden
+/// ratio modulo 1.
+pub(crate) fn pseudo_random(i: usize) -> f64 {
+    ((i + 1) as f64 * 0.618_033_988_749_895).fract() - 0.5
+}
+
 /// Weighted sum of forms `$A = \sum_i c_i A_i$`, such as the matrix of a step.
 pub type LinearCombination<'a, E> = [(f64, &'a <E as Engine>::Form)];
 
@@ -200,8 +206,7 @@ pub trait Engine: Sized {
     /// # Errors
     /// Returns the errors of the engine and of the factor.
     fn estimate_factor_error(&self, sum: &LinearCombination<Self>, factor: &mut Self::Factor) -> Result<f64> {
-        let rough = |i: usize| (i as f64 * 0.618_033_988_749_895).fract() - 0.5;
-        let mut x: Vec<f64> = (1..=self.dofs()).map(rough).collect();
+        let mut x: Vec<f64> = (0..self.dofs()).map(pseudo_random).collect();
         let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
         factor.solve(&mut x)?;
         let mut worst = 0.0_f64;

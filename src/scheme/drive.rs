@@ -171,7 +171,7 @@ impl TimeDependence {
     ///
     /// # Errors
     /// Returns the errors of the motions.
-    pub fn carried(&self, time: f64, bounds: Bounds) -> Result<Bounds> {
+    pub fn relative_bounds(&self, time: f64, bounds: Bounds) -> Result<Bounds> {
         let places = vec![0.0; self.supports.len()];
         let mut moment = InstantData { load: None, bounds: Some(bounds), places };
         moment.carry(self, &self.places(time)?);
@@ -182,7 +182,7 @@ impl TimeDependence {
     ///
     /// # Errors
     /// Returns the errors of the motions.
-    pub fn pull(&self, time: f64, load: &mut [f64]) -> Result<()> {
+    pub fn add_support_force(&self, time: f64, load: &mut [f64]) -> Result<()> {
         for (motion, place) in self.supports.iter().zip(self.places(time)?) {
             let stiffness = motion.stiffness.iter().flatten();
             load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= place * k);
@@ -225,9 +225,9 @@ impl TimeDependence {
 impl fmt::Debug for TimeDependence {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let (load, bounds) = (self.load.is_some(), self.bounds.is_some());
-        let mut drive = f.debug_struct("Drive");
-        drive.field("load", &load).field("bounds", &bounds).field("supports", &self.supports.len());
-        drive.field("modal", &self.modal).finish()
+        let mut fields = f.debug_struct("TimeDependence");
+        fields.field("load", &load).field("bounds", &bounds).field("supports", &self.supports.len());
+        fields.field("modal", &self.modal).finish()
     }
 }
 
@@ -272,15 +272,15 @@ impl InstantData {
     /// bounds.
     pub fn carry(&mut self, drive: &TimeDependence, places: &[f64]) {
         for (motion, (place, to)) in drive.supports.iter().zip(self.places.iter_mut().zip(places)) {
-            let way = to - *place;
+            let increment = to - *place;
             *place = *to;
             if let (Some(load), Some(stiffness)) = (&mut self.load, &motion.stiffness) {
-                load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= way * k);
+                load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= increment * k);
             }
             if let Some(Bounds { lower, upper, .. }) = &mut self.bounds {
                 for ((lower, upper), r) in lower.iter_mut().zip(upper).zip(&motion.at_bounds) {
-                    *lower -= way * r;
-                    *upper -= way * r;
+                    *lower -= increment * r;
+                    *upper -= increment * r;
                 }
             }
         }
@@ -340,9 +340,9 @@ impl InstantData {
     /// `to`, in J.
     pub fn boundary_work(&self, to: &InstantData, reaction: &[f64]) -> f64 {
         let (Some(from), Some(to)) = (&self.bounds, &to.bounds) else { return 0.0 };
-        let way = |i: usize| {
+        let increment = |i: usize| {
             if reaction[i] > 0.0 { to.lower[i] - from.lower[i] } else { to.upper[i] - from.upper[i] }
         };
-        reaction.iter().enumerate().filter(|(_, r)| **r != 0.0).map(|(i, r)| r * way(i)).sum()
+        reaction.iter().enumerate().filter(|(_, r)| **r != 0.0).map(|(i, r)| r * increment(i)).sum()
     }
 }

@@ -12,15 +12,15 @@ use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
 const CORRECTIONS: usize = 2;
 
 /// Largest number of proximal steps, in all and in succession without halving the residual.
-const MOST_STEPS: u32 = 2000;
-const MOST_IDLE_STEPS: u32 = 200;
+const MAX_STEPS: u32 = 2000;
+const MAX_IDLE_STEPS: u32 = 200;
 
 /// Relative size, compared with the largest increment of a bounded deflection, below which an
 /// increment counts as zero.
-const STAYS: f64 = 1e-12;
+const ZERO_INCREMENT: f64 = 1e-12;
 
 /// Relative KKT residual below which proximal steps continue only while each halves it.
-const CLOSE: f64 = 1e-12;
+const CONVERGED_RESIDUAL: f64 = 1e-12;
 
 /// Solves the static equilibrium K U = F + G^T r under bounds. Returns U (m), r (N) and the
 /// accuracy that the solver reached.
@@ -45,7 +45,7 @@ where
         search.increment()?;
         search.add(1.0);
     }
-    Ok((search.u, search.reaction, search.verdict))
+    Ok((search.u, search.reaction, search.report))
 }
 
 /// Solves the static equilibrium under bounds of a structure supported by the bounds alone: K is
@@ -74,25 +74,25 @@ where
     let held = [(1.0, stiffness), (c, hold)];
     let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
     let alone = [(1.0, stiffness)];
-    let mut judge = KktCheck::new(engine, &alone)?;
+    let mut check = KktCheck::new(engine, &alone)?;
     let mut last = Last::default();
     let (mut best, mut idle) = (f64::INFINITY, 0);
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let length = search.increment()?;
         search.conjugate(&mut last)?;
-        let reach = search.reach(&mut last)?;
-        search.add(reach);
+        let multiple = search.step_length(&mut last)?;
+        search.add(multiple);
         let problem = Problem { matrix: &alone, rhs: load, bounds, length };
         let answer = Answer { x: &mut search.u, reaction: &mut search.reaction };
-        let kkt = judge.residual(engine, &problem, &[], &answer)?;
-        search.verdict.kkt = kkt;
+        let kkt = check.residual(engine, &problem, &[], &answer)?;
+        search.report.kkt = kkt;
         (best, idle) = if kkt < 0.5 * best { (kkt, 0) } else { (best, idle + 1) };
         // An answer accurate to rounding cannot improve.
-        if kkt.is_nan() || (kkt <= CLOSE && idle > 0) || idle == MOST_IDLE_STEPS {
+        if kkt.is_nan() || (kkt <= CONVERGED_RESIDUAL && idle > 0) || idle == MAX_IDLE_STEPS {
             break;
         }
     }
-    Ok((search.u, search.reaction, search.verdict))
+    Ok((search.u, search.reaction, search.report))
 }
 
 /// Increment of the previous step.
@@ -124,7 +124,7 @@ struct Search<'s, E: Engine> {
     /// Bounds on the increment, in m.
     left: Bounds,
     reaction: Vec<f64>,
-    verdict: StepReport,
+    report: StepReport,
 }
 
 impl<'s, E: Engine + 'static> Search<'s, E>
@@ -153,7 +153,7 @@ where
             b: zeros(),
             left: bounds.clone(),
             reaction: vec![0.0; bounds.len()],
-            verdict: StepReport::default(),
+            report: StepReport::default(),
         })
     }
 
@@ -166,10 +166,10 @@ where
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
         let problem = Problem { matrix: sum, rhs: b, bounds: left, length };
         let step = self.step.solve(engine, &problem, &mut Answer { x, reaction })?;
-        self.verdict = StepReport {
-            iterations: self.verdict.iterations + step.iterations,
+        self.report = StepReport {
+            iterations: self.report.iterations + step.iterations,
             kkt: step.kkt,
-            retries: self.verdict.retries + step.retries,
+            retries: self.report.retries + step.retries,
         };
         Ok(length)
     }
@@ -182,7 +182,7 @@ where
 
     /// Returns whether x leaves all deflections with a nonzero reaction unchanged. Collective.
     fn bearing_stays(&self, x: &[f64]) -> Result<bool> {
-        let stays = STAYS * self.largest(x)?;
+        let stays = ZERO_INCREMENT * self.largest(x)?;
         let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
         let moves = self.reaction.iter().zip(&self.left.dofs).any(moves);
         Ok(!self.engine.comm().all_reduce_any(moves))
@@ -206,9 +206,9 @@ where
     /// Returns the multiple of the increment at which the energy within the bounds is least. It is
     /// at least 1 unless the increment was made conjugate, since a full increment is within the
     /// bounds. Collective.
-    fn reach(&self, last: &mut Last) -> Result<f64> {
+    fn step_length(&self, last: &mut Last) -> Result<f64> {
         let Search { engine, x, b, left, .. } = self;
-        let stays = STAYS * self.largest(x)?;
+        let stays = ZERO_INCREMENT * self.largest(x)?;
         let room = |(i, &dof): (usize, &usize)| match x[dof] {
             x if x > stays => left.upper[i] / x,
             x if x < -stays => left.lower[i] / x,
@@ -221,15 +221,16 @@ where
         last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;
         let least = engine.dot(b, x)? / last.curvature;
         last.is_free = room > least;
-        let reach = room.min(least);
-        Ok(match reach.is_finite() {
+        let multiple = room.min(least);
+        Ok(match multiple.is_finite() {
             false => 1.0,
-            true if last.is_used => reach,
-            true => reach.max(1.0),
+            true if last.is_used => multiple,
+            true => multiple.max(1.0),
         })
     }
 
-    fn add(&mut self, reach: f64) {
-        self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += reach * x);
+    /// Adds a multiple of the increment to the deflection.
+    fn add(&mut self, multiple: f64) {
+        self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += multiple * x);
     }
 }

@@ -159,7 +159,7 @@ impl<E: Engine> System<E> {
         match &self.drive.bounds {
             Some(of) => {
                 of(time, &mut bounds)?;
-                self.drive.carried(time, bounds)
+                self.drive.relative_bounds(time, bounds)
             }
             None => Ok(bounds),
         }

@@ -57,20 +57,20 @@ use super::state::{State, SupportVelocities};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::Engine;
+use crate::linalg::{Engine, pseudo_random};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, BoundStatus, Condensed, Problem, Solver, StepReport};
 use std::rc::Rc;
 
 /// Penalty s relative to the square of the highest angular frequency: target and accepted range.
-const STIFFNESS: f64 = 1e4;
-const STIFF_ENOUGH: std::ops::Range<f64> = 1e3..1e6;
+const PENALTY: f64 = 1e4;
+const PENALTY_RANGE: std::ops::Range<f64> = 1e3..1e6;
 
 /// Largest number of attempts at a penalty, and power iterations of each; the order of magnitude
 /// suffices.
-const ATTEMPTS: usize = 8;
-const POWERS: usize = 6;
+const MAX_ATTEMPTS: usize = 8;
+const POWER_ITERATIONS: usize = 6;
 
 /// Ratio of a motion's strain to that of its parts below which it counts as rigid. On a few cells
 /// all motions with inertia may be rigid; no highest frequency exists then, and the first penalty
@@ -78,11 +78,11 @@ const POWERS: usize = 6;
 const RIGID: f64 = 1e-10;
 
 /// Error of p, relative to its displacement, at which the rounds end.
-const CLOSE: f64 = 1e-12;
+const MEAN_TOLERANCE: f64 = 1e-12;
 /// Relative error of p above rounding, from which U(p) is taken not to exist. Observed are about
 /// 1e-7 after one round where the inf-sup condition holds, and 1e-6 where a plate carries 1e9 times
 /// its own mass.
-const MISSED: f64 = 1e-4;
+const MAX_MEAN_ERROR: f64 = 1e-4;
 /// Least and largest number of rounds. The second round corrects the rounding errors of the first.
 const ROUNDS: std::ops::RangeInclusive<u32> = 2..=40;
 
@@ -93,15 +93,16 @@ pub struct Potential<'s, E: Engine> {
     penalty: f64,
     sum: [(f64, &'s E::Form); 2],
     solver: Condensed<E>,
-    judge: KktCheck,
+    check: KktCheck,
     factorisations: u64,
     bounds: Bounds,
     b: Vec<f64>,
     x: Vec<f64>,
-    /// Work vectors per velocity dof: C^-1 B x, the residual of p, and λ + s times that residual.
-    moved: Vec<f64>,
-    lack: Vec<f64>,
-    pull: Vec<f64>,
+    /// Work vectors per velocity dof: C^-1 B x, the residual of p, and the augmented multiplier, λ
+    /// plus s times that residual.
+    projected: Vec<f64>,
+    residual: Vec<f64>,
+    augmented: Vec<f64>,
     /// Last solution: U, λ and reactions.
     u: Vec<f64>,
     multiplier: Vec<f64>,
@@ -138,17 +139,17 @@ impl<'s, E: Engine> Potential<'s, E> {
             return Ok(Rc::new([]));
         }
         let mut potential = Potential::factor(system)?;
-        let Potential { solver, sum, penalty, b, x, moved, .. } = &mut potential;
+        let Potential { solver, sum, penalty, b, x, projected, .. } = &mut potential;
         let mut image = |momentum: &[f64]| {
-            let mut image = vec![0.0; moved.len()];
+            let mut image = vec![0.0; projected.len()];
             for _ in 0..*ROUNDS.end() {
                 engine.project_transpose(mass, &image, b)?;
                 b.iter_mut().zip(momentum).for_each(|(b, m)| *b = *penalty * (m - *b));
                 let problem = Problem { matrix: sum, rhs: b, bounds: &Bounds::default(), length: 0.0 };
                 solver.solve(engine, &problem, &mut Answer { x, reaction: &mut [] })?;
-                engine.project(mass, x, moved)?;
-                image.iter_mut().zip(&*moved).for_each(|(image, moved)| *image += moved);
-                let [more, all] = [&*moved, &image].map(|v| engine.mass_norm_squared(mass, v));
+                engine.project(mass, x, projected)?;
+                image.iter_mut().zip(&*projected).for_each(|(image, projected)| *image += projected);
+                let [more, all] = [&*projected, &image].map(|v| engine.mass_norm_squared(mass, v));
                 if more?.sqrt() <= f64::EPSILON * all?.sqrt() {
                     break;
                 }
@@ -163,19 +164,18 @@ impl<'s, E: Engine> Potential<'s, E> {
         let System { engine, stiffness, mass, bounds, .. } = system;
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);
-        let (mut moved, mut pull) = (vec![0.0; velocities], vec![0.0; velocities]);
-        // A rough displacement gives the first guess of the highest frequency; each factor then
+        let (mut projected, mut velocity) = (vec![0.0; velocities], vec![0.0; velocities]);
+        // A nonsmooth displacement gives the first guess of the highest frequency; each factor then
         // yields an estimate.
         let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
-        let rough = |i: usize| (0.618_033_988_749_895 * (i + 1) as f64).fract() - 0.5;
         for (i, (x, d)) in x.iter_mut().zip(&diagonal).enumerate() {
-            *x = if *d > 0.0 { rough(i) / d.sqrt() } else { 0.0 };
+            *x = if *d > 0.0 { pseudo_random(i) / d.sqrt() } else { 0.0 };
         }
         let elastic = engine.multiply(stiffness, &x, &mut b)?;
-        let first = STIFFNESS * elastic / engine.multiply(mass, &x, &mut b)?;
+        let first = PENALTY * elastic / engine.multiply(mass, &x, &mut b)?;
         let (mut penalty, mut all_rigid) = (first, false);
         let (mut sizes, mut factorisations) = (vec![0.0; dofs], 0);
-        for _ in 0..ATTEMPTS {
+        for _ in 0..MAX_ATTEMPTS {
             let sum = [(1.0, stiffness), (penalty, mass)];
             let mut solver = Condensed::new(engine, &sum, bounds.len())?;
             factorisations += 1;
@@ -190,19 +190,19 @@ impl<'s, E: Engine> Potential<'s, E> {
                 image.iter_mut().for_each(|v| *v *= penalty);
                 Ok(())
             };
-            pull.iter_mut().enumerate().for_each(|(i, v)| *v = rough(i));
+            velocity.iter_mut().enumerate().for_each(|(i, v)| *v = pseudo_random(i));
             let mut largest = 0.0;
-            for _ in 0..POWERS {
-                let norm = engine.mass_norm_squared(mass, &pull)?.sqrt();
+            for _ in 0..POWER_ITERATIONS {
+                let norm = engine.mass_norm_squared(mass, &velocity)?.sqrt();
                 if norm == 0.0 {
                     break;
                 }
-                pull.iter_mut().for_each(|v| *v /= norm);
-                apply(&pull, &mut moved)?;
-                pull.iter_mut().zip(&moved).for_each(|(v, m)| *v -= m);
-                apply(&pull, &mut moved)?;
-                std::mem::swap(&mut pull, &mut moved);
-                largest = engine.mass_norm_squared(mass, &pull)?.sqrt();
+                velocity.iter_mut().for_each(|v| *v /= norm);
+                apply(&velocity, &mut projected)?;
+                velocity.iter_mut().zip(&projected).for_each(|(v, image)| *v -= image);
+                apply(&velocity, &mut projected)?;
+                std::mem::swap(&mut velocity, &mut projected);
+                largest = engine.mass_norm_squared(mass, &velocity)?.sqrt();
             }
             // Rayleigh quotient of the displacement with this velocity.
             engine.multiply_with_magnitude(&sum[..1], &x, &mut b, &mut sizes)?;
@@ -210,27 +210,27 @@ impl<'s, E: Engine> Potential<'s, E> {
             x.iter_mut().for_each(|x| *x = x.abs());
             all_rigid |= elastic <= RIGID * RIGID * engine.dot(&x, &sizes)?;
             let fastest = elastic * (penalty / largest).powi(2);
-            if all_rigid && penalty == first || STIFF_ENOUGH.contains(&(penalty / fastest)) {
+            if all_rigid && penalty == first || PENALTY_RANGE.contains(&(penalty / fastest)) {
                 return Ok(Potential {
                     system,
                     penalty,
                     sum,
                     solver,
-                    judge: KktCheck::new(engine, &sum[..1])?,
+                    check: KktCheck::new(engine, &sum[..1])?,
                     factorisations: factorisations - 1,
                     bounds: bounds.clone(),
                     b,
                     x,
-                    moved,
-                    lack: vec![0.0; velocities],
-                    pull,
+                    projected,
+                    residual: vec![0.0; velocities],
+                    augmented: velocity,
                     u: vec![0.0; dofs],
                     multiplier: vec![0.0; velocities],
                     reaction: vec![0.0; bounds.len()],
                     from: Default::default(),
                 });
             }
-            penalty = if all_rigid { first } else { STIFFNESS * fastest };
+            penalty = if all_rigid { first } else { PENALTY * fastest };
             if !(penalty.is_finite() && penalty > 0.0) {
                 break;
             }
@@ -251,9 +251,9 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// Moves a state to U(p) at its own instant.
     pub(super) fn settle_state(&mut self, state: &mut State) -> Result<StepReport> {
         let State { instant, u, reaction, .. } = state;
-        let verdict = self.settle_at(instant, u, reaction)?;
+        let report = self.settle_at(instant, u, reaction)?;
         state.update_energies(self.system)?;
-        Ok(verdict)
+        Ok(report)
     }
 
     fn settle_at(
@@ -265,13 +265,13 @@ impl<'s, E: Engine> Potential<'s, E> {
         let System { engine, mass, .. } = self.system;
         self.u.copy_from_slice(u);
         self.multiplier.fill(0.0);
-        self.lack.fill(0.0);
-        engine.project(mass, &self.u, &mut self.moved)?;
-        let way = engine.mass_norm_squared(mass, &self.moved)?.sqrt();
-        let verdict = self.reach(way, instant)?;
+        self.residual.fill(0.0);
+        engine.project(mass, &self.u, &mut self.projected)?;
+        let increment = engine.mass_norm_squared(mass, &self.projected)?.sqrt();
+        let report = self.reach(increment, instant)?;
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
-        Ok(verdict)
+        Ok(report)
     }
 
     /// Returns the line of states along a solved midpoint step that starts at `time` (s).
@@ -295,25 +295,25 @@ impl<'s, E: Engine> Potential<'s, E> {
     }
 
     /// Moves the last solution to U(p) at p plus the residual, for the data of one instant. The
-    /// solution exists wherever the inf-sup condition holds. `way` is the norm, by C, of the whole
-    /// displacement of p.
-    fn reach(&mut self, way: f64, instant: &InstantData) -> Result<StepReport> {
+    /// solution exists wherever the inf-sup condition holds. `increment` is the norm, by C, of the
+    /// whole displacement of p, in m kg^1/2.
+    fn reach(&mut self, increment: f64, instant: &InstantData) -> Result<StepReport> {
         let System { engine, bounds, .. } = self.system;
         let length = self.system.length(instant.bounds(bounds), &self.u)?;
-        for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.lack]) {
+        for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.residual]) {
             kept.clone_from(from);
         }
-        let (mut verdict, mut missed) = self.rounds(way, length, instant)?;
+        let (mut report, mut missed) = self.rounds(increment, length, instant)?;
         // The penalty gives neighbouring nodes nearly equal flexibility: where both touch, their
         // Schur complement may consist of rounding errors.
-        let poor = missed || verdict.kkt.is_nan() || verdict.kkt > self.solver.tolerance();
+        let poor = missed || report.kkt.is_nan() || report.kkt > self.solver.tolerance();
         if poor && self.solver.distrust(engine, &self.sum)? {
-            for (kept, to) in self.from.iter().zip([&mut self.u, &mut self.multiplier, &mut self.lack]) {
+            for (kept, to) in self.from.iter().zip([&mut self.u, &mut self.multiplier, &mut self.residual]) {
                 to.clone_from(kept);
             }
             let again;
-            (again, missed) = self.rounds(way, length, instant)?;
-            verdict = StepReport { iterations: verdict.iterations + again.iterations, retries: 1, ..again };
+            (again, missed) = self.rounds(increment, length, instant)?;
+            report = StepReport { iterations: report.iterations + again.iterations, retries: 1, ..again };
         }
         if missed {
             return Err(Error::Singular(
@@ -322,41 +322,42 @@ impl<'s, E: Engine> Potential<'s, E> {
                     .into(),
             ));
         }
-        Ok(verdict)
+        Ok(report)
     }
 
     /// Runs the rounds of multipliers. Returns also whether they miss p. `length` is the length
     /// scale of gaps, in m.
-    fn rounds(&mut self, way: f64, length: f64, instant: &InstantData) -> Result<(StepReport, bool)> {
+    fn rounds(&mut self, increment: f64, length: f64, instant: &InstantData) -> Result<(StepReport, bool)> {
         let System { engine, mass, bounds, .. } = self.system;
         let bounds = instant.bounds(bounds);
-        let mut verdict = StepReport { kkt: f64::INFINITY, ..StepReport::default() };
-        let (mut distance, mut farthest) = (f64::INFINITY, way);
+        let mut report = StepReport { kkt: f64::INFINITY, ..StepReport::default() };
+        let (mut distance, mut farthest) = (f64::INFINITY, increment);
         let least = ROUNDS.start() + self.solver.corrections();
         for round in 1..=*ROUNDS.end() {
-            for (pull, (multiplier, lack)) in self.pull.iter_mut().zip(self.multiplier.iter().zip(&self.lack))
-            {
-                *pull = multiplier + self.penalty * lack;
+            let multipliers = self.multiplier.iter().zip(&self.residual);
+            for (augmented, (multiplier, residual)) in self.augmented.iter_mut().zip(multipliers) {
+                *augmented = multiplier + self.penalty * residual;
             }
-            engine.project_transpose(mass, &self.pull, &mut self.x)?;
+            engine.project_transpose(mass, &self.augmented, &mut self.x)?;
             self.system.force(&self.u, &mut self.b)?;
-            self.b.iter_mut().zip(&self.x).for_each(|(b, pull)| *b += pull);
+            self.b.iter_mut().zip(&self.x).for_each(|(b, force)| *b += force);
             instant.add_load(&mut self.b);
             self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
             let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
             let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
-            verdict.iterations += self.solver.solve(engine, &problem, &mut answer)?;
+            report.iterations += self.solver.solve(engine, &problem, &mut answer)?;
             self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += x);
-            engine.project(mass, &self.x, &mut self.moved)?;
-            for (multiplier, (lack, moved)) in
-                self.multiplier.iter_mut().zip(self.lack.iter_mut().zip(&self.moved))
+            engine.project(mass, &self.x, &mut self.projected)?;
+            for (multiplier, (residual, projected)) in
+                self.multiplier.iter_mut().zip(self.residual.iter_mut().zip(&self.projected))
             {
-                *lack -= moved;
-                *multiplier += self.penalty * *lack;
+                *residual -= projected;
+                *multiplier += self.penalty * *residual;
             }
-            farthest = farthest.max(engine.mass_norm_squared(mass, &self.moved)?.sqrt());
-            let before = std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &self.lack)?.sqrt());
-            let reached = distance <= CLOSE * way || distance > 0.5 * before;
+            farthest = farthest.max(engine.mass_norm_squared(mass, &self.projected)?.sqrt());
+            let before =
+                std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &self.residual)?.sqrt());
+            let reached = distance <= MEAN_TOLERANCE * increment || distance > 0.5 * before;
             if round < least || !reached && round < *ROUNDS.end() {
                 continue;
             }
@@ -366,14 +367,14 @@ impl<'s, E: Engine> Potential<'s, E> {
                 [&self.system.load, &instant.load].map(|load| load.as_deref().unwrap_or(&[]));
             let problem = Problem { matrix: &self.sum[..1], rhs: &self.b, bounds, length };
             let answer = Answer { x: &mut self.u, reaction: &mut self.reaction };
-            let kkt = self.judge.residual(engine, &problem, &[load, varying], &answer)?;
-            let last = std::mem::replace(&mut verdict.kkt, kkt);
+            let kkt = self.check.residual(engine, &problem, &[load, varying], &answer)?;
+            let last = std::mem::replace(&mut report.kkt, kkt);
             // Where cell sizes differ much, p converges before U is in equilibrium.
             if kkt <= self.solver.tolerance() || kkt.is_nan() || kkt > 0.5 * last {
                 break;
             }
         }
-        Ok((verdict, distance > MISSED * farthest))
+        Ok((report, distance > MAX_MEAN_ERROR * farthest))
     }
 
     /// Saves or restores the solver; each solution starts afresh.
@@ -501,12 +502,12 @@ impl<E: Engine> Line<'_, '_, E> {
                 0.5
             }
         };
-        for (lack, half_dp) in potential.lack.iter_mut().zip(&rule.half_dp) {
-            *lack = 2.0 * (gamma - last) * half_dp;
+        for (residual, half_dp) in potential.residual.iter_mut().zip(&rule.half_dp) {
+            *residual = 2.0 * (gamma - last) * half_dp;
         }
         let System { engine, mass, .. } = potential.system;
-        let way = 2.0 * engine.mass_norm_squared(mass, &rule.half_dp)?.sqrt();
-        self.report = self.report.and(potential.reach(way, instant)?);
+        let increment = 2.0 * engine.mass_norm_squared(mass, &rule.half_dp)?.sqrt();
+        self.report = self.report.and(potential.reach(increment, instant)?);
         Ok(())
     }
 }

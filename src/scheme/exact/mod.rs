@@ -52,21 +52,22 @@
 //! # Algorithm
 //!
 //! The module `reduction` solves the saddle-point problem behind `$\varphi$`; `modes` diagonalises
-//! the motion of each active set once and caches the result; `search` certifies intervals without
-//! events and locates the next event; `switch` determines the active set after it. The cost is N^3
-//! per new active set for N cells, and N times the number of bounded dofs per certified interval
-//! and per instant of output. The cache of modes takes further memory ([`ExactOptions::memory`]).
+//! the motion of each active set once and caches the result; `event_detection` certifies intervals
+//! without events and locates the next event; `event_resolution` determines the active set after
+//! it. The cost is N^3 per new active set for N cells, and N times the number of bounded dofs per
+//! certified interval and per instant of output. The cache of modes takes further memory
+//! ([`ExactOptions::memory`]).
 //!
 //! Mass-proportional damping damps all modes alike and is exact. Stiffness-proportional damping and
 //! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of
 //! its own, and modes would need the particular solution of each load.
 
-mod frame;
+mod event_detection;
+mod event_resolution;
 mod modes;
 mod motion;
 mod reduction;
-mod search;
-mod switch;
+mod velocity_basis;
 
 use super::{Approach, Event, EventStatistics, Scheme, Start, StepRecord, System};
 use crate::archive::Archive;
@@ -77,25 +78,25 @@ use crate::memory;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, BoundStatus, DenseProblem, Problem};
+use event_detection::EventSearch;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side as Triangle};
 use modes::{Cache, Modes};
 use motion::ModalSolution;
 use reduction::{ReducedModel, SaddlePointSolver};
-use search::Search;
 use std::cell::OnceCell;
 
 /// Number of grid instants per check of the residual; instants after an event are always checked.
-const JUDGE_EVERY: u64 = 16;
+const CHECK_EVERY: u64 = 16;
 
-/// Residual above which a shape is corrected. Residuals of up to 1e-9 occur at held nodes where a
-/// motion that the velocities hardly resolve is soft, such as two cells that can almost turn
-/// without changing their means.
-const SPOILT: f64 = 1e-11;
+/// KKT residual, dimensionless, above which a shape is corrected. Residuals of up to 1e-9 occur at
+/// held nodes where a motion that the velocities hardly resolve is soft, such as two cells that can
+/// almost turn without changing their means.
+const MAX_SHAPE_RESIDUAL: f64 = 1e-11;
 
 /// Largest total size of the dense arrays, in bytes. Beyond it the first diagonalisation alone
 /// takes minutes, and impacts need hundreds.
-const LARGEST: usize = 1 << 33;
+const MAX_DENSE_MEMORY: usize = 1 << 33;
 
 /// Returns the estimated peak memory of the dense arrays, in bytes.
 pub fn estimated_memory(dofs: usize, cells: usize, bounded: usize) -> usize {
@@ -135,7 +136,7 @@ pub struct Exact<'s, E: Engine> {
     reduction: ReducedModel,
     cache: Cache,
     motion: ModalSolution,
-    search: Search,
+    search: EventSearch,
     /// Modal state (q, q'), and the watched quantities with their rates.
     state: Mat<f64>,
     watched: Mat<f64>,
@@ -143,9 +144,9 @@ pub struct Exact<'s, E: Engine> {
     shape: OnceCell<Shape>,
     events: Vec<Event>,
     touches: Vec<Approach>,
-    judge: KktCheck,
+    check: KktCheck,
     record: StepRecord,
-    tally: EventStatistics,
+    statistics: EventStatistics,
 }
 
 /// State in the dofs of the structure.
@@ -194,7 +195,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         }
         let cells = engine.velocities(mass);
         let needed = estimated_memory(engine.dofs(), cells, bounds.len());
-        if needed > LARGEST {
+        if needed > MAX_DENSE_MEMORY {
             return Err(Error::Usage(format!(
                 "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {cells} cells; \
                  coarsen the mesh or set time.scheme = \"conserving\"",
@@ -207,14 +208,14 @@ impl<'s, E: Engine> Exact<'s, E> {
         let saddle = SaddlePointSolver::new(system)?;
         let reduction = ReducedModel::new(&saddle)?;
         let of = [&start.displacement, &start.velocity];
-        let state = reduction.frame.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
+        let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
         let sides = first_sides(system, &reduction, &state, options.roundings);
         let mut cache = Cache::new(options.memory);
         let modes = cache.get(system, &reduction, &sides)?;
         let modal = modes.vectors.transpose() * &state;
         let motion = ModalSolution::new(modes, 0.0, &modal);
         check_rigid(system, &reduction, &motion.modes, &modal, &start.displacement)?;
-        let search = Search::new(&motion, options.stride, options.roundings, 0);
+        let search = EventSearch::new(&motion, options.stride, options.roundings, 0);
         let before = |&dof: &usize| Approach {
             time: 0.0,
             deflection: start.displacement[dof],
@@ -231,20 +232,20 @@ impl<'s, E: Engine> Exact<'s, E> {
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
-            judge: KktCheck::new(engine, &[(1.0, stiffness)])?,
+            check: KktCheck::new(engine, &[(1.0, stiffness)])?,
             record: StepRecord::new(dt, bounded),
-            tally: EventStatistics::default(),
+            statistics: EventStatistics::default(),
             saddle,
             reduction,
             state,
         };
-        exact.look(0.0);
-        exact.judge()?;
+        exact.move_to(0.0);
+        exact.check_shape()?;
         Ok(exact)
     }
 
     /// Sets the state to that of the present motion at an instant, in s.
-    fn look(&mut self, at: f64) {
+    fn move_to(&mut self, at: f64) {
         self.motion.state(at, &mut self.state);
         self.watch();
     }
@@ -284,34 +285,34 @@ impl<'s, E: Engine> Exact<'s, E> {
     /// Returns U and v of the state, computed on first use.
     fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| {
-            let ReducedModel { lift, push, rest, frame, .. } = &self.reduction;
+            let ReducedModel { lift, flexibility, rest, basis, .. } = &self.reduction;
             let modes = &self.motion.modes;
             let z = &modes.vectors * &self.state;
             let forces = Mat::from_fn(self.record.reaction.len(), 1, |i, _| self.record.reaction[i]);
             let mut u = rest + lift * z.get(.., ..1);
             if self.record.reaction.iter().any(|r| *r != 0.0) {
-                u += push * forces;
+                u += flexibility * forces;
             }
             for (i, (&dof, side)) in self.system.bounds.dofs.iter().zip(&modes.sides).enumerate() {
                 if *side != BoundStatus::Free {
                     u[(dof, 0)] = self.record.admissible[i];
                 }
             }
-            let pull = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
-            let acceleration = &modes.vectors * Mat::from_fn(modes.force.len(), 1, |k, _| pull(k));
+            let modal = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
+            let acceleration = &modes.vectors * Mat::from_fn(modes.force.len(), 1, |k, _| modal(k));
             Shape {
                 displacement: u.col_as_slice(0).to_vec(),
-                velocity: frame.velocity(z.col_as_slice(1)),
-                acceleration: frame.velocity(acceleration.col_as_slice(0)),
+                velocity: basis.velocity(z.col_as_slice(1)),
+                acceleration: basis.velocity(acceleration.col_as_slice(0)),
             }
         })
     }
 
     /// Checks the residual of the present shape, and corrects the shape where rounding is too large
     /// and the correction helps.
-    fn judge(&mut self) -> Result<()> {
+    fn check_shape(&mut self) -> Result<()> {
         self.record.report.kkt = self.residual()?;
-        if self.record.report.kkt > SPOILT {
+        if self.record.report.kkt > MAX_SHAPE_RESIDUAL {
             let (shape, reaction) = self.corrected()?;
             let kept = (
                 std::mem::replace(&mut self.shape, shape.into()),
@@ -347,14 +348,14 @@ impl<'s, E: Engine> Exact<'s, E> {
         let load = load.as_deref().unwrap_or(&[]);
         let problem = Problem { matrix: &[(1.0, stiffness)], rhs: load, bounds, length };
         let answer = Answer { x: &mut displacement, reaction: &mut self.record.reaction };
-        self.judge.residual(engine, &problem, &[&inertia], &answer)
+        self.check.residual(engine, &problem, &[&inertia], &answer)
     }
 
     /// Returns the present shape and reactions corrected by a solution of the saddle-point problem
     /// for their residual, with the active bounds held.
     fn corrected(&self) -> Result<(Shape, Vec<f64>)> {
         let System { bounds, .. } = self.system;
-        let ReducedModel { lift_at, push, compliance, frame, .. } = &self.reduction;
+        let ReducedModel { lift_at, flexibility, compliance, basis, .. } = &self.reduction;
         let modes = &self.motion.modes;
         let Shape { displacement, velocity, acceleration } = self.shape();
         let column = |of: &[f64]| Mat::from_fn(of.len(), 1, |i, _| of[i]);
@@ -363,7 +364,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         force.iter_mut().zip(self.inertia()?).for_each(|(force, inertia)| *force += inertia);
         bounds.add_transposed(&self.record.reaction, &mut force);
         let position = &modes.vectors * self.state.get(.., ..1);
-        let position = position - frame.of(self.system, &column(displacement))?;
+        let position = position - basis.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
         // The compliance of the active bounds is as definite as when the modes were found.
         let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
@@ -379,7 +380,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         for (k, &i) in active.iter().enumerate() {
             forces[(i, 0)] = held[(k, 0)];
         }
-        du += push * &forces;
+        du += flexibility * &forces;
         da += lift_at.transpose() * &forces;
         for &i in &active {
             du[(bounds.dofs[i], 0)] = 0.0;
@@ -388,14 +389,14 @@ impl<'s, E: Engine> Exact<'s, E> {
         let shape = Shape {
             displacement: sum(displacement, du.col_as_slice(0)),
             velocity: velocity.clone(),
-            acceleration: sum(acceleration, &frame.velocity(da.col_as_slice(0))),
+            acceleration: sum(acceleration, &basis.velocity(da.col_as_slice(0))),
         };
         Ok((shape, sum(&self.record.reaction, forces.col_as_slice(0))))
     }
 
     /// Switches the active set at an event of the present motion, at the instant `at` (s).
-    fn switch(&mut self, at: f64, bound: usize) -> Result<()> {
-        self.look(at);
+    fn resolve_event(&mut self, at: f64, bound: usize) -> Result<()> {
+        self.move_to(at);
         let before = self.motion.modes.clone();
         let mut undecided = self.search.at_limit(&self.motion, &self.watched);
         if undecided.iter().all(|(i, _)| *i != bound) {
@@ -409,7 +410,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         }
         let state = &before.vectors * &self.state;
         let reduction = &self.reduction;
-        let sides = switch::next_sides(
+        let sides = event_resolution::next_sides(
             reduction,
             &before.sides,
             &undecided,
@@ -422,11 +423,11 @@ impl<'s, E: Engine> Exact<'s, E> {
         let modes = self.cache.get(self.system, reduction, &sides)?;
         let modal = modes.vectors.transpose() * state;
         let time = self.motion.start + at;
-        self.tally.evaluations += self.search.evaluations;
+        self.statistics.evaluations += self.search.evaluations;
         let ExactOptions { stride, roundings, .. } = self.options;
         self.motion = ModalSolution::new(modes, time, &modal);
-        self.search = Search::new(&self.motion, stride, roundings, self.search.level);
-        self.look(0.0);
+        self.search = EventSearch::new(&self.motion, stride, roundings, self.search.level);
+        self.move_to(0.0);
         for (i, (&was, &is)) in before.sides.iter().zip(&sides).enumerate() {
             if was == is {
                 continue;
@@ -434,7 +435,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             let closes = is != BoundStatus::Free;
             let velocity = if closes { arriving[(i, 1)] } else { self.watched[(i, 1)] };
             self.events.push(Event { time, bound: i, closes, velocity, force });
-            self.tally.events += 1;
+            self.statistics.events += 1;
             if closes {
                 self.touches[i] = Approach { time, deflection: self.record.admissible[i], velocity };
             }
@@ -451,7 +452,7 @@ impl<'s, E: Engine> Exact<'s, E> {
 /// Strain of a motion, relative to that of its parts, below which it is rigid to rounding.
 const RIGID_STRAIN: f64 = 1e-12;
 /// Largest part of the initial elastic energy that may lie in motions taken for rigid.
-const HIDDEN: f64 = 1e-6;
+const MAX_HIDDEN_ENERGY: f64 = 1e-6;
 
 /// Checks that the rigid part of the initial state has no strain: the slowest modes of a strip ten
 /// thousand times longer than wide are lost in the rounding error of the fastest.
@@ -471,7 +472,7 @@ fn check_rigid<E: Engine>(
     let size = engine.dot(&sizes, &x.iter().map(|x| x.abs()).collect::<Vec<_>>())?;
     let energy = engine.multiply(stiffness, x, &mut force)?;
     let whole = engine.multiply(stiffness, start, &mut force)?;
-    if energy > RIGID_STRAIN.powi(2) * size && energy > HIDDEN * whole {
+    if energy > RIGID_STRAIN.powi(2) * size && energy > MAX_HIDDEN_ENERGY * whole {
         return Err(Error::Singular(
             "time.scheme = \"exact\": the slowest motions are lost in the rounding of the fastest; \
              set time.scheme = \"conserving\", or take cells that are less slender"
@@ -531,45 +532,45 @@ fn first_sides<E: Engine>(
             _ => {}
         }
     }
-    switch::next_sides(reduction, &sides, &undecided, state, &reactions, roundings)
+    event_resolution::next_sides(reduction, &sides, &undecided, state, &reactions, roundings)
 }
 
 impl<E: Engine> Scheme for Exact<'_, E> {
     fn advance(&mut self) -> Result<()> {
         self.record.begin_step();
         let time = self.time();
-        let mut switches = 0;
+        let mut events = 0;
         // Time of the state, counted from the start of the motion.
         let mut from = (self.record.step - 1) as f64 * self.record.dt - self.motion.start;
         loop {
             let until = time - self.motion.start;
             self.search.extend(&self.motion, until);
             let Some((at, bound)) = self.search.next.filter(|(at, _)| *at <= until) else { break };
-            if switches == self.options.events_per_step {
+            if events == self.options.events_per_step {
                 let place = format!("bound {bound}");
                 return Err(Error::Events {
                     step: self.record.step,
                     time: self.motion.start + at,
-                    count: switches,
+                    count: events,
                     bound,
                     place,
                 });
             }
-            switches += 1;
+            events += 1;
             self.add_impulses(at - from, false);
-            self.switch(at, bound)?;
+            self.resolve_event(at, bound)?;
             from = 0.0;
         }
-        match switches {
+        match events {
             0 => self.add_impulses(self.record.dt, true),
             _ => self.add_impulses(time - self.motion.start, false),
         }
         self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
         self.watch();
-        if switches > 0 || self.record.step.is_multiple_of(JUDGE_EVERY) {
-            self.judge()?;
+        if events > 0 || self.record.step.is_multiple_of(CHECK_EVERY) {
+            self.check_shape()?;
         }
-        self.record.report.iterations = u32::try_from(switches).unwrap_or(u32::MAX);
+        self.record.report.iterations = u32::try_from(events).unwrap_or(u32::MAX);
         Ok(())
     }
 
@@ -584,12 +585,12 @@ impl<E: Engine> Scheme for Exact<'_, E> {
     }
 
     fn velocity(&mut self) -> Result<Vec<f64>> {
-        let ReducedModel { lift, push, .. } = &self.reduction;
+        let ReducedModel { lift, flexibility, .. } = &self.reduction;
         let modes = &self.motion.modes;
         let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
         let forces =
             Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
-        let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + push * forces;
+        let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + flexibility * forces;
         Ok(rates.col_as_slice(0).to_vec())
     }
 
@@ -610,7 +611,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        archive.value(&mut self.tally)?;
+        archive.value(&mut self.statistics)?;
         archive.value(&mut self.events)?;
         Approach::archive(&mut self.touches, archive)?;
         let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
@@ -626,7 +627,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         self.motion.archive(archive)?;
         if !archive.saves() {
             let ExactOptions { stride, roundings, .. } = self.options;
-            self.search = Search::new(&self.motion, stride, roundings, 0);
+            self.search = EventSearch::new(&self.motion, stride, roundings, 0);
             self.watch();
         }
         self.search.archive(&self.motion, archive)
@@ -644,8 +645,8 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         Some(EventStatistics {
             active_sets: self.cache.computed,
             cached_bytes: self.cache.peak,
-            evaluations: self.tally.evaluations + self.search.evaluations,
-            ..self.tally
+            evaluations: self.statistics.evaluations + self.search.evaluations,
+            ..self.statistics
         })
     }
 }

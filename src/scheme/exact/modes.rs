@@ -45,11 +45,11 @@ const STIFF: f64 = 1e-4;
 /// Coupling of two modes, relative to their energies, below which they are not rotated; between
 /// fast modes it is rounding.
 const COUPLING: f64 = 1e-12;
-const MOST_TURNS: usize = 4;
+const MAX_TURNS: usize = 4;
 
 /// Largest number of corrections of a rotation towards orthogonality, and the defect (Frobenius
 /// norm) whose square is below rounding.
-const MOST_CORRECTIONS: usize = 8;
+const MAX_CORRECTIONS: usize = 8;
 const SETTLED: f64 = 1e-8;
 
 /// Largest rotation angle. Modes that would rotate by more have nearly equal eigenvalues, for which
@@ -90,7 +90,8 @@ impl Modes {
         reduction: &ReducedModel,
         sides: &[BoundStatus],
     ) -> Result<Modes> {
-        let ReducedModel { stiffness, force, rest_at, lift, push, lift_at, compliance, .. } = reduction;
+        let ReducedModel { stiffness, force, rest_at, lift, flexibility, lift_at, compliance, .. } =
+            reduction;
         let bounds = &system.bounds;
         let (cells, bounded) = (stiffness.nrows(), sides.len());
         let active: Vec<usize> = (0..bounded).filter(|&i| sides[i] != BoundStatus::Free).collect();
@@ -114,8 +115,9 @@ impl Modes {
         let matrix = stiffness + lift_active.transpose() * w;
         let h = force + lift_active.transpose() * rho;
         let mut vectors = eigenvectors(&matrix).map_err(|_| failed("they do not converge"))?;
-        let push_active = Mat::from_fn(push.nrows(), active.len(), |i, k| push[(i, active[k])]);
-        let (values, magnitude) = polish(system, &(lift - push_active * w), &mut vectors)?;
+        let flexibility_active =
+            Mat::from_fn(flexibility.nrows(), active.len(), |i, k| flexibility[(i, active[k])]);
+        let (values, magnitude) = polish(system, &(lift - flexibility_active * w), &mut vectors)?;
         let largest = values.iter().copied().fold(STIFF * magnitude, f64::max);
         let floor = RIGID * f64::EPSILON * largest;
         let rigid = values.iter().take_while(|value| **value <= floor).count();
@@ -182,7 +184,7 @@ fn polish<E: Engine>(
 /// recovered exactly when the active set changes.
 fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
     let size = matrix.nrows();
-    for _ in 0..MOST_TURNS {
+    for _ in 0..MAX_TURNS {
         let mut settled = true;
         let mut turn = Mat::<f64>::identity(size, size);
         for j in 1..size {
@@ -210,7 +212,7 @@ fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
 /// iteration G (3 - G^T G) / 2, until the defect is rounding.
 fn orthogonalise(matrix: &mut Mat<f64>) {
     let size = matrix.nrows();
-    for _ in 0..MOST_CORRECTIONS {
+    for _ in 0..MAX_CORRECTIONS {
         let defect = Mat::<f64>::identity(size, size) - matrix.transpose() * &*matrix;
         *matrix += &*matrix * &defect * faer::Scale(0.5);
         // The next defect is 3/4 of the square of this one.

@@ -125,7 +125,7 @@ impl ModalSolution {
     /// Returns a growth factor of a mode's derivatives: the j-th derivative is at most the
     /// amplitude times the j-th power of it, in 1/s. It is the norm of the matrix of y' = w z, z' =
     /// -w y - alpha z.
-    pub fn pace(&self, k: usize) -> f64 {
+    pub fn derivative_growth(&self, k: usize) -> f64 {
         let (w, decay) = (self.modes.frequencies[k], 0.5 * self.modes.damping);
         if decay == 0.0 { w } else { decay + decay.hypot(w) }
     }
@@ -198,7 +198,7 @@ impl ModalSolution {
                 &fresh
             }
         };
-        let [of_rate, of_force] = glide_sums(*damping, seconds);
+        let [of_rate, of_force] = rigid_response_sums(*damping, seconds);
         let integral = |k: usize| {
             let (q, rate, force) = (state[(k, 0)], state[(k, 1)], force[k]);
             let [of_sine, of_versine] = match k.checked_sub(*rigid) {
@@ -216,7 +216,7 @@ impl ModalSolution {
         if self.modes.rigid == 0 {
             return;
         }
-        let (g, mean) = glide(self.modes.damping, at);
+        let (g, mean) = rigid_response(self.modes.damping, at);
         let left = 1.0 - self.modes.damping * g;
         for k in 0..self.modes.rigid {
             state[(k, 0)] = self.place[k] + g * (self.sine[k] + mean * self.versine[k]);
@@ -271,13 +271,13 @@ fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
 /// Ratio of the integral of v to the time above which the difference formula is used: its relative
 /// error is then about a hundred roundings at most. Below it v is small throughout and the series
 /// is used.
-const FAIR: f64 = 0.01;
+const MIN_DIFFERENCE: f64 = 0.01;
 
 /// Returns the integrals of s and v of a mode from 0 to an instant; see the [module page](self).
 fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
     let (s, v) = phase(w, damping, at);
     let direct = at - s / w - damping * v / (w * w);
-    if direct > FAIR * at {
+    if direct > MIN_DIFFERENCE * at {
         return [v / w, direct];
     }
     // Halve the time until the series has a few terms, then double again.
@@ -303,8 +303,8 @@ fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
 }
 
 /// Returns the first and second integrals of a rigid motion's g from 0 to an instant.
-fn glide_sums(damping: f64, at: f64) -> [f64; 2] {
-    let (g, mean) = glide(damping, at);
+fn rigid_response_sums(damping: f64, at: f64) -> [f64; 2] {
+    let (g, mean) = rigid_response(damping, at);
     let first = 0.5 * g * mean;
     let x = damping * at;
     if x > 1.0 {
@@ -321,7 +321,7 @@ fn glide_sums(damping: f64, at: f64) -> [f64; 2] {
 
 /// Returns g of a rigid motion and twice the ratio of its integral to it; both equal t without
 /// damping.
-fn glide(damping: f64, at: f64) -> (f64, f64) {
+fn rigid_response(damping: f64, at: f64) -> (f64, f64) {
     let x = damping * at;
     if x == 0.0 {
         return (at, at);

@@ -11,9 +11,9 @@
 //! Both are linear in (f, z), and the operator is symmetric: `$U = U_F + R z + S G^T r$`,
 //! `$a = h_F - H z + R^T G^T r$`.
 
-use super::frame::VelocityBasis;
+use super::velocity_basis::VelocityBasis;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Factor};
+use crate::linalg::{Engine, Factor, pseudo_random};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
 use faer::linalg::solvers::{Llt, Solve};
@@ -36,7 +36,7 @@ const LEAST_SHIFT: f64 = 1e-6;
 #[derive(Debug)]
 pub(super) struct ReducedModel {
     /// Basis of the N velocity coordinates.
-    pub frame: Rc<VelocityBasis>,
+    pub basis: Rc<VelocityBasis>,
     /// Damping coefficient alpha, in 1/s.
     pub damping: f64,
     /// Stiffness H in z without contact, N x N.
@@ -48,7 +48,7 @@ pub(super) struct ReducedModel {
     /// Displacements R per unit z, n x N.
     pub lift: Mat<f64>,
     /// Displacements S G^T per unit reaction, n x m.
-    pub push: Mat<f64>,
+    pub flexibility: Mat<f64>,
     /// Values at the bounds: G U_F (m entries), G R (m x N) and the compliance G S G^T (m x m).
     pub rest_at: Mat<f64>,
     pub lift_at: Mat<f64>,
@@ -63,13 +63,13 @@ impl ReducedModel {
     pub fn new<E: Engine>(saddle: &SaddlePointSolver<E>) -> Result<ReducedModel> {
         let system = saddle.system;
         let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
-        let (cells, bounded) = (saddle.frame.size(), bounds.len());
+        let (cells, bounded) = (saddle.basis.size(), bounds.len());
         let load = Mat::from_fn(dofs, 1, |i, _| system.load.as_ref().map_or(0.0, |load| load[i]));
         let (rest, force) = saddle.solve(load, Mat::zeros(cells, 1))?;
         let (lift, acceleration) = saddle.solve(Mat::zeros(dofs, cells), Mat::identity(cells, cells))?;
         let unit_forces = Mat::from_fn(dofs, bounded, |i, j| f64::from(bounds.dofs[j] == i));
         let unbound = saddle.unbound(unit_forces.clone(), bounds)?;
-        let (push, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
+        let (flexibility, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
         let at = |of: &Mat<f64>| Mat::from_fn(bounded, of.ncols(), |i, j| of[(bounds.dofs[i], j)]);
         let reduction = ReducedModel {
             damping: system.damping.mass,
@@ -77,11 +77,11 @@ impl ReducedModel {
             force,
             rest_at: at(&rest),
             lift_at: at(&lift),
-            compliance: symmetric(&at(&push), 1.0),
+            compliance: symmetric(&at(&flexibility), 1.0),
             rest,
             lift,
-            push,
-            frame: saddle.frame.clone(),
+            flexibility,
+            basis: saddle.basis.clone(),
         };
         reduction.check_inf_sup(&unbound)?;
         Ok(reduction)
@@ -117,7 +117,7 @@ fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
 /// motion and gives the same solution where B U is prescribed.
 pub(super) struct SaddlePointSolver<'s, E: Engine> {
     system: &'s System<E>,
-    frame: Rc<VelocityBasis>,
+    basis: Rc<VelocityBasis>,
     shift: f64,
     factor: RefCell<E::Factor>,
     /// Solution (K + s M)^-1 B~^T, n x N.
@@ -134,8 +134,8 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
     /// motion without inertia.
     pub fn new(system: &'s System<E>) -> Result<SaddlePointSolver<'s, E>> {
         let System { engine, stiffness, mass, .. } = system;
-        let mut frame = VelocityBasis::new(system)?;
-        let (dofs, cells) = (engine.dofs(), frame.size());
+        let mut basis = VelocityBasis::new(system)?;
+        let (dofs, cells) = (engine.dofs(), basis.size());
         let shift = shift(system)?;
         let mut factor =
             engine.factor(&[(1.0, stiffness), (shift, mass)], &[]).map_err(|error| match error {
@@ -151,17 +151,17 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
         for k in 0..cells {
             unit[k] = 1.0;
             let column = columns.col_as_slice_mut(k);
-            frame.momentum(system, &unit, column)?;
+            basis.momentum(system, &unit, column)?;
             factor.solve(column)?;
             unit[k] = 0.0;
         }
-        let compliance = symmetric(&frame.of(system, &columns)?, 1.0);
-        let schur = frame.reduce(&compliance).ok_or_else(|| {
+        let compliance = symmetric(&basis.of(system, &columns)?, 1.0);
+        let schur = basis.reduce(&compliance).ok_or_else(|| {
             Error::Singular("time.scheme = \"exact\": no displacement moves any cell; refine the mesh".into())
         })?;
         // Each row of (K + s M)^-1 B~^T is a vector of velocities.
-        let columns = frame.narrow(columns.transpose().to_owned()).transpose().to_owned();
-        Ok(SaddlePointSolver { system, frame: Rc::new(frame), shift, factor: factor.into(), columns, schur })
+        let columns = basis.narrow(columns.transpose().to_owned()).transpose().to_owned();
+        Ok(SaddlePointSolver { system, basis: Rc::new(basis), shift, factor: factor.into(), columns, schur })
     }
 
     /// Returns U and a for forces (n x k) and positions (N x k).
@@ -179,11 +179,11 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
             if correction == CORRECTIONS {
                 break;
             }
-            position -= self.frame.of(self.system, &u)?;
+            position -= self.basis.of(self.system, &u)?;
             for j in 0..u.ncols() {
                 engine.multiply(stiffness, u.col_as_slice(j), &mut product)?;
                 force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, k)| *f -= k);
-                self.frame.momentum(self.system, acceleration.col_as_slice(j), &mut product)?;
+                self.basis.momentum(self.system, acceleration.col_as_slice(j), &mut product)?;
                 force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, b)| *f -= b);
             }
         }
@@ -196,7 +196,7 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
         for j in 0..u.ncols() {
             self.factor.borrow_mut().solve(u.col_as_slice_mut(j))?;
         }
-        let mut acceleration = self.frame.of(self.system, &u)?;
+        let mut acceleration = self.basis.of(self.system, &u)?;
         acceleration -= positions;
         self.schur.solve_in_place(&mut acceleration);
         u -= &self.columns * &acceleration;
@@ -218,9 +218,7 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
 fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
     let System { engine, stiffness, mass, .. } = system;
     let mut product = vec![0.0; engine.dofs()];
-    // Pseudo-random entries: multiples of the golden ratio modulo 1.
-    let mut x: Vec<f64> =
-        (1..=product.len()).map(|i| (i as f64 * 0.618_033_988_749_895).fract() - 0.5).collect();
+    let mut x: Vec<f64> = (0..product.len()).map(pseudo_random).collect();
     let mut quotient = |x: &[f64]| -> Result<f64> {
         let elastic = engine.multiply(stiffness, x, &mut product)?;
         let quotient = elastic / engine.multiply(mass, x, &mut product)?;

@@ -14,7 +14,7 @@
 //! factor is used as it is, whatever its contact candidates, so that reporting a velocity does not
 //! change later steps.
 
-use super::{CLOSE, Potential, ROUNDS};
+use super::{MEAN_TOLERANCE, Potential, ROUNDS};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
@@ -23,11 +23,11 @@ use crate::scheme::drive::InstantData;
 
 /// Largest number of iterations for the reactions that hold nodes at the rates of their bounds, and
 /// the error of these rates, relative to the first guess, at which the iteration ends.
-const MOST_HOLDS: usize = 200;
-const HELD: f64 = 1e-11;
+const MAX_HOLD_ITERATIONS: usize = 200;
+const BOUND_RATE_TOLERANCE: f64 = 1e-11;
 
 /// Error of the cell means, relative to V, above which the nodes in contact are released.
-const LOOSE: f64 = 1e-10;
+const MAX_CONTACT_MEAN_ERROR: f64 = 1e-10;
 
 /// Closure that solves A x = b, with x in place of b.
 type Solve<'s> = dyn FnMut(&mut [f64]) -> Result<()> + 's;
@@ -49,10 +49,10 @@ impl<E: Engine> Potential<'_, E> {
         let (system, penalty) = (self.system, self.penalty);
         let mut held = Held::new(system, reaction, change)?;
         let search = Search { system, penalty, v, change };
-        let way = system.engine.mass_norm_squared(&system.mass, v)?.sqrt();
+        let speed = system.engine.mass_norm_squared(&system.mass, v)?.sqrt();
         self.solver.without_bounds(&system.bounds, |solve| {
             let (w, distance) = search.rounds(&mut held, solve)?;
-            if distance <= LOOSE * way || system.total(held.nodes.len() as f64)? == 0.0 {
+            if distance <= MAX_CONTACT_MEAN_ERROR * speed || system.total(held.nodes.len() as f64)? == 0.0 {
                 return Ok(w);
             }
             held.nodes.clear();
@@ -75,31 +75,34 @@ impl<E: Engine> Search<'_, '_, E> {
     /// the norm of C.
     fn rounds(&self, held: &mut Held<E>, solve: &mut Solve) -> Result<(Vec<f64>, f64)> {
         let Search { system: System { engine, mass, stiffness, .. }, penalty, v, change } = *self;
-        let way = engine.mass_norm_squared(mass, v)?.sqrt();
-        let (mut lack, mut multiplier) = (v.to_vec(), vec![0.0; v.len()]);
-        let (mut pull, mut moved) = (multiplier.clone(), multiplier.clone());
+        let speed = engine.mass_norm_squared(mass, v)?.sqrt();
+        let (mut residual, mut multiplier) = (v.to_vec(), vec![0.0; v.len()]);
+        let (mut augmented, mut projected) = (multiplier.clone(), multiplier.clone());
         let mut w = vec![0.0; engine.dofs()];
         let (mut x, mut product) = (w.clone(), w.clone());
         let mut distance = f64::INFINITY;
         for round in 1..=*ROUNDS.end() {
-            for (pull, (multiplier, lack)) in pull.iter_mut().zip(multiplier.iter().zip(&lack)) {
-                *pull = multiplier + penalty * lack;
+            let multipliers = multiplier.iter().zip(&residual);
+            for (augmented, (multiplier, residual)) in augmented.iter_mut().zip(multipliers) {
+                *augmented = multiplier + penalty * residual;
             }
-            engine.project_transpose(mass, &pull, &mut x)?;
+            engine.project_transpose(mass, &augmented, &mut x)?;
             engine.multiply(stiffness, &w, &mut product)?;
             x.iter_mut().zip(&product).for_each(|(x, resistance)| *x -= resistance);
             change.add_load(&mut x);
-            held.push(&mut x);
+            held.add_reaction_rates(&mut x);
             solve(&mut x)?;
             held.hold(&w, &mut x, solve)?;
             w.iter_mut().zip(&x).for_each(|(w, x)| *w += x);
-            engine.project(mass, &x, &mut moved)?;
-            for (multiplier, (lack, moved)) in multiplier.iter_mut().zip(lack.iter_mut().zip(&moved)) {
-                *lack -= moved;
-                *multiplier += penalty * *lack;
+            engine.project(mass, &x, &mut projected)?;
+            for (multiplier, (residual, projected)) in
+                multiplier.iter_mut().zip(residual.iter_mut().zip(&projected))
+            {
+                *residual -= projected;
+                *multiplier += penalty * *residual;
             }
-            let before = std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &lack)?.sqrt());
-            if round >= *ROUNDS.start() && (distance <= CLOSE * way || distance > 0.5 * before) {
+            let before = std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &residual)?.sqrt());
+            if round >= *ROUNDS.start() && (distance <= MEAN_TOLERANCE * speed || distance > 0.5 * before) {
                 break;
             }
         }
@@ -123,7 +126,7 @@ struct Node {
     /// Diagonal entry of K, in N/m, used as preconditioner.
     weight: f64,
     /// Rate of the reaction, in N/s.
-    push: f64,
+    reaction_rate: f64,
 }
 
 impl<'s, E: Engine> Held<'s, E> {
@@ -133,44 +136,44 @@ impl<'s, E: Engine> Held<'s, E> {
         let node = |i: usize| {
             let of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
             let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, of));
-            Node { dof, rate, weight: diagonal[dof], push: 0.0 }
+            Node { dof, rate, weight: diagonal[dof], reaction_rate: 0.0 }
         };
         let nodes = (0..bounds.len()).filter(|&i| reaction[i] != 0.0).map(node).collect();
         Ok(Held { system, nodes, first: None })
     }
 
     /// Adds the reaction rates found so far to `force`.
-    fn push(&self, force: &mut [f64]) {
-        self.nodes.iter().for_each(|node| force[node.dof] += node.push);
+    fn add_reaction_rates(&self, force: &mut [f64]) {
+        self.nodes.iter().for_each(|node| force[node.dof] += node.reaction_rate);
     }
 
     /// Adds to x the response to further reaction rates, so that w + x has the rates of the bounds.
     fn hold(&mut self, w: &[f64], x: &mut [f64], solve: &mut Solve) -> Result<()> {
         let Held { system, nodes, first } = self;
         let total = |a: &[f64], b: &[f64]| system.total(a.iter().zip(b).map(|(a, b)| a * b).sum());
-        let weigh = |nodes: &[Node], lags: &[f64]| -> Vec<f64> {
+        let precondition = |nodes: &[Node], lags: &[f64]| -> Vec<f64> {
             nodes.iter().zip(lags).map(|(node, lag)| node.weight * lag).collect()
         };
         let mut lags: Vec<f64> = nodes.iter().map(|node| node.rate - w[node.dof] - x[node.dof]).collect();
-        let mut direction = weigh(nodes, &lags);
+        let mut direction = precondition(nodes, &lags);
         let mut size = total(&lags, &direction)?;
-        let end = HELD * HELD * *first.get_or_insert(size);
+        let end = BOUND_RATE_TOLERANCE * BOUND_RATE_TOLERANCE * *first.get_or_insert(size);
         let mut answer = vec![0.0; x.len()];
-        for _ in 0..MOST_HOLDS {
+        for _ in 0..MAX_HOLD_ITERATIONS {
             if size.is_nan() || size <= end {
                 break;
             }
             answer.fill(0.0);
-            nodes.iter().zip(&direction).for_each(|(node, push)| answer[node.dof] = *push);
+            nodes.iter().zip(&direction).for_each(|(node, d)| answer[node.dof] = *d);
             solve(&mut answer)?;
-            let moved: Vec<f64> = nodes.iter().map(|node| answer[node.dof]).collect();
-            let step = size / total(&moved, &direction)?;
+            let response: Vec<f64> = nodes.iter().map(|node| answer[node.dof]).collect();
+            let step = size / total(&response, &direction)?;
             x.iter_mut().zip(&answer).for_each(|(x, answer)| *x += step * answer);
-            nodes.iter_mut().zip(&direction).for_each(|(node, push)| node.push += step * push);
-            lags.iter_mut().zip(&moved).for_each(|(lag, moved)| *lag -= step * moved);
-            let weighed = weigh(nodes, &lags);
-            let before = std::mem::replace(&mut size, total(&lags, &weighed)?);
-            direction.iter_mut().zip(&weighed).for_each(|(d, w)| *d = w + size / before * *d);
+            nodes.iter_mut().zip(&direction).for_each(|(node, d)| node.reaction_rate += step * d);
+            lags.iter_mut().zip(&response).for_each(|(lag, response)| *lag -= step * response);
+            let preconditioned = precondition(nodes, &lags);
+            let before = std::mem::replace(&mut size, total(&lags, &preconditioned)?);
+            direction.iter_mut().zip(&preconditioned).for_each(|(d, z)| *d = z + size / before * *d);
         }
         Ok(())
     }

@@ -183,7 +183,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let dofs = system.engine.dofs();
     let moving = |lift: &Lift| lift.moving(ground, &attached, &sites[..bounded], dofs);
     system.drive.supports = lifts.iter().map(moving).collect::<Result<_>>()?;
-    system.bounds = system.drive.carried(0.0, heights.at_start()?)?;
+    system.bounds = system.drive.relative_bounds(0.0, heights.at_start()?)?;
     if matches!(scene.time.scheme, SchemeSpec::Conserving | SchemeSpec::Exact) {
         attached.refuse_stopped(ground, &system.bounds)?;
     }

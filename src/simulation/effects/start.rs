@@ -60,7 +60,7 @@ impl<P: Partition> Statics<'_, P> {
         }
         crate::simulation::phase("static start");
         let mut load = partition.add_up(&self.ground.pressed(&initial.static_pressure)?)?;
-        system.drive.pull(0.0, &mut load)?;
+        system.drive.add_support_force(0.0, &mut load)?;
         if initial.equilibrium {
             let constant = loads.constant.iter().flatten();
             load.iter_mut().zip(constant).for_each(|(load, f)| *load += f);

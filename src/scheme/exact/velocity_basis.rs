@@ -12,7 +12,7 @@ use faer::linalg::solvers::Llt;
 use faer::{Mat, Side as Triangle};
 
 /// Relative compliance below which a velocity counts as unattainable.
-const MISSED: f64 = 1e-10;
+const MIN_COMPLIANCE: f64 = 1e-10;
 
 /// Basis of the attainable velocities; see the [module page](self).
 #[derive(Debug)]
@@ -57,13 +57,15 @@ impl VelocityBasis {
         let largest = (0..compliance.nrows()).map(|k| compliance[(k, k)]).fold(0.0, f64::max);
         let pivot = |llt: &Llt<f64>, k: usize| llt.L()[(k, k)].powi(2);
         let whole = compliance.llt(Triangle::Lower).ok();
-        if let Some(llt) = whole.filter(|llt| (0..self.size()).all(|k| pivot(llt, k) > MISSED * largest)) {
+        if let Some(llt) =
+            whole.filter(|llt| (0..self.size()).all(|k| pivot(llt, k) > MIN_COMPLIANCE * largest))
+        {
             return Some(llt);
         }
         let vectors = eigenvectors(compliance).ok()?;
         let image = compliance * &vectors;
         let given: Vec<usize> = (0..vectors.ncols())
-            .filter(|&k| vectors.col(k).transpose() * image.col(k) > MISSED * largest)
+            .filter(|&k| vectors.col(k).transpose() * image.col(k) > MIN_COMPLIANCE * largest)
             .collect();
         let span = Mat::from_fn(vectors.nrows(), given.len(), |i, k| vectors[(i, given[k])]);
         let llt = (span.transpose() * compliance * &span).llt(Triangle::Lower).ok();

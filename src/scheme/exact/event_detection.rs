@@ -22,9 +22,9 @@
 //! so does y on the whole interval, also where it starts on the limit. Otherwise, if all three
 //! coefficients of h H' are below -D, y decreases strictly and crosses the limit once, and the
 //! crossing is located to rounding. Otherwise the interval is halved. With damping, w is a mode's
-//! growth factor of derivatives ([`ModalSolution::pace`]), and rigid motions, which tend to
-//! uniform ones, have a remainder too. Each interval costs one evaluation; after a certified
-//! interval the next may be twice as long.
+//! growth factor of derivatives ([`ModalSolution::derivative_growth`]), and rigid motions, which
+//! tend to uniform ones, have a remainder too. Each interval costs one evaluation; after a
+//! certified interval the next may be twice as long.
 //!
 //! Limits are met to `roundings` times the rounding error of y, so that a plate resting on an
 //! obstacle does not chatter.
@@ -45,7 +45,7 @@ const ZERO: f64 = 1.0 / 32.0;
 
 /// Event search along one motion.
 #[derive(Debug)]
-pub(super) struct Search {
+pub(super) struct EventSearch {
     /// Distance by which each quantity may violate its limits, from rounding.
     slack: Vec<f64>,
     /// Time of the next event (s) and its bound, once found.
@@ -81,17 +81,17 @@ enum Finding {
     Unclear,
 }
 
-impl Search {
+impl EventSearch {
     /// Starts a search along a motion, with a stride in units of 1/w of the fastest mode, at the
     /// interval length `level`.
-    pub fn new(motion: &ModalSolution, stride: f64, roundings: f64, level: i32) -> Search {
+    pub fn new(motion: &ModalSolution, stride: f64, roundings: f64, level: i32) -> EventSearch {
         let modes = &motion.modes;
         let mut slack = weighted(motion, |k| motion.magnitude(k));
         for (slack, offset) in slack.iter_mut().zip(&modes.offset) {
             *slack = roundings * f64::EPSILON * (*slack + offset.abs());
         }
         let fastest = modes.frequencies.last().copied().filter(|w| *w > 0.0).unwrap_or(1.0);
-        let mut search = Search {
+        let mut search = EventSearch {
             slack,
             next: None,
             certified: Sample { at: 0.0, values: Mat::zeros(0, 0) },
@@ -189,7 +189,8 @@ impl Search {
         }
         if !self.remainders.contains_key(&level) {
             let h = self.length(level);
-            let remainder = weighted(motion, |k| motion.amplitude(k) * kappa(motion.pace(k) * h));
+            let remainder =
+                weighted(motion, |k| motion.amplitude(k) * kappa(motion.derivative_growth(k) * h));
             self.remainders.insert(level, remainder);
         }
         let mut crossings = Vec::new();
