@@ -41,7 +41,7 @@ FAULTS = [
     ("reactions of the wrong sign", "src/vi/condensed.rs", "reaction[i] = forces[first + k];",
      "reaction[i] = -forces[first + k];", "solvers", "vi::"),
     ("contact that never opens", "src/vi/active_set.rs",
-     "Side::Lower if reaction[i] < -rounding && lower[i] < upper[i] => Side::Free,", "", "solvers", "vi::"),
+     "BoundStatus::Lower if reaction[i] < -rounding && lower[i] < upper[i] => BoundStatus::Free,", "", "solvers", "vi::"),
     ("a judge that sees no penetration", "src/vi/kkt.rs",
      "let outside = larger(0.0, larger(-below, -above));", "let outside = 0.0;", "solvers", "vi::"),
     ("time not relaxed with gamma", "src/scheme/conserving.rs", "self.span = gamma * half.dt;", "self.span = half.dt;",
@@ -52,7 +52,8 @@ FAULTS = [
      "*dv = 4.04 / dt * rate - 2.0 * v;", "schemes", "energy::"),
     ("reactions of exact mirrored", "src/scheme/exact/modes.rs", "rows.row_mut(i).copy_from(-w.row(k));",
      "rows.row_mut(i).copy_from(w.row(k));", "schemes", "exact::"),
-    ("an absolute tolerance", "src/vi/active_set.rs", "Side::Lower if reaction[i] < -rounding", "Side::Lower if reaction[i] < -1e-3",
+    ("an absolute tolerance", "src/vi/active_set.rs",
+     "BoundStatus::Lower if reaction[i] < -rounding", "BoundStatus::Lower if reaction[i] < -1e-3",
      "hard", "powers_of_four"),
 ]
 

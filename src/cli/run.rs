@@ -297,7 +297,7 @@ impl Job {
                 let model = Model::new(&self.scene)?;
                 set_up.part("frequencies");
                 let warnings = study::warnings(&self.scene, &model);
-                self.simulate(Some(set_up), &model, &simulation::condensed, [0, 1], &warnings, &|| Ok(()))
+                self.simulate(Some(set_up), &model, &simulation::condensed, &warnings, &|| Ok(()))
             }
         }
     }
@@ -316,12 +316,11 @@ impl Job {
             let set_up = speaks.then(|| SetUpTold::new(self.voice));
             let model = Model::distributed(&self.scene, &context)?;
             let solver = model.solver(&self.scene);
-            let process = [context.rank(), context.size()];
             let dofs = context.comm().all_reduce_sum(model.system.engine.dofs());
             set_up.iter().for_each(|set_up| set_up.part("frequencies"));
             let warnings =
                 if speaks { study::warnings_apart(&self.scene, &model.warnings, dofs) } else { Vec::new() };
-            self.simulate(set_up, &model, &solver, process, &warnings, &|| context.refuse_unused_options())
+            self.simulate(set_up, &model, &solver, &warnings, &|| context.refuse_unused_options())
         };
         ended(&context, run())
     }
@@ -343,7 +342,6 @@ impl Job {
         set_up: Option<SetUpTold>,
         model: &Model<E>,
         solver: &SolverFactory<E>,
-        [rank, ranks]: [usize; 2],
         warnings: &[String],
         check_options: &dyn Fn() -> Result<()>,
     ) -> Result<()> {
@@ -352,19 +350,20 @@ impl Job {
             warnings.iter().for_each(|warning| set_up.say(&format!("warning: {warning}")));
         }
         let from = self.from.take();
+        let comm = model.system.engine.comm();
         let job = &self;
         let Job { scene, folder, .. } = job;
         let mut recorder = Recorder {
             job,
             files: None,
-            fields: Series::new(folder, rank, ranks),
+            fields: Series::new(folder, comm.rank(), comm.size()),
             set_up,
             start: None,
             energy: 0.0,
             check_options,
         };
-        let prepared = if rank == 0 { recorder.prepare(from.as_ref()) } else { Ok(()) };
-        model.system.engine.comm().all_ok(prepared)?;
+        let prepared = if comm.rank() == 0 { recorder.prepare(from.as_ref()) } else { Ok(()) };
+        comm.all_ok(prepared)?;
         let (outcome, ended) = match from {
             None => simulation::run(scene, model, solver, &mut recorder)?,
             Some(from) => simulation::resume(scene, model, solver, from.pause, &mut recorder)?,

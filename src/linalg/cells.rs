@@ -452,6 +452,7 @@ pub(super) fn add_with_magnitude<S: Simd>(
     m: &mut [f64],
     scratch: &mut Scratch,
 ) {
+    let mut sums = ProductSums { y, m };
     let mut rest = sum;
     while let [(_, first), ..] = rest {
         let mut count = 1;
@@ -461,13 +462,19 @@ pub(super) fn add_with_magnitude<S: Simd>(
         for batch in &first.batches().list {
             let forms = &rest[..count];
             match batch.size() {
-                9 => add_batch_with_magnitude(simd, batch, forms, x, y, m, scratch.split(9)),
-                12 => add_batch_with_magnitude(simd, batch, forms, x, y, m, scratch.split(12)),
-                size => add_batch_with_magnitude(simd, batch, forms, x, y, m, scratch.split(size)),
+                9 => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(9)),
+                12 => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(12)),
+                size => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(size)),
             }
         }
         rest = &rest[count..];
     }
+}
+
+/// Vectors to which A x and |A| |x| are added, one entry per dof.
+struct ProductSums<'a> {
+    y: &'a mut [f64],
+    m: &'a mut [f64],
 }
 
 /// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
@@ -478,8 +485,7 @@ fn add_batch_with_magnitude<S: Simd>(
     batch: &Batch,
     forms: &[(f64, &Form)],
     x: &[f64],
-    y: &mut [f64],
-    m: &mut [f64],
+    sums: &mut ProductSums,
     (local, mut room): (&mut [Lanes], Room),
 ) {
     batch.gather(x, local);
@@ -495,8 +501,8 @@ fn add_batch_with_magnitude<S: Simd>(
             }
         }
     }
-    batch.scatter(room.y, y);
-    batch.scatter(room.m, m);
+    batch.scatter(room.y, sums.y);
+    batch.scatter(room.m, sums.m);
 }
 
 /// Scratch space for the local vectors of one batch.

@@ -182,7 +182,8 @@ impl Comparison {
             Ok(model) => {
                 entry.seconds.set_up = clock.elapsed().as_secs_f64();
                 let solver = solver(&model, &own);
-                self.run_scheme(&own, &reference, &model, &*solver, &mut entry, recover)?
+                let opponent = Opponent { scene: &own, model: &model, solver: &*solver };
+                self.run_scheme(&reference, opponent, &mut entry, recover)?
             }
         };
         entry.failure = failure.map(|why| why.to_string());
@@ -207,10 +208,8 @@ impl Comparison {
     /// Advances both to the end, or until the contender fails, and returns its error.
     fn run_scheme<E: Engine>(
         &mut self,
-        scene: &Scene,
         reference: &Reference,
-        model: &Model<E>,
-        solver: &SolverFactory<E>,
+        Opponent { scene, model, solver }: Opponent<E>,
         entry: &mut Entry,
         recover: impl Fn(Error) -> Result<Error>,
     ) -> Result<Option<Error>> {
@@ -289,6 +288,13 @@ impl Comparison {
 /// Returns whether an obstacle acts on this process's nodes.
 fn touches(scheme: &dyn Scheme) -> bool {
     scheme.reaction().iter().any(|&r| r != 0.0)
+}
+
+/// Contender that is set up: its scene, model and contact solver.
+struct Opponent<'a, E: Engine> {
+    scene: &'a Scene,
+    model: &'a Model<E>,
+    solver: &'a SolverFactory<E>,
 }
 
 /// Reference of a comparison.

@@ -30,7 +30,7 @@ use plan::{Case, Dropped, Plan, mesh_name};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 use trajectory::{Deviation, Distance, Parts, Trajectory};
-use truth::{Family, ReferenceSolution};
+use truth::{Family, ReferenceSolution, ReferenceSpec};
 
 /// Limit on the total time of a case's repetitions, in s.
 const PATIENCE: f64 = 10.0;
@@ -345,7 +345,8 @@ pub fn study(
     let reference = if todo.reference {
         watch.starts(&format!("reference, {}", mesh_name(&finest)));
         let step = REFERENCE_STEP * smallest;
-        let truth = ReferenceSolution::new(base, finest, Family::Singular, interval, step, together, run)?;
+        let spec = ReferenceSpec { grid: finest, family: Family::Singular, interval, step, together };
+        let truth = ReferenceSolution::new(base, spec, run)?;
         Some(Reference::new(base, truth)?)
     } else {
         None
@@ -385,7 +386,8 @@ pub fn study(
         for (_, family) in todo.limits.iter().filter(|(own, _)| *own == grid) {
             let step = LIMIT_STEP * smallest;
             watch.starts(&format!("limit, {}", mesh_name(&grid)));
-            match ReferenceSolution::new(base, grid, *family, interval, step, together, run) {
+            let spec = ReferenceSpec { grid, family: *family, interval, step, together };
+            match ReferenceSolution::new(base, spec, run) {
                 Ok(truth) => {
                     if let (None, Some(reference)) = (accuracy.limit(&grid, *family), &reference) {
                         let space_error = reference.distance(base, &truth, &study.at)?;

@@ -75,6 +75,21 @@ impl fmt::Display for Family {
     }
 }
 
+/// Specification of a [`ReferenceSolution`].
+#[derive(Debug, Clone, Copy)]
+pub struct ReferenceSpec {
+    /// Mesh.
+    pub grid: Grid,
+    /// Family of methods with the limit.
+    pub family: Family,
+    /// Time between two instants of comparison, in s.
+    pub interval: f64,
+    /// Time step of the methods that need one, in s.
+    pub step: f64,
+    /// Time between contacts, in s, below which they belong to one impact.
+    pub together: f64,
+}
+
 /// Reference solution: a motion of the semi-discrete problem on a mesh.
 pub struct ReferenceSolution {
     /// Mesh.
@@ -99,20 +114,12 @@ impl ReferenceSolution {
     /// Computes the motion, exactly where possible, otherwise with a time step.
     ///
     /// A second computation estimates the error: exact with another event search, or with twice the
-    /// step. The latter difference estimates the first-order error that impacts cause. Contacts
-    /// less than `together` seconds apart belong to one impact.
+    /// step. The latter difference estimates the first-order error that impacts cause.
     ///
     /// # Errors
     /// Returns the error of the last method that was tried.
-    pub fn new(
-        base: &Scene,
-        grid: Grid,
-        family: Family,
-        interval: f64,
-        step: f64,
-        together: f64,
-        run: &Runner,
-    ) -> Result<ReferenceSolution> {
+    pub fn new(base: &Scene, spec: ReferenceSpec, run: &Runner) -> Result<ReferenceSolution> {
+        let ReferenceSpec { grid, family, interval, step, together } = spec;
         let computed = |method: Method| {
             let exact = method.scheme == SchemeSpec::Exact;
             let scene = |step| Case { grid, method, step }.scene(base, interval);
