@@ -18,17 +18,20 @@
 //! ```
 
 mod axis;
-mod figure;
+mod layout;
+mod panel;
 mod paper;
 pub mod perspective;
 pub mod run;
+mod strokes;
 
 use super::remove;
 use crate::error::Result;
 use std::path::Path;
 
 pub use axis::Axis;
-pub use figure::{Bar, Curve, Figure, Marker, Obstacle, Panel, Ramp};
+pub use layout::Figure;
+pub use panel::{Bar, Curve, Marker, Obstacle, Panel, Ramp};
 pub use paper::{Color, Pen};
 
 /// Name of the folder of plots in the run folder.

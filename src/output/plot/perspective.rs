@@ -1,7 +1,7 @@
 //! Perspective view of the deformed plate between its obstacles.
 
 use super::axis::is_near;
-use super::figure::Frame;
+use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp, short};
 use crate::output::vtu::Surface;

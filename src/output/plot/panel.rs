@@ -1,0 +1,305 @@
+//! Panels of a figure: curves, obstacles, bars and remarks between two axes.
+
+use super::axis::{Axis, Fitted, is_near};
+use super::paper::{Canvas, Color, Pen};
+
+/// Palette of Okabe and Ito (2008), darkest first, distinct for every kind of colour vision.
+const COLORS: [Color; 7] = [
+    Color(0, 114, 178),
+    Color(213, 94, 0),
+    Color(0, 158, 115),
+    Color(204, 121, 167),
+    Color(230, 159, 0),
+    Color(86, 180, 233),
+    Color::BLACK,
+];
+/// Dash patterns, distinct without colours.
+const DASHES: [&[f64]; 5] = [&[], &[4.0, 2.0], &[5.0, 1.6, 1.0, 1.6], &[8.0, 2.2], &[1.0, 1.4]];
+const MARKERS: [Marker; 6] =
+    [Marker::Circle, Marker::Square, Marker::Triangle, Marker::Diamond, Marker::Cross, Marker::Plus];
+
+/// Symbol at each point of a curve.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Marker {
+    Circle,
+    Square,
+    Triangle,
+    Diamond,
+    Cross,
+    Plus,
+}
+
+/// A curve, a set of marks, or both.
+#[derive(Debug, Clone)]
+pub struct Curve {
+    pub(super) name: String,
+    pub(super) points: Vec<[f64; 2]>,
+    pub(super) pen: Pen,
+    pub(super) line: bool,
+    pub(super) marker: Option<Marker>,
+    pub(super) is_open: bool,
+    /// Size of the markers relative to the default.
+    pub(super) size: f64,
+}
+
+impl Curve {
+    /// Creates a line through points (x, y), with a gap at each point that is not finite.
+    ///
+    /// A curve without a name has no entry in the key.
+    pub fn new(name: impl Into<String>, points: Vec<[f64; 2]>) -> Curve {
+        let pen = Pen::solid(Color::BLACK, 0.9);
+        Curve { name: name.into(), points, pen, line: true, marker: None, is_open: false, size: 1.0 }
+    }
+
+    /// Creates a curve from columns, such as times and values.
+    pub fn of(name: impl Into<String>, x: &[f64], y: &[f64]) -> Curve {
+        Curve::new(name, x.iter().zip(y).map(|(&x, &y)| [x, y]).collect())
+    }
+
+    /// Sets the `index`-th combination of colour and dashes.
+    ///
+    /// There are 35 combinations; the first five differ in their dashes.
+    pub fn style(mut self, index: usize) -> Curve {
+        self.pen.color = COLORS[index % COLORS.len()];
+        self.pen.dashes = DASHES[index % DASHES.len()];
+        self
+    }
+
+    /// Sets the colour.
+    pub fn color(mut self, color: Color) -> Curve {
+        self.pen.color = color;
+        self
+    }
+
+    /// Sets the `index`-th colour of the palette.
+    pub fn palette(self, index: usize) -> Curve {
+        self.color(COLORS[index % COLORS.len()])
+    }
+
+    /// Sets the `index`-th dash pattern; 0 is solid.
+    pub fn dashes(mut self, index: usize) -> Curve {
+        self.pen.dashes = DASHES[index % DASHES.len()];
+        self
+    }
+
+    /// Sets the line width in points instead of 0.9.
+    pub fn width(mut self, points: f64) -> Curve {
+        self.pen.width = points;
+        self
+    }
+
+    /// Sets the `index`-th marker at each point.
+    pub fn marks(mut self, index: usize) -> Curve {
+        self.marker = Some(MARKERS[index % MARKERS.len()]);
+        self.is_open = index / MARKERS.len() % 2 == 1;
+        self
+    }
+
+    /// Makes the markers hollow.
+    pub fn open(mut self) -> Curve {
+        self.is_open = true;
+        self
+    }
+
+    /// Multiplies the width of the markers.
+    pub fn size(mut self, times: f64) -> Curve {
+        self.size = times;
+        self
+    }
+
+    /// Removes the line.
+    pub fn scattered(mut self) -> Curve {
+        self.line = false;
+        self
+    }
+}
+
+/// Rigid obstacle, drawn as a hatched band, or as a line if it faces only a part of the plate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Obstacle {
+    /// Obstacle below the whole plate, at this height in m.
+    Below(f64),
+    /// Obstacle above the whole plate, at this height in m.
+    Above(f64),
+    /// Obstacle that faces a part of the plate, at this height in m.
+    Part(f64),
+}
+
+impl Obstacle {
+    /// Returns the height in m.
+    pub fn height(self) -> f64 {
+        match self {
+            Obstacle::Below(height) | Obstacle::Above(height) | Obstacle::Part(height) => height,
+        }
+    }
+}
+
+/// Bar along x at a height of the y axis, such as an interval of time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bar {
+    /// Ends along x.
+    pub x: [f64; 2],
+    /// Ends along y.
+    pub y: [f64; 2],
+    /// Colour of the bar.
+    pub color: Color,
+}
+
+/// Colour scale with its label and its ends.
+#[derive(Debug, Clone)]
+pub struct Ramp {
+    /// Label: the quantity with its unit.
+    pub label: String,
+    /// Values at the two ends.
+    pub ends: [String; 2],
+    /// Colour for a share from 0 to 1.
+    pub color: fn(f64) -> Color,
+}
+
+/// Frame of a panel, in points.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame {
+    pub left: f64,
+    pub top: f64,
+    pub right: f64,
+    pub bottom: f64,
+}
+
+/// Drawing function of a panel without axes.
+type Drawing = Box<dyn Fn(&mut Canvas, Frame)>;
+
+/// Panel of a figure.
+pub struct Panel {
+    pub(super) axes: Option<[Axis; 2]>,
+    pub(super) heading: String,
+    pub(super) height: f64,
+    pub(super) has_x_labels: bool,
+    pub(super) curves: Vec<Curve>,
+    pub(super) obstacles: Vec<Obstacle>,
+    pub(super) bars: Vec<Bar>,
+    pub(super) ramp: Option<Ramp>,
+    pub(super) rules: Vec<([Option<f64>; 2], String)>,
+    pub(super) slopes: Vec<(f64, [f64; 2])>,
+    pub(super) labels: Vec<([f64; 2], String)>,
+    pub(super) drawing: Option<Drawing>,
+}
+
+impl Panel {
+    /// Creates an empty panel with its axes.
+    pub fn new(x: Axis, y: Axis) -> Panel {
+        Panel {
+            axes: Some([x, y]),
+            heading: String::new(),
+            height: 90.0,
+            has_x_labels: true,
+            curves: Vec::new(),
+            obstacles: Vec::new(),
+            bars: Vec::new(),
+            ramp: None,
+            rules: Vec::new(),
+            slopes: Vec::new(),
+            labels: Vec::new(),
+            drawing: None,
+        }
+    }
+
+    /// Creates a panel without axes.
+    pub(super) fn drawing(draw: impl Fn(&mut Canvas, Frame) + 'static) -> Panel {
+        let nothing = || Axis::linear("", "");
+        Panel { axes: None, drawing: Some(Box::new(draw)), ..Panel::new(nothing(), nothing()) }
+    }
+
+    /// Sets a line above the panel, such as "(a) triangles".
+    pub fn heading(self, heading: impl Into<String>) -> Panel {
+        Panel { heading: heading.into(), ..self }
+    }
+
+    /// Sets the height of the frame in points instead of 90.
+    pub fn height(self, points: f64) -> Panel {
+        Panel { height: points, ..self }
+    }
+
+    /// Removes the texts of the x axis, if the panel below has the same axis.
+    pub fn without_x_labels(self) -> Panel {
+        Panel { has_x_labels: false, ..self }
+    }
+
+    /// Adds a curve; earlier curves are drawn on top.
+    pub fn curve(mut self, curve: Curve) -> Panel {
+        self.curves.push(curve);
+        self
+    }
+
+    /// Adds curves.
+    pub fn curves(mut self, curves: impl IntoIterator<Item = Curve>) -> Panel {
+        self.curves.extend(curves);
+        self
+    }
+
+    /// Adds obstacles at heights along y; one far beyond the curves is left out.
+    pub fn obstacles(mut self, obstacles: &[Obstacle]) -> Panel {
+        self.obstacles.extend(obstacles);
+        self
+    }
+
+    /// Adds bars.
+    pub fn bars(mut self, bars: impl IntoIterator<Item = Bar>) -> Panel {
+        self.bars.extend(bars);
+        self
+    }
+
+    /// Explains the colours of the bars above the panel.
+    pub fn ramp(self, ramp: Ramp) -> Panel {
+        Panel { ramp: Some(ramp), ..self }
+    }
+
+    /// Adds a thin vertical line with a remark at its upper end.
+    pub fn rule_at_x(mut self, x: f64, remark: impl Into<String>) -> Panel {
+        self.rules.push(([Some(x), None], remark.into()));
+        self
+    }
+
+    /// Adds a thin horizontal line with a remark at its right end.
+    pub fn rule_at_y(mut self, y: f64, remark: impl Into<String>) -> Panel {
+        self.rules.push(([None, Some(y)], remark.into()));
+        self
+    }
+
+    /// Adds the line y ~ x^order through a point on logarithmic axes, labelled with its order.
+    pub fn slope(mut self, order: f64, through: [f64; 2]) -> Panel {
+        self.slopes.push((order, through));
+        self
+    }
+
+    /// Adds a remark to the right of a point.
+    pub fn remark(mut self, at: [f64; 2], text: impl Into<String>) -> Panel {
+        self.labels.push((at, text.into()));
+        self
+    }
+
+    /// Returns all data along an axis: 0 for x, 1 for y.
+    fn values(&self, axis: usize) -> impl Iterator<Item = f64> + '_ {
+        let curves =
+            self.curves.iter().flat_map(move |curve| curve.points.iter().map(move |point| point[axis]));
+        let bars = self.bars.iter().flat_map(move |bar| if axis == 0 { bar.x } else { bar.y });
+        curves.chain(bars)
+    }
+
+    /// Returns the obstacles that are not far beyond the curves.
+    pub(super) fn near_obstacles(&self) -> Vec<Obstacle> {
+        let is_near = |of: &&Obstacle| is_near(of.height(), self.values(1));
+        self.obstacles.iter().filter(is_near).copied().collect()
+    }
+
+    /// Fits the axes to the data, for a frame of this width in points.
+    pub(super) fn fit(&self, width: f64) -> Option<[Fitted; 2]> {
+        let [x, y] = self.axes.as_ref()?;
+        let heights = self.near_obstacles().into_iter().map(Obstacle::height);
+        let ticks = |length: f64, apart: f64| ((length / apart) as usize).max(2);
+        Some([
+            x.fit(self.values(0), ticks(width, 30.0)),
+            y.fit(self.values(1).chain(heights), ticks(self.height, 19.0)),
+        ])
+    }
+}

@@ -1,0 +1,294 @@
+//! Strokes of a panel: hatches, lines, markers, ticks and texts.
+
+use super::axis::Fitted;
+use super::panel::{Curve, Frame, Marker, Obstacle, Panel};
+use super::paper::{Anchor, At, Canvas, Color, Pen, Type};
+
+pub(super) const LABEL: Type = Type::new(7.0);
+pub(super) const TICK_LABEL: Type = Type::new(6.5);
+const REMARK: Type = Type { color: Color::GREY, halo: true, ..Type::new(6.0) };
+
+const FRAME: Pen = Pen::solid(Color::BLACK, 0.5);
+pub(super) const RULE: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.8], width: 0.6 };
+const SOLID_EDGE: Pen = Pen::solid(Color::GREY, 0.5);
+const TICK: f64 = 2.6;
+pub(super) const HATCH: f64 = 4.0;
+pub(super) const MARKER: f64 = 2.1;
+
+/// Length of a dashed curve, in widths of its panel, above which it is drawn solid.
+///
+/// The dashes of a longer curve would hide data.
+const MOST_DASHED: f64 = 8.0;
+
+impl Panel {
+    /// Wraps the label of the y axis into as many lines as its height requires.
+    pub(super) fn y_label(&self, axis: &Fitted) -> Vec<String> {
+        wrapped(&axis.label, LABEL, self.height + 6.0)
+    }
+
+    /// Draws the panel in its frame; the label of the y axis begins `start` points from the left.
+    pub(super) fn draw(&self, paper: &mut Canvas, frame: Frame, axes: &[Fitted; 2], start: f64) {
+        let Frame { left, top, right, bottom } = frame;
+        let [x_axis, y_axis] = axes;
+        let at_x = |value: f64| x_axis.share(value).map(|share| left + share * (right - left));
+        let at_y = |value: f64| y_axis.share(value).map(|share| bottom - share * (bottom - top));
+        let at = |[x, y]: [f64; 2]| Some([at_x(x)?, at_y(y)?]);
+        let within = |low: f64, high: f64| move |value: &f64| (low - 0.1..=high + 0.1).contains(value);
+        paper.clipped([left, top], [right, bottom], |paper| {
+            for obstacle in self.near_obstacles() {
+                let Some(y) = at_y(obstacle.height()) else { continue };
+                match obstacle {
+                    Obstacle::Below(_) => draw_solid(paper, [left, y], [right, bottom], HATCH),
+                    Obstacle::Above(_) => draw_solid(paper, [left, y], [right, top], -HATCH),
+                    Obstacle::Part(_) => paper.line([left, y], [right, y], RULE),
+                }
+            }
+            for bar in &self.bars {
+                if let (Some(a), Some(b)) = (at([bar.x[0], bar.y[1]]), at([bar.x[1], bar.y[0]])) {
+                    // A minimal size keeps short bars visible.
+                    paper.rectangle(a, [b[0].max(a[0] + 0.4), b[1].max(a[1] + 0.3)], bar.color);
+                }
+            }
+            for (place, remark) in &self.rules {
+                match place {
+                    [Some(x), _] => {
+                        let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
+                        paper.line([x, top], [x, bottom], RULE);
+                        let is_late = x + REMARK.width(remark) + 3.0 > right;
+                        let (x, anchor) =
+                            if is_late { (x - 2.0, Anchor::End) } else { (x + 2.0, Anchor::Start) };
+                        paper.text(remark, [x, top + 0.7 * REMARK.line()], REMARK, anchor);
+                    }
+                    [_, Some(y)] => {
+                        let Some(y) = at_y(*y).filter(within(top, bottom)) else { continue };
+                        paper.line([left, y], [right, y], RULE);
+                        paper.text(remark, [right - 4.0, y - 0.55 * REMARK.line()], REMARK, Anchor::End);
+                    }
+                    [None, None] => {}
+                }
+            }
+            for &(order, [x0, y0]) in &self.slopes {
+                let line = |x: f64| at([x, y0 * (x / x0).powf(order)]);
+                let (Some(a), Some(b), Some(middle)) = (line(x_axis.low), line(x_axis.high), at([x0, y0]))
+                else {
+                    continue;
+                };
+                paper.line(a, b, RULE);
+                paper.text(
+                    &format!("order {order}"),
+                    [middle[0] + 3.0, middle[1] + 0.6 * REMARK.line()],
+                    REMARK,
+                    Anchor::Start,
+                );
+            }
+        });
+        let lines: Vec<Vec<Vec<At>>> = self
+            .curves
+            .iter()
+            .map(|curve| {
+                let detail = (4000 / self.curves.len()).clamp(50, 700);
+                thinned(curve.points.iter().map(|&point| at(point)), left, right - left, detail)
+            })
+            .collect();
+        paper.clipped([left, top - 1.0], [right, bottom + 1.0], |paper| {
+            for (curve, lines) in self.curves.iter().zip(&lines).rev().filter(|(curve, _)| curve.line) {
+                for line in lines {
+                    draw_line(paper, line, curve.pen, right - left);
+                }
+            }
+        });
+        // Markers on the frame are not clipped.
+        for curve in self.curves.iter().rev() {
+            let Some(marker) = curve.marker else { continue };
+            for at in curve.points.iter().filter_map(|&point| at(point)) {
+                if within(left, right)(&at[0]) && within(top, bottom)(&at[1]) {
+                    draw_marker(paper, at, marker, curve);
+                }
+            }
+        }
+        for (place, text) in &self.labels {
+            let Some([x, y]) = at(*place).filter(|at| within(left, right)(&at[0])) else { continue };
+            let is_late = x + REMARK.width(text) + 4.0 > right;
+            let (x, anchor) = if is_late { (x - 3.0, Anchor::End) } else { (x + 3.0, Anchor::Start) };
+            paper.text(text, [x, y - 0.5 * REMARK.line()], REMARK, anchor);
+        }
+        if self.bars.is_empty() && lines.iter().all(Vec::is_empty) {
+            paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
+        }
+        self.draw_frame(paper, frame, axes, start, at_x, at_y);
+    }
+
+    fn draw_frame(
+        &self,
+        paper: &mut Canvas,
+        Frame { left, top, right, bottom }: Frame,
+        [x_axis, y_axis]: &[Fitted; 2],
+        start: f64,
+        at_x: impl Fn(f64) -> Option<f64>,
+        at_y: impl Fn(f64) -> Option<f64>,
+    ) {
+        let mut tick = |a: At, b: At| paper.line(a, b, FRAME);
+        let x_ticks = x_axis.ticks.iter().map(|(value, _)| (*value, TICK));
+        for (x, long) in x_ticks.chain(x_axis.minor.iter().map(|&value| (value, 0.55 * TICK))) {
+            if let Some(x) = at_x(x) {
+                tick([x, bottom], [x, bottom - long]);
+                tick([x, top], [x, top + long]);
+            }
+        }
+        let y_ticks = y_axis.ticks.iter().map(|(value, _)| (*value, TICK));
+        for (y, long) in y_ticks.chain(y_axis.minor.iter().map(|&value| (value, 0.55 * TICK))) {
+            if let Some(y) = at_y(y) {
+                tick([left, y], [left + long, y]);
+                tick([right, y], [right - long, y]);
+            }
+        }
+        paper.polyline(&[[left, top], [right, top], [right, bottom], [left, bottom], [left, top]], FRAME);
+        for (value, text) in &y_axis.ticks {
+            if let Some(y) = at_y(*value) {
+                paper.text(text, [left - 2.5, y], TICK_LABEL, Anchor::End);
+            }
+        }
+        for (line, text) in self.y_label(y_axis).iter().enumerate() {
+            let x = start + (line as f64 + 0.5) * LABEL.line();
+            paper.text_upwards(text, [x, 0.5 * (top + bottom)], LABEL);
+        }
+        if !self.has_x_labels {
+            return;
+        }
+        let below = bottom + 2.0 + 0.5 * TICK_LABEL.line();
+        let mut free_from = f64::NEG_INFINITY;
+        for (value, text) in &x_axis.ticks {
+            let Some(x) = at_x(*value) else { continue };
+            let half = 0.5 * TICK_LABEL.width(text);
+            if x - half > free_from {
+                paper.text(text, [x, below], TICK_LABEL, Anchor::Middle);
+                free_from = x + half + 2.0;
+            }
+        }
+        let under = bottom + 2.0 + TICK_LABEL.line() + 0.5 * LABEL.line();
+        paper.text(&x_axis.label, [0.5 * (left + right), under], LABEL, Anchor::Middle);
+    }
+}
+
+/// Draws a solid body, shaded, with its edge hatched `depth` points deep (upwards if negative).
+pub(super) fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, depth: f64) {
+    paper.line([left, y], [right, y], SOLID_EDGE);
+    paper.rectangle([left, y.min(end)], [right, y.max(end)], Color::SHADE);
+    paper.line([left, y], [right, y], SOLID_EDGE);
+    let depth = if depth > 0.0 { depth.min(end - y) } else { depth.max(end - y) };
+    let run = depth.abs();
+    let strokes = ((right - left - run) / HATCH).max(-1.0) as i64;
+    for i in 0..=strokes {
+        let x = left + run + HATCH * i as f64;
+        paper.line([x, y], [x - run, y + depth], SOLID_EDGE);
+    }
+}
+
+fn draw_line(paper: &mut Canvas, line: &[At], pen: Pen, width: f64) {
+    if let [at] = *line {
+        return paper.circle(at, pen.width, pen.color, None);
+    }
+    let length: f64 =
+        line.windows(2).map(|ends| (ends[1][0] - ends[0][0]).hypot(ends[1][1] - ends[0][1])).sum();
+    let dashes = if length > MOST_DASHED * width { &[] } else { pen.dashes };
+    paper.polyline(line, Pen { dashes, ..pen });
+}
+
+pub(super) fn draw_marker(paper: &mut Canvas, [x, y]: At, marker: Marker, curve: &Curve) {
+    let pen = Pen::solid(curve.pen.color, 0.8);
+    let fill = if curve.is_open { Color::WHITE } else { curve.pen.color };
+    let r = MARKER * curve.size;
+    match marker {
+        Marker::Circle => paper.circle([x, y], r, fill, Some(pen)),
+        Marker::Square => {
+            let r = 0.88 * r;
+            paper.polygon(&[[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]], fill, Some(pen));
+        }
+        Marker::Triangle => {
+            paper.polygon(
+                &[[x, y - 1.2 * r], [x + 1.1 * r, y + 0.8 * r], [x - 1.1 * r, y + 0.8 * r]],
+                fill,
+                Some(pen),
+            );
+        }
+        Marker::Diamond => {
+            let r = 1.25 * r;
+            paper.polygon(&[[x, y - r], [x + r, y], [x, y + r], [x - r, y]], fill, Some(pen));
+        }
+        Marker::Cross => {
+            paper.line([x - r, y - r], [x + r, y + r], pen);
+            paper.line([x - r, y + r], [x + r, y - r], pen);
+        }
+        Marker::Plus => {
+            let r = 1.3 * r;
+            paper.line([x - r, y], [x + r, y], pen);
+            paper.line([x, y - r], [x, y + r], pen);
+        }
+    }
+}
+
+/// Splits a curve at its gaps and removes points that cannot be told apart.
+///
+/// A curve with increasing x keeps the least and greatest value of each of `columns` columns; any
+/// other curve keeps points at a visible distance.
+fn thinned(points: impl Iterator<Item = Option<At>>, left: f64, width: f64, columns: usize) -> Vec<Vec<At>> {
+    let mut lines: Vec<Vec<At>> = vec![Vec::new()];
+    for point in points {
+        match (point, lines.last_mut()) {
+            (Some(at), Some(line)) => line.push(at),
+            (None, Some(line)) if !line.is_empty() => lines.push(Vec::new()),
+            _ => {}
+        }
+    }
+    lines.retain(|line| !line.is_empty());
+    for line in &mut lines {
+        if line.windows(2).all(|ends| ends[0][0] <= ends[1][0]) {
+            if line.len() > 2 * columns {
+                *line = extremes(line, left, width, columns);
+            }
+        } else {
+            let apart = |[a, b]: At, [c, d]: At| (c - a).hypot(d - b) > 0.3;
+            let mut kept = line[0];
+            let last = line[line.len() - 1];
+            line.retain(|&at| {
+                let keep = at == kept || apart(kept, at);
+                if keep {
+                    kept = at;
+                }
+                keep
+            });
+            let stride = line.len().div_ceil(8 * columns);
+            *line = line.iter().copied().step_by(stride).chain([last]).collect();
+        }
+    }
+    lines
+}
+
+/// Returns the points of least and greatest value in each column, in their order.
+fn extremes(line: &[At], left: f64, width: f64, columns: usize) -> Vec<At> {
+    let column = |at: &At| ((at[0] - left) / width * columns as f64) as i64;
+    let mut kept = Vec::new();
+    for part in line.chunk_by(|a, b| column(a) == column(b)) {
+        let order = |a: &&At, b: &&At| a[1].total_cmp(&b[1]);
+        let (least, greatest) = (part.iter().min_by(order), part.iter().max_by(order));
+        if let (Some(&least), Some(&greatest)) = (least, greatest) {
+            let pair = if least[0] <= greatest[0] { [least, greatest] } else { [greatest, least] };
+            kept.extend(&pair[..if least == greatest { 1 } else { 2 }]);
+        }
+    }
+    kept
+}
+
+/// Wraps a text into as few lines as fit.
+pub(super) fn wrapped(text: &str, look: Type, width: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if look.width(line) + look.width(" ") + look.width(word) <= width => {
+                *line = format!("{line} {word}");
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
