@@ -18,9 +18,9 @@
 mod batch;
 mod cells;
 mod cholesky;
+mod double_double;
 mod native;
 mod simd;
-mod twice;
 
 pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
@@ -30,8 +30,8 @@ pub use native::Native;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
+use double_double::DoubleDouble;
 use faer::Mat;
-use twice::DoubleDouble;
 
 /// First class number of the cells without [`ElementMatrix::bending`]: springs, foundations, and
 /// cells at supports with oblique axes.

@@ -3,7 +3,7 @@
 use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
-use super::twice::DoubleDouble;
+use super::double_double::DoubleDouble;
 use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell};
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};

@@ -5,114 +5,12 @@
 //! end costs half as many digits as rounding A. Rounding A itself, or anything on the way, may take
 //! all stiffness from a slow motion.
 
-use super::cholesky::Supernode;
+use super::supernodes::Supernode;
+use crate::linalg::double_double::DoubleDouble;
 use pulp::{Simd, WithSimd};
-use std::iter::Sum;
-use std::ops::{Add, Div, Mul, Neg, Sub};
-
-/// Number as the unevaluated sum of two doubles, the lower one below the rounding of the higher:
-/// about 32 decimal digits.
-///
-/// Sources: T. J. Dekker, *A floating-point technique for extending the available precision*, 1971;
-/// D. E. Knuth, *The Art of Computer Programming 2*, section 4.2.2.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct DoubleDouble {
-    high: f64,
-    low: f64,
-}
-
-impl DoubleDouble {
-    /// Returns the sum of a number and a much smaller one.
-    #[inline(always)]
-    fn new(high: f64, low: f64) -> DoubleDouble {
-        let sum = high + low;
-        DoubleDouble { high: sum, low: low - (sum - high) }
-    }
-
-    /// Returns a b exactly.
-    #[inline(always)]
-    pub fn product(a: f64, b: f64) -> DoubleDouble {
-        let high = a * b;
-        DoubleDouble { high, low: a.mul_add(b, -high) }
-    }
-
-    /// Returns the nearest double.
-    #[inline(always)]
-    pub fn round(self) -> f64 {
-        self.high
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> DoubleDouble {
-        let root = self.high.sqrt();
-        DoubleDouble::new(root, 0.5 * (self - DoubleDouble::product(root, root)).high / root)
-    }
-}
-
-impl From<f64> for DoubleDouble {
-    fn from(high: f64) -> DoubleDouble {
-        DoubleDouble { high, low: 0.0 }
-    }
-}
-
-impl Add for DoubleDouble {
-    type Output = DoubleDouble;
-
-    #[inline(always)]
-    fn add(self, other: DoubleDouble) -> DoubleDouble {
-        let sum = self.high + other.high;
-        let part = sum - self.high;
-        let rest = (self.high - (sum - part)) + (other.high - part);
-        DoubleDouble::new(sum, rest + (self.low + other.low))
-    }
-}
-
-impl Neg for DoubleDouble {
-    type Output = DoubleDouble;
-
-    #[inline(always)]
-    fn neg(self) -> DoubleDouble {
-        DoubleDouble { high: -self.high, low: -self.low }
-    }
-}
-
-impl Sub for DoubleDouble {
-    type Output = DoubleDouble;
-
-    #[inline(always)]
-    fn sub(self, other: DoubleDouble) -> DoubleDouble {
-        self + -other
-    }
-}
-
-impl Mul for DoubleDouble {
-    type Output = DoubleDouble;
-
-    #[inline(always)]
-    fn mul(self, other: DoubleDouble) -> DoubleDouble {
-        let DoubleDouble { high, low } = DoubleDouble::product(self.high, other.high);
-        DoubleDouble::new(high, low + (self.high * other.low + self.low * other.high))
-    }
-}
-
-impl Div for DoubleDouble {
-    type Output = DoubleDouble;
-
-    #[inline(always)]
-    fn div(self, other: DoubleDouble) -> DoubleDouble {
-        let ratio = self.high / other.high;
-        DoubleDouble::new(ratio, (self - other * ratio.into()).high / other.high)
-    }
-}
-
-impl Sum for DoubleDouble {
-    fn sum<I: Iterator<Item = DoubleDouble>>(terms: I) -> DoubleDouble {
-        terms.fold(DoubleDouble::default(), Add::add)
-    }
-}
 
 /// Factors the panels of a matrix in place and returns whether it is positive definite.
-pub(super) struct Factor<'a> {
+pub(super) struct PanelFactorisation<'a> {
     pub supernodes: &'a [Supernode],
     pub patterns: &'a [u32],
     /// Supernode of each position.
@@ -120,14 +18,14 @@ pub(super) struct Factor<'a> {
     pub values: &'a mut [DoubleDouble],
 }
 
-impl WithSimd for Factor<'_> {
+impl WithSimd for PanelFactorisation<'_> {
     type Output = bool;
 
     /// Dispatches the loops below without intrinsics: the widest registers come with the fused
     /// multiply-add that exact products need.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> bool {
-        let Factor { supernodes, patterns, owner, values } = self;
+        let PanelFactorisation { supernodes, patterns, owner, values } = self;
         let mut row_of = vec![0; owner.len()];
         let mut update = Vec::new();
         for s in supernodes {
@@ -173,7 +71,7 @@ fn factor_panel(panel: &mut [DoubleDouble], width: usize, height: usize) -> bool
         let (done, rest) = panel.split_at_mut((j + 1) * height);
         let column = &mut done[j * height..];
         let pivot = column[j];
-        if !(pivot.high > 0.0 && pivot.high.is_finite()) {
+        if !(pivot.round() > 0.0 && pivot.round().is_finite()) {
             return false;
         }
         let root = pivot.sqrt();

@@ -1,0 +1,224 @@
+//! Triangular solves for one right-hand side, which stop at the contact dofs.
+
+use super::Cholesky;
+use super::supernodes::Supernode;
+use crate::error::Result;
+use crate::linalg::Factor;
+use crate::linalg::simd::{dot4, subtract4};
+use faer::Mat;
+use pulp::{Simd, WithSimd};
+
+impl Factor for Cholesky {
+    fn solve(&mut self, x: &mut [f64]) -> Result<()> {
+        let dofs = x.len();
+        self.permute(x);
+        self.forward(dofs);
+        self.backward(dofs);
+        self.unpermute(x);
+        Ok(())
+    }
+
+    fn schur(&self) -> &Mat<f64> {
+        &self.schur
+    }
+
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+        self.permute(b);
+        self.forward(self.interior);
+        h.copy_from_slice(&self.x[self.interior..]);
+        Ok(())
+    }
+
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
+        self.x[self.interior..].copy_from_slice(values);
+        self.backward(self.interior);
+        self.unpermute(x);
+        Ok(())
+    }
+
+    fn solve_schur(&self, h: &mut [f64]) {
+        let size = h.len();
+        for j in 0..size {
+            let column = self.tail.col(j);
+            h[j] /= column[j];
+            for i in j + 1..size {
+                h[i] -= column[i] * h[j];
+            }
+        }
+        for j in (0..size).rev() {
+            let column = self.tail.col(j);
+            let known: f64 = (j + 1..size).map(|i| column[i] * h[i]).sum();
+            h[j] = (h[j] - known) / column[j];
+        }
+    }
+
+    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
+        if dofs.is_empty() {
+            return self.factor(None);
+        }
+        let mut pinned = vec![false; self.matrix.nrows()];
+        for &dof in dofs {
+            pinned[dof] = true;
+        }
+        self.factor(Some(&pinned))
+    }
+}
+
+impl Cholesky {
+    fn permute(&mut self, b: &[f64]) {
+        for (x, &dof) in self.x.iter_mut().zip(&self.order) {
+            *x = b[dof as usize];
+        }
+    }
+
+    fn unpermute(&self, x: &mut [f64]) {
+        for (value, &dof) in self.x.iter().zip(&self.order) {
+            x[dof as usize] = *value;
+        }
+    }
+
+    fn forward(&mut self, limit: usize) {
+        self.arch.dispatch(Sweep::<true> {
+            supernodes: &self.supernodes,
+            patterns: &self.patterns,
+            values: &self.values,
+            pivots: &self.pivots,
+            limit,
+            x: &mut self.x,
+            work: &mut self.work,
+        });
+    }
+
+    fn backward(&mut self, limit: usize) {
+        self.arch.dispatch(Sweep::<false> {
+            supernodes: &self.supernodes,
+            patterns: &self.patterns,
+            values: &self.values,
+            pivots: &self.pivots,
+            limit,
+            x: &mut self.x,
+            work: &mut self.work,
+        });
+    }
+}
+
+/// Triangular solve with the columns before `limit`: forward with L, or backward with its
+/// transpose.
+struct Sweep<'a, const FORWARD: bool> {
+    supernodes: &'a [Supernode],
+    patterns: &'a [u32],
+    values: &'a [f64],
+    pivots: &'a [f64],
+    limit: usize,
+    x: &'a mut [f64],
+    work: &'a mut [f64],
+}
+
+impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let (supernodes, limit) = (self.supernodes, self.limit);
+        if FORWARD {
+            for s in supernodes {
+                if s.start < limit {
+                    self.eliminate(simd, s);
+                }
+            }
+        } else {
+            for s in supernodes.iter().rev() {
+                if s.start < limit {
+                    self.substitute(simd, s);
+                }
+            }
+        }
+    }
+}
+
+impl<const FORWARD: bool> Sweep<'_, FORWARD> {
+    /// Eliminates forward with the columns of one supernode. `work` holds the supernode's part of x
+    /// and below it the updates to other rows of x.
+    #[inline(always)]
+    fn eliminate<S: Simd>(&mut self, simd: S, s: &Supernode) {
+        let (width, height, columns) = s.shape(self.limit);
+        let values = &self.values[s.values..][..width * height];
+        let pivots = &self.pivots[s.start..][..columns];
+        let work = &mut self.work[..height];
+        work[..width].copy_from_slice(&self.x[s.start..s.end]);
+        work[width..].fill(0.0);
+        let mut j = 0;
+        while j + 4 <= columns {
+            let a = four(values, j, height);
+            let (head, rest) = work[j..].split_at_mut(4);
+            head[0] *= pivots[j];
+            head[1] = (head[1] - a[0][1] * head[0]) * pivots[j + 1];
+            head[2] = (head[2] - a[0][2] * head[0] - a[1][2] * head[1]) * pivots[j + 2];
+            head[3] = (head[3] - a[0][3] * head[0] - a[1][3] * head[1] - a[2][3] * head[2]) * pivots[j + 3];
+            subtract4(simd, below(a), head, rest);
+            j += 4;
+        }
+        for j in j..columns {
+            let (head, rest) = work[j..].split_at_mut(1);
+            head[0] *= pivots[j];
+            for (y, a) in rest.iter_mut().zip(&values[j * height + j + 1..]) {
+                *y -= a * head[0];
+            }
+        }
+        self.x[s.start..s.end].copy_from_slice(&work[..width]);
+        for (loss, &row) in work[width..].iter().zip(&self.patterns[s.pattern..]) {
+            self.x[row as usize] += loss;
+        }
+    }
+
+    /// Substitutes backward with the columns of one supernode.
+    #[inline(always)]
+    fn substitute<S: Simd>(&mut self, simd: S, s: &Supernode) {
+        let (width, height, columns) = s.shape(self.limit);
+        let values = &self.values[s.values..][..width * height];
+        let pivots = &self.pivots[s.start..][..columns];
+        let work = &mut self.work[..height];
+        work[..width].copy_from_slice(&self.x[s.start..s.end]);
+        for (value, &row) in work[width..].iter_mut().zip(&self.patterns[s.pattern..]) {
+            *value = self.x[row as usize];
+        }
+        let whole = columns / 4 * 4;
+        for j in (whole..columns).rev() {
+            let (head, rest) = work[j..].split_at_mut(1);
+            let mut known = 0.0;
+            for (y, a) in rest.iter().zip(&values[j * height + j + 1..]) {
+                known += a * y;
+            }
+            head[0] = (head[0] - known) * pivots[j];
+        }
+        for j in (0..whole).step_by(4).rev() {
+            let a = four(values, j, height);
+            let (head, rest) = work[j..].split_at_mut(4);
+            let known = dot4(simd, below(a), rest);
+            head[3] = (head[3] - known[3]) * pivots[j + 3];
+            head[2] = (head[2] - known[2] - a[2][3] * head[3]) * pivots[j + 2];
+            head[1] = (head[1] - known[1] - a[1][2] * head[2] - a[1][3] * head[3]) * pivots[j + 1];
+            head[0] =
+                (head[0] - known[0] - a[0][1] * head[1] - a[0][2] * head[2] - a[0][3] * head[3]) * pivots[j];
+        }
+        self.x[s.start..s.end].copy_from_slice(&work[..width]);
+    }
+}
+
+/// Returns columns j to j + 3 of a panel, from row j on.
+#[inline(always)]
+fn four(values: &[f64], j: usize, height: usize) -> [&[f64]; 4] {
+    let (from, to) = (j * height + j, (j + 1) * height);
+    [
+        &values[from..to],
+        &values[from + height..to + height],
+        &values[from + 2 * height..to + 2 * height],
+        &values[from + 3 * height..to + 3 * height],
+    ]
+}
+
+/// Returns the columns of [`four`] below their triangle.
+#[inline(always)]
+fn below(a: [&[f64]; 4]) -> [&[f64]; 4] {
+    [&a[0][4..], &a[1][4..], &a[2][4..], &a[3][4..]]
+}
