@@ -11,35 +11,28 @@
 //! A first run gives the errors. Its seconds are the least of several further repetitions.
 
 pub mod front;
+mod measuring;
 pub mod norms;
 pub mod pictures;
 pub mod plan;
 mod report;
 pub mod trajectory;
 pub mod truth;
+mod types;
 
-use crate::dof_map::DofMap;
 use crate::error::{Error, Result};
 use crate::linalg::Native;
-use crate::mesh::{Cell, Mesh, Point};
+use crate::mesh::Point;
 use crate::modes;
-use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, Scene, Study};
+use crate::scene::{EngineName, Grid, Horizon, Probe, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
-use norms::{Jet, Metric, Norms, Points, Sampler};
-use plan::{Case, Dropped, Plan, mesh_name};
-use serde::{Deserialize, Serialize};
+use measuring::{PATIENCE, Reference, limit, measure, mesh_and_space, take, take_at_once};
+use norms::Metric;
+use plan::{Case, Plan, mesh_name};
 use std::rc::Rc;
-use trajectory::{Deviation, Distance, Parts, Trajectory};
+use trajectory::{Deviation, Parts, Trajectory};
 use truth::{Family, ReferenceSolution, ReferenceSpec};
-
-/// Limit on the total time of a case's repetitions, in s.
-const PATIENCE: f64 = 10.0;
-
-/// Total time, in s, up to which short cases are repeated, at most [`MOST_REPETITIONS`] times.
-///
-/// This keeps a momentary disturbance from affecting the ranks.
-const ENOUGH: f64 = 0.2;
-const MOST_REPETITIONS: u32 = 30;
+pub use types::{Accuracy, Failure, Limit, Run, Scales};
 
 /// Number of steps from which the time of a run is estimated.
 const FORETELLING_STEPS: f64 = 20.0;
@@ -83,234 +76,6 @@ pub trait Watch {
     /// # Errors
     /// Returns any error that prevents the study from going on, which then stops.
     fn done(&mut self, so_far: &Accuracy) -> Result<()>;
-}
-
-/// Scales of relative errors: the largest magnitudes in the motion on the reference mesh.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Scales {
-    /// Deflection at the probes, in m.
-    pub deflection: f64,
-    /// L2 norm of the deflection, in m2.
-    pub l2: f64,
-    /// Energy norm of the deflection, in J^(1/2).
-    pub energy: f64,
-}
-
-/// Motion to which runs converge as their step tends to zero.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Limit {
-    /// Name of the mesh.
-    pub mesh: String,
-    /// Mass matrix.
-    pub mass: Mass,
-    /// Family of methods with this limit: all of the singular mass, or one method of the consistent
-    /// mass.
-    pub family: String,
-    /// Method by which the motion was computed.
-    pub source: String,
-    /// Methods that were tried before, and why they failed.
-    pub refused: Vec<String>,
-    /// Number of free dofs.
-    pub dofs: usize,
-    /// Side of a square with the mean area of a cell, two triangles counted as one cell, in m.
-    pub size: f64,
-    /// Starts of the impacts, in s.
-    pub impacts: Vec<f64>,
-    /// Time of the first contact, in s.
-    pub first_impact: Option<f64>,
-    /// Estimate of the limit's own error at the probes, relative.
-    pub own_error: Parts<Deviation>,
-    /// Error in space: the distance from the motion on the reference mesh.
-    pub space: Distance,
-}
-
-/// Measurements of one run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Run {
-    /// Mesh, method and step.
-    #[serde(flatten)]
-    pub case: Case,
-    /// Number of free dofs.
-    pub dofs: usize,
-    /// Number of steps.
-    pub steps: u64,
-    /// Number of steps in contact.
-    pub contact_steps: u64,
-    /// Number of iterations of the contact solver.
-    pub vi_iterations: u64,
-    /// Number of numeric factorisations.
-    pub factorisations: u64,
-    /// Worst relative KKT residual.
-    pub worst_kkt: f64,
-    /// Time of mesh, matrices, static start and first factorisation, in s.
-    pub set_up_seconds: f64,
-    /// Time of all steps, in s.
-    pub stepping_seconds: f64,
-    /// Distance from the limit on the same mesh.
-    pub time: Distance,
-    /// Error in time that ranks the run: root mean square at the probes up to the horizon,
-    /// relative.
-    pub time_error: f64,
-    /// Error in space of the limit: root mean square at the probes up to the horizon, relative.
-    pub space_error: f64,
-    /// Whether the error in time is too close to the limit's own error to be resolved.
-    pub at_floor: bool,
-    /// Time of the first contact minus that of the limit, in s.
-    pub first_impact_error: Option<f64>,
-    /// Relative change of the energy at the end, and the largest magnitude of that change during
-    /// the run.
-    pub energy_drift: Option<[f64; 2]>,
-}
-
-impl Run {
-    /// Returns the time of the whole run, in s.
-    pub fn seconds(&self) -> f64 {
-        self.set_up_seconds + self.stepping_seconds
-    }
-
-    /// Returns a bound on the whole error, relative.
-    pub fn error(&self) -> f64 {
-        self.time_error + self.space_error
-    }
-
-    /// Returns the name of the larger error.
-    pub fn dominating(&self) -> &'static str {
-        if self.time_error > self.space_error { "time" } else { "space" }
-    }
-}
-
-/// Run that did not reach its end.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Failure {
-    /// Name of the run.
-    pub what: String,
-    /// Reason of the failure.
-    pub why: String,
-}
-
-/// Results of a study: the cost and the errors of each run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Accuracy {
-    /// Title of the scene.
-    pub title: String,
-    /// Whether all runs are included.
-    pub complete: bool,
-    /// Horizon that ranks the runs; the whole run if the scene's horizon needs an impact that is
-    /// missing.
-    pub until: Horizon,
-    /// Time between instants of comparison, in s.
-    pub interval: f64,
-    /// Names of the probes.
-    pub probes: Vec<String>,
-    /// Scales of relative errors.
-    pub scales: Scales,
-    /// Mesh on which the error in space is measured, and the method that computed its motion.
-    pub reference: String,
-    /// Limits of the runs.
-    pub limits: Vec<Limit>,
-    /// Completed runs.
-    pub runs: Vec<Run>,
-    /// Failed runs.
-    pub failures: Vec<Failure>,
-    /// Combinations left out.
-    #[serde(skip_deserializing)]
-    pub dropped: Vec<Dropped>,
-    /// Largest number of simultaneous runs; times are unreliable if it exceeds 1.
-    pub at_once: usize,
-}
-
-/// Returns the scene, with default probes if it has none.
-///
-/// These are the corners, the middles of the edges and the centre of the rectangle. On a mesh from
-/// a file they are the nodes nearest to those points of the bounding rectangle.
-fn watched(scene: &Scene) -> Result<Scene> {
-    let mut scene = scene.clone();
-    if scene.output.probes.is_empty() {
-        let mesh = simulation::mesh(&scene)?;
-        let extremes = |of: fn(&Point) -> f64| {
-            mesh.nodes
-                .iter()
-                .map(of)
-                .fold([f64::MAX, f64::MIN], |[least, most], x| [least.min(x), most.max(x)])
-        };
-        let (x, y) = (extremes(|node| node.x), extremes(|node| node.y));
-        let between = |[least, most]: [f64; 2], part: f64| (1.0 - part) * least + part * most;
-        let places = [("left", 0.0), ("middle", 0.5), ("right", 1.0)];
-        let heights = [("bottom", 0.0), ("middle", 0.5), ("top", 1.0)];
-        let probe = |(across, up): ((&str, f64), (&str, f64))| {
-            let at = Point::new(between(x, across.1), between(y, up.1));
-            let away = |node: &&Point| (**node - at).norm();
-            let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&at);
-            let at = if scene.file.is_some() { *node } else { at };
-            Probe { name: format!("{} {}", up.0, across.0), at: [at.x, at.y], point: None, ball: None }
-        };
-        let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
-        scene.output.probes = pairs.map(probe).collect();
-    }
-    Ok(scene)
-}
-
-/// Motion on the reference mesh, at its quadrature points.
-struct Reference {
-    truth: ReferenceSolution,
-    points: Points,
-    jets: Vec<Vec<Jet>>,
-}
-
-impl Reference {
-    fn new(base: &Scene, truth: ReferenceSolution) -> Result<Reference> {
-        let (mesh, space) = mesh_and_space(base, truth.grid)?;
-        let points = Points::new(&mesh, &simulation::sections(base, &mesh)?)?;
-        let sampler = Sampler::new(&mesh, &space, points.at())?;
-        let jets = truth.trajectory.fields.iter().map(|u| sampler.jets(u)).collect();
-        Ok(Reference { truth, points, jets })
-    }
-
-    fn scales(&self) -> Scales {
-        let zeros = vec![[0.0; 4]; self.points.at().len()];
-        let largest = self.jets.iter().fold(Norms::default(), |largest, jets| {
-            let norms = self.points.distance(jets, &zeros);
-            Norms { l2: largest.l2.max(norms.l2), energy: largest.energy.max(norms.energy) }
-        });
-        Scales { deflection: self.truth.trajectory.scale(), l2: largest.l2, energy: largest.energy }
-    }
-
-    /// Returns the error in space of a motion on another mesh.
-    fn distance(&self, base: &Scene, truth: &ReferenceSolution, instants: &[f64]) -> Result<Distance> {
-        let (mesh, space) = mesh_and_space(base, truth.grid)?;
-        let sampler = Sampler::new(&mesh, &space, self.points.at())?;
-        let norms: Vec<Norms> = truth
-            .trajectory
-            .fields
-            .iter()
-            .zip(&self.jets)
-            .map(|(u, reference)| self.points.distance(&sampler.jets(u), reference))
-            .collect();
-        let finest = &self.truth;
-        Ok(Distance::new(&truth.trajectory, &finest.trajectory, &finest.impacts, Some(&norms), instants))
-    }
-}
-
-fn mesh_and_space(base: &Scene, grid: Grid) -> Result<(Mesh, DofMap)> {
-    let mut scene = base.clone();
-    scene.mesh = grid;
-    let mesh = simulation::mesh(&scene)?;
-    let space = simulation::space(&scene, &mesh)?;
-    Ok((mesh, space))
-}
-
-/// Returns the first natural period of a scene with obstacles, in s; 0 for scenes without.
-fn first_period(base: &Scene) -> Result<f64> {
-    if !base.has_contact() {
-        return Ok(0.0);
-    }
-    let mesh = simulation::mesh(base)?;
-    let Matrices { stiffness, consistent, load, .. } = simulation::matrices(base, &mesh, true)?;
-    let engine = Native::new(load.len());
-    let (stiffness, mass) = (engine.form(stiffness), engine.form(consistent));
-    let mechanism = simulation::mechanism(base, &mesh)?.is_some();
-    let lowest = modes::lowest(&engine, &stiffness, &mass, LOWEST, mechanism)?;
-    Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }
 
 /// Runs a study: every case of its plan that is not `known` yet.
@@ -444,12 +209,49 @@ pub fn study(
     Ok(accuracy)
 }
 
-impl Accuracy {
-    /// Returns the limit of a family on a mesh.
-    fn limit(&self, grid: &Grid, family: Family) -> Option<&Limit> {
-        let (mesh, family) = (mesh_name(grid), family.to_string());
-        self.limits.iter().find(|limit| limit.mesh == mesh && limit.family == family)
+/// Returns the scene, with default probes if it has none.
+///
+/// These are the corners, the middles of the edges and the centre of the rectangle. On a mesh from
+/// a file they are the nodes nearest to those points of the bounding rectangle.
+fn watched(scene: &Scene) -> Result<Scene> {
+    let mut scene = scene.clone();
+    if scene.output.probes.is_empty() {
+        let mesh = simulation::mesh(&scene)?;
+        let extremes = |of: fn(&Point) -> f64| {
+            mesh.nodes
+                .iter()
+                .map(of)
+                .fold([f64::MAX, f64::MIN], |[least, most], x| [least.min(x), most.max(x)])
+        };
+        let (x, y) = (extremes(|node| node.x), extremes(|node| node.y));
+        let between = |[least, most]: [f64; 2], part: f64| (1.0 - part) * least + part * most;
+        let places = [("left", 0.0), ("middle", 0.5), ("right", 1.0)];
+        let heights = [("bottom", 0.0), ("middle", 0.5), ("top", 1.0)];
+        let probe = |(across, up): ((&str, f64), (&str, f64))| {
+            let at = Point::new(between(x, across.1), between(y, up.1));
+            let away = |node: &&Point| (**node - at).norm();
+            let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&at);
+            let at = if scene.file.is_some() { *node } else { at };
+            Probe { name: format!("{} {}", up.0, across.0), at: [at.x, at.y], point: None, ball: None }
+        };
+        let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
+        scene.output.probes = pairs.map(probe).collect();
     }
+    Ok(scene)
+}
+
+/// Returns the first natural period of a scene with obstacles, in s; 0 for scenes without.
+fn first_period(base: &Scene) -> Result<f64> {
+    if !base.has_contact() {
+        return Ok(0.0);
+    }
+    let mesh = simulation::mesh(base)?;
+    let Matrices { stiffness, consistent, load, .. } = simulation::matrices(base, &mesh, true)?;
+    let engine = Native::new(load.len());
+    let (stiffness, mass) = (engine.form(stiffness), engine.form(consistent));
+    let mechanism = simulation::mechanism(base, &mesh)?.is_some();
+    let lowest = modes::lowest(&engine, &stiffness, &mass, LOWEST, mechanism)?;
+    Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }
 
 /// Remaining work of a plan.
@@ -485,116 +287,6 @@ impl Todo {
         }
         Todo { reference, limits, cases }
     }
-}
-
-fn limit(mesh: &Mesh, truth: &ReferenceSolution, dofs: usize, scales: Scales, space: Distance) -> Limit {
-    let relative =
-        |d: Deviation| Deviation { rms: d.rms / scales.deflection, max: d.max / scales.deflection };
-    Limit {
-        mesh: mesh_name(&truth.grid),
-        mass: match truth.family {
-            Family::Singular => Mass::Singular,
-            Family::Consistent(_) => Mass::Consistent,
-        },
-        family: truth.family.to_string(),
-        source: truth.source.clone(),
-        refused: truth.refused.clone(),
-        dofs,
-        size: size(mesh),
-        impacts: truth.impacts.clone(),
-        first_impact: truth.first_impact,
-        own_error: truth.error.probes.map(relative),
-        space,
-    }
-}
-
-/// Returns the side of a square with the mean area of a cell, in m; two triangles count as one
-/// cell.
-fn size(mesh: &Mesh) -> f64 {
-    let area = |cell| mesh.area(cell);
-    let parts = |cell: &Cell| if cell.nodes().len() == 3 { 0.5 } else { 1.0 };
-    let rectangles: f64 = mesh.cells.iter().map(parts).sum();
-    ((0..mesh.cells.len()).map(area).sum::<f64>() / rectangles).sqrt()
-}
-
-/// Completed run of a case.
-struct Measurement {
-    trajectory: Trajectory,
-    outcome: Outcome,
-    keep_fields: bool,
-    /// Least times of set-up and of stepping, in s.
-    seconds: [f64; 2],
-}
-
-/// Runs a case once for its motion, then repeatedly for its time.
-fn take(base: &Scene, study: &Study, case: &Case, interval: f64, run: &Runner) -> Result<Measurement> {
-    let mut scene = case.scene(base, interval);
-    let keep_fields = scene.solver.engine == EngineName::Native;
-    let (trajectory, outcome) = run(&scene, keep_fields)?;
-    scene.output.every = u64::MAX;
-    let (mut set_up_seconds, mut stepping_seconds, mut spent) = (f64::INFINITY, f64::INFINITY, 0.0);
-    for round in 0.. {
-        let settled = study.repeat == 1 || spent > ENOUGH || round >= MOST_REPETITIONS;
-        if round >= study.repeat && settled || spent > PATIENCE {
-            break;
-        }
-        let (_, outcome) = run(&scene, false)?;
-        let seconds = outcome.seconds;
-        let set_up = seconds.assembly + seconds.equilibrium + seconds.factor;
-        set_up_seconds = set_up.min(set_up_seconds);
-        stepping_seconds = seconds.stepping.min(stepping_seconds);
-        spent += set_up + seconds.stepping;
-    }
-    Ok(Measurement { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] })
-}
-
-/// Works as [`take`] for several cases at the same time, on the native engine.
-fn take_at_once(base: &Scene, study: &Study, cases: &[&Case], interval: f64) -> Vec<Result<Measurement>> {
-    std::thread::scope(|scope| {
-        let start = |case| scope.spawn(move || take(base, study, case, interval, &run_native));
-        let running: Vec<_> = cases.iter().copied().map(start).collect();
-        running
-            .into_iter()
-            .map(|run| run.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-            .collect()
-    })
-}
-
-/// Measures the distance of a case from its limit.
-fn measure(
-    study: &Study,
-    case: &Case,
-    taken: Measurement,
-    truth: &ReferenceSolution,
-    metric: &Metric,
-) -> Result<Run> {
-    let Measurement { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] } = taken;
-    let reference = &truth.trajectory;
-    let norms: Option<Vec<Norms>> = keep_fields
-        .then(|| {
-            let pairs = trajectory.fields.iter().zip(&reference.fields);
-            pairs.map(|(a, b)| metric.distance(a, b)).collect::<Result<_>>()
-        })
-        .transpose()?;
-    let time = Distance::new(&trajectory, reference, &truth.impacts, norms.as_deref(), &study.at);
-    let touch = outcome.first_impact.map(|impact| impact.time);
-    Ok(Run {
-        case: *case,
-        dofs: outcome.dofs,
-        steps: outcome.steps,
-        contact_steps: outcome.contact_steps,
-        vi_iterations: outcome.vi_iterations,
-        factorisations: outcome.factorisations,
-        worst_kkt: outcome.worst_kkt,
-        set_up_seconds,
-        stepping_seconds,
-        time,
-        time_error: f64::NAN,
-        space_error: f64::NAN,
-        at_floor: false,
-        first_impact_error: touch.zip(truth.first_impact).map(|(own, exact)| own - exact),
-        energy_drift: trajectory.energy_drift(),
-    })
 }
 
 /// Estimates the time of all runs, in s, from the first steps of each method on each mesh.

@@ -1,0 +1,149 @@
+//! Results of a study: limits, runs and failures.
+
+use super::plan::{Case, Dropped, mesh_name};
+use super::trajectory::{Deviation, Distance, Parts};
+use super::truth::Family;
+use crate::scene::{Grid, Horizon, Mass};
+use serde::{Deserialize, Serialize};
+
+/// Scales of relative errors: the largest magnitudes in the motion on the reference mesh.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scales {
+    /// Deflection at the probes, in m.
+    pub deflection: f64,
+    /// L2 norm of the deflection, in m2.
+    pub l2: f64,
+    /// Energy norm of the deflection, in J^(1/2).
+    pub energy: f64,
+}
+
+/// Motion to which runs converge as their step tends to zero.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Limit {
+    /// Name of the mesh.
+    pub mesh: String,
+    /// Mass matrix.
+    pub mass: Mass,
+    /// Family of methods with this limit: all of the singular mass, or one method of the consistent
+    /// mass.
+    pub family: String,
+    /// Method by which the motion was computed.
+    pub source: String,
+    /// Methods that were tried before, and why they failed.
+    pub refused: Vec<String>,
+    /// Number of free dofs.
+    pub dofs: usize,
+    /// Side of a square with the mean area of a cell, two triangles counted as one cell, in m.
+    pub size: f64,
+    /// Starts of the impacts, in s.
+    pub impacts: Vec<f64>,
+    /// Time of the first contact, in s.
+    pub first_impact: Option<f64>,
+    /// Estimate of the limit's own error at the probes, relative.
+    pub own_error: Parts<Deviation>,
+    /// Error in space: the distance from the motion on the reference mesh.
+    pub space: Distance,
+}
+
+/// Measurements of one run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// Mesh, method and step.
+    #[serde(flatten)]
+    pub case: Case,
+    /// Number of free dofs.
+    pub dofs: usize,
+    /// Number of steps.
+    pub steps: u64,
+    /// Number of steps in contact.
+    pub contact_steps: u64,
+    /// Number of iterations of the contact solver.
+    pub vi_iterations: u64,
+    /// Number of numeric factorisations.
+    pub factorisations: u64,
+    /// Worst relative KKT residual.
+    pub worst_kkt: f64,
+    /// Time of mesh, matrices, static start and first factorisation, in s.
+    pub set_up_seconds: f64,
+    /// Time of all steps, in s.
+    pub stepping_seconds: f64,
+    /// Distance from the limit on the same mesh.
+    pub time: Distance,
+    /// Error in time that ranks the run: root mean square at the probes up to the horizon,
+    /// relative.
+    pub time_error: f64,
+    /// Error in space of the limit: root mean square at the probes up to the horizon, relative.
+    pub space_error: f64,
+    /// Whether the error in time is too close to the limit's own error to be resolved.
+    pub at_floor: bool,
+    /// Time of the first contact minus that of the limit, in s.
+    pub first_impact_error: Option<f64>,
+    /// Relative change of the energy at the end, and the largest magnitude of that change during
+    /// the run.
+    pub energy_drift: Option<[f64; 2]>,
+}
+
+impl Run {
+    /// Returns the time of the whole run, in s.
+    pub fn seconds(&self) -> f64 {
+        self.set_up_seconds + self.stepping_seconds
+    }
+
+    /// Returns a bound on the whole error, relative.
+    pub fn error(&self) -> f64 {
+        self.time_error + self.space_error
+    }
+
+    /// Returns the name of the larger error.
+    pub fn dominating(&self) -> &'static str {
+        if self.time_error > self.space_error { "time" } else { "space" }
+    }
+}
+
+/// Run that did not reach its end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Name of the run.
+    pub what: String,
+    /// Reason of the failure.
+    pub why: String,
+}
+
+/// Results of a study: the cost and the errors of each run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Accuracy {
+    /// Title of the scene.
+    pub title: String,
+    /// Whether all runs are included.
+    pub complete: bool,
+    /// Horizon that ranks the runs; the whole run if the scene's horizon needs an impact that is
+    /// missing.
+    pub until: Horizon,
+    /// Time between instants of comparison, in s.
+    pub interval: f64,
+    /// Names of the probes.
+    pub probes: Vec<String>,
+    /// Scales of relative errors.
+    pub scales: Scales,
+    /// Mesh on which the error in space is measured, and the method that computed its motion.
+    pub reference: String,
+    /// Limits of the runs.
+    pub limits: Vec<Limit>,
+    /// Completed runs.
+    pub runs: Vec<Run>,
+    /// Failed runs.
+    pub failures: Vec<Failure>,
+    /// Combinations left out.
+    #[serde(skip_deserializing)]
+    pub dropped: Vec<Dropped>,
+    /// Largest number of simultaneous runs; times are unreliable if it exceeds 1.
+    pub at_once: usize,
+}
+
+impl Accuracy {
+    /// Returns the limit of a family on a mesh.
+    pub(super) fn limit(&self, grid: &Grid, family: Family) -> Option<&Limit> {
+        let (mesh, family) = (mesh_name(grid), family.to_string());
+        self.limits.iter().find(|limit| limit.mesh == mesh && limit.family == family)
+    }
+}
