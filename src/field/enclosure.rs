@@ -7,7 +7,7 @@
 use super::code::{Binary, Number, Unary};
 use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
 
-/// Interval of numbers; its ends may be infinite.
+/// Interval of numbers, up to rounding; its ends may be infinite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
     /// Lower end.

@@ -1,7 +1,7 @@
 //! Detection of functions of time that the time steps do not resolve.
 
 use super::code::{Binary, Number};
-use super::span::{Interval, Span};
+use super::span::{OutwardInterval, Span};
 use super::{Field, Names, Point, Table};
 use std::collections::VecDeque;
 
@@ -64,19 +64,19 @@ impl Bounded for Table {
         let first = self.times.partition_point(|time| *time <= from);
         let last = self.times.partition_point(|time| *time < to);
         let ends = [from, to].map(|t| self.jet(t));
-        let mut value = Interval::hull_of(ends.iter().map(|jet| jet.value));
-        let mut rate = Interval::hull_of(ends.iter().map(|jet| jet.first));
+        let mut value = OutwardInterval::hull_of(ends.iter().map(|jet| jet.value));
+        let mut rate = OutwardInterval::hull_of(ends.iter().map(|jet| jet.first));
         for piece in first.saturating_sub(1)..last.min(self.pieces.len()) {
             let [a, b, c, d] = self.pieces[piece];
             let low = (from - self.times[piece]).max(0.0);
             let high = to.min(self.times[piece + 1]) - self.times[piece];
             let turn = if d == 0.0 { low } else { (-c / (3.0 * d)).clamp(low, high) };
             let slope = |s: f64| b + s * (2.0 * c + s * 3.0 * d);
-            rate = rate.hull(Interval::hull_of([low, high, turn].map(slope)));
+            rate = rate.hull(OutwardInterval::hull_of([low, high, turn].map(slope)));
             let at = |s: f64| a + s * (b + s * (c + s * d));
             let way = 0.5 * (high - low) * rate.magnitude();
             let centre = at(0.5 * (low + high));
-            value = value.hull(Interval::hull_of([centre - way, centre + way]));
+            value = value.hull(OutwardInterval::hull_of([centre - way, centre + way]));
         }
         Span::smooth(middle, value, rate, 0.5 * (to - from))
     }
@@ -135,7 +135,7 @@ fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
         if span.middle.is_finite() {
             largest = largest.max(span.middle.abs());
         }
-        let Interval { low, high } = span.rate;
+        let OutwardInterval { low, high } = span.rate;
         let least = span.value.least_magnitude();
         let most = if span.breaks { f64::INFINITY } else { 0.125 * step * (high - low) };
         if span.value.magnitude() <= NOTHING {
