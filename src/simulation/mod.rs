@@ -1,0 +1,318 @@
+//! Simulation of a scene: model, scheme, and the main loop with its observer.
+
+mod body;
+mod contacts;
+#[cfg(feature = "petsc")]
+mod distributed;
+mod effects;
+mod fields;
+mod observer;
+mod opposite;
+mod outcome;
+mod partition;
+mod pause;
+mod phase;
+mod run;
+mod time_loop;
+
+pub use body::{mesh, mesh_and_made};
+pub use contacts::Contact;
+#[cfg(feature = "petsc")]
+pub use distributed::check_options;
+pub use effects::{LoadTotal, Matrices, Resultant};
+pub use fields::{Fields, Lattice, Snapshot};
+pub use observer::{NodeEvent, Observer, Row};
+pub use opposite::opposite;
+pub(crate) use outcome::note_contact;
+pub use outcome::{EnergySpan, Impact, Outcome, Seconds};
+pub use pause::{DofCoordinates, RunState};
+pub use phase::on_phase;
+pub(crate) use phase::phase;
+pub use run::{resume, run, run_scheme};
+pub(crate) use time_loop::{advice, judge};
+
+use crate::assembly::{self, Probe};
+use crate::communicator::{Communicator, SelfComm};
+use crate::dof_map::{DofMap, NodeConstraint};
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, LinearCombination, Native};
+use crate::mesh::{Mesh, Point};
+use crate::plate::Sections;
+use crate::scene::{self, ContactSolver, EngineName, FieldInput, Scene};
+use crate::scheme::{Conserving, Exact, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+pub use crate::vi::SolverFactory;
+use crate::vi::{Condensed, Solver};
+use body::PlateAssembly;
+use effects::{BuildContext, Effects, OfCells};
+use partition::{Partition, WholeMesh};
+use std::rc::Rc;
+use std::time::Instant;
+
+/// Semi-discrete model of a scene, ready to run.
+pub struct Model<E: Engine = Native> {
+    /// Semi-discrete impact problem.
+    pub system: System<E>,
+    /// Initial conditions.
+    pub start: Start,
+    /// Probes of the scene: the contributions of this process's dofs to each, in the frame of the
+    /// supports.
+    pub probes: Vec<Probe>,
+    /// Support motions and their contributions to the probes.
+    frame: SupportFrame,
+    /// Free deflections of this process with their positions; the bounded ones come first, in the
+    /// order of the bounds.
+    pub sites: Vec<DeflectionDof>,
+    /// Positions of the dofs and velocities of this process.
+    pub places: DofCoordinates,
+    /// Sampling of snapshots, if the scene asks for them.
+    pub fields: Option<Fields>,
+    /// Rigid motions that nothing restrains, in words; `None` if there are none.
+    pub mechanism: Option<&'static str>,
+    /// Warnings from the set-up, one sentence each; the same on every process.
+    pub warnings: Vec<String>,
+    /// Kinetic energy of the plate moving at the speed of sound of its material, in J.
+    sonic: f64,
+    /// Wall time of mesh and matrices, and of the static start, in s.
+    pub seconds: [f64; 2],
+}
+
+/// Free deflection at a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DeflectionDof {
+    /// Index of the dof.
+    pub dof: usize,
+    /// Index of the node in the mesh.
+    pub node: usize,
+    /// Position, in m.
+    pub at: [f64; 2],
+}
+
+fn nothing_free() -> Error {
+    Error::Mesh("the supports hold every dof of the mesh: nothing can move".into())
+}
+
+/// Support motions, each with its contribution to the probes per metre.
+#[derive(Default)]
+struct SupportFrame(Vec<(Rc<FieldInput>, Vec<f64>)>);
+
+/// Returns the free dofs of a scene's mesh.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] where a support applies to no part of the mesh.
+pub fn space(scene: &Scene, mesh: &Mesh) -> Result<DofMap> {
+    Ok(DofMap::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
+}
+
+/// Returns thickness and material of the plate, cell by cell.
+///
+/// # Errors
+/// Returns the same errors as [`Model::new`].
+pub fn sections<'s>(scene: &'s Scene, mesh: &Mesh) -> Result<impl Sections + use<'s>> {
+    PlateAssembly::new(scene, mesh, &SelfComm)
+}
+
+/// Returns the rigid motions that nothing restrains, in words; `None` if there are none.
+///
+/// # Errors
+/// Returns the same errors as [`Model::new`].
+pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
+    on_ground(scene, mesh, &holds(scene, mesh)?, effects::mechanism)
+}
+
+/// Returns the matrices of a scene on its mesh, over the free dofs if `supported`, else over all
+/// dofs.
+///
+/// # Errors
+/// Returns the same errors as [`Model::new`].
+pub fn matrices(scene: &Scene, mesh: &Mesh, supported: bool) -> Result<Matrices> {
+    let holds =
+        if supported { holds(scene, mesh)? } else { vec![NodeConstraint::default(); mesh.nodes.len()] };
+    on_ground(scene, mesh, &holds, effects::matrices)
+}
+
+/// Returns resultant forces and moments of the loads of a scene.
+///
+/// # Errors
+/// Returns the same errors as [`Model::new`].
+pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
+    if scene.load.is_none() && scene.initial.static_pressure.is_zero() {
+        return Ok(Vec::new());
+    }
+    on_ground(scene, mesh, &vec![NodeConstraint::default(); mesh.nodes.len()], effects::load_totals)
+}
+
+/// Returns the constraints that the supports of a scene put on each node.
+fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<NodeConstraint>> {
+    Ok(DofMap::holds(mesh, &body::supports(scene, mesh, &SelfComm)?))
+}
+
+/// Calls a closure with the build context of a single process.
+fn on_ground<R>(
+    scene: &Scene,
+    mesh: &Mesh,
+    holds: &[NodeConstraint],
+    act: impl FnOnce(&BuildContext<WholeMesh>) -> Result<R>,
+) -> Result<R> {
+    let space = DofMap::of(holds).with_extra(scene.balls.len());
+    if space.dofs() == scene.balls.len() {
+        return Err(nothing_free());
+    }
+    phase("matrices");
+    let cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
+    let gaps: Vec<_> = (0..scene.balls.len()).map(|ball| Some(space.extra(ball))).collect();
+    act(&BuildContext {
+        scene,
+        partition: &WholeMesh,
+        mesh,
+        holds,
+        space: &space,
+        gaps: &gaps,
+        cells: &cells,
+    })
+}
+
+impl Model {
+    /// Builds the model of a scene on the native engine, without parts that the scene does not use.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] for an engine or contact solver that this build does not have,
+    /// [`Error::Mesh`] and [`Error::Singular`] for a plate without a unique solution, and
+    /// [`Error::Scene`] for a formula without a value.
+    pub fn new(scene: &Scene) -> Result<Model> {
+        serves(scene, EngineName::Native, &[ContactSolver::Condensed])?;
+        let clock = Instant::now();
+        phase("mesh");
+        let mesh = mesh(scene)?;
+        on_ground(scene, &mesh, &holds(scene, &mesh)?, |ground| {
+            let engine = Native::with_layout(ground.space.layout(&mesh));
+            compose(clock, engine, ground)
+        })
+    }
+}
+
+/// Assembles the model of a scene on an engine. Collective.
+fn compose<E: OfCells, P: Partition>(
+    clock: Instant,
+    engine: E,
+    ground: &BuildContext<P>,
+) -> Result<Model<E>> {
+    let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
+        effects::compose(engine, ground)?;
+    let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
+    let (mut probes, mut lifted) = (Vec::new(), vec![Vec::new(); lifts.len()]);
+    for probe in &ground.scene.output.probes {
+        let (probe, of_lifts) = ground.probe(probe, &shapes)?;
+        probes.push(probe);
+        lifted.iter_mut().zip(of_lifts).for_each(|(lifted, of)| lifted.push(of));
+    }
+    let motions = lifts.iter().map(|lift| lift.motion.clone());
+    let frame = SupportFrame(motions.zip(lifted).collect());
+    let fields = Fields::new(ground, &lifts)?;
+    let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
+    let sonic = sonic_energy(ground);
+    Ok(Model { system, start, probes, frame, sites, places, fields, mechanism, warnings, sonic, seconds })
+}
+
+/// Returns the kinetic energy of the plate moving at the speed of sound of its stiffest material,
+/// sqrt(E / rho), in J. Collective.
+fn sonic_energy<P: Partition>(ground: &BuildContext<P>) -> f64 {
+    let mass: f64 = ground.cells.iter().map(|cell| cell.local.weight).sum();
+    let mass = ground.comm().all_reduce_sum(mass);
+    let scene = ground.scene;
+    let plates = std::iter::once(&scene.plate.plate).chain(scene.parts.iter().map(|part| &part.plate));
+    let stiffest = plates.map(|plate| {
+        let across = plate.orthotropy.map_or(0.0, |orthotropy| orthotropy.across);
+        plate.youngs_modulus.max(across) / plate.density
+    });
+    0.5 * mass * stiffest.fold(0.0, f64::max)
+}
+
+impl<E: Engine + 'static> Model<E>
+where
+    E::Factor: 'static,
+{
+    /// Returns the scene's scheme at its start, with the condensed contact solver. The step matrix
+    /// is factored.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where the step matrix is not positive definite.
+    pub fn scheme(&self, scene: &Scene) -> Result<Box<dyn Scheme + '_>> {
+        self.scheme_with(scene, &condensed)
+    }
+}
+
+impl<E: Engine> Model<E> {
+    /// Returns the scene's scheme at its start, with contact solvers from a factory.
+    ///
+    /// # Errors
+    /// Returns the errors of the solver on its matrix.
+    pub fn scheme_with<'m>(
+        &'m self,
+        scene: &Scene,
+        solver: &'m SolverFactory<E>,
+    ) -> Result<Box<dyn Scheme + 'm>> {
+        let System { engine, bounds, .. } = &self.system;
+        let (step, start) = (scene.time.step, self.start.clone());
+        Ok(match scene.time.scheme {
+            scene::SchemeSpec::Newmark { beta, restitution } => {
+                let parameters = NewmarkParameters { beta, restitution, step };
+                let solver = solver(engine, &Newmark::matrix(&self.system, parameters), bounds.len())?;
+                Box::new(Newmark::with_solver(&self.system, parameters, start, solver)?)
+            }
+            scene::SchemeSpec::Midpoint { massless } => {
+                let solver = solver(engine, &Midpoint::matrix(&self.system, step), bounds.len())?;
+                Box::new(Midpoint::with_solver(&self.system, step, massless, start, solver)?)
+            }
+            scene::SchemeSpec::Conserving => {
+                Box::new(Conserving::with_solver(&self.system, step, start, solver)?)
+            }
+            scene::SchemeSpec::Exact => Box::new(Exact::new(&self.system, step, start)?),
+        })
+    }
+
+    /// Computes the deflections at the probes at an instant (s), in m.
+    fn probe(&self, time: f64, u: &[f64], values: &mut [f64]) -> Result<()> {
+        let mut own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
+        for (motion, lift) in &self.frame.0 {
+            let moved = motion.at(Point::origin(), time)?;
+            own.iter_mut().zip(lift).for_each(|(own, lift)| *own += moved * lift);
+        }
+        values.copy_from_slice(&self.system.engine.comm().all_reduce_sum_slice(&own));
+        Ok(())
+    }
+}
+
+/// Builds the condensed contact solver, on any engine.
+///
+/// # Errors
+/// Returns [`Error::Singular`] where the matrix is not positive definite.
+pub fn condensed<E: Engine + 'static>(
+    engine: &E,
+    sum: &LinearCombination<E>,
+    bounded: usize,
+) -> Result<Box<dyn Solver<E>>>
+where
+    E::Factor: 'static,
+{
+    Ok(Box::new(Condensed::new(engine, sum, bounded)?))
+}
+
+/// Returns an error unless this engine and its contact solvers are those that the scene asks for.
+fn serves(scene: &Scene, engine: EngineName, solvers: &[ContactSolver]) -> Result<()> {
+    if scene.solver.engine != engine {
+        return Err(Error::Usage(format!(
+            "solver.engine: this build has no \"{}\"; it has \"{}\"",
+            scene.solver.engine, engine
+        )));
+    }
+    if !solvers.contains(&scene.solver.vi) {
+        let known: Vec<String> = solvers.iter().map(|vi| format!("\"{vi}\"")).collect();
+        return Err(Error::Usage(format!(
+            "solver.vi: the {} engine has no \"{}\"; it has {}",
+            engine,
+            scene.solver.vi,
+            known.join(", ")
+        )));
+    }
+    Ok(())
+}

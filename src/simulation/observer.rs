@@ -1,0 +1,139 @@
+//! Receivers of the results of a run.
+
+use super::{Contact, RunState, Snapshot};
+use crate::error::Result;
+use crate::motion::Motion;
+use crate::scheme::{Event, Scheme};
+
+/// Row of the history.
+#[derive(Debug, Clone, Copy)]
+pub struct Row<'r> {
+    /// Index of the step.
+    pub step: u64,
+    /// Time, in s.
+    pub time: f64,
+    /// Energy of the scheme, in J.
+    pub energy: f64,
+    /// Kinetic energy, in J.
+    pub kinetic: f64,
+    /// Elastic energy, in J.
+    pub elastic: f64,
+    /// Work of the external loads, in J.
+    pub work: f64,
+    /// Number of nodes in contact at this instant.
+    pub contact_nodes: usize,
+    /// Sum of the reactions of the obstacles at this instant, in N, positive upwards.
+    pub contact_force: f64,
+    /// Iterations of the contact solver since the last row.
+    pub vi_iterations: u64,
+    /// Largest relative KKT residual since the last row.
+    pub kkt: f64,
+    /// Deflections at the probes, in m.
+    pub probes: &'r [f64],
+}
+
+/// Receiver of the results of a run.
+pub trait Observer {
+    /// Receives a row of the history, every `output.every` steps and at the end.
+    ///
+    /// # Errors
+    /// Returns any error that must stop the run.
+    fn row(&mut self, row: &Row) -> Result<()>;
+
+    /// Receives the contacts that ended since the last row, or at the end of the run.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
+        let _ = ended;
+        Ok(())
+    }
+
+    /// Receives this process's part of a snapshot, every `output.fields_every` steps and at the
+    /// end.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        let _ = snapshot;
+        Ok(())
+    }
+
+    /// Receives the notice that every process has received its part of the snapshot of that step
+    /// and time (s).
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
+        let _ = (step, time);
+        Ok(())
+    }
+
+    /// Receives the closing or opening of a gap at a node, before the row of its step. Only
+    /// event-driven schemes report these.
+    ///
+    /// # Errors
+    /// Returns any error that must stop the run.
+    fn event(&mut self, event: &NodeEvent) -> Result<()> {
+        let _ = event;
+        Ok(())
+    }
+
+    /// Receives the scheme itself, after each row.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
+        let _ = scheme;
+        Ok(())
+    }
+
+    /// Receives the whole state of the run, every `output.checkpoint_every` steps and before an
+    /// interruption; on the first process only.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn pause(&mut self, state: RunState) -> Result<()> {
+        let _ = state;
+        Ok(())
+    }
+
+    /// Returns whether [`Observer::end`] needs the state at the last step; the same on all
+    /// processes.
+    fn keeps_end(&self) -> bool {
+        false
+    }
+
+    /// Receives the whole state of the run at its last step, and the motion at that instant, from
+    /// which another run may start; on the first process only. The state is taken before the
+    /// additions to the files that mark the end, so that a run to a later end continues from it as
+    /// if there had been no end.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn end(&mut self, state: RunState, motion: Motion) -> Result<()> {
+        let _ = (state, motion);
+        Ok(())
+    }
+
+    /// Returns whether the run shall stop after this step. The call is frequent and must be cheap.
+    fn interrupts(&self) -> bool {
+        false
+    }
+
+    /// Receives the end of a step. The call is frequent and must be cheap.
+    fn step(&mut self, step: u64, contact_nodes: usize) {
+        let _ = (step, contact_nodes);
+    }
+}
+
+/// Closing or opening of the gap at a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeEvent {
+    /// Index of the node.
+    pub node: usize,
+    /// Position of the node, in m.
+    pub at: [f64; 2],
+    /// Time, direction and velocity of the event.
+    pub event: Event,
+}

@@ -1,0 +1,271 @@
+//! Summary of a run: its impacts, contacts and energies.
+
+use super::{DeflectionDof, Model, NodeEvent, Observer};
+use crate::archive::Archive;
+use crate::communicator::Communicator;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::scene::Scene;
+use crate::scheme::{Event, EventStatistics, RelaxationStatistics, Scheme, System};
+use serde::{Deserialize, Serialize};
+
+/// First impact on an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Impact {
+    /// Time, in s: where the extrapolated free motion meets the obstacle, or the time of the event
+    /// for an event-driven scheme.
+    pub time: f64,
+    /// Index of the first node in contact.
+    pub node: usize,
+    /// Position of the node, in m.
+    pub at: [f64; 2],
+    /// Velocity relative to the obstacle before impact, in m/s, positive upwards: negative where
+    /// the gap closes from above the obstacle, whichever of the two moves, in any frame. For a ball
+    /// it is the velocity of its gap, relative to the plate.
+    pub velocity: f64,
+}
+
+/// Energy at the start and end and its extremes over the rows, in J.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct EnergySpan {
+    /// Energy at the start, in J.
+    pub start: f64,
+    /// Energy at the last row, in J.
+    pub end: f64,
+    /// Least energy, in J.
+    pub min: f64,
+    /// Largest energy, in J.
+    pub max: f64,
+}
+
+impl EnergySpan {
+    /// Records the energy of a row, in J.
+    pub(super) fn note(&mut self, energy: f64) {
+        self.end = energy;
+        self.min = self.min.min(energy);
+        self.max = self.max.max(energy);
+    }
+}
+
+/// Wall time by phase, in s.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Time for mesh and matrices, in s.
+    pub assembly: f64,
+    /// Time for the static start, in s.
+    pub equilibrium: f64,
+    /// Time for the first factorisation, in s.
+    pub factor: f64,
+    /// Time for all steps and their observers, in s.
+    pub stepping: f64,
+}
+
+/// Summary of a finished run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Number of free dofs.
+    pub dofs: usize,
+    /// Number of dofs bounded by an obstacle.
+    pub bounded_dofs: usize,
+    /// Number of steps.
+    pub steps: u64,
+    /// Number of steps with contact.
+    pub contact_steps: u64,
+    /// Number of iterations of the contact solver.
+    pub vi_iterations: u64,
+    /// Number of numeric factorisations of the step matrix.
+    pub factorisations: u64,
+    /// Number of steps solved again by a more robust method, because the first solution did not
+    /// meet the tolerance.
+    pub retries: u64,
+    /// Largest number of nodes in contact at once.
+    pub most_contact_nodes: usize,
+    /// Work counters of an event-driven scheme.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub tally: Option<EventStatistics>,
+    /// Energy at the start and end and its extremes.
+    pub energy: EnergySpan,
+    /// First impact; `None` if there was no contact.
+    pub first_impact: Option<Impact>,
+    /// Intervals in which the plate touches any obstacle, in s. Intervals closer than a hundredth
+    /// of the run, or in successive steps, are joined.
+    pub contacts: Vec<[f64; 2]>,
+    /// Number of contacts of single nodes, i.e. of rows of contacts.csv.
+    pub node_contacts: u64,
+    /// Largest relative KKT residual of all steps.
+    pub worst_kkt: f64,
+    /// Largest violation of a bound in all steps, in m.
+    pub worst_penetration: f64,
+    /// Relaxation statistics of a conserving scheme.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relaxation: Option<RelaxationStatistics>,
+    /// Wall time by phase, in s.
+    pub seconds: Seconds,
+}
+
+impl Outcome {
+    /// Creates the outcome of a run at its start; `factor` is the time of the factorisation, in s.
+    pub(super) fn new<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, factor: f64) -> Result<Outcome> {
+        let start = scheme.energies()?.total();
+        let [assembly, equilibrium] = model.seconds;
+        let System { engine, bounds, .. } = &model.system;
+        let [dofs, bounded_dofs] = engine.comm().all_reduce_sum([engine.dofs(), bounds.len()]);
+        Ok(Outcome {
+            dofs,
+            bounded_dofs,
+            steps: 0,
+            contact_steps: 0,
+            vi_iterations: 0,
+            factorisations: 0,
+            retries: 0,
+            most_contact_nodes: 0,
+            tally: None,
+            energy: EnergySpan { start, end: start, min: start, max: start },
+            first_impact: None,
+            contacts: Vec::new(),
+            node_contacts: 0,
+            worst_kkt: 0.0,
+            worst_penetration: 0.0,
+            relaxation: None,
+            seconds: Seconds { assembly, equilibrium, factor, stepping: 0.0 },
+        })
+    }
+
+    /// Saves or restores what steps change here; the rest is in the schemes.
+    pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        for count in [&mut self.steps, &mut self.contact_steps, &mut self.vi_iterations, &mut self.retries] {
+            archive.value(count)?;
+        }
+        archive.value(&mut self.most_contact_nodes)?;
+        archive.value(&mut self.energy)?;
+        archive.value(&mut self.first_impact)?;
+        archive.value(&mut self.contacts)?;
+        archive.value(&mut self.node_contacts)?;
+        archive.value(&mut self.worst_kkt)?;
+        archive.value(&mut self.worst_penetration)?;
+        archive.value(&mut self.seconds.stepping)
+    }
+
+    /// Joins intervals of contact that are close in a run to its present end but were not in the
+    /// run to an earlier end.
+    pub(super) fn join_contacts(&mut self, scene: &Scene) {
+        let mut joined = Vec::new();
+        self.contacts.iter().for_each(|&interval| note_interval(&mut joined, scene, interval));
+        self.contacts = joined;
+    }
+
+    /// Records the events up to the present instant, and returns them.
+    pub(super) fn note_events<E: Engine>(
+        &mut self,
+        scene: &Scene,
+        model: &Model<E>,
+        scheme: &mut dyn Scheme,
+        observer: &mut dyn Observer,
+    ) -> Result<Vec<Event>> {
+        let events = scheme.take_events();
+        for &event in &events {
+            let Event { time, bound, closes, velocity, .. } = event;
+            let DeflectionDof { node, at, .. } = model.sites[bound];
+            if closes && self.first_impact.is_none() {
+                self.first_impact = Some(Impact { time, node, at, velocity });
+            }
+            note_contact(&mut self.contacts, scene, time);
+            observer.event(&NodeEvent { node, at, event })?;
+        }
+        Ok(events)
+    }
+
+    /// Records a step and its events. Returns the number of nodes in contact and their total force,
+    /// in N.
+    pub(super) fn note<E: Engine>(
+        &mut self,
+        scene: &Scene,
+        model: &Model<E>,
+        scheme: &dyn Scheme,
+        events: bool,
+    ) -> Result<(usize, f64)> {
+        let verdict = scheme.step_report();
+        self.steps = scheme.step();
+        self.vi_iterations += u64::from(verdict.iterations);
+        self.retries += u64::from(verdict.retries > 0);
+        if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
+            self.worst_kkt = verdict.kkt;
+        }
+        if !scene.has_contact() {
+            return Ok((0, 0.0));
+        }
+        let (engine, bounds) = (&model.system.engine, scheme.limits());
+        let (mut nodes, mut force, mut penetration) = (0, 0.0, 0.0_f64);
+        for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
+            nodes += usize::from(r != 0.0);
+            force += r;
+            penetration = penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
+        }
+        let ranks = engine.comm().all_gather_one((nodes, force, penetration));
+        let nodes = ranks.iter().map(|(nodes, ..)| nodes).sum();
+        let force = ranks.iter().map(|(_, force, _)| force).sum();
+        let penetrations = ranks.iter().map(|(.., penetration)| *penetration);
+        self.worst_penetration = penetrations.fold(self.worst_penetration, f64::max);
+        self.contact_steps += u64::from(nodes > 0 || events);
+        if nodes > 0 {
+            self.most_contact_nodes = self.most_contact_nodes.max(nodes);
+            if self.first_impact.is_none() {
+                self.first_impact = first_impact(model, scheme, scene.time.step)?;
+            }
+            note_contact(&mut self.contacts, scene, scheme.time());
+        }
+        Ok((nodes, force))
+    }
+}
+
+/// Adds an instant of contact (s) to the intervals, see [`Outcome::contacts`].
+pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
+    note_interval(contacts, scene, [time, time]);
+}
+
+/// Adds an interval of contact (s) to the intervals, joined to the last one where it is close.
+fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64; 2]) {
+    let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
+    match contacts.last_mut() {
+        Some([_, last]) if begin - *last <= together => *last = end,
+        _ => contacts.push([begin, end]),
+    }
+}
+
+/// Returns the impact that comes first among the bounds met in this step, if node and obstacle move
+/// uniformly. Collective.
+fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> Result<Option<Impact>> {
+    let System { engine, drive, .. } = &model.system;
+    let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
+    // Bounds at the earliest instant before contact of any of these nodes, and one step later.
+    let times = touched().map(|(bound, _)| scheme.approach(bound).time);
+    let before =
+        -engine.comm().all_reduce_max(times.fold(f64::NEG_INFINITY, |latest, time| latest.max(-time)));
+    let before = if before.is_finite() { before.max(0.0) } else { 0.0 };
+    let [from, to] = [model.system.bounds_at(before)?, model.system.bounds_at(before + step)?];
+    let met = |(bound, &r): (usize, &f64)| {
+        let approach = scheme.approach(bound);
+        let of = |bounds: &Bounds| if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
+        let rate = (of(&to) - of(&from)) / step;
+        // An absent obstacle has infinite height and gets the rate zero.
+        let rate = if rate.is_finite() { rate } else { 0.0 };
+        let target = if drive.bounds.is_some() && of(&from).is_finite() {
+            of(&from) + rate * (approach.time - before)
+        } else {
+            of(scheme.limits())
+        };
+        let (gap, velocity) = (target - approach.deflection, approach.velocity - rate);
+        let mut delay = if gap == 0.0 { 0.0 } else { gap / velocity };
+        if drive.bounds.is_some() {
+            delay = delay.min(scheme.time() + step - approach.time).max(0.0);
+        }
+        let DeflectionDof { node, at, .. } = model.sites[bound];
+        ((approach.time + delay).max(0.0), velocity, node, at)
+    };
+    let touched = touched();
+    let own = touched.map(met).min_by(|a, b| a.0.total_cmp(&b.0));
+    let all = engine.comm().all_gather(own.as_slice());
+    let first = all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(first.map(|(time, velocity, node, at)| Impact { time, node, at, velocity }))
+}

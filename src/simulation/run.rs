@@ -1,0 +1,85 @@
+//! Runs of a model: from the start, or from the state of an interrupted run.
+
+use super::time_loop::{RunMonitor, time_loop};
+use super::{Model, Observer, Outcome, RunState, phase};
+use crate::archive::Archive;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::scene::Scene;
+use crate::scheme::Scheme;
+use crate::vi::SolverFactory;
+use std::time::Instant;
+
+/// Runs a model with a contact solver. The outcome shows how far the run came, whatever stopped it.
+///
+/// # Errors
+/// Returns an error where the run cannot start.
+pub fn run<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    solver: &SolverFactory<E>,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
+    let clock = Instant::now();
+    phase("factorisation");
+    let scheme = model.scheme_with(scene, solver)?;
+    run_scheme(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
+}
+
+/// Runs a model like [`run`], from a paused run of the same scene. The resumed run is bitwise
+/// identical to an uninterrupted one.
+///
+/// # Errors
+/// Returns the same errors as [`run`], and [`crate::Error::Checkpoint`] for the state of another
+/// scene.
+pub fn resume<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    solver: &SolverFactory<E>,
+    state: RunState,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
+    let clock = Instant::now();
+    phase("factorisation");
+    let scheme = model.scheme_with(scene, solver)?;
+    let part = Some(state.part(model)?);
+    run_from(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
+}
+
+/// Runs a model like [`run`], with a scheme at its start, built in a time of `seconds`.
+///
+/// # Errors
+/// Returns the same errors as [`run`].
+pub fn run_scheme<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    scheme: Box<dyn Scheme + '_>,
+    seconds: f64,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
+    run_from(scene, model, scheme, seconds, None, observer)
+}
+
+/// Runs the scheme from its start or from the state in an archive.
+fn run_from<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    mut scheme: Box<dyn Scheme + '_>,
+    seconds: f64,
+    from: Option<Archive>,
+    observer: &mut dyn Observer,
+) -> Result<(Outcome, Result<()>)> {
+    let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
+    let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
+    let mut monitor = RunMonitor::new(scene, sonic, scheme.as_ref())?;
+    if let Some(mut archive) = from {
+        monitor.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
+        outcome.join_contacts(scene);
+    }
+    let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut monitor, observer);
+    outcome.factorisations = scheme.factorisations();
+    outcome.relaxation = scheme.relaxation();
+    outcome.tally = scheme.event_statistics();
+    outcome.seconds.stepping = monitor.seconds();
+    Ok((outcome, ended))
+}

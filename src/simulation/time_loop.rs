@@ -1,0 +1,356 @@
+//! Main loop of a run, from step to step.
+
+use super::contacts::Contacts;
+use super::{Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
+use crate::archive::Archive;
+use crate::communicator::Communicator;
+use crate::energy::Guard;
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::scene::{Mass, Scene, SchemeSpec};
+use crate::scheme::{Event, Scheme};
+use std::time::Instant;
+
+/// Number of steps between checks of the energy where rows are further apart.
+const GUARD_EVERY: u64 = 100;
+
+/// Step just made, and its time.
+#[derive(Clone, Copy)]
+struct StepTime {
+    /// Index of the step.
+    step: u64,
+    /// Time, in s.
+    time: f64,
+    /// Whether the run ends with this step.
+    is_last: bool,
+}
+
+/// Contact during the step just made.
+struct StepContact {
+    /// Number of nodes in contact at the end of the step, on all processes.
+    nodes: usize,
+    /// Sum of the reactions of the obstacles at the end of the step, in N.
+    force: f64,
+    /// Events of this process's nodes.
+    events: Vec<Event>,
+}
+
+/// Run on its way from step to step.
+struct TimeLoop<'r, E: Engine> {
+    scene: &'r Scene,
+    model: &'r Model<E>,
+    scheme: &'r mut dyn Scheme,
+    outcome: &'r mut Outcome,
+    monitor: &'r mut RunMonitor,
+    observer: &'r mut dyn Observer,
+    /// Deflections at the probes, in m.
+    probes: Vec<f64>,
+    /// Result of this process's observer, for instance an error of a full disk; the process
+    /// continues until all processes know of it.
+    observed: Result<()>,
+}
+
+/// Steps the scheme from its present step to the end of the scene, and records each step.
+/// Collective.
+pub(super) fn time_loop<E: Engine>(
+    scene: &Scene,
+    model: &Model<E>,
+    scheme: &mut dyn Scheme,
+    outcome: &mut Outcome,
+    monitor: &mut RunMonitor,
+    observer: &mut dyn Observer,
+) -> Result<()> {
+    let probes = vec![0.0; model.probes.len()];
+    let mut run = TimeLoop { scene, model, scheme, outcome, monitor, observer, probes, observed: Ok(()) };
+    // A resumed run may start at a step that was recorded before the interruption.
+    if run.monitor.noted {
+        run.advance()?;
+    }
+    loop {
+        let now = run.step_time();
+        run.keep_end(now)?;
+
+        let contact = run.record_events()?;
+        run.judge_step(now)?;
+        run.follow_contacts(&contact);
+        run.row(now, &contact)?;
+        run.fields(now)?;
+        run.observer.step(now.step, contact.nodes);
+        if now.is_last {
+            return run.agree();
+        }
+
+        let stops = run.is_asked_to_stop()?;
+        run.checkpoint(now, stops)?;
+        if stops {
+            return run.interrupt(now);
+        }
+
+        run.advance()?;
+    }
+}
+
+impl<E: Engine> TimeLoop<'_, E> {
+    fn step_time(&self) -> StepTime {
+        let step = self.scheme.step();
+        StepTime { step, time: self.scheme.time(), is_last: step == self.scene.time.steps() }
+    }
+
+    /// Passes the state at the last step to an observer that keeps it.
+    ///
+    /// The state comes before all that marks the end, so that a run to a later end continues from
+    /// it as if there had been no end.
+    fn keep_end(&mut self, now: StepTime) -> Result<()> {
+        self.monitor.noted = false;
+        if now.is_last && self.observer.keeps_end() {
+            let state = self.state(now)?;
+            let motion = self.model.places.motion(&self.model.system.engine, self.scene, self.scheme)?;
+            if let Some((state, motion)) = state.zip(motion) {
+                self.tell(|observer| observer.end(state, motion));
+            }
+        }
+        self.monitor.noted = true;
+        Ok(())
+    }
+
+    /// Records the step and its events in the outcome.
+    fn record_events(&mut self) -> Result<StepContact> {
+        let events = self.outcome.note_events(self.scene, self.model, self.scheme, self.observer)?;
+        let (nodes, force) = self.outcome.note(self.scene, self.model, self.scheme, !events.is_empty())?;
+        Ok(StepContact { nodes, force, events })
+    }
+
+    /// Checks the answer of the contact solver.
+    fn judge_step(&mut self, now: StepTime) -> Result<()> {
+        let report = self.scheme.step_report();
+        self.monitor.iterations += u64::from(report.iterations);
+        self.monitor.kkt = self.monitor.kkt.max(report.kkt);
+        judge(now.step, now.time, report.kkt, self.scene.solver.tolerance)
+    }
+
+    /// Extends, begins and ends the contacts of this process's nodes.
+    fn follow_contacts(&mut self, contact: &StepContact) {
+        let step = self.scene.time.step;
+        self.monitor.contacts.note(&self.model.sites, step, self.scheme, &contact.events);
+    }
+
+    /// Checks the energy, and passes a row of the history to the observer where one is due.
+    fn row(&mut self, now: StepTime, contact: &StepContact) -> Result<()> {
+        let StepTime { step, time, is_last } = now;
+        let is_due = step.is_multiple_of(self.scene.output.every) || is_last;
+        if !is_due && !step.is_multiple_of(GUARD_EVERY) {
+            return Ok(());
+        }
+        let energies = self.scheme.energies()?;
+        let guarded = self.monitor.guard.check(step, time, energies);
+        if !is_due || matches!(guarded, Err(Error::NotFinite { .. })) {
+            return guarded;
+        }
+        let energy = energies.total();
+        self.outcome.energy.note(energy);
+        self.model.probe(time, self.scheme.displacement(), &mut self.probes)?;
+        let row = Row {
+            step,
+            time,
+            energy,
+            kinetic: energies.kinetic,
+            elastic: energies.elastic,
+            work: energies.work,
+            contact_nodes: contact.nodes,
+            contact_force: contact.force,
+            vi_iterations: self.monitor.iterations,
+            kkt: self.monitor.kkt,
+            probes: &self.probes,
+        };
+        if self.observed.is_ok() {
+            self.observed = self.observer.row(&row);
+        }
+        self.contacts(is_last)?;
+        if self.observed.is_ok() {
+            self.observed = self.observer.state(self.scheme);
+        }
+        (self.monitor.iterations, self.monitor.kkt) = (0, 0.0);
+        guarded
+    }
+
+    /// Passes the contacts that ended since the last row to the observer, at the last step also
+    /// those that are open.
+    fn contacts(&mut self, is_last: bool) -> Result<()> {
+        if !self.scene.has_contact() {
+            return Ok(());
+        }
+        let contacts = &mut self.monitor.contacts;
+        if is_last {
+            contacts.close(&self.model.sites, f64::INFINITY);
+        }
+        let ended = self.model.system.engine.comm().all_gather(&contacts.take());
+        let ended: Vec<Contact> = ended.into_iter().map(Contact::from_numbers).collect();
+        self.outcome.node_contacts += ended.len() as u64;
+        self.tell(|observer| observer.contacts(&ended));
+        Ok(())
+    }
+
+    /// Passes a snapshot to the observer where one is due; a process whose observer failed earlier
+    /// only takes part in the sampling.
+    fn fields(&mut self, now: StepTime) -> Result<()> {
+        let Model { system, fields, .. } = self.model;
+        let (Some(fields), Some(asked)) = (fields, self.scene.output.fields) else { return Ok(()) };
+        if !now.step.is_multiple_of(asked.every) && !now.is_last {
+            return Ok(());
+        }
+        let snapshot = fields.sample(system, self.scheme)?;
+        self.tell(|observer| observer.fields(&snapshot));
+        if system.engine.comm().all_reduce_all(self.observed.is_ok()) {
+            self.observed = self.observer.fields_complete(now.step, now.time);
+        }
+        Ok(())
+    }
+
+    /// Returns whether an observer asks to stop; all processes stop after the same step.
+    ///
+    /// # Errors
+    /// Returns the error of any observer, on all processes.
+    fn is_asked_to_stop(&mut self) -> Result<bool> {
+        let own = (self.observed.is_err(), self.observed.is_ok() && self.observer.interrupts());
+        let all = self.model.system.engine.comm().all_gather_one(own);
+        if all.iter().any(|(failed, _)| *failed) {
+            self.agree()?;
+        }
+        Ok(all.iter().any(|(_, stops)| *stops))
+    }
+
+    /// Passes the state of the run to the observer where a checkpoint is due, or before a stop.
+    fn checkpoint(&mut self, now: StepTime, stops: bool) -> Result<()> {
+        let every = self.scene.output.checkpoint_every;
+        if stops || now.step > 0 && every.is_some_and(|every| now.step.is_multiple_of(every)) {
+            let state = self.state(now)?;
+            self.observed = state.map_or(Ok(()), |state| self.observer.pause(state));
+        }
+        Ok(())
+    }
+
+    /// Ends the run before its last step, with the error of an observer or [`Error::Interrupted`].
+    fn interrupt(&mut self, now: StepTime) -> Result<()> {
+        self.agree()?;
+        Err(Error::Interrupted { step: now.step, time: now.time })
+    }
+
+    /// Makes the next step.
+    fn advance(&mut self) -> Result<()> {
+        self.scheme.advance().map_err(|error| locate(error, self.model))
+    }
+
+    /// Collects the whole state of the run, on the first process only.
+    fn state(&mut self, now: StepTime) -> Result<Option<RunState>> {
+        let TimeLoop { model, scheme, outcome, monitor, .. } = self;
+        RunState::take(model, now.step, now.time, |archive| monitor.archive(model, *scheme, outcome, archive))
+    }
+
+    /// Tells the observer of this process, unless it failed earlier.
+    fn tell(&mut self, what: impl FnOnce(&mut dyn Observer) -> Result<()>) {
+        if self.observed.is_ok() {
+            self.observed = what(self.observer);
+        }
+    }
+
+    /// Turns the error of one observer into an error on all processes.
+    fn agree(&mut self) -> Result<()> {
+        self.model.system.engine.comm().all_ok(std::mem::replace(&mut self.observed, Ok(())))
+    }
+}
+
+/// State of the main loop that persists between steps.
+pub(super) struct RunMonitor {
+    guard: Guard,
+    /// Number of iterations since the last row.
+    iterations: u64,
+    kkt: f64,
+    contacts: Contacts,
+    /// Whether the present step has been recorded.
+    noted: bool,
+    /// Time of the steps before the clock was started, in s.
+    before: f64,
+    clock: Instant,
+}
+
+impl RunMonitor {
+    /// Starts to monitor a scheme; `sonic` is the energy (J) that no motion of the plate exceeds.
+    pub(super) fn new(scene: &Scene, sonic: f64, scheme: &dyn Scheme) -> Result<RunMonitor> {
+        Ok(RunMonitor {
+            guard: Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)),
+            iterations: 0,
+            kkt: 0.0,
+            contacts: Contacts::default(),
+            noted: false,
+            before: 0.0,
+            clock: Instant::now(),
+        })
+    }
+
+    /// Returns the time of all steps so far, in s.
+    pub(super) fn seconds(&self) -> f64 {
+        self.before + self.clock.elapsed().as_secs_f64()
+    }
+
+    /// Saves or restores the whole run between two steps.
+    pub(super) fn archive<E: Engine>(
+        &mut self,
+        model: &Model<E>,
+        scheme: &mut dyn Scheme,
+        outcome: &mut Outcome,
+        archive: &mut Archive,
+    ) -> Result<()> {
+        scheme.archive(archive)?;
+        self.guard.archive(archive)?;
+        archive.value(&mut self.iterations)?;
+        archive.value(&mut self.kkt)?;
+        archive.value(&mut self.noted)?;
+        self.contacts.archive(model.system.bounds.len(), archive)?;
+        // A last state has no times, so that equal runs leave equal bytes.
+        outcome.seconds.stepping = if self.noted { self.seconds() } else { 0.0 };
+        outcome.archive(archive)?;
+        if !archive.saves() {
+            (self.before, self.clock) = (outcome.seconds.stepping, Instant::now());
+        }
+        Ok(())
+    }
+}
+
+/// Returns an error for a KKT residual above the tolerance.
+pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
+    if !residual.is_finite() {
+        return Err(Error::NotFinite { step, time, what: "the displacement" });
+    }
+    if residual > tolerance {
+        return Err(Error::NotConverged { step, time, residual, tolerance });
+    }
+    Ok(())
+}
+
+/// Returns advice for the user on a spurious gain of energy.
+pub(crate) fn advice(scene: &Scene) -> &'static str {
+    match (scene.time.scheme, scene.time.mass) {
+        (SchemeSpec::Midpoint { .. }, Mass::Consistent) => {
+            "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""
+        }
+        (SchemeSpec::Midpoint { .. }, Mass::Singular) => {
+            "a smaller time.step conserves better, and time.scheme = \"conserving\" at every step"
+        }
+        (SchemeSpec::Newmark { restitution, .. }, _) if restitution > 0.0 => {
+            "a smaller time.step or time.restitution conserves better"
+        }
+        _ => "check the loads and the initial state",
+    }
+}
+
+/// Adds node and position to the error of a scheme, which knows no mesh and only the index of the
+/// bound.
+fn locate<E: Engine>(error: Error, model: &Model<E>) -> Error {
+    match error {
+        Error::Events { step, time, count, bound, .. } => {
+            let DeflectionDof { node, at: [x, y], .. } = model.sites[bound];
+            Error::Events { step, time, count, bound, place: format!("node {node} at ({x}, {y})") }
+        }
+        error => error,
+    }
+}
