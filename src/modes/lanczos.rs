@@ -25,7 +25,7 @@ pub fn largest(
     let steps = steps.min(size);
     let (mut basis, mut duals) = (Vec::<Vec<f64>>::new(), Vec::<Vec<f64>>::new());
     let (mut diagonal, mut off_diagonal) = (Vec::new(), Vec::new());
-    let mut next = scatter(size, 1);
+    let mut next = random_vector(size, 1);
     let mut dual = vec![0.0; size];
     let mut value = 0.0;
     while basis.len() < steps {
@@ -81,7 +81,7 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
 }
 
 /// Returns pseudo-random numbers in (-1, 1), the same at every call with one seed (splitmix64).
-pub fn scatter(size: usize, seed: u64) -> Vec<f64> {
+pub fn random_vector(size: usize, seed: u64) -> Vec<f64> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mut next = || {
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

@@ -14,7 +14,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Factor, Form, Native};
 use faer::{Mat, Side};
-use lanczos::scatter;
+use lanczos::random_vector;
 use std::f64::consts::TAU;
 
 /// Relative change of an eigenvalue at which subspace iteration stops. The remaining error is
@@ -23,11 +23,11 @@ const SETTLED: f64 = 1e-11;
 
 /// Rounding error of an eigenvalue, relative to the block's largest.
 const ROUNDING: f64 = 1e-14;
-const MOST_ITERATIONS: usize = 200;
+const MAX_ITERATIONS: usize = 200;
 
 /// Share of its length below which a direction, after orthogonalisation, counts as linearly
 /// dependent.
-const DEPENDENT: f64 = 1e-12;
+const MIN_INDEPENDENT_PART: f64 = 1e-12;
 
 /// Shift for a mechanism, relative to the largest eigenvalue of the block, and the factor by which
 /// it may drift before K + shift M is factored again. The shift is small against the wanted
@@ -84,10 +84,10 @@ pub fn shapes<E: Engine>(
     let width = (2 * count + 8).min(all_velocities).min(all_dofs);
     // Each rank draws different numbers.
     let seed = |i: usize| (i + width * 2 * engine.comm().rank()) as u64;
-    let mut block: Vec<Vec<f64>> = (0..width).map(|i| scatter(dofs, seed(i))).collect();
+    let mut block: Vec<Vec<f64>> = (0..width).map(|i| random_vector(dofs, seed(i))).collect();
     let mut pencil = Pencil::new(engine, stiffness, mass);
     let mut values = pencil.rayleigh_ritz(&mut block)?;
-    for _ in 0..MOST_ITERATIONS {
+    for _ in 0..MAX_ITERATIONS {
         let largest = values.last().copied().unwrap_or(0.0);
         pencil.prepare(if mechanism { SHIFT * largest } else { 0.0 })?;
         for x in &mut block {
@@ -105,7 +105,7 @@ pub fn shapes<E: Engine>(
         }
     }
     Err(Error::Singular(format!(
-        "the {count} lowest natural frequencies have not settled in {MOST_ITERATIONS} iterations"
+        "the {count} lowest natural frequencies have not settled in {MAX_ITERATIONS} iterations"
     )))
 }
 
@@ -176,8 +176,8 @@ impl<'e, E: Engine> Pencil<'e, E> {
         let mut rotated = vec![vec![0.0; self.engine.dofs()]; size];
         for (j, new) in rotated.iter_mut().enumerate() {
             for (i, old) in block.iter().enumerate() {
-                let share = vectors[i * size + j];
-                new.iter_mut().zip(old).for_each(|(x, y)| *x += share * y);
+                let factor = vectors[i * size + j];
+                new.iter_mut().zip(old).for_each(|(x, y)| *x += factor * y);
             }
         }
         *block = rotated;
@@ -197,7 +197,7 @@ impl<'e, E: Engine> Pencil<'e, E> {
                 }
             }
             let norm = self.engine.multiply(self.mass, &x, &mut self.product)?.sqrt();
-            if norm > DEPENDENT * whole {
+            if norm > MIN_INDEPENDENT_PART * whole {
                 x.iter_mut().for_each(|x| *x /= norm);
                 duals.push(self.product.iter().map(|m| m / norm).collect());
                 basis.push(x);
@@ -210,7 +210,7 @@ impl<'e, E: Engine> Pencil<'e, E> {
 
 /// Steps and tolerance of Lanczos' method for the highest frequency: first while sigma is sought,
 /// then for the result. The tolerance is a bound, and the actual error is often near its square.
-const ROUGHLY: (usize, f64) = (20, 0.1);
+const SHIFT_SEARCH: (usize, f64) = (20, 0.1);
 const HIGHEST: (usize, f64) = (400, 1e-6);
 
 /// Returns the highest natural frequency, of the fastest motion that a time step has to follow, in
@@ -225,11 +225,11 @@ const HIGHEST: (usize, f64) = (400, 1e-6);
 /// rigid motion.
 pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let dofs = engine.dofs();
-    let x = scatter(dofs, 1);
+    let x = random_vector(dofs, 1);
     let mut product = vec![0.0; dofs];
     let elastic = engine.multiply(stiffness, &x, &mut product)?;
     let mut sigma = elastic / engine.multiply(mass, &x, &mut product)?;
-    let (mut steps, mut tolerance) = ROUGHLY;
+    let (mut steps, mut tolerance) = SHIFT_SEARCH;
     loop {
         let mut factor = engine.factor(&[(1.0, stiffness), (sigma, mass)], &[])?;
         let mut u = vec![0.0; dofs];

@@ -39,8 +39,8 @@ pub fn equilibrium<E: Engine + 'static>(
 where
     E::Factor: 'static,
 {
-    let sum = [(1.0, stiffness)];
-    let mut search = Search::new(engine, &sum, stiffness, load, bounds)?;
+    let matrix = [(1.0, stiffness)];
+    let mut search = Search::new(engine, &matrix, stiffness, load, bounds)?;
     for _ in 0..=CORRECTIONS {
         search.increment()?;
         search.add(1.0);
@@ -111,7 +111,7 @@ struct Last {
 /// Iteration for the equilibrium by increments of the deflection.
 struct Search<'s, E: Engine> {
     engine: &'s E,
-    sum: &'s LinearCombination<'s, E>,
+    matrix: &'s LinearCombination<'s, E>,
     stiffness: &'s E::Form,
     load: &'s [f64],
     bounds: &'s Bounds,
@@ -131,23 +131,23 @@ impl<'s, E: Engine + 'static> Search<'s, E>
 where
     E::Factor: 'static,
 {
-    /// Starts at U = 0, with increments from the matrix `sum`.
+    /// Starts at U = 0, with increments from this matrix.
     fn new(
         engine: &'s E,
-        sum: &'s LinearCombination<'s, E>,
+        matrix: &'s LinearCombination<'s, E>,
         stiffness: &'s E::Form,
         load: &'s [f64],
         bounds: &'s Bounds,
     ) -> Result<Search<'s, E>> {
         let zeros = || vec![0.0; engine.dofs()];
-        let solver = Box::new(Condensed::new(engine, sum, bounds.len())?);
+        let solver = Box::new(Condensed::new(engine, matrix, bounds.len())?);
         Ok(Search {
             engine,
-            sum,
+            matrix,
             stiffness,
             load,
             bounds,
-            step: CheckedSolver::new(solver, engine, sum)?,
+            step: CheckedSolver::new(solver, engine, matrix)?,
             u: zeros(),
             x: zeros(),
             b: zeros(),
@@ -159,12 +159,12 @@ where
 
     /// Solves for the next increment. Returns the length scale of the deflection, in m. Collective.
     fn increment(&mut self) -> Result<f64> {
-        let Search { engine, sum, u, x, b, left, bounds, reaction, .. } = self;
+        let Search { engine, matrix, u, x, b, left, bounds, reaction, .. } = self;
         engine.multiply(self.stiffness, u, b)?;
         b.iter_mut().zip(self.load).for_each(|(b, f)| *b = f - *b);
         left.shift(bounds, |dof, bound| bound - u[dof]);
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
-        let problem = Problem { matrix: sum, rhs: b, bounds: left, length };
+        let problem = Problem { matrix, rhs: b, bounds: left, length };
         let step = self.step.solve(engine, &problem, &mut Answer { x, reaction })?;
         self.report = StepReport {
             iterations: self.report.iterations + step.iterations,

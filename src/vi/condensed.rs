@@ -50,11 +50,11 @@ impl<E: Engine> Condensed<E> {
     /// Factors the matrix, with no candidates yet, for bounds on `bounded` dofs.
     ///
     /// # Errors
-    /// Returns [`Error::Singular`] where the sum is not positive definite.
-    pub fn new(engine: &E, sum: &LinearCombination<E>, bounded: usize) -> Result<Condensed<E>> {
-        let mut factor = engine.factor(sum, &[])?;
+    /// Returns [`Error::Singular`] where the matrix is not positive definite.
+    pub fn new(engine: &E, matrix: &LinearCombination<E>, bounded: usize) -> Result<Condensed<E>> {
+        let mut factor = engine.factor(matrix, &[])?;
         Ok(Condensed {
-            corrections: super::corrections(engine, sum, &mut factor)?,
+            corrections: super::corrections(engine, matrix, &mut factor)?,
             factor,
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![BoundStatus::Free; bounded],
@@ -63,7 +63,7 @@ impl<E: Engine> Condensed<E> {
     }
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
-    fn grow(&mut self, engine: &E, sum: &LinearCombination<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
+    fn grow(&mut self, engine: &E, matrix: &LinearCombination<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
             let x = x[bounds.dofs[i]];
@@ -80,7 +80,7 @@ impl<E: Engine> Condensed<E> {
         let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
         let known = engine.comm().all_reduce_sum(candidates.len());
         if known + broken > DENSE_LIMIT {
-            return self.pin(engine, sum);
+            return self.pin(engine, matrix);
         }
         let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
         let near = gaps[lot - 1];
@@ -88,18 +88,18 @@ impl<E: Engine> Condensed<E> {
         candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
         candidates.sort_unstable();
         let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
-        match engine.change_contact_dofs(&mut self.factor, sum, &dofs) {
+        match engine.change_contact_dofs(&mut self.factor, matrix, &dofs) {
             Ok(factored) => self.factorisations += u64::from(factored),
             // The matrix itself has a factor; only the Schur complement lost its to rounding.
-            Err(Error::Singular(_)) => self.pin(engine, sum)?,
+            Err(Error::Singular(_)) => self.pin(engine, matrix)?,
             Err(why) => return Err(why),
         }
         Ok(())
     }
 
     /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
-    fn pin(&mut self, engine: &E, sum: &LinearCombination<E>) -> Result<()> {
-        let factored = engine.change_contact_dofs(&mut self.factor, sum, &[])?;
+    fn pin(&mut self, engine: &E, matrix: &LinearCombination<E>) -> Result<()> {
+        let factored = engine.change_contact_dofs(&mut self.factor, matrix, &[])?;
         self.factorisations += u64::from(factored);
         self.method = Method::Pinned { pinned: vec![BoundStatus::Free; self.sides.len()] };
         Ok(())
@@ -109,10 +109,10 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn distrust(&mut self, engine: &E, sum: &LinearCombination<E>) -> Result<bool> {
+    pub fn distrust(&mut self, engine: &E, matrix: &LinearCombination<E>) -> Result<bool> {
         let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
         if dense {
-            self.pin(engine, sum)?;
+            self.pin(engine, matrix)?;
             self.sides.fill(BoundStatus::Free);
         }
         Ok(dense)
@@ -297,7 +297,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     fn archive(
         &mut self,
         engine: &E,
-        sum: &LinearCombination<E>,
+        matrix: &LinearCombination<E>,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
@@ -320,7 +320,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
                 self.factor.pin(&dofs)?;
                 Method::Pinned { pinned: marks }
             } else {
-                engine.change_contact_dofs(&mut self.factor, sum, &dofs)?;
+                engine.change_contact_dofs(&mut self.factor, matrix, &dofs)?;
                 Method::Dense { candidates: marked }
             };
         }

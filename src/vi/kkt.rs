@@ -71,12 +71,12 @@ pub struct KktCheck {
 }
 
 impl KktCheck {
-    /// Creates the check of problems with the matrix of this sum.
+    /// Creates the check of problems with this matrix.
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn new<E: Engine>(engine: &E, sum: &LinearCombination<E>) -> Result<KktCheck> {
-        let scale: Vec<f64> = engine.diagonal(sum)?.into_iter().map(f64::sqrt).collect();
+    pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination<E>) -> Result<KktCheck> {
+        let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         Ok(KktCheck { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
 

@@ -79,7 +79,7 @@ pub trait Solver<E: Engine> {
     fn archive(
         &mut self,
         engine: &E,
-        sum: &LinearCombination<E>,
+        matrix: &LinearCombination<E>,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()>;
@@ -121,7 +121,7 @@ pub struct StepReport {
 }
 
 impl StepReport {
-    /// Combines the reports of two successive solves: the sum of iterations and retries, and the
+    /// Combines the reports of two successive solves: the total of iterations and retries, and the
     /// larger residual.
     pub fn and(self, other: StepReport) -> StepReport {
         let worse = other.kkt > self.kkt || other.kkt.is_nan();
@@ -141,8 +141,8 @@ const MAX_CORRECTABLE_ERROR: f64 = 0.1;
 
 /// Returns how many corrections bring the answers of a factor to an error of
 /// [`MAX_FACTOR_ERROR`].
-fn corrections<E: Engine>(engine: &E, sum: &LinearCombination<E>, factor: &mut E::Factor) -> Result<u32> {
-    let error = engine.estimate_factor_error(sum, factor)?;
+fn corrections<E: Engine>(engine: &E, matrix: &LinearCombination<E>, factor: &mut E::Factor) -> Result<u32> {
+    let error = engine.estimate_factor_error(matrix, factor)?;
     if error <= MAX_FACTOR_ERROR {
         return Ok(0);
     }
@@ -155,16 +155,16 @@ fn corrections<E: Engine>(engine: &E, sum: &LinearCombination<E>, factor: &mut E
     Ok(((MAX_FACTOR_ERROR.ln() / error.ln()).ceil() - 1.0) as u32)
 }
 
-/// Computes y = A x for a sum of forms.
+/// Computes y = A x.
 fn apply<E: Engine>(
     engine: &E,
-    sum: &LinearCombination<E>,
+    matrix: &LinearCombination<E>,
     x: &[f64],
     product: &mut [f64],
     y: &mut [f64],
 ) -> Result<()> {
     y.fill(0.0);
-    for (scale, form) in sum {
+    for (scale, form) in matrix {
         engine.multiply(form, x, product)?;
         for (y, p) in y.iter_mut().zip(product.iter()) {
             *y += scale * p;
@@ -191,18 +191,18 @@ struct Correction {
 }
 
 impl<E: Engine> CheckedSolver<E> {
-    /// Pairs a solver with the check of problems that have the matrix of this sum.
+    /// Pairs a solver with the check of problems that have this matrix.
     ///
     /// # Errors
     /// Returns the errors of the engine.
     pub fn new(
         solver: Box<dyn Solver<E>>,
         engine: &E,
-        sum: &LinearCombination<E>,
+        matrix: &LinearCombination<E>,
     ) -> Result<CheckedSolver<E>> {
         Ok(CheckedSolver {
             solver,
-            check: kkt::KktCheck::new(engine, sum)?,
+            check: kkt::KktCheck::new(engine, matrix)?,
             correction: Correction::default(),
         })
     }
@@ -279,10 +279,10 @@ impl<E: Engine> CheckedSolver<E> {
     pub fn archive(
         &mut self,
         engine: &E,
-        sum: &LinearCombination<E>,
+        matrix: &LinearCombination<E>,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
-        self.solver.archive(engine, sum, bounds, archive)
+        self.solver.archive(engine, matrix, bounds, archive)
     }
 }

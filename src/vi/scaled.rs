@@ -111,11 +111,11 @@ impl Family {
     pub fn solver(
         &self,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
+        matrix: &LinearCombination<Distributed>,
         bounded: usize,
         tolerance: f64,
     ) -> Result<Box<dyn Solver<Distributed>>> {
-        Ok(Box::new(Bounded::new(self, engine, sum, bounded, tolerance)?))
+        Ok(Box::new(Bounded::new(self, engine, matrix, bounded, tolerance)?))
     }
 }
 
@@ -161,22 +161,22 @@ impl Bounded {
     fn new(
         family: &Family,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
+        matrix: &LinearCombination<Distributed>,
         bounded: usize,
         tolerance: f64,
     ) -> Result<Bounded> {
         let context = engine.context();
-        let mut factor = engine.factor(sum, &[])?;
-        let corrections = super::corrections(engine, sum, &mut factor)?;
-        let scale: Vec<f64> = engine.diagonal(sum)?.iter().map(|a| 1.0 / a.sqrt()).collect();
-        let mut matrix = factor.matrix().duplicate()?;
+        let mut factor = engine.factor(matrix, &[])?;
+        let corrections = super::corrections(engine, matrix, &mut factor)?;
+        let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
+        let mut scaled = factor.matrix().duplicate()?;
         let mut vector = engine.vector()?;
         vector.set_local(&scale)?;
-        matrix.scale_symmetrically(&vector)?;
-        matrix.set_positive_definite()?;
-        let norm = matrix.norm_infinity()?;
+        scaled.scale_symmetrically(&vector)?;
+        scaled.set_positive_definite()?;
+        let norm = scaled.norm_infinity()?;
         let copy = || Ok::<_, Error>(RefCell::new(vector.duplicate()?));
-        let problem = Rc::new(Scaled { matrix, right: copy()?, lower: copy()?, upper: copy()? });
+        let problem = Rc::new(Scaled { matrix: scaled, right: copy()?, lower: copy()?, upper: copy()? });
         Ok(Bounded {
             name: family.name,
             usual: (family.make)(context, &problem, "")?,
@@ -184,7 +184,7 @@ impl Bounded {
             problem,
             condensed: None,
             factor,
-            check: KktCheck::new(engine, sum)?,
+            check: KktCheck::new(engine, matrix)?,
             scale,
             norm,
             y: vector,
@@ -375,7 +375,7 @@ impl Solver<Distributed> for Bounded {
     fn archive(
         &mut self,
         engine: &Distributed,
-        sum: &LinearCombination<Distributed>,
+        matrix: &LinearCombination<Distributed>,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
@@ -384,9 +384,9 @@ impl Solver<Distributed> for Bounded {
         let mut has_retried = self.condensed.is_some();
         archive.value(&mut has_retried)?;
         if has_retried && self.condensed.is_none() {
-            self.condensed = Some(Condensed::new(engine, sum, bounds.len())?);
+            self.condensed = Some(Condensed::new(engine, matrix, bounds.len())?);
         }
-        self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.archive(engine, sum, bounds, archive))
+        self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.archive(engine, matrix, bounds, archive))
     }
 
     fn corrections(&self) -> u32 {
