@@ -166,6 +166,18 @@ pub(super) struct Frame {
     pub bottom: f64,
 }
 
+impl Frame {
+    /// Returns the horizontal place of a value on an axis, in points; `None` if it cannot be drawn.
+    pub fn x(&self, axis: &Fitted, value: f64) -> Option<f64> {
+        axis.share(value).map(|share| self.left + share * (self.right - self.left))
+    }
+
+    /// Returns the vertical place of a value on an axis, in points; `None` if it cannot be drawn.
+    pub fn y(&self, axis: &Fitted, value: f64) -> Option<f64> {
+        axis.share(value).map(|share| self.bottom - share * (self.bottom - self.top))
+    }
+}
+
 /// Drawing function of a panel without axes.
 type Drawing = Box<dyn Fn(&mut Canvas, Frame)>;
 

@@ -30,8 +30,7 @@ impl Panel {
     pub(super) fn draw(&self, paper: &mut Canvas, frame: Frame, axes: &[Fitted; 2], start: f64) {
         let Frame { left, top, right, bottom } = frame;
         let [x_axis, y_axis] = axes;
-        let at_x = |value: f64| x_axis.share(value).map(|share| left + share * (right - left));
-        let at_y = |value: f64| y_axis.share(value).map(|share| bottom - share * (bottom - top));
+        let (at_x, at_y) = (|x: f64| frame.x(x_axis, x), |y: f64| frame.y(y_axis, y));
         let at = |[x, y]: [f64; 2]| Some([at_x(x)?, at_y(y)?]);
         let within = |low: f64, high: f64| move |value: &f64| (low - 0.1..=high + 0.1).contains(value);
         paper.clipped([left, top], [right, bottom], |paper| {
@@ -115,18 +114,14 @@ impl Panel {
         if self.bars.is_empty() && lines.iter().all(Vec::is_empty) {
             paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
         }
-        self.draw_frame(paper, frame, axes, start, at_x, at_y);
+        self.draw_frame(paper, frame, axes, start);
     }
 
-    fn draw_frame(
-        &self,
-        paper: &mut Canvas,
-        Frame { left, top, right, bottom }: Frame,
-        [x_axis, y_axis]: &[Fitted; 2],
-        start: f64,
-        at_x: impl Fn(f64) -> Option<f64>,
-        at_y: impl Fn(f64) -> Option<f64>,
-    ) {
+    /// Draws the frame with ticks and labels; the label of the y axis begins `start` points from
+    /// the left.
+    fn draw_frame(&self, paper: &mut Canvas, frame: Frame, [x_axis, y_axis]: &[Fitted; 2], start: f64) {
+        let Frame { left, top, right, bottom } = frame;
+        let (at_x, at_y) = (|x: f64| frame.x(x_axis, x), |y: f64| frame.y(y_axis, y));
         let mut tick = |a: At, b: At| paper.line(a, b, FRAME);
         let x_ticks = x_axis.ticks.iter().map(|(value, _)| (*value, TICK));
         for (x, long) in x_ticks.chain(x_axis.minor.iter().map(|&value| (value, 0.55 * TICK))) {
