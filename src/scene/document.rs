@@ -25,7 +25,7 @@ pub(super) struct Document<'a> {
 
 /// Position at which a value was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Place {
+pub(super) enum SourcePlace {
     /// Byte of the file.
     Byte(usize),
     /// Index of an override.
@@ -34,7 +34,7 @@ pub(super) enum Place {
 
 /// Value and the position at which it was written.
 pub(super) struct Node {
-    pub place: Place,
+    pub place: SourcePlace,
     pub value: Value,
 }
 
@@ -46,7 +46,7 @@ pub(super) enum Value {
     Truth(bool),
     Array(Vec<Node>),
     /// Entries by key, each with the position of its key.
-    Table(BTreeMap<String, (Place, Node)>),
+    Table(BTreeMap<String, (SourcePlace, Node)>),
     /// Name of a type that no key of a scene accepts.
     Other(&'static str),
 }
@@ -64,7 +64,8 @@ impl<'a> Document<'a> {
             let at = error.span().map_or(text.len(), |span| span.start);
             error_at(&position(file, bytes, at), &syntax(&error))
         })?;
-        let root = Node { place: Place::Byte(0), value: Value::table(table.get_ref(), &Place::Byte) };
+        let root =
+            Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };
         let mut document = Document { file, text, overrides, root };
         for index in 0..overrides.len() {
             document.apply(index)?;
@@ -86,7 +87,7 @@ impl<'a> Document<'a> {
 
     /// Returns whether an override gives the value of a key.
     pub fn is_overridden(&self, key: &str) -> bool {
-        self.get(key).is_some_and(|node| matches!(node.place, Place::Override(_)))
+        self.get(key).is_some_and(|node| matches!(node.place, SourcePlace::Override(_)))
     }
 
     /// Creates the error for a key, in one line: its position, the key, and what is wrong.
@@ -102,14 +103,14 @@ impl<'a> Document<'a> {
     }
 
     /// Creates the error for a key at a known position.
-    pub fn fault_at(&self, place: Place, key: &str, wrong: impl Display) -> Error {
+    pub fn fault_at(&self, place: SourcePlace, key: &str, wrong: impl Display) -> Error {
         error_at(&self.describe(place), &format!("{key}: {wrong}"))
     }
 
-    fn describe(&self, place: Place) -> String {
+    fn describe(&self, place: SourcePlace) -> String {
         match place {
-            Place::Byte(at) => position(self.file, self.text.as_bytes(), at),
-            Place::Override(index) => format!("--set {}", cut(&self.overrides[index])),
+            SourcePlace::Byte(at) => position(self.file, self.text.as_bytes(), at),
+            SourcePlace::Override(index) => format!("--set {}", cut(&self.overrides[index])),
         }
     }
 
@@ -117,7 +118,7 @@ impl<'a> Document<'a> {
     ///
     /// Missing tables are added, and at most one array entry.
     fn apply(&mut self, index: usize) -> Result<()> {
-        let place = Place::Override(index);
+        let place = SourcePlace::Override(index);
         let (key, leaf) = parse_override(&self.overrides[index], place)
             .map_err(|wrong| error_at(&self.describe(place), &wrong))?;
         let mut node = &mut self.root;
@@ -136,7 +137,7 @@ impl<'a> Document<'a> {
 
 impl Node {
     /// Creates an empty array if the name of its child is a number, otherwise an empty table.
-    fn blank(place: Place, child: Option<&str>) -> Self {
+    fn blank(place: SourcePlace, child: Option<&str>) -> Self {
         let is_array = child.is_some_and(|part| part.parse::<usize>().is_ok());
         let value = if is_array { Value::Array(Vec::new()) } else { Value::Table(BTreeMap::new()) };
         Node { place, value }
@@ -170,13 +171,13 @@ impl Node {
         }
     }
 
-    fn new(value: &Spanned<DeValue>, place: &impl Fn(usize) -> Place) -> Self {
+    fn new(value: &Spanned<DeValue>, place: &impl Fn(usize) -> SourcePlace) -> Self {
         Node { place: place(value.span().start), value: Value::new(value.get_ref(), place) }
     }
 }
 
 impl Value {
-    fn new(value: &DeValue, place: &impl Fn(usize) -> Place) -> Self {
+    fn new(value: &DeValue, place: &impl Fn(usize) -> SourcePlace) -> Self {
         match value {
             DeValue::String(text) => Value::Text(text.to_string()),
             DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix())
@@ -189,7 +190,7 @@ impl Value {
         }
     }
 
-    fn table(entries: &DeTable, place: &impl Fn(usize) -> Place) -> Self {
+    fn table(entries: &DeTable, place: &impl Fn(usize) -> SourcePlace) -> Self {
         let entry = |(key, value): (&Spanned<_>, &Spanned<_>)| {
             let name: &std::borrow::Cow<str> = key.get_ref();
             (name.to_string(), (place(key.span().start), Node::new(value, place)))
@@ -237,7 +238,7 @@ fn parts(key: &str) -> impl Iterator<Item = &str> {
 
 /// Parses `key=value`. A word or a formula, which is no TOML value without quotes, counts as a
 /// string.
-fn parse_override(text: &str, place: Place) -> std::result::Result<(&str, Node), String> {
+fn parse_override(text: &str, place: SourcePlace) -> std::result::Result<(&str, Node), String> {
     let form = "expected --set key=value, such as --set time.step=1e-6";
     let (key, value) = text.split_once('=').ok_or_else(|| format!("there is no \"=\"; {form}"))?;
     let (key, value) = (key.trim(), value.trim());

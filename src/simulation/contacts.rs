@@ -32,7 +32,7 @@ impl Contact {
 
 /// Recorder of the contacts of this process's nodes.
 #[derive(Default)]
-pub(super) struct Contacts {
+pub(super) struct ContactRecorder {
     /// Bounds in contact.
     open: Vec<usize>,
     /// Begin (s), end (s) and impulse (N s) of the contact that is open, one entry per bound.
@@ -41,7 +41,7 @@ pub(super) struct Contacts {
     ended: Vec<[f64; NUMBERS]>,
 }
 
-impl Contacts {
+impl ContactRecorder {
     /// Records a step of a scheme and its events. A node without reaction for a single step remains
     /// in contact.
     pub fn note(&mut self, sites: &[DeflectionDof], step: f64, scheme: &dyn Scheme, events: &[Event]) {
@@ -72,7 +72,7 @@ impl Contacts {
 
     /// Ends the contacts last seen before an instant (s).
     pub fn close(&mut self, sites: &[DeflectionDof], before: f64) {
-        let Contacts { open, state, ended } = self;
+        let ContactRecorder { open, state, ended } = self;
         open.retain(|&bound| match state[bound] {
             Some([begin, end, impulse]) if end < before => {
                 let DeflectionDof { node, at: [x, y], .. } = sites[bound];

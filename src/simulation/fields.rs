@@ -82,11 +82,11 @@ type Rows = [Vec<f64>; 3];
 /// Point of a subdivided cell.
 struct Corner {
     at: Point,
-    place: Place,
+    place: CornerEntity,
 }
 
 /// Entity of the cell on which a point lies; points on edges and inside are numbered in order.
-enum Place {
+enum CornerEntity {
     Node(usize),
     Edge { nodes: [usize; 2], step: usize },
     Inside,
@@ -113,8 +113,8 @@ impl Fields {
             let mut numbers = Vec::with_capacity(corners.len());
             for (local, corner) in corners.iter().enumerate() {
                 let point = match corner.place {
-                    Place::Node(node) => node,
-                    Place::Edge { nodes: [a, b], step } => {
+                    CornerEntity::Node(node) => node,
+                    CornerEntity::Edge { nodes: [a, b], step } => {
                         let first = *edges.entry([a.min(b), a.max(b)]).or_insert_with(|| {
                             let first = lattice.points.len();
                             lattice.points.resize(first + parts - 1, [f64::NAN; 2]);
@@ -123,7 +123,7 @@ impl Fields {
                         });
                         first + if a < b { step - 1 } else { parts - 1 - step }
                     }
-                    Place::Inside => {
+                    CornerEntity::Inside => {
                         lattice.points.push([corner.at.x, corner.at.y]);
                         samples.push(None);
                         samples.len() - 1
@@ -299,9 +299,9 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
     let mut numbers = HashMap::new();
     let mut small = Vec::new();
     let edge = |nodes: [usize; 2], step: usize| match step {
-        0 => Place::Node(nodes[0]),
-        step if step == parts => Place::Node(nodes[1]),
-        step => Place::Edge { nodes, step },
+        0 => CornerEntity::Node(nodes[0]),
+        step if step == parts => CornerEntity::Node(nodes[1]),
+        step => CornerEntity::Edge { nodes, step },
     };
     match *cell {
         Cell::Triangle([a, b, c]) => {
@@ -311,7 +311,7 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
                         (i, 0) => edge([a, b], i),
                         (0, j) => edge([a, c], j),
                         (i, j) if i + j == parts => edge([b, c], j),
-                        _ => Place::Inside,
+                        _ => CornerEntity::Inside,
                     };
                     let at = vertices[0]
                         + (vertices[1] - vertices[0]) * share(i)
@@ -337,7 +337,7 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
                         (i, j) if j == parts => edge([d, c], i),
                         (0, j) => edge([a, d], j),
                         (i, j) if i == parts => edge([b, c], j),
-                        _ => Place::Inside,
+                        _ => CornerEntity::Inside,
                     };
                     let low = vertices[0] + (vertices[1] - vertices[0]) * share(i);
                     let high = vertices[3] + (vertices[2] - vertices[3]) * share(i);

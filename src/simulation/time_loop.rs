@@ -1,6 +1,6 @@
 //! Main loop of a run, from step to step.
 
-use super::contacts::Contacts;
+use super::contacts::ContactRecorder;
 use super::{Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -265,7 +265,7 @@ pub(super) struct RunMonitor {
     /// Number of iterations since the last row.
     iterations: u64,
     kkt: f64,
-    contacts: Contacts,
+    contacts: ContactRecorder,
     /// Whether the present step has been recorded.
     noted: bool,
     /// Time of the steps before the clock was started, in s.
@@ -280,7 +280,7 @@ impl RunMonitor {
             guard: Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)),
             iterations: 0,
             kkt: 0.0,
-            contacts: Contacts::default(),
+            contacts: ContactRecorder::default(),
             noted: false,
             before: 0.0,
             clock: Instant::now(),

@@ -124,10 +124,10 @@ fn a_planted_import_is_found() {
 
 /// Names of types that several modules still define.
 const SHARED_NAMES: &[&str] = &[
-    "Axis", "Basis", "Bounded", "Check", "Choice", "Contacts", "Damping", "Entry", "Family", "Figures",
-    "Grid", "Kind", "Line", "Method", "Names", "Node", "Obstacle", "Panel", "Part", "Parts", "Place", "Plan",
-    "Probe", "Product", "Recorder", "Room", "Row", "Run", "Sample", "Search", "Seconds", "Sections", "Shape",
-    "Solver", "State", "Study", "Summary", "Support", "Table", "Value", "Verdict", "Watch", "Window", "Work",
+    "Axis", "Bounded", "Check", "Damping", "Entry", "Family", "Figures", "Grid", "Kind", "Line", "Method",
+    "Names", "Node", "Obstacle", "Panel", "Part", "Parts", "Plan", "Probe", "Product", "Room", "Row", "Run",
+    "Sample", "Search", "Seconds", "Sections", "Shape", "Solver", "State", "Study", "Support", "Table",
+    "Value", "Verdict", "Watch", "Window", "Work",
 ];
 
 /// Returns the modules that define each type.

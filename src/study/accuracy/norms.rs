@@ -98,9 +98,13 @@ impl Points {
             Ok(())
         };
         for cell in 0..mesh.cells.len() {
-            match Basis::of(mesh, cell)? {
-                Basis::Hct(element) => nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?,
-                Basis::Fvs(element) => nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?,
+            match ElementBasis::of(mesh, cell)? {
+                ElementBasis::Hct(element) => {
+                    nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?
+                }
+                ElementBasis::Fvs(element) => {
+                    nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?
+                }
             }
         }
         Ok(points)
@@ -144,13 +148,13 @@ impl Sampler {
     /// # Errors
     /// Returns [`Error::Mesh`] for a point outside the mesh.
     pub fn new(mesh: &Mesh, space: &DofMap, points: &[Point]) -> Result<Sampler> {
-        let mut cells: Vec<Option<Basis>> = vec![None; mesh.cells.len()];
+        let mut cells: Vec<Option<ElementBasis>> = vec![None; mesh.cells.len()];
         let locate = |point: &Point| {
             let outside =
                 || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
             let cell = mesh.locate(*point).ok_or_else(outside)?;
             if cells[cell].is_none() {
-                cells[cell] = Some(Basis::of(mesh, cell)?);
+                cells[cell] = Some(ElementBasis::of(mesh, cell)?);
             }
             let jets = cells[cell].as_ref().map(|basis| basis.jets(*point)).unwrap_or_default();
             let dofs = space.dofs_of(mesh.cells[cell].nodes());
@@ -170,16 +174,18 @@ impl Sampler {
 
 /// Element of a cell.
 #[derive(Clone)]
-enum Basis {
+enum ElementBasis {
     Hct(Element<9>),
     Fvs(Element<12>),
 }
 
-impl Basis {
-    fn of(mesh: &Mesh, cell: usize) -> Result<Basis> {
+impl ElementBasis {
+    fn of(mesh: &Mesh, cell: usize) -> Result<ElementBasis> {
         Ok(match mesh.cells[cell] {
-            Cell::Triangle(nodes) => Basis::Hct(hct::element(nodes.map(|node| mesh.nodes[node]))?),
-            Cell::Quadrilateral(nodes) => Basis::Fvs(fvs::element(nodes.map(|node| mesh.nodes[node]))?),
+            Cell::Triangle(nodes) => ElementBasis::Hct(hct::element(nodes.map(|node| mesh.nodes[node]))?),
+            Cell::Quadrilateral(nodes) => {
+                ElementBasis::Fvs(fvs::element(nodes.map(|node| mesh.nodes[node]))?)
+            }
         })
     }
 
@@ -194,8 +200,8 @@ impl Basis {
             (0..N).map(jet).collect()
         }
         match self {
-            Basis::Hct(element) => jets(element, point),
-            Basis::Fvs(element) => jets(element, point),
+            ElementBasis::Hct(element) => jets(element, point),
+            ElementBasis::Fvs(element) => jets(element, point),
         }
     }
 }

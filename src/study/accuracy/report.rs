@@ -267,10 +267,10 @@ fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {
 }
 
 /// Writes a table for each mesh, and one for all runs.
-fn write_cheapest(f: &mut fmt::Formatter, choices: &[Choice]) -> fmt::Result {
+fn write_cheapest(f: &mut fmt::Formatter, choices: &[CheapestRun]) -> fmt::Result {
     for choices in choices.chunk_by(|a, b| a.among == b.among) {
         let mut table = Table::new(&["accuracy", "run", "ms", "error"]);
-        for Choice { accuracy, run, seconds, error, .. } in choices {
+        for CheapestRun { accuracy, run, seconds, error, .. } in choices {
             let run = run.clone().unwrap_or_else(|| "none".into());
             let time = seconds.map_or("-".into(), milliseconds);
             table.row([format!("{accuracy:e}"), run, time, small(*error)]);
@@ -282,7 +282,7 @@ fn write_cheapest(f: &mut fmt::Formatter, choices: &[Choice]) -> fmt::Result {
 
 /// Cheapest run that reaches an accuracy.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Choice {
+pub struct CheapestRun {
     /// Runs that are compared, and the error that ranks them.
     among: String,
     /// Required relative accuracy.
@@ -297,7 +297,7 @@ pub struct Choice {
 
 /// Content of `study.json`: a study with its evaluation.
 #[derive(Debug, Serialize)]
-pub struct Summary<'a> {
+pub struct AccuracySummary<'a> {
     program: &'static str,
     version: &'static str,
     /// Command that made the study.
@@ -306,15 +306,15 @@ pub struct Summary<'a> {
     scene: &'a str,
     #[serde(flatten)]
     accuracy: &'a Accuracy,
-    cheapest: Vec<Choice>,
+    cheapest: Vec<CheapestRun>,
     time_orders: Vec<TimeOrder>,
     space_orders: Vec<SpaceOrder>,
 }
 
 impl Accuracy {
     /// Returns the content of `study.json`, given the command and the scene's hash.
-    pub fn summary<'a>(&'a self, command: &'a str, scene: &'a str) -> Summary<'a> {
-        Summary {
+    pub fn summary<'a>(&'a self, command: &'a str, scene: &'a str) -> AccuracySummary<'a> {
+        AccuracySummary {
             program: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
             command,
@@ -343,7 +343,7 @@ impl Accuracy {
     /// Returns the cheapest run at each accuracy.
     ///
     /// On each mesh the error in time counts, then among all runs the whole error.
-    pub fn cheapest(&self) -> Vec<Choice> {
+    pub fn cheapest(&self) -> Vec<CheapestRun> {
         let words = horizon_words(self.until);
         let on_mesh = |mesh: &String| {
             (format!("cheapest on {mesh}: error in time, {words}"), self.ranked_on(mesh), Axis::Time)
@@ -355,7 +355,7 @@ impl Accuracy {
             let front = front(&runs, axis);
             ACCURACIES.map(|accuracy| {
                 let run = cheapest(&front, axis, accuracy);
-                Choice {
+                CheapestRun {
                     among: among.clone(),
                     accuracy,
                     run: run.map(|run| run.case.to_string()),

@@ -22,12 +22,12 @@ pub struct Trajectory {
     pub energies: Vec<f64>,
 }
 
-struct Recorder {
+struct TrajectoryRecorder {
     trajectory: Trajectory,
     keep_fields: bool,
 }
 
-impl Observer for Recorder {
+impl Observer for TrajectoryRecorder {
     fn row(&mut self, row: &Row) -> Result<()> {
         self.trajectory.times.push(row.time);
         self.trajectory.probes.push(row.probes.to_vec());
@@ -43,7 +43,7 @@ impl Observer for Recorder {
     }
 }
 
-impl Recorder {
+impl TrajectoryRecorder {
     /// Returns the record without a last row that lies between two instants of comparison.
     ///
     /// Such a row is written where the run's end is no multiple of the interval.
@@ -70,7 +70,7 @@ impl Trajectory {
         solver: &SolverFactory<E>,
         keep_fields: bool,
     ) -> Result<(Trajectory, Outcome)> {
-        let mut recorder = Recorder { trajectory: Trajectory::default(), keep_fields };
+        let mut recorder = TrajectoryRecorder { trajectory: Trajectory::default(), keep_fields };
         let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
         ended?;
         Ok((recorder.finish(scene), outcome))
@@ -86,7 +86,7 @@ impl Trajectory {
         scheme: Box<dyn Scheme + '_>,
         keep_fields: bool,
     ) -> Result<(Trajectory, Outcome)> {
-        let mut recorder = Recorder { trajectory: Trajectory::default(), keep_fields };
+        let mut recorder = TrajectoryRecorder { trajectory: Trajectory::default(), keep_fields };
         let (outcome, ended) = simulation::run_scheme(scene, model, scheme, 0.0, &mut recorder)?;
         ended?;
         Ok((recorder.finish(scene), outcome))
