@@ -289,7 +289,7 @@ fn a_ball_meets_a_free_plate() {
             // The height of the ball is its gap over the plate, so a rise of everything is a rise
             // of every deflection.
             let rise: Vec<f64> =
-                (0..v.len()).map(|dof| f64::from(u8::from(dof % 3 == 0 && dof + 1 < v.len()))).collect();
+                (0..v.len()).map(|dof| f64::from(dof % 3 == 0 && dof + 1 < v.len())).collect();
             let mut product = vec![0.0; v.len()];
             system.engine.multiply(&system.mass, v, &mut product).unwrap();
             product.iter().zip(rise).map(|(p, rise)| p * rise).sum::<f64>()

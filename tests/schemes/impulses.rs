@@ -39,7 +39,7 @@ impl Upward {
     fn new(model: &Model, balls: usize) -> Upward {
         let dofs = model.system.engine.dofs();
         let is_deflection = |dof: usize| dof.is_multiple_of(3) && dof + balls < dofs;
-        Upward { rise: (0..dofs).map(|dof| f64::from(u8::from(is_deflection(dof)))).collect() }
+        Upward { rise: (0..dofs).map(|dof| f64::from(is_deflection(dof))).collect() }
     }
 
     fn dot(&self, x: &[f64]) -> f64 {
@@ -248,7 +248,7 @@ fn drawn(random: &mut Random) -> (String, usize) {
     let exact = method.0 == "exact";
     let (element, balls) = (["fvs", "hct"][random.below(2)], usize::from(random.below(4) == 0));
     let step = 10f64.powf(-4.0 + 2.5 * random.unit());
-    let floor = -0.02 * random.unit() * f64::from(u8::from(random.below(4) > 0));
+    let floor = -0.02 * random.unit() * f64::from(random.below(4) > 0);
     let shape = ["", " - 0.004*x", " - 0.01*y"][random.below(3)];
     let moves = if exact || random.below(3) > 0 {
         String::new()

@@ -126,7 +126,7 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
                 for i in 0..size {
                     for j in 0..size {
                         if pinned.contains(&i) || pinned.contains(&j) {
-                            matrix[i * size + j] = f64::from(u8::from(i == j));
+                            matrix[i * size + j] = f64::from(i == j);
                         }
                     }
                 }
