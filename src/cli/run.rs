@@ -18,7 +18,7 @@ use crate::output::vtu::{self, Series};
 use crate::output::{remove, summary, sweep, write_atomic};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
-use crate::scene::{EngineName, Scene, SchemeSpec};
+use crate::scene::{EngineName, Scene};
 use crate::scheme::RelaxationStatistics;
 use crate::simulation::{
     self, Contact, Model, NodeEvent, Observer, Outcome, Row, RunState, Snapshot, SolverFactory,
@@ -133,8 +133,8 @@ impl Files {
         contacts::clear(folder)?;
         let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
         events::clear(folder)?;
-        let events =
-            if scene.time.scheme == SchemeSpec::Exact { Some(Events::create(folder)?) } else { None };
+        let finds_events = scene.time.scheme.capabilities().is_event_driven;
+        let events = if finds_events { Some(Events::create(folder)?) } else { None };
         let progress = Progress::new(0..scene.time.steps(), 0.0..scene.time.end, voice.is_silent());
         Ok(Files { history, contacts, events, progress })
     }

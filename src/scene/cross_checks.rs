@@ -1,7 +1,7 @@
 //! Checks that need several tables of a scene, once all of them are read.
 
 use super::document::{Document, quote};
-use super::{EngineName, Initial, Obstacle, Scene, SchemeSpec, Side, StartFrom};
+use super::{EngineName, Initial, Obstacle, Scene, Side, StartFrom};
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
@@ -66,21 +66,22 @@ fn check_jumps(doc: &Document, scene: &Scene) -> Result<()> {
 /// Refuses combinations that the scheme does not support.
 fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     let name = scene.time.scheme.name();
+    let able = scene.time.scheme.capabilities();
     let damping = scene.damping.as_ref();
     let refuse = |key: &str, what: &str, others: &str| {
         Err(doc.fault(key, format!("time.scheme = \"{name}\" {what}; expected {others}")))
     };
-    if scene.time.scheme == SchemeSpec::Exact {
-        if scene.solver.engine == EngineName::Petsc {
-            let others = "\"native\", or time.scheme = \"newmark\"";
-            return refuse("solver.engine", "runs on the native engine, in one process", others);
-        }
-        if let Some(key) = scene.changes() {
-            let what = "takes only what does not change with time";
-            return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
-        }
+    if !able.is_distributed && scene.solver.engine == EngineName::Petsc {
+        let others = "\"native\", or time.scheme = \"newmark\"";
+        return refuse("solver.engine", "runs on the native engine, in one process", others);
     }
-    if matches!(scene.time.scheme, SchemeSpec::Exact | SchemeSpec::Conserving) {
+    if !able.takes_time_dependence
+        && let Some(key) = scene.changes()
+    {
+        let what = "takes only what does not change with time";
+        return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
+    }
+    if !able.takes_any_damping {
         for (key, is_on) in [
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
             ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),

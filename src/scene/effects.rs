@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{FieldInput, Initial, Load, Scene, SchemeSpec, Side};
+use super::{FieldInput, Initial, Load, Scene, Side};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -42,11 +42,8 @@ impl Scene {
         add(!deflection.is_zero(), "initial deflection");
         add(!velocity.is_zero(), "initial velocity");
         add(from.is_some(), "start from another run");
-        if let SchemeSpec::Newmark { restitution, .. } = self.time.scheme
-            && restitution > 0.0
-        {
-            add(true, &format!("restitution e = {restitution}"));
-        }
+        let restitution = self.time.scheme.restitution().unwrap_or(0.0);
+        add(restitution > 0.0, &format!("restitution e = {restitution}"));
         effects
     }
 

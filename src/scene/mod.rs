@@ -47,11 +47,10 @@ pub use crate::mesh::{Diagonal, ElementKind};
 use crate::mesh::{Import, Mesh};
 use crate::motion::Motion;
 pub use crate::plate::Plate;
-pub use crate::scheme::Massless;
+pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
 use document::Document;
 pub use given::{FieldInput, Region, Still, Value};
 pub use study::{Horizon, Study};
-pub use words::SchemeName;
 
 /// Columns of `history.csv` before those of the probes, which cannot take these names.
 pub const HISTORY_COLUMNS: [&str; 10] = [
@@ -346,28 +345,6 @@ pub struct Time {
     pub end: f64,
 }
 
-/// Time scheme.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "scheme", rename_all = "snake_case")]
-pub enum SchemeSpec {
-    /// Newmark scheme with beta and the restitution coefficient e of Paoli and Schatzman.
-    Newmark {
-        /// Parameter beta, at least 1/4.
-        beta: f64,
-        /// Restitution coefficient e of Paoli and Schatzman, from 0 to 1.
-        restitution: f64,
-    },
-    /// Implicit midpoint scheme.
-    Midpoint {
-        /// Treatment of the massless part of the displacement.
-        massless: Massless,
-    },
-    /// Implicit midpoint scheme with relaxation to conserve the energy; singular mass only.
-    Conserving,
-    /// Event-driven scheme without time discretisation error; singular mass only.
-    Exact,
-}
-
 /// Mass matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -546,28 +523,11 @@ impl Grid {
     }
 }
 
-impl SchemeSpec {
-    /// Returns the name of the scheme.
-    pub fn name(&self) -> SchemeName {
-        match self {
-            SchemeSpec::Newmark { .. } => SchemeName::Newmark,
-            SchemeSpec::Midpoint { .. } => SchemeName::Midpoint,
-            SchemeSpec::Conserving => SchemeName::Conserving,
-            SchemeSpec::Exact => SchemeName::Exact,
-        }
-    }
-}
-
 impl Time {
     /// Returns the number of factors, all of the same size, that the scheme holds at once.
-    ///
-    /// With the singular mass, `midpoint` needs a second one, if only for its velocities.
     pub fn factors(&self) -> usize {
-        match (self.scheme, self.mass) {
-            (SchemeSpec::Conserving, _) | (SchemeSpec::Midpoint { .. }, Mass::Singular) => 2,
-            (SchemeSpec::Newmark { .. } | SchemeSpec::Exact, _)
-            | (SchemeSpec::Midpoint { .. }, Mass::Consistent) => 1,
-        }
+        let [singular, consistent] = self.scheme.capabilities().factors;
+        if self.mass == Mass::Singular { singular } else { consistent }
     }
 
     /// Returns the number of steps, `end / step` rounded to the nearest integer.

@@ -1,13 +1,13 @@
 //! Resolved scene as TOML, aligned and commented, and its hash.
 
 use super::typed::Choice;
-use super::words::SchemeName;
 use super::{
-    Ball, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region, Scene, SchemeSpec, Solver,
+    Ball, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region, Scene, SchemeName, Solver,
     StartFrom, Study, Support, SupportLocation, Time, Value,
 };
 use crate::field::Field;
 use crate::plate::Orthotropy;
+use crate::scheme::registry::OptionValue;
 
 /// Line of a table: key, value, comment.
 type Row = (&'static str, String, &'static str);
@@ -224,21 +224,12 @@ fn initial(initial: &Initial, found: bool) -> Vec<Row> {
 }
 
 fn time(time: &Time) -> Vec<Row> {
-    let (scheme, parameters) = match time.scheme {
-        SchemeSpec::Newmark { beta, restitution } => {
-            let beta = ("beta", number(beta), "");
-            (SchemeName::Newmark, vec![beta, ("restitution", number(restitution), "0 to 1")])
-        }
-        SchemeSpec::Midpoint { massless } => {
-            let massless = ("massless", word(massless), "equilibrium | reflected");
-            (SchemeName::Midpoint, vec![massless])
-        }
-        SchemeSpec::Conserving => (SchemeName::Conserving, vec![]),
-        SchemeSpec::Exact => (SchemeName::Exact, vec![]),
-    };
-    let mut rows = vec![("scheme", word(scheme), "newmark | midpoint | conserving | exact")];
+    let mut rows = vec![("scheme", word(time.scheme.name()), SchemeName::LIST)];
     rows.push(("mass", word(time.mass), "singular | consistent"));
-    rows.extend(parameters);
+    rows.extend(time.scheme.options().into_iter().map(|(key, value, choices)| match value {
+        OptionValue::Number(value) => (key, number(value), choices),
+        OptionValue::Massless(massless) => (key, word(massless), choices),
+    }));
     rows.extend([("step", number(time.step), "s"), ("end", number(time.end), "s")]);
     rows
 }

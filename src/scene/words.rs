@@ -1,35 +1,11 @@
 //! Words by which a scene names the variants of every enum.
 
 use super::typed::Choice;
-use super::{ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, Side, SupportKind};
+use super::{
+    ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, SchemeName, Side, SupportKind,
+};
 use crate::field::Interpolation;
-use serde::Serialize;
 use std::fmt;
-
-/// Name of a time scheme, without its parameters.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SchemeName {
-    /// Newmark scheme with beta and restitution e.
-    Newmark,
-    /// Implicit midpoint scheme.
-    Midpoint,
-    /// Implicit midpoint scheme with relaxation to the initial energy.
-    Conserving,
-    /// Event-driven scheme.
-    Exact,
-}
-
-impl SchemeName {
-    /// All schemes.
-    pub const ALL: [SchemeName; 4] =
-        [SchemeName::Newmark, SchemeName::Midpoint, SchemeName::Conserving, SchemeName::Exact];
-
-    /// Returns whether the accuracy depends on the time step.
-    pub fn has_step(self) -> bool {
-        self != SchemeName::Exact
-    }
-}
 
 impl Choice for ElementKind {
     const WORDS: &'static [(&'static str, Self)] = &[("hct", Self::Hct), ("fvs", Self::Fvs)];
@@ -54,12 +30,15 @@ impl Choice for Side {
 }
 
 impl Choice for SchemeName {
-    const WORDS: &'static [(&'static str, Self)] = &[
-        ("newmark", Self::Newmark),
-        ("midpoint", Self::Midpoint),
-        ("conserving", Self::Conserving),
-        ("exact", Self::Exact),
-    ];
+    const WORDS: &'static [(&'static str, Self)] = &{
+        let mut words = [("", SchemeName::ALL[0]); SchemeName::ALL.len()];
+        let mut i = 0;
+        while i < words.len() {
+            words[i] = (SchemeName::ALL[i].capabilities().name, SchemeName::ALL[i]);
+            i += 1;
+        }
+        words
+    };
 }
 
 impl Choice for Mass {

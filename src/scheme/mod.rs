@@ -29,6 +29,7 @@ pub mod exact;
 pub mod midpoint;
 pub mod newmark;
 pub mod potential;
+pub mod registry;
 mod state;
 mod step_driver;
 
@@ -39,6 +40,7 @@ pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
 pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
+pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
 
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;

@@ -12,9 +12,8 @@ use crate::memory;
 use crate::mesh::{self, Diagonal, Made, Mark, Mesh, NEAR, Point};
 use crate::plate::{Plate, Section, Sections};
 use crate::scene::{
-    ElementKind, EngineName, FieldInput, Grid, Part, Region, Scene, SchemeSpec, SupportKind, SupportLocation,
+    ElementKind, EngineName, FieldInput, Grid, Part, Region, Scene, SupportKind, SupportLocation,
 };
-use crate::scheme::exact;
 
 /// Peak memory of the set-up, in bytes per triangle and per quadrangle: mesh, local arrays, entries
 /// of the step matrix. Measured for congruent cells, which share their arrays; others take up to
@@ -36,10 +35,7 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     // Entries per row of the factor, by minimum degree ordering and by banded ordering.
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
-    let dense = match scene.time.scheme {
-        SchemeSpec::Exact => exact::estimated_memory(dofs as usize, cells as usize, 0),
-        _ => 0,
-    };
+    let dense = scene.time.scheme.dense_memory(dofs as usize, cells as usize, 0);
     set_up + factors + dense as u64
 }
 

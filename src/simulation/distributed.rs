@@ -59,10 +59,12 @@ impl Model<Distributed> {
     pub fn distributed(scene: &Scene, context: &Rc<Context>) -> Result<Model<Distributed>> {
         check_options(scene, context)?;
         let clock = Instant::now();
-        if scene.time.scheme == scene::SchemeSpec::Exact {
-            return Err(Error::Usage(
-                "time.scheme = \"exact\" runs on the native engine, in one process".into(),
-            ));
+        let scheme = scene.time.scheme.capabilities();
+        if !scheme.is_distributed {
+            return Err(Error::Usage(format!(
+                "time.scheme = \"{}\" runs on the native engine, in one process",
+                scheme.name
+            )));
         }
         super::phase("mesh");
         let comm = context.comm();

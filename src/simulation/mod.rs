@@ -38,8 +38,8 @@ use crate::error::{Error, Result};
 use crate::linalg::{Engine, LinearCombination, Native};
 use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
-use crate::scene::{self, ContactSolver, EngineName, FieldInput, Scene};
-use crate::scheme::{Conserving, Exact, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
+use crate::scene::{ContactSolver, EngineName, FieldInput, Scene};
+use crate::scheme::{Scheme, Start, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use body::PlateAssembly;
@@ -251,23 +251,7 @@ impl<E: Engine> Model<E> {
         scene: &Scene,
         solver: &'m SolverFactory<E>,
     ) -> Result<Box<dyn Scheme + 'm>> {
-        let System { engine, bounds, .. } = &self.system;
-        let (step, start) = (scene.time.step, self.start.clone());
-        Ok(match scene.time.scheme {
-            scene::SchemeSpec::Newmark { beta, restitution } => {
-                let parameters = NewmarkParameters { beta, restitution, step };
-                let solver = solver(engine, &Newmark::matrix(&self.system, parameters), bounds.len())?;
-                Box::new(Newmark::with_solver(&self.system, parameters, start, solver)?)
-            }
-            scene::SchemeSpec::Midpoint { massless } => {
-                let solver = solver(engine, &Midpoint::matrix(&self.system, step), bounds.len())?;
-                Box::new(Midpoint::with_solver(&self.system, step, massless, start, solver)?)
-            }
-            scene::SchemeSpec::Conserving => {
-                Box::new(Conserving::with_solver(&self.system, step, start, solver)?)
-            }
-            scene::SchemeSpec::Exact => Box::new(Exact::new(&self.system, step, start)?),
-        })
+        scene.time.scheme.start(&self.system, scene.time.step, self.start.clone(), solver)
     }
 
     /// Computes the deflections at the probes at an instant (s), in m.

@@ -7,7 +7,7 @@ use crate::communicator::Communicator;
 use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::scene::{Mass, Scene, SchemeSpec};
+use crate::scene::{Mass, Scene};
 use crate::scheme::{Event, Scheme};
 use std::time::Instant;
 
@@ -329,18 +329,8 @@ pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Resu
 
 /// Returns advice for the user on a spurious gain of energy.
 pub(crate) fn advice(scene: &Scene) -> &'static str {
-    match (scene.time.scheme, scene.time.mass) {
-        (SchemeSpec::Midpoint { .. }, Mass::Consistent) => {
-            "the midpoint scheme is unstable with the consistent mass at every step: set time.mass = \"singular\""
-        }
-        (SchemeSpec::Midpoint { .. }, Mass::Singular) => {
-            "a smaller time.step conserves better, and time.scheme = \"conserving\" at every step"
-        }
-        (SchemeSpec::Newmark { restitution, .. }, _) if restitution > 0.0 => {
-            "a smaller time.step or time.restitution conserves better"
-        }
-        _ => "check the loads and the initial state",
-    }
+    let of_scheme = scene.time.scheme.advice_on_energy(scene.time.mass == Mass::Singular);
+    of_scheme.unwrap_or("check the loads and the initial state")
 }
 
 /// Adds node and position to the error of a scheme, which knows no mesh and only the index of the

@@ -9,7 +9,7 @@ use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::modes;
 use crate::output::text::{Report, significant};
 use crate::scene::{ContactSolver, EngineName, FieldInput, Mass, Scene, SchemeSpec};
-use crate::scheme::{self, System, exact};
+use crate::scheme::{self, System};
 use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -159,12 +159,8 @@ pub fn advised_step(scheme: SchemeSpec, frequencies: &Frequencies, impacts: bool
         let first = lowest.iter().find(|f| **f > 0.0)?;
         return Some(round_down((1.0 / (STEPS_PER_PERIOD * (*highest)?)).max(PART_OF_FIRST_PERIOD / first)));
     }
-    let error = match scheme {
-        SchemeSpec::Newmark { beta, .. } => 0.5 * beta - 1.0 / 24.0,
-        SchemeSpec::Midpoint { .. } | SchemeSpec::Conserving | SchemeSpec::Exact => 1.0 / 12.0,
-    };
     let last = lowest.last().filter(|f| **f > 0.0)?;
-    Some(round_down((PERIOD_ERROR / error).sqrt() / (TAU * last)))
+    Some(round_down((PERIOD_ERROR / scheme.period_error()).sqrt() / (TAU * last)))
 }
 
 /// Returns the longest step that keeps the energy through impacts within 1 %, in s.
@@ -183,17 +179,18 @@ pub fn energy_step(frequencies: &Frequencies) -> Option<f64> {
 
 /// Returns the advised step of a scene, in s; `None` where every step is accurate.
 pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
-    match scene.time.scheme {
-        SchemeSpec::Exact => None,
-        scheme => advised_step(scheme, frequencies, scene.has_contact()),
+    let scheme = scene.time.scheme;
+    if scheme.capabilities().is_event_driven {
+        return None;
     }
+    advised_step(scheme, frequencies, scene.has_contact())
 }
 
 /// Returns the [step for the energy](energy_step) of a scene, in s.
 ///
 /// The result is `None` where every step conserves the energy, and where none does.
 pub(super) fn energy_step_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
-    let matters = matches!(scene.time.scheme, SchemeSpec::Newmark { .. } | SchemeSpec::Midpoint { .. });
+    let matters = !scene.time.scheme.capabilities().keeps_energy;
     let exists = scene.time.mass == Mass::Singular && scene.has_contact();
     if matters && exists { energy_step(frequencies) } else { None }
 }
@@ -312,7 +309,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         step: scene.time.step,
         advised_step,
         energy_step,
-        any_step: scene.time.scheme == SchemeSpec::Exact,
+        any_step: scene.time.scheme.capabilities().is_event_driven,
         seconds_per_step,
         expected_seconds: set_up + seconds_per_step * scene.time.steps() as f64,
         warnings,
@@ -368,10 +365,7 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
 /// Returns the memory of a scheme's dense arrays, in bytes.
 fn dense(scene: &Scene, system: &System<Native>) -> usize {
     let System { engine, mass, bounds, .. } = system;
-    match scene.time.scheme {
-        SchemeSpec::Exact => exact::estimated_memory(engine.dofs(), engine.velocities(mass), bounds.len()),
-        _ => 0,
-    }
+    scene.time.scheme.dense_memory(engine.dofs(), engine.velocities(mass), bounds.len())
 }
 
 /// Estimates the peak memory of a run, in bytes.

@@ -18,8 +18,8 @@ use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::output::text::{Table, grouped};
-use crate::scene::{ContactSolver, ElementKind, EngineName, Mass, Massless, Scene, SchemeSpec};
-use crate::scheme;
+use crate::scene::{ContactSolver, ElementKind, EngineName, Mass, Scene, SchemeSpec};
+use crate::scheme::{self, EnergyPromise};
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use serde::Serialize;
 use std::fmt;
@@ -137,39 +137,16 @@ pub struct Figures {
     pub seconds_a_step: f64,
 }
 
-/// Promise of a scheme about its energy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Promise {
-    Constant,
-    NeverRises,
-    Nothing,
-}
-
-fn promise(scheme: SchemeSpec) -> Promise {
-    match scheme {
-        SchemeSpec::Conserving | SchemeSpec::Exact => Promise::Constant,
-        SchemeSpec::Newmark { beta: 0.5, restitution: 0.0 } => Promise::NeverRises,
-        SchemeSpec::Newmark { .. } | SchemeSpec::Midpoint { .. } => Promise::Nothing,
-    }
-}
-
 /// Returns the methods to try with an engine and a contact solver.
 pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
-    let newmark = |restitution| SchemeSpec::Newmark { beta: 0.5, restitution };
-    let midpoint = |massless| SchemeSpec::Midpoint { massless };
-    let singular = [
-        newmark(0.0),
-        newmark(0.5),
-        newmark(1.0),
-        midpoint(Massless::Equilibrium),
-        midpoint(Massless::Reflected),
-        SchemeSpec::Conserving,
-        SchemeSpec::Exact,
-    ];
-    let consistent = [newmark(0.0), newmark(0.5), newmark(1.0), midpoint(Massless::Reflected)];
-    let with = |mass| move |scheme| Method { scheme, mass, engine, vi };
-    let all = singular.map(with(Mass::Singular)).into_iter().chain(consistent.map(with(Mass::Consistent)));
-    all.filter(|method| engine == EngineName::Native || method.scheme != SchemeSpec::Exact).collect()
+    let masses = [Mass::Singular, Mass::Consistent];
+    let all = masses.into_iter().flat_map(|mass| {
+        let schemes = SchemeSpec::representatives(mass == Mass::Singular);
+        schemes.into_iter().map(move |scheme| Method { scheme, mass, engine, vi })
+    });
+    let serves =
+        |method: &Method| engine == EngineName::Native || method.scheme.capabilities().is_distributed;
+    all.filter(serves).collect()
 }
 
 /// Returns the variants of a scene: each element with each method.
@@ -205,7 +182,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
 /// Observer of a trial that records the extremes of its energies and the violation of its promise.
 #[derive(Debug)]
 struct PropertyCheck {
-    promise: Promise,
+    promise: EnergyPromise,
     start: Option<Energies>,
     /// Largest magnitude of a part of the energy, at the start and during the run.
     parts: [f64; 2],
@@ -220,7 +197,7 @@ struct PropertyCheck {
 }
 
 impl PropertyCheck {
-    fn new(promise: Promise) -> PropertyCheck {
+    fn new(promise: EnergyPromise) -> PropertyCheck {
         let [least, most] = [f64::INFINITY, f64::NEG_INFINITY];
         PropertyCheck {
             promise,
@@ -267,12 +244,12 @@ impl Observer for PropertyCheck {
         self.length = largest.fold(self.length, |length, u| length.max(u.abs()));
         let above = scheme.invariant()? - self.lowest;
         match self.promise {
-            Promise::Constant => self.broken = self.broken.max(above.abs()),
-            Promise::NeverRises => {
+            EnergyPromise::Constant => self.broken = self.broken.max(above.abs()),
+            EnergyPromise::NeverRises => {
                 self.broken = self.broken.max(above);
                 self.lowest += above.min(0.0);
             }
-            Promise::Nothing => {}
+            EnergyPromise::Nothing => {}
         }
         Ok(())
     }
@@ -285,7 +262,7 @@ pub fn attempt<E: Engine>(
     model: Result<Model<E>>,
     solver: impl FnOnce(&Model<E>) -> Box<SolverFactory<E>>,
 ) -> Trial {
-    let mut witness = PropertyCheck::new(promise(method.scheme));
+    let mut witness = PropertyCheck::new(method.scheme.promise());
     let clock = Instant::now();
     let ran = model.and_then(|model| {
         let solver = solver(&model);
@@ -304,7 +281,7 @@ pub fn attempt<E: Engine>(
     };
     let figures = figures(&witness, &outcome, seconds);
     let ending = match ended {
-        Err(why @ Error::EnergyGuard { .. }) if witness.promise == Promise::Nothing => {
+        Err(why @ Error::EnergyGuard { .. }) if witness.promise == EnergyPromise::Nothing => {
             Ending::Guarded(why.to_string())
         }
         Err(why) if why.exit_code() == 2 => Ending::Refused(why.to_string()),
@@ -337,7 +314,7 @@ fn figures(witness: &PropertyCheck, outcome: &Outcome, seconds: f64) -> Figures 
         most_contact_nodes: outcome.most_contact_nodes,
         energy_min: witness.relative(witness.least),
         energy_max: witness.relative(witness.most),
-        broken: (witness.promise != Promise::Nothing).then(|| over(witness.broken, witness.parts[1])),
+        broken: (witness.promise != EnergyPromise::Nothing).then(|| over(witness.broken, witness.parts[1])),
         worst_kkt: outcome.worst_kkt,
         penetration: over(outcome.worst_penetration, witness.length),
         vi_iterations: outcome.vi_iterations,

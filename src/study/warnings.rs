@@ -9,7 +9,7 @@ use super::inspect::{Frequencies, advised_for, energy_step_for, frequencies_of, 
 use super::{in_time, infsup};
 use crate::linalg::{Engine, Form};
 use crate::output::text::significant;
-use crate::scene::{Mass, Scene, SchemeSpec, Time};
+use crate::scene::{Mass, Scene, Time};
 use crate::simulation::Model;
 
 /// Largest number of dofs for which a run computes frequencies and the inf-sup condition.
@@ -56,17 +56,18 @@ pub(super) fn judged(
 fn of_scene(scene: &Scene) -> Option<String> {
     let is_lossy = scene.time.mass == Mass::Consistent && scene.has_contact();
     is_lossy.then(|| {
-        match scene.time.scheme {
-            SchemeSpec::Midpoint { .. } => {
-                "the midpoint scheme is unstable in contact with the consistent mass at every step: \
-                 set time.mass = \"singular\""
-            }
-            SchemeSpec::Newmark { .. } | SchemeSpec::Conserving | SchemeSpec::Exact => {
-                "with the consistent mass the energy lost at impacts does not vanish with the step: \
-                 set time.mass = \"singular\""
-            }
+        let scheme = scene.time.scheme.capabilities();
+        if scheme.bounces_with_consistent_mass {
+            "with the consistent mass the energy lost at impacts does not vanish with the step: \
+             set time.mass = \"singular\""
+                .into()
+        } else {
+            format!(
+                "the {} scheme is unstable in contact with the consistent mass at every step: \
+                 set time.mass = \"singular\"",
+                scheme.name
+            )
         }
-        .to_owned()
     })
 }
 

@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::scene::document::{Document, spell};
 use crate::scene::typed::Choice;
 use crate::scene::{Mass, Massless, SchemeName, SchemeSpec, Time};
+use crate::scheme::registry::{Capabilities, SchemeOptions};
 
 /// Limit on the number of steps: all smaller integers are exact floating-point numbers.
 const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
@@ -52,48 +53,35 @@ fn whole_steps(doc: &Document, time: &Time) -> Result<()> {
     Err(doc.fault(key, format!("{wrong}; {expected}")))
 }
 
+/// Reads the scheme with its options, which no other scheme takes.
 fn scheme(doc: &Document) -> Result<SchemeSpec> {
     let name: SchemeName = doc.choice("time.scheme")?;
-    for (key, of) in [
-        ("time.beta", SchemeName::Newmark),
-        ("time.restitution", SchemeName::Newmark),
-        ("time.massless", SchemeName::Midpoint),
-    ] {
-        if name != of {
-            let wrong = format!(
-                "contradicts time.scheme = \"{}\"; expected only with \"{}\"",
-                name.word(),
-                of.word()
-            );
-            doc.forbid_with("time.scheme", key, wrong)?;
+    let Capabilities { options, needs_singular_mass, .. } = name.capabilities();
+    for of in SchemeName::ALL.into_iter().filter(|of| *of != name) {
+        for key in of.capabilities().options {
+            let (name, of) = (name.word(), of.word());
+            let wrong = format!("contradicts time.scheme = \"{name}\"; expected only with \"{of}\"");
+            doc.forbid_with("time.scheme", &format!("time.{key}"), wrong)?;
         }
     }
-    match name {
-        SchemeName::Newmark => Ok(SchemeSpec::Newmark {
-            beta: doc.optional_number("time.beta", &BETA)?.unwrap_or(0.5),
-            restitution: doc.optional_number("time.restitution", &RESTITUTION)?.unwrap_or(0.0),
-        }),
-        SchemeName::Midpoint => Ok(SchemeSpec::Midpoint { massless: massless(doc)? }),
-        SchemeName::Conserving => only_singular(
-            doc,
-            SchemeSpec::Conserving,
-            "with this mass velocities jump at impacts, and nothing says what energy is left",
-        ),
-        SchemeName::Exact => {
-            only_singular(doc, SchemeSpec::Exact, "with this mass an impact has no law of its own to follow")
+    let number = |key: &str, limits, default| match options.contains(&key) {
+        true => Ok(doc.optional_number(&format!("time.{key}"), limits)?.unwrap_or(default)),
+        false => Ok(default),
+    };
+    let scheme = name.with(SchemeOptions {
+        beta: number("beta", &BETA, 0.5)?,
+        restitution: number("restitution", &RESTITUTION, 0.0)?,
+        massless: if options.contains(&"massless") { massless(doc)? } else { Massless::Reflected },
+    });
+    match needs_singular_mass {
+        Some(why) if doc.choice::<Mass>("time.mass")? == Mass::Consistent => {
+            let name = name.word();
+            let wrong = format!("\"consistent\" contradicts time.scheme = \"{name}\": {why}");
+            let expected = "expected \"singular\", or time.scheme = \"newmark\"";
+            Err(doc.fault("time.mass", format!("{wrong}; {expected}")))
         }
+        _ => Ok(scheme),
     }
-}
-
-/// Returns a scheme after the check that the mass is singular, which it needs for the reason `why`.
-fn only_singular(doc: &Document, scheme: SchemeSpec, why: &str) -> Result<SchemeSpec> {
-    if doc.choice::<Mass>("time.mass")? == Mass::Consistent {
-        let name = doc.choice::<SchemeName>("time.scheme")?.word();
-        let wrong = format!("\"consistent\" contradicts time.scheme = \"{name}\": {why}");
-        let expected = "expected \"singular\", or time.scheme = \"newmark\"";
-        return Err(doc.fault("time.mass", format!("{wrong}; {expected}")));
-    }
-    Ok(scheme)
 }
 
 /// Reads the treatment of the massless part, whose default depends on mass and damping.

@@ -27,7 +27,7 @@ use crate::error::Result;
 use crate::linalg::{ElementMatrix, Engine, Form, Native, SingularMassCell};
 use crate::modes;
 use crate::obstacle::Bounds;
-use crate::scene::{Mass, SchemeSpec};
+use crate::scene::Mass;
 use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
 use heights::Heights;
@@ -184,7 +184,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let moving = |lift: &Lift| lift.moving(ground, &attached, &sites[..bounded], dofs);
     system.drive.supports = lifts.iter().map(moving).collect::<Result<_>>()?;
     system.bounds = system.drive.relative_bounds(0.0, heights.at_start()?)?;
-    if matches!(scene.time.scheme, SchemeSpec::Conserving | SchemeSpec::Exact) {
+    if scene.time.scheme.capabilities().needs_singular_mass.is_some() {
         attached.refuse_stopped(ground, &system.bounds)?;
     }
 

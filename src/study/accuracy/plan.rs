@@ -1,6 +1,7 @@
 //! Plan of a study: the combinations of its lists, and those it leaves out.
 
 use crate::scene::{ContactSolver, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
+use crate::scheme::registry::SchemeOptions;
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
 
@@ -22,7 +23,7 @@ impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Method { scheme, mass, engine, vi } = self;
         write!(f, "{}", scheme.name())?;
-        if let SchemeSpec::Newmark { restitution, .. } = scheme {
+        if let Some(restitution) = scheme.restitution() {
             write!(f, " e={restitution}")?;
         }
         if let SchemeSpec::Midpoint { massless } = scheme
@@ -184,21 +185,17 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
                         continue;
                     }
-                    if name == SchemeName::Exact && engine != EngineName::Native {
+                    if !name.capabilities().is_distributed && engine != EngineName::Native {
                         drop(format!("{name} {engine}"), "it runs on the native engine");
                         continue;
                     }
-                    let schemes: Vec<SchemeSpec> = match name {
-                        SchemeName::Newmark => study
-                            .restitutions
-                            .iter()
-                            .map(|&restitution| SchemeSpec::Newmark { beta, restitution })
-                            .collect(),
-                        SchemeName::Midpoint => vec![SchemeSpec::Midpoint { massless: massless(mass) }],
-                        SchemeName::Conserving => vec![SchemeSpec::Conserving],
-                        SchemeName::Exact => vec![SchemeSpec::Exact],
+                    let with = |restitution| {
+                        name.with(SchemeOptions { beta, restitution, massless: massless(mass) })
                     };
-                    methods.extend(schemes.into_iter().map(|scheme| Method { scheme, mass, engine, vi }));
+                    let bounces = name.capabilities().options.contains(&"restitution");
+                    let restitutions = if bounces { &study.restitutions[..] } else { &[0.0] };
+                    let schemes = restitutions.iter().map(|&restitution| with(restitution));
+                    methods.extend(schemes.map(|scheme| Method { scheme, mass, engine, vi }));
                 }
             }
         }
@@ -208,9 +205,10 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
 
 /// Returns an error with the reason if a scheme makes no sense with a mass.
 fn serves(scheme: SchemeName, mass: Mass, obstacles: bool) -> Result<(), &'static str> {
-    match (scheme, mass) {
-        (SchemeName::Conserving | SchemeName::Exact, Mass::Consistent) => Err("it needs the singular mass"),
-        (SchemeName::Midpoint, Mass::Consistent) if obstacles => {
+    let scheme = scheme.capabilities();
+    match mass {
+        Mass::Consistent if scheme.needs_singular_mass.is_some() => Err("it needs the singular mass"),
+        Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
             Err("unstable in contact at every step with the consistent mass")
         }
         _ => Ok(()),

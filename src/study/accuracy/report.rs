@@ -4,7 +4,7 @@ use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
 use super::trajectory::{Deviation, Parts};
 use super::{Accuracy, Run, mesh_name};
 use crate::output::text::{Table, grouped, significant};
-use crate::scene::{Horizon, SchemeSpec};
+use crate::scene::Horizon;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -171,15 +171,11 @@ impl Accuracy {
     fn row(&self, run: &Run, on_front: bool) -> Vec<String> {
         let method = &run.case.method;
         let optional = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
-        let restitution = match method.scheme {
-            SchemeSpec::Newmark { restitution, .. } => Some(restitution),
-            _ => None,
-        };
         let mut row = vec![
             mesh_name(&run.case.grid),
             method.scheme.name().to_string(),
             method.mass.to_string(),
-            restitution.map_or(String::new(), |e| e.to_string()),
+            method.scheme.restitution().map_or(String::new(), |e| e.to_string()),
             method.engine.to_string(),
             method.vi.to_string(),
             format!("{:e}", run.case.step),
