@@ -48,6 +48,7 @@ use crate::mesh::{Import, Mesh};
 use crate::motion::Motion;
 pub use crate::plate::Plate;
 pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
+pub use crate::vi::ContactSolver;
 use document::Document;
 pub use given::{FieldInput, Region, Still, Value};
 pub use study::{Horizon, Study};
@@ -386,18 +387,6 @@ pub enum EngineName {
     Native,
     /// Engine of PETSc, on any number of ranks.
     Petsc,
-}
-
-/// Contact solver; a build without it refuses it later, not the scene.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ContactSolver {
-    /// Active-set method on the Schur complement of the contact dofs.
-    Condensed,
-    /// Complementarity solver of PETSc (SNES).
-    Snes,
-    /// Bound-constrained minimiser of PETSc (TAO).
-    Tao,
 }
 
 /// Output settings.

@@ -2,8 +2,8 @@
 
 use super::typed::Choice;
 use super::{
-    Ball, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region, Scene, SchemeName, Solver,
-    StartFrom, Study, Support, SupportLocation, Time, Value,
+    Ball, ContactSolver, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region, Scene,
+    SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
 };
 use crate::field::Field;
 use crate::plate::Orthotropy;
@@ -237,7 +237,7 @@ fn time(time: &Time) -> Vec<Row> {
 fn solver(solver: &Solver) -> Vec<Row> {
     vec![
         ("engine", word(solver.engine), "native | petsc"),
-        ("vi", word(solver.vi), "condensed | snes | tao"),
+        ("vi", word(solver.vi), ContactSolver::LIST),
         ("tolerance", number(solver.tolerance), "relative KKT residual of each step"),
         ("energy_guard", number(solver.energy_guard), "energy over its start that stops a run"),
     ]

@@ -29,18 +29,6 @@ impl Choice for Side {
     const WORDS: &'static [(&'static str, Self)] = &[("below", Self::Below), ("above", Self::Above)];
 }
 
-impl Choice for SchemeName {
-    const WORDS: &'static [(&'static str, Self)] = &{
-        let mut words = [("", SchemeName::ALL[0]); SchemeName::ALL.len()];
-        let mut i = 0;
-        while i < words.len() {
-            words[i] = (SchemeName::ALL[i].capabilities().name, SchemeName::ALL[i]);
-            i += 1;
-        }
-        words
-    };
-}
-
 impl Choice for Mass {
     const WORDS: &'static [(&'static str, Self)] =
         &[("singular", Self::Singular), ("consistent", Self::Consistent)];
@@ -55,15 +43,31 @@ impl Choice for EngineName {
     const WORDS: &'static [(&'static str, Self)] = &[("native", Self::Native), ("petsc", Self::Petsc)];
 }
 
-impl Choice for ContactSolver {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("condensed", Self::Condensed), ("snes", Self::Snes), ("tao", Self::Tao)];
-}
-
 impl Choice for Horizon {
     const WORDS: &'static [(&'static str, Self)] =
         &[("first_impact", Self::FirstImpact), ("second_impact", Self::SecondImpact), ("end", Self::End)];
 }
+
+/// Implements `Choice` with the names of a registry.
+macro_rules! named_by_registry {
+    ($name:ty, $variant:ident => $word:expr) => {
+        impl Choice for $name {
+            const WORDS: &'static [(&'static str, Self)] = &{
+                let mut words = [("", <$name>::ALL[0]); <$name>::ALL.len()];
+                let mut i = 0;
+                while i < words.len() {
+                    let $variant = <$name>::ALL[i];
+                    words[i] = ($word, $variant);
+                    i += 1;
+                }
+                words
+            };
+        }
+    };
+}
+
+named_by_registry!(SchemeName, scheme => scheme.capabilities().name);
+named_by_registry!(ContactSolver, solver => solver.name());
 
 /// Implements `Display` with the words of a scene.
 macro_rules! shown_as_words {

@@ -12,8 +12,7 @@ use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::engine::Adder;
 use crate::petsc::{Context, Distributed, Part, Plex, WorldComm, plate};
-use crate::scene::{self, ContactSolver, EngineName, Scene};
-use crate::vi::{self, scaled::Family};
+use crate::scene::{self, EngineName, Scene};
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -23,33 +22,14 @@ use std::time::Instant;
 /// Returns [`Error::Usage`] for a contact solver that the engine does not have, and for an option
 /// that cannot work.
 pub fn check_options(scene: &Scene, context: &Context) -> Result<()> {
-    super::serves(
-        scene,
-        EngineName::Petsc,
-        &[ContactSolver::Condensed, ContactSolver::Snes, ContactSolver::Tao],
-    )?;
-    family(scene).map_or(Ok(()), |family| family.check_options(context))
-}
-
-/// Returns the family of PETSc solvers that the scene names; `None` for the condensed solver.
-fn family(scene: &Scene) -> Option<Family> {
-    match scene.solver.vi {
-        ContactSolver::Condensed => None,
-        ContactSolver::Snes => Some(vi::snes::SNES),
-        ContactSolver::Tao => Some(vi::tao::TAO),
-    }
+    super::serves(scene, EngineName::Petsc)?;
+    scene.solver.vi.check_options(context)
 }
 
 impl Model<Distributed> {
     /// Returns a factory of the contact solver that the scene names.
     pub fn solver(&self, scene: &Scene) -> Box<SolverFactory<Distributed>> {
-        let tolerance = scene.solver.tolerance;
-        match family(scene) {
-            None => Box::new(super::condensed),
-            Some(family) => {
-                Box::new(move |engine, sum, bounded| family.solver(engine, sum, bounded, tolerance))
-            }
-        }
+        scene.solver.vi.factory(scene.solver.tolerance)
     }
 
     /// Builds the model of a scene on PETSc, one part per rank. Collective.

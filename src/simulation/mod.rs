@@ -179,7 +179,7 @@ impl Model {
     /// [`Error::Mesh`] and [`Error::Singular`] for a plate without a unique solution, and
     /// [`Error::Scene`] for a formula without a value.
     pub fn new(scene: &Scene) -> Result<Model> {
-        serves(scene, EngineName::Native, &[ContactSolver::Condensed])?;
+        serves(scene, EngineName::Native)?;
         let clock = Instant::now();
         phase("mesh");
         let mesh = mesh(scene)?;
@@ -282,15 +282,17 @@ where
 }
 
 /// Returns an error unless this engine and its contact solvers are those that the scene asks for.
-fn serves(scene: &Scene, engine: EngineName, solvers: &[ContactSolver]) -> Result<()> {
+fn serves(scene: &Scene, engine: EngineName) -> Result<()> {
     if scene.solver.engine != engine {
         return Err(Error::Usage(format!(
             "solver.engine: this build has no \"{}\"; it has \"{}\"",
             scene.solver.engine, engine
         )));
     }
-    if !solvers.contains(&scene.solver.vi) {
-        let known: Vec<String> = solvers.iter().map(|vi| format!("\"{vi}\"")).collect();
+    let has = |vi: &ContactSolver| engine == EngineName::Petsc || vi.runs_on_any_engine();
+    if !has(&scene.solver.vi) {
+        let known = ContactSolver::ALL.into_iter().filter(has);
+        let known: Vec<String> = known.map(|vi| format!("\"{vi}\"")).collect();
         return Err(Error::Usage(format!(
             "solver.vi: the {} engine has no \"{}\"; it has {}",
             engine,

@@ -47,13 +47,14 @@ impl Contender {
             _ => return Err(unknown(name)),
         };
         let vi = match words.next() {
-            None | Some("condensed") => ContactSolver::Condensed,
-            Some("snes") => ContactSolver::Snes,
-            Some("tao") => ContactSolver::Tao,
-            _ => return Err(unknown(name)),
+            None => ContactSolver::Condensed,
+            Some(word) => {
+                let named = ContactSolver::ALL.into_iter().find(|vi| vi.name() == word);
+                named.ok_or_else(|| unknown(name))?
+            }
         };
         let method = words.next().map(String::from);
-        if words.next().is_some() || method.as_ref().is_some_and(|_| vi == ContactSolver::Condensed) {
+        if words.next().is_some() || method.is_some() && vi.method_option().is_none() {
             return Err(unknown(name));
         }
         Ok(Contender { engine, vi, method })
@@ -66,12 +67,7 @@ impl Contender {
 
     /// Returns PETSc's option for the method, and its value.
     pub fn option(&self) -> Option<(&'static str, &str)> {
-        let name = match self.vi {
-            ContactSolver::Condensed => return None,
-            ContactSolver::Snes => "snes_type",
-            ContactSolver::Tao => "tao_type",
-        };
-        Some((name, self.method.as_deref()?))
+        Some((self.vi.method_option()?, self.method.as_deref()?))
     }
 
     /// Returns the scene with this engine and solver.

@@ -14,6 +14,7 @@
 mod active_set;
 pub mod condensed;
 pub mod kkt;
+pub mod registry;
 #[cfg(feature = "petsc")]
 pub mod scaled;
 #[cfg(feature = "petsc")]
@@ -23,6 +24,7 @@ pub mod tao;
 
 pub use active_set::{BoundStatus, DenseProblem};
 pub use condensed::Condensed;
+pub use registry::ContactSolver;
 
 use crate::archive::Archive;
 use crate::communicator::Communicator;

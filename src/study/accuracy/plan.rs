@@ -181,7 +181,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
             }
             for &engine in &study.engines {
                 for &vi in &study.vi {
-                    if engine == EngineName::Native && vi != ContactSolver::Condensed {
+                    if engine == EngineName::Native && !vi.runs_on_any_engine() {
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
                         continue;
                     }
