@@ -13,3 +13,4 @@ mod impulses;
 mod kinks;
 mod moving;
 mod period_three_bar;
+mod work;
