@@ -34,6 +34,21 @@
 //! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
 //! | [`cli`] | the command |
 //!
+//! Readers of the paper find its parts here:
+//!
+//! | paper | code |
+//! |---|---|
+//! | equation (3): coefficient of restitution e | [`scheme::NewmarkParameters::restitution`] |
+//! | section 3: reduced HCT and FVS elements | [`element::hct`], [`element::fvs`] |
+//! | section 3: admissible deflections `$K^h$`, matrix G | [`obstacle::Bounds`] |
+//! | section 3: singular mass `$M = B^T C^{-1} B$` | [`linalg::SingularMassCell`] |
+//! | equation (5): semi-discrete problem | [`scheme::System`], [`scheme::potential`] |
+//! | section 3: inf-sup condition | [`study::infsup`] |
+//! | section 4.1: Newmark-e-beta scheme | [`scheme::newmark`] |
+//! | section 4.2, equation (6): midpoint scheme | [`scheme::midpoint`] |
+//! | section 5.2: energy `$E_n$` | [`energy::Energies`] |
+//! | figures 1 to 6 | [`study::figures`] |
+//!
 //! ```
 //! use rebond::{scene::Scene, simulation::Model};
 //!
