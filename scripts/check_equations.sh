@@ -5,14 +5,17 @@
 set -eu
 cd "$(dirname "$0")/.."
 pages=target/doc/rebond
-page=$pages/scheme/newmark/index.html
 
 fail() { printf 'check_equations: %s\n' "$*" >&2; exit 1; }
 
 # Markdown removes a backslash before punctuation.
-for part in 'language-math' '\frac{' '\tfrac12' '\Bigl(' '\,(' 'katex.min.js'; do
-    grep -qF -- "$part" "$page" || fail "$page has no $part"
-done
+holds() {
+    local page=$pages/$1 part
+    shift
+    for part; do grep -qF -- "$part" "$page" || fail "$page has no $part"; done
+}
+holds scheme/newmark/index.html 'language-math' '\frac{' '\tfrac{' '\Bigl(' '\,(' 'katex.min.js'
+holds scheme/potential/index.html 'language-math' '\tfrac12' '\{' '\;' 'katex.min.js'
 if grep -rnE '^ *//[/!].*\\[][()]' src; then
     fail 'write displays as fences of the language "math" and inline formulas as code between dollar signs'
 fi
