@@ -5,6 +5,7 @@ The script plants faults in a copy of the sources, one at a time, and requires t
 
     scripts/planted_faults.py                     # all faults, about a minute each
     scripts/planted_faults.py restitution bound   # the faults whose names contain one of these words
+    scripts/planted_faults.py --texts             # only that every fault still fits the sources
 
 A fault replaces a piece of source text that must occur exactly once. When the sources change, the script
 therefore fails instead of giving a wrong answer.
@@ -60,6 +61,11 @@ FAULTS = [
 
 def main():
     words = sys.argv[1:]
+    if words == ["--texts"]:
+        for name, path, text, *_ in FAULTS:
+            check_text(name, path, (ROOT / path).read_text(), text)
+        print(f"{len(FAULTS)} faults fit the sources")
+        return 0
     chosen = [fault for fault in FAULTS if not words or any(word in fault[0] for word in words)]
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "rebond"
@@ -69,11 +75,16 @@ def main():
     return 1 if unseen else 0
 
 
+def check_text(name, path, source, text):
+    """Ends the script unless the text occurs exactly once in the source."""
+    if source.count(text) != 1:
+        sys.exit(f"{name}: {path} has {source.count(text)} times {text!r}; expected once")
+
+
 def is_seen(copy, name, path, text, fault, suite, test):
     """Returns whether the tests fail with the fault."""
     source = (copy / path).read_text()
-    if source.count(text) != 1:
-        sys.exit(f"{name}: {path} has {source.count(text)} times {text!r}; expected once")
+    check_text(name, path, source, text)
     (copy / path).write_text(source.replace(text, fault))
     environment = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target" / "planted_faults"), "CARGO_INCREMENTAL": "1"}
     call = ["cargo", "test", "--release", "--locked", "--quiet", "--no-default-features", "--test", suite]
