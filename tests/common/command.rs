@@ -35,7 +35,7 @@ pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     let mut command = Command::new("mpirun");
     command
         .args(ON_ONE_MACHINE)
-        .args(["--timeout", "900", "-n"])
+        .args(["--timeout", "2700", "-n"])
         .arg(ranks.to_string())
         .arg(env!("CARGO_BIN_EXE_rebond"))
         .args(arguments)
