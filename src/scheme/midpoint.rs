@@ -17,8 +17,8 @@
 //! massless part of `$U^{n+1}$` is a choice of what to report, see [`Massless`].
 //!
 //! The damping matrix D = alpha M + beta K adds `$2 D / \Delta t$` to the step matrix and nothing
-//! to the right-hand side, since the midpoint velocity is `$2 x / \Delta t$`. [`instants`] tells how
-//! loads, obstacles and supports that depend on time enter.
+//! to the right-hand side, since the midpoint velocity is `$2 x / \Delta t$`. [`instants`] tells
+//! how loads, obstacles and supports that depend on time enter.
 
 pub mod instants;
 mod rule;
@@ -117,7 +117,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         Ok(self.driver.report)
     }
 
-    /// Sets `to` to `$(U^n + 2 \gamma x, V^n + \gamma (V^{n+1} - V^n))$`; gamma = 1 is equation (6).
+    /// Sets `to` to `$(U^n + 2 \gamma x, V^n + \gamma (V^{n+1} - V^n))$`: (6) for gamma = 1.
     pub fn update(&self, from: &State, gamma: f64, to: &mut State) {
         for (to, (u, x)) in to.u.iter_mut().zip(from.u.iter().zip(&self.driver.x)) {
             *to = u + 2.0 * gamma * x;

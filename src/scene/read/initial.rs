@@ -47,7 +47,8 @@ pub(super) fn read(doc: &Document) -> Result<Initial> {
 
 /// Reads the run whose last state is the start.
 ///
-/// Its folder is relative to the scene's file or, failing that, to the working folder.
+/// The folder of that run is relative to the scene's file or, if it is not there, to the working
+/// folder.
 fn from_run(doc: &Document) -> Result<Option<StartFrom>> {
     let key = "initial.from";
     if doc.get(key).is_none() {
