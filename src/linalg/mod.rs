@@ -22,6 +22,7 @@ mod cholesky;
 mod double_double;
 mod native;
 mod simd;
+pub mod vectors;
 
 pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
@@ -33,6 +34,7 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use double_double::DoubleDouble;
 use faer::Mat;
+use vectors::{axpy, divide, dot, subtract};
 
 /// First class number of the cells without [`ElementMatrix::bending`]: springs, foundations, and
 /// cells at supports with oblique axes.
@@ -98,8 +100,7 @@ impl Bending {
         }
         let mut force = vec![0.0; values.len()];
         for row in self.root.chunks_exact(bent.len()) {
-            let strain: f64 = row.iter().zip(&bent).map(|(r, d)| r * d).sum();
-            force[3..].iter_mut().zip(row).for_each(|(f, r)| *f += r * strain);
+            axpy(dot(row, &bent), row, &mut force[3..]);
         }
         for (k, [x, y]) in self.arms.iter().enumerate() {
             let node = [force[3 * k + 3], force[3 * k + 4], force[3 * k + 5]];
@@ -216,7 +217,7 @@ pub trait Engine: Sized {
             let mut energy = 0.0;
             for (scale, form) in sum {
                 energy += scale * self.multiply(form, &x, &mut product)?;
-                force.iter_mut().zip(&product).for_each(|(force, p)| *force += scale * p);
+                axpy(*scale, &product, &mut force);
             }
             if energy.is_nan() {
                 return Ok(energy);
@@ -227,7 +228,8 @@ pub trait Engine: Sized {
                 worst = worst.max(norm);
             }
             factor.solve(&mut force)?;
-            x.iter_mut().zip(&force).for_each(|(x, f)| *x = (*x - f) / norm);
+            subtract(&force, &mut x);
+            divide(norm, &mut x);
         }
         Ok(worst)
     }

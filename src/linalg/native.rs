@@ -4,7 +4,7 @@ use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
-use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell};
+use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell, vectors};
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use crate::memory;
@@ -226,7 +226,7 @@ impl Engine for Native {
     }
 
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
-        Ok(x.iter().zip(y).map(|(x, y)| x * y).sum())
+        Ok(vectors::dot(x, y))
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {

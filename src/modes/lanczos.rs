@@ -1,6 +1,7 @@
 //! Largest eigenvalue of an operator that is known only by its products.
 
 use crate::error::Result;
+use crate::linalg::vectors::{axpy, dot};
 use faer::{Mat, Side};
 
 /// Number of steps between computations of the eigenvalues of the tridiagonal matrix.
@@ -53,7 +54,7 @@ pub fn largest(
         for _ in 0..2 {
             for (v, dual) in basis.iter().zip(&duals) {
                 let share = dot(&next, dual);
-                next.iter_mut().zip(v).for_each(|(x, v)| *x -= share * v);
+                axpy(-share, v, &mut next);
             }
         }
     }
@@ -73,11 +74,6 @@ fn top(diagonal: &[f64], off_diagonal: &[f64]) -> (f64, f64) {
         Ok(eigen) => (eigen.S()[size - 1], eigen.U()[(size - 1, size - 1)]),
         Err(_) => (f64::NAN, f64::NAN),
     }
-}
-
-/// Returns the scalar product.
-pub fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
 /// Returns pseudo-random numbers in (-1, 1), the same at every call with one seed (splitmix64).

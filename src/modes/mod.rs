@@ -12,6 +12,7 @@ pub(crate) mod lanczos;
 
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, axpy, aypx, divide, hadamard, subtract};
 use crate::linalg::{Engine, Factor, Form, Native};
 use faer::{Mat, Side};
 use lanczos::random_vector;
@@ -144,13 +145,13 @@ impl<'e, E: Engine> Pencil<'e, E> {
         x.copy_from_slice(&self.right);
         factor.solve(x)?;
         self.engine.multiply(self.stiffness, x, &mut self.product)?;
-        self.right.iter_mut().zip(&self.product).for_each(|(r, k)| *r -= k);
+        subtract(&self.product, &mut self.right);
         if *shift > 0.0 {
             self.engine.multiply(self.mass, x, &mut self.product)?;
-            self.right.iter_mut().zip(&self.product).for_each(|(r, m)| *r -= *shift * m);
+            axpy(-*shift, &self.product, &mut self.right);
         }
         factor.solve(&mut self.right)?;
-        x.iter_mut().zip(&self.right).for_each(|(x, r)| *x += r);
+        add(&self.right, x);
         Ok(())
     }
 
@@ -176,8 +177,7 @@ impl<'e, E: Engine> Pencil<'e, E> {
         let mut rotated = vec![vec![0.0; self.engine.dofs()]; size];
         for (j, new) in rotated.iter_mut().enumerate() {
             for (i, old) in block.iter().enumerate() {
-                let factor = vectors[i * size + j];
-                new.iter_mut().zip(old).for_each(|(x, y)| *x += factor * y);
+                axpy(vectors[i * size + j], old, new);
             }
         }
         *block = rotated;
@@ -193,12 +193,12 @@ impl<'e, E: Engine> Pencil<'e, E> {
             for _ in 0..2 {
                 for (v, dual) in basis.iter().zip(&duals) {
                     let share = self.engine.dot(&x, dual)?;
-                    x.iter_mut().zip(v).for_each(|(x, v)| *x -= share * v);
+                    axpy(-share, v, &mut x);
                 }
             }
             let norm = self.engine.multiply(self.mass, &x, &mut self.product)?.sqrt();
             if norm > MIN_INDEPENDENT_PART * whole {
-                x.iter_mut().for_each(|x| *x /= norm);
+                divide(norm, &mut x);
                 duals.push(self.product.iter().map(|m| m / norm).collect());
                 basis.push(x);
             }
@@ -237,13 +237,14 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
             engine.project_transpose(mass, v, &mut u)?;
             factor.solve(&mut u)?;
             engine.project(mass, &u, w)?;
-            w.iter_mut().zip(v).for_each(|(w, v)| *w = v - sigma * *w);
+            aypx(-sigma, v, w);
             Ok(())
         };
         let metric = |v: &[f64], w: &mut [f64]| match mass {
             Form::Cells(_) => engine.project_transpose(mass, v, w),
             Form::SingularMassCells(averages) => {
-                w.iter_mut().zip(averages.masses().iter().zip(v)).for_each(|(w, (c, v))| *w = c * v);
+                w.copy_from_slice(v);
+                hadamard(averages.masses(), w);
                 Ok(())
             }
         };

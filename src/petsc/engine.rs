@@ -11,6 +11,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::Result;
+use crate::linalg::vectors::{add, axpy, dot};
 use crate::linalg::{Engine, Factor, Form, LinearCombination, Native};
 use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
@@ -235,7 +236,7 @@ impl Engine for Distributed {
     }
 
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
-        Ok(self.context.comm().all_reduce_sum_unordered(x.iter().zip(y).map(|(x, y)| x * y).sum()))
+        Ok(self.context.comm().all_reduce_sum_unordered(dot(x, y)))
     }
 
     fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
@@ -491,9 +492,7 @@ impl DistributedFactor {
     fn times_schur(&self, x: &[f64]) -> Vec<f64> {
         let mut product = vec![0.0; x.len()];
         for (j, x) in x.iter().enumerate() {
-            for (sum, a) in product.iter_mut().zip(self.schur.col(j).iter()) {
-                *sum += a * x;
-            }
+            axpy(*x, self.schur.col_as_slice(j), &mut product);
         }
         product
     }
@@ -541,7 +540,7 @@ impl Factor for DistributedFactor {
                 x[dof] = forces[self.before + k] - self.condensed[self.before + k];
             }
             self.solve_with(false, x)?;
-            x.iter_mut().zip(&self.free).for_each(|(x, free)| *x += free);
+            add(&self.free, x);
         } else {
             x.copy_from_slice(&self.free);
         }

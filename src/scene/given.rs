@@ -7,6 +7,7 @@ use crate::field::{
     Break, Breaks, Condition, Derivatives, Enclosure, Field, Interpolation, Interval, Missed, Names,
     ParseError, Table,
 };
+use crate::linalg::vectors::{add, scale};
 use crate::mesh::Point;
 
 /// Field input: a number, a formula of x, y (m) and t (s), or a table of t times a formula of x and
@@ -109,8 +110,7 @@ impl FieldInput {
             Value::Formula(field) => field.values(points, t, values).map_err(|fault| self.fault(&fault)),
             Value::Table { table, shape, .. } => {
                 shape.values(points, t, values).map_err(|fault| self.fault(&fault))?;
-                let factor = table.value(t);
-                values.iter_mut().for_each(|value| *value *= factor);
+                scale(table.value(t), values);
                 Ok(())
             }
         }
@@ -252,7 +252,7 @@ impl Integrand for Vec<Still<'_>> {
         let mut terms = vec![0.0; points.len()];
         for of in self {
             of.values(points, &mut terms)?;
-            values.iter_mut().zip(&terms).for_each(|(sum, term)| *sum += term);
+            add(&terms, values);
         }
         Ok(())
     }

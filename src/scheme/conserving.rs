@@ -134,6 +134,7 @@ use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::{axpy, divide};
 use crate::obstacle::Bounds;
 use crate::vi::{Condensed, Solver, SolverFactory};
 use std::ops::Range;
@@ -292,7 +293,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
     /// Adds the impulses of the reactions of the last step over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
         let reactions = &self.rules[self.last].driver.reaction;
-        self.record.impulses.iter_mut().zip(reactions).for_each(|(impulse, r)| *impulse += seconds * r);
+        axpy(seconds, reactions, &mut self.record.impulses);
     }
 
     /// Advances from the present state, at `time` (s), to the next.
@@ -442,7 +443,8 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
             self.ahead += self.span;
         }
         let StepRecord { reaction, impulses, .. } = &mut self.record;
-        reaction.iter_mut().zip(impulses).for_each(|(r, impulse)| *r = *impulse / dt);
+        reaction.copy_from_slice(impulses);
+        divide(dt, reaction);
         let share = self.ahead / self.span;
         for (u, (now, before)) in self.u.iter_mut().zip(self.now.u.iter().zip(&self.before.u)) {
             *u = now + share * (before - now);

@@ -8,6 +8,7 @@ use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::vectors::{add, axpy, dot};
 use crate::modes::Mode;
 use crate::obstacle::Bounds;
 use std::f64::consts::TAU;
@@ -100,7 +101,7 @@ impl ModalDamping {
     /// Subtracts the modal damping force of given modal velocities from `force`.
     pub(super) fn subtract_damping(&self, velocities: impl Iterator<Item = f64>, force: &mut [f64]) {
         for ((rate, momentum), v) in self.rates.iter().zip(&self.momenta).zip(velocities) {
-            force.iter_mut().zip(momentum).for_each(|(force, m)| *force -= rate * v * m);
+            axpy(-rate * v, momentum, force);
         }
     }
 }
@@ -108,7 +109,7 @@ impl ModalDamping {
 /// Returns the inner products of x with each vector of `onto`, summed over all processes.
 /// Collective.
 fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f64>> {
-    let own: Vec<f64> = onto.iter().map(|y| x.iter().zip(y).map(|(x, y)| x * y).sum()).collect();
+    let own: Vec<f64> = onto.iter().map(|y| dot(x, y)).collect();
     Ok(engine.comm().all_reduce_sum_slice(&own))
 }
 
@@ -184,8 +185,9 @@ impl TimeDependence {
     /// Returns the errors of the motions.
     pub fn add_support_force(&self, time: f64, load: &mut [f64]) -> Result<()> {
         for (motion, place) in self.supports.iter().zip(self.places(time)?) {
-            let stiffness = motion.stiffness.iter().flatten();
-            load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= place * k);
+            if let Some(stiffness) = &motion.stiffness {
+                axpy(-place, stiffness, load);
+            }
         }
         Ok(())
     }
@@ -194,7 +196,7 @@ impl TimeDependence {
     /// `force`.
     pub(super) fn subtract_inertia(&self, accelerations: &[f64], force: &mut [f64]) {
         for (motion, a) in self.supports.iter().zip(accelerations) {
-            force.iter_mut().zip(&motion.momentum).for_each(|(force, m)| *force -= a * m);
+            axpy(-a, &motion.momentum, force);
         }
     }
 
@@ -202,7 +204,7 @@ impl TimeDependence {
     /// dof.
     pub(super) fn add_shapes(&self, sizes: impl Iterator<Item = f64>, values: &mut [f64]) {
         for (motion, size) in self.supports.iter().zip(sizes) {
-            values.iter_mut().zip(&motion.shape).for_each(|(value, r)| *value += size * r);
+            axpy(size, &motion.shape, values);
         }
     }
 
@@ -275,13 +277,11 @@ impl InstantData {
             let increment = to - *place;
             *place = *to;
             if let (Some(load), Some(stiffness)) = (&mut self.load, &motion.stiffness) {
-                load.iter_mut().zip(stiffness).for_each(|(load, k)| *load -= increment * k);
+                axpy(-increment, stiffness, load);
             }
             if let Some(Bounds { lower, upper, .. }) = &mut self.bounds {
-                for ((lower, upper), r) in lower.iter_mut().zip(upper).zip(&motion.at_bounds) {
-                    *lower -= increment * r;
-                    *upper -= increment * r;
-                }
+                axpy(-increment, &motion.at_bounds, lower);
+                axpy(-increment, &motion.at_bounds, upper);
             }
         }
     }
@@ -332,7 +332,7 @@ impl InstantData {
     /// Adds the time-dependent load to `force`, in N.
     pub fn add_load(&self, force: &mut [f64]) {
         if let Some(load) = &self.load {
-            force.iter_mut().zip(load).for_each(|(force, load)| *force += load);
+            add(load, force);
         }
     }
 

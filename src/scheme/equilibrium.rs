@@ -2,6 +2,7 @@
 
 use crate::communicator::Communicator;
 use crate::error::Result;
+use crate::linalg::vectors::{axpy, aypx};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
@@ -161,7 +162,7 @@ where
     fn increment(&mut self) -> Result<f64> {
         let Search { engine, matrix, u, x, b, left, bounds, reaction, .. } = self;
         engine.multiply(self.stiffness, u, b)?;
-        b.iter_mut().zip(self.load).for_each(|(b, f)| *b = f - *b);
+        aypx(-1.0, self.load, b);
         left.shift(bounds, |dof, bound| bound - u[dof]);
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
         let problem = Problem { matrix, rhs: b, bounds: left, length };
@@ -194,7 +195,8 @@ where
         last.is_used = same && self.bearing_stays(&last.increment)? && self.bearing_stays(&self.x)?;
         if last.is_used {
             let part = self.engine.dot(&self.x, &last.force)? / last.curvature;
-            let with: Vec<f64> = self.x.iter().zip(&last.increment).map(|(x, p)| x - part * p).collect();
+            let mut with = self.x.clone();
+            axpy(-part, &last.increment, &mut with);
             last.is_used = self.engine.dot(&self.b, &with)? > 0.0;
             if last.is_used {
                 self.x = with;
@@ -231,6 +233,6 @@ where
 
     /// Adds a multiple of the increment to the deflection.
     fn add(&mut self, multiple: f64) {
-        self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += multiple * x);
+        axpy(multiple, &self.x, &mut self.u);
     }
 }

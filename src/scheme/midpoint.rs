@@ -32,6 +32,7 @@ use super::state::State;
 use super::step_driver::{Formulas, StepDriver, StepMatrix};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::{aypx, waxpby, waxpy};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
 use instants::StepInstants;
@@ -70,9 +71,7 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
     /// `$b = \frac{2}{\Delta t} B^T V^n - K U^n + F$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
         self.system.engine.project_transpose(&self.system.mass, self.v, b)?;
-        for (b, force) in b.iter_mut().zip(&self.from.force) {
-            *b = 2.0 / self.dt * *b + force;
-        }
+        aypx(2.0 / self.dt, &self.from.force, b);
         self.instants.add_load(b);
         Ok(())
     }
@@ -111,20 +110,14 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         let MidpointRule { v, dt, instants, .. } = self;
         self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants })?;
         engine.project(mass, &self.driver.x, &mut self.half_dp)?;
-        for (dv, (half_dp, v)) in self.dv.iter_mut().zip(self.half_dp.iter().zip(&self.v)) {
-            *dv = 4.0 / self.dt * half_dp - 2.0 * v;
-        }
+        waxpby(4.0 / self.dt, &self.half_dp, -2.0, &self.v, &mut self.dv);
         Ok(self.driver.report)
     }
 
     /// Sets `to` to `$(U^n + 2 \gamma x, V^n + \gamma (V^{n+1} - V^n))$`: (6) for gamma = 1.
     pub fn update(&self, from: &State, gamma: f64, to: &mut State) {
-        for (to, (u, x)) in to.u.iter_mut().zip(from.u.iter().zip(&self.driver.x)) {
-            *to = u + 2.0 * gamma * x;
-        }
-        for (to, (v, dv)) in to.v.iter_mut().zip(self.v.iter().zip(&self.dv)) {
-            *to = v + gamma * dv;
-        }
+        waxpy(2.0 * gamma, &self.driver.x, &from.u, &mut to.u);
+        waxpy(gamma, &self.dv, &self.v, &mut to.v);
         to.frame_rates.copy_from_slice(&self.instants.frame_rates);
     }
 }

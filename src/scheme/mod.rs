@@ -47,6 +47,7 @@ use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::vectors::{axpy, aypx, scale};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
 use drive::InstantData;
@@ -76,8 +77,8 @@ impl<E: Engine> System<E> {
     fn force(&self, u: &[f64], force: &mut [f64]) -> Result<f64> {
         let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, force)?;
         match &self.load {
-            Some(load) => force.iter_mut().zip(load).for_each(|(b, f)| *b = f - *b),
-            None => force.iter_mut().for_each(|b| *b = -*b),
+            Some(load) => aypx(-1.0, load, force),
+            None => scale(-1.0, force),
         }
         Ok(elastic)
     }
@@ -88,7 +89,7 @@ impl<E: Engine> System<E> {
         for (factor, form) in [(mass, &self.mass), (stiffness, &self.stiffness)] {
             if factor != 0.0 {
                 self.engine.multiply(form, rate, product)?;
-                force.iter_mut().zip(&*product).for_each(|(force, p)| *force -= weight * factor * p);
+                axpy(-weight * factor, product, force);
             }
         }
         Ok(())
@@ -279,7 +280,7 @@ impl StepRecord {
 
     /// Adds the impulses of the recorded reactions over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
-        self.impulses.iter_mut().zip(&self.reaction).for_each(|(impulse, r)| *impulse += seconds * r);
+        axpy(seconds, &self.reaction, &mut self.impulses);
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {

@@ -34,6 +34,7 @@ use super::step_driver::{Formulas, StepDriver, StepMatrix};
 use super::{StepRecord, System};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::{add, waxpy};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
 
@@ -126,16 +127,14 @@ impl<E: Engine> Levels<'_, E> {
 
     /// Makes `$U^{n+1}$` the present level; `next` is the time of the new instant n + 1, in s.
     fn shift(&mut self, next: f64) -> Result<()> {
-        self.u_n.iter_mut().zip(&self.d_next).for_each(|(u, d)| *u += d);
+        add(&self.d_next, &mut self.u_n);
         std::mem::swap(&mut self.d_n, &mut self.d_next);
         self.instants.as_mut().map_or(Ok(()), |instants| instants.advance(self.system, next))
     }
 
     /// `$U^{n+1} = 2 U^n - U^{n-1} + x$`
     fn update(&mut self, x: &[f64]) {
-        for ((d_next, d), x) in self.d_next.iter_mut().zip(&self.d_n).zip(x) {
-            *d_next = d + x;
-        }
+        waxpy(1.0, x, &self.d_n, &mut self.d_next);
     }
 
     /// Adds the work of the time-dependent data up to instant n.

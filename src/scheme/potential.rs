@@ -57,6 +57,7 @@ use super::state::{State, SupportVelocities};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, scale, subtract, waxpy};
 use crate::linalg::{Engine, pseudo_random};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
@@ -144,11 +145,12 @@ impl<'s, E: Engine> Potential<'s, E> {
             let mut image = vec![0.0; projected.len()];
             for _ in 0..*ROUNDS.end() {
                 engine.project_transpose(mass, &image, b)?;
-                b.iter_mut().zip(momentum).for_each(|(b, m)| *b = *penalty * (m - *b));
+                aypx(-1.0, momentum, b);
+                scale(*penalty, b);
                 let problem = Problem { matrix: sum, rhs: b, bounds: &Bounds::default(), length: 0.0 };
                 solver.solve(engine, &problem, &mut Answer { x, reaction: &mut [] })?;
                 engine.project(mass, x, projected)?;
-                image.iter_mut().zip(&*projected).for_each(|(image, projected)| *image += projected);
+                add(projected, &mut image);
                 let [more, all] = [&*projected, &image].map(|v| engine.mass_norm_squared(mass, v));
                 if more?.sqrt() <= f64::EPSILON * all?.sqrt() {
                     break;
@@ -187,7 +189,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 let problem = Problem { matrix: &sum, rhs: &b, bounds: &Bounds::default(), length: 0.0 };
                 solver.solve(engine, &problem, &mut Answer { x: &mut x, reaction: &mut [] })?;
                 engine.project(mass, &x, image)?;
-                image.iter_mut().for_each(|v| *v *= penalty);
+                scale(penalty, image);
                 Ok(())
             };
             velocity.iter_mut().enumerate().for_each(|(i, v)| *v = pseudo_random(i));
@@ -197,9 +199,9 @@ impl<'s, E: Engine> Potential<'s, E> {
                 if norm == 0.0 {
                     break;
                 }
-                velocity.iter_mut().for_each(|v| *v /= norm);
+                divide(norm, &mut velocity);
                 apply(&velocity, &mut projected)?;
-                velocity.iter_mut().zip(&projected).for_each(|(v, image)| *v -= image);
+                subtract(&projected, &mut velocity);
                 apply(&velocity, &mut projected)?;
                 std::mem::swap(&mut velocity, &mut projected);
                 largest = engine.mass_norm_squared(mass, &velocity)?.sqrt();
@@ -334,26 +336,19 @@ impl<'s, E: Engine> Potential<'s, E> {
         let (mut distance, mut farthest) = (f64::INFINITY, increment);
         let least = ROUNDS.start() + self.solver.corrections();
         for round in 1..=*ROUNDS.end() {
-            let multipliers = self.multiplier.iter().zip(&self.residual);
-            for (augmented, (multiplier, residual)) in self.augmented.iter_mut().zip(multipliers) {
-                *augmented = multiplier + self.penalty * residual;
-            }
+            waxpy(self.penalty, &self.residual, &self.multiplier, &mut self.augmented);
             engine.project_transpose(mass, &self.augmented, &mut self.x)?;
             self.system.force(&self.u, &mut self.b)?;
-            self.b.iter_mut().zip(&self.x).for_each(|(b, force)| *b += force);
+            add(&self.x, &mut self.b);
             instant.add_load(&mut self.b);
             self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
             let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
             let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
             report.iterations += self.solver.solve(engine, &problem, &mut answer)?;
-            self.u.iter_mut().zip(&self.x).for_each(|(u, x)| *u += x);
+            add(&self.x, &mut self.u);
             engine.project(mass, &self.x, &mut self.projected)?;
-            for (multiplier, (residual, projected)) in
-                self.multiplier.iter_mut().zip(self.residual.iter_mut().zip(&self.projected))
-            {
-                *residual -= projected;
-                *multiplier += self.penalty * *residual;
-            }
+            subtract(&self.projected, &mut self.residual);
+            axpy(self.penalty, &self.residual, &mut self.multiplier);
             farthest = farthest.max(engine.mass_norm_squared(mass, &self.projected)?.sqrt());
             let before =
                 std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &self.residual)?.sqrt());
@@ -489,9 +484,7 @@ impl<E: Engine> Line<'_, '_, E> {
         let last = match self.gamma.replace(gamma) {
             Some(last) => last,
             None => {
-                for (u, (from, x)) in potential.u.iter_mut().zip(self.from.u.iter().zip(&rule.driver.x)) {
-                    *u = from + x;
-                }
+                waxpy(1.0, &rule.driver.x, &self.from.u, &mut potential.u);
                 // The midpoint rule has dV = -dt (λ + alpha V) with the midpoint velocity V = 2/dt
                 // C^-1 B x.
                 let damping = potential.system.damping.mass * 2.0 / rule.dt;
@@ -502,9 +495,7 @@ impl<E: Engine> Line<'_, '_, E> {
                 0.5
             }
         };
-        for (residual, half_dp) in potential.residual.iter_mut().zip(&rule.half_dp) {
-            *residual = 2.0 * (gamma - last) * half_dp;
-        }
+        copy_scaled(2.0 * (gamma - last), &rule.half_dp, &mut potential.residual);
         let System { engine, mass, .. } = potential.system;
         let increment = 2.0 * engine.mass_norm_squared(mass, &rule.half_dp)?.sqrt();
         self.report = self.report.and(potential.reach(increment, instant)?);

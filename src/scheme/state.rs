@@ -6,6 +6,7 @@ use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::{axpy, scale};
 
 /// State (U, V) with its forces, reactions and energies.
 #[derive(Debug, Clone)]
@@ -87,7 +88,7 @@ impl State {
     /// Scales V so that the kinetic energy decreases by `energy` (J).
     pub fn remove_energy(&mut self, energy: f64) {
         let kept = 1.0 - energy / self.energies.kinetic;
-        self.v.iter_mut().for_each(|v| *v *= kept.sqrt());
+        scale(kept.sqrt(), &mut self.v);
         self.energies.kinetic -= energy;
     }
 }
@@ -99,6 +100,6 @@ pub(super) type SupportVelocities = [Vec<f64>];
 /// motion).
 pub(super) fn change_frame(velocities: &SupportVelocities, from: &[f64], to: &[f64], v: &mut [f64]) {
     for (velocity, (from, to)) in velocities.iter().zip(from.iter().zip(to)) {
-        v.iter_mut().zip(velocity).for_each(|(v, shape)| *v -= (to - from) * shape);
+        axpy(-(to - from), velocity, v);
     }
 }

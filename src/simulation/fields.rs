@@ -14,6 +14,7 @@ use crate::dof_map::PER_NODE;
 use crate::element::{Basis, fvs, hct};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::axpy;
 use crate::mesh::{Cell, Mesh, Point};
 use crate::scene::{FieldInput, Region, Side};
 use crate::scheme::{Scheme, System};
@@ -238,11 +239,8 @@ impl Fields {
         let mut velocity = self.evaluate(&rate, 0);
         for ((motion, lift), moves) in self.lifts.iter().zip(scheme.support_rates()?) {
             let moved = motion.at(Point::origin(), scheme.time())?;
-            let add = |to: &mut [f64], factor: f64, lift: &[f64]| {
-                to.iter_mut().zip(lift).for_each(|(to, lift)| *to += factor * lift);
-            };
-            rows.iter_mut().zip(lift).for_each(|(row, lift)| add(row, moved, lift));
-            add(&mut velocity, moves, &lift[0]);
+            rows.iter_mut().zip(lift).for_each(|(row, lift)| axpy(moved, lift, row));
+            axpy(moves, &lift[0], &mut velocity);
         }
         let [deflection, slope_x, slope_y] = rows;
         let (mut gap, mut obstacles, mut reaction) = (None, None, None);

@@ -35,6 +35,7 @@ use crate::assembly::{self, Probe};
 use crate::communicator::{Communicator, SelfComm};
 use crate::dof_map::{DofMap, NodeConstraint};
 use crate::error::{Error, Result};
+use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, LinearCombination, Native};
 use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
@@ -259,7 +260,7 @@ impl<E: Engine> Model<E> {
         let mut own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
         for (motion, lift) in &self.frame.0 {
             let moved = motion.at(Point::origin(), time)?;
-            own.iter_mut().zip(lift).for_each(|(own, lift)| *own += moved * lift);
+            axpy(moved, lift, &mut own);
         }
         values.copy_from_slice(&self.system.engine.comm().all_reduce_sum_slice(&own));
         Ok(())

@@ -13,6 +13,7 @@ use super::{Answer, DenseProblem, Problem, Solver, apply};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::waxpy;
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 
@@ -225,9 +226,7 @@ impl<E: Engine> Condensed<E> {
                 x[dof] = fixed(i).unwrap_or(0.0);
             }
             apply(engine, matrix, x, &mut product, &mut residual)?;
-            for ((x, r), b) in x.iter_mut().zip(&residual).zip(b) {
-                *x = b - r;
-            }
+            waxpy(-1.0, &residual, b, x);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 if let Some(value) = fixed(i) {
                     x[dof] = value;

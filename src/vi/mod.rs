@@ -29,6 +29,7 @@ pub use registry::ContactSolver;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, axpy, aypx};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
@@ -168,9 +169,7 @@ fn apply<E: Engine>(
     y.fill(0.0);
     for (scale, form) in matrix {
         engine.multiply(form, x, product)?;
-        for (y, p) in y.iter_mut().zip(product.iter()) {
-            *y += scale * p;
-        }
+        axpy(*scale, product, y);
     }
     Ok(())
 }
@@ -251,7 +250,7 @@ impl<E: Engine> CheckedSolver<E> {
         let Correction { product, residual, bounds, x: increment } = &mut self.correction;
         [&mut *product, residual, increment].into_iter().for_each(|v| v.resize(x.len(), 0.0));
         apply(engine, problem.matrix, x, product, residual)?;
-        residual.iter_mut().zip(problem.rhs).for_each(|(r, b)| *r = b - *r);
+        aypx(-1.0, problem.rhs, residual);
         let is_answer = residual.iter().all(|r| r.is_finite());
         if !engine.comm().all_reduce_all(is_answer) {
             return Ok(0);
@@ -265,7 +264,7 @@ impl<E: Engine> CheckedSolver<E> {
             Some(attempt) => self.solver.retry(attempt, engine, &problem, &mut correction)?,
         };
         let Some(iterations) = solved else { return Ok(0) };
-        x.iter_mut().zip(increment).for_each(|(x, dx)| *x += *dx);
+        add(increment, x);
         Ok(iterations)
     }
 

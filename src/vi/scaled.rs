@@ -22,6 +22,7 @@ use super::{Answer, BoundStatus, Condensed, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, difference, hadamard};
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::petsc::engine::DistributedFactor;
@@ -210,7 +211,8 @@ impl Bounded {
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         // The factor s is large enough for the tolerance to exceed the rounding of A y.
-        let right: Vec<f64> = b.iter().zip(&self.scale).map(|(b, d)| b * d).collect();
+        let mut right = b.to_vec();
+        hadamard(&self.scale, &mut right);
         let size: Vec<f64> = x.iter().zip(&self.scale).map(|(x, d)| x / d).collect();
         let right = engine.dot(&right, &right)?.sqrt();
         let size = engine.dot(&size, &size)?.sqrt();
@@ -295,7 +297,7 @@ impl Bounded {
             return Ok(());
         }
         // Solve A dx = b + G^T r - A x for the dofs that are not held.
-        let mut correction: Vec<f64> = b.iter().zip(&product.value).map(|(b, r)| b - r).collect();
+        let mut correction = difference(b, &product.value);
         let mut held = Vec::new();
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             if self.sides[i] != BoundStatus::Free {
@@ -307,7 +309,7 @@ impl Bounded {
         self.factorisations += 1;
         self.factor.solve(&mut correction)?;
         self.factor.pin(&[])?;
-        answer.x.iter_mut().zip(&correction).for_each(|(x, dx)| *x += dx);
+        add(&correction, answer.x);
         self.hold(bounds, size, answer.x);
         self.update_reactions(engine, problem, answer, &mut product)
     }

@@ -74,6 +74,7 @@ use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::vectors::{add, scale, sum};
 use crate::memory;
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
@@ -334,7 +335,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let System { engine, mass, .. } = self.system;
         let mut b = vec![0.0; engine.dofs()];
         engine.project_transpose(mass, &self.shape().acceleration, &mut b)?;
-        b.iter_mut().for_each(|b| *b = -*b);
+        scale(-1.0, &mut b);
         Ok(b)
     }
 
@@ -361,7 +362,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let column = |of: &[f64]| Mat::from_fn(of.len(), 1, |i, _| of[i]);
         let mut force = vec![0.0; displacement.len()];
         self.system.force(displacement, &mut force)?;
-        force.iter_mut().zip(self.inertia()?).for_each(|(force, inertia)| *force += inertia);
+        add(&self.inertia()?, &mut force);
         bounds.add_transposed(&self.record.reaction, &mut force);
         let position = &modes.vectors * self.state.get(.., ..1);
         let position = position - basis.of(self.system, &column(displacement))?;
@@ -385,7 +386,6 @@ impl<'s, E: Engine> Exact<'s, E> {
         for &i in &active {
             du[(bounds.dofs[i], 0)] = 0.0;
         }
-        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + b).collect::<Vec<f64>>();
         let shape = Shape {
             displacement: sum(displacement, du.col_as_slice(0)),
             velocity: velocity.clone(),

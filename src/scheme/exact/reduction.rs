@@ -13,6 +13,7 @@
 
 use super::velocity_basis::VelocityBasis;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::subtract;
 use crate::linalg::{Engine, Factor, pseudo_random};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
@@ -182,9 +183,9 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
             position -= self.basis.of(self.system, &u)?;
             for j in 0..u.ncols() {
                 engine.multiply(stiffness, u.col_as_slice(j), &mut product)?;
-                force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, k)| *f -= k);
+                subtract(&product, force.col_as_slice_mut(j));
                 self.basis.momentum(self.system, acceleration.col_as_slice(j), &mut product)?;
-                force.col_as_slice_mut(j).iter_mut().zip(&product).for_each(|(f, b)| *f -= b);
+                subtract(&product, force.col_as_slice_mut(j));
             }
         }
         Ok((u, acceleration))

@@ -7,6 +7,7 @@
 use super::modes::eigenvectors;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::vectors::hadamard;
 use crate::scheme::System;
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side as Triangle};
@@ -84,7 +85,7 @@ impl VelocityBasis {
         for j in 0..displacements.ncols() {
             let column = all.col_as_slice_mut(j);
             system.engine.project(&system.mass, displacements.col_as_slice(j), column)?;
-            column.iter_mut().zip(&self.root_mass).for_each(|(v, c)| *v *= c);
+            hadamard(&self.root_mass, column);
         }
         Ok(self.narrow(all))
     }

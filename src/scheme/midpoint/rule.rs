@@ -5,6 +5,7 @@ use super::instants::StepInstants;
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::copy_scaled;
 use crate::scheme::System;
 use crate::scheme::state::{State, SupportVelocities};
 use crate::scheme::step_driver::StepDriver;
@@ -48,7 +49,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
 
     /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
     pub fn begin(&mut self, velocity: &[f64], start: &State) -> Result<()> {
-        self.driver.x.iter_mut().zip(velocity).for_each(|(x, v)| *x = 0.5 * self.dt * v);
+        copy_scaled(0.5 * self.dt, velocity, &mut self.driver.x);
         self.instants.begin(&start.instant)
     }
 

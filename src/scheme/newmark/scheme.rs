@@ -7,6 +7,7 @@ use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::sum;
 use crate::obstacle::Bounds;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 use crate::scheme::{Approach, Scheme, Start, StepRecord, System};
@@ -83,7 +84,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let Levels { system, parameters, u_n, d_next, elastic, instants, .. } = &self.levels;
         let System { engine, stiffness, mass, .. } = system;
         let rate: Vec<f64> = d_next.iter().map(|d| d / parameters.step).collect();
-        let next: Vec<f64> = u_n.iter().zip(d_next).map(|(u, d)| u + d).collect();
+        let next = sum(u_n, d_next);
         let mut product = vec![0.0; next.len()];
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
         let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * elastic;

@@ -21,6 +21,7 @@
 use super::Levels;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::{axpy, copy_scaled, waxpby};
 use crate::obstacle::Bounds;
 use crate::scheme::drive::ModalDamping;
 use crate::scheme::step_driver::Formulas;
@@ -42,10 +43,8 @@ impl<E: Engine> FirstStep<'_, '_, E> {
     /// Sets `$U^0 - U^{-1} = 2 \Delta t\, v_0 - x / 2$` and `$U^1 - U^0 = x / 2$`.
     pub fn update(self, x: &[f64]) {
         let Levels { d_n, d_next, parameters, .. } = self.levels;
-        for ((d, d_next), (x, v)) in d_n.iter_mut().zip(d_next).zip(x.iter().zip(self.v0)) {
-            *d = 2.0 * parameters.step * v - 0.5 * x;
-            *d_next = 0.5 * x;
-        }
+        waxpby(2.0 * parameters.step, self.v0, -0.5, x, d_n);
+        copy_scaled(0.5, x, d_next);
     }
 }
 
@@ -63,7 +62,7 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
         self.levels.force(b)?;
         let momentum = self.levels.system.momentum(self.v0)?;
         let dt = self.levels.parameters.step;
-        b.iter_mut().zip(momentum).for_each(|(b, momentum)| *b += momentum * (2.0 / dt));
+        axpy(2.0 / dt, &momentum, b);
         Ok(())
     }
 

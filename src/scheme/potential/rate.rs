@@ -17,6 +17,7 @@
 use super::{MEAN_TOLERANCE, Potential, ROUNDS};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::{add, axpy, aypx, dot, subtract, waxpy};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
 use crate::scheme::drive::InstantData;
@@ -82,25 +83,18 @@ impl<E: Engine> Search<'_, '_, E> {
         let (mut x, mut product) = (w.clone(), w.clone());
         let mut distance = f64::INFINITY;
         for round in 1..=*ROUNDS.end() {
-            let multipliers = multiplier.iter().zip(&residual);
-            for (augmented, (multiplier, residual)) in augmented.iter_mut().zip(multipliers) {
-                *augmented = multiplier + penalty * residual;
-            }
+            waxpy(penalty, &residual, &multiplier, &mut augmented);
             engine.project_transpose(mass, &augmented, &mut x)?;
             engine.multiply(stiffness, &w, &mut product)?;
-            x.iter_mut().zip(&product).for_each(|(x, resistance)| *x -= resistance);
+            subtract(&product, &mut x);
             change.add_load(&mut x);
             held.add_reaction_rates(&mut x);
             solve(&mut x)?;
             held.hold(&w, &mut x, solve)?;
-            w.iter_mut().zip(&x).for_each(|(w, x)| *w += x);
+            add(&x, &mut w);
             engine.project(mass, &x, &mut projected)?;
-            for (multiplier, (residual, projected)) in
-                multiplier.iter_mut().zip(residual.iter_mut().zip(&projected))
-            {
-                *residual -= projected;
-                *multiplier += penalty * *residual;
-            }
+            subtract(&projected, &mut residual);
+            axpy(penalty, &residual, &mut multiplier);
             let before = std::mem::replace(&mut distance, engine.mass_norm_squared(mass, &residual)?.sqrt());
             if round >= *ROUNDS.start() && (distance <= MEAN_TOLERANCE * speed || distance > 0.5 * before) {
                 break;
@@ -150,7 +144,7 @@ impl<'s, E: Engine> Held<'s, E> {
     /// Adds to x the response to further reaction rates, so that w + x has the rates of the bounds.
     fn hold(&mut self, w: &[f64], x: &mut [f64], solve: &mut Solve) -> Result<()> {
         let Held { system, nodes, first } = self;
-        let total = |a: &[f64], b: &[f64]| system.total(a.iter().zip(b).map(|(a, b)| a * b).sum());
+        let total = |a: &[f64], b: &[f64]| system.total(dot(a, b));
         let precondition = |nodes: &[Node], lags: &[f64]| -> Vec<f64> {
             nodes.iter().zip(lags).map(|(node, lag)| node.weight * lag).collect()
         };
@@ -168,12 +162,12 @@ impl<'s, E: Engine> Held<'s, E> {
             solve(&mut answer)?;
             let response: Vec<f64> = nodes.iter().map(|node| answer[node.dof]).collect();
             let step = size / total(&response, &direction)?;
-            x.iter_mut().zip(&answer).for_each(|(x, answer)| *x += step * answer);
+            axpy(step, &answer, x);
             nodes.iter_mut().zip(&direction).for_each(|(node, d)| node.reaction_rate += step * d);
-            lags.iter_mut().zip(&response).for_each(|(lag, response)| *lag -= step * response);
+            axpy(-step, &response, &mut lags);
             let preconditioned = precondition(nodes, &lags);
             let before = std::mem::replace(&mut size, total(&lags, &preconditioned)?);
-            direction.iter_mut().zip(&preconditioned).for_each(|(d, z)| *d = z + size / before * *d);
+            aypx(size / before, &preconditioned, &mut direction);
         }
         Ok(())
     }

@@ -8,6 +8,7 @@ use crate::dof_map::PER_NODE;
 use crate::element::adaptive::{self, Integrand, Rules, Triangle};
 use crate::error::Result;
 use crate::field::{Enclosure, Interval};
+use crate::linalg::vectors::{self, axpy};
 use crate::mesh::Point;
 use crate::scene::FieldInput;
 use crate::simulation::partition::Partition;
@@ -247,16 +248,16 @@ impl<P: Partition> Loads<P> {
         let Some(load) = &scene.load else { return Ok(loads) };
         let mut constant = vec![0.0; dofs];
         if load.gravity != 0.0 {
-            add(1.0, &assembly::weight(cells, dofs, load.gravity), &mut constant);
+            vectors::add(&assembly::weight(cells, dofs, load.gravity), &mut constant);
             attached.weigh(load.gravity, &mut constant);
         }
         if !load.pressure.changes() {
-            add(1.0, &ground.pressed(&load.pressure)?, &mut constant);
+            vectors::add(&ground.pressed(&load.pressure)?, &mut constant);
         } else if let Some(terms) = load.pressure.terms() {
             for [time, place] in terms {
                 let load = ground.pressed(&place)?;
                 match time.number() {
-                    Some(factor) => add(factor, &load, &mut constant),
+                    Some(factor) => axpy(factor, &load, &mut constant),
                     None => loads.terms.push((time, partition.add_up(&load)?)),
                 }
             }
@@ -269,7 +270,7 @@ impl<P: Partition> Loads<P> {
                 spot.free.push(1.0, &mut unit);
             }
             match force.value.number() {
-                Some(value) => add(value, &unit, &mut constant),
+                Some(value) => axpy(value, &unit, &mut constant),
                 None => loads.terms.push((force.value.clone(), partition.add_up(&unit)?)),
             }
         }
@@ -287,15 +288,11 @@ impl<P: Partition> Loads<P> {
     /// Adds the time-dependent loads at an instant (s) to `load`, in N. Collective.
     pub fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
         for (factor, of) in &self.terms {
-            add(factor.at(Point::origin(), t)?, of, load);
+            axpy(factor.at(Point::origin(), t)?, of, load);
         }
         if let Some(wave) = &self.wave {
-            add(1.0, &wave.partition.add_up(&wave.load(t)?)?, load);
+            vectors::add(&wave.partition.add_up(&wave.load(t)?)?, load);
         }
         Ok(())
     }
-}
-
-fn add(factor: f64, of: &[f64], to: &mut [f64]) {
-    to.iter_mut().zip(of).for_each(|(to, of)| *to += factor * of);
 }

@@ -8,6 +8,7 @@ use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Place, Support};
 use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, scale, sum};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{FieldInput, Mass};
@@ -75,14 +76,13 @@ pub(super) fn lifts<E: OfCells, P: Partition>(system: &System<E>, statics: &Stat
         let moved = nodes_of(Some(motion))?;
         let torn = (0..taken.len()).find(|&node| moved[node] > 0.0 && taken[node] > 0.0);
         comm.all_ok(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
-        taken.iter_mut().zip(&moved).for_each(|(taken, moved)| *taken += moved);
+        add(&moved, &mut taken);
         let steps: Vec<f64> = moved.iter().flat_map(|&w| [w.min(1.0), 0.0, 0.0]).collect();
         let mut load = statics.forces(&steps)?;
-        load.iter_mut().for_each(|f| *f = -*f);
+        scale(-1.0, &mut load);
         let u = statics.equilibrium(system, &load, &Bounds::default())?;
         let bent = statics.ground.space.shape(&system.engine.to_local(&u)?);
-        let shape = steps.iter().zip(bent).map(|(step, bent)| step + bent).collect();
-        Ok(Lift { motion: Rc::new(motion.clone()), shape, is_rigid: false })
+        Ok(Lift { motion: Rc::new(motion.clone()), shape: sum(&steps, &bent), is_rigid: false })
     };
     different.into_iter().map(lift).collect()
 }

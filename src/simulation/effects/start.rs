@@ -9,6 +9,7 @@ use super::motion::Lift;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, axpy};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scheme::{self, Start, System};
@@ -62,8 +63,9 @@ impl<P: Partition> Statics<'_, P> {
         let mut load = partition.add_up(&self.ground.pressed(&initial.static_pressure)?)?;
         system.drive.add_support_force(0.0, &mut load)?;
         if initial.equilibrium {
-            let constant = loads.constant.iter().flatten();
-            load.iter_mut().zip(constant).for_each(|(load, f)| *load += f);
+            if let Some(constant) = &loads.constant {
+                add(constant, &mut load);
+            }
             loads.add(0.0, &mut load)?;
         }
         self.lift_balls(&mut load)?;
@@ -97,7 +99,7 @@ impl<P: Partition> Statics<'_, P> {
                 load[dof] = 0.0;
             }
         }
-        load.iter_mut().zip(partition.add_up(&local)?).for_each(|(load, f)| *load += f);
+        add(&partition.add_up(&local)?, load);
         Ok(())
     }
 }
@@ -124,7 +126,7 @@ pub(super) fn start<E: OfCells, P: Partition>(
         .map(|of| format!("initial.velocity: {}; it stops the plate there at once", of.words("m/s", "1/s")));
     let mut velocity = space.interpolate(&given);
     for (Lift { shape, .. }, rate) in lifts.iter().zip(&rates) {
-        velocity.iter_mut().zip(space.interpolate(shape)).for_each(|(v, lift)| *v -= rate * lift);
+        axpy(-rate, &space.interpolate(shape), &mut velocity);
     }
     let mut velocity = ground.owned(&velocity, engine.dofs());
     let mut displacement = if let Some(from) = &initial.from {

@@ -9,6 +9,7 @@ use crate::assembly;
 use crate::dof_map::DofMap;
 use crate::element::{Element, fvs, hct, quadrature};
 use crate::error::{Error, Result};
+use crate::linalg::vectors::difference;
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::plate::{Section, Sections};
@@ -48,7 +49,7 @@ impl Metric {
     /// # Errors
     /// Returns the errors of the engine's product.
     pub fn distance(&self, a: &[f64], b: &[f64]) -> Result<Norms> {
-        let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        let difference = difference(a, b);
         let mut product = vec![0.0; difference.len()];
         let elastic = self.engine.multiply(&self.stiffness, &difference, &mut product)?;
         let square = self.engine.multiply(&self.square, &difference, &mut product)?;

@@ -1,0 +1,147 @@
+//! Elementary operations on vectors, with the names of BLAS and PETSc.
+//!
+//! Every function works entry by entry on slices of equal length and panics where the lengths
+//! differ. Products are rounded before they are added, so that `axpy(-a, x, y)` has the bits of
+//! `y -= a * x`.
+//!
+//! ```
+//! use rebond::linalg::vectors::{axpy, dot, waxpy};
+//!
+//! let (x, mut y, mut w) = ([1.0, 2.0], [10.0, 20.0], [0.0; 2]);
+//! axpy(0.5, &x, &mut y);
+//! assert_eq!(y, [10.5, 21.0]);
+//! waxpy(-1.0, &x, &y, &mut w);
+//! assert_eq!(w, [9.5, 19.0]);
+//! assert_eq!(dot(&x, &w), 47.5);
+//! ```
+
+/// Computes y = x + y.
+pub fn add(x: &[f64], y: &mut [f64]) {
+    update(x, y, |x, y| y + x);
+}
+
+/// Computes y = y - x.
+pub fn subtract(x: &[f64], y: &mut [f64]) {
+    update(x, y, |x, y| y - x);
+}
+
+/// Computes y = a x + y.
+pub fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
+    update(x, y, |x, y| y + a * x);
+}
+
+/// Computes y = a y + x; the residual y = b - y is `aypx(-1.0, b, y)`.
+pub fn aypx(a: f64, x: &[f64], y: &mut [f64]) {
+    update(x, y, |x, y| a * y + x);
+}
+
+/// Computes the entrywise product `$y_i = x_i y_i$`.
+pub fn hadamard(x: &[f64], y: &mut [f64]) {
+    update(x, y, |x, y| x * y);
+}
+
+/// Computes y = a x.
+pub fn copy_scaled(a: f64, x: &[f64], y: &mut [f64]) {
+    update(x, y, |x, _| a * x);
+}
+
+/// Computes x = a x.
+pub fn scale(a: f64, x: &mut [f64]) {
+    for x in x {
+        *x *= a;
+    }
+}
+
+/// Computes x = x / a, which a product with 1 / a would round differently.
+pub fn divide(a: f64, x: &mut [f64]) {
+    for x in x {
+        *x /= a;
+    }
+}
+
+/// Computes w = a x + y.
+pub fn waxpy(a: f64, x: &[f64], y: &[f64], w: &mut [f64]) {
+    combine(x, y, w, |x, y| a * x + y);
+}
+
+/// Computes w = a x + b y.
+pub fn waxpby(a: f64, x: &[f64], b: f64, y: &[f64], w: &mut [f64]) {
+    combine(x, y, w, |x, y| a * x + b * y);
+}
+
+/// Returns x + y.
+pub fn sum(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let mut w = x.to_vec();
+    add(y, &mut w);
+    w
+}
+
+/// Returns x - y.
+pub fn difference(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let mut w = x.to_vec();
+    subtract(y, &mut w);
+    w
+}
+
+/// Returns the scalar product, summed in the order of the entries.
+pub fn dot(x: &[f64], y: &[f64]) -> f64 {
+    assert_eq!(x.len(), y.len(), "vectors of different lengths");
+    x.iter().zip(y).map(|(x, y)| x * y).sum()
+}
+
+/// Sets each entry of y to `map` of the entries of x and y.
+#[inline(always)]
+fn update(x: &[f64], y: &mut [f64], map: impl Fn(f64, f64) -> f64) {
+    assert_eq!(x.len(), y.len(), "vectors of different lengths");
+    for (y, x) in y.iter_mut().zip(x) {
+        *y = map(*x, *y);
+    }
+}
+
+/// Sets each entry of w to `map` of the entries of x and y.
+#[inline(always)]
+fn combine(x: &[f64], y: &[f64], w: &mut [f64], map: impl Fn(f64, f64) -> f64) {
+    assert!(x.len() == w.len() && y.len() == w.len(), "vectors of different lengths");
+    for (w, (x, y)) in w.iter_mut().zip(x.iter().zip(y)) {
+        *w = map(*x, *y);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forms_have_the_bits_of_loops() {
+        let x = [0.1, -0.0, 3e300, 1.0 / 3.0];
+        let y = [0.7, 0.0, -3e-300, 1.0 / 7.0];
+        let a = -1.0 / 11.0;
+        let bits = |of: &[f64]| of.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+        let by_loop = |of: &dyn Fn(f64, f64) -> f64| {
+            let values: Vec<f64> = x.iter().zip(&y).map(|(x, y)| of(*x, *y)).collect();
+            bits(&values)
+        };
+        let in_place = |of: &dyn Fn(&[f64], &mut [f64])| {
+            let mut y = y;
+            of(&x, &mut y);
+            bits(&y)
+        };
+        assert_eq!(in_place(&|x, y| axpy(-a, x, y)), by_loop(&|x, y| y - a * x));
+        assert_eq!(in_place(&|x, y| axpy(1.0, x, y)), in_place(&add));
+        assert_eq!(in_place(&|x, y| axpy(-1.0, x, y)), in_place(&subtract));
+        assert_eq!(in_place(&|x, y| aypx(-1.0, x, y)), by_loop(&|x, y| x - y));
+        assert_eq!(in_place(&|_, y| scale(-1.0, y)), by_loop(&|_, y| -y));
+        assert_eq!(in_place(&|x, w| waxpy(-a, x, &y, w)), by_loop(&|x, y| y - a * x));
+        assert_eq!(in_place(&|x, w| waxpby(a, x, -2.0, &y, w)), by_loop(&|x, y| a * x - 2.0 * y));
+        assert_eq!(in_place(&|x, w| copy_scaled(a, x, w)), by_loop(&|x, _| a * x));
+        assert_eq!(in_place(&hadamard), by_loop(&|x, y| x * y));
+        assert_eq!(bits(&sum(&x, &y)), by_loop(&|x, y| x + y));
+        assert_eq!(bits(&difference(&x, &y)), by_loop(&|x, y| x - y));
+    }
+
+    #[test]
+    #[should_panic(expected = "vectors of different lengths")]
+    fn lengths_must_agree() {
+        axpy(1.0, &[1.0], &mut [1.0, 2.0]);
+    }
+}
