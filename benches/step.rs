@@ -15,7 +15,7 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Conj, MatMut, Par, Side, Spec};
-use rebond::linalg::{Engine, Factor, Form};
+use rebond::linalg::{Engine, Factor, LinearCombination};
 use rebond::scene::Scene;
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::Model;
@@ -140,9 +140,9 @@ struct Faer {
 }
 
 impl Faer {
-    fn new(dofs: usize, sum: &[(f64, &Form)]) -> Faer {
+    fn new(dofs: usize, sum: &LinearCombination) -> Faer {
         let mut entries = Vec::new();
-        for (scale, form) in sum {
+        for (scale, form) in sum.terms() {
             form.for_each_lower(|row, column, value| entries.push(Triplet::new(row, column, scale * value)));
         }
         let matrix =

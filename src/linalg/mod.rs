@@ -19,6 +19,7 @@
 mod batch;
 mod cells;
 mod cholesky;
+mod combination;
 mod double_double;
 mod native;
 mod simd;
@@ -27,6 +28,7 @@ pub mod vectors;
 pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
+pub use combination::LinearCombination;
 pub use native::Native;
 
 use crate::archive::Archive;
@@ -134,16 +136,11 @@ pub(crate) fn pseudo_random(i: usize) -> f64 {
     ((i + 1) as f64 * 0.618_033_988_749_895).fract() - 0.5
 }
 
-/// Weighted sum of forms `$A = \sum_i c_i A_i$`, such as the matrix of a step.
-pub type LinearCombination<'a, E> = [(f64, &'a <E as Engine>::Form)];
-
 /// Linear algebra behind the contact solvers and the schemes; see the [module page](self).
 ///
 /// Every vector of displacement dofs has [`Engine::dofs`] entries. Methods that return a [`Result`]
 /// are collective: all ranks call them together.
 pub trait Engine: Sized {
-    /// Symmetric positive semi-definite form, stored cell by cell.
-    type Form;
     /// Factor of a weighted sum of forms.
     type Factor: Factor;
     /// Communicator of the ranks that the vectors are distributed over.
@@ -165,13 +162,13 @@ pub trait Engine: Sized {
     }
 
     /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.
-    fn multiply(&self, form: &Self::Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
+    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
     /// Computes y = A x and m = |A| |x| for a sum of forms with positive weights, where |A| is the
     /// sum of the entrywise magnitudes of the local matrices.
     fn multiply_with_magnitude(
         &self,
-        sum: &LinearCombination<Self>,
+        sum: &LinearCombination,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
@@ -179,25 +176,25 @@ pub trait Engine: Sized {
 
     /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,
     /// otherwise [`Engine::dofs`].
-    fn velocities(&self, mass: &Self::Form) -> usize;
+    fn velocities(&self, mass: &Form) -> usize;
 
     /// Returns whether a mass is a singular one, `$M = B^T C^{-1} B$`, which leaves part of the
     /// displacement without inertia.
-    fn is_singular(&self, mass: &Self::Form) -> bool;
+    fn is_singular(&self, mass: &Form) -> bool;
 
     /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass,
     /// `$V = x$` for a consistent one.
-    fn project(&self, mass: &Self::Form, x: &[f64], v: &mut [f64]) -> Result<()>;
+    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()>;
 
     /// Computes the momentum of a velocity: `$y = B^T V$` for the singular mass, `$y = M_r V$` for
     /// a consistent one.
-    fn project_transpose(&self, mass: &Self::Form, v: &[f64], y: &mut [f64]) -> Result<()>;
+    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()>;
 
     /// Returns twice the kinetic energy, `$V^T C V$` or `$V^T M_r V$`, in J for velocities in m/s.
-    fn mass_norm_squared(&self, mass: &Self::Form, v: &[f64]) -> Result<f64>;
+    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64>;
 
     /// Returns the diagonal of a sum of forms, one entry per dof.
-    fn diagonal(&self, sum: &LinearCombination<Self>) -> Result<Vec<f64>>;
+    fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>>;
 
     /// Estimates the relative energy-norm error of a solve with a factor of the sum, caused by
     /// rounding the entries of the assembled matrix.
@@ -207,7 +204,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns the errors of the engine and of the factor.
-    fn estimate_factor_error(&self, sum: &LinearCombination<Self>, factor: &mut Self::Factor) -> Result<f64> {
+    fn estimate_factor_error(&self, sum: &LinearCombination, factor: &mut Self::Factor) -> Result<f64> {
         let mut x: Vec<f64> = (0..self.dofs()).map(pseudo_random).collect();
         let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
         factor.solve(&mut x)?;
@@ -215,7 +212,7 @@ pub trait Engine: Sized {
         for look in 0..=LOOKS {
             force.fill(0.0);
             let mut energy = 0.0;
-            for (scale, form) in sum {
+            for (scale, form) in sum.terms() {
                 energy += scale * self.multiply(form, &x, &mut product)?;
                 axpy(*scale, &product, &mut force);
             }
@@ -239,7 +236,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns [`crate::Error::Memory`] with the bytes needed and available.
-    fn require_memory(&self, sum: &LinearCombination<Self>, factors: usize) -> Result<()> {
+    fn require_memory(&self, sum: &LinearCombination, factors: usize) -> Result<()> {
         let _ = (sum, factors);
         Ok(())
     }
@@ -248,7 +245,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
-    fn factor(&self, sum: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<Self::Factor>;
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Self::Factor>;
 
     /// Changes the contact dofs of a factor of the same sum without pinned dofs. Returns whether
     /// this took a factorisation.
@@ -258,7 +255,7 @@ pub trait Engine: Sized {
     fn change_contact_dofs(
         &self,
         factor: &mut Self::Factor,
-        sum: &LinearCombination<Self>,
+        sum: &LinearCombination,
         contact_dofs: &[usize],
     ) -> Result<bool> {
         *factor = self.factor(sum, contact_dofs)?;

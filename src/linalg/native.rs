@@ -135,7 +135,7 @@ impl Native {
 
 impl Native {
     /// Assembles the lower triangle of a sum of forms.
-    fn assembled(&self, sum: &LinearCombination<Self>) -> Result<SparseColMat<usize, f64>> {
+    fn assembled(&self, sum: &LinearCombination) -> Result<SparseColMat<usize, f64>> {
         let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
             form.for_each_lower(|row, column, value| visit(row, column, scale * value));
         })?;
@@ -164,7 +164,7 @@ impl WithSimd for Product<'_> {
 }
 
 struct WithMagnitude<'a> {
-    sum: &'a LinearCombination<'a, Native>,
+    sum: &'a LinearCombination<'a>,
     x: &'a [f64],
     y: &'a mut [f64],
     m: &'a mut [f64],
@@ -176,7 +176,7 @@ impl WithSimd for WithMagnitude<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        cells::add_with_magnitude(simd, self.sum, self.x, self.y, self.m, self.scratch);
+        cells::add_with_magnitude(simd, self.sum.terms(), self.x, self.y, self.m, self.scratch);
     }
 }
 
@@ -213,7 +213,6 @@ impl WithSimd for Momentum<'_> {
 }
 
 impl Engine for Native {
-    type Form = Form;
     type Factor = Cholesky;
     type Comm = SelfComm;
 
@@ -240,7 +239,7 @@ impl Engine for Native {
 
     fn multiply_with_magnitude(
         &self,
-        sum: &LinearCombination<Self>,
+        sum: &LinearCombination,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
@@ -300,9 +299,9 @@ impl Engine for Native {
         }
     }
 
-    fn diagonal(&self, sum: &LinearCombination<Self>) -> Result<Vec<f64>> {
+    fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.dofs()];
-        for (scale, form) in sum {
+        for (scale, form) in sum.terms() {
             form.for_each_lower(|row, column, entry| {
                 if row == column {
                     diagonal[row] += scale * entry;
@@ -312,7 +311,7 @@ impl Engine for Native {
         Ok(diagonal)
     }
 
-    fn require_memory(&self, sum: &LinearCombination<Self>, factors: usize) -> Result<()> {
+    fn require_memory(&self, sum: &LinearCombination, factors: usize) -> Result<()> {
         // A bound on the entries per column of L that no plate reaches: where it fits, the analysis
         // is not needed.
         let dofs = self.dofs() as u64;
@@ -325,7 +324,7 @@ impl Engine for Native {
         cholesky::require(&size, factors as u64, self.dofs())
     }
 
-    fn factor(&self, sum: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<Cholesky> {
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Cholesky> {
         match Cholesky::new(self.assembled(sum)?, contact_dofs) {
             Ok(mut factor) => {
                 if self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT {
@@ -350,13 +349,13 @@ const MOST_SPOILT: f64 = 1e-3;
 /// entries of one form.
 fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     dofs: usize,
-    sum: &LinearCombination<Native>,
+    sum: &LinearCombination,
     entries_of: impl Fn(f64, &Form, &mut dyn FnMut(usize, usize, V)),
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<V>)> {
     // All entries of the cells are first sorted into their columns; those of one row are then added
     // up.
     let mut starts = vec![0; dofs + 1];
-    for (_, form) in sum {
+    for (_, form) in sum.terms() {
         form.for_each_lower(|_, column, _| starts[column + 1] += 1);
     }
     for column in 0..dofs {
@@ -369,7 +368,7 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     })?;
     let mut next = starts.clone();
     let mut entries = vec![(0, V::default()); starts[dofs]];
-    for (scale, form) in sum {
+    for (scale, form) in sum.terms() {
         entries_of(*scale, form, &mut |row, column, value| {
             entries[next[column]] = (row, value);
             next[column] += 1;

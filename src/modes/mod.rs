@@ -56,8 +56,8 @@ pub struct Mode {
 /// Returns the errors of [`shapes`].
 pub fn lowest<E: Engine>(
     engine: &E,
-    stiffness: &E::Form,
-    mass: &E::Form,
+    stiffness: &Form,
+    mass: &Form,
     count: usize,
     mechanism: bool,
 ) -> Result<Vec<f64>> {
@@ -75,8 +75,8 @@ pub fn lowest<E: Engine>(
 /// converge.
 pub fn shapes<E: Engine>(
     engine: &E,
-    stiffness: &E::Form,
-    mass: &E::Form,
+    stiffness: &Form,
+    mass: &Form,
     count: usize,
     mechanism: bool,
 ) -> Result<Vec<Mode>> {
@@ -113,8 +113,8 @@ pub fn shapes<E: Engine>(
 /// Matrices K and M, with the factor and the work vectors of subspace iteration.
 struct Pencil<'e, E: Engine> {
     engine: &'e E,
-    stiffness: &'e E::Form,
-    mass: &'e E::Form,
+    stiffness: &'e Form,
+    mass: &'e Form,
     /// Factor of K + shift M, and the shift.
     factor: Option<(E::Factor, f64)>,
     product: Vec<f64>,
@@ -122,7 +122,7 @@ struct Pencil<'e, E: Engine> {
 }
 
 impl<'e, E: Engine> Pencil<'e, E> {
-    fn new(engine: &'e E, stiffness: &'e E::Form, mass: &'e E::Form) -> Pencil<'e, E> {
+    fn new(engine: &'e E, stiffness: &'e Form, mass: &'e Form) -> Pencil<'e, E> {
         let zeros = || vec![0.0; engine.dofs()];
         Pencil { engine, stiffness, mass, factor: None, product: zeros(), right: zeros() }
     }
@@ -131,9 +131,9 @@ impl<'e, E: Engine> Pencil<'e, E> {
     fn prepare(&mut self, shift: f64) -> Result<()> {
         let near = |old: f64| old <= shift * SHIFT_DRIFT && shift <= old * SHIFT_DRIFT;
         if self.factor.as_ref().is_none_or(|(_, old)| !near(*old)) {
-            let sum = [(1.0, self.stiffness), (shift, self.mass)];
-            let sum = if shift > 0.0 { &sum[..] } else { &sum[..1] };
-            self.factor = Some((self.engine.factor(sum, &[])?, shift));
+            let (k, m) = (self.stiffness, self.mass);
+            let sum = if shift > 0.0 { k + m * shift } else { k.into() };
+            self.factor = Some((self.engine.factor(&sum, &[])?, shift));
         }
         Ok(())
     }
@@ -231,7 +231,7 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let mut sigma = elastic / engine.multiply(mass, &x, &mut product)?;
     let (mut steps, mut tolerance) = SHIFT_SEARCH;
     loop {
-        let mut factor = engine.factor(&[(1.0, stiffness), (sigma, mass)], &[])?;
+        let mut factor = engine.factor(&(stiffness + mass * sigma), &[])?;
         let mut u = vec![0.0; dofs];
         let operator = |v: &[f64], w: &mut [f64]| {
             engine.project_transpose(mass, v, &mut u)?;

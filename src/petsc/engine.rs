@@ -160,9 +160,9 @@ impl Distributed {
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn matrix(&self, sum: &LinearCombination<Self>) -> Result<Matrix> {
+    pub fn matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
         let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
-        for (scale, form) in sum {
+        for (scale, form) in sum.terms() {
             form.for_each_lower(|row, column, value| {
                 let mut add = |row: usize, column: usize| {
                     rows.push(self.global[row]);
@@ -223,7 +223,6 @@ impl Adder {
 }
 
 impl Engine for Distributed {
-    type Form = Form;
     type Factor = DistributedFactor;
     type Comm = WorldComm;
 
@@ -255,7 +254,7 @@ impl Engine for Distributed {
 
     fn multiply_with_magnitude(
         &self,
-        sum: &LinearCombination<Self>,
+        sum: &LinearCombination,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
@@ -314,20 +313,20 @@ impl Engine for Distributed {
         }
     }
 
-    fn diagonal(&self, sum: &LinearCombination<Self>) -> Result<Vec<f64>> {
+    fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.own];
         self.add_up(&self.cells.diagonal(sum)?, &mut diagonal)?;
         Ok(diagonal)
     }
 
-    fn factor(&self, sum: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<DistributedFactor> {
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
         DistributedFactor::new(self, self.matrix(sum)?, contact_dofs)
     }
 
     fn change_contact_dofs(
         &self,
         factor: &mut DistributedFactor,
-        _: &LinearCombination<Self>,
+        _: &LinearCombination,
         contact_dofs: &[usize],
     ) -> Result<bool> {
         factor.set_contact_dofs(contact_dofs)?;

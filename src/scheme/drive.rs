@@ -7,8 +7,8 @@
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::Engine;
 use crate::linalg::vectors::{add, axpy, dot};
+use crate::linalg::{Engine, Form};
 use crate::modes::Mode;
 use crate::obstacle::Bounds;
 use std::f64::consts::TAU;
@@ -59,12 +59,7 @@ impl ModalDamping {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn new<E: Engine>(
-        engine: &E,
-        mass: &E::Form,
-        modes: &[Mode],
-        ratios: &[f64],
-    ) -> Result<ModalDamping> {
+    pub fn new<E: Engine>(engine: &E, mass: &Form, modes: &[Mode], ratios: &[f64]) -> Result<ModalDamping> {
         let mut damping = ModalDamping::default();
         for (Mode { frequency, shape }, ratio) in modes.iter().zip(ratios) {
             let mut momentum = vec![0.0; shape.len()];

@@ -3,7 +3,7 @@
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, aypx};
-use crate::linalg::{Engine, LinearCombination};
+use crate::linalg::{Engine, Form, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
@@ -33,14 +33,14 @@ const CONVERGED_RESIDUAL: f64 = 1e-12;
 /// Returns [`crate::Error::Singular`] where K is singular, i.e. the structure is a mechanism.
 pub fn equilibrium<E: Engine + 'static>(
     engine: &E,
-    stiffness: &E::Form,
+    stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<(Vec<f64>, Vec<f64>, StepReport)>
 where
     E::Factor: 'static,
 {
-    let matrix = [(1.0, stiffness)];
+    let matrix = stiffness.into();
     let mut search = Search::new(engine, &matrix, stiffness, load, bounds)?;
     for _ in 0..=CORRECTIONS {
         search.increment()?;
@@ -53,28 +53,29 @@ where
 /// singular, but U^T K U / 2 - F^T U has a minimum within the bounds. Returns U (m), r (N) and the
 /// accuracy that the solver reached.
 ///
-/// The method uses proximal steps. Each solves the problem with K + c H for the increment of U,
-/// with H positive definite such as a mass matrix, and goes along it, within the bounds, to the
-/// least energy. While the active bounds do not change, increments are conjugate as in the method
-/// of conjugate gradients, so that rigid motions, which K + c H restrains most, take few steps. The
-/// proximal term vanishes with the increment: the limit is the equilibrium itself, judged with K
-/// alone. Of several equilibria, for instance of a plate balanced on a ridge, it is one near U = 0.
+/// The method uses proximal steps. Each solves the problem with K + H for the increment of U, where
+/// `hold` = H is positive definite, such as a multiple of a mass matrix, and goes along it, within
+/// the bounds, to the least energy. While the active bounds do not change, increments are conjugate
+/// as in the method of conjugate gradients, so that rigid motions, which K + H restrains most, take
+/// few steps. The proximal term vanishes with the increment: the limit is the equilibrium itself,
+/// checked with K alone. Of several equilibria, for instance of a plate balanced on a ridge, it is
+/// one near U = 0.
 ///
 /// # Errors
-/// Returns [`crate::Error::Singular`] where K + c H is singular.
-pub fn equilibrium_on_bounds<E: Engine + 'static>(
+/// Returns [`crate::Error::Singular`] where K + H is singular.
+pub fn equilibrium_on_bounds<'f, E: Engine + 'static>(
     engine: &E,
-    stiffness: &E::Form,
-    (c, hold): (f64, &E::Form),
+    stiffness: &'f Form,
+    hold: LinearCombination<'f>,
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<(Vec<f64>, Vec<f64>, StepReport)>
 where
     E::Factor: 'static,
 {
-    let held = [(1.0, stiffness), (c, hold)];
+    let held = stiffness + hold;
     let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
-    let alone = [(1.0, stiffness)];
+    let alone = stiffness.into();
     let mut check = KktCheck::new(engine, &alone)?;
     let mut last = Last::default();
     let (mut best, mut idle) = (f64::INFINITY, 0);
@@ -112,8 +113,8 @@ struct Last {
 /// Iteration for the equilibrium by increments of the deflection.
 struct Search<'s, E: Engine> {
     engine: &'s E,
-    matrix: &'s LinearCombination<'s, E>,
-    stiffness: &'s E::Form,
+    matrix: &'s LinearCombination<'s>,
+    stiffness: &'s Form,
     load: &'s [f64],
     bounds: &'s Bounds,
     step: CheckedSolver<E>,
@@ -135,8 +136,8 @@ where
     /// Starts at U = 0, with increments from this matrix.
     fn new(
         engine: &'s E,
-        matrix: &'s LinearCombination<'s, E>,
-        stiffness: &'s E::Form,
+        matrix: &'s LinearCombination<'s>,
+        stiffness: &'s Form,
         load: &'s [f64],
         bounds: &'s Bounds,
     ) -> Result<Search<'s, E>> {

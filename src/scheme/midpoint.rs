@@ -29,10 +29,10 @@ pub use scheme::{Massless, Midpoint};
 use super::System;
 use super::drive::ModalDamping;
 use super::state::State;
-use super::step_driver::{Formulas, StepDriver, StepMatrix};
+use super::step_driver::{Formulas, StepDriver};
 use crate::error::Result;
-use crate::linalg::Engine;
 use crate::linalg::vectors::{aypx, waxpby, waxpy};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
 use instants::StepInstants;
@@ -97,10 +97,9 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
 impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Returns the step matrix `$4 M / \Delta t^2 + K + 2 D / \Delta t$` (equation 6, with
     /// damping).
-    pub fn matrix(system: &'s System<E>, dt: f64) -> StepMatrix<'s, E> {
-        let System { mass, stiffness, damping, .. } = system;
-        let d = 2.0 / dt;
-        [(4.0 / (dt * dt) + d * damping.mass, mass), (1.0 + d * damping.stiffness, stiffness)]
+    pub fn matrix(system: &'s System<E>, dt: f64) -> LinearCombination<'s> {
+        let (m, k, d) = system.matrices();
+        m * (4.0 / (dt * dt)) + k + d * (2.0 / dt)
     }
 
     /// Solves the step from a state at `time` (s).

@@ -46,8 +46,8 @@ use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
-use crate::linalg::Engine;
 use crate::linalg::vectors::{axpy, aypx, scale};
+use crate::linalg::{Engine, Form, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
 use drive::InstantData;
@@ -59,9 +59,9 @@ pub struct System<E: Engine> {
     /// Linear algebra backend.
     pub engine: E,
     /// Stiffness matrix K, in N/m (rotational dofs accordingly).
-    pub stiffness: E::Form,
+    pub stiffness: Form,
     /// Mass matrix, M or `$M_r$`, in kg.
-    pub mass: E::Form,
+    pub mass: Form,
     /// Rayleigh damping coefficients alpha and beta.
     pub damping: Damping,
     /// Constant part of the load F, in N, one entry per dof; `None` where it is zero.
@@ -73,6 +73,12 @@ pub struct System<E: Engine> {
 }
 
 impl<E: Engine> System<E> {
+    /// Returns the matrices M, K and D = alpha M + beta K.
+    fn matrices(&self) -> (&Form, &Form, LinearCombination<'_>) {
+        let System { mass: m, stiffness: k, damping, .. } = self;
+        (m, k, m * damping.mass + k * damping.stiffness)
+    }
+
     /// Sets `force` to F - K U with the constant load, in N. Returns the elastic energy, in J.
     fn force(&self, u: &[f64], force: &mut [f64]) -> Result<f64> {
         let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, force)?;

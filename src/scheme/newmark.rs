@@ -30,11 +30,11 @@ mod scheme;
 pub mod start;
 
 use super::drive::ModalDamping;
-use super::step_driver::{Formulas, StepDriver, StepMatrix};
+use super::step_driver::{Formulas, StepDriver};
 use super::{StepRecord, System};
 use crate::error::Result;
-use crate::linalg::Engine;
 use crate::linalg::vectors::{add, waxpy};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
 
@@ -76,11 +76,10 @@ struct Levels<'s, E: Engine> {
 impl<'s, E: Engine> Newmark<'s, E> {
     /// Returns the step matrix `$M / \Delta t^2 + \beta K + D / 2 \Delta t$` (paper, section 4.1,
     /// with damping).
-    pub fn matrix(system: &'s System<E>, parameters: NewmarkParameters) -> StepMatrix<'s, E> {
-        let System { mass, stiffness, damping, .. } = system;
+    pub fn matrix(system: &'s System<E>, parameters: NewmarkParameters) -> LinearCombination<'s> {
+        let (m, k, d) = system.matrices();
         let NewmarkParameters { beta, step: dt, .. } = parameters;
-        let d = 0.5 / dt;
-        [(1.0 / (dt * dt) + d * damping.mass, mass), (beta + d * damping.stiffness, stiffness)]
+        m * (1.0 / (dt * dt)) + k * beta + d * (0.5 / dt)
     }
 }
 

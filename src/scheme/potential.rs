@@ -58,7 +58,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, scale, subtract, waxpy};
-use crate::linalg::{Engine, pseudo_random};
+use crate::linalg::{Engine, LinearCombination, pseudo_random};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, BoundStatus, Condensed, Problem, Solver, StepReport};
@@ -92,7 +92,9 @@ pub struct Potential<'s, E: Engine> {
     system: &'s System<E>,
     /// Penalty s, in 1/s^2.
     penalty: f64,
-    sum: [(f64, &'s E::Form); 2],
+    /// Matrices K + s M and K.
+    sum: LinearCombination<'s>,
+    stiffness: LinearCombination<'s>,
     solver: Condensed<E>,
     check: KktCheck,
     factorisations: u64,
@@ -169,7 +171,8 @@ impl<'s, E: Engine> Potential<'s, E> {
         let (mut projected, mut velocity) = (vec![0.0; velocities], vec![0.0; velocities]);
         // A nonsmooth displacement gives the first guess of the highest frequency; each factor then
         // yields an estimate.
-        let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
+        let alone = LinearCombination::from(stiffness);
+        let diagonal = engine.diagonal(&alone)?;
         for (i, (x, d)) in x.iter_mut().zip(&diagonal).enumerate() {
             *x = if *d > 0.0 { pseudo_random(i) / d.sqrt() } else { 0.0 };
         }
@@ -178,7 +181,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         let (mut penalty, mut all_rigid) = (first, false);
         let (mut sizes, mut factorisations) = (vec![0.0; dofs], 0);
         for _ in 0..MAX_ATTEMPTS {
-            let sum = [(1.0, stiffness), (penalty, mass)];
+            let sum = stiffness + mass * penalty;
             let mut solver = Condensed::new(engine, &sum, bounds.len())?;
             factorisations += 1;
             // The operator T = s C^-1 B (K + s M)^-1 B^T has the eigenvalues s / (w^2 + s) on
@@ -207,7 +210,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 largest = engine.mass_norm_squared(mass, &velocity)?.sqrt();
             }
             // Rayleigh quotient of the displacement with this velocity.
-            engine.multiply_with_magnitude(&sum[..1], &x, &mut b, &mut sizes)?;
+            engine.multiply_with_magnitude(&alone, &x, &mut b, &mut sizes)?;
             let elastic = engine.multiply(stiffness, &x, &mut b)?;
             x.iter_mut().for_each(|x| *x = x.abs());
             all_rigid |= elastic <= RIGID * RIGID * engine.dot(&x, &sizes)?;
@@ -218,7 +221,8 @@ impl<'s, E: Engine> Potential<'s, E> {
                     penalty,
                     sum,
                     solver,
-                    check: KktCheck::new(engine, &sum[..1])?,
+                    check: KktCheck::new(engine, &alone)?,
+                    stiffness: alone,
                     factorisations: factorisations - 1,
                     bounds: bounds.clone(),
                     b,
@@ -360,7 +364,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             engine.project_transpose(mass, &self.multiplier, &mut self.b)?;
             let [load, varying] =
                 [&self.system.load, &instant.load].map(|load| load.as_deref().unwrap_or(&[]));
-            let problem = Problem { matrix: &self.sum[..1], rhs: &self.b, bounds, length };
+            let problem = Problem { matrix: &self.stiffness, rhs: &self.b, bounds, length };
             let answer = Answer { x: &mut self.u, reaction: &mut self.reaction };
             let kkt = self.check.residual(engine, &problem, &[load, varying], &answer)?;
             let last = std::mem::replace(&mut report.kkt, kkt);

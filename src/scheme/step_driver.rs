@@ -14,12 +14,9 @@ use super::drive::ModalDamping;
 use super::{StepRecord, System};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport};
-
-/// Step matrix as a weighted sum of mass and stiffness.
-pub(super) type StepMatrix<'s, E> = [(f64, &'s <E as Engine>::Form); 2];
 
 /// Formulas of a scheme for the step from `$U^n$`.
 pub(super) trait Formulas<E: Engine> {
@@ -46,7 +43,7 @@ pub(super) trait Formulas<E: Engine> {
 /// Solver of the steps of one scheme, with the answer to the last step.
 pub(super) struct StepDriver<'s, E: Engine> {
     pub system: &'s System<E>,
-    matrix: StepMatrix<'s, E>,
+    matrix: LinearCombination<'s>,
     solver: CheckedSolver<E>,
     b: Vec<f64>,
     /// Bounds on x, in m.
@@ -70,7 +67,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// of the engine.
     pub fn new(
         system: &'s System<E>,
-        matrix: StepMatrix<'s, E>,
+        matrix: LinearCombination<'s>,
         dt: f64,
         solver: Box<dyn Solver<E>>,
     ) -> Result<StepDriver<'s, E>> {

@@ -273,7 +273,7 @@ impl<E: Engine> Model<E> {
 /// Returns [`Error::Singular`] where the matrix is not positive definite.
 pub fn condensed<E: Engine + 'static>(
     engine: &E,
-    sum: &LinearCombination<E>,
+    sum: &LinearCombination,
     bounded: usize,
 ) -> Result<Box<dyn Solver<E>>>
 where

@@ -52,7 +52,7 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
-    pub fn new(engine: &E, matrix: &LinearCombination<E>, bounded: usize) -> Result<Condensed<E>> {
+    pub fn new(engine: &E, matrix: &LinearCombination, bounded: usize) -> Result<Condensed<E>> {
         let mut factor = engine.factor(matrix, &[])?;
         Ok(Condensed {
             corrections: super::corrections(engine, matrix, &mut factor)?,
@@ -64,7 +64,7 @@ impl<E: Engine> Condensed<E> {
     }
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
-    fn grow(&mut self, engine: &E, matrix: &LinearCombination<E>, bounds: &Bounds, x: &[f64]) -> Result<()> {
+    fn grow(&mut self, engine: &E, matrix: &LinearCombination, bounds: &Bounds, x: &[f64]) -> Result<()> {
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
             let x = x[bounds.dofs[i]];
@@ -99,7 +99,7 @@ impl<E: Engine> Condensed<E> {
     }
 
     /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
-    fn pin(&mut self, engine: &E, matrix: &LinearCombination<E>) -> Result<()> {
+    fn pin(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
         let factored = engine.change_contact_dofs(&mut self.factor, matrix, &[])?;
         self.factorisations += u64::from(factored);
         self.method = Method::Pinned { pinned: vec![BoundStatus::Free; self.sides.len()] };
@@ -110,7 +110,7 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn distrust(&mut self, engine: &E, matrix: &LinearCombination<E>) -> Result<bool> {
+    pub fn distrust(&mut self, engine: &E, matrix: &LinearCombination) -> Result<bool> {
         let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
         if dense {
             self.pin(engine, matrix)?;
@@ -139,7 +139,7 @@ impl<E: Engine> Condensed<E> {
         Ok(done)
     }
 
-    fn solve_dense(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32> {
+    fn solve_dense(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         let Method::Dense { candidates } = &self.method else { return Ok(0) };
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
@@ -195,7 +195,7 @@ impl<E: Engine> Condensed<E> {
         Ok(iterations)
     }
 
-    fn solve_pinned(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32> {
+    fn solve_pinned(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         let Method::Pinned { pinned } = &mut self.method else { return Ok(0) };
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
@@ -268,7 +268,7 @@ impl<E: Engine> Condensed<E> {
 }
 
 impl<E: Engine> Solver<E> for Condensed<E> {
-    fn solve(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32> {
+    fn solve(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         let mut iterations = 0;
         while matches!(self.method, Method::Dense { .. }) {
             iterations += self.solve_dense(engine, problem, answer)?;
@@ -296,7 +296,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     fn archive(
         &mut self,
         engine: &E,
-        matrix: &LinearCombination<E>,
+        matrix: &LinearCombination,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
@@ -338,7 +338,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         &mut self,
         attempt: u32,
         engine: &E,
-        problem: &Problem<E>,
+        problem: &Problem,
         answer: &mut Answer,
     ) -> Result<Option<u32>> {
         if !engine.comm().all_reduce_any(answer.reaction.iter().any(|r| *r != 0.0)) {

@@ -75,7 +75,7 @@ impl KktCheck {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination<E>) -> Result<KktCheck> {
+    pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination) -> Result<KktCheck> {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         Ok(KktCheck { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
     }
@@ -93,7 +93,7 @@ impl KktCheck {
     pub fn residual<E: Engine>(
         &mut self,
         engine: &E,
-        problem: &Problem<E>,
+        problem: &Problem,
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<f64> {
@@ -116,7 +116,7 @@ impl KktCheck {
     pub fn parts<E: Engine>(
         &mut self,
         engine: &E,
-        problem: &Problem<E>,
+        problem: &Problem,
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<Residual> {

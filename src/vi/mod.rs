@@ -35,9 +35,9 @@ use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
 
 /// Bound-constrained problem of a step; see the [module page](self).
-pub struct Problem<'a, E: Engine> {
+pub struct Problem<'a> {
     /// Matrix A as a weighted sum of forms.
-    pub matrix: &'a LinearCombination<'a, E>,
+    pub matrix: &'a LinearCombination<'a>,
     /// Right-hand side b, in N, one entry per dof.
     pub rhs: &'a [f64],
     /// Bounds l, u on G x, in m.
@@ -62,7 +62,7 @@ pub trait Solver<E: Engine> {
     /// # Errors
     /// Returns [`Error::Singular`] where a matrix cannot be factored. An answer that did not
     /// converge is not an error here, because [`CheckedSolver::solve`] measures it.
-    fn solve(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<u32>;
+    fn solve(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32>;
 
     /// Returns the number of numeric factorisations so far.
     fn factorisations(&self) -> u64;
@@ -82,7 +82,7 @@ pub trait Solver<E: Engine> {
     fn archive(
         &mut self,
         engine: &E,
-        matrix: &LinearCombination<E>,
+        matrix: &LinearCombination,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()>;
@@ -101,7 +101,7 @@ pub trait Solver<E: Engine> {
         &mut self,
         attempt: u32,
         engine: &E,
-        problem: &Problem<E>,
+        problem: &Problem,
         answer: &mut Answer,
     ) -> Result<Option<u32>> {
         let _ = (attempt, engine, problem, answer);
@@ -110,7 +110,7 @@ pub trait Solver<E: Engine> {
 }
 
 /// Function that creates a solver from an engine, the matrix of a step and a number of bounds.
-pub type SolverFactory<E> = dyn Fn(&E, &LinearCombination<E>, usize) -> Result<Box<dyn Solver<E>>>;
+pub type SolverFactory<E> = dyn Fn(&E, &LinearCombination, usize) -> Result<Box<dyn Solver<E>>>;
 
 /// Report on a solved step.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
@@ -144,7 +144,7 @@ const MAX_CORRECTABLE_ERROR: f64 = 0.1;
 
 /// Returns how many corrections bring the answers of a factor to an error of
 /// [`MAX_FACTOR_ERROR`].
-fn corrections<E: Engine>(engine: &E, matrix: &LinearCombination<E>, factor: &mut E::Factor) -> Result<u32> {
+fn corrections<E: Engine>(engine: &E, matrix: &LinearCombination, factor: &mut E::Factor) -> Result<u32> {
     let error = engine.estimate_factor_error(matrix, factor)?;
     if error <= MAX_FACTOR_ERROR {
         return Ok(0);
@@ -161,13 +161,13 @@ fn corrections<E: Engine>(engine: &E, matrix: &LinearCombination<E>, factor: &mu
 /// Computes y = A x.
 fn apply<E: Engine>(
     engine: &E,
-    matrix: &LinearCombination<E>,
+    matrix: &LinearCombination,
     x: &[f64],
     product: &mut [f64],
     y: &mut [f64],
 ) -> Result<()> {
     y.fill(0.0);
-    for (scale, form) in matrix {
+    for (scale, form) in matrix.terms() {
         engine.multiply(form, x, product)?;
         axpy(*scale, product, y);
     }
@@ -199,7 +199,7 @@ impl<E: Engine> CheckedSolver<E> {
     pub fn new(
         solver: Box<dyn Solver<E>>,
         engine: &E,
-        matrix: &LinearCombination<E>,
+        matrix: &LinearCombination,
     ) -> Result<CheckedSolver<E>> {
         Ok(CheckedSolver {
             solver,
@@ -213,7 +213,7 @@ impl<E: Engine> CheckedSolver<E> {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where a matrix cannot be factored.
-    pub fn solve(&mut self, engine: &E, problem: &Problem<E>, answer: &mut Answer) -> Result<StepReport> {
+    pub fn solve(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<StepReport> {
         let mut iterations = self.solver.solve(engine, problem, answer)?;
         for _ in 0..self.solver.corrections() {
             iterations += self.correct(None, engine, problem, answer)?;
@@ -243,7 +243,7 @@ impl<E: Engine> CheckedSolver<E> {
         &mut self,
         attempt: Option<u32>,
         engine: &E,
-        problem: &Problem<E>,
+        problem: &Problem,
         answer: &mut Answer,
     ) -> Result<u32> {
         let Answer { x, reaction } = answer;
@@ -280,7 +280,7 @@ impl<E: Engine> CheckedSolver<E> {
     pub fn archive(
         &mut self,
         engine: &E,
-        matrix: &LinearCombination<E>,
+        matrix: &LinearCombination,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {

@@ -112,7 +112,7 @@ impl Family {
     pub fn solver(
         &self,
         engine: &Distributed,
-        matrix: &LinearCombination<Distributed>,
+        matrix: &LinearCombination,
         bounded: usize,
         tolerance: f64,
     ) -> Result<Box<dyn Solver<Distributed>>> {
@@ -162,7 +162,7 @@ impl Bounded {
     fn new(
         family: &Family,
         engine: &Distributed,
-        matrix: &LinearCombination<Distributed>,
+        matrix: &LinearCombination,
         bounded: usize,
         tolerance: f64,
     ) -> Result<Bounded> {
@@ -205,7 +205,7 @@ impl Bounded {
         &mut self,
         safely: bool,
         engine: &Distributed,
-        problem: &Problem<Distributed>,
+        problem: &Problem,
         answer: &mut Answer,
     ) -> Result<u32> {
         let Problem { rhs: b, bounds, .. } = *problem;
@@ -267,12 +267,7 @@ impl Bounded {
 
     /// Finds the active set and the reactions of an answer, and corrects it on that set unless its
     /// residual is at the rounding floor.
-    fn complete(
-        &mut self,
-        engine: &Distributed,
-        problem: &Problem<Distributed>,
-        answer: &mut Answer,
-    ) -> Result<()> {
+    fn complete(&mut self, engine: &Distributed, problem: &Problem, answer: &mut Answer) -> Result<()> {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let x = &mut *answer.x;
         let size = engine.comm().all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)));
@@ -333,7 +328,7 @@ impl Bounded {
     fn update_reactions(
         &self,
         engine: &Distributed,
-        problem: &Problem<Distributed>,
+        problem: &Problem,
         answer: &mut Answer,
         product: &mut MatrixProduct,
     ) -> Result<()> {
@@ -348,7 +343,7 @@ impl Bounded {
     }
 
     /// Solves without bounds. Returns whether the solution lies within them.
-    fn free(&mut self, engine: &Distributed, problem: &Problem<Distributed>, x: &mut [f64]) -> Result<bool> {
+    fn free(&mut self, engine: &Distributed, problem: &Problem, x: &mut [f64]) -> Result<bool> {
         x.copy_from_slice(problem.rhs);
         self.factor.solve(x)?;
         Ok(engine.comm().all_reduce_max(problem.bounds.violation(x)) <= 0.0)
@@ -356,12 +351,7 @@ impl Bounded {
 }
 
 impl Solver<Distributed> for Bounded {
-    fn solve(
-        &mut self,
-        engine: &Distributed,
-        problem: &Problem<Distributed>,
-        answer: &mut Answer,
-    ) -> Result<u32> {
+    fn solve(&mut self, engine: &Distributed, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         if self.free(engine, problem, answer.x)? && !self.always {
             answer.reaction.fill(0.0);
             self.sides.fill(BoundStatus::Free);
@@ -377,7 +367,7 @@ impl Solver<Distributed> for Bounded {
     fn archive(
         &mut self,
         engine: &Distributed,
-        matrix: &LinearCombination<Distributed>,
+        matrix: &LinearCombination,
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
@@ -403,7 +393,7 @@ impl Solver<Distributed> for Bounded {
         &mut self,
         attempt: u32,
         engine: &Distributed,
-        problem: &Problem<Distributed>,
+        problem: &Problem,
         answer: &mut Answer,
     ) -> Result<Option<u32>> {
         if !self.has_warned && engine.context().rank() == 0 {

@@ -173,7 +173,7 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     };
     let mut load = vec![0.0; space.dofs()];
     assembly::Pressure::new(mesh, &matrices.cells).unwrap().load(fill, &mut load).unwrap();
-    engine.factor(&[(1.0, stiffness)], &[]).unwrap().solve(&mut load).unwrap();
+    engine.factor(&stiffness.into(), &[]).unwrap().solve(&mut load).unwrap();
     let points = Points::new(mesh, &plate).unwrap();
     let jet = |p: &Point| -> Jet {
         let mixed = PI * PI * (PI * p.x).cos() * (PI * p.y).cos();

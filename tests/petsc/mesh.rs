@@ -200,7 +200,7 @@ impl Both {
         self.assert_same(&u, &native.statics(1.0), 1e-12);
 
         let lowest = modes::lowest(&native.engine, &native.stiffness, &native.consistent, 1, false)?[0];
-        let mut factor = engine.factor(&[(1.0, &self.stiffness)], &[])?;
+        let mut factor = engine.factor(&(&self.stiffness).into(), &[])?;
         let (mut u, mut y) = (u, vec![0.0; engine.dofs()]);
         let mut found = 0.0;
         for _ in 0..40 {

@@ -177,7 +177,7 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
             bounds.upper.push(f64::INFINITY);
         }
     }
-    let sum = [(1.0, &form)];
+    let sum = (&form).into();
     let solver = Condensed::new(&engine, &sum, bounds.len()).unwrap();
     let mut step: CheckedSolver<Native> = CheckedSolver::new(Box::new(solver), &engine, &sum).unwrap();
     let (mut x, mut reaction) = (vec![0.0; size], vec![0.0; bounds.len()]);

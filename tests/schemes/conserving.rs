@@ -232,7 +232,7 @@ fn the_minimiser_satisfies_its_optimality_conditions() {
             .collect();
         // Each dof is measured in its own unit, so that rounding is visible in all of them.
         let units: Vec<f64> =
-            engine.diagonal(&[(1.0, stiffness)]).unwrap().iter().map(|k| 1.0 / k.sqrt()).collect();
+            engine.diagonal(&stiffness.into()).unwrap().iter().map(|k| 1.0 / k.sqrt()).collect();
         for _ in 0..20 {
             let mut u: Vec<f64> = (0..dofs).map(|dof| 20.0 * units[dof] * random.signed()).collect();
             for (&dof, lower) in bounds.dofs.iter().zip(&bounds.lower) {

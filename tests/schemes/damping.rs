@@ -268,7 +268,7 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
 fn lowest_modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
     let System { engine, stiffness, mass, .. } = &model.system;
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
-    let mut factor = engine.factor(&[(1.0, stiffness)], &[]).unwrap();
+    let mut factor = engine.factor(&stiffness.into(), &[]).unwrap();
     let mut duals: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
     std::array::from_fn(|number| {
         let mut x: Vec<f64> = (0..engine.dofs()).map(|i| ((i * (number + 3)) as f64).sin()).collect();

@@ -46,7 +46,6 @@ struct CountedFactor {
 }
 
 impl Engine for Counted {
-    type Form = Form;
     type Factor = CountedFactor;
     type Comm = <Native as Engine>::Comm;
 
@@ -69,7 +68,7 @@ impl Engine for Counted {
 
     fn multiply_with_magnitude(
         &self,
-        matrix: &LinearCombination<Self>,
+        matrix: &LinearCombination,
         x: &[f64],
         y: &mut [f64],
         m: &mut [f64],
@@ -100,11 +99,11 @@ impl Engine for Counted {
         self.engine.mass_norm_squared(mass, v)
     }
 
-    fn diagonal(&self, matrix: &LinearCombination<Self>) -> Result<Vec<f64>> {
+    fn diagonal(&self, matrix: &LinearCombination) -> Result<Vec<f64>> {
         self.engine.diagonal(matrix)
     }
 
-    fn factor(&self, matrix: &LinearCombination<Self>, contact_dofs: &[usize]) -> Result<CountedFactor> {
+    fn factor(&self, matrix: &LinearCombination, contact_dofs: &[usize]) -> Result<CountedFactor> {
         let factor = self.engine.factor(matrix, contact_dofs)?;
         Ok(CountedFactor { factor, work: self.work.clone() })
     }

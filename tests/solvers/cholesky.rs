@@ -64,7 +64,7 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             let mut candidates = distinct(&mut random, size, count);
             candidates.sort_unstable();
             let rest: Vec<usize> = (0..size).filter(|i| !candidates.contains(i)).collect();
-            let mut factor = engine.factor(&[(1.0, &form)], &candidates).unwrap();
+            let mut factor = engine.factor(&(&form).into(), &candidates).unwrap();
             let context = format!("{size} dofs, {blocks} blocks of {width}, {count} candidates");
 
             // The solution agrees with the dense one.
@@ -162,12 +162,12 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
         rows.push(SingularMassCell { dofs, row: row.into(), mass, class });
     }
     let mass = engine.averages(rows);
-    let sum = [(0.3, &stiffness), (7.0, &mass)];
+    let sum = &stiffness * 0.3 + &mass * 7.0;
     let x = random_vector(&mut random, size);
     let mut product = vec![0.0; size];
     let mut b = vec![0.0; size];
     let mut form = 0.0;
-    for (scale, part) in sum {
+    for (scale, part) in sum.terms() {
         form += scale * engine.multiply(part, &x, &mut product).unwrap();
         b.iter_mut().zip(&product).for_each(|(b, p)| *b += scale * p);
     }
@@ -193,7 +193,7 @@ fn a_matrix_that_is_not_positive_definite_is_refused() {
     let engine = Native::new(2);
     for matrix in [[1.0, 2.0, 2.0, 1.0], [0.0; 4], [1.0, 0.0, 0.0, f64::NAN]] {
         let form = crate::common::dense_form(&engine, 2, &matrix);
-        let refused = engine.factor(&[(1.0, &form)], &[]).err();
+        let refused = engine.factor(&(&form).into(), &[]).err();
         assert!(matches!(refused, Some(Error::Singular(_))), "{matrix:?}: {refused:?}");
     }
 }

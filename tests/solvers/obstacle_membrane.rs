@@ -82,7 +82,7 @@ fn the_errors_on_five_grids_are_those_of_the_petsc_tutorial() {
         }
         let engine = Native::new(size);
         let form = engine.form(blocks);
-        let sum = [(1.0, &form)];
+        let sum = (&form).into();
         let mut bounds = Bounds::uniform((0..size).collect(), 0.0, f64::INFINITY);
         for (k, lower) in bounds.lower.iter_mut().enumerate() {
             *lower = obstacle(radius(1 + k % interior, 1 + k / interior));

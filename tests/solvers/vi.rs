@@ -46,7 +46,7 @@ impl SmallProblem {
         let engine = Native::new(self.size());
         let form = dense_form(&engine, self.size(), &self.matrix);
         let length = self.length(x);
-        let sum = [(1.0, &form)];
+        let sum = (&form).into();
         let mut judge = KktCheck::new(&engine, &sum).unwrap();
         let problem = Problem { matrix: &sum, rhs: &self.b, bounds: &self.bounds, length };
         let answer = Answer { x: &mut x.to_vec(), reaction: &mut reaction.to_vec() };
@@ -243,7 +243,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
             let loose: Vec<bool> = (0..count).map(|_| random.below(3) == 0).collect();
             let engine = Native::new(size);
             let form = dense_form(&engine, size, &matrix);
-            let sum = [(1.0, &form)];
+            let sum = (&form).into();
             let mut solver = Condensed::new(&engine, &sum, count).unwrap();
             for _ in 0..10 {
                 let (problem, known) = draw(&mut random, kind, &matrix, &dofs, &loose);
@@ -480,7 +480,7 @@ fn infinities_and_nans_come_to_an_end() {
     let size = 3;
     let engine = Native::new(size);
     let form = dense_form(&engine, size, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-    let sum = [(1.0, &form)];
+    let sum = (&form).into();
     let bounds = Bounds::uniform((0..size).collect(), -1.0, 1.0);
     for b in
         [[f64::NEG_INFINITY, f64::NAN, 0.0], [f64::NAN; 3], [f64::INFINITY, -f64::NAN, f64::NEG_INFINITY]]
@@ -520,7 +520,7 @@ fn relax(matrix: &Mat<f64>, b: &[f64], bounds: &Bounds, sweeps: usize) -> Vec<f6
 fn candidates_grow_as_contact_spreads_and_then_stay() {
     let side = 16;
     let (engine, form, dense) = membrane(side, 0.05);
-    let sum = [(1.0, &form)];
+    let sum = (&form).into();
     let dofs: Vec<usize> = (0..side * side).filter(|dof| dof % 2 == 0).collect();
     let bounds = Bounds::uniform(dofs, -1.0, 1.5);
     let mut step: CheckedSolver<Native> =
@@ -559,7 +559,7 @@ fn wide_contact_pins_dofs_and_agrees_with_the_dense_problem() {
     let side = 40;
     let size = side * side;
     let (engine, form, dense) = membrane(side, 1e-3);
-    let sum = [(1.0, &form)];
+    let sum = (&form).into();
     let mut random = Random::new(8);
     let mut bounds = Bounds::uniform((0..size).collect(), -1.0, 1.0);
     for i in (0..size).step_by(7) {

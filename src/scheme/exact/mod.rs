@@ -233,7 +233,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
-            check: KktCheck::new(engine, &[(1.0, stiffness)])?,
+            check: KktCheck::new(engine, &stiffness.into())?,
             record: StepRecord::new(dt, bounded),
             statistics: EventStatistics::default(),
             saddle,
@@ -347,7 +347,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let mut displacement = self.shape().displacement.clone();
         let length = self.system.length(bounds, &displacement)?;
         let load = load.as_deref().unwrap_or(&[]);
-        let problem = Problem { matrix: &[(1.0, stiffness)], rhs: load, bounds, length };
+        let problem = Problem { matrix: &stiffness.into(), rhs: load, bounds, length };
         let answer = Answer { x: &mut displacement, reaction: &mut self.record.reaction };
         self.check.residual(engine, &problem, &[&inertia], &answer)
     }
@@ -468,7 +468,7 @@ fn check_rigid<E: Engine>(
     let shape = &reduction.lift * rigid;
     let x = shape.col_as_slice(0);
     let (mut force, mut sizes) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    engine.multiply_with_magnitude(&[(1.0, stiffness)], x, &mut force, &mut sizes)?;
+    engine.multiply_with_magnitude(&stiffness.into(), x, &mut force, &mut sizes)?;
     let size = engine.dot(&sizes, &x.iter().map(|x| x.abs()).collect::<Vec<_>>())?;
     let energy = engine.multiply(stiffness, x, &mut force)?;
     let whole = engine.multiply(stiffness, start, &mut force)?;

@@ -138,15 +138,14 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
         let mut basis = VelocityBasis::new(system)?;
         let (dofs, cells) = (engine.dofs(), basis.size());
         let shift = shift(system)?;
-        let mut factor =
-            engine.factor(&[(1.0, stiffness), (shift, mass)], &[]).map_err(|error| match error {
-                Error::Memory(_) => error,
-                _ => Error::Singular(
-                    "time.scheme = \"exact\": some motion of the plate has neither stiffness nor inertia; \
+        let mut factor = engine.factor(&(stiffness + mass * shift), &[]).map_err(|error| match error {
+            Error::Memory(_) => error,
+            _ => Error::Singular(
+                "time.scheme = \"exact\": some motion of the plate has neither stiffness nor inertia; \
                  refine the mesh or set time.mass = \"consistent\" with time.scheme = \"newmark\""
-                        .into(),
-                ),
-            })?;
+                    .into(),
+            ),
+        })?;
         let mut columns = Mat::zeros(dofs, cells);
         let mut unit = vec![0.0; cells];
         for k in 0..cells {
@@ -226,7 +225,7 @@ fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
         Ok(if quotient.is_normal() { quotient } else { 1.0 })
     };
     let first = quotient(&x)?;
-    let Ok(mut factor) = engine.factor(&[(1.0, stiffness), (first, mass)], &[]) else { return Ok(first) };
+    let Ok(mut factor) = engine.factor(&(stiffness + mass * first), &[]) else { return Ok(first) };
     let mut image = vec![0.0; x.len()];
     engine.multiply(mass, &x, &mut image)?;
     factor.solve(&mut image)?;

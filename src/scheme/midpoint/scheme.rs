@@ -18,10 +18,9 @@ use super::MidpointRule;
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::scheme::state::{State, SupportVelocities};
-use crate::scheme::step_driver::StepMatrix;
 use crate::scheme::{Approach, Potential, Scheme, Start, StepRecord, System};
 use crate::vi::{Condensed, Solver};
 use std::rc::Rc;
@@ -83,7 +82,7 @@ where
 impl<'s, E: Engine> Midpoint<'s, E> {
     /// Returns the step matrix `$4 M / \Delta t^2 + K + 2 D / \Delta t$` (paper, equation 6, with
     /// damping).
-    pub fn matrix(system: &'s System<E>, dt: f64) -> StepMatrix<'s, E> {
+    pub fn matrix(system: &'s System<E>, dt: f64) -> LinearCombination<'s> {
         MidpointRule::matrix(system, dt)
     }
 

@@ -126,7 +126,7 @@ struct Node {
 impl<'s, E: Engine> Held<'s, E> {
     fn new(system: &'s System<E>, reaction: &[f64], change: &InstantData) -> Result<Held<'s, E>> {
         let System { engine, stiffness, bounds, .. } = system;
-        let diagonal = engine.diagonal(&[(1.0, stiffness)])?;
+        let diagonal = engine.diagonal(&stiffness.into())?;
         let node = |i: usize| {
             let of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
             let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, of));

@@ -10,6 +10,7 @@ use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::Rigid;
 use crate::error::{Error, Result};
+use crate::linalg::Form;
 use crate::obstacle::Bounds;
 use crate::scheme::{self, System};
 use crate::simulation::judge;
@@ -39,7 +40,7 @@ pub(super) fn equilibrium<E: OfCells, P: Partition>(
     statics: &Statics<P>,
     key: &str,
     system: &System<E>,
-    stiffness: &E::Form,
+    stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<Vec<f64>> {
@@ -63,7 +64,7 @@ pub(super) fn equilibrium<E: OfCells, P: Partition>(
     let own = assembly::squares(ground.mesh, ground.cells, &bowl.collect::<Vec<_>>());
     let [bent, curved] = ground.comm().all_reduce_sum(own);
     let mass = engine.native().form(assembly::consistent_mass(ground.cells));
-    let hold = (HOLD * bent / curved, &mass);
+    let hold = &mass * (HOLD * bent / curved);
     let (u, _, verdict) = scheme::equilibrium_on_bounds(engine, stiffness, hold, load, bounds)?;
     judge(0, 0.0, verdict.kkt, ground.scene.solver.tolerance)?;
     Ok(u)

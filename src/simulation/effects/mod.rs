@@ -24,7 +24,7 @@ use super::partition::Partition;
 use super::{DeflectionDof, DofCoordinates};
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{ElementMatrix, Engine, Form, Native, SingularMassCell};
+use crate::linalg::{ElementMatrix, Engine, Native, SingularMassCell};
 use crate::modes;
 use crate::obstacle::Bounds;
 use crate::scene::Mass;
@@ -36,7 +36,7 @@ use start::Statics;
 use std::time::Instant;
 
 /// Engine whose matrices are those of the native engine over this process's cells.
-pub(super) trait OfCells: Engine<Form = Form, Factor: 'static> + 'static {
+pub(super) trait OfCells: Engine<Factor: 'static> + 'static {
     /// Returns the native engine.
     fn native(&self) -> &Native;
 }
@@ -148,7 +148,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         Mass::Singular => engine.native().averages(attached.singular_mass(cells)),
         Mass::Consistent => engine.native().form(attached.consistent_mass(cells)),
     };
-    engine.require_memory(&[(1.0, &stiffness), (1.0, &mass)], scene.time.factors())?;
+    engine.require_memory(&(&stiffness + &mass), scene.time.factors())?;
     let damping = scene
         .damping
         .as_ref()

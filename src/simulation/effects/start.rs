@@ -9,6 +9,7 @@ use super::motion::Lift;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
+use crate::linalg::Form;
 use crate::linalg::vectors::{add, axpy};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
@@ -43,7 +44,7 @@ impl<P: Partition> Statics<'_, P> {
     }
 
     /// Returns the stiffness of the plate with the balls held at rest; `None` where there are none.
-    fn held<E: OfCells>(&self, system: &System<E>) -> Option<E::Form> {
+    fn held<E: OfCells>(&self, system: &System<E>) -> Option<Form> {
         let BuildContext { scene, cells, .. } = *self.ground;
         (!scene.balls.is_empty())
             .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)))
