@@ -4,7 +4,7 @@
 //! unless B has no full row rank: on a uniform grid clamped all around, no displacement has the
 //! cell means of a checkerboard. No motion has that component, and Q spans the rest.
 
-use super::modes::eigenvectors;
+use super::eigen::eigenvectors;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::linalg::vectors::hadamard;
