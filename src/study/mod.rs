@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod compare;
 pub mod figures;
+mod frequencies;
 mod in_time;
 pub mod infsup;
 mod inspect;
@@ -11,6 +12,7 @@ mod matrices;
 pub mod stability;
 mod warnings;
 
-pub use inspect::{Check, Deflection, Frequencies, Inspection, advised_step, check, energy_step, inspect};
+pub use frequencies::{Frequencies, advised_step, energy_step};
+pub use inspect::{Check, Deflection, Inspection, check, inspect};
 pub use matrices::{MATRICES, matrices_are_of, write_matrices};
 pub use warnings::{MOST_DOFS, warnings, warnings_apart};

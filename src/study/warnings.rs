@@ -5,7 +5,7 @@
 //! mesh, loads and formulas go to [`Model::warnings`] while the model is built. Those that depend
 //! on the matrices are computed here too, from a model on the native engine.
 
-use super::inspect::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
+use super::frequencies::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
 use super::{in_time, infsup};
 use crate::linalg::{Engine, Form};
 use crate::output::text::significant;
