@@ -1,9 +1,10 @@
 //! Model of a scene distributed over all ranks.
 
-use super::body::{self, PlateAssembly};
 use super::effects::BuildContext;
 use super::partition::Partition;
+use super::plate_assembly::PlateAssembly;
 use super::{Model, SolverFactory};
+use super::{meshing, regions};
 use crate::assembly;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -48,14 +49,14 @@ impl Model<Distributed> {
         }
         super::phase("mesh");
         let comm = context.comm();
-        let supports = |mesh: &Mesh| body::supports(scene, mesh, comm);
+        let supports = |mesh: &Mesh| regions::supports(scene, mesh, comm);
         let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
         let balls: Vec<(String, Point)> = scene.balls.iter().enumerate().map(name).collect();
-        let marks = body::marks(scene);
+        let marks = meshing::marks(scene);
         let rectangles = match scene.file {
             Some(_) => None,
             None => {
-                comm.all_ok(body::require_memory(scene, body::rectangles(&scene.mesh), comm.size()))?;
+                comm.all_ok(meshing::require_memory(scene, meshing::rectangles(&scene.mesh), comm.size()))?;
                 rectangles(scene, &marks)?
             }
         };
@@ -118,10 +119,10 @@ fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
 fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     if let (Some(file), true) = (&scene.file, marks.is_empty()) {
         let mesh = file.load()?;
-        body::require_memory(scene, body::kinds(&mesh), memory::processes())?;
+        meshing::require_memory(scene, meshing::kinds(&mesh), memory::processes())?;
         return Ok((mesh, scene.mesh.refine));
     }
-    let (fine, made) = body::mesh_and_made(scene)?;
+    let (fine, made) = meshing::mesh_and_made(scene)?;
     match &scene.file {
         Some(file) if made.is_empty() => Ok((file.load()?, scene.mesh.refine)),
         _ => Ok((fine, 0)),

@@ -5,9 +5,9 @@
 //! functions. Cells share the points on common edges. The first points are the nodes of the mesh,
 //! in its order.
 
-use super::body;
 use super::effects::{BuildContext, Lift};
 use super::partition::Partition;
+use super::regions;
 use crate::assembly::CellArrays;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
@@ -184,12 +184,12 @@ impl Fields {
             Region::Where(condition) => {
                 let inside = |point: usize| {
                     let at = self.lattice.points[point].into();
-                    Ok(body::holds(condition, at, key)?.then_some(point))
+                    Ok(regions::holds(condition, at, key)?.then_some(point))
                 };
                 partition.comm().all_ok(points.map(inside).filter_map(Result::transpose).collect())
             }
             Region::Group(_) => {
-                let inside = body::cells_in(region, mesh, partition.comm(), key)?;
+                let inside = regions::cells_in(region, mesh, partition.comm(), key)?;
                 let small = self.lattice.cells.iter().zip(&self.lattice.parents);
                 let mut chosen: Vec<usize> = small
                     .filter(|(_, parent)| inside[**parent])
@@ -201,7 +201,7 @@ impl Fields {
             }
             // The first points are the nodes.
             Region::At(_) | Region::Point(_) | Region::Line(_) => {
-                body::nodes_in(region, mesh, partition, key)
+                regions::nodes_in(region, mesh, partition, key)
             }
         }
     }

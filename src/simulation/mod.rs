@@ -1,35 +1,41 @@
 //! Simulation of a scene: model, scheme, and the main loop with its observer.
 
-mod body;
 mod contacts;
 #[cfg(feature = "petsc")]
 mod distributed;
+mod dof_coordinates;
 mod effects;
 mod fields;
+mod judgement;
+mod meshing;
 mod observer;
 mod opposite;
 mod outcome;
 mod partition;
 mod pause;
 mod phase;
+mod plate_assembly;
+mod refinement;
+mod regions;
 mod run;
 mod time_loop;
 
-pub use body::{mesh, mesh_and_made};
 pub use contacts::Contact;
 #[cfg(feature = "petsc")]
 pub use distributed::check_options;
+pub use dof_coordinates::{DeflectionDof, DofCoordinates};
 pub use effects::{LoadTotal, Matrices, Resultant};
 pub use fields::{Fields, Lattice, Snapshot};
+pub(crate) use judgement::{advice, judge};
+pub use meshing::{mesh, mesh_and_made};
 pub use observer::{NodeEvent, Observer, Row};
 pub use opposite::opposite;
 pub(crate) use outcome::note_contact;
 pub use outcome::{EnergySpan, Impact, Outcome, Seconds};
-pub use pause::{DofCoordinates, RunState};
+pub use pause::RunState;
 pub use phase::on_phase;
 pub(crate) use phase::phase;
 pub use run::{resume, run, run_scheme};
-pub(crate) use time_loop::{advice, judge};
 
 use crate::assembly::{self, Probe};
 use crate::communicator::{Communicator, SelfComm};
@@ -43,9 +49,9 @@ use crate::scene::{ContactSolver, EngineName, FieldInput, Scene};
 use crate::scheme::{Scheme, Start, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
-use body::PlateAssembly;
 use effects::{BuildContext, Effects, OfCells};
 use partition::{Partition, WholeMesh};
+use plate_assembly::PlateAssembly;
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -75,17 +81,6 @@ pub struct Model<E: Engine = Native> {
     sonic: f64,
     /// Wall time of mesh and matrices, and of the static start, in s.
     pub seconds: [f64; 2],
-}
-
-/// Free deflection at a node.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DeflectionDof {
-    /// Index of the dof.
-    pub dof: usize,
-    /// Index of the node in the mesh.
-    pub node: usize,
-    /// Position, in m.
-    pub at: [f64; 2],
 }
 
 fn nothing_free() -> Error {
@@ -144,7 +139,7 @@ pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
 
 /// Returns the constraints that the supports of a scene put on each node.
 fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<NodeConstraint>> {
-    Ok(DofMap::holds(mesh, &body::supports(scene, mesh, &SelfComm)?))
+    Ok(DofMap::holds(mesh, &regions::supports(scene, mesh, &SelfComm)?))
 }
 
 /// Calls a closure with the build context of a single process.

@@ -1,6 +1,7 @@
 //! Heights of the obstacles at the probes, for plots.
 
-use super::body;
+use super::meshing;
+use super::regions;
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::scene::{Region, Scene};
@@ -16,7 +17,7 @@ const NEAR: f64 = 1e-6;
 pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
     let is_named = |region: &Region| matches!(region, Region::Group(_) | Region::Point(_));
     let has_names = scene.obstacles.iter().any(|obstacle| is_named(&obstacle.region));
-    let mesh = if has_names { Some(body::mesh(scene)?) } else { None };
+    let mesh = if has_names { Some(meshing::mesh(scene)?) } else { None };
     let mut opposite = BTreeMap::new();
     for probe in scene.output.probes.iter().filter(|probe| probe.ball.is_none()) {
         let at = Point::from(probe.at);
@@ -38,7 +39,7 @@ pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
 fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
     Ok(match region {
         Region::All => true,
-        Region::Where(condition) => body::holds(condition, at, "obstacle")?,
+        Region::Where(condition) => regions::holds(condition, at, "obstacle")?,
         Region::Group(name) => mesh.is_some_and(|mesh| {
             let members = mesh.groups.get(name);
             mesh.locate(at).is_some_and(|cell| members.is_some_and(|members| members.contains(&cell)))

@@ -1,13 +1,14 @@
 //! Main loop of a run, from step to step.
 
 use super::contacts::ContactRecorder;
+use super::judgement::{advice, judge};
 use super::{Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::scene::{Mass, Scene};
+use crate::scene::Scene;
 use crate::scheme::{Event, Scheme};
 use std::time::Instant;
 
@@ -314,23 +315,6 @@ impl RunMonitor {
         }
         Ok(())
     }
-}
-
-/// Returns an error for a KKT residual above the tolerance.
-pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
-    if !residual.is_finite() {
-        return Err(Error::NotFinite { step, time, what: "the displacement" });
-    }
-    if residual > tolerance {
-        return Err(Error::NotConverged { step, time, residual, tolerance });
-    }
-    Ok(())
-}
-
-/// Returns advice for the user on a spurious gain of energy.
-pub(crate) fn advice(scene: &Scene) -> &'static str {
-    let of_scheme = scene.time.scheme.advice_on_energy(scene.time.mass == Mass::Singular);
-    of_scheme.unwrap_or("check the loads and the initial state")
 }
 
 /// Adds node and position to the error of a scheme, which knows no mesh and only the index of the

@@ -1,7 +1,8 @@
 //! Attachments of the plate: foundations, springs, masses and balls; and the matrices of all
 //! together.
 
-use super::ground::{BuildContext, PointEvaluation, seen};
+use super::ground::{BuildContext, PointEvaluation};
+use super::lumps::{AttachedBall, LumpedMass};
 use super::parts;
 use crate::assembly::{self, CellArrays, Probe};
 use crate::communicator::Communicator;
@@ -12,26 +13,9 @@ use crate::linalg::{BARE, ElementMatrix, SingularMassCell};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene;
-use crate::simulation::body;
 use crate::simulation::partition::Partition;
-
-/// Spring (N/m) or mass (kg) at a point.
-pub(super) struct LumpedMass {
-    pub amount: f64,
-    pub at: Point,
-    pub spot: PointEvaluation,
-}
-
-/// Ball, with its dofs.
-pub(super) struct AttachedBall<'s> {
-    /// Index of the ball in the scene.
-    pub number: usize,
-    pub ball: &'s scene::Ball,
-    /// Point of the plate under the ball.
-    pub spot: PointEvaluation,
-    /// Dof of the gap, i.e. of the height of the ball over the plate.
-    pub gap: usize,
-}
+use crate::simulation::refinement::seen;
+use crate::simulation::regions::cells_in;
 
 /// Attachments of this process's part of the plate.
 pub(super) struct Attached<'s> {
@@ -223,7 +207,7 @@ fn foundations<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<(usize, Ele
         return Ok(Vec::new());
     }
     let reach = |(number, of): (usize, &scene::Foundation)| {
-        body::cells_in(&of.region, ground.mesh, ground.comm(), &format!("foundation.{number}"))
+        cells_in(&of.region, ground.mesh, ground.comm(), &format!("foundation.{number}"))
     };
     let reaches: Vec<Vec<bool>> = foundations.iter().enumerate().map(reach).collect::<Result<_>>()?;
     let rules = foundation_rules(ground, &reaches)?;

@@ -4,8 +4,8 @@
 //! load on the unrestrained rigid motions (Farkas' lemma). Otherwise there is a rigid motion that
 //! no obstacle stops and on which the load does work, and the error message names it.
 
-use super::OfCells;
-use super::start::Statics;
+use super::of_cells::OfCells;
+use super::statics::Statics;
 use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::Rigid;

@@ -1,13 +1,14 @@
 //! Build context of a model.
 
-use super::super::partition::Partition;
 use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
-use crate::element::adaptive::{self, Refined, Rules};
+use crate::element::adaptive::{self, Rules};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
 use crate::scene::{self, FieldInput, Scene};
+use crate::simulation::partition::Partition;
+use crate::simulation::refinement::seen;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
 /// of the engine.
@@ -127,20 +128,4 @@ impl<P: Partition> BuildContext<'_, P> {
         let refined = adaptive::refine(&pieces, &|_| Some(&still), adaptive::ONCE, self.comm());
         seen(&given.key, self.comm().all_ok(refined)?)
     }
-}
-
-/// Largest uncertain part of a field's integral that is accepted where its refinement stopped.
-const LEFT: f64 = 0.01;
-
-/// Returns the quadrature rules found for the field of a key, or an error where too much of its
-/// integral is uncertain.
-pub(in crate::simulation) fn seen(key: &str, refined: Refined) -> Result<Rules> {
-    let Refined { rules, size, left, .. } = refined;
-    if left <= LEFT * size {
-        return Ok(rules);
-    }
-    Err(Error::Scene(format!(
-        "{key}: its integral over the plate is {size:.3e}, of which {left:.3e} are not certain after all refinement; expected a \
-         formula whose jumps and peaks are wider, or a finer mesh"
-    )))
 }

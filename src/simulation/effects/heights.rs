@@ -1,21 +1,22 @@
 //! Heights of the obstacles as bounds on deflections.
 
-use super::Lift;
-use super::attached::AttachedBall;
 use super::ground::BuildContext;
+use super::lumps::AttachedBall;
+use super::motion::Lift;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{self, FieldInput, Side};
+use crate::simulation::DeflectionDof;
 use crate::simulation::partition::Partition;
-use crate::simulation::{DeflectionDof, body};
+use crate::simulation::regions::nodes_in;
 
 /// Returns the nodes of this process that each obstacle bounds. Collective.
 pub(super) fn opposite<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<Vec<usize>>> {
     let nodes = |(number, obstacle): (usize, &scene::Obstacle)| {
-        body::nodes_in(&obstacle.region, ground.mesh, ground.partition, &format!("obstacle.{number}"))
+        nodes_in(&obstacle.region, ground.mesh, ground.partition, &format!("obstacle.{number}"))
     };
     ground.scene.obstacles.iter().enumerate().map(nodes).collect()
 }

@@ -1,7 +1,7 @@
 //! Loads of the plate: pressure, point forces, gravity.
 
 use super::attached::Attached;
-use super::ground::{BuildContext, seen};
+use super::ground::BuildContext;
 use crate::assembly::{self, Pressure};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
@@ -12,6 +12,7 @@ use crate::linalg::vectors::{self, axpy};
 use crate::mesh::Point;
 use crate::scene::FieldInput;
 use crate::simulation::partition::Partition;
+use crate::simulation::refinement::seen;
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;

@@ -11,20 +11,24 @@ mod bearing;
 mod ground;
 mod heights;
 mod loads;
+mod lumps;
 mod motion;
+mod of_cells;
 mod parts;
 mod start;
+mod statics;
 mod units;
 
-pub(super) use ground::{BuildContext, seen};
+pub(super) use ground::BuildContext;
 pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
+pub(super) use of_cells::OfCells;
 
 use super::partition::Partition;
 use super::{DeflectionDof, DofCoordinates};
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{ElementMatrix, Engine, Native, SingularMassCell};
+use crate::linalg::{ElementMatrix, Engine, SingularMassCell};
 use crate::modes;
 use crate::obstacle::Bounds;
 use crate::scene::Mass;
@@ -32,27 +36,8 @@ use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
 use heights::Heights;
 use loads::Loads;
-use start::Statics;
+use statics::Statics;
 use std::time::Instant;
-
-/// Engine whose matrices are those of the native engine over this process's cells.
-pub(super) trait OfCells: Engine<Factor: 'static> + 'static {
-    /// Returns the native engine.
-    fn native(&self) -> &Native;
-}
-
-impl OfCells for Native {
-    fn native(&self) -> &Native {
-        self
-    }
-}
-
-#[cfg(feature = "petsc")]
-impl OfCells for crate::petsc::Distributed {
-    fn native(&self) -> &Native {
-        self.cells()
-    }
-}
 
 /// Matrices of a scene, in element contributions.
 pub struct Matrices {

@@ -1,9 +1,9 @@
 //! Support motions and their effects in the moving frame.
 
-use super::OfCells;
 use super::attached::Attached;
 use super::ground::BuildContext;
-use super::start::Statics;
+use super::of_cells::OfCells;
+use super::statics::Statics;
 use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Place, Support};
@@ -13,8 +13,9 @@ use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::scene::{FieldInput, Mass};
 use crate::scheme::{SupportMotion, System};
+use crate::simulation::DeflectionDof;
 use crate::simulation::partition::Partition;
-use crate::simulation::{DeflectionDof, body};
+use crate::simulation::regions::supports;
 use std::rc::Rc;
 
 /// Support motion, with the deflection and slopes that a motion of 1 m causes at each node (three
@@ -54,7 +55,7 @@ pub(super) fn lifts<E: OfCells, P: Partition>(system: &System<E>, statics: &Stat
             different[0].key
         )));
     }
-    let places = body::supports(scene, mesh, comm)?;
+    let places = supports(scene, mesh, comm)?;
     // Nodes on all processes that supports of one motion hold, or those at rest for `None`.
     // Collective.
     let nodes_of = |motion: Option<&FieldInput>| {
@@ -137,16 +138,5 @@ impl Lift {
             at_bounds: bounded.iter().map(at).collect(),
             shape: ground.owned(&space.interpolate(shape), dofs),
         })
-    }
-}
-
-impl<P: Partition> Statics<'_, P> {
-    /// Returns K u for a shape u (three values per node), in N, on the engine's dofs. Collective.
-    fn forces(&self, shape: &[f64]) -> Result<Vec<f64>> {
-        let BuildContext { mesh, cells, space, partition, .. } = self.ground;
-        let mut force = vec![0.0; space.dofs()];
-        assembly::forces(mesh, cells, shape, &mut force);
-        self.attached.add_forces(self.ground, shape, &mut force);
-        partition.add_up(&force)
     }
 }

@@ -1,7 +1,7 @@
 //! Check that each disconnected part of a mesh is held by itself.
 
-use super::attached::LumpedMass;
 use super::ground::BuildContext;
+use super::lumps::LumpedMass;
 use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Rigid};
 use crate::error::{Error, Result};

@@ -1,55 +1,25 @@
 //! Initial conditions.
 
-use super::OfCells;
-use super::attached::{Attached, AttachedBall};
 use super::bearing;
 use super::ground::BuildContext;
 use super::loads::Loads;
+use super::lumps::AttachedBall;
 use super::motion::Lift;
+use super::of_cells::OfCells;
+use super::statics::Statics;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
-use crate::linalg::Form;
 use crate::linalg::vectors::{add, axpy};
 use crate::mesh::Point;
-use crate::obstacle::Bounds;
-use crate::scheme::{self, Start, System};
+use crate::scheme::{Start, System};
+use crate::simulation::DofCoordinates;
 use crate::simulation::partition::Partition;
-use crate::simulation::{DofCoordinates, judge};
 
 /// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;
 
-/// Context for the computation of equilibria.
-pub(super) struct Statics<'g, P: Partition> {
-    pub ground: &'g BuildContext<'g, P>,
-    pub attached: &'g Attached<'g>,
-    /// Rigid motions that nothing restrains, in words.
-    pub mechanism: Option<&'static str>,
-}
-
 impl<P: Partition> Statics<'_, P> {
-    /// Computes the equilibrium of the plate under a load, with the balls at rest. Collective.
-    pub fn equilibrium<E: OfCells>(
-        &self,
-        system: &System<E>,
-        load: &[f64],
-        bounds: &Bounds,
-    ) -> Result<Vec<f64>> {
-        let held = self.held(system);
-        let stiffness = held.as_ref().unwrap_or(&system.stiffness);
-        let (u, _, verdict) = scheme::equilibrium(&system.engine, stiffness, load, bounds)?;
-        judge(0, 0.0, verdict.kkt, self.ground.scene.solver.tolerance)?;
-        Ok(u)
-    }
-
-    /// Returns the stiffness of the plate with the balls held at rest; `None` where there are none.
-    fn held<E: OfCells>(&self, system: &System<E>) -> Option<Form> {
-        let BuildContext { scene, cells, .. } = *self.ground;
-        (!scene.balls.is_empty())
-            .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)))
-    }
-
     /// Computes the equilibrium from which the scene starts. Collective.
     fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads<P>) -> Result<Vec<f64>> {
         let BuildContext { scene, partition, .. } = self.ground;

@@ -1,0 +1,24 @@
+//! Engines that build their matrices from the cells of this process.
+
+use crate::linalg::{Engine, Native};
+
+/// Engine whose matrices are those of the native engine over this process's cells.
+pub(in crate::simulation) trait OfCells:
+    Engine<Factor: 'static> + 'static
+{
+    /// Returns the native engine.
+    fn native(&self) -> &Native;
+}
+
+impl OfCells for Native {
+    fn native(&self) -> &Native {
+        self
+    }
+}
+
+#[cfg(feature = "petsc")]
+impl OfCells for crate::petsc::Distributed {
+    fn native(&self) -> &Native {
+        self.cells()
+    }
+}

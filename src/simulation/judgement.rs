@@ -1,0 +1,21 @@
+//! Judgement of a step: its residual, and advice on its energy.
+
+use crate::error::{Error, Result};
+use crate::scene::{Mass, Scene};
+
+/// Returns an error for a KKT residual above the tolerance.
+pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
+    if !residual.is_finite() {
+        return Err(Error::NotFinite { step, time, what: "the displacement" });
+    }
+    if residual > tolerance {
+        return Err(Error::NotConverged { step, time, residual, tolerance });
+    }
+    Ok(())
+}
+
+/// Returns advice for the user on a spurious gain of energy.
+pub(crate) fn advice(scene: &Scene) -> &'static str {
+    let of_scheme = scene.time.scheme.advice_on_energy(scene.time.mass == Mass::Singular);
+    of_scheme.unwrap_or("check the loads and the initial state")
+}

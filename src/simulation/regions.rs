@@ -1,0 +1,171 @@
+//! Nodes and cells of the mesh in the regions of a scene, and the locations of its supports.
+
+use super::partition::Partition;
+use crate::communicator::Communicator;
+use crate::dof_map::Place;
+use crate::error::{Error, Result};
+use crate::field::Condition;
+use crate::mesh::{self, Mesh, NEAR, Point};
+use crate::scene::{Region, Scene, SupportKind, SupportLocation};
+
+/// Returns the locations of the supports on this process's part of the mesh. Collective.
+pub(super) fn supports(
+    scene: &Scene,
+    mesh: &Mesh,
+    comm: &impl Communicator,
+) -> Result<Vec<(Place, SupportKind)>> {
+    let mut supports = Vec::new();
+    for (number, support) in scene.supports.iter().enumerate() {
+        let key = format!("support.{number}");
+        let place = match &support.stand {
+            SupportLocation::Edge { edge, part } => {
+                let sides = mesh.edges.get(edge).map_or(&[][..], Vec::as_slice);
+                require(comm, !sides.is_empty(), || {
+                    let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
+                    format!("{key}.edge: the mesh has no edge named \"{edge}\"; it has: {}", known.join(", "))
+                })?;
+                let inside =
+                    |node: usize| part.as_ref().map_or(Ok(true), |part| holds(part, mesh.nodes[node], &key));
+                let choose = |&[a, b]: &[usize; 2]| {
+                    Ok(inside(a)? && inside(b)?).map(|chosen| chosen.then_some([a, b]))
+                };
+                let chosen: Result<Vec<_>> = sides.iter().map(choose).filter_map(Result::transpose).collect();
+                let chosen = comm.all_ok(chosen)?;
+                require(comm, !chosen.is_empty(), || {
+                    format!("{key}.where: it holds at both ends of no cell's side on edge \"{edge}\"")
+                })?;
+                Place::Edges(chosen)
+            }
+            SupportLocation::At(at) => Place::Nodes(nodes_at(mesh, *at, comm, &key)?),
+            SupportLocation::Point(name) => Place::Nodes(nodes_of_point(mesh, name, comm, &key)?),
+        };
+        supports.push((place, support.kind));
+    }
+    Ok(supports)
+}
+
+/// Returns the nodes of a physical point that this process owns. Collective.
+fn nodes_of_point(mesh: &Mesh, name: &str, comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
+    let nodes = mesh.points.get(name).cloned().unwrap_or_default();
+    require(comm, !nodes.is_empty(), || {
+        let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
+        format!("{key}.point: the mesh has no point named \"{name}\"; it has: {}", known.join(", "))
+    })?;
+    Ok(nodes)
+}
+
+/// Returns whether a condition of a table holds at a point.
+pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool> {
+    condition.holds(at, 0.0).map_err(|fault| Error::Scene(format!("{key}.where: {fault}")))
+}
+
+/// Returns an error unless `here` is true on some process. Collective.
+fn require(comm: &impl Communicator, here: bool, wrong: impl Fn() -> String) -> Result<()> {
+    if comm.all_reduce_any(here) { Ok(()) } else { Err(Error::Mesh(wrong())) }
+}
+
+/// Returns the nodes of this process at a point. Collective.
+fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
+    let at = Point::new(x, y);
+    let distance = |node: usize| (mesh.nodes[node] - at).norm();
+    let nearest = (0..mesh.nodes.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+    let own = nearest.map_or([f64::INFINITY, x, y, 0.0], |node| {
+        let farthest = mesh.nodes.iter().map(|p| (p - at).norm()).fold(0.0, f64::max);
+        [distance(node), mesh.nodes[node].x, mesh.nodes[node].y, farthest]
+    });
+    let all = comm.all_gather_one(own);
+    let size = all.iter().map(|of| of[3]).fold(0.0, f64::max);
+    let best = all.iter().min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&own);
+    if best[0] > NEAR * size {
+        return Err(Error::Mesh(format!(
+            "{key}.at: no node lies at ({x}, {y}); the nearest is at ({}, {})",
+            best[1], best[2]
+        )));
+    }
+    Ok((0..mesh.nodes.len()).filter(|&node| distance(node) <= NEAR * size).collect())
+}
+
+/// Returns the nodes of this process in a region of the plate. Collective.
+pub(super) fn nodes_in(
+    region: &Region,
+    mesh: &Mesh,
+    partition: &impl Partition,
+    key: &str,
+) -> Result<Vec<usize>> {
+    let (comm, nodes) = (partition.comm(), 0..mesh.nodes.len());
+    match region {
+        Region::All => Ok(nodes.collect()),
+        Region::Where(condition) => {
+            let choose = |node: usize| Ok(holds(condition, mesh.nodes[node], key)?.then_some(node));
+            let chosen: Vec<usize> =
+                comm.all_ok(nodes.map(choose).filter_map(Result::transpose).collect())?;
+            require(comm, !chosen.is_empty(), || format!("{key}.where: it holds at no node"))?;
+            Ok(chosen)
+        }
+        Region::Group(name) => {
+            let mut touched = vec![0.0; mesh.nodes.len()];
+            for cell in group(mesh, name, comm, key)? {
+                mesh.cells[cell].nodes().iter().for_each(|&node| touched[node] = 1.0);
+            }
+            let touched = partition.sum_at_nodes(&touched)?;
+            Ok(nodes.filter(|&node| touched[node] > 0.0).collect())
+        }
+        Region::At(at) => nodes_at(mesh, *at, comm, key),
+        Region::Point(name) => {
+            let mut named = vec![0.0; mesh.nodes.len()];
+            nodes_of_point(mesh, name, comm, key)?.into_iter().for_each(|node| named[node] = 1.0);
+            let named = partition.sum_at_nodes(&named)?;
+            Ok(nodes.filter(|&node| named[node] > 0.0).collect())
+        }
+        Region::Line([from, to]) => {
+            let (from, to) = (Point::from(*from), Point::from(*to));
+            let side = to - from;
+            let distance = |p: Point| {
+                let share =
+                    ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                (p - (from + side * share)).norm()
+            };
+            let near = comm.all_gather_one(mesh::nearness(&mesh.nodes, from)).into_iter().fold(0.0, f64::max);
+            let chosen: Vec<usize> = nodes.filter(|&node| distance(mesh.nodes[node]) <= near).collect();
+            require(comm, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
+            Ok(chosen)
+        }
+    }
+}
+
+/// Returns the cells of this process in a group. Collective.
+fn group(mesh: &Mesh, name: &str, comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
+    let cells = mesh.groups.get(name).cloned().unwrap_or_default();
+    require(comm, !cells.is_empty(), || {
+        let known: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
+        format!("{key}.group: the mesh has no group named \"{name}\"; it has: {}", known.join(", "))
+    })?;
+    Ok(cells)
+}
+
+/// Returns a flag per cell of this process, set for those in a region of the plate: cells of its
+/// group, or cells whose centre satisfies its condition. Collective.
+pub(super) fn cells_in(
+    region: &Region,
+    mesh: &Mesh,
+    comm: &impl Communicator,
+    key: &str,
+) -> Result<Vec<bool>> {
+    let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
+    match region {
+        Region::Where(condition) => {
+            let inside = |cell: usize| {
+                let vertices = mesh.vertices(cell);
+                let sum = vertices.iter().fold(Point::origin(), |sum, p| sum + p.coords);
+                holds(condition, sum / vertices.len() as f64, key)
+            };
+            chosen = comm.all_ok((0..mesh.cells.len()).map(inside).collect())?;
+            require(comm, chosen.contains(&true), || {
+                format!("{key}.where: it holds at the centre of no cell")
+            })?;
+        }
+        Region::Group(name) => group(mesh, name, comm, key)?.into_iter().for_each(|cell| chosen[cell] = true),
+        Region::All | Region::At(_) | Region::Point(_) | Region::Line(_) => {}
+    }
+    Ok(chosen)
+}
