@@ -21,7 +21,9 @@
 //! | [`plate`] | element matrices from thickness and material |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
 //! | [`dof_map`] | three dofs per node, supports |
-//! | `petsc` | safe handles on PETSc objects, the distributed engine (feature `petsc`) |
+//! | [`partition`] | a rank's part of the mesh, and its relation to those of the other ranks |
+//! | `petsc` | safe handles on PETSc objects (feature `petsc`) |
+//! | `distributed` | the engine and the mesh over all ranks (feature `petsc`) |
 //! | [`modes`] | natural frequencies and shapes |
 //! | [`assembly`] | the only loop over cells |
 //! | [`obstacle`] | bounds on the deflections |
@@ -94,8 +96,11 @@ pub mod element;
 pub mod plate;
 pub mod linalg;
 pub mod dof_map;
+pub mod partition;
 #[cfg(feature = "petsc")]
 pub mod petsc;
+#[cfg(feature = "petsc")]
+pub mod distributed;
 pub mod modes;
 pub mod assembly;
 pub mod obstacle;

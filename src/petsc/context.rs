@@ -1,7 +1,9 @@
 //! Life cycle of MPI and PETSc.
 
+#![allow(unsafe_code)]
+
 use super::error::{c_string, call, check, keep};
-use super::{WorldComm, options, sys};
+use super::{WorldComm, sys, words};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use mpi::Threading;
@@ -61,14 +63,14 @@ impl Context {
     /// whichever its source; [`Error::Petsc`] where MPI was started before (it starts once per
     /// process) or PETSc fails to start.
     pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
-        options::validate(arguments)?;
-        let variable = std::env::var(options::VARIABLE).unwrap_or_default();
+        words::validate(arguments)?;
+        let variable = std::env::var(words::VARIABLE).unwrap_or_default();
         // Newer releases of PETSc also report our own unused defaults at the end;
         // `refuse_unused_options` reports only those of the user, and earlier.
         let ours = ["rebond", "-skip_petscrc", "-no_signal_handler", "-options_left", "no"];
         let mut owned = ours.into_iter().map(c_string).collect::<Result<Vec<_>>>()?;
         // PETSc looks this option up before it reads the environment variable.
-        for argument in options::skip_petscrc(&variable).iter().chain(arguments) {
+        for argument in words::skip_petscrc(&variable).iter().chain(arguments) {
             owned.push(c_string(argument)?);
         }
         if STARTED.swap(true, Ordering::SeqCst) {

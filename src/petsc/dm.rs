@@ -1,5 +1,7 @@
 //! Distributed meshes of triangles or quadrilaterals: PETSc's DMPlex.
 
+#![allow(unsafe_code)]
+
 use super::error::{c_string, call, int};
 use super::handle::handle;
 use super::vec::slice;

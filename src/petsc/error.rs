@@ -1,5 +1,7 @@
 //! Translation of PETSc's error codes and messages into the crate's errors.
 
+#![allow(unsafe_code)]
+
 use super::{Index, sys};
 use crate::error::{Error, Result};
 use std::cell::RefCell;

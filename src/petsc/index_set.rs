@@ -1,5 +1,7 @@
 //! Distributed sets of indices.
 
+#![allow(unsafe_code)]
+
 use super::error::{call, int};
 use super::handle::handle;
 use super::vec::slice;

@@ -1,5 +1,7 @@
 //! Linear solvers: a factorisation unless the options choose an iteration.
 
+#![allow(unsafe_code)]
+
 use super::error::{call, int, text};
 use super::handle::handle;
 use super::options::Prefix;

@@ -1,5 +1,7 @@
 //! Distributed matrices: sparse matrices and dense blocks of columns.
 
+#![allow(unsafe_code)]
+
 use super::error::{call, int};
 use super::handle::handle;
 use super::vec::slice;

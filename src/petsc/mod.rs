@@ -1,4 +1,5 @@
-//! Safe handles on PETSc objects: the only unsafe code of the crate.
+//! Safe handles on PETSc objects and on MPI. The crate has unsafe code in files of this folder only,
+//! each of which says so at its top.
 //!
 //! [`Context::start`] starts MPI and PETSc. Every handle keeps the context alive, frees its object
 //! when it is dropped and stays on its thread. Errors of PETSc become an
@@ -19,14 +20,13 @@
 //! Lengths on this rank are `usize`. [`INFINITY`] is PETSc's value for an absent bound; anything
 //! smaller, even 1e20, counts as a bound.
 
-#![allow(unsafe_code)]
-
 mod sys;
 mod error;
 mod handle;
 mod callback;
 mod world;
 mod context;
+mod words;
 pub mod options;
 mod index_set;
 mod vec;
@@ -36,16 +36,12 @@ mod snes;
 mod tao;
 mod section;
 mod dm;
-pub mod plate;
-pub mod engine;
 
 pub use context::{Comm, Context};
 pub use dm::Plex;
-pub use engine::Distributed;
 pub use index_set::IndexSet;
 pub use ksp::Ksp;
 pub use mat::Matrix;
-pub use plate::Part;
 pub use section::{Dofs, Section};
 pub use snes::Snes;
 pub use tao::Tao;

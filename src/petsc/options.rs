@@ -1,9 +1,14 @@
 //! PETSc's options database, with a check for options that nothing used.
 
+#![allow(unsafe_code)]
+
 use super::error::{c_string, call, check, text};
+use super::words::{is_name, refuse_nan};
 use super::{Context, sys};
 use crate::error::{Error, Result};
 use std::ffi::{CString, c_char};
+
+pub use super::words::validate;
 
 /// Options that PETSc looks up only at its end, or not at all in some builds; they may stay unused.
 const LATE: &[&str] = &[
@@ -43,61 +48,8 @@ const LATE: &[&str] = &[
 /// The nearest of these names is suggested for an unused option.
 const KNOWN: &str = include_str!("known_options.txt");
 
-/// Name of the environment variable that holds PETSc options.
-pub const VARIABLE: &str = "PETSC_OPTIONS";
-
 /// Option files that PETSc looks for in the working folder; the home folder has `.petscrc` only.
 const FILES: [&str; 2] = [".petscrc", "petscrc"];
-
-/// Extracts the option `-skip_petscrc` and its value from a text of options.
-pub(super) fn skip_petscrc(text: &str) -> Vec<String> {
-    let words: Vec<&str> = text.split_whitespace().collect();
-    let Some(at) = words.iter().rposition(|word| word.trim_start_matches('-') == "skip_petscrc") else {
-        return Vec::new();
-    };
-    let value = words.get(at + 1).filter(|word| !is_name(word));
-    [Some(&words[at]), value].into_iter().flatten().map(ToString::to_string).collect()
-}
-
-/// Checks that arguments are options with at most one value each, none of them NaN.
-///
-/// PETSc itself ignores such words silently.
-///
-/// # Errors
-/// Returns [`Error::Usage`] naming the first word that is neither an option nor its value, or the
-/// option whose value is NaN.
-pub fn validate(arguments: &[String]) -> Result<()> {
-    let mut option = None;
-    for word in arguments {
-        if is_name(word) {
-            option = Some(word);
-            continue;
-        }
-        let Some(option) = option.take() else {
-            return Err(Error::Usage(format!(
-                "`{word}` after `--` is neither a PETSc option (-name) nor the value of one"
-            )));
-        };
-        refuse_nan(option, word)?;
-    }
-    Ok(())
-}
-
-fn refuse_nan(option: &str, value: &str) -> Result<()> {
-    if value.trim_start_matches(['-', '+']).eq_ignore_ascii_case("nan") {
-        return Err(Error::Usage(format!("the PETSc option `{option} {value}`: the value is not a number")));
-    }
-    Ok(())
-}
-
-/// Returns whether PETSc takes a word for an option name: a letter after one dash or two.
-///
-/// `-1e-3` is a value.
-fn is_name(word: &str) -> bool {
-    let name = word.strip_prefix("--").or_else(|| word.strip_prefix('-')).unwrap_or_default();
-    let special = ["inf", "infinity", "nan"].iter().any(|value| name.eq_ignore_ascii_case(value));
-    name.starts_with(|c: char| c.is_ascii_alphabetic()) && !special
-}
 
 /// Options prefix of a solver, null where it is empty.
 ///

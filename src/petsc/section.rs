@@ -1,5 +1,7 @@
 //! Numbers of dofs and constrained dofs of each mesh point.
 
+#![allow(unsafe_code)]
+
 use super::error::{call, int};
 use super::handle::handle;
 use super::{Comm, Context, Index};

@@ -1,5 +1,6 @@
 //! Bindings that bindgen generates from PETSc's headers, for use in this folder only.
 
+#![allow(unsafe_code)]
 #![allow(
     missing_docs,
     non_camel_case_types,

@@ -1,5 +1,7 @@
 //! Solver of bound-constrained minimisation problems.
 
+#![allow(unsafe_code)]
+
 use super::callback::{Callback, Failure, guard, settle};
 use super::error::{c_string, call, int, text};
 use super::ksp::direct_defaults;

@@ -1,5 +1,7 @@
 //! Distributed vectors.
 
+#![allow(unsafe_code)]
+
 use super::error::{call, int};
 use super::handle::handle;
 use super::{Comm, Context, Index, sys};

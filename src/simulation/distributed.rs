@@ -1,18 +1,17 @@
 //! Model of a scene distributed over all ranks.
 
 use super::effects::BuildContext;
-use super::partition::Partition;
 use super::plate_assembly::PlateAssembly;
 use super::{Model, SolverFactory};
 use super::{meshing, regions};
 use crate::assembly;
 use crate::communicator::Communicator;
+use crate::distributed::{Distributed, MeshPart, Part};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
-use crate::petsc::engine::Adder;
-use crate::petsc::{Context, Distributed, Part, Plex, WorldComm, plate};
+use crate::petsc::Context;
 use crate::scene::{self, EngineName, Scene};
 use std::rc::Rc;
 use std::time::Instant;
@@ -76,14 +75,7 @@ impl Model<Distributed> {
         super::phase("matrices");
         let body = PlateAssembly::new(scene, &part.mesh, comm)?;
         let cells = comm.all_ok(assembly::cells(&part.mesh, &part.space, &body))?;
-        let dofs = part.space.dofs();
-        let partition = MeshPart {
-            comm: comm.clone(),
-            plex: part.plex.clone(),
-            own_dofs: (0..dofs).map(|local| engine.own_dof(local)).collect(),
-            own_nodes: part.owns.as_slice().into(),
-            adder: Rc::new(engine.adder()?),
-        };
+        let partition = MeshPart::new(&part, &engine)?;
         let ground = BuildContext {
             scene,
             partition: &partition,
@@ -126,41 +118,5 @@ fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     match &scene.file {
         Some(file) if made.is_empty() => Ok((file.load()?, scene.mesh.refine)),
         _ => Ok((fine, 0)),
-    }
-}
-
-/// Part of the mesh of one rank.
-#[derive(Clone)]
-struct MeshPart {
-    comm: WorldComm,
-    plex: Rc<Plex>,
-    /// Engine's index of each local dof, if this rank owns it.
-    own_dofs: Rc<[Option<usize>]>,
-    /// Whether this rank owns each node.
-    own_nodes: Rc<[bool]>,
-    adder: Rc<Adder>,
-}
-
-impl Partition for MeshPart {
-    type Comm = WorldComm;
-
-    fn comm(&self) -> &WorldComm {
-        &self.comm
-    }
-
-    fn own_dof(&self, local: usize) -> Option<usize> {
-        self.own_dofs[local]
-    }
-
-    fn owns_node(&self, node: usize) -> bool {
-        self.own_nodes[node]
-    }
-
-    fn add_up(&self, local: &[f64]) -> Result<Vec<f64>> {
-        self.adder.add_up(local)
-    }
-
-    fn sum_at_nodes(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
-        plate::sum_at_nodes(&self.plex, of_nodes)
     }
 }

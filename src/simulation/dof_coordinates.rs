@@ -1,13 +1,13 @@
 //! Positions of the dofs, by which they are numbered independently of the distribution.
 
 use super::effects::BuildContext;
-use super::partition::Partition;
 use crate::archive::{self, Numbering, Numbers};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::motion::Motion;
+use crate::partition::Partition;
 use crate::scene::{Mass, Scene};
 use crate::scheme::Scheme;
 

@@ -6,7 +6,6 @@
 //! in its order.
 
 use super::effects::{BuildContext, Lift};
-use super::partition::Partition;
 use super::regions;
 use crate::assembly::CellArrays;
 use crate::communicator::Communicator;
@@ -16,6 +15,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::mesh::{Cell, Mesh, Point};
+use crate::partition::Partition;
 use crate::scene::{FieldInput, Region, Side};
 use crate::scheme::{Scheme, System};
 use std::collections::HashMap;

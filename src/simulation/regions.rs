@@ -1,11 +1,11 @@
 //! Nodes and cells of the mesh in the regions of a scene, and the locations of its supports.
 
-use super::partition::Partition;
 use crate::communicator::Communicator;
 use crate::dof_map::Place;
 use crate::error::{Error, Result};
 use crate::field::Condition;
 use crate::mesh::{self, Mesh, NEAR, Point};
+use crate::partition::Partition;
 use crate::scene::{Region, Scene, SupportKind, SupportLocation};
 
 /// Returns the locations of the supports on this process's part of the mesh. Collective.

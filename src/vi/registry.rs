@@ -7,9 +7,11 @@
 #[cfg(feature = "petsc")]
 use super::{Condensed, SolverFactory, scaled::Family, snes::SNES, tao::TAO};
 #[cfg(feature = "petsc")]
+use crate::distributed::Distributed;
+#[cfg(feature = "petsc")]
 use crate::error::Result;
 #[cfg(feature = "petsc")]
-use crate::petsc::{Context, Distributed};
+use crate::petsc::Context;
 use serde::{Deserialize, Serialize};
 
 /// Contact solver; a build without it refuses it later, not the scene.

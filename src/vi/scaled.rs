@@ -21,12 +21,12 @@ use super::kkt::{KktCheck, Residual};
 use super::{Answer, BoundStatus, Condensed, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
+use crate::distributed::{Distributed, DistributedFactor};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, difference, hadamard};
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
-use crate::petsc::engine::DistributedFactor;
-use crate::petsc::{Context, Distributed, INFINITY, Matrix, Reason, Vector};
+use crate::petsc::{Context, INFINITY, Matrix, Reason, Vector};
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -12,8 +12,8 @@ use crate::error::{Error, Result};
 use crate::linalg::{BARE, ElementMatrix, SingularMassCell};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
+use crate::partition::Partition;
 use crate::scene;
-use crate::simulation::partition::Partition;
 use crate::simulation::refinement::seen;
 use crate::simulation::regions::cells_in;
 

@@ -12,9 +12,9 @@ use crate::dof_map::Rigid;
 use crate::error::{Error, Result};
 use crate::linalg::Form;
 use crate::obstacle::Bounds;
+use crate::partition::Partition;
 use crate::scheme::{self, System};
 use crate::simulation::judge;
-use crate::simulation::partition::Partition;
 use nalgebra::{DMatrix, Vector3};
 
 /// Stiffness of the proximal steps on the rigid motions, relative to that of the plate's lowest

@@ -6,8 +6,8 @@ use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::adaptive::{self, Rules};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
+use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Scene};
-use crate::simulation::partition::Partition;
 use crate::simulation::refinement::seen;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to those

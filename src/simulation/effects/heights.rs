@@ -8,9 +8,9 @@ use crate::error::{Error, Result};
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
+use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Side};
 use crate::simulation::DeflectionDof;
-use crate::simulation::partition::Partition;
 use crate::simulation::regions::nodes_in;
 
 /// Returns the nodes of this process that each obstacle bounds. Collective.

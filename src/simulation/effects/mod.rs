@@ -24,13 +24,13 @@ pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 pub(super) use of_cells::OfCells;
 
-use super::partition::Partition;
 use super::{DeflectionDof, DofCoordinates};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{ElementMatrix, Engine, SingularMassCell};
 use crate::modes;
 use crate::obstacle::Bounds;
+use crate::partition::Partition;
 use crate::scene::Mass;
 use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;

@@ -11,10 +11,10 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, scale, sum};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
+use crate::partition::Partition;
 use crate::scene::{FieldInput, Mass};
 use crate::scheme::{SupportMotion, System};
 use crate::simulation::DeflectionDof;
-use crate::simulation::partition::Partition;
 use crate::simulation::regions::supports;
 use std::rc::Rc;
 

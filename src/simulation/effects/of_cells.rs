@@ -3,9 +3,7 @@
 use crate::linalg::{Engine, Native};
 
 /// Engine whose matrices are those of the native engine over this process's cells.
-pub(in crate::simulation) trait OfCells:
-    Engine<Factor: 'static> + 'static
-{
+pub(in crate::simulation) trait OfCells: Engine<Factor: 'static> + 'static {
     /// Returns the native engine.
     fn native(&self) -> &Native;
 }
@@ -17,7 +15,7 @@ impl OfCells for Native {
 }
 
 #[cfg(feature = "petsc")]
-impl OfCells for crate::petsc::Distributed {
+impl OfCells for crate::distributed::Distributed {
     fn native(&self) -> &Native {
         self.cells()
     }

@@ -6,7 +6,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Rigid};
 use crate::error::{Error, Result};
 use crate::mesh::{Point, Unions};
-use crate::simulation::partition::Partition;
+use crate::partition::Partition;
 use std::collections::BTreeSet;
 
 /// Returns an error where the mesh has several parts and one of them is not held. Collective.

@@ -12,9 +12,9 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, axpy};
 use crate::mesh::Point;
+use crate::partition::Partition;
 use crate::scheme::{Start, System};
 use crate::simulation::DofCoordinates;
-use crate::simulation::partition::Partition;
 
 /// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;

@@ -7,9 +7,9 @@ use crate::assembly;
 use crate::error::Result;
 use crate::linalg::Form;
 use crate::obstacle::Bounds;
+use crate::partition::Partition;
 use crate::scheme::{self, System};
 use crate::simulation::judge;
-use crate::simulation::partition::Partition;
 
 /// Context for the computation of equilibria.
 pub(super) struct Statics<'g, P: Partition> {

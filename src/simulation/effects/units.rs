@@ -1,7 +1,7 @@
 //! Check for lengths that cannot be in metres.
 
 use super::ground::BuildContext;
-use crate::simulation::partition::Partition;
+use crate::partition::Partition;
 
 /// Ratio of span to thickness above which a warning asks for the unit: 600 m for 3 mm is 200,000, a
 /// foil of 1 m for 0.1 mm 10,000.

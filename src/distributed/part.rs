@@ -1,10 +1,10 @@
 //! Mesh of a plate over all ranks: partitioned, then refined in parallel.
 
-use super::{Comm, Context, Dofs, Index, Plex, Section, WorldComm};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place, Support};
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
+use crate::petsc::{Comm, Context, Dofs, Index, Plex, Section, WorldComm};
 use std::ops::Range;
 use std::rc::Rc;
 

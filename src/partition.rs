@@ -5,7 +5,7 @@ use crate::error::Result;
 
 /// Relation of this rank's part of the mesh to the parts of the other ranks and to the dofs of the
 /// engine. A copy refers to the same part.
-pub(super) trait Partition: Clone + 'static {
+pub trait Partition: Clone + 'static {
     /// Communicator of the ranks that have the mesh.
     type Comm: Communicator;
 
@@ -34,7 +34,7 @@ pub(super) trait Partition: Clone + 'static {
 
 /// Whole mesh on a single process, whose local dofs are those of the engine.
 #[derive(Clone, Copy)]
-pub(super) struct WholeMesh;
+pub struct WholeMesh;
 
 impl Partition for WholeMesh {
     type Comm = SelfComm;

@@ -1,0 +1,309 @@
+//! Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
+
+use super::adder::Adder;
+use super::factor::{DistributedFactor, is_direct};
+use super::part::Part;
+use crate::communicator::Communicator;
+use crate::dof_map::PER_NODE;
+use crate::error::Result;
+use crate::linalg::vectors::dot;
+use crate::linalg::{Engine, Form, LinearCombination, Native};
+use crate::petsc::{Comm, Context, Index, Matrix, Plex, Vector, WorldComm};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
+///
+/// Each rank multiplies with its own cells. Vectors hold the free dofs of the nodes that a rank
+/// owns, in PETSc's order. A product is that of the native engine over the dofs of the rank's cells
+/// (and thus avoids the loss of h^-4 relative accuracy), with an exchange of shared dofs before and
+/// after.
+pub struct Distributed {
+    context: Rc<Context>,
+    plex: Rc<Plex>,
+    /// Native engine of this rank's cells, on local vectors.
+    cells: Native,
+    /// Position of each local dof in global vectors; negative for a constrained dof.
+    global: Vec<Index>,
+    /// Position of this rank's first dof in global vectors, and the number of its dofs.
+    first: usize,
+    own: usize,
+    work: RefCell<Work>,
+    /// Rigid motions of the plate (a translation and two tilts), over the dofs that this rank owns.
+    rigid: [Vec<f64>; 3],
+    /// Whether free dofs come in threes on every rank: no extra dof, no partly constrained node.
+    whole_nodes: bool,
+}
+
+struct Work {
+    global: Vector,
+    /// Input of products in local vectors: zero at constrained dofs.
+    read: Vector,
+    /// Output of products in local vectors.
+    given: Vector,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    m: Vec<f64>,
+}
+
+impl Distributed {
+    /// Creates the engine of a plate. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn new(part: &Part) -> Result<Distributed> {
+        let plex = part.plex.clone();
+        let context = plex.context().clone();
+        let global = plex.global_dofs()?;
+        let vector = plex.global_vector()?;
+        let (first, own) = (vector.range().start as usize, vector.local_size());
+        let zeros = || vec![0.0; global.len()];
+        let (read, given) = (plex.local_vector()?, plex.local_vector()?);
+        let work = Work { global: vector, read, given, x: zeros(), y: zeros(), m: zeros() };
+        let cells = Native::with_layout(part.space.layout(&part.mesh));
+        let mut engine = Distributed {
+            context,
+            plex,
+            cells,
+            global,
+            first,
+            own,
+            work: RefCell::new(work),
+            rigid: [(); 3].map(|()| vec![0.0; own]),
+            whole_nodes: false,
+        };
+        engine.note_rigid_motions(part);
+        Ok(engine)
+    }
+
+    /// Fills in deflections and slopes of the translation and of the tilts along x and y.
+    /// Collective.
+    fn note_rigid_motions(&mut self, part: &Part) {
+        let first = self.global.len() - PER_NODE * part.mesh.nodes.len();
+        let mut whole = first == 0;
+        for (node, point) in part.mesh.nodes.iter().enumerate() {
+            let motions = [[1.0, 0.0, 0.0], [point.x, 1.0, 0.0], [point.y, 0.0, 1.0]];
+            let dofs = [0, 1, 2].map(|k| self.own_dof(first + PER_NODE * node + k));
+            whole &= dofs.iter().all(Option::is_some) || dofs.iter().all(Option::is_none);
+            for (k, dof) in dofs.iter().enumerate() {
+                if let Some(dof) = *dof {
+                    self.rigid.iter_mut().zip(motions).for_each(|(rigid, motion)| rigid[dof] = motion[k]);
+                }
+            }
+        }
+        self.whole_nodes = self.context.comm().all_reduce_all(whole);
+    }
+
+    /// Sets the near null space of a matrix, and its block size where dofs come in threes.
+    /// Collective.
+    ///
+    /// Multigrid needs both.
+    fn prepare_for_multigrid(&self, matrix: &mut Matrix) -> Result<()> {
+        if self.whole_nodes {
+            matrix.set_block_size(PER_NODE)?;
+        }
+        let vector = |values: &Vec<f64>| {
+            let mut vector = self.vector()?;
+            vector.set_local(values)?;
+            Ok(vector)
+        };
+        matrix.set_near_null_space(self.rigid.iter().map(vector).collect::<Result<_>>()?)
+    }
+
+    /// Returns the context of MPI and PETSc.
+    pub fn context(&self) -> &Rc<Context> {
+        &self.context
+    }
+
+    /// Returns the native engine of this rank's cells over local dofs, which creates forms.
+    pub fn cells(&self) -> &Native {
+        &self.cells
+    }
+
+    /// Creates a global vector of zeros.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn vector(&self) -> Result<Vector> {
+        self.plex.global_vector()
+    }
+
+    /// Returns this rank's index of a local dof, if the rank owns it and it is free.
+    pub fn own_dof(&self, local: usize) -> Option<usize> {
+        let dof = usize::try_from(self.global[local]).ok()?.checked_sub(self.first)?;
+        (dof < self.own).then_some(dof)
+    }
+
+    /// Adds up the contributions of all ranks over their local dofs. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
+        let Work { global, given, .. } = &mut *self.work.borrow_mut();
+        self.to_owners(local, own, global, given)
+    }
+
+    /// Creates an adder of contributions, which does not borrow the engine. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn adder(&self) -> Result<Adder> {
+        Adder::new(&self.plex, self.own)
+    }
+
+    /// Assembles the matrix of a linear combination of forms. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
+        let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        for (scale, form) in sum.terms() {
+            form.for_each_lower(|row, column, value| {
+                let mut add = |row: usize, column: usize| {
+                    rows.push(self.global[row]);
+                    columns.push(self.global[column]);
+                    values.push(scale * value);
+                };
+                add(row, column);
+                if row != column {
+                    add(column, row);
+                }
+            });
+        }
+        let mut matrix =
+            Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)?;
+        matrix.set_positive_definite()?;
+        Ok(matrix)
+    }
+
+    /// Gathers the values of a vector at this rank's local dofs.
+    fn to_local(&self, own: &[f64], values: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
+        all.set_local(own)?;
+        self.plex.to_local(all, local)?;
+        local.copy_to(values)
+    }
+
+    fn to_owners(&self, values: &[f64], own: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
+        local.set_local(values)?;
+        all.fill(0.0)?;
+        self.plex.add_to_global(local, all)?;
+        all.copy_to(own)
+    }
+}
+
+impl Engine for Distributed {
+    type Factor = DistributedFactor;
+    type Comm = WorldComm;
+
+    fn comm(&self) -> &WorldComm {
+        self.context.comm()
+    }
+
+    fn dofs(&self) -> usize {
+        self.own
+    }
+
+    fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
+        Ok(self.context.comm().all_reduce_sum_unordered(dot(x, y)))
+    }
+
+    fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
+        let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, read)?;
+        Ok(xl.clone())
+    }
+
+    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+        let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, read)?;
+        let value = self.cells.multiply(form, xl, yl)?;
+        self.to_owners(yl, y, global, given)?;
+        Ok(self.context.comm().all_reduce_sum_unordered(value))
+    }
+
+    fn multiply_with_magnitude(
+        &self,
+        sum: &LinearCombination,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+    ) -> Result<()> {
+        let Work { global, read, given, x: xl, y: yl, m: ml } = &mut *self.work.borrow_mut();
+        self.to_local(x, xl, global, read)?;
+        self.cells.multiply_with_magnitude(sum, xl, yl, ml)?;
+        self.to_owners(yl, y, global, given)?;
+        self.to_owners(ml, m, global, given)
+    }
+
+    fn velocities(&self, mass: &Form) -> usize {
+        match mass {
+            Form::Cells(_) => self.own,
+            Form::SingularMassCells(averages) => averages.cells(),
+        }
+    }
+
+    fn is_singular(&self, mass: &Form) -> bool {
+        matches!(mass, Form::SingularMassCells(_))
+    }
+
+    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
+        match mass {
+            Form::Cells(_) => v.copy_from_slice(x),
+            Form::SingularMassCells(_) => {
+                let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
+                self.to_local(x, xl, global, read)?;
+                self.cells.project(mass, xl, v)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
+        match mass {
+            Form::Cells(_) => {
+                self.multiply(mass, v, y)?;
+            }
+            Form::SingularMassCells(_) => {
+                let Work { global, given, y: yl, .. } = &mut *self.work.borrow_mut();
+                self.cells.project_transpose(mass, v, yl)?;
+                self.to_owners(yl, y, global, given)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
+        match mass {
+            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.own]),
+            Form::SingularMassCells(_) => {
+                let own = self.cells.mass_norm_squared(mass, v)?;
+                Ok(self.context.comm().all_reduce_sum_unordered(own))
+            }
+        }
+    }
+
+    fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
+        let mut diagonal = vec![0.0; self.own];
+        self.add_up(&self.cells.diagonal(sum)?, &mut diagonal)?;
+        Ok(diagonal)
+    }
+
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
+        let mut matrix = self.matrix(sum)?;
+        let is_direct = is_direct(&self.context)?;
+        if !is_direct {
+            self.prepare_for_multigrid(&mut matrix)?;
+        }
+        DistributedFactor::new(&self.plex, matrix, is_direct, contact_dofs)
+    }
+
+    fn change_contact_dofs(
+        &self,
+        factor: &mut DistributedFactor,
+        _: &LinearCombination,
+        contact_dofs: &[usize],
+    ) -> Result<bool> {
+        factor.set_contact_dofs(contact_dofs)?;
+        Ok(false)
+    }
+}

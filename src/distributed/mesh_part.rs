@@ -1,0 +1,62 @@
+//! Relation of a rank's part of the mesh to those of the other ranks.
+
+use super::adder::Adder;
+use super::engine::Distributed;
+use super::part::{Part, sum_at_nodes};
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::partition::Partition;
+use crate::petsc::{Plex, WorldComm};
+use std::rc::Rc;
+
+/// Part of the mesh of one rank.
+#[derive(Clone)]
+pub struct MeshPart {
+    comm: WorldComm,
+    plex: Rc<Plex>,
+    /// Engine's index of each local dof, if this rank owns it.
+    own_dofs: Rc<[Option<usize>]>,
+    /// Whether this rank owns each node.
+    own_nodes: Rc<[bool]>,
+    adder: Rc<Adder>,
+}
+
+impl MeshPart {
+    /// Relates a part of a plate to the dofs of its engine. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn new(part: &Part, engine: &Distributed) -> Result<MeshPart> {
+        Ok(MeshPart {
+            comm: engine.comm().clone(),
+            plex: part.plex.clone(),
+            own_dofs: (0..part.space.dofs()).map(|local| engine.own_dof(local)).collect(),
+            own_nodes: part.owns.as_slice().into(),
+            adder: Rc::new(engine.adder()?),
+        })
+    }
+}
+
+impl Partition for MeshPart {
+    type Comm = WorldComm;
+
+    fn comm(&self) -> &WorldComm {
+        &self.comm
+    }
+
+    fn own_dof(&self, local: usize) -> Option<usize> {
+        self.own_dofs[local]
+    }
+
+    fn owns_node(&self, node: usize) -> bool {
+        self.own_nodes[node]
+    }
+
+    fn add_up(&self, local: &[f64]) -> Result<Vec<f64>> {
+        self.adder.add_up(local)
+    }
+
+    fn sum_at_nodes(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
+        sum_at_nodes(&self.plex, of_nodes)
+    }
+}

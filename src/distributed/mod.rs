@@ -1,0 +1,17 @@
+//! Linear algebra and the mesh over all ranks, on the handles of [`petsc`](crate::petsc).
+//!
+//! A mesh is partitioned into one [`Part`] per rank. [`Distributed`] is the engine over the dofs of
+//! all parts: products cell by cell, factors and solves by PETSc. [`MeshPart`] relates the dofs and
+//! nodes of a part to those of the engine and of the other ranks.
+
+mod adder;
+mod engine;
+mod factor;
+mod mesh_part;
+mod part;
+
+pub use adder::Adder;
+pub use engine::Distributed;
+pub use factor::DistributedFactor;
+pub use mesh_part::MeshPart;
+pub use part::{Part, Supports, sum_at_nodes};
