@@ -5,7 +5,8 @@ use crate::petsc::{Plex, Vector};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Adder of the contributions of all ranks over their local dofs; see [`Distributed::adder`](super::Distributed::adder).
+/// Adder of the contributions of all ranks over their local dofs; see
+/// [`Distributed::adder`](super::Distributed::adder).
 pub struct Adder {
     plex: Rc<Plex>,
     /// Number of dofs that this rank owns.

@@ -1,5 +1,6 @@
-//! Safe handles on PETSc objects and on MPI. The crate has unsafe code in files of this folder only,
-//! each of which says so at its top.
+//! Safe handles on PETSc objects and on MPI.
+//!
+//! The crate has unsafe code in files of this folder only, each of which allows it at its top.
 //!
 //! [`Context::start`] starts MPI and PETSc. Every handle keeps the context alive, frees its object
 //! when it is dropped and stays on its thread. Errors of PETSc become an

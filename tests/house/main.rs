@@ -1,6 +1,8 @@
 //! Rules that the source keeps: the order of imports among modules, one meaning per name, and
 //! comments that can be read alone.
 
+mod circles;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -120,6 +122,16 @@ fn a_planted_import_is_found() {
         "src/vi/kkt.rs:1: vi imports study"
     );
     assert_eq!(planted("cli/run.rs", "use crate::{Error, scene::Scene};"), "");
+}
+
+#[test]
+fn unsafe_code_is_allowed_in_files_of_handles_only() {
+    let sources = sources();
+    let allowed = |source: &&Source| source.code().any(|(_, line)| line.contains("unsafe_code"));
+    let allowed: Vec<&str> = sources.iter().filter(allowed).map(|source| &*source.path).collect();
+    assert!(allowed.contains(&"petsc/context.rs"));
+    let elsewhere = |path: &&str| !path.starts_with("petsc/") || *path == "petsc/mod.rs";
+    assert_eq!(allowed.into_iter().find(elsewhere), None);
 }
 
 /// Names of types that several modules still define.
