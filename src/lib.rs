@@ -15,9 +15,10 @@
 //! | [`memory`] | available memory, and refusal of work that does not fit |
 //! | [`archive`] | saving and restoring the state of a run |
 //! | [`motion`] | a state from which another run starts |
-//! | [`mesh`] | nodes, cells and their names; rectangles and Gmsh files |
+//! | [`geometry`] | points and polygons |
 //! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
+//! | [`mesh`] | nodes, cells and their names; rectangles and Gmsh files |
 //! | [`plate`] | element matrices from thickness and material |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
 //! | [`dof_map`] | three dofs per node, supports |
@@ -90,9 +91,10 @@ pub mod memory;
 mod input;
 pub mod archive;
 pub mod motion;
-pub mod mesh;
+pub mod geometry;
 pub mod field;
 pub mod element;
+pub mod mesh;
 pub mod plate;
 pub mod linalg;
 pub mod dof_map;

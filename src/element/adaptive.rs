@@ -10,7 +10,7 @@ use super::quadrature::{DEGREE_3, DEGREE_6, Node};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::field::Enclosure;
-use crate::mesh::Point;
+use crate::geometry::Point;
 use std::collections::BTreeMap;
 
 /// Function over the plate that can be integrated adaptively.

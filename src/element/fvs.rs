@@ -13,7 +13,7 @@
 
 use super::{Element, fan};
 use crate::error::Result;
-use crate::mesh::{Point, require_convex};
+use crate::geometry::{Point, require_convex};
 
 /// Creates the element on a quadrilateral of counter-clockwise vertices, in m.
 ///

@@ -19,7 +19,7 @@ pub mod quadrature;
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
-use crate::mesh::Point;
+use crate::geometry::Point;
 
 /// Values and derivatives of an element's basis functions at a point; column (or entry) `i` belongs
 /// to dof `i`.

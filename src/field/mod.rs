@@ -21,7 +21,7 @@
 //!
 //! ```
 //! use rebond::field::{Field, Names};
-//! use rebond::mesh::Point;
+//! use rebond::geometry::Point;
 //!
 //! let pressure = Field::parse("-100*sin(2*pi*50*t)*(1 - x)", Names::XYT)?;
 //! let value = pressure.value(Point::new(0.25, 0.0), 0.005)?;
@@ -54,7 +54,7 @@ use std::ops::Range;
 
 use serde::{Serialize, Serializer};
 
-use crate::mesh::Point;
+use crate::geometry::Point;
 pub use breaks::{Break, Breaks, MOST_LOOKS};
 use code::{Binary, Instruction, LANES, Lanes, Number, Unary};
 use enclosure::Sided;

@@ -8,8 +8,9 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::{Cell, Grid, Mesh, Point, quality};
+use super::{Cell, Grid, Mesh, Point};
 use crate::error::{Error, Result};
+use crate::geometry;
 
 /// Distance up to which a node counts as at a point, relative to the size of the plate.
 pub(crate) const NEAR: f64 = 1e-6;
@@ -601,5 +602,5 @@ fn cell_quality(vertices: &[Point]) -> f64 {
     let (least, most) = angles.fold((PI, 0.0_f64), |(least, most), a| (least.min(a), most.max(a)));
     // Large angles are worse than small ones.
     let (small, large) = if count == 3 { (3.0 / PI, 1.5 / PI) } else { (2.0 / PI, 2.0 / PI) };
-    if quality::area(vertices) <= 0.0 { -1.0 } else { (small * least).min((large * (PI - most)).powi(2)) }
+    if geometry::area(vertices) <= 0.0 { -1.0 } else { (small * least).min((large * (PI - most)).powi(2)) }
 }

@@ -18,13 +18,12 @@ pub use insert::{Made, Mark};
 pub(crate) use insert::{NEAR, nearness};
 pub use parts::Part;
 pub(crate) use parts::Unions;
-pub(crate) use quality::require_convex;
 pub use rectangle::{Diagonal, ElementKind, Grid};
 
-use crate::error::{Error, Result};
+pub use crate::geometry::Point;
 
-/// Point of the plate's mid-plane, in m.
-pub type Point = nalgebra::Point2<f64>;
+use crate::error::{Error, Result};
+use crate::geometry;
 
 /// Cell, given by the numbers of its nodes, counter-clockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -79,7 +78,7 @@ impl Mesh {
 
     /// Returns the area of a cell, in m^2; it is negative if the nodes run clockwise.
     pub fn area(&self, cell: usize) -> f64 {
-        quality::area(&self.vertices(cell))
+        geometry::area(&self.vertices(cell))
     }
 
     /// Returns the centroid of a cell, in m.
@@ -101,8 +100,9 @@ impl Mesh {
     pub fn locate(&self, point: Point) -> Option<usize> {
         (0..self.cells.len()).find(|&cell| {
             let vertices = self.vertices(cell);
-            let slack = LOCATE * quality::longest_edge(&vertices);
-            quality::sides(&vertices).all(|(start, side)| side.perp(&(point - start)) >= -slack * side.norm())
+            let slack = LOCATE * geometry::longest_edge(&vertices);
+            geometry::sides(&vertices)
+                .all(|(start, side)| side.perp(&(point - start)) >= -slack * side.norm())
         })
     }
 

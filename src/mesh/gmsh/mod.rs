@@ -9,8 +9,9 @@ mod sections;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-use super::{Cell, Mesh, Point, quality};
+use super::{Cell, Mesh, Point};
 use crate::error::Result;
+use crate::geometry;
 use crate::input;
 use cursor::Cursor;
 use sections::{Block, Node, Sections, physical};
@@ -185,7 +186,7 @@ impl Sections<'_> {
             for nodes in block.nodes.chunks_exact(block.shape.nodes()) {
                 let mut nodes: Vec<usize> = nodes.iter().filter_map(|&index| numbers[index]).collect();
                 let vertices: Vec<Point> = nodes.iter().map(|&node| mesh.nodes[node]).collect();
-                if quality::area(&vertices) < 0.0 {
+                if geometry::area(&vertices) < 0.0 {
                     nodes[1..].reverse();
                 }
                 let cell = cell(&nodes);

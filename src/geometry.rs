@@ -1,0 +1,60 @@
+//! Points of the plate's mid-plane and the polygons that they make.
+
+use std::fmt::Display;
+
+use nalgebra::Vector2;
+
+use crate::error::{Error, Result};
+
+/// Point of the plate's mid-plane, in m.
+pub type Point = nalgebra::Point2<f64>;
+
+/// Smallest cross product of the two sides at a corner, relative to the square of the longest side,
+/// above which the corner is not flat.
+///
+/// At that flatness the element's second derivatives, which are differences of the order of its
+/// square, consist of rounding only.
+const FLAT: f64 = 1e-8;
+
+/// Checks that a polygon is finite, counter-clockwise and strictly convex; messages call it `name`.
+pub(crate) fn require_convex(name: impl Display, vertices: &[Point]) -> Result<()> {
+    let flat = FLAT * longest_edge(vertices).powi(2);
+    let area = area(vertices);
+    let count = vertices.len();
+    let mut spans = (0..count).map(|i| {
+        let corner = vertices[i];
+        (vertices[(i + 1) % count] - corner).perp(&(vertices[(i + count - 1) % count] - corner))
+    });
+    let flaw = if vertices.iter().any(|v| !(v.x.is_finite() && v.y.is_finite())) {
+        "has a coordinate that is not a finite number"
+    } else if area.abs() <= flat || area.is_nan() {
+        "is degenerate: its area is negligible"
+    } else if area < 0.0 {
+        "is inverted: its nodes run clockwise"
+    } else if !spans.all(|span| span > flat) {
+        "is not strictly convex"
+    } else {
+        return Ok(());
+    };
+    Err(Error::Mesh(format!("{name} {flaw}; its vertices are {}", list(vertices))))
+}
+
+/// Returns the start of each side of a polygon, and the side as a vector.
+pub(crate) fn sides(vertices: &[Point]) -> impl Iterator<Item = (Point, Vector2<f64>)> + '_ {
+    vertices.iter().zip(vertices.iter().cycle().skip(1)).map(|(a, b)| (*a, b - a))
+}
+
+/// Returns the length of the longest side of a polygon, in m.
+pub(crate) fn longest_edge(vertices: &[Point]) -> f64 {
+    sides(vertices).map(|(_, side)| side.norm()).fold(0.0, f64::max)
+}
+
+/// Returns the signed area of a polygon, computed from differences of coordinates, in m^2.
+pub(crate) fn area(vertices: &[Point]) -> f64 {
+    vertices.windows(2).skip(1).map(|v| (v[0] - vertices[0]).perp(&(v[1] - vertices[0]))).sum::<f64>() / 2.0
+}
+
+/// Formats points as `(0, 0), (1, 0), (0, 1)`.
+pub(crate) fn list(points: &[Point]) -> String {
+    points.iter().map(|p| format!("({}, {})", p.x, p.y)).collect::<Vec<_>>().join(", ")
+}
