@@ -29,7 +29,7 @@ FAULTS = [
      "ordinate[3 * i + 1] = vector.x / 3.03;", "plate", "elements::"),
     ("1 % in the consistent mass", "src/plate.rs", "(mass + mass.transpose()) / 2.0",
      "(mass + mass.transpose()) / 1.98", "plate", "frequencies::"),
-    ("1 % in the rows of B", "src/assembly.rs", "coupling: (moments * first.density).as_slice().into(),",
+    ("1 % in the rows of B", "src/assembly/local.rs", "coupling: (moments * first.density).as_slice().into(),",
      "coupling: (moments * (1.01 * first.density)).as_slice().into(),", "schemes", "exact::"),
     ("restitution ignored", "src/scheme/newmark.rs", "let e = self.parameters.restitution;\n        (1.0 + e) *",
      "let e = 0.0;\n        (1.0 + e) *", "schemes", "bouncing_ball::"),

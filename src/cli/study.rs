@@ -9,7 +9,7 @@ use crate::output::write_atomic;
 use crate::petsc::Context;
 #[cfg(feature = "petsc")]
 use crate::scene::EngineName;
-use crate::scene::Scene;
+use crate::scene::{ElementKind, Scene};
 #[cfg(feature = "petsc")]
 use crate::simulation::Model;
 #[cfg(feature = "petsc")]
@@ -55,8 +55,8 @@ struct Lists {
     /// Time steps in s
     #[arg(long, value_name = "NUMBERS")]
     steps: Option<String>,
-    /// Elements: hct, fvs
-    #[arg(long, value_name = "NAMES")]
+    // Elements: their list is the registry's.
+    #[arg(long, value_name = "NAMES", help = format!("Elements: {}", ElementKind::LIST.replace(" | ", ", ")))]
     elements: Option<String>,
     /// Meshes, such as 10x4,20x8
     #[arg(long, value_name = "NXxNY")]

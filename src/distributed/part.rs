@@ -2,6 +2,7 @@
 
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place, Support};
+use crate::element::ElementByShape;
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
 use crate::petsc::{Comm, Context, Dofs, Index, Plex, Section, WorldComm};
@@ -16,12 +17,13 @@ const POINT: &str = "point";
 /// Names of the sides of a grid.
 const SIDES: [&str; 4] = ["left", "right", "bottom", "top"];
 
-/// Names of a mesh, in the order of their label values.
+/// Names of a mesh, in the order of their label values, and the elements of its cells.
 #[derive(Default, serde::Serialize, serde::Deserialize)]
 struct Names {
     edges: Vec<String>,
     groups: Vec<String>,
     points: Vec<String>,
+    elements: ElementByShape,
 }
 
 impl Names {
@@ -30,6 +32,7 @@ impl Names {
             edges: mesh.edges.keys().cloned().collect(),
             groups: mesh.groups.keys().cloned().collect(),
             points: mesh.points.keys().cloned().collect(),
+            elements: mesh.elements,
         }
     }
 }
@@ -78,7 +81,8 @@ impl Part {
         for (value, points) in (1..).zip(&sides(&plex, grid)?) {
             plex.label(EDGE, value, points)?;
         }
-        let names = Names { edges: SIDES.map(String::from).to_vec(), ..Names::default() };
+        let edges = SIDES.map(String::from).to_vec();
+        let names = Names { edges, elements: grid.element().into(), ..Names::default() };
         Part::build(plex, &names, refinements, supports, extra)
     }
 
@@ -229,7 +233,7 @@ fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<
     let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
     let number = |vertex: Index| (vertex - vertices.start) as usize;
     let nodes = plex.coordinates()?.into_iter().map(Point::from).collect();
-    let mut mesh = Mesh { nodes, ..Mesh::default() };
+    let mut mesh = Mesh { nodes, elements: names.elements, ..Mesh::default() };
     for cell in cells.clone() {
         let corners: Vec<usize> = plex.corners(cell)?.into_iter().map(number).collect();
         mesh.cells.push(match corners[..] {

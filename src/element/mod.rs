@@ -1,21 +1,28 @@
 //! Conforming plate elements, made of cubics in Bernstein-Bezier form and built in physical space.
 //!
-//! Both elements divide their cell into triangles around a centre and take a cubic on each. They
-//! are C1 inside the cell and have a normal derivative that is *linear* along each outer edge.
+//! Every element divides its cell into triangles around a centre and takes a cubic on each. It
+//! is C1 inside the cell and has a normal derivative that is *linear* along each outer edge.
 //! Deflection and slopes along an edge then depend on the dofs of its two nodes only, so that cells
-//! of either kind join with C1 continuity, which Kirchhoff-Love plates need. Because nothing is
-//! mapped from a reference cell, both elements contain every quadratic on every cell shape.
+//! of every kind join with C1 continuity, which Kirchhoff-Love plates need. Because nothing is
+//! mapped from a reference cell, every element contains every quadratic on every cell shape.
 //!
 //! The dofs of a cell are `(w, w_x, w_y)` at each vertex, in the order of the vertices.
-//! [`hct::element`] and [`fvs::element`] return an [`Element`] of 9 and of 12 dofs.
+//! [`hct::element`] and [`fvs::element`] return an [`Element`] of 9 and of 12 dofs, and
+//! [`ElementKind`] lists them for all who choose one; an [`AnyElement`] is either.
 //!
 //! Source for the Bezier form and its C1 conditions: Lai and Schumaker, *Spline Functions on
 //! Triangulations*, 2007, chapters 2 and 6.
 
 pub mod adaptive;
+mod any;
 pub mod fvs;
 pub mod hct;
 pub mod quadrature;
+mod registry;
+
+pub(crate) use any::with_element;
+pub use any::{AnyElement, BasisFunction};
+pub use registry::{CellShape, ElementByShape, ElementKind};
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 

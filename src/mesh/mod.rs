@@ -18,19 +18,21 @@ pub use insert::{Made, Mark};
 pub(crate) use insert::{NEAR, nearness};
 pub use parts::Part;
 pub(crate) use parts::Unions;
-pub use rectangle::{Diagonal, ElementKind, Grid};
+pub use rectangle::{Diagonal, Grid};
 
+pub use crate::element::ElementKind;
 pub use crate::geometry::Point;
 
+use crate::element::{AnyElement, CellShape, ElementByShape};
 use crate::error::{Error, Result};
 use crate::geometry;
 
 /// Cell, given by the numbers of its nodes, counter-clockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cell {
-    /// Triangle, which carries the reduced Hsieh-Clough-Tocher element.
+    /// Triangle.
     Triangle([usize; 3]),
-    /// Strictly convex quadrilateral, which carries the reduced Fraeijs de Veubeke-Sander element.
+    /// Strictly convex quadrilateral.
     Quadrilateral([usize; 4]),
 }
 
@@ -43,6 +45,14 @@ impl Cell {
         }
     }
 
+    /// Returns the cell's shape.
+    pub fn shape(&self) -> CellShape {
+        match self {
+            Cell::Triangle(_) => CellShape::Triangle,
+            Cell::Quadrilateral(_) => CellShape::Quadrilateral,
+        }
+    }
+
     /// Returns the cell's edges, counter-clockwise, from the first node on; the cell lies to the
     /// left of each.
     pub fn edges(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
@@ -51,14 +61,15 @@ impl Cell {
     }
 }
 
-/// Conforming mesh of triangles, quadrilaterals or both; the two elements fit together along an
-/// edge.
+/// Conforming mesh of triangles, quadrilaterals or both; all elements fit together along an edge.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Coordinates of the nodes, in m.
     pub nodes: Vec<Point>,
     /// Cells of the mesh.
     pub cells: Vec<Cell>,
+    /// Elements that the cells carry.
+    pub elements: ElementByShape,
     /// Named edges, which supports can hold. Each is a list of node pairs that are edges of cells.
     pub edges: BTreeMap<String, Vec<[usize; 2]>>,
     /// Named groups of cells, as cell numbers: parts of the plate.
@@ -74,6 +85,14 @@ impl Mesh {
     /// Returns the vertices of a cell, counter-clockwise.
     pub fn vertices(&self, cell: usize) -> Vec<Point> {
         self.cells[cell].nodes().iter().map(|&node| self.nodes[node]).collect()
+    }
+
+    /// Creates the element of a cell.
+    ///
+    /// # Errors
+    /// Returns [`Error::Mesh`] for a cell that cannot carry its element.
+    pub fn element(&self, cell: usize) -> Result<AnyElement> {
+        self.elements.of(self.cells[cell].shape()).on(&self.vertices(cell))
     }
 
     /// Returns the area of a cell, in m^2; it is negative if the nodes run clockwise.

@@ -1,6 +1,7 @@
 //! Structured meshes of a rectangle.
 
 use super::{Cell, Mesh, Point};
+use crate::element::{CellShape, ElementKind};
 use crate::error::{Error, Result};
 
 /// Direction of the diagonal that divides each rectangle into two triangles.
@@ -14,16 +15,6 @@ pub enum Diagonal {
     Left,
     /// Both in a checkerboard; the rectangle at the origin has `/`.
     Alternating,
-}
-
-/// Kind of element, which determines the shape of the cells.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ElementKind {
-    /// Reduced Hsieh-Clough-Tocher triangles.
-    Hct,
-    /// Reduced Fraeijs de Veubeke-Sander quadrilaterals.
-    Fvs,
 }
 
 /// Largest number of nodes, for which the numbers of their three dofs fit a signed 32-bit integer.
@@ -65,6 +56,11 @@ impl Grid {
         Ok(Grid { sides, cells, kind, diagonal })
     }
 
+    /// Returns the element that the cells carry.
+    pub fn element(&self) -> ElementKind {
+        self.kind
+    }
+
     /// Returns the number of nodes.
     pub fn nodes(&self) -> usize {
         (self.cells[0] + 1) * (self.cells[1] + 1)
@@ -94,12 +90,12 @@ impl Grid {
         let [v00, v10, v11, v01] = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
         let right =
             self.diagonal == Diagonal::Right || self.diagonal == Diagonal::Alternating && (i + j) % 2 == 0;
-        let (first, second) = match self.kind {
-            ElementKind::Fvs => (Cell::Quadrilateral([v00, v10, v11, v01]), None),
-            ElementKind::Hct if right => {
+        let (first, second) = match self.kind.shape() {
+            CellShape::Quadrilateral => (Cell::Quadrilateral([v00, v10, v11, v01]), None),
+            CellShape::Triangle if right => {
                 (Cell::Triangle([v00, v10, v11]), Some(Cell::Triangle([v00, v11, v01])))
             }
-            ElementKind::Hct => (Cell::Triangle([v01, v00, v10]), Some(Cell::Triangle([v01, v10, v11]))),
+            CellShape::Triangle => (Cell::Triangle([v01, v00, v10]), Some(Cell::Triangle([v01, v10, v11]))),
         };
         std::iter::once(first).chain(second)
     }
@@ -127,9 +123,9 @@ impl Mesh {
         diagonal: Diagonal,
     ) -> Result<Mesh> {
         let grid = Grid::new([length, width], cells, kind, diagonal)?;
-        let mut mesh = Mesh::default();
+        let mut mesh = Mesh { elements: kind.into(), ..Mesh::default() };
         let reserved = mesh.nodes.try_reserve_exact(grid.nodes());
-        let count = if kind == ElementKind::Hct { 2 } else { 1 } * grid.rectangles();
+        let count = kind.shape().per_rectangle() * grid.rectangles();
         if reserved.and(mesh.cells.try_reserve_exact(count)).is_err() {
             return Err(too_many(cells));
         }

@@ -40,10 +40,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize, Serializer};
 
 pub use crate::dof_map::Support as SupportKind;
+use crate::element::CellShape;
+pub use crate::element::ElementKind;
 use crate::error::Result;
 use crate::field::Condition;
 use crate::input;
-pub use crate::mesh::{Diagonal, ElementKind};
+pub use crate::mesh::Diagonal;
 use crate::mesh::{Import, Mesh};
 use crate::motion::Motion;
 pub use crate::plate::Plate;
@@ -506,8 +508,8 @@ impl Grid {
 
     /// Returns a mesh of the same kind with other cells.
     pub fn with(&self, element: ElementKind, cells: [usize; 2], refine: u32) -> Grid {
-        let diagonal =
-            (element == ElementKind::Hct && cells != [0, 0]).then(|| self.diagonal.unwrap_or_default());
+        let diagonal = (element.shape() == CellShape::Triangle && cells != [0, 0])
+            .then(|| self.diagonal.unwrap_or_default());
         Grid { element, cells, diagonal, refine }
     }
 }

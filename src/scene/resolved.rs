@@ -2,8 +2,8 @@
 
 use super::typed::Choice;
 use super::{
-    Ball, ContactSolver, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region, Scene,
-    SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
+    Ball, ContactSolver, ElementKind, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region,
+    Scene, SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
 };
 use crate::field::Field;
 use crate::plate::Orthotropy;
@@ -172,7 +172,7 @@ fn mesh(scene: &Scene, found: bool) -> Vec<Row> {
         None => {
             let [nx, ny] = grid.cells;
             vec![
-                ("element", word(grid.element), "hct | fvs"),
+                ("element", word(grid.element), ElementKind::LIST),
                 ("cells", format!("[{nx}, {ny}]"), "rectangles along x and y"),
             ]
         }

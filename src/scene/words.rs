@@ -7,10 +7,6 @@ use super::{
 use crate::field::Interpolation;
 use std::fmt;
 
-impl Choice for ElementKind {
-    const WORDS: &'static [(&'static str, Self)] = &[("hct", Self::Hct), ("fvs", Self::Fvs)];
-}
-
 impl Choice for Diagonal {
     const WORDS: &'static [(&'static str, Self)] =
         &[("right", Self::Right), ("left", Self::Left), ("alternating", Self::Alternating)];
@@ -66,6 +62,7 @@ macro_rules! named_by_registry {
     };
 }
 
+named_by_registry!(ElementKind, element => element.name());
 named_by_registry!(SchemeName, scheme => scheme.capabilities().name);
 named_by_registry!(ContactSolver, solver => solver.name());
 
@@ -80,4 +77,4 @@ macro_rules! shown_as_words {
     };
 }
 
-shown_as_words!(SchemeName, Mass, EngineName, ContactSolver);
+shown_as_words!(ElementKind, SchemeName, Mass, EngineName, ContactSolver);

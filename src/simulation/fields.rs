@@ -10,7 +10,7 @@ use super::regions;
 use crate::assembly::CellArrays;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
-use crate::element::{Basis, fvs, hct};
+use crate::element::{AnyElement, BasisFunction};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
@@ -109,7 +109,7 @@ impl Fields {
             let (corners, small) = subdivided(cell, &vertices, parts);
             let class = cells[number].class;
             if let std::collections::hash_map::Entry::Vacant(new) = tables.entry(class) {
-                new.insert(basis(&vertices, &corners)?);
+                new.insert(basis(&mesh.element(number)?, &corners));
             }
             let mut numbers = Vec::with_capacity(corners.len());
             for (local, corner) in corners.iter().enumerate() {
@@ -355,21 +355,11 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
 }
 
 /// Returns the basis functions of a cell at its points.
-fn basis(vertices: &[Point], corners: &[Corner]) -> Result<Vec<Rows>> {
-    fn rows<const N: usize>(basis: Basis<N>) -> Rows {
-        let along = |axis: usize| basis.gradient.row(axis).iter().copied().collect();
-        [basis.value.as_slice().to_vec(), along(0), along(1)]
-    }
-    let points = corners.iter().map(|corner| corner.at);
-    match *vertices {
-        [a, b, c] => {
-            let element = hct::element([a, b, c])?;
-            Ok(points.map(|at| rows(element.basis_at(at))).collect())
-        }
-        [a, b, c, d] => {
-            let element = fvs::element([a, b, c, d])?;
-            Ok(points.map(|at| rows(element.basis_at(at))).collect())
-        }
-        _ => unreachable!("cells have three or four vertices"),
-    }
+fn basis(element: &AnyElement, corners: &[Corner]) -> Vec<Rows> {
+    let rows = |corner: &Corner| {
+        let functions = element.basis_at(corner.at);
+        let row = |of: fn(&BasisFunction) -> f64| functions.iter().map(of).collect();
+        [row(|of| of.value), row(|of| of.gradient[0]), row(|of| of.gradient[1])]
+    };
+    corners.iter().map(rows).collect()
 }

@@ -1,9 +1,10 @@
 //! Mesh of a scene, refused before it is built where its run would not fit into the memory.
 
+use crate::element::CellShape;
 use crate::error::Result;
 use crate::memory;
 use crate::mesh::{Diagonal, Made, Mark, Mesh, Point};
-use crate::scene::{ElementKind, EngineName, Grid, Region, Scene, SupportLocation};
+use crate::scene::{EngineName, Grid, Region, Scene, SupportLocation};
 
 /// Peak memory of the set-up, in bytes per triangle and per quadrangle: mesh, local arrays, entries
 /// of the step matrix. Measured for congruent cells, which share their arrays; others take up to
@@ -127,15 +128,17 @@ fn plain_mesh(scene: &Scene) -> Result<Mesh> {
 
 /// Returns the numbers of triangles and quadrangles of a mesh.
 pub(super) fn kinds(mesh: &Mesh) -> [u64; 2] {
-    let triangles = mesh.cells.iter().filter(|cell| cell.nodes().len() == 3).count();
+    let triangles = mesh.cells.iter().filter(|cell| cell.shape() == CellShape::Triangle).count();
     [triangles, mesh.cells.len() - triangles].map(|count| count as u64)
 }
 
 /// Returns the numbers of triangles and quadrangles of a grid before refinement.
 pub(super) fn rectangles(grid: &Grid) -> [u64; 2] {
-    let rectangles = grid.cells.map(|cells| cells as u64).iter().product();
-    match grid.element {
-        ElementKind::Hct => [2 * rectangles, 0],
-        ElementKind::Fvs => [0, rectangles],
+    let rectangles: u64 = grid.cells.map(|cells| cells as u64).iter().product();
+    let shape = grid.element.shape();
+    let cells = rectangles * shape.per_rectangle() as u64;
+    match shape {
+        CellShape::Triangle => [cells, 0],
+        CellShape::Quadrilateral => [0, cells],
     }
 }

@@ -8,6 +8,7 @@
 
 use super::accuracy::run_native;
 use super::accuracy::trajectory::Trajectory;
+use crate::element::ElementKind;
 use crate::error::{Error, Result};
 use crate::output::plot::{Axis, Curve, Figure, Obstacle, Panel};
 use crate::output::text::significant;
@@ -41,7 +42,11 @@ const ROUNDING: f64 = 1e-9;
 const ROWS: f64 = 1e-4;
 
 /// Element with the numbers of its figures: deflection, Newmark's energy, midpoint energy.
-const ELEMENTS: [(&str, [usize; 3]); 2] = [("hct", [1, 3, 5]), ("fvs", [2, 4, 6])];
+const ELEMENTS: [(ElementKind, [usize; 3]); 2] =
+    [(ElementKind::Hct, [1, 3, 5]), (ElementKind::Fvs, [2, 4, 6])];
+
+/// Number of rectangles of the paper's meshes, 10 x 4.
+const RECTANGLES: usize = 40;
 
 /// Variant of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -184,8 +189,9 @@ pub fn figures(folder: &Path, smallest: f64, command: &str, starts: &mut dyn FnM
             [(&[][..], "", ""), (&[Kind::Exact, Kind::Conserving], "-more", ", with conserving and exact")]
         {
             let draw = |number: usize, what: &str, panels: Vec<Panel>| {
-                let shape = if element == "hct" { "80 HCT triangles" } else { "40 FVS quadrilaterals" };
-                let title = format!("CSMA 2013, figure {number}: {what}, {shape}{beyond}");
+                let cells = RECTANGLES * element.shape().per_rectangle();
+                let of = element.title();
+                let title = format!("CSMA 2013, figure {number}: {what}, {cells} {of}{beyond}");
                 let file = folder.join(format!("fig{number}{name}"));
                 panels.into_iter().fold(Figure::new(title).note(command), Figure::panel).write(&file)
             };
@@ -254,7 +260,7 @@ fn energies(runs: &mut Runs, figure: usize, heading: &str, kinds: &[Kind], steps
 
 /// Relative changes of the energy at the end, one per step.
 struct Changes {
-    element: &'static str,
+    element: ElementKind,
     absorbing: Vec<f64>,
     bouncing: Vec<f64>,
     midpoint: Vec<f64>,

@@ -149,14 +149,18 @@ pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
     all.filter(serves).collect()
 }
 
+/// Returns all elements in the order of the tables, the last of the registry first.
+fn elements() -> impl Iterator<Item = ElementKind> {
+    ElementKind::ALL.into_iter().rev()
+}
+
 /// Returns the variants of a scene: each element with each method.
 ///
-/// Elements are both kinds on a grid, or those of the mesh file.
+/// Elements are all kinds on a grid, or those of the mesh file.
 pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Scene, Method)> {
     let mut variants = Vec::new();
-    let both = [ElementKind::Fvs, ElementKind::Hct];
-    let elements = if scene.file.is_some() { &both[..1] } else { &both };
-    for &element in elements {
+    let count = if scene.file.is_some() { 1 } else { ElementKind::ALL.len() };
+    for element in elements().take(count) {
         let mesh = match scene.file {
             Some(_) => scene.mesh,
             None => scene.mesh.with(element, scene.mesh.cells, scene.mesh.refine),
@@ -427,7 +431,7 @@ impl Stability {
     /// solver.
     fn overview(&self, engine: EngineName, vi: ContactSolver) -> Table {
         let methods = methods(engine, vi);
-        let mut heads = vec!["fvs | hct".to_owned()];
+        let mut heads = vec![elements().map(ElementKind::name).collect::<Vec<_>>().join(" | ")];
         for method in &methods {
             let alone = Method { engine: EngineName::Native, vi: ContactSolver::Condensed, ..*method };
             heads.push(alone.to_string().replace(' ', "\n"));
@@ -444,7 +448,7 @@ impl Stability {
                     case.trials.iter().filter(|t| t.method == *method).map(Trial::word).collect();
                 match &words[..] {
                     [] => "-".into(),
-                    [one, other] if one == other => one.clone(),
+                    [one, others @ ..] if others.iter().all(|other| other == one) => one.clone(),
                     words => words.join(" | "),
                 }
             };

@@ -1,11 +1,11 @@
-//! The two elements and the plate's matrices on them, tested against their definition and against
+//! The elements and the plate's matrices on them, tested against their definition and against
 //! independent numbers.
 
 use nalgebra::{SMatrix, SVector, Vector2};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use rebond::Error;
-use rebond::element::{Basis, Element, fvs, hct, quadrature};
+use rebond::element::{AnyElement, Basis, CellShape, Element, ElementKind, fvs, hct, quadrature};
 use rebond::mesh::Point;
 use rebond::plate::{Plate, load, moments};
 use serde_json::Value;
@@ -275,9 +275,17 @@ proptest! {
     #![proptest_config(reproducible(500))]
 
     #[test]
-    fn both_elements_are_themselves_on_every_cell(triangle in triangle(), quadrilateral in quadrilateral()) {
-        assert_is_the_element(&triangle, hct::element(triangle).unwrap());
-        assert_is_the_element(&quadrilateral, fvs::element(quadrilateral).unwrap());
+    fn every_element_is_itself_on_every_cell(triangle in triangle(), quadrilateral in quadrilateral()) {
+        for kind in ElementKind::ALL {
+            let vertices = match kind.shape() {
+                CellShape::Triangle => &triangle[..],
+                CellShape::Quadrilateral => &quadrilateral[..],
+            };
+            match kind.on(vertices).unwrap() {
+                AnyElement::Triangle(element) => assert_is_the_element(vertices, element),
+                AnyElement::Quadrilateral(element) => assert_is_the_element(vertices, element),
+            }
+        }
     }
 }
 
@@ -317,10 +325,27 @@ fn neighbours_of_either_kind_meet_with_one_slope() {
     let [a, b, c, d, e, f] =
         [[0.0, 0.0], [1.1, 0.2], [0.9, 1.3], [-0.2, 0.8], [2.1, 0.1], [1.8, 1.2]].map(|p| turn.apply(p));
     // The edge from b to c has its left side first.
-    assert_c1_across(1, hct::element([a, b, c]).unwrap(), hct::element([c, b, e]).unwrap());
-    assert_c1_across(1, hct::element([a, b, c]).unwrap(), fvs::element([c, b, e, f]).unwrap());
-    assert_c1_across(1, fvs::element([a, b, c, d]).unwrap(), hct::element([c, b, e]).unwrap());
-    assert_c1_across(1, fvs::element([a, b, c, d]).unwrap(), fvs::element([c, b, e, f]).unwrap());
+    for (left, right) in ElementKind::ALL.into_iter().flat_map(|kind| ElementKind::ALL.map(|of| (kind, of))) {
+        let on = |kind: ElementKind, [one, two, three, four]: [Point; 4]| match kind.shape() {
+            CellShape::Triangle => kind.on(&[one, two, three]).unwrap(),
+            CellShape::Quadrilateral => kind.on(&[one, two, three, four]).unwrap(),
+        };
+        use AnyElement::{Quadrilateral, Triangle};
+        match (on(left, [a, b, c, d]), on(right, [c, b, e, f])) {
+            (Triangle(left), Triangle(right)) => assert_c1_across(1, left, right),
+            (Triangle(left), Quadrilateral(right)) => assert_c1_across(1, left, right),
+            (Quadrilateral(left), Triangle(right)) => assert_c1_across(1, left, right),
+            (Quadrilateral(left), Quadrilateral(right)) => assert_c1_across(1, left, right),
+        }
+    }
+}
+
+#[test]
+fn the_registry_is_of_one_piece() {
+    assert_eq!(ElementKind::LIST, ElementKind::ALL.map(ElementKind::name).join(" | "));
+    let square = quadrilateral_of(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+    let error = ElementKind::Hct.on(&square).unwrap_err().to_string();
+    assert_eq!(error, "a cell of 4 vertices carries no \"hct\" element");
 }
 
 /// Asserts that matrices and basis functions of one shape agree with reference values, within the

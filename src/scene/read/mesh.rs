@@ -2,9 +2,10 @@
 
 use super::quantities::{MERGE, SCALE};
 use super::region::name;
+use crate::element::{CellShape, ElementByShape, ElementKind};
 use crate::error::{Error, Result};
 use crate::scene::document::Document;
-use crate::scene::{Diagonal, ElementKind, Grid, MeshFile};
+use crate::scene::{Diagonal, Grid, MeshFile};
 
 /// Limit on the rectangles of a mesh after refinement.
 const MOST_RECTANGLES: u64 = 4_000_000;
@@ -29,12 +30,21 @@ pub(super) fn read(doc: &Document, has_file: bool) -> Result<Grid> {
         }
     }
     if has_file {
-        let wrong = "contradicts mesh.file: its triangles are \"hct\" cells, its quadrangles \"fvs\"";
+        let elements = ElementByShape::default();
+        let [triangles, quadrangles] =
+            [CellShape::Triangle, CellShape::Quadrilateral].map(|shape| elements.of(shape));
+        let wrong = format!(
+            "contradicts mesh.file: its triangles are \"{triangles}\" cells, its quadrangles \"{quadrangles}\""
+        );
         for key in ["mesh.element", "mesh.cells", "mesh.diagonal"] {
-            doc.forbid_with("mesh.file", key, wrong)?;
+            doc.forbid_with("mesh.file", key, &wrong)?;
         }
     }
-    let element = if has_file { ElementKind::Hct } else { doc.choice("mesh.element")? };
+    let element = if has_file {
+        ElementByShape::default().of(CellShape::Triangle)
+    } else {
+        doc.choice("mesh.element")?
+    };
     let cells = if has_file { [0, 0] } else { cells(doc, "mesh.cells")? };
     let diagonal = if has_file { None } else { diagonal(doc, element)? };
     let refine = doc.optional_count("mesh.refine", "a number of uniform refinements", 0)?.unwrap_or(0);
@@ -44,11 +54,16 @@ pub(super) fn read(doc: &Document, has_file: bool) -> Result<Grid> {
 }
 
 fn diagonal(doc: &Document, element: ElementKind) -> Result<Option<Diagonal>> {
-    match element {
-        ElementKind::Hct => Ok(Some(doc.optional_choice("mesh.diagonal")?.unwrap_or(Diagonal::Right))),
-        ElementKind::Fvs => {
-            let wrong =
-                "contradicts mesh.element = \"fvs\", which cuts no rectangle; expected only with \"hct\"";
+    match element.shape() {
+        CellShape::Triangle => Ok(Some(doc.optional_choice("mesh.diagonal")?.unwrap_or(Diagonal::Right))),
+        CellShape::Quadrilateral => {
+            let cuts = |element: &ElementKind| element.shape() == CellShape::Triangle;
+            let those: Vec<String> =
+                ElementKind::ALL.iter().filter(|of| cuts(of)).map(|of| format!("\"{of}\"")).collect();
+            let wrong = format!(
+                "contradicts mesh.element = \"{element}\", which cuts no rectangle; expected only with {}",
+                those.join(" or ")
+            );
             doc.forbid_with("mesh.element", "mesh.diagonal", wrong)?;
             Ok(None)
         }

@@ -7,11 +7,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::assembly;
 use crate::dof_map::DofMap;
-use crate::element::{Element, fvs, hct, quadrature};
+use crate::element::{AnyElement, BasisFunction, quadrature};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::difference;
 use crate::linalg::{Engine, Form, Native};
-use crate::mesh::{Cell, Mesh, Point};
+use crate::mesh::{Mesh, Point};
 use crate::plate::{Section, Sections};
 
 /// Norms of a deflection w.
@@ -99,14 +99,8 @@ impl Points {
             Ok(())
         };
         for cell in 0..mesh.cells.len() {
-            match ElementBasis::of(mesh, cell)? {
-                ElementBasis::Hct(element) => {
-                    nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?
-                }
-                ElementBasis::Fvs(element) => {
-                    nodes(&element).try_for_each(|(at, area)| add(cell, at, area))?
-                }
-            }
+            let nodes = mesh.element(cell)?.quadrature((&quadrature::DEGREE_3).into());
+            nodes.into_iter().try_for_each(|(at, area)| add(cell, at, area))?;
         }
         Ok(points)
     }
@@ -129,12 +123,10 @@ impl Points {
     }
 }
 
-/// Returns the quadrature points of an element with their areas, in m2.
-fn nodes<const N: usize>(element: &Element<N>) -> impl Iterator<Item = (Point, f64)> {
-    element.pieces.iter().enumerate().flat_map(move |(number, piece)| {
-        let node = move |(barycentric, weight)| (element.point(number, barycentric), weight * piece.area());
-        quadrature::DEGREE_3.into_iter().map(node)
-    })
+/// Returns the jet of a basis function.
+fn jet(of: BasisFunction) -> Jet {
+    let [xx, xy, yy] = of.hessian;
+    [of.value, xx, xy, yy]
 }
 
 /// Evaluation of the displacements of a space at fixed points.
@@ -149,15 +141,16 @@ impl Sampler {
     /// # Errors
     /// Returns [`Error::Mesh`] for a point outside the mesh.
     pub fn new(mesh: &Mesh, space: &DofMap, points: &[Point]) -> Result<Sampler> {
-        let mut cells: Vec<Option<ElementBasis>> = vec![None; mesh.cells.len()];
+        let mut cells: Vec<Option<AnyElement>> = vec![None; mesh.cells.len()];
         let locate = |point: &Point| {
             let outside =
                 || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
             let cell = mesh.locate(*point).ok_or_else(outside)?;
-            if cells[cell].is_none() {
-                cells[cell] = Some(ElementBasis::of(mesh, cell)?);
-            }
-            let jets = cells[cell].as_ref().map(|basis| basis.jets(*point)).unwrap_or_default();
+            let element = match &mut cells[cell] {
+                Some(element) => element,
+                new => new.insert(mesh.element(cell)?),
+            };
+            let jets = element.basis_at(*point).into_iter().map(jet);
             let dofs = space.dofs_of(mesh.cells[cell].nodes());
             Ok(dofs.zip(jets).filter_map(|(dof, jet)| Some((dof?, jet))).collect())
         };
@@ -170,39 +163,5 @@ impl Sampler {
             basis.iter().fold([0.0; 4], |sum, (dof, jet)| std::array::from_fn(|i| sum[i] + u[*dof] * jet[i]))
         };
         self.points.iter().map(at).collect()
-    }
-}
-
-/// Element of a cell.
-#[derive(Clone)]
-enum ElementBasis {
-    Hct(Element<9>),
-    Fvs(Element<12>),
-}
-
-impl ElementBasis {
-    fn of(mesh: &Mesh, cell: usize) -> Result<ElementBasis> {
-        Ok(match mesh.cells[cell] {
-            Cell::Triangle(nodes) => ElementBasis::Hct(hct::element(nodes.map(|node| mesh.nodes[node]))?),
-            Cell::Quadrilateral(nodes) => {
-                ElementBasis::Fvs(fvs::element(nodes.map(|node| mesh.nodes[node]))?)
-            }
-        })
-    }
-
-    /// Returns the jets of the basis functions at a point.
-    fn jets(&self, point: Point) -> Vec<Jet> {
-        fn jets<const N: usize>(element: &Element<N>, point: Point) -> Vec<Jet> {
-            let basis = element.basis_at(point);
-            let jet = |i| {
-                let [xx, xy, yy] = [0, 1, 2].map(|row| basis.hessian[(row, i)]);
-                [basis.value[i], xx, xy, yy]
-            };
-            (0..N).map(jet).collect()
-        }
-        match self {
-            ElementBasis::Hct(element) => jets(element, point),
-            ElementBasis::Fvs(element) => jets(element, point),
-        }
     }
 }

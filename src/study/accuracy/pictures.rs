@@ -197,7 +197,7 @@ fn cost(accuracy: &Accuracy) -> Vec<Panel> {
             Curve::new(name, points).style(number).marks(number)
         };
         let several = elements.len() > 1;
-        let name = if several { format!("{element:?}, ").to_lowercase() } else { String::new() };
+        let name = if several { format!("{element}, ") } else { String::new() };
         Panel::new(Axis::log("degrees of freedom", ""), Axis::log("time of all steps", "s"))
             .heading(format!("{name}at the smallest step"))
             .height(if several { 110.0 } else { 150.0 })

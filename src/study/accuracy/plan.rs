@@ -48,7 +48,7 @@ pub fn mesh_name(grid: &Grid) -> String {
         (false, _) => {}
     }
     let [nx, ny] = grid.cells.map(|count| count << grid.refine);
-    let element = format!("{:?}", grid.element).to_lowercase();
+    let element = grid.element;
     let diagonal = grid.diagonal.map_or(String::new(), |diagonal| match diagonal {
         crate::scene::Diagonal::Right => String::new(),
         other => format!(" {}", format!("{other:?}").to_lowercase()),

@@ -1,0 +1,49 @@
+//! Elastic foundation under the plate.
+
+use super::CellArrays;
+use crate::element::adaptive::Rules;
+use crate::element::quadrature::{self, Rule};
+use crate::element::with_element;
+use crate::error::Result;
+use crate::linalg::{BARE, ElementMatrix};
+use crate::mesh::{Mesh, Point};
+use crate::plate;
+use std::cell::RefCell;
+
+/// Returns the contributions of an elastic foundation to the stiffness, each with its cell.
+///
+/// `stiffness` is the foundation's stiffness, in N/m^3; cells where it is 0 have no contribution.
+/// `rules` gives other quadrature rules for some cells.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element, and the
+/// errors of the stiffness.
+pub fn foundation(
+    mesh: &Mesh,
+    cells: &[CellArrays],
+    stiffness: &dyn Fn(usize, Point) -> Result<f64>,
+    rules: &Rules,
+) -> Result<Vec<(usize, ElementMatrix)>> {
+    let fault = RefCell::new(None);
+    let matrix = |number: usize| -> Result<Vec<f64>> {
+        let value = |at: Point| {
+            stiffness(number, at).unwrap_or_else(|error| {
+                fault.replace(Some(error));
+                0.0
+            })
+        };
+        let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |own| Rule::Own(own));
+        let element = mesh.element(number)?;
+        Ok(with_element!(&element, element => plate::mass_by(element, rule, value).as_slice().to_vec()))
+    };
+    let matrices: Vec<_> = (0..mesh.cells.len()).map(matrix).collect::<Result<_>>()?;
+    fault.into_inner().map_or(Ok(()), Err)?;
+    let under =
+        matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
+    // Each block is a class of its own, numbered after those of the cells.
+    let block = |(number, matrix): (usize, Vec<f64>)| {
+        let class = BARE + cells.len() + number;
+        (number, ElementMatrix { class, ..cells[number].block(&matrix.into(), None) })
+    };
+    Ok(under.map(block).collect())
+}

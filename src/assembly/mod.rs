@@ -1,0 +1,184 @@
+//! Assembly of cells into matrices and loads; this is the only loop over cells.
+//!
+//! Congruent cells (translates of one another) share one set of local arrays, so that a regular
+//! mesh computes its element matrices only a few times.
+
+mod foundation;
+mod local;
+mod pressure;
+mod probe;
+mod products;
+
+pub use foundation::foundation;
+pub use local::Local;
+pub use pressure::Pressure;
+pub use probe::Probe;
+pub use products::{consistent_momenta, forces, singular_momenta, squares};
+
+use crate::dof_map::DofMap;
+use crate::element::adaptive::Triangle;
+use crate::error::Result;
+use crate::linalg::{BARE, Bending, ElementMatrix, SingularMassCell};
+use crate::mesh::Mesh;
+use crate::plate::Sections;
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// Local arrays of a cell, with its dofs in the numbering of a space.
+#[derive(Debug, Clone)]
+pub struct CellArrays {
+    /// Free dof of each local dof; `None` where a support holds it at zero.
+    pub dofs: Rc<[Option<usize>]>,
+    /// Factor of each local dof's value relative to its free dof, where not all are 1 (at supports
+    /// with oblique axes).
+    pub factors: Option<Rc<[f64]>>,
+    /// Number of the class of congruent cells.
+    pub class: usize,
+    /// Arrays of the cell, over local dofs.
+    pub local: Rc<Local>,
+}
+
+impl CellArrays {
+    /// Returns a local dof's value for a vector over the free dofs.
+    pub fn value(&self, local: usize, x: &[f64]) -> f64 {
+        let factor = self.factors.as_ref().map_or(1.0, |factors| factors[local]);
+        self.dofs[local].map_or(0.0, |dof| factor * x[dof])
+    }
+
+    /// Adds a local vector, such as a load, to a vector over the free dofs.
+    pub fn add(&self, local: &[f64], x: &mut [f64]) {
+        for (i, value) in local.iter().enumerate() {
+            if let Some(dof) = self.dofs[i] {
+                x[dof] += self.factors.as_ref().map_or(1.0, |factors| factors[i]) * value;
+            }
+        }
+    }
+
+    /// Adds the product of a symmetric local matrix, row by row, with local values to a vector over
+    /// the free dofs.
+    pub fn add_product(&self, matrix: &[f64], values: &[f64], x: &mut [f64]) {
+        let dot = |row: &[f64]| row.iter().zip(values).map(|(a, value)| a * value).sum();
+        let product: Vec<f64> = matrix.chunks_exact(values.len()).map(dot).collect();
+        self.add(&product, x);
+    }
+
+    /// Returns a local vector in terms of the free dofs, with their factors applied.
+    fn of_dofs(&self, local: &Rc<[f64]>) -> Rc<[f64]> {
+        match &self.factors {
+            None => local.clone(),
+            Some(factors) => local.iter().zip(&**factors).map(|(value, factor)| value * factor).collect(),
+        }
+    }
+
+    /// Returns a local matrix as a form over the free dofs, with their factors applied.
+    fn block(&self, matrix: &Rc<[f64]>, bending: Option<&Rc<Bending>>) -> ElementMatrix {
+        let (dofs, class) = (self.dofs.clone(), self.class);
+        match &self.factors {
+            None => ElementMatrix { dofs, matrix: matrix.clone(), bending: bending.cloned(), class },
+            Some(factors) => {
+                let size = factors.len();
+                let entry = |(k, value): (usize, &f64)| value * factors[k / size] * factors[k % size];
+                let matrix = matrix.iter().enumerate().map(entry).collect();
+                ElementMatrix { dofs, matrix, bending: None, class }
+            }
+        }
+    }
+}
+
+/// Key of a class of congruent cells: the shape, and the number of the uniform section. A varying
+/// section makes a class of its own, and so do dofs with factors.
+type Class = (Vec<i64>, std::result::Result<usize, usize>);
+
+/// Returns all cells of a mesh with their local arrays, in the order of the cells.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) naming a cell that cannot carry its element, and the
+/// errors of the sections.
+pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Vec<CellArrays>> {
+    let extent = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()));
+    // Positions that differ by a few roundings of the largest coordinate count as equal.
+    let grain = 16.0 * f64::EPSILON * extent;
+    let mut classes: HashMap<Class, (usize, Rc<Local>)> = HashMap::new();
+    let mut cells = Vec::with_capacity(mesh.cells.len());
+    for (number, cell) in mesh.cells.iter().enumerate() {
+        let nodes = cell.nodes();
+        let origin = mesh.nodes[nodes[0]];
+        let shape = nodes[1..]
+            .iter()
+            .flat_map(|&node| {
+                let arm = mesh.nodes[node] - origin;
+                [arm.x, arm.y].map(|a| (a / grain).round() as i64)
+            })
+            .collect();
+        let factors = space.factors_of(nodes).map(Rc::from);
+        let kind = match sections.kind(number) {
+            Some(kind) if factors.is_none() => Ok(kind),
+            _ => Err(number),
+        };
+        let count = classes.len();
+        let (class, local) = match classes.entry((shape, kind)) {
+            std::collections::hash_map::Entry::Occupied(known) => known.get().clone(),
+            std::collections::hash_map::Entry::Vacant(new) => {
+                let local = local::arrays(mesh, number, sections)?;
+                let class = if factors.is_some() { BARE + count } else { count };
+                new.insert((class, Rc::new(local))).clone()
+            }
+        };
+        cells.push(CellArrays { dofs: space.dofs_of(nodes).collect(), factors, class, local });
+    }
+    Ok(cells)
+}
+
+/// Returns the cells' contributions to the stiffness K.
+pub fn stiffness(cells: &[CellArrays]) -> Vec<ElementMatrix> {
+    cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.bending))).collect()
+}
+
+/// Returns the cells' contributions to the consistent mass M_r.
+pub fn consistent_mass(cells: &[CellArrays]) -> Vec<ElementMatrix> {
+    cells.iter().map(|cell| cell.block(&cell.local.mass, None)).collect()
+}
+
+/// Returns the rows of B and the entries of C of the singular mass.
+pub fn singular_mass(cells: &[CellArrays]) -> Vec<SingularMassCell> {
+    let average = |cell: &CellArrays| SingularMassCell {
+        dofs: cell.dofs.clone(),
+        row: cell.of_dofs(&cell.local.coupling),
+        mass: cell.local.weight,
+        class: cell.class,
+    };
+    cells.iter().map(average).collect()
+}
+
+/// Returns the load F of a uniform upward pressure, in Pa, over `dofs` free dofs, in N.
+pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64> {
+    let mut load = vec![0.0; dofs];
+    for cell in cells {
+        let local: Vec<f64> = cell.local.moments.iter().map(|moment| pressure * moment).collect();
+        cell.add(&local, &mut load);
+    }
+    load
+}
+
+/// Returns the weight of the plate under gravity g, in m/s^2 downward, over `dofs` free dofs, in N.
+pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
+    let mut load = vec![0.0; dofs];
+    for cell in cells {
+        let local: Vec<f64> = cell.local.coupling.iter().map(|b| -g * b).collect();
+        cell.add(&local, &mut load);
+    }
+    load
+}
+
+/// Returns the pieces of all cells, cell by cell.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
+pub fn pieces(mesh: &Mesh) -> Result<Vec<Triangle>> {
+    let mut pieces = Vec::new();
+    for cell in 0..mesh.cells.len() {
+        let of_cell = mesh.element(cell)?.pieces().into_iter().enumerate();
+        pieces.extend(of_cell.map(|(piece, vertices)| Triangle { cell, piece, vertices }));
+    }
+    Ok(pieces)
+}

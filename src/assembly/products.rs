@@ -1,0 +1,48 @@
+//! Products of the cells' matrices with displacements over all dofs of a mesh, held ones included.
+
+use super::{CellArrays, Local};
+use crate::dof_map::PER_NODE;
+use crate::mesh::{Cell, Mesh};
+
+/// Adds the forces K U over the free dofs, in N for deflections. U holds the values at all dofs of
+/// the mesh, three per node, held ones included.
+pub fn forces(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], force: &mut [f64]) {
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        cell.add(&cell.local.bending.product(&on_nodes(of, shape)), force);
+    }
+}
+
+/// Returns U^T K U in N m and U^T M_r U in kg m^2 for a displacement U given as in [`forces`].
+pub fn squares(mesh: &Mesh, cells: &[CellArrays], shape: &[f64]) -> [f64; 2] {
+    let mut sums = [0.0; 2];
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        let values = on_nodes(of, shape);
+        let dot = |row: &[f64]| row.iter().zip(&values).map(|(a, value)| a * value).sum::<f64>();
+        let rows = cell.local.mass.chunks_exact(values.len());
+        sums[0] += dot(&cell.local.bending.product(&values));
+        sums[1] += rows.zip(&values).map(|(row, value)| value * dot(row)).sum::<f64>();
+    }
+    sums
+}
+
+/// Adds the momenta M_r V over the free dofs for velocities V given as in [`forces`].
+pub fn consistent_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        cell.add_product(&cell.local.mass, &on_nodes(of, shape), momentum);
+    }
+}
+
+/// Adds the momenta of the singular mass over the free dofs for velocities given as in [`forces`].
+pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
+    for (cell, of) in cells.iter().zip(&mesh.cells) {
+        let Local { coupling, weight, .. } = &*cell.local;
+        let velocity = coupling.iter().zip(on_nodes(of, shape)).map(|(b, v)| b * v).sum::<f64>() / weight;
+        let local: Vec<f64> = coupling.iter().map(|b| b * velocity).collect();
+        cell.add(&local, momentum);
+    }
+}
+
+/// Returns the entries at the dofs of a cell of a vector over all dofs of the mesh.
+fn on_nodes(cell: &Cell, shape: &[f64]) -> Vec<f64> {
+    cell.nodes().iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]).copied().collect()
+}
