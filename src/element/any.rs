@@ -8,6 +8,20 @@ use crate::geometry::Point;
 ///
 /// [`ElementKind::on`](super::ElementKind::on) creates it. Code that needs the number of dofs as a
 /// constant gets at the element inside by `with_element!`.
+///
+/// ```
+/// use rebond::element::ElementKind;
+/// use rebond::geometry::Point;
+///
+/// let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Point::from);
+/// let element = ElementKind::Fvs.on(&square)?;
+/// let functions = element.basis_at(Point::new(0.5, 0.5));
+/// assert_eq!(functions.len(), 12);
+/// // A deflection of 1 m at all vertices is one everywhere.
+/// let sum: f64 = functions.iter().step_by(3).map(|of| of.value).sum();
+/// assert!((sum - 1.0).abs() < 1e-15);
+/// # Ok::<(), rebond::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub enum AnyElement {
     /// Element of a triangle.
