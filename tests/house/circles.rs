@@ -17,7 +17,6 @@ const HEADS: &[&str] = &[
     "cli/mod.rs",
     "field/mod.rs",
     "linalg/mod.rs",
-    "mesh/mod.rs",
     "scene/mod.rs",
     "scheme/mod.rs",
     "scheme/newmark.rs",
