@@ -89,6 +89,7 @@ pub mod error;
 pub mod communicator;
 pub mod memory;
 mod input;
+mod hash;
 pub mod archive;
 pub mod motion;
 pub mod geometry;

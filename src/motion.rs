@@ -5,6 +5,7 @@
 
 use crate::archive;
 use crate::error::{Error, Result};
+use crate::hash;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -41,18 +42,14 @@ impl Motion {
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let mut bytes = head().into_bytes();
         bytes.extend(archive::to_bytes(self)?);
-        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
-        Ok(bytes)
+        Ok(hash::seal(bytes))
     }
 
     /// Reads the motion from the bytes of a file. Any other bytes than those written give a message
     /// that says what is wrong.
     pub fn from_bytes(bytes: &[u8]) -> std::result::Result<Motion, String> {
         let damaged = || "damaged: not what was written".to_owned();
-        let (content, sum) = bytes.split_last_chunk().ok_or_else(damaged)?;
-        if crc32fast::hash(content) != u32::from_le_bytes(*sum) {
-            return Err(damaged());
-        }
+        let content = hash::unseal(bytes).ok_or_else(damaged)?;
         let end = content.iter().position(|&byte| byte == b'\n').ok_or_else(damaged)?;
         let (line, content) = content.split_at(end + 1);
         if line != head().as_bytes() {

@@ -5,6 +5,7 @@
 //! *Introduction to Interval Analysis*, 2009, chapters 2, 5 and 6 (the mean value form).
 
 use super::code::{Binary, Number, Unary};
+use crate::hash;
 use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
 
 /// Interval of numbers, up to rounding; its ends may be infinite.
@@ -435,7 +436,7 @@ impl Sided {
 
     /// Records one more branch, by a number of its own (FNV-1a hash).
     fn choose(self, value: f64, choice: f64) -> Sided {
-        Sided { value, side: (self.side ^ choice.to_bits()).wrapping_mul(0x100_0000_01b3) }
+        Sided { value, side: hash::extend(self.side, choice.to_bits()) }
     }
 
     fn mix(self, other: Sided) -> u64 {

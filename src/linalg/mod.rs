@@ -22,6 +22,7 @@ mod cholesky;
 mod combination;
 mod double_double;
 mod native;
+pub mod random;
 mod simd;
 pub mod vectors;
 
@@ -130,12 +131,6 @@ pub struct SingularMassCell {
 /// Number of power iterations that [`Engine::estimate_factor_error`] measures.
 const LOOKS: usize = 3;
 
-/// Returns entry i, from 0 on, of a pseudo-random vector, in [-1/2, 1/2): multiples of the golden
-/// ratio modulo 1.
-pub(crate) fn pseudo_random(i: usize) -> f64 {
-    ((i + 1) as f64 * 0.618_033_988_749_895).fract() - 0.5
-}
-
 /// Linear algebra behind the contact solvers and the schemes; see the [module page](self).
 ///
 /// Every vector of displacement dofs has [`Engine::dofs`] entries. Methods that return a [`Result`]
@@ -205,7 +200,7 @@ pub trait Engine: Sized {
     /// # Errors
     /// Returns the errors of the engine and of the factor.
     fn estimate_factor_error(&self, sum: &LinearCombination, factor: &mut Self::Factor) -> Result<f64> {
-        let mut x: Vec<f64> = (0..self.dofs()).map(pseudo_random).collect();
+        let mut x = random::golden_vector(self.dofs());
         let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
         factor.solve(&mut x)?;
         let mut worst = 0.0_f64;

@@ -1,6 +1,7 @@
 //! Largest eigenvalue of an operator that is known only by its products.
 
 use crate::error::Result;
+use crate::linalg::random::random_vector;
 use crate::linalg::vectors::{axpy, dot};
 use faer::{Mat, Side};
 
@@ -74,18 +75,4 @@ fn top(diagonal: &[f64], off_diagonal: &[f64]) -> (f64, f64) {
         Ok(eigen) => (eigen.S()[size - 1], eigen.U()[(size - 1, size - 1)]),
         Err(_) => (f64::NAN, f64::NAN),
     }
-}
-
-/// Returns pseudo-random numbers in (-1, 1), the same at every call with one seed (splitmix64).
-pub fn random_vector(size: usize, seed: u64) -> Vec<f64> {
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let mut next = || {
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-        (z >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    };
-    (0..size).map(|_| next()).collect()
 }

@@ -12,10 +12,10 @@ pub(crate) mod lanczos;
 
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::random::random_vector;
 use crate::linalg::vectors::{add, axpy, aypx, divide, hadamard, subtract};
 use crate::linalg::{Engine, Factor, Form, Native};
 use faer::{Mat, Side};
-use lanczos::random_vector;
 use std::f64::consts::TAU;
 
 /// Relative change of an eigenvalue at which subspace iteration stops. The remaining error is

@@ -10,6 +10,7 @@
 use super::{remove, write_atomic};
 use crate::archive;
 use crate::error::{Error, Result};
+use crate::hash;
 use crate::input;
 use crate::motion;
 use crate::scene::{MeshFile, Scene};
@@ -59,7 +60,7 @@ impl Identity {
     /// Returns [`Error::Io`] where the mesh file cannot be read.
     pub fn of(scene: &Scene) -> Result<Identity> {
         let sum = |file: &MeshFile| {
-            input::read(Path::new(&file.path), u64::MAX).map(|bytes| crc32fast::hash(&bytes))
+            input::read(Path::new(&file.path), u64::MAX).map(|bytes| hash::checksum(&bytes))
         };
         Ok(Identity { scene: scene.hash(), mesh: scene.file.as_ref().map(sum).transpose()? })
     }
@@ -102,8 +103,7 @@ impl Checkpoint {
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let mut bytes = head().into_bytes();
         bytes.extend(archive::to_bytes(self)?);
-        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
-        Ok(bytes)
+        Ok(hash::seal(bytes))
     }
 
     /// Parses the bytes of a file. Damaged bytes give an error, never other data.
@@ -112,10 +112,7 @@ impl Checkpoint {
     /// Returns [`Error::Checkpoint`] where the bytes are not those of a checkpoint of this version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Checkpoint> {
         let damaged = || Error::Checkpoint("damaged: not what was written".into());
-        let (content, sum) = bytes.split_last_chunk().ok_or_else(damaged)?;
-        if crc32fast::hash(content) != u32::from_le_bytes(*sum) {
-            return Err(damaged());
-        }
+        let content = hash::unseal(bytes).ok_or_else(damaged)?;
         let end = content.iter().position(|&byte| byte == b'\n').ok_or_else(damaged)?;
         let (line, content) = content.split_at(end + 1);
         if line != head().as_bytes() {

@@ -44,6 +44,7 @@ use crate::element::CellShape;
 pub use crate::element::ElementKind;
 use crate::error::Result;
 use crate::field::Condition;
+use crate::hash;
 use crate::input;
 pub use crate::mesh::Diagonal;
 use crate::mesh::{Import, Mesh};
@@ -489,7 +490,7 @@ impl Scene {
     /// The hash covers [`Scene::resolved`] with file names as written, and is the same on every
     /// machine.
     pub fn hash(&self) -> String {
-        format!("{:016x}", resolved::fnv1a(resolved::identity(self).as_bytes()))
+        format!("{:016x}", hash::fnv1a(resolved::identity(self).into_bytes()))
     }
 }
 

@@ -91,13 +91,6 @@ pub(super) fn identity(scene: &Scene) -> String {
     text(scene, false) + &scene.of_time().map(values).collect::<String>() + &from
 }
 
-/// Computes the 64-bit FNV-1a hash.
-pub(super) fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes
-        .iter()
-        .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
-}
-
 /// Formats a number, a formula, or a table.
 fn given(given: &FieldInput, found: bool) -> String {
     match &given.value {

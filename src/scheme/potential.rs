@@ -57,8 +57,9 @@ use super::state::{State, SupportVelocities};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::random::golden_vector;
 use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, scale, subtract, waxpy};
-use crate::linalg::{Engine, LinearCombination, pseudo_random};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, BoundStatus, Condensed, Problem, Solver, StepReport};
@@ -167,14 +168,14 @@ impl<'s, E: Engine> Potential<'s, E> {
     pub(super) fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
         let System { engine, stiffness, mass, bounds, .. } = system;
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
-        let (mut b, mut x) = (vec![0.0; dofs], vec![0.0; dofs]);
-        let (mut projected, mut velocity) = (vec![0.0; velocities], vec![0.0; velocities]);
+        let (mut b, mut x) = (vec![0.0; dofs], golden_vector(dofs));
+        let mut projected = vec![0.0; velocities];
         // A nonsmooth displacement gives the first guess of the highest frequency; each factor then
         // yields an estimate.
         let alone = LinearCombination::from(stiffness);
         let diagonal = engine.diagonal(&alone)?;
-        for (i, (x, d)) in x.iter_mut().zip(&diagonal).enumerate() {
-            *x = if *d > 0.0 { pseudo_random(i) / d.sqrt() } else { 0.0 };
+        for (x, d) in x.iter_mut().zip(&diagonal) {
+            *x = if *d > 0.0 { *x / d.sqrt() } else { 0.0 };
         }
         let elastic = engine.multiply(stiffness, &x, &mut b)?;
         let first = PENALTY * elastic / engine.multiply(mass, &x, &mut b)?;
@@ -195,7 +196,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 scale(penalty, image);
                 Ok(())
             };
-            velocity.iter_mut().enumerate().for_each(|(i, v)| *v = pseudo_random(i));
+            let mut velocity = golden_vector(velocities);
             let mut largest = 0.0;
             for _ in 0..POWER_ITERATIONS {
                 let norm = engine.mass_norm_squared(mass, &velocity)?.sqrt();

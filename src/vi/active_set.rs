@@ -7,6 +7,7 @@
 
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
+use crate::hash;
 use crate::linalg::Factor;
 use crate::vi::Answer;
 use faer::linalg::solvers::Solve;
@@ -27,8 +28,8 @@ pub enum BoundStatus {
 
 impl BoundStatus {
     /// Returns the status with the code `side as u8`.
-    pub(super) fn from_code(code: f64) -> BoundStatus {
-        [BoundStatus::Free, BoundStatus::Lower, BoundStatus::Upper][code as usize % 3]
+    pub(super) fn from_code(code: u8) -> BoundStatus {
+        [BoundStatus::Free, BoundStatus::Lower, BoundStatus::Upper][usize::from(code) % 3]
     }
 
     /// Saves or restores statuses, one per bound.
@@ -37,7 +38,7 @@ impl BoundStatus {
             VectorKind::Bounds,
             sides,
             |&side| [f64::from(side as u8)],
-            |[code]| BoundStatus::from_code(code),
+            |[code]| BoundStatus::from_code(code as u8),
         )
     }
 
@@ -102,11 +103,9 @@ impl Exchange {
     }
 }
 
-/// Returns a fingerprint that different active sets share only with a probability of 2^-52. An f64
-/// holds it exactly.
+/// Returns a fingerprint, which different active sets share only by chance.
 pub(super) fn fingerprint(sides: &[BoundStatus]) -> u64 {
-    let mix = |hash: u64, side: &BoundStatus| (hash ^ *side as u64).wrapping_mul(0x0100_0000_01b3);
-    sides.iter().fold(0xcbf2_9ce4_8422_2325, mix) >> 12
+    hash::fnv1a(sides.iter().map(|side| *side as u8))
 }
 
 /// Values on which the exchange of indices is decided, one entry per bound.

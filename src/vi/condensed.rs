@@ -13,6 +13,7 @@ use super::{Answer, DenseProblem, Problem, Solver, apply};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::hash;
 use crate::linalg::vectors::waxpy;
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
@@ -162,7 +163,7 @@ impl<E: Engine> Condensed<E> {
         let lower: Vec<f64> = all.iter().map(|(lower, ..)| *lower).collect();
         let upper: Vec<f64> = all.iter().map(|(_, upper, _)| *upper).collect();
         let mut sides: Vec<BoundStatus> =
-            all.iter().map(|(.., code)| BoundStatus::from_code((*code).into())).collect();
+            all.iter().map(|(.., code)| BoundStatus::from_code(*code)).collect();
         let mut h = vec![0.0; size];
         let mut values = vec![0.0; size];
         let mut forces = vec![0.0; size];
@@ -178,14 +179,14 @@ impl<E: Engine> Condensed<E> {
             let mut answer = Answer { x: &mut values, reaction: &mut forces };
             let exchanges = problem.solve(&mut sides, &mut answer);
             // Rounding may decide which nodes touch, so the first rank decides for all.
-            let codes = sides.iter().map(|&side| f64::from(side as u8));
-            let mut answer: Vec<f64> = [&values[..], &forces].concat();
-            answer.extend(codes.chain([f64::from(exchanges)]));
+            let answer = values.iter().zip(&forces).zip(&sides);
+            let mut answer: Vec<(f64, f64, u8, u32)> =
+                answer.map(|((x, r), side)| (*x, *r, *side as u8, exchanges)).collect();
             engine.comm().broadcast(&mut answer);
-            values.copy_from_slice(&answer[..size]);
-            forces.copy_from_slice(&answer[size..2 * size]);
-            sides = answer[2 * size..3 * size].iter().map(|&code| BoundStatus::from_code(code)).collect();
-            1 + answer[3 * size] as u32
+            for (k, &(x, r, code, _)) in answer.iter().enumerate() {
+                (values[k], forces[k], sides[k]) = (x, r, BoundStatus::from_code(code));
+            }
+            1 + answer[0].3
         };
         for (k, &i) in candidates.iter().enumerate() {
             reaction[i] = forces[first + k];
@@ -253,7 +254,7 @@ impl<E: Engine> Condensed<E> {
             let print = active_set::fingerprint(&self.sides);
             let all = engine.comm().all_gather_one((broken.len(), print));
             let last = all.iter().rposition(|(count, _)| *count > 0);
-            let print = all.iter().fold(0_u64, |print, (_, own)| print.rotate_left(7) ^ own);
+            let print = all.iter().fold(0, |print, (_, own)| hash::extend(print, *own));
             match exchange.next(all.iter().map(|(count, _)| count).sum(), print) {
                 None => break,
                 Some(Move::All) => active_set::exchange(&mut self.sides, &broken),

@@ -9,32 +9,30 @@ pub mod plates;
 pub mod ranks;
 pub mod scenes;
 
+use rebond::linalg::random::SplitMix64;
 use rebond::linalg::{ElementMatrix, Engine, Form, Native};
 use rebond::scheme::System;
 
-/// SplitMix64, a small generator of random numbers that gives the same sequence on every machine.
-pub struct Random(u64);
+/// Random numbers, the same sequence on every machine.
+pub struct Random(SplitMix64);
 
 impl Random {
     pub fn new(seed: u64) -> Random {
-        Random(seed)
+        Random(SplitMix64::new(seed))
     }
 
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.bits()
     }
 
     /// Returns a number that is uniform in (-1, 1).
     pub fn signed(&mut self) -> f64 {
-        2.0 * self.unit() - 1.0
+        self.0.signed()
     }
 
     /// Returns a number that is uniform in [0, 1).
     pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        self.0.unit()
     }
 
     /// Returns an integer in 0..n.

@@ -13,8 +13,9 @@
 
 use super::velocity_basis::VelocityBasis;
 use crate::error::{Error, Result};
+use crate::linalg::random::golden_vector;
 use crate::linalg::vectors::subtract;
-use crate::linalg::{Engine, Factor, pseudo_random};
+use crate::linalg::{Engine, Factor};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
 use faer::linalg::solvers::{Llt, Solve};
@@ -218,7 +219,7 @@ impl<'s, E: Engine> SaddlePointSolver<'s, E> {
 fn shift<E: Engine>(system: &System<E>) -> Result<f64> {
     let System { engine, stiffness, mass, .. } = system;
     let mut product = vec![0.0; engine.dofs()];
-    let mut x: Vec<f64> = (0..product.len()).map(pseudo_random).collect();
+    let mut x = golden_vector(product.len());
     let mut quotient = |x: &[f64]| -> Result<f64> {
         let elastic = engine.multiply(stiffness, x, &mut product)?;
         let quotient = elastic / engine.multiply(mass, x, &mut product)?;

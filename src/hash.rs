@@ -1,0 +1,58 @@
+//! Hash of texts and states, and checksum of files: one of each for the whole program.
+
+/// Start and factor of the 64-bit FNV-1a hash.
+const START: u64 = 0xcbf2_9ce4_8422_2325;
+const FACTOR: u64 = 0x100_0000_01b3;
+
+/// Returns the 64-bit FNV-1a hash of some bytes.
+pub fn fnv1a(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    bytes.into_iter().fold(START, |hash, byte| extend(hash, byte.into()))
+}
+
+/// Extends an FNV-1a hash by a number.
+pub fn extend(hash: u64, number: u64) -> u64 {
+    (hash ^ number).wrapping_mul(FACTOR)
+}
+
+/// Returns the CRC-32 checksum of the bytes of a file.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    crc32fast::hash(bytes)
+}
+
+/// Appends the checksum to the bytes of a file.
+pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.extend(checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+/// Returns the bytes that [`seal`] was given; `None` where these or the checksum have changed.
+pub fn unseal(bytes: &[u8]) -> Option<&[u8]> {
+    let (content, sum) = bytes.split_last_chunk()?;
+    (checksum(content) == u32::from_le_bytes(*sum)).then_some(content)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Published values for "a", "foobar" and "123456789".
+    #[test]
+    fn hashes_are_the_published_ones() {
+        assert_eq!(fnv1a([]), START);
+        assert_eq!(fnv1a(*b"a"), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(fnv1a(*b"foobar"), 0x8594_4171_f739_67e8);
+        assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+    }
+
+    #[test]
+    fn a_flipped_bit_breaks_the_seal() {
+        let sealed = seal(b"content".to_vec());
+        assert_eq!(unseal(&sealed), Some(&b"content"[..]));
+        for bit in 0..8 * sealed.len() {
+            let mut damaged = sealed.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(unseal(&damaged), None);
+        }
+        assert_eq!(unseal(&sealed[..3]), None);
+    }
+}
