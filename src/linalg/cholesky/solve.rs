@@ -12,8 +12,8 @@ impl Factor for Cholesky {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         let dofs = x.len();
         self.permute(x);
-        self.forward(dofs);
-        self.backward(dofs);
+        self.sweep::<FORWARD>(dofs);
+        self.sweep::<BACKWARD>(dofs);
         self.unpermute(x);
         Ok(())
     }
@@ -24,14 +24,14 @@ impl Factor for Cholesky {
 
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         self.permute(b);
-        self.forward(self.interior);
+        self.sweep::<FORWARD>(self.interior);
         h.copy_from_slice(&self.x[self.interior..]);
         Ok(())
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
         self.x[self.interior..].copy_from_slice(values);
-        self.backward(self.interior);
+        self.sweep::<BACKWARD>(self.interior);
         self.unpermute(x);
         Ok(())
     }
@@ -77,34 +77,19 @@ impl Cholesky {
         }
     }
 
-    fn forward(&mut self, limit: usize) {
-        self.arch.dispatch(Sweep::<true> {
-            supernodes: &self.supernodes,
-            patterns: &self.patterns,
-            values: &self.values,
-            pivots: &self.pivots,
-            limit,
-            x: &mut self.x,
-            work: &mut self.work,
-        });
-    }
-
-    fn backward(&mut self, limit: usize) {
-        self.arch.dispatch(Sweep::<false> {
-            supernodes: &self.supernodes,
-            patterns: &self.patterns,
-            values: &self.values,
-            pivots: &self.pivots,
-            limit,
-            x: &mut self.x,
-            work: &mut self.work,
-        });
+    /// Solves in place with the columns before `limit`.
+    fn sweep<const IS_FORWARD: bool>(&mut self, limit: usize) {
+        let Cholesky { arch, supernodes, patterns, values, pivots, x, work, .. } = self;
+        arch.dispatch(Sweep::<IS_FORWARD> { supernodes, patterns, values, pivots, limit, x, work });
     }
 }
 
-/// Triangular solve with the columns before `limit`: forward with L, or backward with its
-/// transpose.
-struct Sweep<'a, const FORWARD: bool> {
+/// Directions of a [`Sweep`]: forward with L, or backward with its transpose.
+const FORWARD: bool = true;
+const BACKWARD: bool = false;
+
+/// Triangular solve with the columns before `limit`.
+struct Sweep<'a, const IS_FORWARD: bool> {
     supernodes: &'a [Supernode],
     patterns: &'a [u32],
     values: &'a [f64],
@@ -114,13 +99,13 @@ struct Sweep<'a, const FORWARD: bool> {
     work: &'a mut [f64],
 }
 
-impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
+impl<const IS_FORWARD: bool> WithSimd for Sweep<'_, IS_FORWARD> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let (supernodes, limit) = (self.supernodes, self.limit);
-        if FORWARD {
+        if IS_FORWARD {
             for s in supernodes {
                 if s.start < limit {
                     self.eliminate(simd, s);
@@ -136,7 +121,7 @@ impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
     }
 }
 
-impl<const FORWARD: bool> Sweep<'_, FORWARD> {
+impl<const IS_FORWARD: bool> Sweep<'_, IS_FORWARD> {
     /// Eliminates forward with the columns of one supernode. `work` holds the supernode's part of x
     /// and below it the updates to other rows of x.
     #[inline(always)]

@@ -8,45 +8,52 @@ use crate::field::Names;
 use crate::scene::document::Document;
 use crate::scene::{Ball, Foundation, PointMass, Side, Spring};
 
+/// Reads the tables `[[name]]`, which take these keys and need those in `needs`; `read` gets the
+/// path of one table.
+fn read_tables<T>(
+    doc: &Document,
+    name: &str,
+    needs: &str,
+    keys: &[&str],
+    read: impl Fn(&str) -> Result<T>,
+) -> Result<Vec<T>> {
+    let table = |index: usize| {
+        let table = format!("{name}.{index}");
+        doc.allow(&table, keys)?;
+        read(&table)
+    };
+    let count = doc.entries(name, &format!("expected tables [[{name}]] with {needs}"))?;
+    (0..count).map(table).collect()
+}
+
 pub(super) fn read_foundations(doc: &Document) -> Result<Vec<Foundation>> {
-    let foundation = |index: usize| {
-        let table = format!("foundation.{index}");
-        doc.allow(&table, &["stiffness", "where", "group"])?;
+    read_tables(doc, "foundation", "stiffness", &["stiffness", "where", "group"], |table| {
         Ok(Foundation {
             stiffness: doc.needed(&format!("{table}.stiffness"), &FOUNDATION, Names::XY)?,
-            region: region::read(doc, &table, &["where", "group"])?,
+            region: region::read(doc, table, &["where", "group"])?,
         })
-    };
-    let count = doc.entries("foundation", "expected tables [[foundation]] with stiffness")?;
-    (0..count).map(foundation).collect()
+    })
 }
 
 pub(super) fn read_springs(doc: &Document, places: &PlaceReader) -> Result<Vec<Spring>> {
-    let spring = |index: usize| {
-        let table = format!("spring.{index}");
-        doc.allow(&table, &["at", "point", "stiffness"])?;
-        let (at, point) = places.read(doc, &table)?;
+    read_tables(doc, "spring", "at and stiffness", &["at", "point", "stiffness"], |table| {
+        let (at, point) = places.read(doc, table)?;
         Ok(Spring { at, point, stiffness: doc.number(&format!("{table}.stiffness"), &SPRING)? })
-    };
-    (0..doc.entries("spring", "expected tables [[spring]] with at and stiffness")?).map(spring).collect()
+    })
 }
 
 pub(super) fn read_masses(doc: &Document, places: &PlaceReader) -> Result<Vec<PointMass>> {
-    let mass = |index: usize| {
-        let table = format!("mass.{index}");
-        doc.allow(&table, &["at", "point", "mass"])?;
-        let (at, point) = places.read(doc, &table)?;
+    read_tables(doc, "mass", "at and mass", &["at", "point", "mass"], |table| {
+        let (at, point) = places.read(doc, table)?;
         Ok(PointMass { at, point, mass: doc.number(&format!("{table}.mass"), &MASS)? })
-    };
-    (0..doc.entries("mass", "expected tables [[mass]] with at and mass")?).map(mass).collect()
+    })
 }
 
 pub(super) fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Ball>> {
-    let ball = |index: usize| {
-        let table = format!("ball.{index}");
-        doc.allow(&table, &["at", "point", "side", "mass", "height", "velocity"])?;
+    let keys = ["at", "point", "side", "mass", "height", "velocity"];
+    read_tables(doc, "ball", "at, mass and height", &keys, |table| {
         let key = |name: &str| format!("{table}.{name}");
-        let (at, point) = places.read(doc, &table)?;
+        let (at, point) = places.read(doc, table)?;
         Ok(Ball {
             at,
             point,
@@ -55,6 +62,5 @@ pub(super) fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Bal
             height: doc.number(&key("height"), &HEIGHT)?,
             velocity: doc.optional_number(&key("velocity"), &VELOCITY)?.unwrap_or(0.0),
         })
-    };
-    (0..doc.entries("ball", "expected tables [[ball]] with at, mass and height")?).map(ball).collect()
+    })
 }
