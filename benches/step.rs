@@ -1,7 +1,7 @@
 //! Cost of a step and of its parts for the paper's plate in free flight.
 //!
 //! `cargo bench` prints for each mesh: `solve` alone (a pair of triangular solves, the lower limit
-//! for any scheme that factors once), `stiffness` (K applied cell by cell), `judge` (the KKT
+//! for any scheme that factors once), `stiffness` (K applied cell by cell), `check` (the KKT
 //! residual), the whole `step` of Newmark's scheme with the singular mass, and a `contact` step of
 //! the plate pressed onto its obstacle. `assembly` and `factor` occur once per run. At the end a
 //! table gives the ratio of steps to solves, by this program and by faer alone; these are timed in
@@ -104,16 +104,16 @@ fn d_stiffness(bencher: Bencher, mesh: &str) {
 }
 
 #[divan::bench(args = MESHES)]
-fn e_judge(bencher: Bencher, mesh: &str) {
+fn e_check(bencher: Bencher, mesh: &str) {
     let model = model(mesh);
     let sum = Newmark::matrix(&model.system, PARAMETERS);
     let (engine, bounds) = (&model.system.engine, &model.system.bounds);
-    let mut judge = KktCheck::new(engine, &sum).unwrap();
+    let mut check = KktCheck::new(engine, &sum).unwrap();
     let mut x = model.start.displacement.clone();
     let mut reaction = vec![0.0; bounds.len()];
     let problem = Problem { matrix: &sum, rhs: &model.start.displacement, bounds, length: 1.0 };
     let answer = Answer { x: &mut x, reaction: &mut reaction };
-    bencher.bench_local(|| judge.residual(engine, &problem, &[], &answer).unwrap());
+    bencher.bench_local(|| check.residual(engine, &problem, &[], &answer).unwrap());
 }
 
 #[divan::bench(args = MESHES)]

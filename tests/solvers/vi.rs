@@ -1,12 +1,12 @@
-//! The bound-constrained solver, compared with brute force, and the judge, tested with answers that
-//! are known to be right or wrong.
+//! The bound-constrained solver, compared with brute force, and the check of answers, tested with
+//! answers that are known to be right or wrong.
 //!
 //! 10,000 random problems A x = b + G^T r with up to 8 bounded dofs (and up to 3 without bounds)
 //! are solved by [`rebond::vi::Condensed`], ten right-hand sides per matrix so that warm starts are
 //! kept. Brute force tries every one of the 3^n active sets with an independent Cholesky solver and
 //! takes the set that violates the conditions least. The data determine a solution to rounding
 //! times the condition number of A, so this is the admissible difference. The conditions themselves
-//! are judged at 1e-12 for any condition number. One problem in six consists of small integers
+//! are checked at 1e-12 for any condition number. One problem in six consists of small integers
 //! around a known solution with reactions that are exactly zero at the bound, so its data are free
 //! of rounding.
 
@@ -37,21 +37,21 @@ impl SmallProblem {
         self.b.len()
     }
 
-    /// Returns the scale of the deflection for the judge.
+    /// Returns the scale of the deflection for the check.
     fn length(&self, x: &[f64]) -> f64 {
         self.bounds.dofs.iter().fold(self.bounds.magnitude(), |m, &dof| m.max(x[dof].abs()))
     }
 
-    fn judge(&self, x: &[f64], reaction: &[f64]) -> Residual {
+    fn check(&self, x: &[f64], reaction: &[f64]) -> Residual {
         let engine = Native::new(self.size());
         let form = dense_form(&engine, self.size(), &self.matrix);
         let length = self.length(x);
         let sum = (&form).into();
-        let mut judge = KktCheck::new(&engine, &sum).unwrap();
+        let mut check = KktCheck::new(&engine, &sum).unwrap();
         let problem = Problem { matrix: &sum, rhs: &self.b, bounds: &self.bounds, length };
         let answer = Answer { x: &mut x.to_vec(), reaction: &mut reaction.to_vec() };
-        let parts = judge.parts(&engine, &problem, &[], &answer).unwrap();
-        let worst = judge.residual(&engine, &problem, &[], &answer).unwrap();
+        let parts = check.parts(&engine, &problem, &[], &answer).unwrap();
+        let worst = check.residual(&engine, &problem, &[], &answer).unwrap();
         assert_eq!(worst.to_bits(), parts.worst().to_bits());
         parts
     }
@@ -166,7 +166,7 @@ fn draw(
     let size = (matrix.len() as f64).sqrt() as usize;
     let mut bounds = Bounds::uniform(dofs.to_vec(), -INF, INF);
     if kind == Kind::Degenerate {
-        // The values are nonzero: the judge measures a row relative to its own terms, and a row
+        // The values are nonzero: the check measures a row relative to its own terms, and a row
         // without any would show only rounding.
         let x: Vec<f64> =
             (0..size).map(|_| random.integer(5)).map(|x| if x == 0.0 { 6.0 } else { x }).collect();
@@ -256,7 +256,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
                 touched += usize::from(iterations > 0);
                 solved += 1;
 
-                let kkt = problem.judge(&x, &reaction);
+                let kkt = problem.check(&x, &reaction);
                 worst_kkt = worst_kkt.max(kkt.worst());
                 assert!(kkt.worst() <= ACCEPTED, "{context}: {kkt:?}");
                 assert!(problem.bounds.violation(&x) <= 1e-13, "{context}");
@@ -287,7 +287,7 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
 
 /// Returns the answer of a problem with every kind of row: at the lower bound, at the upper one,
 /// between them, without bounds.
-fn judged() -> (SmallProblem, Vec<f64>, Vec<f64>) {
+fn problem_with_answer() -> (SmallProblem, Vec<f64>, Vec<f64>) {
     let matrix = random_spd(&mut Random::new(5), 6, 1.0);
     let x = vec![0.5, -1.0, 0.75, 2.0, -0.25, 1.5];
     let bounds = Bounds {
@@ -313,9 +313,9 @@ fn terms(problem: &SmallProblem, x: &[f64], reaction: &[f64], dof: usize) -> f64
 }
 
 #[test]
-fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
-    let (problem, x, reaction) = judged();
-    assert!(problem.judge(&x, &reaction).worst() <= 1e-15, "{:?}", problem.judge(&x, &reaction));
+fn the_check_accepts_the_answer_and_measures_what_is_wrong() {
+    let (problem, x, reaction) = problem_with_answer();
+    assert!(problem.check(&x, &reaction).worst() <= 1e-15, "{:?}", problem.check(&x, &reaction));
     let close = |value: f64, expected: f64| (value - expected).abs() <= 1e-9 * expected;
 
     // The answer violates a bound by 1e-5 of the deflection's scale, with forces in balance.
@@ -326,7 +326,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
         for (&dof, r) in problem.bounds.dofs.iter().zip(&reaction) {
             moved.0.b[dof] -= r;
         }
-        let parts = moved.0.judge(&moved.1, &reaction);
+        let parts = moved.0.check(&moved.1, &reaction);
         assert!(close(parts.penetration, 1e-5 / moved.0.length(&moved.1)), "dof {dof}: {parts:?}");
         assert!(parts.stationarity <= 1e-15 && parts.worst() < 1.1e-5, "dof {dof}: {parts:?}");
     }
@@ -338,7 +338,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
         let dof = problem.bounds.dofs[i];
         pulled.b[dof] += forces[i] - force;
         forces[i] = force;
-        let parts = pulled.judge(&x, &forces);
+        let parts = pulled.check(&x, &forces);
         let share = force.abs() / terms(&pulled, &x, &forces, dof);
         let (lower, upper) = (problem.bounds.lower[i], problem.bounds.upper[i]);
         let gap = if force > 0.0 { x[dof] - lower } else { upper - x[dof] };
@@ -352,7 +352,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
             let mut pulled = problem.clone();
             forces[i] = 1e-7 * force.signum();
             pulled.b[dof] += reaction[i] - forces[i];
-            let parts = pulled.judge(&x, &forces);
+            let parts = pulled.check(&x, &forces);
             let share = 1e-7 / terms(&pulled, &x, &forces, dof);
             assert!(close(parts.adhesion, share) && close(parts.worst(), share), "{parts:?}");
         }
@@ -362,7 +362,7 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
     for dof in 0..problem.size() {
         let mut unbalanced = problem.clone();
         unbalanced.b[dof] += 1e-6;
-        let parts = unbalanced.judge(&x, &reaction);
+        let parts = unbalanced.check(&x, &reaction);
         let expected = 1e-6 / terms(&unbalanced, &x, &reaction, dof);
         assert!(
             close(parts.stationarity, expected) && parts.worst() == parts.stationarity,
@@ -375,15 +375,18 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
         for dof in 0..problem.size() {
             let mut x = x.clone();
             x[dof] = value;
-            assert!(problem.judge(&x, &reaction).worst().is_nan(), "x[{dof}] = {value}");
+            assert!(problem.check(&x, &reaction).worst().is_nan(), "x[{dof}] = {value}");
             let mut problem = problem.clone();
             problem.b[dof] = value;
-            assert!(problem.judge(&judged().1, &reaction).worst().is_nan(), "b[{dof}] = {value}");
+            assert!(
+                problem.check(&problem_with_answer().1, &reaction).worst().is_nan(),
+                "b[{dof}] = {value}"
+            );
         }
         for i in 0..reaction.len() {
             let mut reaction = reaction.clone();
             reaction[i] = value;
-            assert!(problem.judge(&x, &reaction).worst().is_nan(), "r[{i}] = {value}");
+            assert!(problem.check(&x, &reaction).worst().is_nan(), "r[{i}] = {value}");
         }
     }
     for i in 0..reaction.len() {
@@ -391,22 +394,22 @@ fn the_judge_accepts_the_answer_and_measures_what_is_wrong() {
             let mut problem = problem.clone();
             let side = if upper { &mut problem.bounds.upper } else { &mut problem.bounds.lower };
             side[i] = f64::NAN;
-            let worst = problem.judge(&x, &reaction).worst();
+            let worst = problem.check(&x, &reaction).worst();
             assert!(worst.is_nan(), "bound {i} is NaN: {worst}");
         }
     }
 }
 
 #[test]
-fn the_judge_does_not_depend_on_units() {
+fn the_check_does_not_depend_on_units() {
     let mut random = Random::new(6);
-    let (mut problem, mut x, mut reaction) = judged();
+    let (mut problem, mut x, mut reaction) = problem_with_answer();
     // The answer is wrong in every way.
     problem.b.iter_mut().for_each(|b| *b += 1e-3 * random.signed());
     x[0] -= 1e-3;
     reaction[0] = -2e-3;
     reaction[2] = 0.1;
-    let parts = problem.judge(&x, &reaction);
+    let parts = problem.check(&x, &reaction);
     let numbers = |p: Residual| [p.stationarity, p.penetration, p.adhesion, p.complementarity];
     assert!(numbers(parts).iter().all(|&part| part > 1e-6), "{parts:?}");
     for (force, length, slope) in [(1e6, 1.0, 1.0), (1.0, 1e-6, 1.0), (1.0, 1.0, 1e-3), (1e-9, 1e4, 1e3)] {
@@ -425,14 +428,14 @@ fn the_judge_does_not_depend_on_units() {
         scaled.bounds.upper.iter_mut().for_each(|u| *u *= length);
         let x: Vec<f64> = x.iter().zip(&scales).map(|(x, s)| x * s).collect();
         let reaction: Vec<f64> = reaction.iter().map(|r| r * force / length).collect();
-        for (a, b) in numbers(parts).into_iter().zip(numbers(scaled.judge(&x, &reaction))) {
+        for (a, b) in numbers(parts).into_iter().zip(numbers(scaled.check(&x, &reaction))) {
             assert!((a - b).abs() <= 1e-11 * a, "{force:e} {length:e} {slope:e}: {a:e} {b:e}");
         }
     }
 }
 
 #[test]
-fn the_judge_accepts_rounding_in_a_row_that_vanishes() {
+fn the_check_accepts_rounding_in_a_row_that_vanishes() {
     let chain =
         [[4.0, -1.0, 0.0, 0.0], [-1.0, 4.0, -1.0, 0.0], [0.0, -1.0, 4.0, -1.0], [0.0, 0.0, -1.0, 4.0]];
     let problem = SmallProblem {
@@ -440,7 +443,7 @@ fn the_judge_accepts_rounding_in_a_row_that_vanishes() {
         b: vec![4.0, -1.0, 0.0, 0.0],
         bounds: Bounds::uniform(vec![], 0.0, 0.0),
     };
-    let off = |small: f64| problem.judge(&[1.0, 0.0, small, small], &[]).stationarity;
+    let off = |small: f64| problem.check(&[1.0, 0.0, small, small], &[]).stationarity;
     assert!(off(1e-17) <= 1e-12, "{:e}", off(1e-17));
     assert!(off(1e-9) >= 1e-6, "what is no rounding is seen: {:e}", off(1e-9));
 }
@@ -474,7 +477,7 @@ fn membrane(side: usize, spring: f64) -> (Native, Form, Mat<f64>) {
     (engine, form, dense)
 }
 
-/// A solve with infinities and NaN ends, with any answer; the judge rejects it.
+/// A solve with infinities and NaN ends, with any answer; the check rejects it.
 #[test]
 fn infinities_and_nans_come_to_an_end() {
     let size = 3;
