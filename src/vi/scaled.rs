@@ -257,9 +257,8 @@ impl Bounded {
         }
         self.complaint = format!("{} after {iterations} iterations, with too large a residual", reason.text);
         self.y.copy_to(&mut y)?;
-        for ((x, y), unit) in x.iter_mut().zip(&y).zip(&unit) {
-            *x = y * unit;
-        }
+        x.copy_from_slice(&y);
+        hadamard(&unit, x);
         self.complete(engine, problem, answer)?;
         // At least one iteration is reported, because contact was met.
         Ok((iterations as u32).max(1))

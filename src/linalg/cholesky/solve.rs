@@ -5,6 +5,7 @@ use super::supernodes::Supernode;
 use crate::error::Result;
 use crate::linalg::Factor;
 use crate::linalg::simd::{dot4, subtract4};
+use crate::linalg::vectors::{axpy, dot};
 use faer::Mat;
 use pulp::{Simd, WithSimd};
 
@@ -39,16 +40,14 @@ impl Factor for Cholesky {
     fn solve_schur(&self, h: &mut [f64]) {
         let size = h.len();
         for j in 0..size {
-            let column = self.tail.col(j);
+            let column = self.tail.col_as_slice(j);
             h[j] /= column[j];
-            for i in j + 1..size {
-                h[i] -= column[i] * h[j];
-            }
+            let (known, rest) = h.split_at_mut(j + 1);
+            axpy(-known[j], &column[j + 1..], rest);
         }
         for j in (0..size).rev() {
-            let column = self.tail.col(j);
-            let known: f64 = (j + 1..size).map(|i| column[i] * h[i]).sum();
-            h[j] = (h[j] - known) / column[j];
+            let column = self.tail.col_as_slice(j);
+            h[j] = (h[j] - dot(&column[j + 1..], &h[j + 1..])) / column[j];
         }
     }
 
