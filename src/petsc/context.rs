@@ -3,15 +3,14 @@
 #![allow(unsafe_code)]
 
 use super::error::{c_string, call, check, keep};
-use super::{WorldComm, sys, words};
+use super::{WorldComm, ending, sys, words};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use mpi::Threading;
-use mpi::traits::{AsRaw, Communicator as _};
+use mpi::traits::AsRaw;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
-use std::ffi::{CString, c_char, c_int, c_ulong, c_void};
-use std::io::Write;
+use std::ffi::{CString, c_char, c_int, c_void};
 use std::marker::PhantomData;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -83,7 +82,7 @@ impl Context {
             .ok_or_else(|| Error::Petsc("MPI was started by something else in this process".into()))?;
         let comm = WorldComm::new(universe);
         if comm.size() > 1 {
-            abort_on_panic();
+            ending::abort_on_panic();
         }
 
         let mut pointers: Vec<*mut c_char> = owned.iter().map(|text| text.as_ptr().cast_mut()).collect();
@@ -174,29 +173,12 @@ impl Context {
     /// One rank suffices (not collective). If several ranks have the same error, the lowest one
     /// reports it.
     pub fn fail(&self, error: &Error) -> ! {
-        // Rank 0 reports at once, and ends the others while they wait for their turn.
-        std::thread::sleep(Duration::from_millis(if self.rank() == 0 {
-            0
-        } else {
-            5000 + 20 * self.rank().min(100) as u64
-        }));
-        let place = if self.size() > 1 {
-            format!(" (rank {} of {})", self.rank(), self.size())
-        } else {
-            String::new()
-        };
-        let _ = writeln!(std::io::stderr(), "rebond: {error}{place}");
-        wait_until_read();
-        self.abort(error.exit_code())
+        ending::fail(self.comm.world(), error)
     }
 
     /// Ends the program on every rank at once. Not collective.
     pub fn abort(&self, code: u8) -> ! {
-        let _ = std::io::stdout().flush();
-        if self.size() == 1 {
-            std::process::exit(code.into());
-        }
-        self.comm.world().abort(code.into())
+        ending::abort(self.comm.world(), code)
     }
 
     /// Returns the number of OpenBLAS threads, or `None` if BLAS is another library.
@@ -232,45 +214,6 @@ impl Drop for Context {
         // for the communicator is dropped after this.
         unsafe { sys::PetscFinalize() };
     }
-}
-
-/// Makes a panic on one rank end all ranks, which would otherwise wait for it for ever.
-///
-/// This covers panics inside callbacks too.
-fn abort_on_panic() {
-    let before = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |panic| {
-        before(panic);
-        wait_until_read();
-        // SAFETY: MPI is thread-safe enough to be aborted from anywhere.
-        unsafe { mpi::ffi::MPI_Abort(mpi::ffi::RSMPI_COMM_WORLD, 101) };
-    }));
-}
-
-/// Waits until the launcher has read standard error, whose unread part may be lost in an abort.
-///
-/// Works on Linux only; does nothing elsewhere.
-fn wait_until_read() {
-    const FIONREAD: c_ulong = 0x541B;
-    const PAUSE: Duration = Duration::from_millis(10);
-    unsafe extern "C" {
-        fn ioctl(file: c_int, request: c_ulong, ...) -> c_int;
-    }
-    let _ = std::io::stderr().flush();
-    if cfg!(not(target_os = "linux")) {
-        return;
-    }
-    for _ in 0..500 {
-        let mut waiting: c_int = 0;
-        // SAFETY: the request writes one integer; a file that is no pipe returns an error.
-        let code = unsafe { ioctl(2, FIONREAD, &mut waiting as *mut c_int) };
-        if code != 0 || waiting == 0 {
-            break;
-        }
-        std::thread::sleep(PAUSE);
-    }
-    // The launcher needs some time to pass the text on.
-    std::thread::sleep(10 * PAUSE);
 }
 
 /// Gives BLAS and OpenMP one thread, unless the environment sets their number.

@@ -25,6 +25,7 @@ mod sys;
 mod error;
 mod handle;
 mod callback;
+mod ending;
 mod world;
 mod context;
 mod words;

@@ -1,5 +1,6 @@
 //! Communicator of all ranks of MPI.
 
+use super::ending;
 use crate::communicator::{Communicator, Plain, from_bytes, to_bytes};
 use crate::error::{Error, Result};
 use mpi::collective::SystemOperation;
@@ -78,11 +79,11 @@ impl WorldComm {
         }
     }
 
-    /// Returns the number of bytes of each rank. Collective.
+    /// Returns the number of bytes of each rank. More bytes of all ranks than MPI can count end the
+    /// program. Collective.
     fn counts(&self, bytes: &[u8]) -> Vec<c_int> {
-        let mut counts = vec![0 as c_int; self.size()];
-        self.world().all_gather_into(&(bytes.len() as c_int), &mut counts[..]);
-        counts
+        let counts = self.all_gather_one(bytes.len());
+        in_c_integers(&counts).unwrap_or_else(|error| ending::fail(self.world(), &error))
     }
 }
 
@@ -166,6 +167,21 @@ impl Communicator for WorldComm {
     }
 }
 
+/// Converts the numbers of bytes of all ranks to the integers in which MPI counts.
+///
+/// # Errors
+/// Returns [`Error::Memory`] where their sum is larger than such an integer.
+fn in_c_integers(counts: &[usize]) -> Result<Vec<c_int>> {
+    let total = counts.iter().map(|&count| count as u64).sum::<u64>();
+    if total > c_int::MAX as u64 {
+        return Err(Error::Memory(format!(
+            "the ranks exchange {total} bytes at once, and MPI takes at most {}; take a coarser mesh",
+            c_int::MAX
+        )));
+    }
+    Ok(counts.iter().map(|&count| count as c_int).collect())
+}
+
 /// Returns the offsets of contiguous parts with these lengths.
 fn starts(counts: &[c_int]) -> Vec<c_int> {
     counts
@@ -176,4 +192,21 @@ fn starts(counts: &[c_int]) -> Vec<c_int> {
             Some(start)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_bytes_than_mpi_can_count_are_refused() {
+        let half = 1_usize << 30;
+        assert_eq!(in_c_integers(&[half, half - 1]).unwrap(), [1 << 30, (1 << 30) - 1]);
+        for counts in [&[half, half][..], &[3 * half, 2], &[usize::MAX >> 1, 1]] {
+            assert_eq!(
+                in_c_integers(counts).unwrap_err().exit_code(),
+                Error::Memory(String::new()).exit_code()
+            );
+        }
+    }
 }
