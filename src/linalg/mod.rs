@@ -1,9 +1,9 @@
 //! Linear algebra for the contact solvers and the time schemes, behind one trait.
 //!
 //! An [`Engine`] applies symmetric forms that are stored cell by cell and factors weighted sums of
-//! them. Vectors are plain slices of the dofs that this rank owns, so that the schemes' own
-//! arithmetic is ordinary Rust. Other ranks are reached by the methods below and by the engine's
-//! [communicator](Engine::comm).
+//! them, each a [`LinearCombination`]. Vectors are plain slices of the dofs that this rank owns,
+//! and the functions of [`vectors`] combine them. Other ranks are reached by the methods below and
+//! by the engine's [communicator](Engine::comm).
 //!
 //! A [`Factor`] eliminates a chosen set of dofs, the *contact dofs*, last. With
 //!
