@@ -1,7 +1,7 @@
 //! Main loop of a run, from step to step.
 
 use super::contacts::ContactRecorder;
-use super::judgement::{advice, judge};
+use super::step_check::{advice, check_residual};
 use super::{Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -72,7 +72,7 @@ pub(super) fn time_loop<E: Engine>(
         run.keep_end(now)?;
 
         let contact = run.record_events()?;
-        run.judge_step(now)?;
+        run.check_step(now)?;
         run.follow_contacts(&contact);
         run.row(now, &contact)?;
         run.fields(now)?;
@@ -122,11 +122,11 @@ impl<E: Engine> TimeLoop<'_, E> {
     }
 
     /// Checks the answer of the contact solver.
-    fn judge_step(&mut self, now: StepTime) -> Result<()> {
+    fn check_step(&mut self, now: StepTime) -> Result<()> {
         let report = self.scheme.step_report();
         self.monitor.iterations += u64::from(report.iterations);
         self.monitor.kkt = self.monitor.kkt.max(report.kkt);
-        judge(now.step, now.time, report.kkt, self.scene.solver.tolerance)
+        check_residual(now.step, now.time, report.kkt, self.scene.solver.tolerance)
     }
 
     /// Extends, begins and ends the contacts of this process's nodes.

@@ -238,8 +238,9 @@ impl Comparison {
             entry.worst_kkt = entry.worst_kkt.max(verdict.kkt);
             entry.vi_iterations += u64::from(verdict.iterations);
             entry.retries += u64::from(verdict.retries > 0);
-            let judged = simulation::judge(scheme.step(), scheme.time(), verdict.kkt, scene.solver.tolerance);
-            if let Err(why) = judged {
+            let checked =
+                simulation::check_residual(scheme.step(), scheme.time(), verdict.kkt, scene.solver.tolerance);
+            if let Err(why) = checked {
                 break Some(recover(why)?);
             }
             entry.steps = scheme.step();

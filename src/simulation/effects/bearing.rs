@@ -14,7 +14,7 @@ use crate::linalg::Form;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scheme::{self, System};
-use crate::simulation::judge;
+use crate::simulation::check_residual;
 use nalgebra::{DMatrix, Vector3};
 
 /// Stiffness of the proximal steps on the rigid motions, relative to that of the plate's lowest
@@ -66,7 +66,7 @@ pub(super) fn equilibrium<E: OfCells, P: Partition>(
     let mass = engine.native().form(assembly::consistent_mass(ground.cells));
     let hold = &mass * (HOLD * bent / curved);
     let (u, _, verdict) = scheme::equilibrium_on_bounds(engine, stiffness, hold, load, bounds)?;
-    judge(0, 0.0, verdict.kkt, ground.scene.solver.tolerance)?;
+    check_residual(0, 0.0, verdict.kkt, ground.scene.solver.tolerance)?;
     Ok(u)
 }
 

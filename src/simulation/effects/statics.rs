@@ -9,7 +9,7 @@ use crate::linalg::Form;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scheme::{self, System};
-use crate::simulation::judge;
+use crate::simulation::check_residual;
 
 /// Context for the computation of equilibria.
 pub(super) struct Statics<'g, P: Partition> {
@@ -30,7 +30,7 @@ impl<P: Partition> Statics<'_, P> {
         let held = self.held(system);
         let stiffness = held.as_ref().unwrap_or(&system.stiffness);
         let (u, _, verdict) = scheme::equilibrium(&system.engine, stiffness, load, bounds)?;
-        judge(0, 0.0, verdict.kkt, self.ground.scene.solver.tolerance)?;
+        check_residual(0, 0.0, verdict.kkt, self.ground.scene.solver.tolerance)?;
         Ok(u)
     }
 

@@ -1,10 +1,10 @@
-//! Judgement of a step: its residual, and advice on its energy.
+//! Check of a step: its residual, and advice on its energy.
 
 use crate::error::{Error, Result};
 use crate::scene::{Mass, Scene};
 
 /// Returns an error for a KKT residual above the tolerance.
-pub(crate) fn judge(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
+pub(crate) fn check_residual(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
     if !residual.is_finite() {
         return Err(Error::NotFinite { step, time, what: "the displacement" });
     }
