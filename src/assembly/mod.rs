@@ -18,6 +18,7 @@ pub use products::{consistent_momenta, forces, singular_momenta, squares};
 use crate::dof_map::DofMap;
 use crate::element::adaptive::Triangle;
 use crate::error::Result;
+use crate::linalg::vectors::dot;
 use crate::linalg::{BARE, Bending, ElementMatrix, SingularMassCell};
 use crate::mesh::Mesh;
 use crate::plate::Sections;
@@ -57,8 +58,7 @@ impl CellArrays {
     /// Adds the product of a symmetric local matrix, row by row, with local values to a vector over
     /// the free dofs.
     pub fn add_product(&self, matrix: &[f64], values: &[f64], x: &mut [f64]) {
-        let dot = |row: &[f64]| row.iter().zip(values).map(|(a, value)| a * value).sum();
-        let product: Vec<f64> = matrix.chunks_exact(values.len()).map(dot).collect();
+        let product: Vec<f64> = matrix.chunks_exact(values.len()).map(|row| dot(row, values)).collect();
         self.add(&product, x);
     }
 

@@ -5,6 +5,7 @@ use crate::element::adaptive::Rules;
 use crate::element::quadrature::{self, Node};
 use crate::element::{Element, with_element};
 use crate::error::Result;
+use crate::linalg::vectors::axpy;
 use crate::mesh::{Mesh, Point};
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -86,7 +87,7 @@ impl Pressure {
             local.clear();
             local.resize(cell.dofs.len(), 0.0);
             for (weights, value) in weights.chunks_exact(local.len()).zip(&values[*first..]) {
-                local.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
+                axpy(*value, weights, &mut local);
             }
             cell.add(&local, load);
         }

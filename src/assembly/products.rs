@@ -2,6 +2,7 @@
 
 use super::{CellArrays, Local};
 use crate::dof_map::PER_NODE;
+use crate::linalg::vectors::dot;
 use crate::mesh::{Cell, Mesh};
 
 /// Adds the forces K U over the free dofs, in N for deflections. U holds the values at all dofs of
@@ -17,10 +18,9 @@ pub fn squares(mesh: &Mesh, cells: &[CellArrays], shape: &[f64]) -> [f64; 2] {
     let mut sums = [0.0; 2];
     for (cell, of) in cells.iter().zip(&mesh.cells) {
         let values = on_nodes(of, shape);
-        let dot = |row: &[f64]| row.iter().zip(&values).map(|(a, value)| a * value).sum::<f64>();
         let rows = cell.local.mass.chunks_exact(values.len());
-        sums[0] += dot(&cell.local.bending.product(&values));
-        sums[1] += rows.zip(&values).map(|(row, value)| value * dot(row)).sum::<f64>();
+        sums[0] += dot(&cell.local.bending.product(&values), &values);
+        sums[1] += rows.zip(&values).map(|(row, value)| value * dot(row, &values)).sum::<f64>();
     }
     sums
 }
@@ -36,7 +36,7 @@ pub fn consistent_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], mome
 pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
         let Local { coupling, weight, .. } = &*cell.local;
-        let velocity = coupling.iter().zip(on_nodes(of, shape)).map(|(b, v)| b * v).sum::<f64>() / weight;
+        let velocity = dot(coupling, &on_nodes(of, shape)) / weight;
         let local: Vec<f64> = coupling.iter().map(|b| b * velocity).collect();
         cell.add(&local, momentum);
     }
