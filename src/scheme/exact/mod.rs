@@ -67,68 +67,28 @@ mod event_detection;
 mod event_resolution;
 mod modes;
 mod motion;
+mod options;
 mod reduction;
+mod residual;
+mod start;
+mod stepping;
 mod velocity_basis;
 
-use super::{Approach, Event, EventStatistics, Scheme, Start, StepRecord, System};
-use crate::archive::Archive;
-use crate::energy::Energies;
+use super::{Approach, Event, EventStatistics, Start, StepRecord, System};
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::linalg::vectors::{add, scale, sum};
 use crate::memory;
-use crate::obstacle::Bounds;
+use crate::vi::BoundStatus;
 use crate::vi::kkt::KktCheck;
-use crate::vi::{Answer, BoundStatus, DenseProblem, Problem};
 use event_detection::EventSearch;
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side as Triangle};
-use modes::{Cache, Modes};
+use faer::Mat;
+use modes::Cache;
 use motion::ModalSolution;
+use options::MAX_DENSE_MEMORY;
+pub use options::{ExactOptions, estimated_memory};
 use reduction::{ReducedModel, SaddlePointSolver};
+use start::{check_rigid, first_sides};
 use std::cell::OnceCell;
-
-/// Number of grid instants per check of the residual; instants after an event are always checked.
-const CHECK_EVERY: u64 = 16;
-
-/// KKT residual, dimensionless, above which a shape is corrected. Residuals of up to 1e-9 occur at
-/// held nodes where a motion that the velocities hardly resolve is soft, such as two cells that can
-/// almost turn without changing their means.
-const MAX_SHAPE_RESIDUAL: f64 = 1e-11;
-
-/// Largest total size of the dense arrays, in bytes. Beyond it the first diagonalisation alone
-/// takes minutes, and impacts need hundreds.
-const MAX_DENSE_MEMORY: usize = 1 << 33;
-
-/// Returns the estimated peak memory of the dense arrays, in bytes.
-pub fn estimated_memory(dofs: usize, cells: usize, bounded: usize) -> usize {
-    // Number of arrays of these sizes held at once: in the solution for R, and in the
-    // diagonalisation of a set.
-    let (lifts, squares) = (7 * dofs * cells, 8 * cells * cells);
-    let at_bounds = bounded * (2 * dofs + 4 * cells + 3 * bounded);
-    // An impact visits about as many active sets as there are nodes that come into contact.
-    let cached = bounded.max(1).saturating_mul(size_of::<f64>() * cells * (cells + bounded));
-    size_of::<f64>() * (lifts + squares + at_bounds) + cached.min(ExactOptions::default().memory)
-}
-
-/// Options of the event detection. The motion depends on them only through rounding.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ExactOptions {
-    /// Multiple of the rounding error of a gap or reaction within which it counts as zero.
-    pub roundings: f64,
-    /// First interval of the search, in units of 1/w of the fastest mode.
-    pub stride: f64,
-    /// Memory of the cache of modes, in bytes.
-    pub memory: usize,
-    /// Largest number of events per grid step.
-    pub events_per_step: u64,
-}
-
-impl Default for ExactOptions {
-    fn default() -> ExactOptions {
-        ExactOptions { roundings: 64.0, stride: 4.0, memory: 1 << 29, events_per_step: 1_000_000 }
-    }
-}
 
 /// Event-driven scheme at instant n of the time grid.
 pub struct Exact<'s, E: Engine> {
@@ -252,23 +212,6 @@ impl<'s, E: Engine> Exact<'s, E> {
         self.watch();
     }
 
-    /// Adds the impulses of the present motion over a duration (s) from the state on; `step` tells
-    /// that the duration is a grid step.
-    fn add_impulses(&mut self, seconds: f64, step: bool) {
-        let modes = self.motion.modes.clone();
-        let touching: Vec<usize> =
-            (0..modes.sides.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
-        if touching.is_empty() || seconds == 0.0 {
-            return;
-        }
-        let integral = self.motion.integral(&self.state, seconds, step);
-        touching.iter().for_each(|&i| self.record.impulses[i] += seconds * modes.offset[i]);
-        for (k, integral) in integral.into_iter().enumerate() {
-            let column = modes.rows.col_as_slice(k);
-            touching.iter().for_each(|&i| self.record.impulses[i] += integral * column[i]);
-        }
-    }
-
     /// Evaluates the watched quantities at the state.
     fn watch(&mut self) {
         let System { bounds, .. } = self.system;
@@ -310,344 +253,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         })
     }
 
-    /// Checks the residual of the present shape, and corrects the shape where rounding is too large
-    /// and the correction helps.
-    fn check_shape(&mut self) -> Result<()> {
-        self.record.report.kkt = self.residual()?;
-        if self.record.report.kkt > MAX_SHAPE_RESIDUAL {
-            let (shape, reaction) = self.corrected()?;
-            let kept = (
-                std::mem::replace(&mut self.shape, shape.into()),
-                std::mem::replace(&mut self.record.reaction, reaction),
-            );
-            let corrected = self.residual()?;
-            if corrected < self.record.report.kkt {
-                self.record.report.kkt = corrected;
-            } else {
-                (self.shape, self.record.reaction) = kept;
-            }
-        }
-        Ok(())
-    }
-
-    /// Returns the inertial force `$-B^T (v' + \alpha v)$` of the present shape, in N, one entry
-    /// per dof.
-    fn inertia(&self) -> Result<Vec<f64>> {
-        let System { engine, mass, .. } = self.system;
-        let mut b = vec![0.0; engine.dofs()];
-        engine.project_transpose(mass, &self.shape().acceleration, &mut b)?;
-        scale(-1.0, &mut b);
-        Ok(b)
-    }
-
-    /// Returns the relative residual of `$K U = F - B^T (v' + \alpha v) + G^T r$` and of the
-    /// bounds.
-    fn residual(&mut self) -> Result<f64> {
-        let System { engine, stiffness, bounds, load, .. } = self.system;
-        let inertia = self.inertia()?;
-        let mut displacement = self.shape().displacement.clone();
-        let length = self.system.length(bounds, &displacement)?;
-        let load = load.as_deref().unwrap_or(&[]);
-        let problem = Problem { matrix: &stiffness.into(), rhs: load, bounds, length };
-        let answer = Answer { x: &mut displacement, reaction: &mut self.record.reaction };
-        self.check.residual(engine, &problem, &[&inertia], &answer)
-    }
-
-    /// Returns the present shape and reactions corrected by a solution of the saddle-point problem
-    /// for their residual, with the active bounds held.
-    fn corrected(&self) -> Result<(Shape, Vec<f64>)> {
-        let System { bounds, .. } = self.system;
-        let ReducedModel { lift_at, flexibility, compliance, basis, .. } = &self.reduction;
-        let modes = &self.motion.modes;
-        let Shape { displacement, velocity, acceleration } = self.shape();
-        let column = |of: &[f64]| Mat::from_fn(of.len(), 1, |i, _| of[i]);
-        let mut force = vec![0.0; displacement.len()];
-        self.system.force(displacement, &mut force)?;
-        add(&self.inertia()?, &mut force);
-        bounds.add_transposed(&self.record.reaction, &mut force);
-        let position = &modes.vectors * self.state.get(.., ..1);
-        let position = position - basis.of(self.system, &column(displacement))?;
-        let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
-        // The compliance of the active bounds is as definite as when the modes were found.
-        let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
-        let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
-        let llt = block.llt(Triangle::Lower).map_err(|_| {
-            Error::Singular(format!(
-                "{} nodes in contact: their compliance is not positive definite",
-                active.len()
-            ))
-        })?;
-        let held = llt.solve(&Mat::from_fn(active.len(), 1, |k, _| -du[(bounds.dofs[active[k]], 0)]));
-        let mut forces = Mat::zeros(bounds.len(), 1);
-        for (k, &i) in active.iter().enumerate() {
-            forces[(i, 0)] = held[(k, 0)];
-        }
-        du += flexibility * &forces;
-        da += lift_at.transpose() * &forces;
-        for &i in &active {
-            du[(bounds.dofs[i], 0)] = 0.0;
-        }
-        let shape = Shape {
-            displacement: sum(displacement, du.col_as_slice(0)),
-            velocity: velocity.clone(),
-            acceleration: sum(acceleration, &basis.velocity(da.col_as_slice(0))),
-        };
-        Ok((shape, sum(&self.record.reaction, forces.col_as_slice(0))))
-    }
-
-    /// Switches the active set at an event of the present motion, at the instant `at` (s).
-    fn resolve_event(&mut self, at: f64, bound: usize) -> Result<()> {
-        self.move_to(at);
-        let before = self.motion.modes.clone();
-        let mut undecided = self.search.at_limit(&self.motion, &self.watched);
-        if undecided.iter().all(|(i, _)| *i != bound) {
-            let middle = 0.5 * (before.limits[bound][0] + before.limits[bound][1]);
-            let side = match before.sides[bound] {
-                BoundStatus::Free if self.watched[(bound, 0)] > middle => BoundStatus::Upper,
-                BoundStatus::Free => BoundStatus::Lower,
-                side => side,
-            };
-            undecided.push((bound, side));
-        }
-        let state = &before.vectors * &self.state;
-        let reduction = &self.reduction;
-        let sides = event_resolution::next_sides(
-            reduction,
-            &before.sides,
-            &undecided,
-            &state,
-            &self.record.reaction,
-            self.options.roundings,
-        );
-        let arriving = self.watched.clone();
-        let force = self.record.reaction.iter().sum();
-        let modes = self.cache.get(self.system, reduction, &sides)?;
-        let modal = modes.vectors.transpose() * state;
-        let time = self.motion.start + at;
-        self.statistics.evaluations += self.search.evaluations;
-        let ExactOptions { stride, roundings, .. } = self.options;
-        self.motion = ModalSolution::new(modes, time, &modal);
-        self.search = EventSearch::new(&self.motion, stride, roundings, self.search.level);
-        self.move_to(0.0);
-        for (i, (&was, &is)) in before.sides.iter().zip(&sides).enumerate() {
-            if was == is {
-                continue;
-            }
-            let closes = is != BoundStatus::Free;
-            let velocity = if closes { arriving[(i, 1)] } else { self.watched[(i, 1)] };
-            self.events.push(Event { time, bound: i, closes, velocity, force });
-            self.statistics.events += 1;
-            if closes {
-                self.touches[i] = Approach { time, deflection: self.record.admissible[i], velocity };
-            }
-        }
-        Ok(())
-    }
-
     /// Returns the velocity `$V = C^{-1} B U'$` at the present instant, in m/s, one entry per cell.
     pub fn cell_velocity(&self) -> &[f64] {
         &self.shape().velocity
-    }
-}
-
-/// Strain of a motion, relative to that of its parts, below which it is rigid to rounding.
-const RIGID_STRAIN: f64 = 1e-12;
-/// Largest part of the initial elastic energy that may lie in motions taken for rigid.
-const MAX_HIDDEN_ENERGY: f64 = 1e-6;
-
-/// Checks that the rigid part of the initial state has no strain: the slowest modes of a strip ten
-/// thousand times longer than wide are lost in the rounding error of the fastest.
-fn check_rigid<E: Engine>(
-    system: &System<E>,
-    reduction: &ReducedModel,
-    modes: &Modes,
-    state: &Mat<f64>,
-    start: &[f64],
-) -> Result<()> {
-    let System { engine, stiffness, .. } = system;
-    let rigid = modes.vectors.get(.., ..modes.rigid) * state.get(..modes.rigid, ..1);
-    let shape = &reduction.lift * rigid;
-    let x = shape.col_as_slice(0);
-    let (mut force, mut sizes) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    engine.multiply_with_magnitude(&stiffness.into(), x, &mut force, &mut sizes)?;
-    let size = engine.dot(&sizes, &x.iter().map(|x| x.abs()).collect::<Vec<_>>())?;
-    let energy = engine.multiply(stiffness, x, &mut force)?;
-    let whole = engine.multiply(stiffness, start, &mut force)?;
-    if energy > RIGID_STRAIN.powi(2) * size && energy > MAX_HIDDEN_ENERGY * whole {
-        return Err(Error::Singular(
-            "time.scheme = \"exact\": the slowest motions are lost in the rounding of the fastest; \
-             set time.scheme = \"conserving\", or take cells that are less slender"
-                .into(),
-        ));
-    }
-    Ok(())
-}
-
-/// Returns the active set at the start: that of the minimiser U(p), and for nodes just in contact,
-/// the side to which they move next.
-fn first_sides<E: Engine>(
-    system: &System<E>,
-    reduction: &ReducedModel,
-    state: &Mat<f64>,
-    roundings: f64,
-) -> Vec<BoundStatus> {
-    let bounds = &system.bounds;
-    let position = state.get(.., ..1);
-    let free = &reduction.rest_at + &reduction.lift_at * position;
-    let mut sides = vec![BoundStatus::Free; bounds.len()];
-    let mut values = free.col_as_slice(0).to_vec();
-    let mut reactions = vec![0.0; bounds.len()];
-    let inside = |i: usize, value: f64| (bounds.lower[i]..=bounds.upper[i]).contains(&value);
-    let mut scale: Vec<f64> = (0..bounds.len()).map(|_| 0.0).collect();
-    if !values.iter().enumerate().all(|(i, &value)| inside(i, value)) {
-        // The compliance is positive definite: checked by the reduction.
-        if let Ok(llt) = reduction.compliance.llt(Triangle::Lower) {
-            let stiffness = &llt.inverse();
-            let wanted = stiffness * &free;
-            for (i, scale) in scale.iter_mut().enumerate() {
-                *scale = (0..bounds.len()).map(|j| (stiffness[(i, j)] * free[(j, 0)]).abs()).sum();
-            }
-            let (rhs, Bounds { lower, upper, .. }) = (wanted.col_as_slice(0), bounds);
-            let mut answer = Answer { x: &mut values, reaction: &mut reactions };
-            DenseProblem { matrix: stiffness, rhs, lower, upper }.solve(&mut sides, &mut answer);
-        }
-    }
-    let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= roundings * f64::EPSILON * scale;
-    let mut undecided = Vec::new();
-    for i in 0..bounds.len() {
-        if bounds.holds(i) {
-            sides[i] = BoundStatus::Lower;
-            continue;
-        }
-        let size: f64 = (0..state.nrows()).map(|k| (reduction.lift_at[(i, k)] * state[(k, 0)]).abs()).sum();
-        let size = size + reduction.rest_at[(i, 0)].abs();
-        match sides[i] {
-            BoundStatus::Free if near(values[i], bounds.lower[i], size) => {
-                undecided.push((i, BoundStatus::Lower))
-            }
-            BoundStatus::Free if near(values[i], bounds.upper[i], size) => {
-                undecided.push((i, BoundStatus::Upper))
-            }
-            BoundStatus::Free => {}
-            side if near(reactions[i], 0.0, scale[i]) => undecided.push((i, side)),
-            _ => {}
-        }
-    }
-    event_resolution::next_sides(reduction, &sides, &undecided, state, &reactions, roundings)
-}
-
-impl<E: Engine> Scheme for Exact<'_, E> {
-    fn advance(&mut self) -> Result<()> {
-        self.record.begin_step();
-        let time = self.time();
-        let mut events = 0;
-        // Time of the state, counted from the start of the motion.
-        let mut from = (self.record.step - 1) as f64 * self.record.dt - self.motion.start;
-        loop {
-            let until = time - self.motion.start;
-            self.search.extend(&self.motion, until);
-            let Some((at, bound)) = self.search.next.filter(|(at, _)| *at <= until) else { break };
-            if events == self.options.events_per_step {
-                let place = format!("bound {bound}");
-                return Err(Error::Events {
-                    step: self.record.step,
-                    time: self.motion.start + at,
-                    count: events,
-                    bound,
-                    place,
-                });
-            }
-            events += 1;
-            self.add_impulses(at - from, false);
-            self.resolve_event(at, bound)?;
-            from = 0.0;
-        }
-        match events {
-            0 => self.add_impulses(self.record.dt, true),
-            _ => self.add_impulses(time - self.motion.start, false),
-        }
-        self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
-        self.watch();
-        if events > 0 || self.record.step.is_multiple_of(CHECK_EVERY) {
-            self.check_shape()?;
-        }
-        self.record.report.iterations = u32::try_from(events).unwrap_or(u32::MAX);
-        Ok(())
-    }
-
-    /// Returns the record of the last step. Its reactions are those of the present instant, and its
-    /// impulses the integrals of the reactions, in closed form from event to event.
-    fn record(&self) -> &StepRecord {
-        &self.record
-    }
-
-    fn displacement(&self) -> &[f64] {
-        &self.shape().displacement
-    }
-
-    fn velocity(&mut self) -> Result<Vec<f64>> {
-        let ReducedModel { lift, flexibility, .. } = &self.reduction;
-        let modes = &self.motion.modes;
-        let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
-        let forces =
-            Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
-        let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + flexibility * forces;
-        Ok(rates.col_as_slice(0).to_vec())
-    }
-
-    fn limits(&self) -> &Bounds {
-        &self.system.bounds
-    }
-
-    fn energies(&self) -> Result<Energies> {
-        let Shape { displacement, velocity, .. } = self.shape();
-        let elastic = self.system.force(displacement, &mut vec![0.0; displacement.len()])?;
-        let kinetic = 0.5 * self.system.engine.mass_norm_squared(&self.system.mass, velocity)?;
-        Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
-    }
-
-    fn approach(&self, bound: usize) -> Approach {
-        self.touches[bound]
-    }
-
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.record.archive(archive)?;
-        archive.value(&mut self.statistics)?;
-        archive.value(&mut self.events)?;
-        Approach::archive(&mut self.touches, archive)?;
-        let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
-        archive.value(&mut state)?;
-        let mut sides = self.motion.modes.sides.clone();
-        archive.value(&mut sides)?;
-        if !archive.saves() {
-            self.state = Mat::from_fn(self.state.nrows(), 2, |k, j| state[j][k]);
-            let modes = self.cache.get(self.system, &self.reduction, &sides)?;
-            self.motion = ModalSolution::new(modes, 0.0, &self.state);
-        }
-        self.cache.archive(archive)?;
-        self.motion.archive(archive)?;
-        if !archive.saves() {
-            let ExactOptions { stride, roundings, .. } = self.options;
-            self.search = EventSearch::new(&self.motion, stride, roundings, 0);
-            self.watch();
-        }
-        self.search.archive(&self.motion, archive)
-    }
-
-    fn factorisations(&self) -> u64 {
-        self.cache.computed
-    }
-
-    fn take_events(&mut self) -> Vec<Event> {
-        std::mem::take(&mut self.events)
-    }
-
-    fn event_statistics(&self) -> Option<EventStatistics> {
-        Some(EventStatistics {
-            active_sets: self.cache.computed,
-            cached_bytes: self.cache.peak,
-            evaluations: self.statistics.evaluations + self.search.evaluations,
-            ..self.statistics
-        })
     }
 }

@@ -1,0 +1,203 @@
+//! Steps of the event-driven scheme, from event to event.
+
+use super::event_detection::EventSearch;
+use super::event_resolution;
+use super::motion::ModalSolution;
+use super::options::ExactOptions;
+use super::reduction::ReducedModel;
+use super::{Exact, Shape};
+use crate::archive::Archive;
+use crate::energy::Energies;
+use crate::error::{Error, Result};
+use crate::linalg::Engine;
+use crate::obstacle::Bounds;
+use crate::scheme::{Approach, Event, EventStatistics, Scheme, StepRecord};
+use crate::vi::BoundStatus;
+use faer::Mat;
+
+/// Number of grid instants per check of the residual; instants after an event are always checked.
+const CHECK_EVERY: u64 = 16;
+
+impl<E: Engine> Exact<'_, E> {
+    /// Adds the impulses of the present motion over a duration (s) from the state on; `step` tells
+    /// that the duration is a grid step.
+    fn add_impulses(&mut self, seconds: f64, step: bool) {
+        let modes = self.motion.modes.clone();
+        let touching: Vec<usize> =
+            (0..modes.sides.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
+        if touching.is_empty() || seconds == 0.0 {
+            return;
+        }
+        let integral = self.motion.integral(&self.state, seconds, step);
+        touching.iter().for_each(|&i| self.record.impulses[i] += seconds * modes.offset[i]);
+        for (k, integral) in integral.into_iter().enumerate() {
+            let column = modes.rows.col_as_slice(k);
+            touching.iter().for_each(|&i| self.record.impulses[i] += integral * column[i]);
+        }
+    }
+
+    /// Switches the active set at an event of the present motion, at the instant `at` (s).
+    fn resolve_event(&mut self, at: f64, bound: usize) -> Result<()> {
+        self.move_to(at);
+        let before = self.motion.modes.clone();
+        let mut undecided = self.search.at_limit(&self.motion, &self.watched);
+        if undecided.iter().all(|(i, _)| *i != bound) {
+            let middle = 0.5 * (before.limits[bound][0] + before.limits[bound][1]);
+            let side = match before.sides[bound] {
+                BoundStatus::Free if self.watched[(bound, 0)] > middle => BoundStatus::Upper,
+                BoundStatus::Free => BoundStatus::Lower,
+                side => side,
+            };
+            undecided.push((bound, side));
+        }
+        let state = &before.vectors * &self.state;
+        let reduction = &self.reduction;
+        let sides = event_resolution::next_sides(
+            reduction,
+            &before.sides,
+            &undecided,
+            &state,
+            &self.record.reaction,
+            self.options.roundings,
+        );
+        let arriving = self.watched.clone();
+        let force = self.record.reaction.iter().sum();
+        let modes = self.cache.get(self.system, reduction, &sides)?;
+        let modal = modes.vectors.transpose() * state;
+        let time = self.motion.start + at;
+        self.statistics.evaluations += self.search.evaluations;
+        let ExactOptions { stride, roundings, .. } = self.options;
+        self.motion = ModalSolution::new(modes, time, &modal);
+        self.search = EventSearch::new(&self.motion, stride, roundings, self.search.level);
+        self.move_to(0.0);
+        for (i, (&was, &is)) in before.sides.iter().zip(&sides).enumerate() {
+            if was == is {
+                continue;
+            }
+            let closes = is != BoundStatus::Free;
+            let velocity = if closes { arriving[(i, 1)] } else { self.watched[(i, 1)] };
+            self.events.push(Event { time, bound: i, closes, velocity, force });
+            self.statistics.events += 1;
+            if closes {
+                self.touches[i] = Approach { time, deflection: self.record.admissible[i], velocity };
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<E: Engine> Scheme for Exact<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.record.begin_step();
+        let time = self.time();
+        let mut events = 0;
+        // Time of the state, counted from the start of the motion.
+        let mut from = (self.record.step - 1) as f64 * self.record.dt - self.motion.start;
+        loop {
+            let until = time - self.motion.start;
+            self.search.extend(&self.motion, until);
+            let Some((at, bound)) = self.search.next.filter(|(at, _)| *at <= until) else { break };
+            if events == self.options.events_per_step {
+                let place = format!("bound {bound}");
+                return Err(Error::Events {
+                    step: self.record.step,
+                    time: self.motion.start + at,
+                    count: events,
+                    bound,
+                    place,
+                });
+            }
+            events += 1;
+            self.add_impulses(at - from, false);
+            self.resolve_event(at, bound)?;
+            from = 0.0;
+        }
+        match events {
+            0 => self.add_impulses(self.record.dt, true),
+            _ => self.add_impulses(time - self.motion.start, false),
+        }
+        self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
+        self.watch();
+        if events > 0 || self.record.step.is_multiple_of(CHECK_EVERY) {
+            self.check_shape()?;
+        }
+        self.record.report.iterations = u32::try_from(events).unwrap_or(u32::MAX);
+        Ok(())
+    }
+
+    /// Returns the record of the last step. Its reactions are those of the present instant, and its
+    /// impulses the integrals of the reactions, in closed form from event to event.
+    fn record(&self) -> &StepRecord {
+        &self.record
+    }
+
+    fn displacement(&self) -> &[f64] {
+        &self.shape().displacement
+    }
+
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        let ReducedModel { lift, flexibility, .. } = &self.reduction;
+        let modes = &self.motion.modes;
+        let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
+        let forces =
+            Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
+        let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + flexibility * forces;
+        Ok(rates.col_as_slice(0).to_vec())
+    }
+
+    fn limits(&self) -> &Bounds {
+        &self.system.bounds
+    }
+
+    fn energies(&self) -> Result<Energies> {
+        let Shape { displacement, velocity, .. } = self.shape();
+        let elastic = self.system.force(displacement, &mut vec![0.0; displacement.len()])?;
+        let kinetic = 0.5 * self.system.engine.mass_norm_squared(&self.system.mass, velocity)?;
+        Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        self.touches[bound]
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.record.archive(archive)?;
+        archive.value(&mut self.statistics)?;
+        archive.value(&mut self.events)?;
+        Approach::archive(&mut self.touches, archive)?;
+        let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
+        archive.value(&mut state)?;
+        let mut sides = self.motion.modes.sides.clone();
+        archive.value(&mut sides)?;
+        if !archive.saves() {
+            self.state = Mat::from_fn(self.state.nrows(), 2, |k, j| state[j][k]);
+            let modes = self.cache.get(self.system, &self.reduction, &sides)?;
+            self.motion = ModalSolution::new(modes, 0.0, &self.state);
+        }
+        self.cache.archive(archive)?;
+        self.motion.archive(archive)?;
+        if !archive.saves() {
+            let ExactOptions { stride, roundings, .. } = self.options;
+            self.search = EventSearch::new(&self.motion, stride, roundings, 0);
+            self.watch();
+        }
+        self.search.archive(&self.motion, archive)
+    }
+
+    fn factorisations(&self) -> u64 {
+        self.cache.computed
+    }
+
+    fn take_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    fn event_statistics(&self) -> Option<EventStatistics> {
+        Some(EventStatistics {
+            active_sets: self.cache.computed,
+            cached_bytes: self.cache.peak,
+            evaluations: self.statistics.evaluations + self.search.evaluations,
+            ..self.statistics
+        })
+    }
+}
