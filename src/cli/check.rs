@@ -1,7 +1,8 @@
 //! Commands `rebond check` and `rebond inspect`.
 
-use super::run::SetUpTold;
-use super::{SceneArgs, launch, refuse_petsc_options};
+use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::launch;
+use super::set_up::SetUpTold;
 use crate::error::{Error, Result};
 use crate::output::claim;
 use crate::scene::Scene;

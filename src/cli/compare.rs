@@ -1,8 +1,9 @@
 //! Command `rebond compare`.
 
+use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::launch;
 #[cfg(feature = "petsc")]
-use super::run::ended;
-use super::{SceneArgs, launch, refuse_petsc_options};
+use super::ranks::{PATIENCE, ended};
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
@@ -64,7 +65,7 @@ impl Compare {
     fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {
         let context = Context::start(&self.scene.petsc)?;
         let recover = |error: Error| {
-            if context.all_arrive(super::PATIENCE) { Ok(error) } else { context.fail(&error) }
+            if context.all_arrive(PATIENCE) { Ok(error) } else { context.fail(&error) }
         };
         let run = || {
             check_options(&context, scene, contenders, recover)?;

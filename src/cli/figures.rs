@@ -1,6 +1,7 @@
 //! Command `rebond figures`.
 
-use super::{command_line, json, launch, print};
+use super::launch;
+use super::printing::{command_line, json, print};
 use crate::error::Result;
 use crate::output::claim;
 use crate::study::figures;

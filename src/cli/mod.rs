@@ -1,27 +1,29 @@
 //! Command line: translates arguments into calls.
 
+mod arguments;
 mod check;
 mod compare;
 mod figures;
 mod hard_scenes;
 pub mod launch;
+mod execution;
+mod job;
 mod plot;
+mod printing;
+#[cfg(feature = "petsc")]
+mod ranks;
+mod recorder;
+mod report;
 mod resume;
 mod run;
+mod set_up;
 mod signal;
 mod stability;
 mod study;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::memory;
-use crate::scene::{EngineName, Scene};
-use clap::{Args, Parser, Subcommand};
-use std::io::Write;
-use std::path::PathBuf;
-
-/// Time that a failed rank waits for the others to fail too, before it ends them.
-#[cfg(feature = "petsc")]
-const PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
+use clap::{Parser, Subcommand};
 
 /// Thin elastic plates that vibrate and hit rigid obstacles.
 #[derive(Debug, Parser)]
@@ -57,112 +59,10 @@ enum Command {
     Plot(plot::Plot),
 }
 
-/// Output mode of a command.
-#[derive(Debug, Clone, Copy, Args)]
-struct OutputMode {
-    /// Print JSON on standard output
-    #[arg(long)]
-    json: bool,
-    /// Print errors only
-    #[arg(long, short)]
-    quiet: bool,
-}
-
-impl OutputMode {
-    /// Returns whether progress is hidden.
-    fn is_silent(self) -> bool {
-        self.json || self.quiet
-    }
-
-    /// Prints a report, or its value as JSON, unless in quiet mode.
-    fn print(self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
-        match (self.json, self.quiet) {
-            (true, _) => print(&json(value)?),
-            (false, false) => print(&report.to_string()),
-            (false, true) => Ok(()),
-        }
-    }
-}
-
-/// Scene file with overrides and solver settings.
-#[derive(Debug, Args)]
-struct SceneArgs {
-    /// Scene file (TOML)
-    scene: PathBuf,
-    /// Change a key of the scene, such as time.step=1e-6; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    overrides: Vec<String>,
-    /// Linear algebra: native | petsc
-    #[arg(long, value_name = "ENGINE")]
-    engine: Option<String>,
-    /// Contact solver: condensed | snes | tao
-    #[arg(long, value_name = "SOLVER")]
-    vi: Option<String>,
-    #[command(flatten)]
-    voice: OutputMode,
-    /// Options for PETSc, after --
-    #[arg(last = true, value_name = "PETSC OPTIONS")]
-    petsc: Vec<String>,
-}
-
-impl SceneArgs {
-    /// Loads the scene.
-    ///
-    /// A scene that names no engine gets the one that works with the number of started processes.
-    fn load(&self) -> Result<Scene> {
-        self.load_with(&[])
-    }
-
-    /// Loads the scene with additional overrides.
-    fn load_with(&self, more: &[String]) -> Result<Scene> {
-        let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
-        let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
-        let overrides: Vec<String> =
-            self.overrides.iter().cloned().chain(named).chain(more.iter().cloned()).collect();
-        let parallel = cfg!(feature = "petsc") && launch::size() > 1;
-        let engine = if parallel { EngineName::Petsc } else { EngineName::Native };
-        Scene::load_for(&self.scene, &overrides, engine)
-    }
-}
-
-/// Refuses PETSc options on a run that does not read them.
-fn refuse_petsc_options(options: &[String]) -> Result<()> {
-    options.first().map_or(Ok(()), |option| {
-        Err(Error::Usage(format!("{option}: options after -- are for PETSc; choose it with --engine petsc")))
-    })
-}
-
-/// Returns the command as typed, for the foot of a plot.
-fn command_line() -> String {
-    let mut words = std::env::args();
-    let program = words.next().map(PathBuf::from);
-    let program = program.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy());
-    let quoted = words.map(|word| if word.contains([' ', '"', '[']) { format!("'{word}'") } else { word });
-    std::iter::once(program.unwrap_or_default().into_owned()).chain(quoted).collect::<Vec<_>>().join(" ")
-}
-
-fn json(value: &impl serde::Serialize) -> Result<String> {
-    serde_json::to_string_pretty(value)
-        .map(|text| text + "\n")
-        .map_err(|why| Error::Io { path: "standard output".into(), source: why.into() })
-}
-
-/// Writes to standard output; a reader that closes the pipe early (`rebond check ... | head`) is no
-/// error.
-fn print(text: &str) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(why) if why.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Error::Io { path: "standard output".into(), source: why })
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Executes the command.
 ///
 /// # Errors
-/// Returns the error of the command; [`Error::exit_code`] is its exit code.
+/// Returns the error of the command, whose [code](crate::Error::exit_code) is that of the program.
 pub fn execute(cli: &Cli) -> Result<()> {
     memory::require_some()?;
     match &cli.command {

@@ -1,6 +1,6 @@
 //! Command `rebond plot`.
 
-use super::print;
+use super::printing::print;
 use crate::error::{Error, Result};
 use crate::output::plot::{Obstacle, perspective, run};
 use crate::output::vtu::{self, Surface};

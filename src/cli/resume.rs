@@ -1,7 +1,8 @@
 //! Command `rebond resume`.
 
-use super::run::Job;
-use super::{OutputMode, launch};
+use super::job::Job;
+use super::launch;
+use super::printing::OutputMode;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::{Checkpoint, Identity};
 use crate::output::claim;

@@ -1,7 +1,8 @@
 //! Command `rebond stability`.
 
 use super::hard_scenes::HardScenes;
-use super::{json, launch, print};
+use super::launch;
+use super::printing::{json, print};
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;

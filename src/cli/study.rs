@@ -1,6 +1,8 @@
 //! Command `rebond study`.
 
-use super::{SceneArgs, launch, print, refuse_petsc_options};
+use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::launch;
+use super::printing::{command_line, print};
 use crate::error::{Error, Result};
 use crate::output::claim;
 use crate::output::summary::write_json;
@@ -144,7 +146,7 @@ impl Study {
     fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {
         let folder = self.folder();
         let quiet = self.scene.voice.is_silent();
-        let (command, hash) = (super::command_line(), scene.hash());
+        let (command, hash) = (command_line(), scene.hash());
         self.refuse_results(&folder, &hash)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         let known = match fs::read(folder.join("study.json")) {

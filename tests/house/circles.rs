@@ -14,7 +14,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Parents that their children may import although they use their children.
 const HEADS: &[&str] = &[
-    "cli/mod.rs",
     "field/mod.rs",
     "linalg/mod.rs",
     "scene/mod.rs",

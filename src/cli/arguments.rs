@@ -1,0 +1,56 @@
+//! Arguments that several commands share.
+
+use super::launch;
+use super::printing::OutputMode;
+use crate::error::{Error, Result};
+use crate::scene::{EngineName, Scene};
+use clap::Args;
+use std::path::PathBuf;
+
+/// Scene file with overrides and solver settings.
+#[derive(Debug, Args)]
+pub(super) struct SceneArgs {
+    /// Scene file (TOML)
+    pub scene: PathBuf,
+    /// Change a key of the scene, such as time.step=1e-6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+    /// Linear algebra: native | petsc
+    #[arg(long, value_name = "ENGINE")]
+    pub engine: Option<String>,
+    /// Contact solver: condensed | snes | tao
+    #[arg(long, value_name = "SOLVER")]
+    pub vi: Option<String>,
+    #[command(flatten)]
+    pub voice: OutputMode,
+    /// Options for PETSc, after --
+    #[arg(last = true, value_name = "PETSC OPTIONS")]
+    pub petsc: Vec<String>,
+}
+
+impl SceneArgs {
+    /// Loads the scene.
+    ///
+    /// A scene that names no engine gets the one that works with the number of started processes.
+    pub fn load(&self) -> Result<Scene> {
+        self.load_with(&[])
+    }
+
+    /// Loads the scene with additional overrides.
+    pub fn load_with(&self, more: &[String]) -> Result<Scene> {
+        let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
+        let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
+        let overrides: Vec<String> =
+            self.overrides.iter().cloned().chain(named).chain(more.iter().cloned()).collect();
+        let parallel = cfg!(feature = "petsc") && launch::size() > 1;
+        let engine = if parallel { EngineName::Petsc } else { EngineName::Native };
+        Scene::load_for(&self.scene, &overrides, engine)
+    }
+}
+
+/// Refuses PETSc options on a run that does not read them.
+pub(super) fn refuse_petsc_options(options: &[String]) -> Result<()> {
+    options.first().map_or(Ok(()), |option| {
+        Err(Error::Usage(format!("{option}: options after -- are for PETSc; choose it with --engine petsc")))
+    })
+}

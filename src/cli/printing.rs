@@ -1,0 +1,61 @@
+//! Standard output of the commands: reports for readers, or JSON.
+
+use crate::error::{Error, Result};
+use clap::Args;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Output mode of a command.
+#[derive(Debug, Clone, Copy, Args)]
+pub(super) struct OutputMode {
+    /// Print JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Print errors only
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+impl OutputMode {
+    /// Returns whether progress is hidden.
+    pub fn is_silent(self) -> bool {
+        self.json || self.quiet
+    }
+
+    /// Prints a report, or its value as JSON, unless in quiet mode.
+    pub fn print(self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
+        match (self.json, self.quiet) {
+            (true, _) => print(&json(value)?),
+            (false, false) => print(&report.to_string()),
+            (false, true) => Ok(()),
+        }
+    }
+}
+
+/// Returns a value as JSON text of several lines.
+pub(super) fn json(value: &impl serde::Serialize) -> Result<String> {
+    serde_json::to_string_pretty(value)
+        .map(|text| text + "\n")
+        .map_err(|why| Error::Io { path: "standard output".into(), source: why.into() })
+}
+
+/// Writes to standard output; a reader that closes the pipe early (`rebond check ... | head`) is no
+/// error.
+pub(super) fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(why) if why.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::Io { path: "standard output".into(), source: why })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Returns the command as typed, for the foot of a plot.
+pub(super) fn command_line() -> String {
+    let mut words = std::env::args();
+    let program = words.next().map(PathBuf::from);
+    let program = program.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy());
+    let quoted = words.map(|word| if word.contains([' ', '"', '[']) { format!("'{word}'") } else { word });
+    std::iter::once(program.unwrap_or_default().into_owned()).chain(quoted).collect::<Vec<_>>().join(" ")
+}
