@@ -16,7 +16,6 @@ use std::collections::{BTreeMap, BTreeSet};
 const HEADS: &[&str] = &[
     "field/mod.rs",
     "linalg/mod.rs",
-    "scene/mod.rs",
     "scheme/mod.rs",
     "scheme/newmark.rs",
     "study/accuracy/mod.rs",

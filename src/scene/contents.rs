@@ -1,0 +1,49 @@
+//! Contents of a scene.
+
+use super::study::Study;
+use super::tables::{
+    Ball, Damping, Foundation, Grid, Initial, Load, MeshFile, Obstacle, Output, Part, PlateSpec, PointMass,
+    Solver, Spring, Support,
+};
+use super::time::Time;
+
+/// Simulation input, validated and with every default filled in, in SI units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// Title, one line of text; by default the name of the file without its extension.
+    pub title: String,
+    /// Plate.
+    pub plate: PlateSpec,
+    /// Parts of the plate with another thickness or material; the last one wins where they overlap.
+    pub parts: Vec<Part>,
+    /// Discretisation.
+    pub mesh: Grid,
+    /// Gmsh file that gives shape and mesh, in place of a rectangle.
+    pub file: Option<MeshFile>,
+    /// Supports; edges not named are free.
+    pub supports: Vec<Support>,
+    /// Rigid obstacles; where several lie on one side, the nearest counts.
+    pub obstacles: Vec<Obstacle>,
+    /// Loads; `None` costs nothing.
+    pub load: Option<Load>,
+    /// Elastic foundations; their stiffnesses add up.
+    pub foundations: Vec<Foundation>,
+    /// Springs between the plate and the ground.
+    pub springs: Vec<Spring>,
+    /// Masses fixed on the plate.
+    pub masses: Vec<PointMass>,
+    /// Rigid bodies that move freely up and down and hit the plate.
+    pub balls: Vec<Ball>,
+    /// Damping; `None` costs nothing.
+    pub damping: Option<Damping>,
+    /// Initial state.
+    pub initial: Initial,
+    /// Time scheme and steps.
+    pub time: Time,
+    /// Linear algebra and contact solver.
+    pub solver: Solver,
+    /// Output files.
+    pub output: Output,
+    /// Runs that `rebond study` compares, where the scene says so.
+    pub study: Option<Study>,
+}

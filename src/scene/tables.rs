@@ -1,0 +1,328 @@
+//! Tables of a scene, validated and with every default filled in.
+
+use super::given::{FieldInput, Region};
+use crate::dof_map::Support as SupportKind;
+use crate::element::{CellShape, ElementKind};
+use crate::error::Result;
+use crate::field::Condition;
+use crate::mesh::{Diagonal, Import, Mesh};
+use crate::motion::Motion;
+use crate::plate::Plate;
+use crate::vi::ContactSolver;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlateSpec {
+    /// Length along x, in m; 0 where a file gives the shape.
+    pub length: f64,
+    /// Width along y, in m; 0 where a file gives the shape.
+    pub width: f64,
+    /// Thickness and material.
+    pub plate: Plate,
+    /// Thickness in m if it varies; that of `plate` is then its value at the origin.
+    pub thickness: Option<FieldInput>,
+}
+
+/// Part of the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// Cells of a group, or those whose centre satisfies a condition.
+    pub region: Region,
+    /// Thickness and material of the part.
+    pub plate: Plate,
+    /// Thickness in m if it varies.
+    pub thickness: Option<FieldInput>,
+}
+
+/// Mesh from a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshFile {
+    /// File name as the scene writes it.
+    pub file: String,
+    /// Path where the file was found.
+    pub path: String,
+    /// Factor that turns coordinates into metres; `None` if they are in metres.
+    pub scale: Option<f64>,
+    /// Distance in m below which nodes are merged; `None` merges none.
+    pub merge: Option<f64>,
+    /// Number of unconnected parts that the scene declares.
+    pub parts: usize,
+}
+
+impl MeshFile {
+    /// Reads the mesh.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Mesh::load_gmsh_as`], and [`crate::Error::Mesh`] where the number of
+    /// parts differs from the scene's.
+    pub fn load(&self) -> Result<Mesh> {
+        let import = Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0) };
+        let mesh = Mesh::load_gmsh_as(&self.path, import)?;
+        mesh.require_parts(self.parts)?;
+        Ok(mesh)
+    }
+}
+
+/// Grid of rectangles that carries the elements.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Grid {
+    /// Finite element; in a mesh from a file each cell has its own.
+    pub element: ElementKind,
+    /// Numbers of rectangles along x and y before refinement; zeros where a file gives the mesh.
+    pub cells: [usize; 2],
+    /// Cut of each rectangle into two triangles; `None` for quadrilaterals.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diagonal: Option<Diagonal>,
+    /// Number of uniform refinements, each of which cuts a cell in four.
+    pub refine: u32,
+}
+
+impl Grid {
+    /// Returns whether a file gives the mesh before refinement.
+    pub fn is_of_file(&self) -> bool {
+        self.cells == [0, 0]
+    }
+
+    /// Returns a mesh of the same kind with other cells.
+    pub fn with(&self, element: ElementKind, cells: [usize; 2], refine: u32) -> Grid {
+        let diagonal = (element.shape() == CellShape::Triangle && cells != [0, 0])
+            .then(|| self.diagonal.unwrap_or_default());
+        Grid { element, cells, diagonal, refine }
+    }
+}
+
+/// Support of the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Support {
+    /// Location.
+    pub stand: SupportLocation,
+    /// Constrained dofs.
+    pub kind: SupportKind,
+    /// Vertical motion w(t) in m; `None` for a support at rest.
+    pub motion: Option<FieldInput>,
+}
+
+/// Location of a support.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SupportLocation {
+    /// Edge, or the cell sides on it whose two ends satisfy a condition.
+    Edge {
+        /// Name of the edge: `left`, `right`, `bottom`, `top`, or a physical group.
+        edge: String,
+        /// Condition that selects a part of the edge.
+        part: Option<Condition>,
+    },
+    /// Node at these coordinates, in m.
+    At([f64; 2]),
+    /// Nodes of a physical group.
+    Point(String),
+}
+
+/// Rigid obstacle that the plate cannot cross.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Obstacle {
+    /// Side of the plate on which the obstacle lies.
+    pub side: Side,
+    /// Height in m.
+    pub height: FieldInput,
+    /// Region of the plate that can touch the obstacle.
+    pub region: Region,
+}
+
+/// Side of the plate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Side {
+    /// Below the plate: the deflection stays above the obstacle's height.
+    Below,
+    /// Above the plate: the deflection stays under the obstacle's height.
+    Above,
+}
+
+/// Loads on the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Load {
+    /// Upward pressure in Pa.
+    pub pressure: FieldInput,
+    /// Downward gravity in m/s2, on the plate, on masses fixed to it, and on balls.
+    pub gravity: f64,
+    /// Point forces.
+    pub forces: Vec<Force>,
+}
+
+impl Load {
+    /// Returns all fields of the load.
+    pub fn fields(&self) -> impl Iterator<Item = &FieldInput> {
+        std::iter::once(&self.pressure).chain(self.forces.iter().map(|force| &force.value))
+    }
+}
+
+/// Point force.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Force {
+    /// Coordinates in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Upward force in N.
+    pub value: FieldInput,
+}
+
+/// Elastic (Winkler) foundation under the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Foundation {
+    /// Stiffness in N/m3.
+    pub stiffness: FieldInput,
+    /// Region of the plate that rests on it.
+    pub region: Region,
+}
+
+/// Spring to the ground, relaxed where the plate is flat.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spring {
+    /// Coordinates in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Stiffness in N/m.
+    pub stiffness: f64,
+}
+
+/// Mass fixed to the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointMass {
+    /// Coordinates in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Mass in kg.
+    pub mass: f64,
+}
+
+/// Rigid body that moves up and down and touches the plate at one point, without adhesion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ball {
+    /// Coordinates of the contact point, in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Side of the plate on which the ball is.
+    pub side: Side,
+    /// Mass in kg.
+    pub mass: f64,
+    /// Initial height of the ball's contact point, in m.
+    pub height: f64,
+    /// Initial upward velocity in m/s.
+    pub velocity: f64,
+}
+
+/// Damping of the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Damping {
+    /// Rayleigh's mass coefficient alpha, in 1/s.
+    pub mass: f64,
+    /// Rayleigh's stiffness coefficient beta, in s.
+    pub stiffness: f64,
+    /// Damping ratios of the lowest modes in addition to Rayleigh's; zero for higher modes.
+    pub modal: Vec<f64>,
+}
+
+/// Initial state of the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Initial {
+    /// Upward pressure in Pa that gives the initial static deflection.
+    pub static_pressure: FieldInput,
+    /// Whether the static deflection includes the loads of the first instant.
+    pub equilibrium: bool,
+    /// Initial deflection in m, in place of a static one.
+    pub deflection: FieldInput,
+    /// Initial upward velocity in m/s.
+    pub velocity: FieldInput,
+    /// Run whose last deflection and velocity replace all of the above.
+    pub from: Option<StartFrom>,
+}
+
+/// Last state of another run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StartFrom {
+    /// Run folder as the scene writes it.
+    pub folder: String,
+    /// Path where the folder was found.
+    pub path: String,
+    /// Deflection and velocity.
+    pub motion: Arc<Motion>,
+}
+
+/// Solver of the steps and its tolerances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solver {
+    /// Linear algebra engine.
+    pub engine: EngineName,
+    /// Contact solver.
+    pub vi: ContactSolver,
+    /// Limit on the relative KKT residual of every step.
+    pub tolerance: f64,
+    /// Ratio of the energy to its start beyond which a run stops.
+    pub energy_guard: f64,
+}
+
+/// Linear algebra engine; a build without it refuses it later, not the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EngineName {
+    /// Engine in Rust alone, on one process.
+    Native,
+    /// Engine of PETSc, on any number of ranks.
+    Petsc,
+}
+
+/// Columns of `history.csv` before those of the probes, which cannot take these names.
+pub const HISTORY_COLUMNS: [&str; 10] = [
+    "step",
+    "time",
+    "energy",
+    "kinetic",
+    "elastic",
+    "work",
+    "contact_nodes",
+    "contact_force",
+    "vi_iterations",
+    "kkt",
+];
+
+/// Output settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Output {
+    /// Number of steps between rows of the history.
+    pub every: u64,
+    /// Snapshots of the plate; `None` costs nothing.
+    pub fields: Option<Snapshots>,
+    /// Number of steps between checkpoints; `None` writes one only on interruption.
+    pub checkpoint_every: Option<u64>,
+    /// Points whose deflection is a column of the history.
+    pub probes: Vec<Probe>,
+}
+
+/// Frequency and resolution of the snapshots of the plate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Snapshots {
+    /// Number of steps between snapshots.
+    pub every: u64,
+    /// Number of parts into which snapshots divide each cell edge.
+    pub subdivide: usize,
+}
+
+/// Probe: a point whose deflection is recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probe {
+    /// Name of the column.
+    pub name: String,
+    /// Coordinates x and y in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Index of a ball whose height is recorded in place of the plate's.
+    pub ball: Option<usize>,
+}
