@@ -8,6 +8,10 @@ use rebond::scene::Scene;
 use rebond::simulation::Model;
 use std::time::{Duration, Instant};
 
+#[path = "../tests/common/models.rs"]
+mod models;
+use models::{CLAMPED, PAPER_PLATE};
+
 const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
 
 /// Number of steps per turn.
@@ -36,12 +40,11 @@ const SCENES: [(&str, &str, bool); 12] = [
 ];
 
 fn scene(mesh: &str, more: &str) -> Scene {
-    let support =
-        if more.contains("support") { "" } else { "support = [{ edge = \"left\", kind = \"clamped\" }]" };
+    let support = if more.contains("support") { "" } else { CLAMPED };
     let pressure = if more.contains("-0.2") { -14600.0 } else { 1.0 };
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_PLATE}
         mesh = {{ element = "fvs", cells = {mesh} }}
         initial = {{ static_pressure = {pressure:?} }}
         {support}

@@ -23,6 +23,10 @@ use rebond::vi::kkt::KktCheck;
 use rebond::vi::{Answer, Problem};
 use std::time::{Duration, Instant};
 
+#[path = "../tests/common/models.rs"]
+mod models;
+use models::{CLAMPED, PAPER_PLATE};
+
 const MESHES: [&str; 6] = ["fvs 10x4", "hct 10x4", "fvs 80x32", "hct 80x32", "fvs 160x64", "hct 160x64"];
 
 /// Returns the paper's plate far above its obstacle, at rest under 14600 Pa.
@@ -54,9 +58,9 @@ fn scene_with(mesh: &str, more: &str) -> Scene {
     let cells = cells.replace('x', ", ");
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_PLATE}
         mesh = {{ element = "{element}", cells = [{cells}] }}
-        support = [{{ edge = "left", kind = "clamped" }}]
+        {CLAMPED}
         {more}
         time = {{ scheme = "newmark", mass = "singular", step = 1e-5, end = 1 }}
         "#

@@ -21,6 +21,10 @@ use rebond::scene::Scene;
 use rebond::simulation::{self, Model, Observer, Outcome, Row};
 use std::io::Write;
 
+#[path = "../tests/common/models.rs"]
+mod models;
+use models::{CLAMPED, PAPER_PLATE};
+
 /// Values of E(T) / E(0) per step from an independent program.
 struct Case {
     element: &'static str,
@@ -79,19 +83,11 @@ impl Case {
         };
         let text = format!(
             r#"
-            [plate]
-            length = 1.2
-            width = 0.4
-            thickness = 0.01
-            youngs_modulus = 210e9
-            poissons_ratio = 0.3
-            density = 7770.0
+            {PAPER_PLATE}
+            {CLAMPED}
             [mesh]
             element = "{}"
             cells = [10, 4]
-            [[support]]
-            edge = "left"
-            kind = "clamped"
             [[obstacle]]
             side = "below"
             height = -0.1

@@ -2,19 +2,19 @@
 
 use crate::common::command;
 use crate::common::command::{comparison, rebond, text};
+use crate::common::models::literal;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-const SCENE: &str = r#"
-title = "a short fall"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const SCENE: &str = concat!(
+    "title = \"a short fall\"\n",
+    literal!(PAPER_FALL),
+    r#"
 mesh = { element = "fvs", cells = [4, 2] }
-support = [{ edge = "left", kind = "clamped" }]
-obstacle = [{ side = "below", height = -0.1 }]
-initial = { static_pressure = 14600 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
 output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
-"#;
+"#
+);
 
 fn folder(test: &str) -> PathBuf {
     command::folder(&format!("cli-{test}"), SCENE)

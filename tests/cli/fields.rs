@@ -1,21 +1,21 @@
 //! Output of a run for inspection: snapshots and contacts agree with the history, and pictures can
 //! be drawn from them.
 
+use crate::common::models::literal;
 use rebond::output::{contacts, history, plot, vtu};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-const SCENE: &str = r#"
-title = "a short fall"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const SCENE: &str = concat!(
+    "title = \"a short fall\"\n",
+    literal!(PAPER_FALL),
+    r#"
 mesh = { element = "hct", cells = [4, 2] }
-support = [{ edge = "left", kind = "clamped" }]
-obstacle = [{ side = "below", height = -0.1 }]
-initial = { static_pressure = 14600 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
 output = { fields_every = 250, subdivide = 3, probes = [{ name = "corner", at = [1.2, 0.0] }] }
-"#;
+"#
+);
 
 /// Makes a folder for a test, with a scene.
 fn folder(test: &str) -> PathBuf {

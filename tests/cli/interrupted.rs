@@ -4,21 +4,24 @@
 use crate::common::Random;
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds, summary, text};
+use crate::common::models::literal;
 use rebond::output::checkpoint::Checkpoint;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 
 /// Plate that chatters on an obstacle, with all kinds of output of a run.
-const FALL: &str = r#"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const FALL: &str = concat!(
+    literal!(PAPER_PLATE),
+    r#"
 mesh = { element = "fvs", cells = [4, 2] }
 support = [{ edge = "left", kind = "clamped" }]
 obstacle = [{ side = "below", height = -0.01 }]
 initial = { static_pressure = 3000, velocity = -0.5 }
 time = { scheme = "newmark", mass = "singular", step = 1e-5, end = 0.2 }
 output = { every = 3, fields_every = 2000, checkpoint_every = 700, probes = [{ name = "corner", at = [1.2, 0.0] }] }
-"#;
+"#
+);
 
 const EXACT: [&str; 4] = ["--set", "time.scheme=exact", "--set", "time.step=2e-5"];
 

@@ -3,18 +3,18 @@
 
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds, text};
+use crate::common::models::{CLAMPED, PAPER_SECTION, literal};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-const SCENE: &str = r#"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const SCENE: &str = concat!(
+    literal!(PAPER_FALL),
+    r#"
 mesh = { element = "fvs", cells = [10, 4] }
-support = [{ edge = "left", kind = "clamped" }]
-obstacle = [{ side = "below", height = -0.1 }]
-initial = { static_pressure = 14600 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 1e-3 }
-"#;
+"#
+);
 
 fn folder(test: &str) -> PathBuf {
     command::folder(&format!("limits-{test}"), SCENE)
@@ -139,9 +139,10 @@ fn what_is_no_scene_is_not_read() {
     }
     // The same holds for meshes and tables.
     let mesh = ["check", "fall.toml", "--set"];
-    let without = "plate = { thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n\
-                   support = [{ edge = \"left\", kind = \"clamped\" }]\n\
-                   time = { scheme = \"newmark\", mass = \"singular\", step = 1e-4, end = 1e-3 }\n";
+    let without = format!(
+        "plate = {{ {PAPER_SECTION} }}\n{CLAMPED}\
+         time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-4, end = 1e-3 }}\n"
+    );
     fs::write(folder.join("mesh.toml"), format!("{without}mesh.file = \"pipe\"\n")).unwrap();
     assert_fails(&rebond(&folder, &["check", "mesh.toml"]), 4, &["pipe: a device, pipe or socket"]);
     assert_fails(&rebond(&folder, &["run", "mesh.toml"]), 4, &["pipe: a device, pipe or socket"]);

@@ -2,19 +2,20 @@
 
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds};
+use crate::common::models::{CLAMPED, PAPER_SECTION, literal};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const SCENE: &str = r#"
-title = "a short fall"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const SCENE: &str = concat!(
+    "title = \"a short fall\"\n",
+    literal!(PAPER_START),
+    r#"
 mesh = { element = "fvs", cells = [2, 2] }
-support = [{ edge = "left", kind = "clamped" }]
-initial = { static_pressure = 14600 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
 output = { every = 10, fields_every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
-"#;
+"#
+);
 
 fn folder(test: &str) -> PathBuf {
     command::folder(&format!("overwriting-{test}"), SCENE)
@@ -76,10 +77,12 @@ fn a_changed_mesh_file_is_another_scene() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh/square_41_text.msh");
     let mesh = fs::read_to_string(data).unwrap();
     fs::write(folder.join("plate.msh"), &mesh).unwrap();
-    let scene = "plate = { thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n\
-                 mesh.file = \"plate.msh\"\n\
-                 support = [{ edge = \"left\", kind = \"clamped\" }]\n\
-                 time = { scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 2e-3 }\n";
+    let scene = format!(
+        "plate = {{ {PAPER_SECTION} }}\n\
+         mesh.file = \"plate.msh\"\n\
+         {CLAMPED}\
+         time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 2e-3 }}\n"
+    );
     fs::write(folder.join("fall.toml"), scene).unwrap();
     succeeds(&rebond(&folder, &RUN));
     succeeds(&rebond(&folder, &RUN));

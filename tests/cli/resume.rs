@@ -1,5 +1,6 @@
 //! A run that stops and is resumed gives the results of the uninterrupted run, to the last bit.
 
+use crate::common::models::literal;
 use rebond::Result;
 use rebond::motion::Motion;
 use rebond::output::checkpoint::{Checkpoint, Identity, Outputs};
@@ -11,8 +12,9 @@ use std::path::PathBuf;
 
 /// Plate that falls on an obstacle close below it: there is contact from the start on, chatter and
 /// rest.
-const FALL: &str = r#"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const FALL: &str = concat!(
+    literal!(PAPER_PLATE),
+    r#"
 mesh = { element = "fvs", cells = [4, 2] }
 support = [{ edge = "left", kind = "clamped" }]
 obstacle = [{ side = "below", height = -0.02 }, { side = "above", height = 0.05 }]
@@ -20,7 +22,8 @@ initial = { static_pressure = 3000, velocity = -0.5 }
 load = { pressure = -500 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.06 }
 output = { every = 7, fields_every = 50, checkpoint_every = 37, probes = [{ name = "corner", at = [1.2, 0.0] }] }
-"#;
+"#
+);
 
 /// Record of everything that a run reports, with the number of the step.
 #[derive(Default)]

@@ -3,7 +3,8 @@
 use crate::common::Random;
 use crate::common::command;
 use crate::common::command::rebond;
-use crate::common::plates::{Fvs, Hct, Matrices, Right, all_round, unit};
+use crate::common::models::{PAPER_SECTION, literal, unit_plate};
+use crate::common::plates::{Fvs, Hct, Matrices, Right, all_round};
 use rebond::assembly;
 use rebond::dof_map::Support;
 use rebond::linalg::{Engine, Factor};
@@ -36,17 +37,15 @@ fn study(text: &str) -> Accuracy {
 /// modes is resolved.
 #[test]
 fn free_flight_is_of_second_order_in_time() {
-    let accuracy = study(
+    let accuracy = study(concat!(
+        literal!(PAPER_START),
         r#"
-        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
         mesh = { element = "fvs", cells = [2, 1] }
-        support = [{ edge = "left", kind = "clamped" }]
-        initial = { static_pressure = 14600 }
         time = { scheme = "newmark", mass = "singular", step = 1e-5, end = 0.01 }
         output = { probes = [{ name = "corner", at = [1.2, 0.0] }] }
         study = { steps = [8e-6, 4e-6, 2e-6], reference_cells = [2, 1], repeat = 1 }
-        "#,
-    );
+        "#
+    ));
     assert!(accuracy.complete && accuracy.failures.is_empty(), "{accuracy}");
     let orders = accuracy.time_orders();
     // The study has Newmark with two restitutions and midpoint with either mass, and conserving
@@ -73,7 +72,7 @@ fn a_study_reads_the_orders_in_space() {
     for element in ["fvs", "hct"] {
         let accuracy = study(&format!(
             r#"
-            plate = {{ length = 1, width = 1, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+            plate = {{ length = 1, width = 1, {PAPER_SECTION} }}
             mesh = {{ element = "{element}", cells = [4, 4] }}
             support = [
               {{ edge = "left", kind = "simply_supported" }}, {{ edge = "right", kind = "simply_supported" }},
@@ -163,7 +162,7 @@ fn norms_are_those_of_the_scenes_sections() {
 fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
     let exact = |p: Point| (PI * p.x).sin() * (PI * p.y).sin();
     let pressure = |p: Point| 4.0 * PI.powi(4) * exact(p);
-    let plate = unit(0.3);
+    let plate = unit_plate(0.3);
     let support = all_round(Support::SimplySupported);
     let matrices = Matrices::new(mesh, plate, &support);
     let Matrices { mesh, space, engine, stiffness, .. } = &matrices;
@@ -216,8 +215,9 @@ fn both_elements_converge_on_uniform_and_jittered_meshes() {
 
 #[test]
 fn a_plan_has_every_combination_that_makes_sense() {
-    let text = r#"
-        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+    let text = concat!(
+        literal!(PAPER_PLATE),
+        r#"
         mesh = { element = "fvs", cells = [10, 4] }
         obstacle = [{ side = "below", height = -0.1 }]
         time = { scheme = "newmark", mass = "singular", step = 5e-6, end = 0.5 }
@@ -228,7 +228,8 @@ fn a_plan_has_every_combination_that_makes_sense() {
         cells = [[10, 4], [20, 8]]
         refinements = [0, 1]
         vi = ["condensed", "snes"]
-        "#;
+        "#
+    );
     let scene = Scene::from_str(text, "plan.toml", &[]).unwrap();
     let plan = Plan::new(&scene, &scene.study());
     // The mesh 20x8 equals 10x4 refined once.
@@ -257,17 +258,16 @@ fn a_plan_has_every_combination_that_makes_sense() {
 
 #[test]
 fn the_command_writes_a_table_two_files_and_pictures() {
-    let scene = r#"
-        title = "a short fall"
-        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+    let scene = concat!(
+        "title = \"a short fall\"\n",
+        literal!(PAPER_FALL),
+        r#"
         mesh = { element = "fvs", cells = [4, 2] }
-        support = [{ edge = "left", kind = "clamped" }]
-        obstacle = [{ side = "below", height = -0.1 }]
-        initial = { static_pressure = 14600 }
         time = { scheme = "newmark", mass = "singular", step = 1e-5, end = 0.08 }
         solver = { energy_guard = 1.05 }
         output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
-        "#;
+        "#
+    );
     let folder = command::folder("study-files", scene);
     let arguments =
         ["study", "fall.toml", "--out", "out", "--schemes", "newmark,midpoint", "--masses", "singular"];
@@ -362,12 +362,10 @@ fn the_claims_of_the_paper_hold() {
 }
 
 /// Scene that runs in a short time and has an impact.
-const FALL: &str = r#"
-    plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const FALL: &str = concat!(
+    literal!(PAPER_FALL),
+    r#"
     mesh = { element = "fvs", cells = [4, 2] }
-    support = [{ edge = "left", kind = "clamped" }]
-    obstacle = [{ side = "below", height = -0.1 }]
-    initial = { static_pressure = 14600 }
     time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
     output = { probes = [{ name = "corner", at = [1.2, 0.0] }] }
     [study]
@@ -376,7 +374,8 @@ const FALL: &str = r#"
     reference_cells = [4, 2]
     until = "end"
     repeat = 1
-    "#;
+    "#
+);
 
 /// The test depends on errors only, since seconds depend on the machine.
 #[test]

@@ -4,6 +4,7 @@
 
 pub mod clock;
 pub mod command;
+pub mod models;
 pub mod plates;
 #[cfg(feature = "petsc")]
 pub mod ranks;

@@ -1,5 +1,6 @@
 //! Plates for tests, as forms on the native engine.
 
+use super::models::{plate, unit_plate};
 use rebond::assembly::{self, CellArrays, Probe};
 use rebond::dof_map::{DofMap, Support};
 use rebond::linalg::{Form, Native};
@@ -10,16 +11,6 @@ use rebond::scheme;
 
 pub use Diagonal::{Alternating, Left, Right};
 pub use ElementKind::{Fvs, Hct};
-
-/// The paper's plate, whose sides are 1.2 m and 0.4 m.
-pub const STEEL: Plate = Plate::isotropic(0.01, 210e9, 0.3, 7770.0);
-
-/// Returns a plate with D = 1 and rho h = 1: frequencies are lambda / (2 pi a^2), deflections w D /
-/// (q a^4).
-pub fn unit(poissons_ratio: f64) -> Plate {
-    let youngs_modulus = 12.0 * (1.0 - poissons_ratio * poissons_ratio);
-    Plate::isotropic(1.0, youngs_modulus, poissons_ratio, 1.0)
-}
 
 pub const CLAMPED_LEFT: &[(&str, Support)] = &[("left", Support::Clamped)];
 
@@ -51,13 +42,13 @@ impl Matrices {
     /// Returns the paper's plate, clamped on the left edge.
     pub fn paper(cells: [usize; 2], element: ElementKind, diagonal: Diagonal) -> Matrices {
         let mesh = Mesh::rectangle(1.2, 0.4, cells, element, diagonal).unwrap();
-        Matrices::new(mesh, STEEL, CLAMPED_LEFT)
+        Matrices::new(mesh, plate(), CLAMPED_LEFT)
     }
 
     /// Returns a unit square with D = 1 and a mass of 1.
     pub fn square(cells: usize, element: ElementKind, supports: &[(&str, Support)]) -> Matrices {
         let mesh = Mesh::rectangle(1.0, 1.0, [cells; 2], element, Right).unwrap();
-        Matrices::new(mesh, unit(0.3), supports)
+        Matrices::new(mesh, unit_plate(0.3), supports)
     }
 
     /// Returns the equilibrium under a uniform pressure.

@@ -7,12 +7,6 @@ use rebond::{Error, Result};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Plate on the unit square with D = 1 N m, a mass of 1 kg and nu = 0.3.
-pub const UNIT: &str = "plate = { length = 1, width = 1, thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\n";
-
-/// Strip of 1 m x 0.1 m with rigidity E h^3 / 12 = 1 N m (nu = 0) and 1 kg/m2.
-pub const STRIP: &str = "plate = { length = 1, width = 0.1, thickness = 1, youngs_modulus = 12, poissons_ratio = 0, density = 1 }\n";
-
 /// Returns supports on all edges of a rectangle.
 pub fn all_round(kind: &str) -> String {
     let support = |edge| format!("{{ edge = \"{edge}\", kind = \"{kind}\" }}");

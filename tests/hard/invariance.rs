@@ -2,7 +2,8 @@
 //! mesh, and under obstacles out of reach.
 
 use crate::common::Random;
-use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Matrices, Right, STEEL};
+use crate::common::models::plate;
+use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Matrices, Right};
 use rebond::assembly;
 use rebond::mesh::{Cell, Diagonal, ElementKind, Mesh, Point};
 use rebond::obstacle::Bounds;
@@ -216,7 +217,7 @@ fn renumbered(mesh: &Mesh, random: &mut Random) -> (Mesh, Vec<usize>) {
 /// Returns the deflections at all nodes of the paper's plate on a mesh, held at the edge "left" and
 /// released from 14600 Pa above an obstacle.
 fn flight(mesh: &Mesh, method: &str) -> Vec<Vec<f64>> {
-    let plate = Matrices::new(mesh.clone(), STEEL, CLAMPED_LEFT);
+    let plate = Matrices::new(mesh.clone(), plate(), CLAMPED_LEFT);
     let displacement = plate.statics(14600.0);
     let dofs = plate.space.dofs();
     let load = Some(assembly::uniform_load(&plate.cells, dofs, -500.0));

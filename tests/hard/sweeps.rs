@@ -2,7 +2,8 @@
 //! promise on the energy.
 
 use crate::common::Random;
-use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, STEEL, unit};
+use crate::common::models::{self, literal, unit_plate};
+use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right};
 use rebond::assembly;
 use rebond::dof_map::DofMap;
 use rebond::mesh::{Cell, Mesh, Point};
@@ -17,14 +18,13 @@ use rebond::study::stability::{Ending, run_native, variants};
 /// Asserts that no method fails in a hundred steps of 1 ms on a coarse mesh of the paper's plate
 /// with changed keys, and that methods with a promise on the energy keep it.
 fn holds(changes: &[String]) {
-    let text = r#"
-        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+    let text = concat!(
+        literal!(PAPER_FALL),
+        r#"
         mesh = { element = "fvs", cells = [4, 2] }
-        support = [{ edge = "left", kind = "clamped" }]
-        obstacle = [{ side = "below", height = -0.1 }]
-        initial = { static_pressure = 14600 }
         time = { scheme = "newmark", mass = "singular", step = 1e-3, end = 0.1 }
-    "#;
+    "#
+    );
     let scene = Scene::from_str(text, "sweep", changes).unwrap();
     for (scene, method) in variants(&scene, EngineName::Native, ContactSolver::Condensed) {
         let trial = run_native(&scene, method);
@@ -134,9 +134,10 @@ fn broken(system: &System<rebond::linalg::Native>, start: &Start, step: f64, ste
 }
 
 fn system(mesh: Mesh, height: f64) -> (System<rebond::linalg::Native>, Matrices) {
-    let plate = Matrices::new(mesh.clone(), STEEL, CLAMPED_LEFT);
+    let plate = Matrices::new(mesh.clone(), models::plate(), CLAMPED_LEFT);
     let bounds = Bounds::uniform(plate.deflections(), height, f64::INFINITY);
-    let Matrices { engine, stiffness, singular: mass, .. } = Matrices::new(mesh, STEEL, CLAMPED_LEFT);
+    let Matrices { engine, stiffness, singular: mass, .. } =
+        Matrices::new(mesh, models::plate(), CLAMPED_LEFT);
     let (damping, drive) = Default::default();
     (System { engine, stiffness, mass, damping, load: None, bounds, drive }, plate)
 }
@@ -181,7 +182,8 @@ fn cells_that_are_nearly_flat() {
 #[test]
 fn cells_that_are_too_flat() {
     let mesh = pinched("needles", 1e-7);
-    let error = assembly::cells(&mesh, &DofMap::unsupported(&mesh), &STEEL).unwrap_err().to_string();
+    let error =
+        assembly::cells(&mesh, &DofMap::unsupported(&mesh), &models::plate()).unwrap_err().to_string();
     assert!(error.starts_with("cell ") && error.contains("too flat"), "{error}");
 }
 
@@ -194,7 +196,7 @@ fn cells_a_thousand_times_longer_than_wide() {
     {
         let width = 0.1 / aspect;
         let mesh = Mesh::rectangle(1.0, width, [10, 1], element, Right).unwrap();
-        let plate = Matrices::new(mesh.clone(), unit(0.0), CLAMPED_LEFT);
+        let plate = Matrices::new(mesh.clone(), unit_plate(0.0), CLAMPED_LEFT);
         let mut couple = vec![0.0; plate.space.dofs()];
         for node in mesh.edge_nodes("right").unwrap() {
             let slope = plate.space.dofs_of(&[node]).nth(1).unwrap().unwrap();

@@ -7,6 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+#[path = "../common/models.rs"]
+mod models;
+
 /// Source file with its folder, its path below this folder, and its text.
 struct Source {
     folder: &'static str,
@@ -218,4 +221,48 @@ fn a_planted_riddle_is_found() {
     assert_eq!(planted("/// What a run was.\nstruct Run;\n").len(), 1);
     assert_eq!(planted("/// Summary of a run.\n/// What follows is a second line.\nstruct Run;\n").len(), 0);
     assert_eq!(planted(&format!("// {}\n", "word ".repeat(20))).len(), 1);
+}
+
+/// Returns the words and numbers of a text.
+fn tokens(text: &str) -> Vec<&str> {
+    let apart = |c: char| !(c.is_alphanumeric() || "_.+-".contains(c));
+    text.split(apart).filter(|token| !token.is_empty()).collect()
+}
+
+/// Returns the files that write the paper's plate, once per occurrence, as a table of a scene or in
+/// Rust.
+fn paper_plates(sources: &[Source]) -> Vec<String> {
+    let number = |token: &str| token.parse::<f64>().ok();
+    let table = tokens(models::PAPER_SECTION);
+    let numbers = table.iter().copied().filter(|token| number(token).is_some());
+    let call: Vec<&str> = std::iter::once("isotropic").chain(numbers).collect();
+    let same = |(a, b): (&&str, &&str)| a == b || number(a).is_some_and(|a| number(b) == Some(a));
+    let mut found = Vec::new();
+    for source in sources {
+        let words = tokens(&source.text);
+        for written in [&table, &call] {
+            let windows = words.windows(written.len());
+            let count = windows.filter(|window| window.iter().zip(written).all(same)).count();
+            found.extend(std::iter::repeat_n(format!("{}/{}", source.folder, source.path), count));
+        }
+    }
+    found
+}
+
+/// A test, bench or example takes the plate from the test models, as a table or as a `Plate`.
+#[test]
+fn the_papers_plate_is_written_once() {
+    let sources: Vec<Source> = ["tests", "benches", "examples"].into_iter().flat_map(sources_in).collect();
+    assert_eq!(paper_plates(&sources), ["tests/common/models.rs"; 2]);
+}
+
+#[test]
+fn a_planted_copy_of_the_papers_plate_is_found() {
+    let planted =
+        |text: String| paper_plates(&[Source { folder: "benches", path: "step.rs".into(), text }]).join("\n");
+    assert_eq!(planted(format!("const PLATE: &str = \"{}\";", models::PAPER_PLATE)), "benches/step.rs");
+    let table = models::PAPER_SECTION.replace(", ", "\n").replace("0.01", "1e-2");
+    assert_eq!(planted(format!("r#\"\n[plate]\nlength = 1.2\n{table}\n\"#")), "benches/step.rs");
+    let call = |thickness: f64| format!("Plate::isotropic({thickness}, 2.1e11, 0.3, 7770.0)");
+    assert_eq!((planted(call(0.01)).as_str(), planted(call(0.02)).as_str()), ("benches/step.rs", ""));
 }

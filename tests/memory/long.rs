@@ -1,6 +1,7 @@
 //! A million steps of the paper's plate: the energy behaves as theory predicts to the end, and
 //! memory does not grow.
 
+use crate::models::PAPER_FALL;
 use crate::{MEMORY, alone};
 use rebond::scene::Scene;
 use rebond::simulation::Model;
@@ -25,11 +26,8 @@ enum Promise {
 fn run(time: &str, promise: Promise) {
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_FALL}
         mesh = {{ element = "fvs", cells = [10, 4] }}
-        support = [{{ edge = "left", kind = "clamped" }}]
-        obstacle = [{{ side = "below", height = -0.1 }}]
-        initial = {{ static_pressure = 14600 }}
         time = {{ {time}, step = 5e-6, end = 5 }}
         "#
     );

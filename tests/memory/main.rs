@@ -8,6 +8,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 mod clock;
 mod gmsh;
 mod long;
+#[path = "../common/models.rs"]
+mod models;
 
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;

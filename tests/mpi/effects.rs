@@ -3,11 +3,10 @@
 
 use crate::common::command;
 use crate::common::command::{assert_fails, history, on, rebond, succeeds};
+use crate::common::models::{CLAMPED, PAPER_PLATE, PAPER_SECTION};
 use crate::common::scenes::Drawing;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-const STEEL: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 
 fn folder(test: &str, scene: &str) -> PathBuf {
     command::folder(&format!("effects-{test}"), scene)
@@ -53,7 +52,7 @@ fn shaken_between_stops() {
         "shaken",
         &format!(
             r#"
-            {STEEL}
+            {PAPER_PLATE}
             mesh = {{ element = "fvs", cells = [10, 4] }}
             support = [{{ edge = "left", kind = "clamped", motion = "2e-3*sin(2*pi*5.5*t)" }}]
             obstacle = [{{ side = "below", height = -0.0015, where = "x > 1.1" }}, {{ side = "above", height = 0.002, line = [[1.2, 0], [1.2, 0.4]] }}]
@@ -75,7 +74,7 @@ fn kinks_of_supports() {
             &format!("kinks-{scheme}"),
             &format!(
                 r#"
-                {STEEL}
+                {PAPER_PLATE}
                 mesh = {{ element = "fvs", cells = [6, 2] }}
                 support = [{{ edge = "left", kind = "clamped", motion = "0.2*max(0, t - 0.0031)" }}, {{ edge = "right", kind = "simply_supported", motion = "1e-3*abs(sin(200*t))" }}]
                 obstacle = [{{ side = "above", height = 0.004, where = "x > 0.4" }}]
@@ -94,7 +93,7 @@ fn a_ball_and_all_that_is_attached() {
         "ball",
         &format!(
             r#"
-            {STEEL}
+            {PAPER_PLATE}
             mesh = {{ element = "hct", cells = [4, 2], refine = 1, diagonal = "alternating" }}
             support = [{{ edge = "left", kind = "simply_supported", motion = "1e-3*sin(30*t)" }}, {{ edge = "right", kind = "simply_supported" }}, {{ edge = "top", where = "x < 0.5", kind = "guided" }}]
             ball = [{{ at = [0.6, 0.2], mass = 5.0, height = 2e-3 }}, {{ at = [0.93, 0.11], side = "below", mass = 0.2, height = -5e-3, velocity = 0.4 }}]
@@ -146,7 +145,7 @@ fn a_disc_over_a_point() {
         "disc",
         &format!(
             r#"
-            plate = {{ thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+            plate = {{ {PAPER_SECTION} }}
             mesh.file = "{file}"
             support = [{{ edge = "rim", kind = "simply_supported" }}]
             obstacle = [{{ side = "below", height = -1e-3, at = [0, 0] }}]
@@ -168,7 +167,7 @@ fn a_cover_on_stops_between_nodes() {
         "cover",
         &format!(
             r#"
-            {STEEL}
+            {PAPER_PLATE}
             mesh = {{ element = "fvs", cells = [5, 2], refine = 1 }}
             obstacle = [{{ side = "below", height = 0.002, at = [0.13, 0.17] }}, {{ side = "below", height = -0.0015, line = [[1.01, 0.03], [1.07, 0.36]] }}]
             load = {{ gravity = 9.81, force = [{{ at = [1.1, 0.2], value = "200*max(0, sin(200*t))^2" }}] }}
@@ -183,7 +182,7 @@ fn a_cover_on_stops_between_nodes() {
         "no-cover",
         &format!(
             r#"
-            {STEEL}
+            {PAPER_PLATE}
             mesh = {{ element = "hct", cells = [5, 2] }}
             obstacle = [{{ side = "below", height = 0, where = "x > 0.9" }}]
             load = {{ gravity = 9.81 }}
@@ -204,7 +203,7 @@ fn a_disc_on_points_between_nodes() {
         "points",
         &format!(
             r#"
-            plate = {{ thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+            plate = {{ {PAPER_SECTION} }}
             mesh = {{ file = "{file}", refine = 1 }}
             support = [{{ at = [0.11, 0.07], kind = "clamped" }}]
             obstacle = [{{ side = "below", height = -2e-4, at = [0.52, -0.34] }}]
@@ -245,7 +244,7 @@ fn a_fault_of_one_rank_ends_all() {
         ),
     ];
     let scene = format!(
-        "{STEEL}mesh = {{ element = \"fvs\", cells = [6, 2] }}\nsupport = [{{ edge = \"left\", kind = \"clamped\" }}]\n\
+        "{PAPER_PLATE}mesh = {{ element = \"fvs\", cells = [6, 2] }}\n{CLAMPED}\
          time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 0.1 }}\n"
     );
     for (number, (more, words)) in cases.into_iter().enumerate() {
@@ -263,7 +262,7 @@ fn impulses_of_contacts() {
             &format!("impulses-{scheme}"),
             &format!(
                 r#"
-                {STEEL}
+                {PAPER_PLATE}
                 mesh = {{ element = "fvs", cells = [5, 2] }}
                 obstacle = [{{ side = "below", height = "-0.002 + 0.001*x - 0.0005*sin(50*t)^2" }}]
                 load = {{ gravity = 9.81 }}

@@ -4,21 +4,21 @@
 use crate::common::command::{
     self, assert_agree, assert_fails, history, on, rebond, succeeds, summary, text,
 };
+use crate::common::models::literal;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// The paper's plate, bent down and pushed further onto an obstacle just below it.
-const PUSHED: &str = r#"
-title = "a push"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const PUSHED: &str = concat!(
+    "title = \"a push\"\n",
+    literal!(PAPER_PUSH),
+    r#"
 mesh = { element = "fvs", cells = [10, 4] }
-support = [{ edge = "left", kind = "clamped" }]
 obstacle = [{ side = "below", height = -0.2085 }]
-initial = { static_pressure = -14600 }
-load = { pressure = -1e5 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
 output = { every = 5, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "middle", at = [1.2, 0.2] }] }
-"#;
+"#
+);
 
 fn folder(test: &str) -> PathBuf {
     command::folder(&format!("options-{test}"), PUSHED)

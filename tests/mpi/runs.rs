@@ -5,23 +5,23 @@ use crate::common::command;
 use crate::common::command::{
     assert_agree, assert_fails, comparison, history, mpirun, on, rebond, succeeds, summary, text,
 };
+use crate::common::models::literal;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 /// The paper's plate on a coarse mesh, bent down by its own pressure and pushed further onto an
 /// obstacle just below it, which it touches at once.
-const PUSHED: &str = r#"
-title = "a short push"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const PUSHED: &str = concat!(
+    "title = \"a short push\"\n",
+    literal!(PAPER_PUSH),
+    r#"
 mesh = { element = "fvs", cells = [4, 2] }
-support = [{ edge = "left", kind = "clamped" }]
 obstacle = [{ side = "below", height = -0.211 }]
-initial = { static_pressure = -14600 }
-load = { pressure = -1e5 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.01 }
 output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "inside", at = [0.7, 0.15] }] }
-"#;
+"#
+);
 
 /// The paper's scenes with each element.
 const FVS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/csma2013/fig2.toml");

@@ -3,23 +3,23 @@
 
 use crate::common::command;
 use crate::common::command::{assert_agree, assert_fails, comparison, history, on, rebond, succeeds, text};
+use crate::common::models::literal;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
 /// The paper's plate on 40 quadrilaterals, bent down and pushed further onto an obstacle just below
 /// it.
-const PUSHED: &str = r#"
-title = "a push"
-plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const PUSHED: &str = concat!(
+    "title = \"a push\"\n",
+    literal!(PAPER_PUSH),
+    r#"
 mesh = { element = "fvs", cells = [10, 4] }
-support = [{ edge = "left", kind = "clamped" }]
 obstacle = [{ side = "below", height = -0.2085 }]
-initial = { static_pressure = -14600 }
-load = { pressure = -1e5 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.02 }
 output = { every = 5, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "middle", at = [1.2, 0.2] }] }
-"#;
+"#
+);
 
 fn folder(test: &str) -> PathBuf {
     command::folder(&format!("vi-petsc-{test}"), PUSHED)

@@ -1,5 +1,6 @@
 //! The handles on PETSc, on 1, 2 and 4 ranks.
 
+use crate::common::models::PAPER_FALL;
 use crate::common::ranks::{Case, Failure, Success, case};
 use rebond::communicator::Communicator;
 use rebond::linalg::Engine;
@@ -138,12 +139,9 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
         let scene = |engine: &str| {
             let text = format!(
                 r#"
-                plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+                {PAPER_FALL}
                 mesh = {{ element = "fvs", cells = [10, 4] }}
-                support = [{{ edge = "left", kind = "clamped" }}]
-                obstacle = [{{ side = "below", height = -0.1 }}]
                 load = {{ pressure = 1000 }}
-                initial = {{ static_pressure = 14600 }}
                 time = {{ scheme = "{name}", mass = "singular", step = 5e-4, end = 0.08 }}
                 output = {{ probes = [{{ name = "corner", at = [1.2, 0] }}] }}
                 solver = {{ engine = "{engine}" }}

@@ -1,7 +1,8 @@
 //! Gmsh's meshes on 1 to 4 ranks: their parts add up to the whole, the plate on them equals that of
 //! the native engine, and an error occurs on all ranks.
 
-use crate::common::plates::{Matrices, unit};
+use crate::common::models::unit_plate;
+use crate::common::plates::Matrices;
 use crate::common::ranks::{Case, case};
 use rebond::assembly;
 use rebond::communicator::Communicator;
@@ -141,9 +142,10 @@ impl Both {
         supports: &[(&str, Support)],
     ) -> Result<Both> {
         let part = Part::of_mesh(context, || Ok(mesh.clone()), refinements, &on_edges(supports), &[])?;
-        let native = Matrices::new((0..refinements).fold(mesh, |mesh, _| mesh.refine()), unit(0.3), supports);
+        let native =
+            Matrices::new((0..refinements).fold(mesh, |mesh, _| mesh.refine()), unit_plate(0.3), supports);
         let engine = Distributed::new(&part)?;
-        let cells = assembly::cells(&part.mesh, &part.space, &unit(0.3))?;
+        let cells = assembly::cells(&part.mesh, &part.space, &unit_plate(0.3))?;
         let stiffness = engine.cells().form(assembly::stiffness(&cells));
         let consistent = engine.cells().form(assembly::consistent_mass(&cells));
         let singular = engine.cells().averages(assembly::singular_mass(&cells));

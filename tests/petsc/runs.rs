@@ -1,5 +1,6 @@
 //! Runs on several ranks, one of which fails.
 
+use crate::common::models::literal;
 use crate::common::ranks::{Case, case};
 use rebond::communicator::Communicator;
 use rebond::motion::Motion;
@@ -11,8 +12,9 @@ use rebond::{Error, Result};
 pub const CASES: &[Case] = &[case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone)];
 
 /// Moving plate with snapshots and checkpoints.
-const SCENE: &str = r#"
-    plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+const SCENE: &str = concat!(
+    literal!(PAPER_PLATE),
+    r#"
     mesh = { element = "fvs", cells = [4, 2] }
     support = [{ edge = "left", kind = "clamped" }]
     obstacle = [{ side = "below", height = -0.001 }]
@@ -20,7 +22,8 @@ const SCENE: &str = r#"
     time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 4e-3 }
     output = { every = 4, fields_every = 10, checkpoint_every = 10 }
     solver = { engine = "petsc" }
-"#;
+"#
+);
 
 /// Point at which an observer fails.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,20 +1,15 @@
 //! The elements and the plate's matrices on them, tested against their definition and against
 //! independent numbers.
 
+use crate::common::models::{plate, unit_plate};
 use nalgebra::{SMatrix, SVector, Vector2};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use rebond::Error;
 use rebond::element::{AnyElement, Basis, CellShape, Element, ElementKind, fvs, hct, quadrature};
 use rebond::mesh::Point;
-use rebond::plate::{Plate, load, moments};
+use rebond::plate::{load, moments};
 use serde_json::Value;
-
-/// Returns a plate with D = 1 and rho h = 1.
-fn unit_plate(poissons_ratio: f64) -> Plate {
-    let youngs_modulus = 12.0 * (1.0 - poissons_ratio * poissons_ratio);
-    Plate::isotropic(1.0, youngs_modulus, poissons_ratio, 1.0)
-}
 
 /// Element with scales that make its numbers comparable: its longest side, the flatness of its
 /// flattest piece, and the size of its Bezier ordinates, for lengths measured in `size`.
@@ -525,7 +520,7 @@ fn quadrature_is_exact_to_its_degree_and_no_further() {
 
 #[test]
 fn rigidity_and_surface_density_are_those_of_the_papers_plate() {
-    let plate = Plate::isotropic(0.01, 210e9, 0.3, 7770.0);
+    let plate = plate();
     assert!((plate.rigidity() - 250_000.0 / 13.0).abs() <= 1e-10);
     assert!((plate.surface_density() - 77.7).abs() <= 1e-13);
 }

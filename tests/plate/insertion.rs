@@ -2,7 +2,8 @@
 //! cells, on which quadratics are exact.
 
 use crate::common::Random;
-use crate::common::plates::{Matrices, unit};
+use crate::common::models::unit_plate;
+use crate::common::plates::Matrices;
 use rebond::linalg::Engine;
 use rebond::mesh::{Diagonal, ElementKind, Mark, Mesh, Point};
 use std::collections::BTreeMap;
@@ -10,7 +11,7 @@ use std::collections::BTreeMap;
 const SIDES: [f64; 2] = [1.5, 1.0];
 
 /// Returns a rectangle in two groups, whose inner nodes are displaced at random.
-fn plate(random: &mut Random) -> Mesh {
+fn random_mesh(random: &mut Random) -> Mesh {
     let cells = [2 + random.below(6), 2 + random.below(5)];
     let kind = [ElementKind::Fvs, ElementKind::Hct][random.below(2)];
     let diagonal = [Diagonal::Right, Diagonal::Left, Diagonal::Alternating][random.below(3)];
@@ -86,7 +87,7 @@ fn angles(mesh: &Mesh) -> [f64; 2] {
 fn patch(mesh: Mesh) -> f64 {
     let on_rim = |p: &Point| (0..2).any(|axis| p[axis] == 0.0 || p[axis] == SIDES[axis]);
     let rim: Vec<bool> = mesh.nodes.iter().map(on_rim).collect();
-    let plate = Matrices::new(mesh, unit(0.3), &[]);
+    let plate = Matrices::new(mesh, unit_plate(0.3), &[]);
     let mut stiffest = 0.0_f64;
     plate.stiffness.for_each_lower(|_, _, entry| stiffest = stiffest.max(entry.abs()));
     let shape = |p: &Point| [p.x * p.x - 0.7 * p.x * p.y, 2.0 * p.x - 0.7 * p.y, -0.7 * p.x];
@@ -101,7 +102,7 @@ fn random_marks(tries: u64) {
     let (mut made_any, mut refused) = (0, 0);
     for seed in 0..tries {
         let mut random = Random::new(seed);
-        let mesh = plate(&mut random);
+        let mesh = random_mesh(&mut random);
         let mut marks: Vec<(String, Mark)> = Vec::new();
         for number in 0..1 + random.below(3) {
             marks.push((format!("at {number}"), Mark::At(place(&mesh, &mut random))));

@@ -1,6 +1,7 @@
 //! The assembled matrices, compared with GetFEM's, and as files.
 
-use crate::common::plates::{Fvs, Hct, Matrices, Right, STEEL};
+use crate::common::models::plate;
+use crate::common::plates::{Fvs, Hct, Matrices, Right};
 use rebond::linalg::Form;
 use rebond::mesh::{ElementKind, Mesh};
 use rebond::scene::Scene;
@@ -41,7 +42,7 @@ fn table(name: &str) -> Dense {
 }
 
 fn paper(element: ElementKind) -> Matrices {
-    Matrices::new(Mesh::rectangle(1.2, 0.4, [10, 4], element, Right).unwrap(), STEEL, &[])
+    Matrices::new(Mesh::rectangle(1.2, 0.4, [10, 4], element, Right).unwrap(), plate(), &[])
 }
 
 fn dense(form: &Form, dofs: usize) -> Dense {

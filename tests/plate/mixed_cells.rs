@@ -1,7 +1,8 @@
 //! Triangles and quadrilaterals in one mesh, both unstructured: C1 across every edge, exact for
 //! quadratics, convergent.
 
-use crate::common::plates::{Matrices, all_round, unit};
+use crate::common::models::unit_plate;
+use crate::common::plates::{Matrices, all_round};
 use nalgebra::SVector;
 use rebond::dof_map::Support;
 use rebond::element::{Basis, fvs, hct};
@@ -76,7 +77,7 @@ fn quadratics_are_exact() {
         (|p| [p.y * p.y, 0.0, 2.0 * p.y], 2.0),
     ];
     for mesh in [square(), square().refine()] {
-        let plate = Matrices::new(mesh, unit(0.3), &[]);
+        let plate = Matrices::new(mesh, unit_plate(0.3), &[]);
         let rim = all_round(Support::Clamped).map(|(edge, _)| plate.mesh.edge_nodes(edge).unwrap()).concat();
         let mut stiffest = 0.0_f64;
         plate.stiffness.for_each_lower(|_, _, entry| stiffest = stiffest.max(entry.abs()));
@@ -101,7 +102,7 @@ fn quadratics_are_exact() {
 /// A rigid motion at unit velocity has the kinetic energy of the whole plate, with either mass.
 #[test]
 fn no_mass_is_lost() {
-    let plate = Matrices::new(square(), unit(0.3), &[]);
+    let plate = Matrices::new(square(), unit_plate(0.3), &[]);
     let u: Vec<f64> = plate.mesh.nodes.iter().flat_map(|_| [1.0, 0.0, 0.0]).collect();
     for mass in [&plate.consistent, &plate.singular] {
         let total = plate.engine.multiply(mass, &u, &mut vec![0.0; u.len()]).unwrap();
@@ -118,7 +119,7 @@ fn published_deflections_of_the_square() {
     {
         let (mut mesh, mut before) = (square(), f64::INFINITY);
         for level in 0..4 {
-            let plate = Matrices::new(mesh.clone(), unit(0.3), &all_round(support));
+            let plate = Matrices::new(mesh.clone(), unit_plate(0.3), &all_round(support));
             let error = 1.0 - plate.at(&plate.statics(1.0), 0.5, 0.5) / expected;
             assert!(
                 error > 0.0 && error < before / 2.5,

@@ -12,6 +12,7 @@
 //! both errors decrease as h. On triangles with alternating diagonals u_h is nearer to u than to I
 //! u.
 
+use crate::common::models::unit_plate;
 use nalgebra::SVector;
 use rebond::element::{Element, fvs, hct, quadrature};
 use rebond::linalg::{Bending, ElementMatrix, Engine, Native};
@@ -26,7 +27,7 @@ const FVS: [(usize, f64); 4] = [(8, 6.33e-2), (16, 2.69e-2), (32, 1.43e-2), (64,
 const HCT: [(usize, f64); 4] = [(8, 1.74e-1), (16, 8.90e-2), (32, 4.59e-2), (64, 2.32e-2)];
 
 /// Plate with D = 1 and nu = 0, whose energy density is D^2 u : D^2 u over 2.
-const PLATE: Plate = Plate::isotropic(1.0, 12.0, 0.0, 1.0);
+const PLATE: Plate = unit_plate(0.0);
 
 /// Radial solution outside contact.
 #[derive(Debug)]

@@ -1,9 +1,8 @@
 //! Static deflections, compared with independent programs, published values and symmetry, and the
 //! digits that fine meshes keep.
 
-use crate::common::plates::{
-    Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close, unit,
-};
+use crate::common::models::unit_plate;
+use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
 use rebond::dof_map::Support;
 use rebond::linalg::Engine;
 use rebond::mesh::Mesh;
@@ -100,7 +99,7 @@ fn rigid_motions_are_free() {
     for element in [Fvs, Hct] {
         let mut mesh = Mesh::rectangle(1.2, 0.4, [40, 16], element, Right).unwrap();
         mesh.nodes.iter_mut().for_each(|p| *p += rebond::mesh::Point::new(64.0, -32.0).coords);
-        let plate = Matrices::new(mesh, unit(0.3), &[]);
+        let plate = Matrices::new(mesh, unit_plate(0.3), &[]);
         let rigid: Vec<f64> =
             plate.mesh.nodes.iter().flat_map(|p| [1.0 + 0.5 * p.x - 0.25 * p.y, 0.5, -0.25]).collect();
         assert!(elastic_energy(&plate, &rigid) < 1e-20);
@@ -160,7 +159,7 @@ fn nested_meshes_grow_softer() {
 fn a_strip_without_poisson_is_a_beam() {
     let tip = |element, cells| {
         let mesh = Mesh::rectangle(1.0, 0.25, cells, element, Right).unwrap();
-        let plate = Matrices::new(mesh, unit(0.0), CLAMPED_LEFT);
+        let plate = Matrices::new(mesh, unit_plate(0.0), CLAMPED_LEFT);
         plate.at(&plate.statics(1.0), 1.0, 0.125)
     };
     close("fvs", tip(Fvs, [8, 2]), 0.125, 1e-14);
@@ -174,7 +173,7 @@ fn a_strip_without_poisson_is_a_beam() {
 fn the_tip_of_a_plate_three_times_as_long_as_wide() {
     for element in [Fvs, Hct] {
         let mesh = Mesh::rectangle(1.0, 1.0 / 3.0, [96, 32], element, Right).unwrap();
-        let plate = Matrices::new(mesh, unit(0.3), CLAMPED_LEFT);
+        let plate = Matrices::new(mesh, unit_plate(0.3), CLAMPED_LEFT);
         let u = plate.statics(1.0);
         for (y, expected) in [(0.0, 0.132269), (1.0 / 6.0, 0.132347)] {
             let w = plate.at(&u, 1.0, y);

@@ -2,7 +2,8 @@
 //! and plates that cannot rest.
 
 use crate::common::Random;
-use crate::common::scenes::{STILL, STRIP, UNIT, close, grid, model, off, refusal, run, scene};
+use crate::common::models::{STRIP, UNIT};
+use crate::common::scenes::{STILL, close, grid, model, off, refusal, run, scene};
 use rebond::linalg::Engine;
 use rebond::simulation::Model;
 

@@ -2,7 +2,8 @@
 //! can follow them.
 
 use crate::common::Random;
-use crate::common::scenes::{STRIP, grid, newmark, read, refusal, run};
+use crate::common::models::STRIP;
+use crate::common::scenes::{grid, newmark, read, refusal, run};
 use rebond::field::{Breaks, Field, MOST_LOOKS, Names};
 use rebond::mesh::Point;
 use rebond::simulation::Model;

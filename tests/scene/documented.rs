@@ -1,6 +1,7 @@
 //! The examples of `docs/scenes.md` are valid scenes, and the page lists the keys that the reader
 //! knows.
 
+use crate::common::models::{CLAMPED, PAPER_PLATE};
 use crate::common::scenes;
 use rebond::scene::Scene;
 use rebond::simulation::Model;
@@ -8,9 +9,7 @@ use rebond::simulation::Model;
 const PAGE: &str = include_str!("../../docs/scenes.md");
 
 /// Tables that are added to an example which omits them.
-const PLATE: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
 const MESH: &str = "mesh = { element = \"fvs\", cells = [4, 2] }\n";
-const SUPPORT: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 const TIME: &str = "time = { scheme = \"newmark\", mass = \"singular\", step = 1e-5, end = 1e-2 }\n";
 
 fn examples() -> Vec<String> {
@@ -27,7 +26,7 @@ fn every_example_runs() {
             let starts = [format!("[{table}]"), format!("[[{table}]]"), format!("{table} =")];
             example.lines().any(|line| starts.iter().any(|start| line.starts_with(start)))
         };
-        let parts = [("plate", PLATE), ("mesh", MESH), ("support", SUPPORT), ("time", TIME)];
+        let parts = [("plate", PAPER_PLATE), ("mesh", MESH), ("support", CLAMPED), ("time", TIME)];
         let left_out: String =
             parts.into_iter().filter(|(table, _)| !names(table)).map(|(_, text)| text).collect();
         let text = left_out + &example;
@@ -46,7 +45,7 @@ fn every_example_runs() {
 /// Every table and key that the reader lists in its error for an unknown one is in the document.
 #[test]
 fn every_key_is_documented() {
-    let base = [PLATE, MESH, TIME].concat();
+    let base = [PAPER_PLATE, MESH, TIME].concat();
     let wrong = "nonsense";
     let list = |text: &str| {
         let error = scenes::read(text).unwrap_err().to_string();

@@ -1,8 +1,9 @@
 //! Effects on a plate, each compared with an exact or a published result.
 
+use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes;
 use crate::common::scenes::{
-    STILL, UNIT, all_round, close, grid, inspect, model, newmark, off, refusal, run, run_to_end, same, scene,
+    STILL, all_round, close, grid, inspect, model, newmark, off, refusal, run, run_to_end, same, scene,
 };
 use rebond::assembly::Probe;
 use rebond::mesh::Point;
@@ -411,7 +412,6 @@ fn obstacles_bound_what_they_are_opposite_to() {
 #[test]
 fn errors_name_the_key() {
     let plate = [UNIT, &grid("fvs", 4, 4), STILL].concat();
-    let clamped = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
     let cases = [
         (
             "support = [{ at = [1.3, 0.3], kind = \"clamped\" }]",
@@ -478,7 +478,7 @@ fn errors_name_the_key() {
     // Nothing can move where all dofs are held.
     let held = format!("{UNIT}{}{}{STILL}", grid("fvs", 1, 1), all_round("clamped"));
     assert!(refusal(&held).to_string().contains("nothing can move"));
-    run(&format!("{plate}{clamped}"));
+    run(&format!("{plate}{CLAMPED}"));
 }
 
 /// A probe gives the element's own deflection anywhere in a cell, and only the nodal value at a

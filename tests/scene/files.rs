@@ -2,6 +2,7 @@
 //! given by the names of points.
 
 use crate::common::Random;
+use crate::common::models::CLAMPED;
 use crate::common::scenes::{Drawing, STILL, close, inspect, read, refusal, run, scene};
 use rebond::Error;
 use rebond::simulation::{self, Model};
@@ -9,7 +10,6 @@ use rebond::study;
 
 const MATERIAL: &str =
     "plate = { thickness = 0.003, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
-const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 
 /// Returns a plate of 0.6 m x 0.4 m in two halves with nodes of their own, the second displaced by
 /// a gap and by a shift along the joint.

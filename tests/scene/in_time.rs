@@ -1,6 +1,7 @@
 //! Checks warn of parts of loads and motions that the time steps miss.
 
-use crate::common::scenes::{STRIP, grid, newmark, scene};
+use crate::common::models::STRIP;
+use crate::common::scenes::{grid, newmark, scene};
 use rebond::study;
 use std::fs;
 use std::path::PathBuf;

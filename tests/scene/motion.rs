@@ -1,15 +1,13 @@
 //! Moving supports and obstacles, and free rigid bodies, each compared with another frame, a closed
 //! form or a balance.
 
+use crate::common::models::{CLAMPED, STRIP, UNIT, UNIT_SECTION};
 use crate::common::scenes;
 use crate::common::scenes::{
-    Drawing, Instant, STRIP, UNIT, all_round, close, grid, inspect, newmark, off, run, run_to_end, same,
-    scene,
+    Drawing, Instant, all_round, close, grid, inspect, newmark, off, run, run_to_end, same, scene,
 };
 use rebond::simulation::Model;
 use std::f64::consts::{PI, TAU};
-
-const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 
 fn clamped(motion: &str) -> String {
     format!("support = [{{ edge = \"left\", kind = \"clamped\", motion = \"{motion}\" }}]\n")
@@ -336,7 +334,7 @@ fn motion_of_askew_supports() {
         let map = |x: f64, y: f64| if turned { turn(x, y) } else { [x, y] };
         let file = Drawing::grid([5, 4], [1.0, 0.8], true, map).write(&format!("apart-{turned}.msh"));
         format!(
-            "plate = {{ thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }}\nmesh.file = '{file}'\n\
+            "plate = {{ {UNIT_SECTION} }}\nmesh.file = '{file}'\n\
              support = [{{ edge = \"left\", kind = \"simply_supported\", motion = \"0.01*sin(9*t)^2\" }}, {{ edge = \"right\", kind = \"simply_supported\" }}, {{ edge = \"top\", kind = \"guided\" }}]\n\
              ball = [{{ at = {:?}, mass = 0.3, height = 0.005 }}]\nload.gravity = 9.81\n{}output.probes = [{{ name = \"in\", at = {:?} }}, {{ name = \"ball\", ball = 0 }}]\n",
             map(0.41, 0.37),

@@ -2,15 +2,13 @@
 //! exact integrals on any mesh.
 
 use crate::common::Random;
+use crate::common::models::{CLAMPED, PAPER_PLATE};
 use crate::common::scenes::{STILL, close, grid, refusal, run, scene};
 use rebond::mesh::{Cell, Diagonal, ElementKind, Mesh};
 use rebond::plate::Sections;
 use rebond::simulation::{self, LoadTotal};
 use std::f64::consts::PI;
 
-/// The paper's plate.
-const PLATE: &str = "plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }\n";
-const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 const MESHES: [(&str, usize, usize); 4] = [("fvs", 10, 4), ("hct", 10, 4), ("fvs", 40, 16), ("hct", 7, 3)];
 
 fn totals(text: &str) -> Vec<LoadTotal> {
@@ -22,7 +20,8 @@ fn totals(text: &str) -> Vec<LoadTotal> {
 #[track_caller]
 fn assert_pushes(pressure: &str, force: f64, [x, y]: [f64; 2], tolerance: f64) {
     for (element, nx, ny) in MESHES {
-        let text = format!("{PLATE}{}{STILL}load = {{ pressure = \"{pressure}\" }}\n", grid(element, nx, ny));
+        let text =
+            format!("{PAPER_PLATE}{}{STILL}load = {{ pressure = \"{pressure}\" }}\n", grid(element, nx, ny));
         let start = totals(&text)[0].start;
         let name = format!("{pressure} on {element} {nx} x {ny}");
         close(&name, start.force, force, tolerance);
@@ -89,7 +88,8 @@ fn smooth_pressures_and_jumps_along_the_mesh_keep_their_rule() {
         ("(1 - x)^3*y", 2),
     ] {
         let mesh = Mesh::rectangle(1.2, 0.4, [nx, 4], ElementKind::Fvs, Diagonal::Right).unwrap();
-        let text = format!("{PLATE}{}{STILL}load = {{ pressure = \"{formula}\" }}\n", grid("fvs", nx, 4));
+        let text =
+            format!("{PAPER_PLATE}{}{STILL}load = {{ pressure = \"{formula}\" }}\n", grid("fvs", nx, 4));
         let scene = scene(&text);
         let field = &scene.load.as_ref().unwrap().pressure;
         let space = rebond::dof_map::DofMap::unsupported(&mesh);
@@ -106,7 +106,7 @@ fn smooth_pressures_and_jumps_along_the_mesh_keep_their_rule() {
 fn static_starts_and_motions_feel_the_patch() {
     let at = |nx: usize, ny: usize, tables: &str| {
         let probe = "output.probes = [{ name = \"tip\", at = [1.2, 0.2] }]\n";
-        run(&format!("{PLATE}{CLAMPED}{}{STILL}{probe}{tables}", grid("fvs", nx, ny)))[0].probes[0]
+        run(&format!("{PAPER_PLATE}{CLAMPED}{}{STILL}{probe}{tables}", grid("fvs", nx, ny)))[0].probes[0]
     };
     let disc = "\"if(hypot(x - 0.613, y - 0.211) < 0.005, 1e6, 0)\"";
     let start = format!("initial = {{ static_pressure = {disc} }}\n");
@@ -120,7 +120,7 @@ fn static_starts_and_motions_feel_the_patch() {
 
 #[test]
 fn foundations_and_thicknesses_are_seen_too() {
-    let text = |tables: &str| format!("{PLATE}{}{STILL}{tables}", grid("hct", 10, 4));
+    let text = |tables: &str| format!("{PAPER_PLATE}{}{STILL}{tables}", grid("hct", 10, 4));
     let disc = "foundation = [{ stiffness = \"if(hypot(x - 0.613, y - 0.211) < 0.005, 1e9, 0)\" }, { stiffness = 3e3 }]\n";
     let scene_on = scene(&text(disc));
     let mesh = simulation::mesh(&scene_on).unwrap();
@@ -150,7 +150,7 @@ fn foundations_and_thicknesses_are_seen_too() {
 fn moving_patches_push_all_the_time() {
     let load = "load = { pressure = \"if(hypot(x - 0.1 - t, y - 0.2) < 0.005, 1e5, 0)\" }\n";
     let time = "time = { scheme = \"newmark\", mass = \"singular\", step = 1e-2, end = 0.3 }\n";
-    let text = format!("{PLATE}{CLAMPED}{}{time}{load}", grid("fvs", 10, 4));
+    let text = format!("{PAPER_PLATE}{CLAMPED}{}{time}{load}", grid("fvs", 10, 4));
     let total = &totals(&text)[0];
     let force = 1e5 * PI * 25e-6;
     close("start", total.start.force, force, 1e-3);
@@ -166,7 +166,7 @@ fn moving_patches_push_all_the_time() {
 #[test]
 fn what_has_no_integral_is_refused() {
     let text = |pressure: &str| {
-        format!("{PLATE}{CLAMPED}{}{STILL}load = {{ pressure = \"{pressure}\" }}\n", grid("fvs", 4, 2))
+        format!("{PAPER_PLATE}{CLAMPED}{}{STILL}load = {{ pressure = \"{pressure}\" }}\n", grid("fvs", 4, 2))
     };
     let message = refusal(&text("1/((x - 0.61)^2 + (y - 0.21)^2)")).to_string();
     assert!(
@@ -258,8 +258,10 @@ fn random_patches(tries: u64) {
         let mut random = Random::new(seed);
         let (formula, force, [x, y], tolerance) = patch(&mut random);
         let mesh = random_mesh(&mut random);
-        let scene =
-            scene(&format!("{PLATE}{}{STILL}load = {{ pressure = \"{formula}\" }}\n", grid("fvs", 1, 1)));
+        let scene = scene(&format!(
+            "{PAPER_PLATE}{}{STILL}load = {{ pressure = \"{formula}\" }}\n",
+            grid("fvs", 1, 1)
+        ));
         let start =
             simulation::load_totals(&scene, &mesh).unwrap_or_else(|error| panic!("{seed}: {error}"))[0].start;
         let name = format!("seed {seed}, {formula}, {} cells", mesh.cells.len());

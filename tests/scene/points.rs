@@ -1,12 +1,12 @@
 //! Obstacles and supports at points and along lines that are no nodes of the mesh.
 
+use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes::{
-    STILL, UNIT, close, grid, inspect, model, newmark, refusal, run, run_to_end, scene, start,
+    STILL, close, grid, inspect, model, newmark, refusal, run, run_to_end, scene, start,
 };
 use rebond::simulation::Model;
 use rebond::study;
 
-const CLAMPED: &str = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
 const PRESSED: &str = "initial.static_pressure = -1\n";
 const PROBES: &str = "output.probes = [{ name = \"corner\", at = [1, 1] }, { name = \"in\", at = [0.85, 0.15] }, { name = \"at\", at = [0.7, 0.4] }]\n";
 

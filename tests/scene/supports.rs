@@ -1,9 +1,8 @@
 //! Supports, shapes and sections of plates, compared with published frequencies, exact beams, and
 //! the same plate in another position.
 
-use crate::common::scenes::{
-    Drawing, STILL, STRIP, UNIT, all_round, close, grid, inspect, refusal, run, same, start,
-};
+use crate::common::models::{CLAMPED, STRIP, UNIT, UNIT_SECTION};
+use crate::common::scenes::{Drawing, STILL, all_round, close, grid, inspect, refusal, run, same, start};
 use std::f64::consts::{PI, TAU};
 
 /// Returns the lowest frequencies with the consistent mass, without rigid motions, in Hz.
@@ -11,22 +10,22 @@ fn frequencies(text: &str) -> Vec<f64> {
     inspect(text).consistent.lowest.into_iter().filter(|f| *f > 0.0).collect()
 }
 
+/// Keys of a plate table for the steel of the benchmarks of NAFEMS, 5 cm thick.
+const NAFEMS_SECTION: &str = "thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000";
+
 /// NAFEMS, *The Standard NAFEMS Benchmarks*, TNSB rev. 3, 1990: free plate FV12, cantilever FV16,
 /// and the simply supported square, all 10 x 10 x 0.05 m. Conforming elements with the consistent
 /// mass converge from above.
 #[test]
 fn nafems_squares() {
-    let steel = "plate = { length = 10, width = 10, thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
+    let steel = format!("plate = {{ length = 10, width = 10, {NAFEMS_SECTION} }}\n");
     let cases = [
         ("", &[1.622, 2.360, 2.922, 4.233, 4.233][..]),
-        (
-            "support = [{ edge = \"left\", kind = \"clamped\" }]\n",
-            &[0.421, 1.029, 2.582, 3.306, 3.753, 6.555],
-        ),
+        (CLAMPED, &[0.421, 1.029, 2.582, 3.306, 3.753, 6.555]),
         (&all_round("simply_supported"), &[2.377, 5.942, 5.942, 9.507, 11.884, 11.884]),
     ];
     for (supports, published) in cases {
-        let values = frequencies(&[steel, &grid("fvs", 20, 20), supports, STILL].concat());
+        let values = frequencies(&[&steel, &grid("fvs", 20, 20), supports, STILL].concat());
         for (value, published) in values.iter().zip(published) {
             // Published values have three decimals; those of FV12 and FV16 are Ritz bounds up to
             // 0.8 % high.
@@ -43,9 +42,8 @@ fn nafems_rhombus() {
     let of = |count: usize, triangles: bool| {
         let mesh = Drawing::grid([count; 2], [10.0; 2], triangles, shear);
         let file = mesh.write(&format!("rhombus-{count}-{triangles}.msh"));
-        let plate =
-            "plate = { thickness = 0.05, youngs_modulus = 200e9, poissons_ratio = 0.3, density = 8000 }\n";
-        frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &all_round("clamped"), STILL].concat())
+        let plate = format!("plate = {{ {NAFEMS_SECTION} }}\n");
+        frequencies(&[&plate, &format!("mesh.file = '{file}'\n"), &all_round("clamped"), STILL].concat())
     };
     // Triangles as acute as these are far from convergence in the higher modes.
     for (triangles, modes) in [(false, 6), (true, 2)] {
@@ -108,9 +106,9 @@ fn a_turned_plate_is_the_same_plate() {
 fn a_simply_supported_disc_is_no_clamped_one() {
     let value = |rings: usize, kind: &str| {
         let file = Drawing::disc(rings).write(&format!("disc-{rings}-{kind}.msh"));
-        let plate = "plate = { thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\n";
+        let plate = format!("plate = {{ {UNIT_SECTION} }}\n");
         let support = format!("support = [{{ edge = \"rim\", kind = \"{kind}\" }}]\n");
-        TAU * frequencies(&[plate, &format!("mesh.file = '{file}'\n"), &support, STILL].concat())[0]
+        TAU * frequencies(&[&plate, &format!("mesh.file = '{file}'\n"), &support, STILL].concat())[0]
     };
     // The values are the roots of J1/J0 + I1/I0 = 2 l / (1 - nu) and J0 I1 + I0 J1 = 0.
     let errors = [4, 8, 16].map(|rings| (value(rings, "simply_supported") / 4.935_149_04 - 1.0).abs());
@@ -131,13 +129,12 @@ fn points_and_parts_of_edges() {
     close("corners", value, 7.11, 3e-3);
 
     // Parts that make up an edge are equivalent to the edge.
-    let whole = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
     let parts = r#"support = [{ edge = "left", where = "y <= 0.5", kind = "clamped" }, { edge = "left", where = "y >= 0.5", kind = "clamped" }]
 "#;
     let of = |supports: &str| frequencies(&[UNIT, &grid("hct", 8, 8), supports, STILL].concat());
-    assert_eq!(of(whole), of(parts));
+    assert_eq!(of(CLAMPED), of(parts));
     let part = "support = [{ edge = \"left\", where = \"y <= 0.5\", kind = \"clamped\" }]\n";
-    assert!(of(part)[0] < 0.9 * of(whole)[0]);
+    assert!(of(part)[0] < 0.9 * of(CLAMPED)[0]);
 }
 
 /// The error names the motions that are not held.
@@ -294,11 +291,11 @@ fn an_orthotropic_plate() {
 /// mixed.
 #[test]
 fn parts_of_a_mixed_mesh() {
-    let plate = "plate = { thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1 }\nmesh.file = 'gmsh/square_41_text.msh'\n";
+    let plate = format!("plate = {{ {UNIT_SECTION} }}\nmesh.file = 'gmsh/square_41_text.msh'\n");
     let supports = all_round("clamped");
     let part = |group| format!("{{ group = \"{group}\", thickness = 1 }}");
     let parts = format!("part = [{}]\n", ["steel", "rubber", "whole"].map(part).join(", "));
-    let of = |parts: &str| frequencies(&[plate, &supports, parts, STILL].concat());
+    let of = |parts: &str| frequencies(&[&plate, &supports, parts, STILL].concat());
     let whole = of("");
     for (a, b) in whole.iter().zip(of(&parts)) {
         close("groups", *a, b, 1e-11);

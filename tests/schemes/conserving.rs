@@ -5,6 +5,7 @@
 //! equals the initial energy, gamma is at least 1/2, U(p) satisfies its optimality conditions, and
 //! the scheme converges to the exact trajectory with order 2.
 
+use crate::common::models::{PAPER_FALL, PAPER_PLATE};
 use crate::common::{Random, largest, solve_dense};
 use rebond::linalg::Engine;
 use rebond::scene::Scene;
@@ -12,14 +13,11 @@ use rebond::scheme::{Conserving, Massless, Midpoint, Potential, Scheme, System};
 use rebond::simulation::Model;
 
 /// Returns the paper's plate on some cells, at rest under 14600 Pa above an obstacle.
-fn plate(element: &str, cells: [usize; 2], overrides: &[&str]) -> Scene {
+fn falling_plate(element: &str, cells: [usize; 2], overrides: &[&str]) -> Scene {
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_FALL}
         mesh = {{ element = "{element}", cells = {cells:?} }}
-        support = [{{ edge = "left", kind = "clamped" }}]
-        obstacle = [{{ side = "below", height = -0.1 }}]
-        initial = {{ static_pressure = 14600 }}
         time = {{ scheme = "conserving", mass = "singular", step = 1e-4, end = 0.3 }}
         output = {{ probes = [{{ name = "corner", at = [1.2, 0] }}, {{ name = "far_corner", at = [1.2, 0.4] }}] }}
         "#
@@ -62,7 +60,7 @@ fn energy_is_kept_at_long_and_short_steps() {
     for element in ["fvs", "hct"] {
         for (step, end) in [("1e-3", "2"), ("1e-4", "0.5"), ("1e-5", "0.1")] {
             let [step, end] = [format!("time.step={step}"), format!("time.end={end}")];
-            keeps_its_energy(&plate(element, [10, 4], &[&step, &end]), 1e-11);
+            keeps_its_energy(&falling_plate(element, [10, 4], &[&step, &end]), 1e-11);
         }
     }
 }
@@ -72,23 +70,26 @@ fn energy_is_kept_at_long_and_short_steps() {
 fn energy_is_kept_for_two_seconds() {
     for element in ["fvs", "hct"] {
         for step in ["1e-3", "5e-4", "1e-4", "5e-5", "1e-5", "5e-6", "1e-6"] {
-            keeps_its_energy(&plate(element, [10, 4], &[&format!("time.step={step}"), "time.end=2"]), 1e-11);
+            keeps_its_energy(
+                &falling_plate(element, [10, 4], &[&format!("time.step={step}"), "time.end=2"]),
+                1e-11,
+            );
         }
         for step in ["1e-3", "1e-4", "1e-5"] {
-            keeps_its_energy(&plate(element, [20, 8], &[&format!("time.step={step}")]), 1e-10);
+            keeps_its_energy(&falling_plate(element, [20, 8], &[&format!("time.step={step}")]), 1e-10);
         }
         for (step, end) in [("1e-3", "0.3"), ("1e-4", "0.1")] {
             let [step, end] = [format!("time.step={step}"), format!("time.end={end}")];
-            keeps_its_energy(&plate(element, [80, 32], &[&step, &end]), 1e-9);
+            keeps_its_energy(&falling_plate(element, [80, 32], &[&step, &end]), 1e-9);
         }
     }
 }
 
 #[test]
 fn energy_is_kept_where_the_midpoint_rule_multiplies_it() {
-    let scene = |scheme| plate("hct", [20, 8], &["time.step=1e-3", &format!("time.scheme={scheme}")]);
+    let scene = |scheme| falling_plate("hct", [20, 8], &["time.step=1e-3", &format!("time.scheme={scheme}")]);
     let reflected =
-        plate("hct", [20, 8], &["time.step=1e-3", "time.scheme=midpoint", "time.massless=reflected"]);
+        falling_plate("hct", [20, 8], &["time.step=1e-3", "time.scheme=midpoint", "time.massless=reflected"]);
     // The second value is from an independent program.
     for (scene, expected) in [(reflected, 8.54), (scene("midpoint"), 3603.0)] {
         let model = Model::new(&scene).unwrap();
@@ -107,7 +108,7 @@ fn energy_is_kept_where_the_midpoint_rule_multiplies_it() {
 
 #[test]
 fn energy_is_kept_on_a_fine_mesh() {
-    keeps_its_energy(&plate("fvs", [80, 32], &["time.step=1e-3", "time.end=0.06"]), 1e-9);
+    keeps_its_energy(&falling_plate("fvs", [80, 32], &["time.step=1e-3", "time.end=0.06"]), 1e-9);
 }
 
 /// A plate without supports is thrown between two obstacles under a load: all nodes land at once,
@@ -117,7 +118,7 @@ fn energy_is_kept_by_a_plate_thrown_flat_under_load() {
     for element in ["fvs", "hct"] {
         let text = format!(
             r#"
-            plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+            {PAPER_PLATE}
             mesh = {{ element = "{element}", cells = [6, 2] }}
             obstacle = [{{ side = "below", height = -0.02 }}, {{ side = "above", height = 0.01 }}]
             load = {{ pressure = -762.2 }}
@@ -143,7 +144,7 @@ fn exact(element: &str) -> Vec<[f64; 2]> {
 /// Returns the root mean square error of the tip's corners up to an end, in m.
 fn error(element: &str, steps_a_ms: u64, end: f64) -> f64 {
     let step = format!("time.step={:e}", 1e-3 / steps_a_ms as f64);
-    let scene = plate(element, [10, 4], &[&step]);
+    let scene = falling_plate(element, [10, 4], &[&step]);
     let model = Model::new(&scene).unwrap();
     let mut scheme = model.scheme(&scene).unwrap();
     let (mut sum, mut count) = (0.0, 0);
@@ -173,7 +174,7 @@ fn the_exact_trajectory_is_met_with_order_2() {
 
 #[test]
 fn in_free_flight_it_is_the_midpoint_rule() {
-    let scene = plate("hct", [10, 4], &[]);
+    let scene = falling_plate("hct", [10, 4], &[]);
     let model = Model::new(&scene).unwrap();
     let mut conserving = Conserving::new(&model.system, 1e-4, model.start.clone()).unwrap();
     let mut midpoint =
@@ -190,7 +191,7 @@ fn in_free_flight_it_is_the_midpoint_rule() {
 /// The two reports of the midpoint rule have the same motion of p.
 #[test]
 fn the_massless_part_does_not_change_the_motion() {
-    let scene = plate("fvs", [10, 4], &[]);
+    let scene = falling_plate("fvs", [10, 4], &[]);
     let model = Model::new(&scene).unwrap();
     let System { engine, mass, .. } = &model.system;
     let scheme = |massless| Midpoint::new(&model.system, 1e-4, massless, model.start.clone()).unwrap();
@@ -218,7 +219,7 @@ fn the_minimiser_satisfies_its_optimality_conditions() {
     let mut random = Random::new(5);
     let mut touched = 0;
     for element in ["fvs", "hct"] {
-        let model = Model::new(&plate(element, [4, 2], &["load.pressure=-2000"])).unwrap();
+        let model = Model::new(&falling_plate(element, [4, 2], &["load.pressure=-2000"])).unwrap();
         let System { engine, stiffness, mass, bounds, load, .. } = &model.system;
         let (dofs, cells) = (engine.dofs(), engine.velocities(mass));
         let mut potential = Potential::new(&model.system).unwrap();

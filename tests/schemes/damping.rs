@@ -2,6 +2,7 @@
 //! by the exact scheme.
 
 use crate::common::block;
+use crate::common::models::PAPER_START;
 use rebond::linalg::{Engine, Factor, Native, SingularMassCell};
 use rebond::modes::{self, Mode};
 use rebond::obstacle::Bounds;
@@ -181,15 +182,13 @@ fn a_damped_ball_bounces_by_its_closed_form() {
 }
 
 /// Returns the paper's plate at rest under 14600 Pa, damped.
-fn plate(damping: Damping, obstacle: bool) -> Model {
+fn damped_plate(damping: Damping, obstacle: bool) -> Model {
     let obstacle = if obstacle { "obstacle = [{ side = \"below\", height = -0.1 }]" } else { "" };
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_START}
         mesh = {{ element = "fvs", cells = [10, 4] }}
-        support = [{{ edge = "left", kind = "clamped" }}]
         {obstacle}
-        initial = {{ static_pressure = 14600 }}
         time = {{ scheme = "newmark", mass = "singular", step = 1e-3, end = 0.1 }}
         output = {{ probes = [{{ name = "corner", at = [1.2, 0] }}] }}
         "#
@@ -221,7 +220,7 @@ fn conserving(model: &Model, step: f64) -> Box<dyn Scheme + '_> {
 
 #[test]
 fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
-    let model = plate(by_mass(10.0), true);
+    let model = damped_plate(by_mass(10.0), true);
     let corner = |scheme: &dyn Scheme| model.probes[0].deflection(scheme.displacement());
     let (look, end) = (1e-3, 0.07);
     let mut truth = Exact::new(&model.system, look, model.start.clone()).unwrap();
@@ -296,7 +295,7 @@ fn lowest_modes<const N: usize>(model: &Model) -> [(f64, Vec<f64>); N] {
 #[test]
 fn modes_of_a_plate_decay_by_their_ratios() {
     let damping = Damping { mass: 3.0, stiffness: 2e-4 };
-    let mut model = plate(damping, false);
+    let mut model = damped_plate(damping, false);
     let shapes: [_; 3] = lowest_modes(&model);
     for (number, (w, shape)) in shapes.into_iter().enumerate() {
         let ratio = 0.5 * (damping.mass / w + damping.stiffness * w);
@@ -335,7 +334,7 @@ fn modes_of_a_plate_decay_by_their_ratios() {
 #[test]
 fn single_modes_are_damped_by_ratios_of_their_own() {
     let ratios = [0.05, 0.02];
-    let mut model = plate(Damping::default(), false);
+    let mut model = damped_plate(Damping::default(), false);
     let System { engine, stiffness, mass, .. } = &model.system;
     let shapes = modes::shapes(engine, stiffness, mass, 3, false).unwrap();
     for (Mode { frequency, shape }, (w, other)) in shapes.iter().zip(lowest_modes::<3>(&model)) {
@@ -403,7 +402,7 @@ fn single_modes_are_damped_by_ratios_of_their_own() {
 
 #[test]
 fn what_a_scheme_cannot_do_is_refused_with_what_can() {
-    let mut model = plate(Damping { mass: 0.0, stiffness: 1e-5 }, true);
+    let mut model = damped_plate(Damping { mass: 0.0, stiffness: 1e-5 }, true);
     let refusal = |error: rebond::Error, words: &[&str]| {
         assert_eq!(error.exit_code(), 2);
         for word in words {

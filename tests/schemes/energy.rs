@@ -1,6 +1,7 @@
 //! Energy behaves as theory predicts: it is constant in free flight, never rises for e = 0, and the
 //! guard stops a run in which it grows.
 
+use crate::common::models::PAPER_START;
 use rebond::energy::Energies;
 use rebond::field::{Field, Names};
 use rebond::scene::{FieldInput, Scene, Value};
@@ -8,15 +9,13 @@ use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::{self, Model, Observer, Row};
 
 /// Returns the paper's plate, at rest under 14600 Pa.
-fn plate(element: &str, mass: &str, scheme: &str, step: f64, end: f64, obstacle: bool) -> Scene {
+fn released_plate(element: &str, mass: &str, scheme: &str, step: f64, end: f64, obstacle: bool) -> Scene {
     let obstacle = if obstacle { "obstacle = [{ side = \"below\", height = -0.1 }]" } else { "" };
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_START}
         mesh = {{ element = "{element}", cells = [10, 4] }}
-        support = [{{ edge = "left", kind = "clamped" }}]
         {obstacle}
-        initial = {{ static_pressure = 14600 }}
         time = {{ scheme = "{scheme}", mass = "{mass}", step = {step:e}, end = {end} }}
         "#
     );
@@ -37,7 +36,7 @@ fn drift(mut values: impl Iterator<Item = f64>) -> f64 {
 #[test]
 fn newmark_conserves_its_invariant_in_free_flight() {
     for (element, mass) in KINDS {
-        let model = Model::new(&plate(element, mass, "newmark", 1e-5, 1.0, false)).unwrap();
+        let model = Model::new(&released_plate(element, mass, "newmark", 1e-5, 1.0, false)).unwrap();
         let mut scheme = Newmark::new(&model.system, NEWMARK, model.start.clone()).unwrap();
         let invariant = (0..100_000).map(|step| {
             if step > 0 {
@@ -53,7 +52,7 @@ fn newmark_conserves_its_invariant_in_free_flight() {
 #[test]
 fn midpoint_conserves_energy_in_free_flight() {
     for (element, mass) in KINDS {
-        let scene = plate(element, mass, "midpoint", 1e-5, 1.0, false);
+        let scene = released_plate(element, mass, "midpoint", 1e-5, 1.0, false);
         let model = Model::new(&scene).unwrap();
         let mut scheme = model.scheme(&scene).unwrap();
         let energy = (0..100_000).map(|step| {
@@ -70,7 +69,7 @@ fn midpoint_conserves_energy_in_free_flight() {
 #[test]
 fn newmark_without_restitution_never_gains_energy() {
     for (element, mass) in KINDS {
-        let model = Model::new(&plate(element, mass, "newmark", 1e-5, 0.5, true)).unwrap();
+        let model = Model::new(&released_plate(element, mass, "newmark", 1e-5, 0.5, true)).unwrap();
         let mut scheme = Newmark::new(&model.system, NEWMARK, model.start.clone()).unwrap();
         let start = scheme.invariant().unwrap();
         let (mut last, mut contacts) = (start, 0);
@@ -96,7 +95,7 @@ impl Observer for Rows {
 
 #[test]
 fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
-    let mut scene = plate("fvs", "consistent", "midpoint", 1e-4, 0.5, true);
+    let mut scene = released_plate("fvs", "consistent", "midpoint", 1e-4, 0.5, true);
     scene.solver.energy_guard = 2.0;
     let model = Model::new(&scene).unwrap();
     let mut rows = Rows(Vec::new());
@@ -115,7 +114,7 @@ fn the_guard_stops_the_unstable_scheme_by_name_and_keeps_its_rows() {
 #[test]
 fn the_guard_sees_the_energy_that_work_hides() {
     for scheme in ["newmark", "midpoint", "conserving"] {
-        let mut scene = plate("fvs", "singular", scheme, 1e-5, 0.01, true);
+        let mut scene = released_plate("fvs", "singular", scheme, 1e-5, 0.01, true);
         let height = "-0.1 + 0.4*clamp((t - 0.001)/1e-6, 0, 1)";
         let height = Field::parse(height, Names::XYT).unwrap();
         scene.obstacles[0].height =
@@ -136,7 +135,7 @@ fn the_guard_sees_the_energy_that_work_hides() {
 
 #[test]
 fn a_load_does_work_and_the_total_stays() {
-    let mut scene = plate("hct", "singular", "midpoint", 1e-4, 0.1, false);
+    let mut scene = released_plate("hct", "singular", "midpoint", 1e-4, 0.1, false);
     scene.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
     let pressure = FieldInput::constant("load.pressure", 5000.0);
     scene.load = Some(rebond::scene::Load { pressure, gravity: 0.0, forces: Vec::new() });

@@ -1,5 +1,6 @@
 //! The exact scheme, compared with an independent program, closed forms, and theory.
 
+use crate::common::models::{PAPER_FALL, literal};
 use crate::common::{Random, block, lift};
 use rebond::Error;
 use rebond::linalg::{Native, SingularMassCell};
@@ -12,14 +13,11 @@ use rebond::simulation::Model;
 use std::f64::consts::PI;
 
 /// Returns the paper's plate, at rest under 14600 Pa.
-fn plate(element: &str, cells: [usize; 2], scheme: &str, step: f64, end: f64) -> Scene {
+fn falling_plate(element: &str, cells: [usize; 2], scheme: &str, step: f64, end: f64) -> Scene {
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_FALL}
         mesh = {{ element = "{element}", cells = {cells:?} }}
-        support = [{{ edge = "left", kind = "clamped" }}]
-        obstacle = [{{ side = "below", height = -0.1 }}]
-        initial = {{ static_pressure = 14600 }}
         time = {{ scheme = "{scheme}", mass = "singular", step = {step:e}, end = {end} }}
         output = {{ probes = [{{ name = "one", at = [1.2, 0.0] }}, {{ name = "other", at = [1.2, 0.4] }}] }}
         "#
@@ -44,7 +42,7 @@ fn the_paper_s_plate_moves_as_an_independent_program_says() {
     // Rounding of the matrix entries alone changes these by 2e-11 and 4e-10 m (fvs), 8e-10 and 2e-8
     // m (hct).
     for (element, early, late, events) in [("fvs", 2e-9, 2e-8, 186), ("hct", 5e-8, 1e-6, 478)] {
-        let model = Model::new(&plate(element, [10, 4], "exact", 1e-3, 0.3)).unwrap();
+        let model = Model::new(&falling_plate(element, [10, 4], "exact", 1e-3, 0.3)).unwrap();
         let mut scheme = Exact::new(&model.system, 1e-3, model.start.clone()).unwrap();
         let energy = scheme.energies().unwrap().total();
         let (mut errors, mut drift, mut counted, mut kkt) = ([0.0f64; 2], 0.0f64, 0, 0.0f64);
@@ -75,7 +73,7 @@ fn the_paper_s_plate_moves_as_an_independent_program_says() {
 #[test]
 fn the_search_s_tolerances_do_not_move_the_trajectory() {
     for element in ["fvs", "hct"] {
-        let model = Model::new(&plate(element, [10, 4], "exact", 1e-3, 0.3)).unwrap();
+        let model = Model::new(&falling_plate(element, [10, 4], "exact", 1e-3, 0.3)).unwrap();
         let usual = ExactOptions::default();
         let run = |options, step: f64, every: usize| -> Vec<[f64; 2]> {
             let mut scheme = Exact::with_options(&model.system, step, model.start.clone(), options).unwrap();
@@ -110,7 +108,7 @@ fn the_search_s_tolerances_do_not_move_the_trajectory() {
 #[test]
 fn finer_quadrilaterals() {
     // An independent program finds 592 events up to 0.2 s.
-    let model = Model::new(&plate("fvs", [20, 8], "exact", 1e-2, 0.2)).unwrap();
+    let model = Model::new(&falling_plate("fvs", [20, 8], "exact", 1e-2, 0.2)).unwrap();
     let mut scheme = Exact::new(&model.system, 1e-2, model.start.clone()).unwrap();
     let energy = scheme.energies().unwrap().total();
     for _ in 0..20 {
@@ -130,7 +128,7 @@ fn finer_quadrilaterals() {
 /// change of energy.
 fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
     let step = 1e-4;
-    let model = Model::new(&plate("fvs", cells, "exact", step, end)).unwrap();
+    let model = Model::new(&falling_plate("fvs", cells, "exact", step, end)).unwrap();
     let mut scheme = Exact::new(&model.system, step, model.start.clone()).unwrap();
     let energy = scheme.energies().unwrap().total();
     let mut drift = 0.0f64;
@@ -164,7 +162,7 @@ fn six_hundred_and_forty_cells() {
 fn the_schemes_of_the_paper_converge_to_it() {
     let steps = [4e-5, 2e-5, 1e-5, 5e-6];
     let (period, end) = (2e-4, 0.07);
-    let model = Model::new(&plate("fvs", [10, 4], "exact", period, end)).unwrap();
+    let model = Model::new(&falling_plate("fvs", [10, 4], "exact", period, end)).unwrap();
     let mut truth = Exact::new(&model.system, period, model.start.clone()).unwrap();
     let instants = (end / period).round() as usize;
     let truth: Vec<[f64; 2]> = (0..instants)
@@ -175,7 +173,7 @@ fn the_schemes_of_the_paper_converge_to_it() {
         .collect();
     let errors_of = |name: &str, mass: Mass| {
         let errors = steps.map(|step| {
-            let mut scene = plate("fvs", [10, 4], name, step, end);
+            let mut scene = falling_plate("fvs", [10, 4], name, step, end);
             scene.time.mass = mass;
             if let scene::SchemeSpec::Midpoint { massless } = &mut scene.time.scheme {
                 *massless = mass.massless();
@@ -208,7 +206,7 @@ fn the_schemes_of_the_paper_converge_to_it() {
 
 #[test]
 fn time_runs_backwards_as_well() {
-    let model = Model::new(&plate("fvs", [6, 2], "exact", 1e-3, 0.1)).unwrap();
+    let model = Model::new(&falling_plate("fvs", [6, 2], "exact", 1e-3, 0.1)).unwrap();
     let dofs = model.start.displacement.len();
     let mut random = Random::new(7);
     for _ in 0..4 {
@@ -407,13 +405,16 @@ fn a_long_rest_stays_a_rest() {
 
 #[test]
 fn a_free_plate_thrown_flat_touches_with_all_its_nodes_at_once() {
-    let text = r#"
-        plate = { length = 0.5, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+    let text = concat!(
+        "plate = { length = 0.5, width = 0.4, ",
+        literal!(PAPER_SECTION),
+        r#" }
         mesh = { element = "fvs", cells = [4, 3] }
         obstacle = [{ side = "below", height = -0.05 }, { side = "above", height = 0.08 }]
         initial = { velocity = -2.0 }
         time = { scheme = "exact", mass = "singular", step = 1e-3, end = 0.1 }
-    "#;
+    "#
+    );
     let scene = Scene::from_str(text, "thrown", &[]).unwrap();
     let model = Model::new(&scene).unwrap();
     let mut scheme = Exact::new(&model.system, 1e-3, model.start.clone()).unwrap();
@@ -461,8 +462,10 @@ fn a_free_plate_under_a_load_falls_by_the_law_of_galilei() {
 
 #[test]
 fn a_plate_held_all_around_moves_although_no_displacement_gives_its_cells_a_checkerboard() {
-    let text = r#"
-        plate = { length = 1, width = 1, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }
+    let text = concat!(
+        "plate = { length = 1, width = 1, ",
+        literal!(PAPER_SECTION),
+        r#" }
         mesh = { element = "fvs", cells = [6, 6] }
         support = [
             { edge = "left", kind = "simply_supported" }, { edge = "right", kind = "simply_supported" },
@@ -472,7 +475,8 @@ fn a_plate_held_all_around_moves_although_no_displacement_gives_its_cells_a_chec
         initial = { static_pressure = 14600 }
         time = { scheme = "exact", mass = "singular", step = 1e-4, end = 0.02 }
         output = { probes = [{ name = "centre", at = [0.5, 0.5] }] }
-    "#;
+    "#
+    );
     let scene = |scheme: &str, step: &str| {
         let set = [format!("time.scheme={scheme}"), format!("time.step={step}")];
         Scene::from_str(text, "held", &set).expect("a valid scene")
@@ -545,7 +549,7 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
 
 #[test]
 fn a_mesh_too_large_for_dense_matrices_is_refused_at_once() {
-    let mut scene = plate("fvs", [160, 64], "conserving", 1e-3, 0.1);
+    let mut scene = falling_plate("fvs", [160, 64], "conserving", 1e-3, 0.1);
     scene.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
     let model = Model::new(&scene).unwrap();
     let error = Exact::new(&model.system, 1e-3, model.start.clone()).map(drop).unwrap_err();
@@ -554,7 +558,7 @@ fn a_mesh_too_large_for_dense_matrices_is_refused_at_once() {
 
 #[test]
 fn a_consistent_mass_is_refused() {
-    let mut scene = plate("fvs", [4, 2], "newmark", 1e-3, 0.1);
+    let mut scene = falling_plate("fvs", [4, 2], "newmark", 1e-3, 0.1);
     scene.time.mass = Mass::Consistent;
     let model = Model::new(&scene).unwrap();
     let error = Exact::new(&model.system, 1e-3, model.start.clone()).map(drop).unwrap_err();

@@ -1,5 +1,6 @@
 //! Time-dependent loads: closed forms, and an energy balance that holds to rounding.
 
+use crate::common::models::PAPER_START;
 use crate::common::{block, largest};
 use rebond::linalg::{Engine, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
@@ -109,16 +110,14 @@ fn an_oscillator_follows_its_closed_form_with_order_2() {
 
 /// Returns the paper's plate at rest under 14600 Pa, pressed by 3 kPa at 12 Hz, with or without an
 /// obstacle.
-fn plate(element: &str, scheme: &str, step: f64, obstacle: bool, damping: Damping) -> (Scene, Model) {
+fn forced_plate(element: &str, scheme: &str, step: f64, obstacle: bool, damping: Damping) -> (Scene, Model) {
     let obstacle = if obstacle { "obstacle = [{ side = \"below\", height = -0.1 }]" } else { "" };
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_START}
         mesh = {{ element = "{element}", cells = [10, 4] }}
-        support = [{{ edge = "left", kind = "clamped" }}]
         {obstacle}
         load = {{ pressure = 1000 }}
-        initial = {{ static_pressure = 14600 }}
         time = {{ scheme = "{scheme}", mass = "singular", step = {step:e}, end = 1 }}
         "#
     );
@@ -155,7 +154,7 @@ const RAYLEIGH: Damping = Damping { mass: 2.0, stiffness: 1e-4 };
 fn newmark_balances_work_and_damping_in_its_invariant() {
     for (element, damping) in [("fvs", NONE), ("hct", NONE), ("fvs", RAYLEIGH), ("hct", RAYLEIGH)] {
         let step = 1e-4;
-        let (_, model) = plate(element, "newmark", step, false, damping);
+        let (_, model) = forced_plate(element, "newmark", step, false, damping);
         let parameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step };
         let mut scheme = Newmark::new(&model.system, parameters, model.start.clone()).unwrap();
         let start = scheme.invariant().unwrap();
@@ -181,7 +180,7 @@ fn midpoint_balances_work_and_damping() {
         ("fvs", "conserving", NONE),
     ] {
         let step = 1e-4;
-        let (scene, model) = plate(element, scheme, step, false, damping);
+        let (scene, model) = forced_plate(element, scheme, step, false, damping);
         let mut scheme = model.scheme(&scene).unwrap();
         let start = scheme.energies().unwrap().total();
         let (mut lost, mut worst, mut given) = (0.0, 0.0f64, 0.0f64);
@@ -207,7 +206,7 @@ fn midpoint_balances_work_and_damping() {
 #[test]
 fn reflected_midpoint_balances_damping_by_stiffness() {
     let step = 1e-4;
-    let (_, model) = plate("fvs", "midpoint", step, false, RAYLEIGH);
+    let (_, model) = forced_plate("fvs", "midpoint", step, false, RAYLEIGH);
     let mut scheme = Midpoint::new(&model.system, step, Massless::Reflected, model.start.clone()).unwrap();
     let start = scheme.energies().unwrap().total();
     let (mut lost, mut worst) = (0.0, 0.0f64);
@@ -229,7 +228,7 @@ fn conserving_balances_work_and_damping_through_impacts() {
         ("fvs", 5e-4, Damping { mass: 2.0, stiffness: 0.0 }),
         ("hct", 1e-4, Damping { mass: 4.0, stiffness: 0.0 }),
     ] {
-        let (scene, model) = plate(element, "conserving", step, true, damping);
+        let (scene, model) = forced_plate(element, "conserving", step, true, damping);
         let bounds = &model.system.bounds;
         let mut scheme = model.scheme(&scene).unwrap();
         let start = scheme.energies().unwrap();

@@ -1,7 +1,8 @@
 //! Impulses of the obstacles: their sum is the change of momentum minus the impulses of loads and
 //! damping, at any step.
 
-use crate::common::scenes::{STRIP, UNIT, close, grid, read, run_to_end, scene};
+use crate::common::models::{STRIP, UNIT};
+use crate::common::scenes::{close, grid, read, run_to_end, scene};
 use crate::common::{Random, difference, largest};
 use rebond::linalg::Engine;
 use rebond::simulation::{self, Contact, Model, NodeEvent, Observer, Row};

@@ -2,7 +2,8 @@
 //! jump of the velocity is an impulse.
 
 use crate::common::Random;
-use crate::common::scenes::{Instant, STRIP, grid, read, run, run_to_end, scene};
+use crate::common::models::{PAPER_PLATE, STRIP};
+use crate::common::scenes::{Instant, grid, read, run, run_to_end, scene};
 use faer::{Mat, Side};
 use rebond::field::{Field, Names};
 use rebond::linalg::{Engine, Form, Native};
@@ -241,8 +242,7 @@ fn a_corner_is_of_second_order() {
 fn a_corner_moves_the_plate_as_one_that_is_rounded() {
     let plate = |motion: &str, scheme: &str| {
         format!(
-            "plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}\n\
-             mesh = {{ element = \"fvs\", cells = [10, 4] }}\n\
+            "{PAPER_PLATE}mesh = {{ element = \"fvs\", cells = [10, 4] }}\n\
              support = [{{ edge = \"left\", kind = \"clamped\", motion = \"{motion}\" }}]\n\
              time = {{ scheme = \"{scheme}\", mass = \"singular\", step = 1e-5, end = 0.02 }}\n\
              output = {{ every = 10, probes = [{{ name = \"tip\", at = [1.2, 0] }}] }}\n"

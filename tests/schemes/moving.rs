@@ -1,6 +1,7 @@
 //! Moving obstacles: laws that hold in every frame, a ball on a shaken table, and an energy balance
 //! that holds to rounding.
 
+use crate::common::models::{PAPER_FALL, PAPER_PLATE};
 use crate::common::{block, difference};
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
@@ -126,7 +127,7 @@ fn a_ball_on_a_table_that_shakes_bounces_by_the_law_of_restitution() {
 fn thrown(scheme: &str, carried: f64) -> (Scene, Model) {
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_PLATE}
         mesh = {{ element = "fvs", cells = [6, 2] }}
         obstacle = [{{ side = "below", height = -0.02 }}, {{ side = "above", height = 0.03 }}]
         load = {{ pressure = -762.2 }}
@@ -185,11 +186,8 @@ fn a_plate_and_obstacles_that_are_carried_along_move_as_at_rest() {
 fn shaken(element: &str, scheme: &str, step: f64) -> (Scene, Model) {
     let text = format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_FALL}
         mesh = {{ element = "{element}", cells = [10, 4] }}
-        support = [{{ edge = "left", kind = "clamped" }}]
-        obstacle = [{{ side = "below", height = -0.1 }}]
-        initial = {{ static_pressure = 14600 }}
         time = {{ {scheme}, mass = "singular", step = {step:e}, end = 0.3 }}
         output = {{ probes = [{{ name = "corner", at = [1.2, 0] }}] }}
         "#

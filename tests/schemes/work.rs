@@ -5,6 +5,7 @@
 //! expensive fails here. A count that falls is to be written down as the new one.
 
 use super::common::scenes;
+use crate::common::models::PAPER_PLATE;
 use faer::Mat;
 use rebond::archive::Archive;
 use rebond::error::Result;
@@ -148,7 +149,7 @@ const STEPS: u64 = 20;
 fn counted(obstacle: f64, pressure: f64) -> (System<Counted>, Start, Counter) {
     let Model { system, start, .. } = scenes::model(&format!(
         r#"
-        plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+        {PAPER_PLATE}
         mesh = {{ element = "fvs", cells = [10, 4] }}
         support = [{{ edge = "left", kind = "clamped" }}]
         obstacle = [{{ side = "below", height = {obstacle} }}]
