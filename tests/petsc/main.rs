@@ -9,5 +9,5 @@ mod mesh;
 mod runs;
 
 fn main() -> std::process::ExitCode {
-    common::ranks::main(handles::CASES.iter().chain(mesh::CASES).chain(hard::CASES).chain(runs::CASES))
+    common::ranks::main(handles::cases().chain(mesh::CASES).chain(hard::CASES).chain(runs::CASES))
 }

@@ -1,15 +1,95 @@
-//! Runs on several ranks, one of which fails.
+//! Runs on several ranks, which agree with one process, and end together when one rank fails.
 
-use crate::common::models::literal;
+use super::handles::close;
+use crate::common::models::{PAPER_FALL, literal};
 use crate::common::ranks::{Case, case};
 use rebond::communicator::Communicator;
+use rebond::linalg::Engine;
+use rebond::modes;
 use rebond::motion::Motion;
+use rebond::obstacle::Bounds;
 use rebond::petsc::Context;
 use rebond::scene::Scene;
+use rebond::scheme::{Damping, ModalDamping, System};
 use rebond::simulation::{self, Model, Observer, Row, RunState, Snapshot};
 use rebond::{Error, Result};
 
-pub const CASES: &[Case] = &[case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone)];
+pub const CASES: &[Case] = &[
+    case("what_changes_with_time", &[1, 2], what_changes_with_time),
+    case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone),
+];
+
+/// Time-dependent loads, oscillating obstacles and damping agree with the native engine step by
+/// step, through an impact.
+fn what_changes_with_time(arguments: &[String]) -> Result<()> {
+    fn shake<E: Engine>(mut model: Model<E>, modal: bool) -> Result<Model<E>> {
+        let System { engine, stiffness, mass, .. } = &model.system;
+        if modal {
+            let modes = modes::shapes(engine, stiffness, mass, 2, false)?;
+            model.system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, &[0.05, 0.02])?);
+        }
+        let shape = model.system.load.clone().unwrap_or_default();
+        model.system.damping = Damping { mass: 2.0, stiffness: 0.0 };
+        model.system.drive.load = Some(Box::new(move |time: f64, load: &mut [f64]| {
+            let factor = 3.0 * (75.0 * time).sin();
+            load.iter_mut().zip(&shape).for_each(|(load, one)| *load += factor * one);
+            Ok(())
+        }));
+        model.system.drive.bounds = Some(Box::new(|time: f64, bounds: &mut Bounds| {
+            bounds.lower.fill(-0.1 + 0.02 * (60.0 * time).sin());
+            Ok(())
+        }));
+        Ok(model)
+    }
+    let context = Context::start(arguments)?;
+    for name in ["newmark", "midpoint", "conserving"] {
+        let scene = |engine: &str| {
+            let text = format!(
+                r#"
+                {PAPER_FALL}
+                mesh = {{ element = "fvs", cells = [10, 4] }}
+                load = {{ pressure = 1000 }}
+                time = {{ scheme = "{name}", mass = "singular", step = 5e-4, end = 0.08 }}
+                output = {{ probes = [{{ name = "corner", at = [1.2, 0] }}] }}
+                solver = {{ engine = "{engine}" }}
+                "#
+            );
+            Scene::from_str(&text, "shaken", &[])
+        };
+        let (native, petsc) = (scene("native")?, scene("petsc")?);
+        let modal = name != "conserving";
+        let alone = shake(Model::new(&native)?, modal)?;
+        let parted = shake(Model::distributed(&petsc, &context)?, modal)?;
+        let mut expected = alone.scheme(&native)?;
+        let mut scheme = parted.scheme(&petsc)?;
+        let start = scheme.energies()?.total();
+        let mut contacts = 0;
+        for _ in 0..native.time.steps() {
+            expected.advance()?;
+            scheme.advance()?;
+            let corner = parted.probes[0].deflection(scheme.displacement());
+            let other = alone.probes[0].deflection(expected.displacement());
+            assert!(
+                (context.comm().all_reduce_sum(corner) - other).abs() <= 1e-9,
+                "{name}, step {}",
+                scheme.step()
+            );
+            let (now, other) = (scheme.energies()?, expected.energies()?);
+            if let Some(relaxation) = scheme.relaxation() {
+                // The state of this scheme is one at or after the instant; which one depends on
+                // rounding.
+                close(now.total() + relaxation.dissipated, start, 1e-11);
+            } else {
+                close(now.kinetic, other.kinetic, 1e-8);
+                close(now.elastic, other.elastic, 1e-8);
+                close(now.work, other.work, 1e-8);
+            }
+            contacts += u32::from(expected.reaction().iter().any(|r| *r != 0.0));
+        }
+        assert!(contacts > 0);
+    }
+    Ok(())
+}
 
 /// Moving plate with snapshots and checkpoints.
 const SCENE: &str = concat!(
