@@ -19,7 +19,12 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
         "",
     );
     if outcome.steps > 0 {
-        report.number("time per step", 1e6 * seconds.stepping / outcome.steps as f64, "us");
+        let per_step = |seconds: f64| 1e6 * seconds / outcome.steps as f64;
+        report.number("time per step", per_step(seconds.stepping), "us").number(
+            "  in the scheme",
+            per_step(seconds.blocks.advance),
+            "us",
+        );
     }
     if let Some(tally) = outcome.tally {
         report.count("events", tally.events, "").count("active sets", tally.active_sets, "");

@@ -29,7 +29,7 @@ pub use meshing::{mesh, mesh_and_made};
 pub use observer::{NodeEvent, Observer, Row};
 pub use opposite::opposite;
 pub(crate) use outcome::note_contact;
-pub use outcome::{EnergySpan, Impact, Outcome, Seconds};
+pub use outcome::{BlockSeconds, EnergySpan, Impact, Outcome, Seconds};
 pub use pause::RunState;
 pub use phase::on_phase;
 pub(crate) use phase::phase;

@@ -57,8 +57,32 @@ pub struct Seconds {
     pub equilibrium: f64,
     /// Time for the first factorisation, in s.
     pub factor: f64,
-    /// Time for all steps and their observers, in s.
+    /// Time for all steps and their observers, in s; the sum of the blocks.
     pub stepping: f64,
+    /// Time for the blocks of the main loop, in s.
+    pub blocks: BlockSeconds,
+}
+
+/// Wall time by block of the main loop, in s.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct BlockSeconds {
+    /// Time for the steps of the scheme, in s.
+    pub advance: f64,
+    /// Time for events, the check of each step and the contacts of nodes, in s.
+    pub contacts: f64,
+    /// Time for energies, probes and the rows of the history, in s.
+    pub rows: f64,
+    /// Time for snapshots, in s.
+    pub fields: f64,
+    /// Time for checkpoints, the last state and the question whether to stop, in s.
+    pub checkpoints: f64,
+}
+
+impl BlockSeconds {
+    /// Returns the time for all blocks, in s.
+    pub fn total(self) -> f64 {
+        self.advance + self.contacts + self.rows + self.fields + self.checkpoints
+    }
 }
 
 /// Summary of a finished run.
@@ -128,7 +152,7 @@ impl Outcome {
             worst_kkt: 0.0,
             worst_penetration: 0.0,
             relaxation: None,
-            seconds: Seconds { assembly, equilibrium, factor, stepping: 0.0 },
+            seconds: Seconds { assembly, equilibrium, factor, ..Seconds::default() },
         })
     }
 
@@ -144,7 +168,7 @@ impl Outcome {
         archive.value(&mut self.node_contacts)?;
         archive.value(&mut self.worst_kkt)?;
         archive.value(&mut self.worst_penetration)?;
-        archive.value(&mut self.seconds.stepping)
+        archive.value(&mut self.seconds.blocks)
     }
 
     /// Joins intervals of contact that are close in a run to its present end but were not in the

@@ -80,6 +80,7 @@ fn run_from<E: Engine>(
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
     outcome.tally = scheme.event_statistics();
-    outcome.seconds.stepping = monitor.seconds();
+    outcome.seconds.blocks = monitor.seconds();
+    outcome.seconds.stepping = outcome.seconds.blocks.total();
     Ok((outcome, ended))
 }

@@ -2,7 +2,7 @@
 
 use super::contacts::ContactRecorder;
 use super::step_check::{advice, check_residual};
-use super::{Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
+use super::{BlockSeconds, Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::energy::Guard;
@@ -74,6 +74,7 @@ pub(super) fn time_loop<E: Engine>(
         let contact = run.record_events()?;
         run.check_step(now)?;
         run.follow_contacts(&contact);
+        run.monitor.clock.lap(|blocks| &mut blocks.contacts);
         run.row(now, &contact)?;
         run.fields(now)?;
         run.observer.step(now.step, contact.nodes);
@@ -109,6 +110,7 @@ impl<E: Engine> TimeLoop<'_, E> {
             if let Some((state, motion)) = state.zip(motion) {
                 self.tell(|observer| observer.end(state, motion));
             }
+            self.monitor.clock.lap(|blocks| &mut blocks.checkpoints);
         }
         self.monitor.noted = true;
         Ok(())
@@ -171,6 +173,7 @@ impl<E: Engine> TimeLoop<'_, E> {
             self.observed = self.observer.state(self.scheme);
         }
         (self.monitor.iterations, self.monitor.kkt) = (0, 0.0);
+        self.monitor.clock.lap(|blocks| &mut blocks.rows);
         guarded
     }
 
@@ -204,6 +207,7 @@ impl<E: Engine> TimeLoop<'_, E> {
         if system.engine.comm().all_reduce_all(self.observed.is_ok()) {
             self.observed = self.observer.fields_complete(now.step, now.time);
         }
+        self.monitor.clock.lap(|blocks| &mut blocks.fields);
         Ok(())
     }
 
@@ -226,6 +230,7 @@ impl<E: Engine> TimeLoop<'_, E> {
         if stops || now.step > 0 && every.is_some_and(|every| now.step.is_multiple_of(every)) {
             let state = self.state(now)?;
             self.observed = state.map_or(Ok(()), |state| self.observer.pause(state));
+            self.monitor.clock.lap(|blocks| &mut blocks.checkpoints);
         }
         Ok(())
     }
@@ -238,7 +243,9 @@ impl<E: Engine> TimeLoop<'_, E> {
 
     /// Makes the next step.
     fn advance(&mut self) -> Result<()> {
-        self.scheme.advance().map_err(|error| locate(error, self.model))
+        let advanced = self.scheme.advance().map_err(|error| locate(error, self.model));
+        self.monitor.clock.lap(|blocks| &mut blocks.advance);
+        advanced
     }
 
     /// Collects the whole state of the run, on the first process only.
@@ -269,9 +276,30 @@ pub(super) struct RunMonitor {
     contacts: ContactRecorder,
     /// Whether the present step has been recorded.
     noted: bool,
-    /// Time of the steps before the clock was started, in s.
-    before: f64,
-    clock: Instant,
+    clock: BlockClock,
+}
+
+/// Stopwatch that adds the time since its last reading to a block of the main loop.
+///
+/// It is read twice per step, and after rows, snapshots and checkpoints where they are due; the
+/// little that other steps spend on the question whether they are due counts with the next block.
+struct BlockClock {
+    read: Instant,
+    seconds: BlockSeconds,
+}
+
+impl BlockClock {
+    /// Starts the stopwatch, with the times of an interrupted run.
+    fn start(seconds: BlockSeconds) -> BlockClock {
+        BlockClock { read: Instant::now(), seconds }
+    }
+
+    /// Adds the time since the last reading to a block.
+    fn lap(&mut self, block: impl FnOnce(&mut BlockSeconds) -> &mut f64) {
+        let now = Instant::now();
+        *block(&mut self.seconds) += (now - self.read).as_secs_f64();
+        self.read = now;
+    }
 }
 
 impl RunMonitor {
@@ -283,14 +311,13 @@ impl RunMonitor {
             kkt: 0.0,
             contacts: ContactRecorder::default(),
             noted: false,
-            before: 0.0,
-            clock: Instant::now(),
+            clock: BlockClock::start(BlockSeconds::default()),
         })
     }
 
-    /// Returns the time of all steps so far, in s.
-    pub(super) fn seconds(&self) -> f64 {
-        self.before + self.clock.elapsed().as_secs_f64()
+    /// Returns the time of all steps so far by block, in s.
+    pub(super) fn seconds(&self) -> BlockSeconds {
+        self.clock.seconds
     }
 
     /// Saves or restores the whole run between two steps.
@@ -308,10 +335,10 @@ impl RunMonitor {
         archive.value(&mut self.noted)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
         // A last state has no times, so that equal runs leave equal bytes.
-        outcome.seconds.stepping = if self.noted { self.seconds() } else { 0.0 };
+        outcome.seconds.blocks = if self.noted { self.seconds() } else { BlockSeconds::default() };
         outcome.archive(archive)?;
         if !archive.saves() {
-            (self.before, self.clock) = (outcome.seconds.stepping, Instant::now());
+            self.clock = BlockClock::start(outcome.seconds.blocks);
         }
         Ok(())
     }
