@@ -33,7 +33,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	$(call say,tests)
 	@cargo test --release --locked
 	$(call say,planted faults)
-	@scripts/planted_faults.py --texts
+	@scripts/planted_faults.py
 	$(call say,fields read back by VTK)
 	@scripts/check_vtk.sh
 	$(call say,energies of the paper at steps down to 1e-5 s)
