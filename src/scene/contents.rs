@@ -1,9 +1,9 @@
 //! Contents of a scene.
 
+use super::attachments::Attachments;
 use super::study::Study;
 use super::tables::{
-    Ball, Damping, Foundation, Grid, Initial, Load, MeshFile, Obstacle, Output, Part, PlateSpec, PointMass,
-    Solver, Spring, Support,
+    Damping, Grid, Initial, Load, MeshFile, Obstacle, Output, Part, PlateSpec, Solver, Support,
 };
 use super::time::Time;
 
@@ -26,14 +26,8 @@ pub struct Scene {
     pub obstacles: Vec<Obstacle>,
     /// Loads; `None` costs nothing.
     pub load: Option<Load>,
-    /// Elastic foundations; their stiffnesses add up.
-    pub foundations: Vec<Foundation>,
-    /// Springs between the plate and the ground.
-    pub springs: Vec<Spring>,
-    /// Masses fixed on the plate.
-    pub masses: Vec<PointMass>,
-    /// Rigid bodies that move freely up and down and hit the plate.
-    pub balls: Vec<Ball>,
+    /// Foundations, springs, masses and balls.
+    pub attachments: Attachments,
     /// Damping; `None` costs nothing.
     pub damping: Option<Damping>,
     /// Initial state.

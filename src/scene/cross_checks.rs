@@ -40,7 +40,7 @@ fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
 fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
     let Some(StartFrom { folder, motion, .. }) = &scene.initial.from else { return Ok(()) };
     let refuse = |what: &str| Err(doc.fault("initial.from", format!("{} {what}", quote(folder))));
-    if !scene.balls.is_empty() {
+    if !scene.attachments.balls.is_empty() {
         return refuse("does not record balls; expected a scene without [[ball]]");
     }
     if scene.motions().next().is_some() {

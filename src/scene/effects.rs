@@ -16,10 +16,7 @@ impl Scene {
         add(self.plate.thickness.is_some(), "varying thickness");
         add(self.plate.plate.orthotropy.is_some(), "orthotropic material");
         add(!self.parts.is_empty(), "parts of other material or thickness");
-        add(!self.foundations.is_empty(), "elastic foundation");
-        add(!self.springs.is_empty(), "springs");
-        add(!self.masses.is_empty(), "added masses");
-        add(!self.balls.is_empty(), "balls");
+        self.attachments.effects().iter().for_each(|(is_on, name)| add(*is_on, name));
         for (side, name) in [(Side::Below, "below"), (Side::Above, "above")] {
             let of_side = || self.obstacles.iter().filter(|obstacle| obstacle.side == side);
             let moves = of_side().any(|obstacle| obstacle.height.changes());
@@ -49,7 +46,7 @@ impl Scene {
 
     /// Returns whether contact is possible: with obstacles or balls.
     pub fn has_contact(&self) -> bool {
-        !self.obstacles.is_empty() || !self.balls.is_empty()
+        !self.obstacles.is_empty() || !self.attachments.balls.is_empty()
     }
 
     /// Returns all fields that may depend on time: loads, obstacle heights, support motions.

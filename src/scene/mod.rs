@@ -24,6 +24,7 @@
 //! # Ok::<(), rebond::Error>(())
 //! ```
 
+mod attachments;
 mod contents;
 mod cross_checks;
 mod document;
@@ -34,6 +35,7 @@ mod resolved;
 mod study;
 mod tables;
 mod time;
+mod toml_text;
 mod typed;
 mod words;
 
@@ -46,6 +48,7 @@ pub use crate::mesh::Diagonal;
 pub use crate::plate::Plate;
 pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
 pub use crate::vi::ContactSolver;
+pub use attachments::{Attachments, Ball, Foundation, PointMass, Spring};
 pub use contents::Scene;
 use document::Document;
 pub use given::{FieldInput, Region, Still, Value};
@@ -53,9 +56,8 @@ use serde::{Serialize, Serializer};
 use std::path::Path;
 pub use study::{Horizon, Study};
 pub use tables::{
-    Ball, Damping, EngineName, Force, Foundation, Grid, HISTORY_COLUMNS, Initial, Load, MeshFile, Obstacle,
-    Output, Part, PlateSpec, PointMass, Probe, Side, Snapshots, Solver, Spring, StartFrom, Support,
-    SupportLocation,
+    Damping, EngineName, Force, Grid, HISTORY_COLUMNS, Initial, Load, MeshFile, Obstacle, Output, Part,
+    PlateSpec, Probe, Side, Snapshots, Solver, StartFrom, Support, SupportLocation,
 };
 pub use time::{Mass, Time};
 

@@ -1,16 +1,12 @@
 //! Resolved scene as TOML, aligned and commented, and its hash.
 
-use super::typed::Choice;
+use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
 use super::{
-    Ball, ContactSolver, ElementKind, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Region,
-    Scene, SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
+    ContactSolver, ElementKind, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Scene,
+    SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
 };
-use crate::field::Field;
 use crate::plate::Orthotropy;
 use crate::scheme::registry::OptionValue;
-
-/// Line of a table: key, value, comment.
-type Row = (&'static str, String, &'static str);
 
 /// Formats the scene as TOML, with files by the path where they were found, or as written.
 pub(super) fn text(scene: &Scene, found: bool) -> String {
@@ -45,20 +41,8 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
             section("[[load.force]]", &[place(&force.at, force.point.as_deref()), value]);
         }
     }
-    for foundation in &scene.foundations {
-        let stiffness = ("stiffness", given(&foundation.stiffness, found), "N/m3");
-        section("[[foundation]]", &[vec![stiffness], region(&foundation.region)].concat());
-    }
-    for spring in &scene.springs {
-        let stiffness = ("stiffness", number(spring.stiffness), "N/m");
-        section("[[spring]]", &[place(&spring.at, spring.point.as_deref()), stiffness]);
-    }
-    for mass in &scene.masses {
-        let place = place(&mass.at, mass.point.as_deref());
-        section("[[mass]]", &[place, ("mass", number(mass.mass), "kg")]);
-    }
-    for ball in &scene.balls {
-        section("[[ball]]", &self::ball(ball));
+    for (header, rows) in scene.attachments.tables(found) {
+        section(header, &rows);
     }
     if let Some(damping) = &scene.damping {
         let mut rows = vec![
@@ -89,38 +73,6 @@ pub(super) fn identity(scene: &Scene) -> String {
     };
     let from = scene.initial.from.as_ref().map_or(String::new(), |from| format!("{:?}\n", from.motion));
     text(scene, false) + &scene.of_time().map(values).collect::<String>() + &from
-}
-
-/// Formats a number, a formula, or a table.
-fn given(given: &FieldInput, found: bool) -> String {
-    match &given.value {
-        Value::Formula(field) => formula(field),
-        Value::Table { file, path, interpolation, shape, .. } => {
-            let file = string(if found { path } else { file });
-            let interpolation = word(*interpolation);
-            format!("{{ table = {file}, interpolation = {interpolation}, times = {} }}", formula(shape))
-        }
-    }
-}
-
-fn formula(field: &Field) -> String {
-    field.constant().map_or_else(|| string(&field.to_string()), number)
-}
-
-/// Formats a place, by the name of its physical point if it has one.
-fn place(at: &[f64; 2], point: Option<&str>) -> Row {
-    point.map_or_else(|| ("at", numbers(at), "m"), |name| ("point", string(name), ""))
-}
-
-fn region(region: &Region) -> Vec<Row> {
-    match region {
-        Region::All => vec![],
-        Region::Where(condition) => vec![("where", string(&condition.to_string()), "")],
-        Region::Group(name) => vec![("group", string(name), "")],
-        Region::At(at) => vec![("at", numbers(at), "m")],
-        Region::Point(name) => vec![("point", string(name), "")],
-        Region::Line([from, to]) => vec![("line", format!("[{}, {}]", numbers(from), numbers(to)), "m")],
-    }
 }
 
 fn plate(panel: &PlateSpec, found: bool) -> Vec<Row> {
@@ -188,16 +140,6 @@ fn support(support: &Support, found: bool) -> Vec<Row> {
     rows.push(("kind", word(support.kind), "clamped | simply_supported | guided"));
     rows.extend(support.motion.as_ref().map(|motion| ("motion", given(motion, found), "m")));
     rows
-}
-
-fn ball(ball: &Ball) -> Vec<Row> {
-    vec![
-        place(&ball.at, ball.point.as_deref()),
-        ("side", word(ball.side), "below | above the plate"),
-        ("mass", number(ball.mass), "kg"),
-        ("height", number(ball.height), "m, of the point that touches"),
-        ("velocity", number(ball.velocity), "m/s, upward"),
-    ]
 }
 
 fn initial(initial: &Initial, found: bool) -> Vec<Row> {
@@ -293,41 +235,4 @@ fn study(study: &Study) -> Vec<Row> {
     rows.push(("until", word(study.until), "first_impact | second_impact | end: what ranks the runs"));
     rows.push(("repeat", study.repeat.to_string(), "timed repetitions"));
     rows
-}
-
-fn words(choices: &[impl Choice]) -> String {
-    let words: Vec<String> = choices.iter().map(|choice| word(*choice)).collect();
-    format!("[{}]", words.join(", "))
-}
-
-fn numbers(values: &[f64]) -> String {
-    let numbers: Vec<String> = values.iter().map(|value| number(*value)).collect();
-    format!("[{}]", numbers.join(", "))
-}
-
-/// Appends a table with aligned equal signs and comments.
-fn section(text: &mut String, header: &str, rows: &[Row]) {
-    let key_width = rows.iter().map(|(key, ..)| key.len()).max().unwrap_or(0);
-    let value_width = rows.iter().map(|(_, value, _)| value.len()).max().unwrap_or(0);
-    *text += &format!("\n{header}\n");
-    for (key, value, comment) in rows {
-        let hash = if comment.is_empty() { "" } else { "  # " };
-        let row = format!("{key:key_width$} = {value:value_width$}{hash}{comment}");
-        *text += row.trim_end();
-        *text += "\n";
-    }
-}
-
-/// Formats a number as the shortest text that reads back as the same number.
-fn number(value: f64) -> String {
-    let (plain, scientific) = (format!("{value:?}"), format!("{value:e}"));
-    if plain.len() > 9 && scientific.len() < plain.len() { scientific } else { plain }
-}
-
-fn word(choice: impl Choice) -> String {
-    string(choice.word())
-}
-
-fn string(text: &str) -> String {
-    toml::Value::from(text).to_string()
 }

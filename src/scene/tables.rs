@@ -170,54 +170,6 @@ pub struct Force {
     pub value: FieldInput,
 }
 
-/// Elastic (Winkler) foundation under the plate.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Foundation {
-    /// Stiffness in N/m3.
-    pub stiffness: FieldInput,
-    /// Region of the plate that rests on it.
-    pub region: Region,
-}
-
-/// Spring to the ground, relaxed where the plate is flat.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Spring {
-    /// Coordinates in m.
-    pub at: [f64; 2],
-    /// Physical point that names the place, if the scene uses one.
-    pub point: Option<String>,
-    /// Stiffness in N/m.
-    pub stiffness: f64,
-}
-
-/// Mass fixed to the plate.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PointMass {
-    /// Coordinates in m.
-    pub at: [f64; 2],
-    /// Physical point that names the place, if the scene uses one.
-    pub point: Option<String>,
-    /// Mass in kg.
-    pub mass: f64,
-}
-
-/// Rigid body that moves up and down and touches the plate at one point, without adhesion.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Ball {
-    /// Coordinates of the contact point, in m.
-    pub at: [f64; 2],
-    /// Physical point that names the place, if the scene uses one.
-    pub point: Option<String>,
-    /// Side of the plate on which the ball is.
-    pub side: Side,
-    /// Mass in kg.
-    pub mass: f64,
-    /// Initial height of the ball's contact point, in m.
-    pub height: f64,
-    /// Initial upward velocity in m/s.
-    pub velocity: f64,
-}
-
 /// Damping of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Damping {

@@ -50,7 +50,7 @@ impl Model<Distributed> {
         let comm = context.comm();
         let supports = |mesh: &Mesh| regions::supports(scene, mesh, comm);
         let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
-        let balls: Vec<(String, Point)> = scene.balls.iter().enumerate().map(name).collect();
+        let balls: Vec<(String, Point)> = scene.attachments.balls.iter().enumerate().map(name).collect();
         let marks = meshing::marks(scene);
         let rectangles = match scene.file {
             Some(_) => None,
@@ -69,7 +69,7 @@ impl Model<Distributed> {
             }
         };
         let engine = Distributed::new(&part)?;
-        if comm.all_reduce_sum(engine.dofs()) == scene.balls.len() {
+        if comm.all_reduce_sum(engine.dofs()) == scene.attachments.balls.len() {
             return Err(super::nothing_free());
         }
         super::phase("matrices");

@@ -59,7 +59,7 @@ impl DofCoordinates {
                 put(space.dof(PER_NODE * number + which).map(|(dof, _)| dof), node.into(), which);
             }
         }
-        for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
+        for (number, (ball, gap)) in scene.attachments.balls.iter().zip(ground.gaps).enumerate() {
             put(*gap, ball.at, PER_NODE + number);
         }
         let centre = |cell: usize| {

@@ -95,7 +95,7 @@ struct SupportFrame(Vec<(Rc<FieldInput>, Vec<f64>)>);
 /// # Errors
 /// Returns [`Error::Mesh`] where a support applies to no part of the mesh.
 pub fn space(scene: &Scene, mesh: &Mesh) -> Result<DofMap> {
-    Ok(DofMap::of(&holds(scene, mesh)?).with_extra(scene.balls.len()))
+    Ok(DofMap::of(&holds(scene, mesh)?).with_extra(scene.attachments.balls.len()))
 }
 
 /// Returns thickness and material of the plate, cell by cell.
@@ -148,13 +148,13 @@ fn on_ground<R>(
     holds: &[NodeConstraint],
     act: impl FnOnce(&BuildContext<WholeMesh>) -> Result<R>,
 ) -> Result<R> {
-    let space = DofMap::of(holds).with_extra(scene.balls.len());
-    if space.dofs() == scene.balls.len() {
+    let space = DofMap::of(holds).with_extra(scene.attachments.balls.len());
+    if space.dofs() == scene.attachments.balls.len() {
         return Err(nothing_free());
     }
     phase("matrices");
     let cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
-    let gaps: Vec<_> = (0..scene.balls.len()).map(|ball| Some(space.extra(ball))).collect();
+    let gaps: Vec<_> = (0..scene.attachments.balls.len()).map(|ball| Some(space.extra(ball))).collect();
     act(&BuildContext {
         scene,
         partition: &WholeMesh,

@@ -39,7 +39,7 @@ pub(super) fn on_native_engine(scene: &Scene) -> Scene {
 
 /// Returns the frequencies with the scene's mass.
 pub(super) fn frequencies_of(scene: &Scene, model: &Model) -> Frequencies {
-    let is_loose = model.mechanism.is_some() || !scene.balls.is_empty();
+    let is_loose = model.mechanism.is_some() || !scene.attachments.balls.is_empty();
     frequencies(model, &model.system.mass, is_loose)
 }
 

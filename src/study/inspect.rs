@@ -143,7 +143,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let Matrices { consistent, singular: rows, .. } = simulation::matrices(scene, &mesh, true)?;
 
     // A ball in the air has no equilibrium.
-    let is_loose = mechanism.is_some() || !scene.balls.is_empty();
+    let is_loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
     let loaded = match &system.load {
         Some(load) if !is_loose => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
         _ => None,

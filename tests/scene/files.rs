@@ -173,7 +173,7 @@ fn points_have_names_wherever_places_are_taken() {
     assert_eq!(read(&resolved).unwrap(), scene(&named));
     // The place is scaled with the mesh.
     let scaled = scene(&named.replace("msh\"", "msh\", scale = 2"));
-    assert_eq!(scaled.springs[0].at, [1.5, 1.0]);
+    assert_eq!(scaled.attachments.springs[0].at, [1.5, 1.0]);
 }
 
 #[test]

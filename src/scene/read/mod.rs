@@ -1,15 +1,14 @@
 //! Translation of a document into a scene: one file per table, its keys in the order of the
 //! file.
 
-mod attachments;
 mod initial;
 mod loads;
 mod mesh;
 mod obstacles;
 mod output;
 mod plate;
-mod quantities;
-mod region;
+pub(super) mod quantities;
+pub(super) mod region;
 mod solver;
 mod study;
 mod supports;
@@ -18,54 +17,36 @@ mod time;
 use std::path::Path;
 
 use super::document::{Document, quote};
-use super::{EngineName, Scene, cross_checks};
+use super::{EngineName, Scene, attachments, cross_checks};
 use crate::error::Result;
 use region::PlaceReader;
 
-/// Names of a scene's tables.
-const TABLES: [&str; 17] = [
-    "title",
-    "plate",
-    "part",
-    "mesh",
-    "support",
-    "obstacle",
-    "load",
-    "foundation",
-    "spring",
-    "mass",
-    "ball",
-    "damping",
-    "initial",
-    "time",
-    "solver",
-    "output",
-    "study",
+/// Names of a scene's tables before and after those of attachments.
+const TABLES: [&[&str]; 2] = [
+    &["title", "plate", "part", "mesh", "support", "obstacle", "load"],
+    &["damping", "initial", "time", "solver", "output", "study"],
 ];
 
 /// Reads the whole scene; `engine` is the default.
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
-    doc.allow("", &TABLES)?;
+    doc.allow("", &[TABLES[0], &attachments::TABLES, TABLES[1]].concat())?;
     let title = title(doc, file_name)?;
     let file = mesh::read_file(doc)?;
     let plate = plate::read(doc, file.is_some())?;
     let (mesh, time, solver) =
         (mesh::read(doc, file.is_some())?, time::read(doc)?, solver::read(doc, engine)?);
     let places = PlaceReader::new(&plate, file.as_ref());
-    let balls = attachments::read_balls(doc, &places)?;
+    let attachments = attachments::read(doc, &places)?;
     let scene = Scene {
         title,
         parts: plate::read_parts(doc, &plate)?,
         supports: supports::read(doc, file.is_some())?,
         obstacles: obstacles::read(doc)?,
         load: loads::read(doc, &places)?,
-        foundations: attachments::read_foundations(doc)?,
-        springs: attachments::read_springs(doc, &places)?,
-        masses: attachments::read_masses(doc, &places)?,
         damping: plate::read_damping(doc)?,
         initial: initial::read(doc)?,
-        output: output::read(doc, &places, &mesh, &balls)?,
-        balls,
+        output: output::read(doc, &places, &mesh, &attachments.balls)?,
+        attachments,
         study: study::read(doc, &mesh, &time, &solver)?,
         plate,
         mesh,

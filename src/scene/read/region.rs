@@ -12,7 +12,7 @@ use crate::scene::{MeshFile, PlateSpec, Region};
 /// Reads the region that one of `keys` names (`where`, `group`, `at`, `point`, `line`).
 ///
 /// Without any of them, the region is the whole plate.
-pub(super) fn read(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
+pub(in crate::scene) fn read(doc: &Document, table: &str, keys: &[&str]) -> Result<Region> {
     let mut named = keys.iter().filter(|key| doc.get(&format!("{table}.{key}")).is_some());
     let Some(first) = named.next() else { return Ok(Region::All) };
     let key = format!("{table}.{first}");
@@ -33,7 +33,7 @@ pub(super) fn read(doc: &Document, table: &str, keys: &[&str]) -> Result<Region>
 }
 
 /// Reads a text that is not empty.
-pub(super) fn name(doc: &Document, key: &str, expected: &str) -> Result<String> {
+pub(in crate::scene) fn name(doc: &Document, key: &str, expected: &str) -> Result<String> {
     let text = doc.optional_text(key, expected)?.ok_or_else(|| doc.missing(key, expected))?;
     if text.trim().is_empty() {
         return Err(doc.fault(key, format!("{} names nothing; {expected}", quote(text))));
@@ -42,7 +42,7 @@ pub(super) fn name(doc: &Document, key: &str, expected: &str) -> Result<String> 
 }
 
 /// Reads a point, in m.
-pub(super) fn point(doc: &Document, key: &str) -> Result<[f64; 2]> {
+pub(in crate::scene) fn point(doc: &Document, key: &str) -> Result<[f64; 2]> {
     doc.pair(key, "expected [x, y] in m")?;
     Ok([doc.number(&format!("{key}.0"), &COORDINATE)?, doc.number(&format!("{key}.1"), &COORDINATE)?])
 }
@@ -62,7 +62,7 @@ fn point_on(doc: &Document, key: &str, plate: &PlateSpec) -> Result<[f64; 2]> {
 }
 
 /// Reader of places on the plate: coordinates, or named points of its mesh file.
-pub(super) struct PlaceReader<'p> {
+pub(in crate::scene) struct PlaceReader<'p> {
     plate: &'p PlateSpec,
     file: Option<&'p MeshFile>,
     /// Points of the file, read at the first use.
@@ -71,13 +71,13 @@ pub(super) struct PlaceReader<'p> {
 
 impl<'p> PlaceReader<'p> {
     /// Creates the reader of places on a plate, whose mesh `file` gives unless it is a rectangle.
-    pub(super) fn new(plate: &'p PlateSpec, file: Option<&'p MeshFile>) -> PlaceReader<'p> {
+    pub(in crate::scene) fn new(plate: &'p PlateSpec, file: Option<&'p MeshFile>) -> PlaceReader<'p> {
         PlaceReader { plate, file, points: OnceCell::new() }
     }
 
     /// Returns the coordinates of a table's `at`, or of the single node of its `point` with its
     /// name.
-    pub(super) fn read(&self, doc: &Document, table: &str) -> Result<([f64; 2], Option<String>)> {
+    pub(in crate::scene) fn read(&self, doc: &Document, table: &str) -> Result<([f64; 2], Option<String>)> {
         let (at, key) = (format!("{table}.at"), format!("{table}.point"));
         if doc.get(&key).is_none() {
             return Ok((point_on(doc, &at, self.plate)?, None));

@@ -39,13 +39,13 @@ impl<'s> Attached<'s> {
             Ok::<_, Error>(spot.map(|spot| LumpedMass { amount, at: at.into(), spot }))
         };
         let (mut springs, mut masses, mut balls) = (Vec::new(), Vec::new(), Vec::new());
-        for (number, spring) in scene.springs.iter().enumerate() {
+        for (number, spring) in scene.attachments.springs.iter().enumerate() {
             springs.extend(lump(format!("spring.{number}"), spring.at, spring.stiffness)?);
         }
-        for (number, mass) in scene.masses.iter().enumerate() {
+        for (number, mass) in scene.attachments.masses.iter().enumerate() {
             masses.extend(lump(format!("mass.{number}"), mass.at, mass.mass)?);
         }
-        for (number, (ball, gap)) in scene.balls.iter().zip(ground.gaps).enumerate() {
+        for (number, (ball, gap)) in scene.attachments.balls.iter().zip(ground.gaps).enumerate() {
             let lump = lump(format!("ball.{number}"), ball.at, ball.mass)?;
             if let Some((LumpedMass { amount, at, spot }, gap)) = lump.zip(*gap) {
                 let rides = PointEvaluation {
@@ -202,7 +202,7 @@ impl<'s> Attached<'s> {
 
 /// Returns the contributions of the foundations to K, each with its cell. Collective.
 fn foundations<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<(usize, ElementMatrix)>> {
-    let foundations = &ground.scene.foundations;
+    let foundations = &ground.scene.attachments.foundations;
     if foundations.is_empty() {
         return Ok(Vec::new());
     }
@@ -228,7 +228,7 @@ fn foundations<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<(usize, Ele
 
 /// Returns special quadrature rules for cells in which foundations need them. Collective.
 fn foundation_rules<P: Partition>(ground: &BuildContext<P>, reaches: &[Vec<bool>]) -> Result<Rules> {
-    let foundations = &ground.scene.foundations;
+    let foundations = &ground.scene.attachments.foundations;
     if foundations.iter().all(|of| of.stiffness.is_low()) {
         return Ok(Rules::new());
     }

@@ -81,11 +81,12 @@ impl<C: Communicator> Heights<C> {
         let dofs = bounded.iter().map(|site| site.dof).collect();
         let mut still = Bounds::uniform(dofs, f64::NEG_INFINITY, f64::INFINITY);
         // A gap is small while the ball lies on the plate.
-        let falls = scene.balls.iter().map(|ball| ball.height.abs().max(scene.plate.plate.thickness));
+        let falls =
+            scene.attachments.balls.iter().map(|ball| ball.height.abs().max(scene.plate.plate.thickness));
         still.size = falls.fold(0.0, f64::max);
         let mut bound_of = vec![None; nodes];
         for (bound, site) in bounded.iter().enumerate() {
-            match site.node.checked_sub(nodes).map(|ball| scene.balls[ball].side) {
+            match site.node.checked_sub(nodes).map(|ball| scene.attachments.balls[ball].side) {
                 None => bound_of[site.node] = Some(bound),
                 Some(Side::Above) => still.lower[bound] = 0.0,
                 Some(Side::Below) => still.upper[bound] = 0.0,

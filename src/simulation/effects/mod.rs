@@ -154,8 +154,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
 
     if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
         // Rigid motions come first and do not count.
-        let loose = mechanism.is_some() || !scene.balls.is_empty();
-        let rigid = if loose { 3 + scene.balls.len() } else { 0 };
+        let loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
+        let rigid = if loose { 3 + scene.attachments.balls.len() } else { 0 };
         let System { engine, stiffness, mass, .. } = &system;
         let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, loose)?;
         modes.retain(|mode| mode.frequency > 0.0);

@@ -60,7 +60,7 @@ impl<P: Partition> Statics<'_, P> {
     /// held at rest, balls do not load the plate. Collective.
     fn lift_balls(&self, load: &mut [f64]) -> Result<()> {
         let BuildContext { scene, space, partition, .. } = self.ground;
-        if scene.balls.is_empty() {
+        if scene.attachments.balls.is_empty() {
             return Ok(());
         }
         let mut local = vec![0.0; space.dofs()];

@@ -37,7 +37,7 @@ impl<P: Partition> Statics<'_, P> {
     /// Returns the stiffness of the plate with the balls held at rest; `None` where there are none.
     pub fn held<E: OfCells>(&self, system: &System<E>) -> Option<Form> {
         let BuildContext { scene, cells, .. } = *self.ground;
-        (!scene.balls.is_empty())
+        (!scene.attachments.balls.is_empty())
             .then(|| system.engine.native().form(self.attached.stiffness_that_holds_balls(cells)))
     }
 

@@ -1,0 +1,188 @@
+//! Attachments of the plate: foundations, springs, masses and balls, objects beside the plate that
+//! bear, hold, load or hit it.
+//!
+//! All that a scene knows of an attachment is in this file: its table, how it is read and written,
+//! and the name of its effect. The matrices are in `simulation::effects::attached`.
+
+use super::document::Document;
+use super::given::{FieldInput, Region};
+use super::read::quantities::{FOUNDATION, HEIGHT, MASS, SPRING, VELOCITY};
+use super::read::region::{self, PlaceReader};
+use super::tables::Side;
+use super::toml_text::{self, Row, given, number, place, word};
+use crate::error::Result;
+use crate::field::Names;
+
+/// Attachments of the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attachments {
+    /// Elastic foundations; their stiffnesses add up.
+    pub foundations: Vec<Foundation>,
+    /// Springs between the plate and the ground.
+    pub springs: Vec<Spring>,
+    /// Masses fixed on the plate.
+    pub masses: Vec<PointMass>,
+    /// Rigid bodies that move freely up and down and hit the plate.
+    pub balls: Vec<Ball>,
+}
+
+/// Elastic (Winkler) foundation under the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Foundation {
+    /// Stiffness in N/m3.
+    pub stiffness: FieldInput,
+    /// Region of the plate that rests on it.
+    pub region: Region,
+}
+
+/// Spring to the ground, relaxed where the plate is flat.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spring {
+    /// Coordinates in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Stiffness in N/m.
+    pub stiffness: f64,
+}
+
+/// Mass fixed to the plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointMass {
+    /// Coordinates in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Mass in kg.
+    pub mass: f64,
+}
+
+/// Rigid body that moves up and down and touches the plate at one point, without adhesion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ball {
+    /// Coordinates of the contact point, in m.
+    pub at: [f64; 2],
+    /// Physical point that names the place, if the scene uses one.
+    pub point: Option<String>,
+    /// Side of the plate on which the ball is.
+    pub side: Side,
+    /// Mass in kg.
+    pub mass: f64,
+    /// Initial height of the ball's contact point, in m.
+    pub height: f64,
+    /// Initial upward velocity in m/s.
+    pub velocity: f64,
+}
+
+/// Names of the tables.
+pub(super) const TABLES: [&str; 4] = ["foundation", "spring", "mass", "ball"];
+
+impl Attachments {
+    /// Returns each effect of attachments, and whether the scene has it.
+    pub(super) fn effects(&self) -> [(bool, &'static str); 4] {
+        [
+            (!self.foundations.is_empty(), "elastic foundation"),
+            (!self.springs.is_empty(), "springs"),
+            (!self.masses.is_empty(), "added masses"),
+            (!self.balls.is_empty(), "balls"),
+        ]
+    }
+
+    /// Returns the tables in the order of a resolved scene, with files by the path where they were
+    /// found, or as written.
+    pub(super) fn tables(&self, found: bool) -> Vec<(&'static str, Vec<Row>)> {
+        let foundation = |of: &Foundation| {
+            let stiffness = ("stiffness", given(&of.stiffness, found), "N/m3");
+            ("[[foundation]]", [vec![stiffness], toml_text::region(&of.region)].concat())
+        };
+        let spring = |of: &Spring| {
+            let stiffness = ("stiffness", number(of.stiffness), "N/m");
+            ("[[spring]]", vec![place(&of.at, of.point.as_deref()), stiffness])
+        };
+        let mass = |of: &PointMass| {
+            let mass = ("mass", number(of.mass), "kg");
+            ("[[mass]]", vec![place(&of.at, of.point.as_deref()), mass])
+        };
+        let ball = |of: &Ball| {
+            let rows = vec![
+                place(&of.at, of.point.as_deref()),
+                ("side", word(of.side), "below | above the plate"),
+                ("mass", number(of.mass), "kg"),
+                ("height", number(of.height), "m, of the point that touches"),
+                ("velocity", number(of.velocity), "m/s, upward"),
+            ];
+            ("[[ball]]", rows)
+        };
+        let foundations = self.foundations.iter().map(foundation);
+        let springs = self.springs.iter().map(spring);
+        let masses = self.masses.iter().map(mass);
+        foundations.chain(springs).chain(masses).chain(self.balls.iter().map(ball)).collect()
+    }
+}
+
+/// Reads all attachments.
+pub(super) fn read(doc: &Document, places: &PlaceReader) -> Result<Attachments> {
+    Ok(Attachments {
+        balls: read_balls(doc, places)?,
+        foundations: read_foundations(doc)?,
+        springs: read_springs(doc, places)?,
+        masses: read_masses(doc, places)?,
+    })
+}
+
+/// Reads the tables `[[name]]`, which take these keys and need those in `needs`; `read` gets the
+/// path of one table.
+fn read_tables<T>(
+    doc: &Document,
+    name: &str,
+    needs: &str,
+    keys: &[&str],
+    read: impl Fn(&str) -> Result<T>,
+) -> Result<Vec<T>> {
+    let table = |index: usize| {
+        let table = format!("{name}.{index}");
+        doc.allow(&table, keys)?;
+        read(&table)
+    };
+    let count = doc.entries(name, &format!("expected tables [[{name}]] with {needs}"))?;
+    (0..count).map(table).collect()
+}
+
+fn read_foundations(doc: &Document) -> Result<Vec<Foundation>> {
+    read_tables(doc, "foundation", "stiffness", &["stiffness", "where", "group"], |table| {
+        Ok(Foundation {
+            stiffness: doc.needed(&format!("{table}.stiffness"), &FOUNDATION, Names::XY)?,
+            region: region::read(doc, table, &["where", "group"])?,
+        })
+    })
+}
+
+fn read_springs(doc: &Document, places: &PlaceReader) -> Result<Vec<Spring>> {
+    read_tables(doc, "spring", "at and stiffness", &["at", "point", "stiffness"], |table| {
+        let (at, point) = places.read(doc, table)?;
+        Ok(Spring { at, point, stiffness: doc.number(&format!("{table}.stiffness"), &SPRING)? })
+    })
+}
+
+fn read_masses(doc: &Document, places: &PlaceReader) -> Result<Vec<PointMass>> {
+    read_tables(doc, "mass", "at and mass", &["at", "point", "mass"], |table| {
+        let (at, point) = places.read(doc, table)?;
+        Ok(PointMass { at, point, mass: doc.number(&format!("{table}.mass"), &MASS)? })
+    })
+}
+
+fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Ball>> {
+    let keys = ["at", "point", "side", "mass", "height", "velocity"];
+    read_tables(doc, "ball", "at, mass and height", &keys, |table| {
+        let key = |name: &str| format!("{table}.{name}");
+        let (at, point) = places.read(doc, table)?;
+        Ok(Ball {
+            at,
+            point,
+            side: doc.optional_choice(&key("side"))?.unwrap_or(Side::Above),
+            mass: doc.number(&key("mass"), &MASS)?,
+            height: doc.number(&key("height"), &HEIGHT)?,
+            velocity: doc.optional_number(&key("velocity"), &VELOCITY)?.unwrap_or(0.0),
+        })
+    })
+}
