@@ -33,7 +33,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	$(call say,tests)
 	@cargo test --release --locked
 	$(call say,planted faults)
-	@scripts/planted_faults.py
+	@scripts/planted_faults.py --texts
 	$(call say,fields read back by VTK)
 	@scripts/check_vtk.sh
 	$(call say,energies of the paper at steps down to 1e-5 s)
@@ -47,11 +47,13 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@scripts/check_equations.sh
 	$(call say,all passed)
 
-test-long: setup ## run the tests that make test omits: those that take minutes, and all without default features
+test-long: setup ## run what make test omits: long tests, tests without default features, planted faults
 	$(call say,tests without default features)
 	@cargo test --release $(NATIVE) --locked
 	$(call say,long tests)
 	@cargo test --release --locked --tests -- --ignored
+	$(call say,planted faults)
+	@scripts/planted_faults.py
 
 stability: setup ## recompute the tables of docs/stability.md, natively and on PETSc (25 min)
 	$(call say,native)

@@ -79,7 +79,7 @@ pub(super) fn time_loop<E: Engine>(
         run.fields(now)?;
         run.observer.step(now.step, contact.nodes);
         if now.is_last {
-            return run.agree();
+            return run.share_error();
         }
 
         let stops = run.is_asked_to_stop()?;
@@ -219,7 +219,7 @@ impl<E: Engine> TimeLoop<'_, E> {
         let own = (self.observed.is_err(), self.observed.is_ok() && self.observer.interrupts());
         let all = self.model.system.engine.comm().all_gather_one(own);
         if all.iter().any(|(failed, _)| *failed) {
-            self.agree()?;
+            self.share_error()?;
         }
         Ok(all.iter().any(|(_, stops)| *stops))
     }
@@ -237,7 +237,7 @@ impl<E: Engine> TimeLoop<'_, E> {
 
     /// Ends the run before its last step, with the error of an observer or [`Error::Interrupted`].
     fn interrupt(&mut self, now: StepTime) -> Result<()> {
-        self.agree()?;
+        self.share_error()?;
         Err(Error::Interrupted { step: now.step, time: now.time })
     }
 
@@ -262,7 +262,7 @@ impl<E: Engine> TimeLoop<'_, E> {
     }
 
     /// Turns the error of one observer into an error on all processes.
-    fn agree(&mut self) -> Result<()> {
+    fn share_error(&mut self) -> Result<()> {
         self.model.system.engine.comm().all_ok(std::mem::replace(&mut self.observed, Ok(())))
     }
 }

@@ -105,7 +105,7 @@ impl<'s> Attached<'s> {
     }
 
     /// Adds the weight of masses and balls to `load` for a gravity (m/s^2), downward.
-    pub fn weigh(&self, gravity: f64, load: &mut [f64]) {
+    pub fn add_weight(&self, gravity: f64, load: &mut [f64]) {
         self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
     }
 

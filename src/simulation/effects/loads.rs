@@ -183,7 +183,7 @@ pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached
     let Some(load) = &scene.load else { return Ok(totals) };
     if load.gravity != 0.0 {
         let mut weight = assembly::weight(cells, space.dofs(), load.gravity);
-        attached.weigh(load.gravity, &mut weight);
+        attached.add_weight(load.gravity, &mut weight);
         totals.push(still("load.gravity", &weight));
     }
     let over_time = |key: &str, instants: u64, at: &dyn Fn(f64) -> Result<Resultant>| {
@@ -250,7 +250,7 @@ impl<P: Partition> Loads<P> {
         let mut constant = vec![0.0; dofs];
         if load.gravity != 0.0 {
             vectors::add(&assembly::weight(cells, dofs, load.gravity), &mut constant);
-            attached.weigh(load.gravity, &mut constant);
+            attached.add_weight(load.gravity, &mut constant);
         }
         if !load.pressure.changes() {
             vectors::add(&ground.pressed(&load.pressure)?, &mut constant);
