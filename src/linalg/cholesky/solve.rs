@@ -5,7 +5,6 @@ use super::supernodes::Supernode;
 use crate::error::Result;
 use crate::linalg::Factor;
 use crate::linalg::simd::{dot4, subtract4};
-use crate::linalg::vectors::{axpy, dot};
 use faer::Mat;
 use pulp::{Simd, WithSimd};
 
@@ -13,8 +12,8 @@ impl Factor for Cholesky {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         let dofs = x.len();
         self.permute(x);
-        self.sweep::<FORWARD>(dofs);
-        self.sweep::<BACKWARD>(dofs);
+        self.forward(dofs);
+        self.backward(dofs);
         self.unpermute(x);
         Ok(())
     }
@@ -25,14 +24,14 @@ impl Factor for Cholesky {
 
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         self.permute(b);
-        self.sweep::<FORWARD>(self.interior);
+        self.forward(self.interior);
         h.copy_from_slice(&self.x[self.interior..]);
         Ok(())
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
         self.x[self.interior..].copy_from_slice(values);
-        self.sweep::<BACKWARD>(self.interior);
+        self.backward(self.interior);
         self.unpermute(x);
         Ok(())
     }
@@ -40,14 +39,16 @@ impl Factor for Cholesky {
     fn solve_schur(&self, h: &mut [f64]) {
         let size = h.len();
         for j in 0..size {
-            let column = self.tail.col_as_slice(j);
+            let column = self.tail.col(j);
             h[j] /= column[j];
-            let (known, rest) = h.split_at_mut(j + 1);
-            axpy(-known[j], &column[j + 1..], rest);
+            for i in j + 1..size {
+                h[i] -= column[i] * h[j];
+            }
         }
         for j in (0..size).rev() {
-            let column = self.tail.col_as_slice(j);
-            h[j] = (h[j] - dot(&column[j + 1..], &h[j + 1..])) / column[j];
+            let column = self.tail.col(j);
+            let known: f64 = (j + 1..size).map(|i| column[i] * h[i]).sum();
+            h[j] = (h[j] - known) / column[j];
         }
     }
 
@@ -76,19 +77,34 @@ impl Cholesky {
         }
     }
 
-    /// Solves in place with the columns before `limit`.
-    fn sweep<const IS_FORWARD: bool>(&mut self, limit: usize) {
-        let Cholesky { arch, supernodes, patterns, values, pivots, x, work, .. } = self;
-        arch.dispatch(Sweep::<IS_FORWARD> { supernodes, patterns, values, pivots, limit, x, work });
+    fn forward(&mut self, limit: usize) {
+        self.arch.dispatch(Sweep::<true> {
+            supernodes: &self.supernodes,
+            patterns: &self.patterns,
+            values: &self.values,
+            pivots: &self.pivots,
+            limit,
+            x: &mut self.x,
+            work: &mut self.work,
+        });
+    }
+
+    fn backward(&mut self, limit: usize) {
+        self.arch.dispatch(Sweep::<false> {
+            supernodes: &self.supernodes,
+            patterns: &self.patterns,
+            values: &self.values,
+            pivots: &self.pivots,
+            limit,
+            x: &mut self.x,
+            work: &mut self.work,
+        });
     }
 }
 
-/// Directions of a [`Sweep`]: forward with L, or backward with its transpose.
-const FORWARD: bool = true;
-const BACKWARD: bool = false;
-
-/// Triangular solve with the columns before `limit`.
-struct Sweep<'a, const IS_FORWARD: bool> {
+/// Triangular solve with the columns before `limit`: forward with L, or backward with its
+/// transpose.
+struct Sweep<'a, const FORWARD: bool> {
     supernodes: &'a [Supernode],
     patterns: &'a [u32],
     values: &'a [f64],
@@ -98,13 +114,13 @@ struct Sweep<'a, const IS_FORWARD: bool> {
     work: &'a mut [f64],
 }
 
-impl<const IS_FORWARD: bool> WithSimd for Sweep<'_, IS_FORWARD> {
+impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let (supernodes, limit) = (self.supernodes, self.limit);
-        if IS_FORWARD {
+        if FORWARD {
             for s in supernodes {
                 if s.start < limit {
                     self.eliminate(simd, s);
@@ -120,7 +136,7 @@ impl<const IS_FORWARD: bool> WithSimd for Sweep<'_, IS_FORWARD> {
     }
 }
 
-impl<const IS_FORWARD: bool> Sweep<'_, IS_FORWARD> {
+impl<const FORWARD: bool> Sweep<'_, FORWARD> {
     /// Eliminates forward with the columns of one supernode. `work` holds the supernode's part of x
     /// and below it the updates to other rows of x.
     #[inline(always)]
