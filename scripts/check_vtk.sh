@@ -19,4 +19,4 @@ fi
 
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 PYTHONPATH=$vtk exec python3 tests/vtk.py "${CARGO_TARGET_DIR:-target}/release/rebond" \
-    mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca btl ^tcp -n 2
+    mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca pml ob1 --mca btl ^tcp,ofi -n 2

@@ -35,7 +35,7 @@ printf '%-10s %5s %9s %8s %8s %9s %9s %8s %9s\n' cells ranks dofs 'set-up s' 'st
 for cells in "$@"; do
     for ranks in ${RANKS:-1 2}; do
         : >"$folder/memory"
-        mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca btl ^tcp -n "$ranks" "${peak[@]}" "$root/target/release/rebond" \
+        mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca pml ob1 --mca btl ^tcp,ofi -n "$ranks" "${peak[@]}" "$root/target/release/rebond" \
             run "$folder/scene.toml" --engine petsc --set "mesh.cells=[$cells]" --json --overwrite --out "$folder/run" \
             >"$folder/summary.json"
         memory=$(awk '{ sum += $1 } END { if (NR) printf "%.0f", sum / 1024; else print "-" }' "$folder/memory")

@@ -16,9 +16,9 @@ if [ "$(id -u)" -eq 0 ]; then
 fi
 
 # --oversubscribe allows more ranks than cores; yield_when_idle makes waiting ranks leave the core
-# to the others; btl ^tcp does without the network, which one machine may lack and Open MPI 5
-# complains about.
-launch=(mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca btl ^tcp -n "${RANKS:-2}")
+# to the others; pml ob1 and btl ^tcp,ofi keep to memory: without a network Open MPI 5 complains
+# otherwise, and the search for one takes Open MPI 4 a second per job.
+launch=(mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca pml ob1 --mca btl ^tcp,ofi -n "${RANKS:-2}")
 
 if [ $# -eq 0 ]; then
     set -- "$root/scenes/csma2013/fig4.toml" --set time.step=1e-5 --set time.end=0.1 --out "runs/ranks"

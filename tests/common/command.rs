@@ -24,17 +24,17 @@ pub fn rebond(folder: &Path, arguments: &[&str]) -> Output {
 }
 
 /// Options of mpirun that start ranks on one machine with any release. There may be more ranks than
-/// cores, waiting ranks yield their cores, and messages go through memory: on a machine without a
-/// network Open MPI 5 complains otherwise.
-pub const ON_ONE_MACHINE: [&str; 7] =
-    ["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--mca", "btl", "^tcp"];
+/// cores, waiting ranks yield their cores, and messages go through memory. Without a network Open
+/// MPI 5 complains otherwise, and the search for one takes Open MPI 4 a second per job.
+pub const ON_ONE_MACHINE: &str =
+    "--oversubscribe --mca mpi_yield_when_idle 1 --mca pml ob1 --mca btl ^tcp,ofi";
 
 /// Returns the command under mpirun, which root may call too, as in a container. Its time limit
 /// allows for a busy machine that takes minutes for seconds of work.
 pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
     let mut command = Command::new("mpirun");
     command
-        .args(ON_ONE_MACHINE)
+        .args(ON_ONE_MACHINE.split(' '))
         .args(["--timeout", "2700", "-n"])
         .arg(ranks.to_string())
         .arg(env!("CARGO_BIN_EXE_rebond"))

@@ -71,7 +71,7 @@ fn child(mut cases: impl Iterator<Item = &'static Case>, name: &str) -> ExitCode
 fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
     let program = std::env::current_exe()?;
     let Output { status, stdout, stderr } = Command::new("mpirun")
-        .args(ON_ONE_MACHINE)
+        .args(ON_ONE_MACHINE.split(' '))
         // The limit ends a case that hangs; a busy machine may take minutes for seconds of work.
         .args(["--timeout", &(15 * case.seconds).to_string(), "-n", &ranks.to_string()])
         .arg(program)
