@@ -21,6 +21,7 @@ mod cells;
 mod cholesky;
 mod combination;
 mod double_double;
+pub(crate) mod eigen;
 mod native;
 pub mod random;
 mod simd;
@@ -242,6 +243,17 @@ pub trait Engine: Sized {
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Self::Factor>;
 
+    /// Counts the eigenvalues of `$K x = \lambda M x$` below sigma, with their multiplicity, as the
+    /// number of negative eigenvalues of `$K - \sigma M$` (Sylvester's law of inertia). Returns
+    /// `None` where the engine cannot count, which is the default.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
+        let _ = (k, m, sigma);
+        Ok(None)
+    }
+
     /// Changes the contact dofs of a factor of the same sum without pinned dofs. Returns whether
     /// this took a factorisation.
     ///
@@ -265,6 +277,11 @@ pub trait Engine: Sized {
 pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
+
+    /// Solves A X = B in place, one system per column.
+    fn solve_columns(&mut self, x: &mut Mat<f64>) -> Result<()> {
+        (0..x.ncols()).try_for_each(|j| self.solve(x.col_as_slice_mut(j)))
+    }
 
     /// Returns the Schur complement H of A on the contact dofs.
     fn schur(&self) -> &Mat<f64>;

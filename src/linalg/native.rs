@@ -339,6 +339,10 @@ impl Engine for Native {
         })?;
         Cholesky::twice(pattern, values, contact_dofs)
     }
+
+    fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
+        cholesky::negative_eigenvalues(&self.assembled(&(k + m * -sigma))?).map(Some)
+    }
 }
 
 /// Largest error estimate, relative and in the energy norm, up to which a factor in double

@@ -8,7 +8,13 @@
 //! factored `$K + \sigma M$`. Both find the finite modes only, because the kernel of a singular
 //! mass moves without inertia.
 
+mod basis;
+mod blocks;
+mod inverse;
+mod krylov;
 pub(crate) mod lanczos;
+
+pub use basis::{ModalBasis, ModeRange, lowest_basis};
 
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};

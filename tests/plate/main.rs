@@ -11,5 +11,6 @@ mod insertion;
 mod matrices;
 mod mesh;
 mod mixed_cells;
+mod modes;
 mod obstacle_plate;
 mod statics;

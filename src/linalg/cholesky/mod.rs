@@ -7,6 +7,7 @@
 //! which is faster than the general ones.
 
 mod double;
+mod inertia;
 mod ordering;
 mod size;
 mod solve;
@@ -20,6 +21,7 @@ use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::cholesky::SymbolicCholesky;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use faer::{Mat, Par, Side};
+pub(super) use inertia::negative_eigenvalues;
 use ordering::{analyse, analysis_failed, elimination_order};
 use pulp::Arch;
 use size::Size;
@@ -189,16 +191,13 @@ impl Cholesky {
     }
 
     fn factor_plainly(&mut self, pinned: Option<&[bool]>) -> Result<()> {
-        let dofs = self.matrix.nrows();
         let held = pinned.map(|pinned| self.pinned(self.matrix.val(), pinned));
         let matrix = faer::sparse::SparseColMatRef::new(
             self.matrix.symbolic(),
             held.as_deref().unwrap_or_else(|| self.matrix.val()),
         );
         let scratch = self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| {
-            Error::Memory(format!("there is not enough memory to factor the matrix of {dofs} dofs"))
-        })?;
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| no_memory(self.matrix.nrows()))?;
         let definite = self
             .symbolic
             .factorize_numeric_llt(
@@ -232,4 +231,9 @@ impl Cholesky {
         }
         tail
     }
+}
+
+/// Creates the error for an allocation that failed.
+fn no_memory(dofs: usize) -> Error {
+    Error::Memory(format!("there is not enough memory to factor the matrix of {dofs} dofs"))
 }

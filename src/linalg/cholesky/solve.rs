@@ -1,11 +1,13 @@
 //! Triangular solves for one right-hand side, which stop at the contact dofs.
 
-use super::Cholesky;
 use super::supernodes::Supernode;
+use super::{Cholesky, no_memory};
 use crate::error::Result;
 use crate::linalg::Factor;
 use crate::linalg::simd::{dot4, subtract4};
-use faer::Mat;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::linalg::cholesky::LltRef;
+use faer::{Conj, Mat, Par};
 use pulp::{Simd, WithSimd};
 
 impl Factor for Cholesky {
@@ -15,6 +17,14 @@ impl Factor for Cholesky {
         self.forward(dofs);
         self.backward(dofs);
         self.unpermute(x);
+        Ok(())
+    }
+
+    fn solve_columns(&mut self, x: &mut Mat<f64>) -> Result<()> {
+        let scratch = self.symbolic.solve_in_place_scratch::<f64>(x.ncols(), Par::Seq);
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| no_memory(self.order.len()))?;
+        let factor = LltRef::new(&self.symbolic, &self.values);
+        factor.solve_in_place_with_conj(Conj::No, x.as_mut(), Par::Seq, MemStack::new(&mut memory));
         Ok(())
     }
 

@@ -62,7 +62,6 @@
 //! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of
 //! its own, and modes would need the particular solution of each load.
 
-mod eigen;
 mod event_detection;
 mod event_resolution;
 mod modes;

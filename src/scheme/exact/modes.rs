@@ -19,11 +19,11 @@
 //! is kept orthogonal to rounding throughout, because the state passes from one set's modes to the
 //! next's as `$V V^T z$`.
 
-use super::eigen::eigenvectors;
 use super::reduction::ReducedModel;
 use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::eigen::symmetric_eigen;
 use crate::scheme::System;
 use crate::vi::BoundStatus;
 use faer::linalg::solvers::Solve;
@@ -110,7 +110,8 @@ impl Modes {
         let (w, rho) = (held.get(.., ..cells), held.get(.., cells..));
         let matrix = stiffness + lift_active.transpose() * w;
         let h = force + lift_active.transpose() * rho;
-        let mut vectors = eigenvectors(&matrix).map_err(|_| failed("they do not converge"))?;
+        let (_, mut vectors) =
+            symmetric_eigen(matrix.as_ref()).map_err(|_| failed("they do not converge"))?;
         let flexibility_active =
             Mat::from_fn(flexibility.nrows(), active.len(), |i, k| flexibility[(i, active[k])]);
         let (values, magnitude) = polish(system, &(lift - flexibility_active * w), &mut vectors)?;

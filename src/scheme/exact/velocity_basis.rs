@@ -4,9 +4,9 @@
 //! unless B has no full row rank: on a uniform grid clamped all around, no displacement has the
 //! cell means of a checkerboard. No motion has that component, and Q spans the rest.
 
-use super::eigen::eigenvectors;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::vectors::hadamard;
 use crate::scheme::System;
 use faer::linalg::solvers::Llt;
@@ -63,7 +63,7 @@ impl VelocityBasis {
         {
             return Some(llt);
         }
-        let vectors = eigenvectors(compliance).ok()?;
+        let (_, vectors) = symmetric_eigen(compliance.as_ref()).ok()?;
         let image = compliance * &vectors;
         let given: Vec<usize> = (0..vectors.ncols())
             .filter(|&k| vectors.col(k).transpose() * image.col(k) > MIN_COMPLIANCE * largest)

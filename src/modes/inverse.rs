@@ -1,0 +1,77 @@
+//! Inverse of K + s M, factored once.
+
+use super::blocks::{multiply, random_block};
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Factor, Form};
+use faer::Mat;
+
+/// Shift for a mechanism, relative to the largest wanted eigenvalue, and the factor by which it may
+/// be off. The shift is small against the wanted eigenvalues and large against rounding.
+const SHIFT: f64 = 1e-4;
+const SHIFT_DRIFT: f64 = 100.0;
+
+/// Smallest shift relative to the Rayleigh quotient of a random vector, which is near the largest
+/// eigenvalue: a smaller shift would be lost in the rounding of K.
+const LEAST_SHIFT: f64 = 1e-13;
+
+/// Operator (K + s M)^-1, with s = 0 unless K belongs to a mechanism.
+pub(super) struct ShiftedInverse<'e, E: Engine> {
+    pub engine: &'e E,
+    pub stiffness: &'e Form,
+    pub mass: &'e Form,
+    pub mechanism: bool,
+    /// Shift s, in (rad/s)^2.
+    pub shift: f64,
+    /// Number of vectors solved for.
+    pub solves: usize,
+    factor: E::Factor,
+    least_shift: f64,
+}
+
+impl<'e, E: Engine> ShiftedInverse<'e, E> {
+    /// Factors K, or K + s M for a mechanism; `share` estimates the largest wanted eigenvalue
+    /// relative to the largest of all. Collective.
+    pub fn new(
+        engine: &'e E,
+        [stiffness, mass]: [&'e Form; 2],
+        mechanism: bool,
+        wanted: impl FnOnce(f64) -> f64,
+    ) -> Result<ShiftedInverse<'e, E>> {
+        let (mut shift, mut least_shift) = (0.0, 0.0);
+        if mechanism {
+            let x = random_block(engine, 1, 0);
+            let quotient = multiply(engine, stiffness, &x)?.1[0] / multiply(engine, mass, &x)?.1[0];
+            least_shift = LEAST_SHIFT * quotient;
+            shift = (SHIFT * wanted(quotient)).max(least_shift);
+            if !(shift > 0.0 && shift.is_finite()) {
+                return Err(Error::Singular("the structure has no stiffness or no mass".into()));
+            }
+        }
+        let factor = factor(engine, stiffness, mass, shift)?;
+        Ok(ShiftedInverse { engine, stiffness, mass, mechanism, shift, solves: 0, factor, least_shift })
+    }
+
+    /// Factors again where the shift is far from the best one for the largest wanted eigenvalue.
+    /// Returns whether it did. Collective.
+    pub fn adapt(&mut self, largest_wanted: f64) -> Result<bool> {
+        let best = (SHIFT * largest_wanted).max(self.least_shift);
+        let near = self.shift <= SHIFT_DRIFT * best && best <= SHIFT_DRIFT * self.shift;
+        if !self.mechanism || near {
+            return Ok(false);
+        }
+        self.factor = factor(self.engine, self.stiffness, self.mass, best)?;
+        self.shift = best;
+        Ok(true)
+    }
+
+    /// Solves (K + s M) X = B in place, one system per column. Collective.
+    pub fn solve(&mut self, x: &mut Mat<f64>) -> Result<()> {
+        self.solves += x.ncols();
+        self.factor.solve_columns(x)
+    }
+}
+
+fn factor<E: Engine>(engine: &E, stiffness: &Form, mass: &Form, shift: f64) -> Result<E::Factor> {
+    let sum = if shift > 0.0 { stiffness + mass * shift } else { stiffness.into() };
+    engine.factor(&sum, &[])
+}

@@ -1,0 +1,108 @@
+//! Many lowest modes: all of them, orthonormal, with small residuals.
+
+use crate::common::plates::{Fvs, Hct, Matrices, Right, all_round, close};
+use rebond::Error;
+use rebond::dof_map::Support;
+use rebond::modes::{ModalBasis, ModeRange, lowest_basis};
+use std::f64::consts::PI;
+
+/// Asserts that the modes are orthonormal, have small residuals and have been counted.
+#[track_caller]
+fn check(basis: &ModalBasis) {
+    let count = basis.squares.len();
+    assert_eq!([basis.shapes.ncols(), basis.momenta.ncols(), basis.residuals.len()], [count; 3]);
+    let gram = basis.shapes.transpose() * &basis.momenta;
+    for i in 0..count {
+        for j in 0..count {
+            let error = (gram[(i, j)] - f64::from(u8::from(i == j))).abs();
+            assert!(error <= 1e-14, "shapes {i} and {j}: {error:e}");
+        }
+    }
+    assert!(basis.residuals.iter().all(|residual| *residual <= 1e-9), "{:?}", basis.residuals);
+    assert!(basis.squares.is_sorted());
+    assert!(basis.is_complete);
+}
+
+fn modes_of(plate: &Matrices, range: ModeRange, mechanism: bool) -> ModalBasis {
+    let basis = lowest_basis(&plate.engine, &plate.stiffness, &plate.consistent, range, mechanism).unwrap();
+    check(&basis);
+    basis
+}
+
+/// The values are those of an independent program with dense matrices.
+#[test]
+fn fifty_modes_of_the_papers_plate() {
+    for (element, first, last) in [(Fvs, 5.953822665, 3004.990616), (Hct, 5.970155981, 3449.144262)] {
+        let plate = Matrices::paper([10, 4], element, Right);
+        let frequencies = modes_of(&plate, ModeRange::Count(50), false).frequencies();
+        close("first", frequencies[0], first, 1e-9);
+        close("last", frequencies[49], last, 1e-9);
+    }
+}
+
+#[test]
+fn all_modes_up_to_a_frequency() {
+    let plate = Matrices::paper([20, 8], Fvs, Right);
+    let by_count = modes_of(&plate, ModeRange::Count(40), false);
+    let frequencies = by_count.frequencies();
+    let limit = 0.5 * (frequencies[38] + frequencies[39]);
+    let by_limit = modes_of(&plate, ModeRange::UpTo(limit), false);
+    assert_eq!(by_limit.squares.len(), 39);
+    for (square, other) in by_limit.squares.iter().zip(&by_count.squares) {
+        close("squares", *square, *other, 1e-12);
+    }
+    let none = lowest_basis(&plate.engine, &plate.stiffness, &plate.consistent, ModeRange::UpTo(1.0), false);
+    assert!(none.unwrap().squares.is_empty());
+}
+
+/// The pairs (m, n), (n, m) of a simply supported square have one frequency. The number of modes
+/// cuts through such a pair.
+#[test]
+fn double_modes_of_a_square() {
+    let plate = Matrices::square(16, Fvs, &all_round(Support::SimplySupported));
+    let basis = modes_of(&plate, ModeRange::Count(60), false);
+    let mut exact: Vec<f64> =
+        (1..20).flat_map(|m| (1..20).map(move |n| PI * PI * f64::from(m * m + n * n))).collect();
+    exact.sort_by(f64::total_cmp);
+    for (square, exact) in basis.squares.iter().zip(exact).take(22) {
+        assert!((-1e-9..0.03).contains(&(square.sqrt() / exact - 1.0)), "{}, exact {exact}", square.sqrt());
+    }
+    for pair in [(1, 2), (4, 5), (6, 7)] {
+        close("pair", basis.squares[pair.0], basis.squares[pair.1], 1e-12);
+    }
+}
+
+/// A free plate has exactly three rigid motions: translation and two tilts.
+#[test]
+fn a_free_plate() {
+    let mut plate = Matrices::square(10, Fvs, &[]);
+    for range in [ModeRange::Count(60), ModeRange::Count(3), ModeRange::Count(0)] {
+        let basis = modes_of(&plate, range, true);
+        assert!(basis.squares.iter().enumerate().all(|(i, square)| (*square == 0.0) == (i < 3)));
+    }
+    let pair = modes_of(&plate, ModeRange::UpTo(40.0 / (2.0 * PI)), true).squares;
+    assert_eq!(pair.len(), 8);
+    close("pair", pair[6], pair[7], 1e-12);
+    // Finer meshes have more rounding.
+    plate = Matrices::square(40, Hct, &[]);
+    let basis = modes_of(&plate, ModeRange::Count(30), true);
+    assert_eq!(basis.squares[..3], [0.0; 3]);
+    assert!(basis.squares[3] > 13.0 * 13.0);
+}
+
+/// All modes can be had, and not one more.
+#[test]
+fn modes_end_where_the_mass_does() {
+    let plate = Matrices::square(3, Fvs, &[]);
+    let modes =
+        |mass, count| lowest_basis(&plate.engine, &plate.stiffness, mass, ModeRange::Count(count), true);
+    let dofs = plate.space.dofs();
+    for (mass, existing) in [(&plate.consistent, dofs), (&plate.singular, 9)] {
+        let basis = modes(mass, existing).unwrap();
+        check(&basis);
+        assert_eq!(basis.squares[..3], [0.0; 3]);
+        assert!(basis.squares[3] > 0.0);
+        let error = modes(mass, existing + 1).unwrap_err();
+        assert!(matches!(&error, Error::Singular(words) if words.contains("only")), "{error}");
+    }
+}
