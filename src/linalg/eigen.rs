@@ -18,6 +18,9 @@ use faer::{Auto, Mat, MatRef, Par};
 /// the work does not fit.
 pub(crate) fn symmetric_eigen(matrix: MatRef<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     let size = matrix.nrows();
+    if size == 0 {
+        return Ok((Vec::new(), Mat::zeros(0, 0)));
+    }
     let params = SelfAdjointEvdParams {
         recursion_threshold: usize::MAX,
         ..<SelfAdjointEvdParams as Auto<f64>>::auto()

@@ -30,7 +30,7 @@ const RIGID: f64 = 1e-11;
 /// accepted; see [`ModalBasis::residuals`].
 const REFINED: f64 = 1e-9;
 const MAX_REFINEMENTS: usize = 4;
-const ACCEPTED: f64 = 1e-6;
+const ACCEPTED: f64 = 1e-5;
 
 /// Number of searches for modes that the count has found missing.
 const MAX_SEARCHES: usize = 5;
@@ -88,10 +88,23 @@ pub fn lowest_basis<E: Engine>(
     range: ModeRange,
     mechanism: bool,
 ) -> Result<ModalBasis> {
-    let limit = most_modes(engine, mass);
-    refuse_more_than(limit, range)?;
+    refuse_more_than(most_modes(engine, mass), range)?;
+    let basis = lowest_existing(engine, [stiffness, mass], range, mechanism)?;
+    refuse_more_than(basis.squares.len(), range)?;
+    Ok(basis)
+}
+
+/// Returns the modes of [`lowest_basis`], or fewer if there are no more.
+pub(super) fn lowest_existing<E: Engine>(
+    engine: &E,
+    forms: [&Form; 2],
+    range: ModeRange,
+    mechanism: bool,
+) -> Result<ModalBasis> {
+    let limit = most_modes(engine, forms[1]);
+    let range = range.limited_to(limit);
     let estimate = |quotient: f64| range.estimate_largest(quotient, limit);
-    let mut inverse = ShiftedInverse::new(engine, [stiffness, mass], mechanism, estimate)?;
+    let mut inverse = ShiftedInverse::new(engine, forms, mechanism, estimate)?;
     let start = random_block(engine, BLOCK, 0);
     search(&mut inverse, range, start)
 }
@@ -103,7 +116,7 @@ fn most_modes<E: Engine>(engine: &E, mass: &Form) -> usize {
     dofs.min(velocities)
 }
 
-/// Refuses to look for more modes than exist.
+/// Refuses a number of modes above that of the existing ones.
 fn refuse_more_than(existing: usize, range: ModeRange) -> Result<()> {
     match range {
         ModeRange::Count(count) if count > existing => Err(Error::Singular(format!(
@@ -114,12 +127,20 @@ fn refuse_more_than(existing: usize, range: ModeRange) -> Result<()> {
 }
 
 impl ModeRange {
+    /// Returns the range with no more than a number of modes.
+    fn limited_to(self, modes: usize) -> ModeRange {
+        match self {
+            ModeRange::Count(count) => ModeRange::Count(count.min(modes)),
+            ModeRange::UpTo(_) => self,
+        }
+    }
+
     /// Estimates the largest wanted eigenvalue from the Rayleigh quotient of a random vector, which
     /// is near the largest of all: eigenvalues of plates grow as the squares of their numbers.
     fn estimate_largest(self, quotient: f64, modes: usize) -> f64 {
         match self {
             ModeRange::Count(count) => quotient * ((count + GUARDS) as f64 / modes as f64).powi(2),
-            ModeRange::UpTo(frequency) => (TAU * frequency).powi(2),
+            ModeRange::UpTo(frequency) => (TAU * frequency).powi(2).min(quotient),
         }
     }
 
@@ -151,11 +172,8 @@ fn search<E: Engine>(
     let mut known = RitzModes::none(inverse.engine);
     for number in 1..=MAX_SEARCHES {
         let (vectors, all) = ritz_vectors(inverse, &known, start, range)?;
-        known = refined(inverse, vectors)?;
-        let count = range.wanted(&known.squares);
-        if all {
-            refuse_more_than(known.squares.len(), range)?;
-        }
+        known = refined(inverse, vectors, range)?;
+        let count = range.wanted(&known.squares).min(known.squares.len());
         match known.missing(inverse, count, all)? {
             Some(missing) if missing > 0 => start = random_block(inverse.engine, BLOCK, number * BLOCK),
             verdict => return known.basis(inverse, count, verdict.is_some()),
@@ -196,7 +214,7 @@ fn ritz_vectors<E: Engine>(
     }
 }
 
-/// RitzModes with their products.
+/// Modes under refinement, with their products.
 struct RitzModes {
     squares: Vec<f64>,
     shapes: Mat<f64>,
@@ -207,13 +225,18 @@ struct RitzModes {
 }
 
 /// Returns the modes in the span of some vectors, corrected by solves with their residuals until
-/// these are small.
-fn refined<E: Engine>(inverse: &mut ShiftedInverse<E>, mut vectors: Mat<f64>) -> Result<RitzModes> {
+/// those of the wanted modes are small.
+fn refined<E: Engine>(
+    inverse: &mut ShiftedInverse<E>,
+    mut vectors: Mat<f64>,
+    range: ModeRange,
+) -> Result<RitzModes> {
     let mut round = 0;
     loop {
         let mut modes = RitzModes::in_span_of(inverse, &vectors)?;
         let corrections = modes.measure_residuals(inverse)?;
-        let worst = modes.residuals.iter().fold(0.0_f64, |worst, residual| worst.max(*residual));
+        let wanted = modes.residuals.iter().take(range.wanted(&modes.squares));
+        let worst = wanted.fold(0.0_f64, |worst, residual| worst.max(*residual));
         if worst <= REFINED {
             return Ok(modes);
         }
@@ -320,7 +343,6 @@ impl RitzModes {
         count: usize,
         is_complete: bool,
     ) -> Result<ModalBasis> {
-        let count = count.min(self.squares.len());
         let (shapes, momenta) = (columns_of(&self.shapes, 0..count), columns_of(&self.momenta, 0..count));
         let [gram] = scalar_products(inverse.engine, [shapes.as_ref()], momenta.as_ref());
         // One step of Newton's method for gram^(-1/2).
@@ -394,7 +416,7 @@ mod tests {
 
         let none = RitzModes::none(&engine);
         let (vectors, all) = ritz_vectors(&mut inverse, &none, blind_start(&engine), range).unwrap();
-        let found = refined(&mut inverse, vectors).unwrap();
+        let found = refined(&mut inverse, vectors, range).unwrap();
         for (i, square) in found.squares.iter().enumerate() {
             assert!((square.sqrt() - 2.0 * (i + 1) as f64).abs() < 1e-12, "{square}");
         }

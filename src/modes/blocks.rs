@@ -39,18 +39,13 @@ pub(super) fn scalar_products<E: Engine, const N: usize>(
     blocks: [MatRef<f64>; N],
     y: MatRef<f64>,
 ) -> [Mat<f64>; N] {
-    let own = blocks.map(|x| product(x.transpose(), y));
-    let entries = |matrix: &Mat<f64>| {
-        (0..matrix.ncols()).flat_map(|j| matrix.col_as_slice(j).to_vec()).collect::<Vec<_>>()
-    };
+    // The products are faster in this order, in which the long block is not rearranged.
+    let own = blocks.map(|x| product(y.transpose(), x).transpose().to_owned());
     let packed: Vec<f64> = own.iter().flat_map(entries).collect();
     let mut sums = engine.comm().all_reduce_sum_slice(&packed).into_iter();
-    own.map(|matrix| {
-        let mut total = Mat::zeros(matrix.nrows(), matrix.ncols());
-        for j in 0..total.ncols() {
-            total.col_as_slice_mut(j).iter_mut().zip(&mut sums).for_each(|(entry, sum)| *entry = sum);
-        }
-        total
+    own.map(|mut matrix| {
+        fill(&mut matrix, &mut sums);
+        matrix
     })
 }
 
@@ -77,8 +72,21 @@ pub(super) fn eigen<E: Engine>(engine: &E, matrix: MatRef<f64>) -> Result<(Vec<f
     let (mut values, mut vectors) = engine.comm().all_ok(symmetric_eigen(matrix))?;
     // Processors may round differently.
     engine.comm().broadcast(&mut values);
-    for j in 0..vectors.ncols() {
-        engine.comm().broadcast(vectors.col_as_slice_mut(j));
-    }
+    let mut packed = entries(&vectors);
+    engine.comm().broadcast(&mut packed);
+    fill(&mut vectors, packed);
     Ok((values, vectors))
+}
+
+/// Returns the entries of a matrix, column by column.
+fn entries(matrix: &Mat<f64>) -> Vec<f64> {
+    (0..matrix.ncols()).flat_map(|j| matrix.col_as_slice(j)).copied().collect()
+}
+
+/// Fills a matrix with entries, column by column.
+fn fill(matrix: &mut Mat<f64>, entries: impl IntoIterator<Item = f64>) {
+    let mut entries = entries.into_iter();
+    for j in 0..matrix.ncols() {
+        matrix.col_as_slice_mut(j).iter_mut().zip(&mut entries).for_each(|(own, entry)| *own = entry);
+    }
 }

@@ -22,7 +22,7 @@ const DEPENDENT: [f64; 2] = [1e-14, 1e-2];
 /// Residual bound, relative to the eigenvalue of the inverse, at which a Ritz pair has converged,
 /// and rounding of all pairs relative to the largest eigenvalue.
 const CONVERGED: f64 = 1e-10;
-const ROUNDING: f64 = 1e-15;
+const ROUNDING: f64 = 1e-17;
 
 /// Krylov space under construction.
 pub(super) struct Krylov {
@@ -112,12 +112,14 @@ impl Krylov {
         Ok(())
     }
 
-    /// Appends a first block, in the range of the operator: in the kernel of a singular mass
-    /// nothing has inertia.
+    /// Appends a first block. The operator is applied, because in the kernel of a singular mass
+    /// nothing has inertia, but to what is orthogonal to the basis: a stiff plate on soft springs
+    /// answers almost by rigid motions alone.
     fn start<E: Engine>(&mut self, inverse: &mut ShiftedInverse<E>, block: Mat<f64>) -> Result<()> {
-        let (mut start, _) = multiply(inverse.engine, inverse.mass, &block)?;
-        inverse.solve(&mut start)?;
-        let start = self.orthonormalise(inverse, start)?;
+        let block = self.orthonormalise(inverse, block)?.block;
+        let (mut answer, _) = multiply(inverse.engine, inverse.mass, &block)?;
+        inverse.solve(&mut answer)?;
+        let start = self.orthonormalise(inverse, answer)?;
         self.append(inverse, &start.block)
     }
 

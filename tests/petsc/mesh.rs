@@ -10,7 +10,7 @@ use rebond::distributed::{Distributed, Part};
 use rebond::dof_map::{DofMap, PER_NODE, Place, Support};
 use rebond::linalg::{Engine, Factor, Form};
 use rebond::mesh::{Cell, Mesh, Point};
-use rebond::modes;
+use rebond::modes::{self, ModeRange, lowest_basis};
 use rebond::obstacle::Bounds;
 use rebond::petsc::Context;
 use rebond::scheme::equilibrium;
@@ -215,6 +215,28 @@ impl Both {
             u.copy_from_slice(&y);
         }
         assert!((found / lowest - 1.0).abs() <= 1e-11, "{found} Hz, not {lowest}");
+        self.agree_in_modes()
+    }
+
+    /// Asserts that many modes agree and are orthonormal over all ranks.
+    fn agree_in_modes(&self) -> Result<()> {
+        let Both { native, engine, .. } = self;
+        let count = native.space.dofs().min(20);
+        let range = ModeRange::Count(count);
+        let modes = lowest_basis(engine, &self.stiffness, &self.masses[0], range, false)?;
+        let twins = lowest_basis(&native.engine, &native.stiffness, &native.consistent, range, false)?;
+        assert_eq!([modes.squares.len(), modes.residuals.len(), twins.squares.len()], [count; 3]);
+        for (square, twin) in modes.squares.iter().zip(&twins.squares) {
+            assert!((square / twin - 1.0).abs() <= 1e-11, "{square}, not {twin}");
+        }
+        assert!(modes.residuals.iter().all(|residual| *residual <= 1e-9), "{:?}", modes.residuals);
+        for i in 0..count {
+            for j in 0..count {
+                let momentum = modes.momenta.col_as_slice(j);
+                let mass = engine.dot(modes.shapes.col_as_slice(i), momentum)?;
+                assert!((mass - f64::from(u8::from(i == j))).abs() <= 1e-14, "shapes {i}, {j}: {mass}");
+            }
+        }
         Ok(())
     }
 }
