@@ -214,6 +214,12 @@ impl Engine for Distributed {
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+        if let Form::Modal(mass) = form {
+            let mut v = vec![0.0; mass.modes()];
+            self.project(form, x, &mut v)?;
+            mass.project_transpose(&v, y);
+            return Ok(dot(&v, &v));
+        }
         let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;
         let value = self.cells.multiply(form, xl, yl)?;
@@ -239,11 +245,8 @@ impl Engine for Distributed {
         match mass {
             Form::Cells(_) => self.own,
             Form::SingularMassCells(averages) => averages.cells(),
+            Form::Modal(mass) => mass.modes(),
         }
-    }
-
-    fn is_singular(&self, mass: &Form) -> bool {
-        matches!(mass, Form::SingularMassCells(_))
     }
 
     fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
@@ -253,6 +256,10 @@ impl Engine for Distributed {
                 let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
                 self.to_local(x, xl, global, read)?;
                 self.cells.project(mass, xl, v)?;
+            }
+            Form::Modal(modal) => {
+                modal.project(x, v);
+                v.copy_from_slice(&self.context.comm().all_reduce_sum_slice(v));
             }
         }
         Ok(())
@@ -268,6 +275,7 @@ impl Engine for Distributed {
                 self.cells.project_transpose(mass, v, yl)?;
                 self.to_owners(yl, y, global, given)?;
             }
+            Form::Modal(modal) => modal.project_transpose(v, y),
         }
         Ok(())
     }
@@ -279,6 +287,8 @@ impl Engine for Distributed {
                 let own = self.cells.mass_norm_squared(mass, v)?;
                 Ok(self.context.comm().all_reduce_sum_unordered(own))
             }
+            // Every rank has all modes.
+            Form::Modal(_) => Ok(dot(v, v)),
         }
     }
 

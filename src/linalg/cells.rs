@@ -5,7 +5,7 @@
 //! dofs are in layout order, see [`super::batch`].
 
 use super::batch::{Batch, Batches, LANES, Lanes};
-use super::{Bending, ElementMatrix, SingularMassCell};
+use super::{Bending, ElementMatrix, ModalMass, SingularMassCell};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -430,12 +430,14 @@ pub enum Form {
     Cells(CellForm),
     /// Singular mass `$B^T C^{-1} B$`, of rank one per cell.
     SingularMassCells(SingularMassCells),
+    /// Singular mass of the lowest modes, of rank one per mode.
+    Modal(ModalMass),
 }
 
 impl Form {
     fn batches(&self) -> &Rc<Batches> {
         match self {
-            Form::Cells(cells) => &cells.batches,
+            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => &cells.batches,
             Form::SingularMassCells(averages) => &averages.batches,
         }
     }
@@ -493,7 +495,7 @@ fn add_batch_with_magnitude<S: Simd>(
     room.m.fill(Lanes::default());
     for &(scale, form) in forms {
         match form {
-            Form::Cells(cells) => {
+            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => {
                 cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
             }
             Form::SingularMassCells(averages) => {

@@ -22,6 +22,7 @@ mod cholesky;
 mod combination;
 mod double_double;
 pub(crate) mod eigen;
+mod modal;
 mod native;
 pub mod random;
 mod simd;
@@ -31,6 +32,7 @@ pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
+pub use modal::{MassModes, ModalMass};
 pub use native::Native;
 
 use crate::archive::Archive;
@@ -171,12 +173,14 @@ pub trait Engine: Sized {
     ) -> Result<()>;
 
     /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,
-    /// otherwise [`Engine::dofs`].
+    /// the number of modes for the modal mass (on each rank), otherwise [`Engine::dofs`].
     fn velocities(&self, mass: &Form) -> usize;
 
     /// Returns whether a mass is a singular one, `$M = B^T C^{-1} B$`, which leaves part of the
     /// displacement without inertia.
-    fn is_singular(&self, mass: &Form) -> bool;
+    fn is_singular(&self, mass: &Form) -> bool {
+        !matches!(mass, Form::Cells(_))
+    }
 
     /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass,
     /// `$V = x$` for a consistent one.

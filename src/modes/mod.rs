@@ -105,6 +105,10 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
                 hadamard(averages.masses(), w);
                 Ok(())
             }
+            Form::Modal(_) => {
+                w.copy_from_slice(v);
+                Ok(())
+            }
         };
         let part = lanczos::largest(engine.velocities(mass), steps, tolerance, operator, metric)?;
         let value = sigma * part / (1.0 - part);

@@ -1,5 +1,6 @@
 //! Time scheme, its steps, and the mass matrix.
 
+use crate::modes::ModeRange;
 use crate::scheme::{Massless, SchemeSpec};
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +11,8 @@ pub struct Time {
     pub scheme: SchemeSpec,
     /// Mass matrix.
     pub mass: Mass,
+    /// Modes that carry the inertia with the modal mass.
+    pub modes: ModeRange,
     /// Time step in s.
     pub step: f64,
     /// End time in s.
@@ -23,7 +26,12 @@ impl Time {
     /// Returns the number of factors, all of the same size, that the scheme holds at once.
     pub fn factors(&self) -> usize {
         let [singular, consistent] = self.scheme.capabilities().factors;
-        if self.mass == Mass::Singular { singular } else { consistent }
+        match self.mass {
+            Mass::Singular => singular,
+            Mass::Consistent => consistent,
+            // The factor of K serves the modes and the compliance of the rest.
+            Mass::Modal => 1,
+        }
     }
 
     /// Returns the number of steps, `end / step` rounded to the nearest integer.
@@ -40,13 +48,20 @@ pub enum Mass {
     Singular,
     /// Consistent mass.
     Consistent,
+    /// Singular mass of the lowest modes of the consistent mass.
+    Modal,
 }
 
 impl Mass {
+    /// Returns whether the mass leaves part of the displacement without inertia.
+    pub fn is_singular(self) -> bool {
+        self != Mass::Consistent
+    }
+
     /// Returns the midpoint scheme's default treatment of the massless part of the displacement.
     pub fn massless(self) -> Massless {
         match self {
-            Mass::Singular => Massless::Equilibrium,
+            Mass::Singular | Mass::Modal => Massless::Equilibrium,
             Mass::Consistent => Massless::Reflected,
         }
     }

@@ -27,7 +27,7 @@ impl Choice for Side {
 
 impl Choice for Mass {
     const WORDS: &'static [(&'static str, Self)] =
-        &[("singular", Self::Singular), ("consistent", Self::Consistent)];
+        &[("singular", Self::Singular), ("consistent", Self::Consistent), ("modal", Self::Modal)];
 }
 
 impl Choice for Massless {

@@ -35,9 +35,12 @@ pub struct Capabilities {
     pub options: &'static [&'static str],
     /// Reason why the scheme refuses the consistent mass; `None` where it takes either mass.
     pub needs_singular_mass: Option<&'static str>,
+    /// Whether the scheme takes the singular mass of the lowest modes.
+    pub takes_modal_mass: bool,
     /// Whether contact with the consistent mass is stable at short enough steps.
     pub bounces_with_consistent_mass: bool,
-    /// Whether damping by the stiffness and of single modes is possible, besides that by the mass.
+    /// Whether damping by the stiffness and of single modes is possible, besides that by the mass,
+    /// with the paper's singular mass.
     pub takes_any_damping: bool,
     /// Whether loads, obstacles and supports may depend on time.
     pub takes_time_dependence: bool,
@@ -56,6 +59,7 @@ const NEWMARK: Capabilities = Capabilities {
     name: "newmark",
     options: &["beta", "restitution"],
     needs_singular_mass: None,
+    takes_modal_mass: false,
     bounces_with_consistent_mass: true,
     takes_any_damping: true,
     takes_time_dependence: true,
@@ -80,6 +84,7 @@ const CONSERVING: Capabilities = Capabilities {
     needs_singular_mass: Some(
         "with this mass velocities jump at impacts, and nothing says what energy is left",
     ),
+    takes_modal_mass: true,
     takes_any_damping: false,
     keeps_energy: true,
     factors: [2, 2],
@@ -90,6 +95,7 @@ const EXACT: Capabilities = Capabilities {
     name: "exact",
     options: &[],
     needs_singular_mass: Some("with this mass an impact has no law of its own to follow"),
+    takes_modal_mass: true,
     takes_any_damping: false,
     takes_time_dependence: false,
     is_distributed: false,

@@ -71,7 +71,7 @@ impl DofCoordinates {
             Mass::Singular => {
                 (0..mesh.cells.len()).map(centre).chain(carried.map(|[x, y]| [x, y, 1.0])).collect()
             }
-            Mass::Consistent => dofs.clone(),
+            Mass::Consistent | Mass::Modal => dofs.clone(),
         };
         DofCoordinates { dofs, velocities }
     }

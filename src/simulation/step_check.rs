@@ -1,7 +1,7 @@
 //! Check of a step: its residual, and advice on its energy.
 
 use crate::error::{Error, Result};
-use crate::scene::{Mass, Scene};
+use crate::scene::Scene;
 
 /// Returns an error for a KKT residual above the tolerance.
 pub(crate) fn check_residual(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
@@ -16,6 +16,6 @@ pub(crate) fn check_residual(step: u64, time: f64, residual: f64, tolerance: f64
 
 /// Returns advice for the user on a spurious gain of energy.
 pub(crate) fn advice(scene: &Scene) -> &'static str {
-    let of_scheme = scene.time.scheme.advice_on_energy(scene.time.mass == Mass::Singular);
+    let of_scheme = scene.time.scheme.advice_on_energy(scene.time.mass.is_singular());
     of_scheme.unwrap_or("check the loads and the initial state")
 }

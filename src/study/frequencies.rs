@@ -3,7 +3,7 @@
 
 use crate::linalg::Form;
 use crate::modes;
-use crate::scene::{ContactSolver, EngineName, Mass, Scene, SchemeSpec};
+use crate::scene::{ContactSolver, EngineName, Scene, SchemeSpec};
 use crate::simulation::Model;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -102,7 +102,7 @@ pub(super) fn advised_for(scene: &Scene, frequencies: &Frequencies) -> Option<f6
 /// The result is `None` where every step conserves the energy, and where none does.
 pub(super) fn energy_step_for(scene: &Scene, frequencies: &Frequencies) -> Option<f64> {
     let matters = !scene.time.scheme.capabilities().keeps_energy;
-    let exists = scene.time.mass == Mass::Singular && scene.has_contact();
+    let exists = scene.time.mass.is_singular() && scene.has_contact();
     if matters && exists { energy_step(frequencies) } else { None }
 }
 

@@ -25,6 +25,7 @@ pub(in crate::scene) const RATIO: Quantity = Quantity::new("a damping ratio", Ra
 pub(in crate::scene) const HEIGHT: Quantity = Quantity::new("a height in m", Range::ANY);
 pub(in crate::scene) const PRESSURE: Quantity = Quantity::new("a pressure in Pa", Range::ANY);
 pub(in crate::scene) const VELOCITY: Quantity = Quantity::new("a velocity in m/s", Range::ANY);
+pub(in crate::scene) const FREQUENCY: Quantity = Quantity::new("a frequency in Hz", Range::POSITIVE);
 pub(in crate::scene) const BETA: Quantity =
     Quantity::new("Newmark's beta", Range::new(" of at least 0.25", "is too small", |beta| beta >= 0.25));
 pub(in crate::scene) const RESTITUTION: Quantity = Quantity::new(

@@ -64,36 +64,42 @@
 
 mod event_detection;
 mod event_resolution;
+mod modal_saddle_point;
 mod modes;
 mod motion;
 mod options;
 mod reduction;
 mod residual;
+mod saddle_point;
 mod start;
 mod stepping;
 mod velocity_basis;
 
 use super::{Approach, Event, EventStatistics, Start, StepRecord, System};
 use crate::error::{Error, Result};
-use crate::linalg::Engine;
+use crate::linalg::{Engine, Form};
 use crate::memory;
 use crate::vi::BoundStatus;
 use crate::vi::kkt::KktCheck;
 use event_detection::EventSearch;
 use faer::Mat;
+use modal_saddle_point::ModalSaddlePoint;
 use modes::Cache;
 use motion::ModalSolution;
 use options::MAX_DENSE_MEMORY;
 pub use options::{ExactOptions, estimated_memory};
-use reduction::{ReducedModel, SaddlePointSolver};
+use reduction::ReducedModel;
+use saddle_point::{CellSaddlePoint, SaddlePointSolver};
 use start::{check_rigid, first_sides};
 use std::cell::OnceCell;
+use std::rc::Rc;
+use velocity_basis::VelocityBasis;
 
 /// Event-driven scheme at instant n of the time grid.
 pub struct Exact<'s, E: Engine> {
     system: &'s System<E>,
     options: ExactOptions,
-    saddle: SaddlePointSolver<'s, E>,
+    saddle: Box<dyn SaddlePointSolver + 's>,
     reduction: ReducedModel,
     cache: Cache,
     motion: ModalSolution,
@@ -166,8 +172,16 @@ impl<'s, E: Engine> Exact<'s, E> {
         memory::require(needed as u64, &format!("time.scheme = \"exact\" with {cells} cells"), |_| {
             "coarsen the mesh or set time.scheme = \"conserving\"".into()
         })?;
-        let saddle = SaddlePointSolver::new(system)?;
-        let reduction = ReducedModel::new(&saddle)?;
+        let (basis, saddle): (_, Box<dyn SaddlePointSolver>) = match mass {
+            Form::Modal(mass) => {
+                (Rc::new(VelocityBasis::new(system)?), Box::new(ModalSaddlePoint::new(system, mass)?))
+            }
+            _ => {
+                let saddle = CellSaddlePoint::new(system)?;
+                (saddle.basis().clone(), Box::new(saddle))
+            }
+        };
+        let reduction = ReducedModel::new(system, basis, &*saddle)?;
         let of = [&start.displacement, &start.velocity];
         let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
         let sides = first_sides(system, &reduction, &state, options.roundings);

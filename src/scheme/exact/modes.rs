@@ -22,8 +22,8 @@
 use super::reduction::ReducedModel;
 use crate::archive::Archive;
 use crate::error::{Error, Result};
-use crate::linalg::Engine;
 use crate::linalg::eigen::symmetric_eigen;
+use crate::linalg::{Engine, Form};
 use crate::scheme::System;
 use crate::vi::BoundStatus;
 use faer::linalg::solvers::Solve;
@@ -110,11 +110,17 @@ impl Modes {
         let (w, rho) = (held.get(.., ..cells), held.get(.., cells..));
         let matrix = stiffness + lift_active.transpose() * w;
         let h = force + lift_active.transpose() * rho;
-        let (_, mut vectors) =
+        let (values, mut vectors) =
             symmetric_eigen(matrix.as_ref()).map_err(|_| failed("they do not converge"))?;
-        let flexibility_active =
-            Mat::from_fn(flexibility.nrows(), active.len(), |i, k| flexibility[(i, active[k])]);
-        let (values, magnitude) = polish(system, &(lift - flexibility_active * w), &mut vectors)?;
+        let (values, magnitude) = match system.mass {
+            // The entries of H are as accurate as the frequencies of the modes.
+            Form::Modal(_) => (values.into_iter().map(|value| value.max(0.0)).collect(), 0.0),
+            _ => {
+                let columns =
+                    Mat::from_fn(flexibility.nrows(), active.len(), |i, k| flexibility[(i, active[k])]);
+                polish(system, &(lift - columns * w), &mut vectors)?
+            }
+        };
         let largest = values.iter().copied().fold(STIFF * magnitude, f64::max);
         let floor = RIGID * f64::EPSILON * largest;
         let rigid = values.iter().take_while(|value| **value <= floor).count();

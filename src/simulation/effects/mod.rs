@@ -27,11 +27,11 @@ pub(super) use of_cells::OfCells;
 use super::{DeflectionDof, DofCoordinates};
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{ElementMatrix, Engine, SingularMassCell};
-use crate::modes;
+use crate::linalg::{ElementMatrix, Engine, Form, MassModes, ModalMass, SingularMassCell};
+use crate::modes::{self, ModeRange};
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::Mass;
+use crate::scene::{Mass, Scene};
 use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
 use heights::Heights;
@@ -131,9 +131,13 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let stiffness = engine.native().form(attached.stiffness(cells));
     let mass = match scene.time.mass {
         Mass::Singular => engine.native().averages(attached.singular_mass(cells)),
-        Mass::Consistent => engine.native().form(attached.consistent_mass(cells)),
+        Mass::Consistent | Mass::Modal => engine.native().form(attached.consistent_mass(cells)),
     };
     engine.require_memory(&(&stiffness + &mass), scene.time.factors())?;
+    let mass = match scene.time.mass {
+        Mass::Modal => modal_mass(scene, &engine, &stiffness, mass, mechanism.is_some())?,
+        Mass::Singular | Mass::Consistent => mass,
+    };
     let damping = scene
         .damping
         .as_ref()
@@ -185,4 +189,31 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
     Ok(Effects { system, start, lifts, sites, places, mechanism, warnings, seconds })
+}
+
+/// Returns the singular mass of the lowest modes of a consistent one. Collective.
+fn modal_mass<E: Engine>(
+    scene: &Scene,
+    engine: &E,
+    stiffness: &Form,
+    consistent: Form,
+    mechanism: bool,
+) -> Result<Form> {
+    let is_loose = mechanism || !scene.attachments.balls.is_empty();
+    let ModeRange::Count(count) = scene.time.modes else {
+        return Err(crate::Error::Usage("up_to".into()));
+    };
+    let dofs = engine.dofs();
+    let count = count.min(dofs / 3);
+    let modes = modes::shapes(engine, stiffness, &consistent, count, is_loose)?;
+    let mut momenta = faer::Mat::zeros(dofs, modes.len());
+    let shapes = faer::Mat::from_fn(dofs, modes.len(), |i, k| modes[k].shape[i]);
+    let mut squares = Vec::new();
+    for (k, mode) in modes.iter().enumerate() {
+        engine.multiply(&consistent, &mode.shape, momenta.col_as_slice_mut(k))?;
+        squares.push((mode.frequency * std::f64::consts::TAU).powi(2));
+    }
+    let Form::Cells(consistent) = consistent else { return Ok(consistent) };
+    let modes = MassModes { squares, shapes, momenta };
+    Ok(Form::Modal(ModalMass { consistent, modes: modes.into() }))
 }

@@ -113,7 +113,7 @@ impl Lift {
         let mut momentum = vec![0.0; space.dofs()];
         match scene.time.mass {
             Mass::Singular => assembly::singular_momenta(mesh, cells, shape, &mut momentum),
-            Mass::Consistent => assembly::consistent_momenta(mesh, cells, shape, &mut momentum),
+            Mass::Consistent | Mass::Modal => assembly::consistent_momenta(mesh, cells, shape, &mut momentum),
         }
         attached.add_momenta(shape, &mut momentum);
         let stiffness = is_rigid.then(|| {

@@ -34,7 +34,7 @@ impl Family {
     /// Returns the family of a method.
     pub fn of(method: &Method) -> Family {
         match method.mass {
-            Mass::Singular => Family::Singular,
+            Mass::Singular | Mass::Modal => Family::Singular,
             Mass::Consistent => Family::Consistent(method.scheme),
         }
     }

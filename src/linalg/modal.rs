@@ -1,0 +1,58 @@
+//! Singular mass of the lowest natural modes.
+//!
+//! With m modes `$\Phi$`, orthonormal in the consistent mass, `$\Phi^T M_r \Phi = 1$`,
+//!
+//! ```math
+//! M = B^T C^{-1} B, \qquad B = \Phi^T M_r, \quad C = 1 .
+//! ```
+//!
+//! Only the modes carry inertia; the rest of the displacement answers at once, as in statics. The
+//! mass has rank m on any mesh, and its fastest motion is set by m and not by the cells. The
+//! velocities `$V = B \dot U$` are those of the modes, in m/s times the root of kg.
+
+use super::CellForm;
+use faer::Mat;
+use std::rc::Rc;
+
+/// Singular mass of the lowest modes; see the [module page](self).
+#[derive(Debug, Clone)]
+pub struct ModalMass {
+    /// Consistent mass `$M_r$`, which takes the place of M wherever the entries of a sparse matrix
+    /// are needed.
+    pub consistent: CellForm,
+    /// Modes of the mass.
+    pub modes: Rc<MassModes>,
+}
+
+/// Modes that carry the inertia of a [`ModalMass`].
+#[derive(Debug)]
+pub struct MassModes {
+    /// Squares of the angular frequencies, ascending, in (rad/s)^2; 0 for rigid motions.
+    pub squares: Vec<f64>,
+    /// Mode shapes, one column per mode with one entry per dof of this rank.
+    pub shapes: Mat<f64>,
+    /// Products of the consistent mass and the mode shapes, in columns.
+    pub momenta: Mat<f64>,
+}
+
+impl ModalMass {
+    /// Returns the number of modes.
+    pub fn modes(&self) -> usize {
+        self.modes.squares.len()
+    }
+
+    /// Computes this rank's part of the velocities V = B x.
+    pub(crate) fn project(&self, x: &[f64], v: &mut [f64]) {
+        for (k, v) in v.iter_mut().enumerate() {
+            *v = super::vectors::dot(self.modes.momenta.col_as_slice(k), x);
+        }
+    }
+
+    /// Computes the momentum `$y = B^T V$`, in kg m/s, one entry per dof of this rank.
+    pub(crate) fn project_transpose(&self, v: &[f64], y: &mut [f64]) {
+        y.fill(0.0);
+        for (k, v) in v.iter().enumerate() {
+            super::vectors::axpy(*v, self.modes.momenta.col_as_slice(k), y);
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Saddle-point problem for the velocities of modes.
+//!
+//! With `$B = \Phi^T M_r$` for the lowest modes `$K \Phi = M_r \Phi \Omega^2$`, the displacement
+//! splits into modes and rest, which K does not couple:
+//!
+//! ```math
+//! U = \Phi z + h, \qquad a = \Phi^T f - \Omega^2 z, \qquad
+//! K h = f - M_r \Phi\, \Phi^T f, \quad \Phi^T M_r h = 0 .
+//! ```
+//!
+//! The right-hand side for h has no part along the modes, rigid motions among them, so that the
+//! problem has a solution where K is singular. It is found by iteration with the factor of
+//! S = K + s M_r, followed each time by the projection:
+//! `$h \leftarrow P (h + S^{-1} (b - K h))$` with `$P = 1 - \Phi \Phi^T M_r$`. Each round leaves
+//! the share `$s / (s + w^2)$` of the error, where w is the lowest frequency beyond the modes, and
+//! corrects the rounding of the factor. The difference of the whole compliance and that of the
+//! modes would lose up to half of the digits instead.
+
+use super::saddle_point::SaddlePointSolver;
+use crate::error::{Error, Result};
+use crate::linalg::vectors::{dot, subtract};
+use crate::linalg::{Engine, Factor, Form, ModalMass};
+use crate::scheme::System;
+use faer::Mat;
+use std::cell::RefCell;
+
+/// Shift s of a mechanism, relative to the square of the highest kept frequency.
+const SHIFT: f64 = 1e-3;
+
+/// Relative size of an increment at which the iteration ends, and the largest number of rounds.
+/// Five rounds reach it with rigid motions, two or three without.
+const SETTLED: f64 = 1e-15;
+const MAX_ROUNDS: usize = 8;
+
+/// Solver for velocities of modes; see the [module page](self).
+pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
+    system: &'s System<E>,
+    mass: &'s ModalMass,
+    factor: RefCell<E::Factor>,
+}
+
+impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
+    /// Factors K, or K + s M_r where the modes contain rigid motions.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where the matrix is not positive definite.
+    pub fn new(system: &'s System<E>, mass: &'s ModalMass) -> Result<ModalSaddlePoint<'s, E>> {
+        let stiffness = &system.stiffness;
+        let squares = &mass.modes.squares;
+        let is_mechanism = squares.first().is_some_and(|square| *square == 0.0);
+        let highest = squares.last().copied().unwrap_or(0.0);
+        let consistent = Form::Cells(mass.consistent.clone());
+        let sum = match is_mechanism {
+            true => stiffness + &consistent * (SHIFT * highest),
+            false => stiffness.into(),
+        };
+        Ok(ModalSaddlePoint { system, mass, factor: system.engine.factor(&sum, &[])?.into() })
+    }
+
+    /// Returns the part h of the displacements under forces (n x k) that the modes leave.
+    pub fn rest(&self, forces: &Mat<f64>) -> Result<Mat<f64>> {
+        let System { engine, stiffness, .. } = self.system;
+        let modes = &self.mass.modes;
+        let along = modes.shapes.transpose() * forces;
+        let b = forces - &modes.momenta * along;
+        let mut h = Mat::<f64>::zeros(b.nrows(), b.ncols());
+        if b.norm_max() == 0.0 {
+            return Ok(h);
+        }
+        let mut product = vec![0.0; b.nrows()];
+        for _ in 0..MAX_ROUNDS {
+            let mut residual = b.clone();
+            for j in 0..h.ncols() {
+                let column = residual.col_as_slice_mut(j);
+                engine.multiply(stiffness, h.col_as_slice(j), &mut product)?;
+                subtract(&product, column);
+                self.factor.borrow_mut().solve(column)?;
+            }
+            for _ in 0..2 {
+                let along = modes.momenta.transpose() * &residual;
+                residual -= &modes.shapes * along;
+            }
+            h += &residual;
+            let size = |of: &Mat<f64>, j: usize| dot(of.col_as_slice(j), of.col_as_slice(j)).sqrt();
+            if (0..h.ncols()).all(|j| size(&residual, j) <= SETTLED * size(&h, j)) {
+                break;
+            }
+        }
+        Ok(h)
+    }
+}
+
+impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
+    fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
+        let modes = &self.mass.modes;
+        let u = &modes.shapes * &positions + self.rest(&forces)?;
+        let mut acceleration = modes.shapes.transpose() * &forces;
+        for j in 0..acceleration.ncols() {
+            for (k, square) in modes.squares.iter().enumerate() {
+                acceleration[(k, j)] -= square * positions[(k, j)];
+            }
+        }
+        Ok((u, acceleration))
+    }
+
+    fn unconstrained(&self, mut forces: Mat<f64>) -> Result<Mat<f64>> {
+        for j in 0..forces.ncols() {
+            self.factor.borrow_mut().solve(forces.col_as_slice_mut(j))?;
+        }
+        Ok(forces)
+    }
+
+    fn rigid_contact(&self) -> Error {
+        Error::Usage(format!(
+            "time.modes = {}: so many modes leave the nodes in contact no compliance of their own; expected at most {}",
+            self.mass.modes(),
+            self.system.engine.dofs() / 3
+        ))
+    }
+}
