@@ -1,7 +1,7 @@
 //! Checks that need several tables of a scene, once all of them are read.
 
 use super::document::{Document, quote};
-use super::{EngineName, Initial, Obstacle, Scene, Side, StartFrom};
+use super::{EngineName, Initial, Mass, Obstacle, Scene, Side, StartFrom};
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
@@ -81,7 +81,13 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let what = "takes only what does not change with time";
         return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
     }
-    if !able.takes_any_damping {
+    let is_modal = scene.time.mass == Mass::Modal;
+    if is_modal && scene.solver.engine == EngineName::Petsc {
+        let wrong = "time.mass = \"modal\" runs on the native engine, in one process";
+        return Err(doc.fault("solver.engine", format!("{wrong}; expected \"native\"")));
+    }
+    // Modes with inertia of their own each take their own damping, unless they follow events.
+    if !(able.takes_any_damping || is_modal && able.takes_time_dependence) {
         for (key, is_on) in [
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
             ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),

@@ -33,6 +33,14 @@ impl Damping {
 /// Function that adds the load at an instant (s) to a vector, in N, one entry per dof.
 pub type LoadOfTime = dyn Fn(f64, &mut [f64]) -> Result<()>;
 
+/// Load of fixed distribution that is scaled in time.
+pub struct LoadTerm {
+    /// Factor at an instant (s), dimensionless.
+    pub factor: Box<dyn Fn(f64) -> Result<f64>>,
+    /// Load at the factor 1, in N, one entry per dof.
+    pub load: Vec<f64>,
+}
+
 /// Function that sets the bounds (m) at an instant (s); their dofs stay the same.
 pub type BoundsOfTime = dyn Fn(f64, &mut Bounds) -> Result<()>;
 
@@ -69,6 +77,17 @@ impl ModalDamping {
             damping.rates.push(2.0 * ratio * TAU * frequency);
         }
         Ok(damping)
+    }
+
+    /// Builds the damping of modes that carry all inertia by themselves, in order, with decay rates
+    /// `$2 \zeta w$` in 1/s.
+    pub fn of_rates(rates: Vec<f64>) -> ModalDamping {
+        ModalDamping { rates, ..ModalDamping::default() }
+    }
+
+    /// Returns the decay rates `$2 \zeta w$` of the damped modes, in 1/s.
+    pub fn rates(&self) -> &[f64] {
+        &self.rates
     }
 
     /// Returns an error where the step `dt` (s) is too long for the damped modes.
@@ -112,7 +131,9 @@ fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f6
 /// the same instants.
 #[derive(Default)]
 pub struct TimeDependence {
-    /// Time-dependent part of the load.
+    /// Time-dependent loads of fixed distribution.
+    pub terms: Vec<LoadTerm>,
+    /// Time-dependent load of any distribution, besides the terms.
     pub load: Option<Box<LoadOfTime>>,
     /// Time-dependent obstacles, given for supports at their initial place.
     pub bounds: Option<Box<BoundsOfTime>>,
@@ -147,7 +168,12 @@ pub struct SupportMotion {
 impl TimeDependence {
     /// Returns whether loads, obstacles or supports depend on time.
     pub fn varies(&self) -> bool {
-        self.load.is_some() || self.bounds.is_some() || !self.supports.is_empty()
+        self.loads() || self.bounds.is_some() || !self.supports.is_empty()
+    }
+
+    /// Returns whether any load depends on time.
+    fn loads(&self) -> bool {
+        !self.terms.is_empty() || self.load.is_some()
     }
 
     /// Returns the support places at an instant (s), in m, one entry per motion.
@@ -205,7 +231,7 @@ impl TimeDependence {
 
     /// Returns whether the load depends on time; springs to the ground count where supports move.
     pub(super) fn pushes(&self) -> bool {
-        self.load.is_some() || self.supports.iter().any(|motion| motion.stiffness.is_some())
+        self.loads() || self.supports.iter().any(|motion| motion.stiffness.is_some())
     }
 
     /// Returns an error where modal damping is combined with the named scheme.
@@ -221,7 +247,7 @@ impl TimeDependence {
 
 impl fmt::Debug for TimeDependence {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let (load, bounds) = (self.load.is_some(), self.bounds.is_some());
+        let (load, bounds) = (self.loads(), self.bounds.is_some());
         let mut fields = f.debug_struct("TimeDependence");
         fields.field("load", &load).field("bounds", &bounds).field("supports", &self.supports.len());
         fields.field("modal", &self.modal).finish()
@@ -253,6 +279,9 @@ impl InstantData {
     pub fn set(&mut self, drive: &TimeDependence, time: f64) -> Result<()> {
         if let Some(load) = &mut self.load {
             load.fill(0.0);
+            for term in &drive.terms {
+                axpy((term.factor)(time)?, &term.load, load);
+            }
             if let Some(of) = &drive.load {
                 of(time, load)?;
             }

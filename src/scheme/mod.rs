@@ -8,7 +8,7 @@
 //! | `system.stiffness` | K | stiffness matrix |
 //! | `system.mass` | M = B^T C^-1 B, or M_r | singular mass matrix (equation 5), or consistent mass matrix |
 //! | `system.bounds` | K^h, G, alpha | admissible deflections at the nodes |
-//! | `system.load` | F | constant load; `system.drive.load` is its time-dependent part |
+//! | `system.load` | F | constant load; `system.drive` has its time-dependent parts |
 //! | `system.damping` | - | Rayleigh damping alpha M + beta K |
 //! | `e`, `beta`, `dt` | e, beta, Delta t | coefficient of restitution, Newmark parameter, time step |
 //! | `u`, `v` | U^n, V^n | displacement, velocity |
@@ -27,6 +27,7 @@ mod drive;
 pub mod equilibrium;
 pub mod exact;
 pub mod midpoint;
+pub mod modal;
 pub mod newmark;
 pub mod potential;
 pub mod registry;
@@ -34,10 +35,11 @@ mod state;
 mod step_driver;
 
 pub use conserving::{Conserving, RelaxationStatistics};
-pub use drive::{BoundsOfTime, Damping, LoadOfTime, ModalDamping, SupportMotion, TimeDependence};
+pub use drive::{BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, SupportMotion, TimeDependence};
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
+pub use modal::ModalConserving;
 pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};

@@ -5,10 +5,11 @@
 //! [`SchemeSpec`] with a row of [`Capabilities`] here, and the reading of its options in a scene.
 
 use super::{
-    Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System, exact,
+    Conserving, Exact, Massless, Midpoint, ModalConserving, Newmark, NewmarkParameters, Scheme, Start,
+    System, exact,
 };
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{Engine, Form};
 use crate::vi::SolverFactory;
 use serde::{Deserialize, Serialize};
 
@@ -310,7 +311,10 @@ impl SchemeSpec {
                 let solver = solver(engine, &Midpoint::matrix(system, dt), bounds.len())?;
                 Box::new(Midpoint::with_solver(system, dt, massless, start, solver)?)
             }
-            SchemeSpec::Conserving => Box::new(Conserving::with_solver(system, dt, start, solver)?),
+            SchemeSpec::Conserving => match system.mass {
+                Form::Modal(_) => Box::new(ModalConserving::new(system, dt, start)?),
+                _ => Box::new(Conserving::with_solver(system, dt, start, solver)?),
+            },
             SchemeSpec::Exact => Box::new(Exact::new(system, dt, start)?),
         })
     }

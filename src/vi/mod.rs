@@ -12,6 +12,7 @@
 //! reports about itself.
 
 mod active_set;
+pub mod compliance;
 pub mod condensed;
 pub mod kkt;
 pub mod registry;
@@ -23,6 +24,7 @@ pub mod snes;
 pub mod tao;
 
 pub use active_set::{BoundStatus, DenseProblem};
+pub use compliance::{ComplianceProblem, ComplianceSolver};
 pub use condensed::Condensed;
 pub use registry::ContactSolver;
 

@@ -64,16 +64,16 @@
 
 mod event_detection;
 mod event_resolution;
-mod modal_saddle_point;
+pub(super) mod modal_saddle_point;
 mod modes;
-mod motion;
+pub(super) mod motion;
 mod options;
-mod reduction;
+pub(super) mod reduction;
 mod residual;
 mod saddle_point;
 mod start;
 mod stepping;
-mod velocity_basis;
+pub(super) mod velocity_basis;
 
 use super::{Approach, Event, EventStatistics, Start, StepRecord, System};
 use crate::error::{Error, Result};

@@ -246,7 +246,7 @@ fn turn(angle: f64) -> (f64, f64) {
 }
 
 /// Returns s and v of a mode; see the [module page](self).
-fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
+pub(in crate::scheme) fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
     if damping == 0.0 {
         return turn(w * at);
     }
@@ -321,7 +321,7 @@ fn rigid_response_sums(damping: f64, at: f64) -> [f64; 2] {
 
 /// Returns g of a rigid motion and twice the ratio of its integral to it; both equal t without
 /// damping.
-fn rigid_response(damping: f64, at: f64) -> (f64, f64) {
+pub(in crate::scheme) fn rigid_response(damping: f64, at: f64) -> (f64, f64) {
     let x = damping * at;
     if x == 0.0 {
         return (at, at);

@@ -25,7 +25,7 @@ pub(super) fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
 
 /// Solver of the saddle-point problem of displacements U and accelerations a, see
 /// [`super::reduction`].
-pub(super) trait SaddlePointSolver {
+pub(in crate::scheme) trait SaddlePointSolver {
     /// Returns U and a for forces (n x k) and positions (N x k).
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)>;
 

@@ -17,7 +17,7 @@ const MIN_COMPLIANCE: f64 = 1e-10;
 
 /// Basis of the attainable velocities; see the [module page](self).
 #[derive(Debug)]
-pub(super) struct VelocityBasis {
+pub(in crate::scheme) struct VelocityBasis {
     /// Diagonal of C^1/2, N entries.
     root_mass: Vec<f64>,
     /// Basis Q, N x r; `None` for the identity.

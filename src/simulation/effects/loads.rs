@@ -12,6 +12,7 @@ use crate::linalg::vectors::{self, axpy};
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::FieldInput;
+use crate::scheme::{LoadOfTime, LoadTerm};
 use crate::simulation::refinement::seen;
 use serde::Serialize;
 use std::cell::RefCell;
@@ -109,6 +110,12 @@ impl<P: Partition> Wave<P> {
         let (still, comm) = (self.pressure.still(t), self.partition.comm());
         let refined = adaptive::refine(&self.pieces, &|_| Some(&still), adaptive::EACH_TIME, comm)?;
         seen(&self.pressure.key, refined)
+    }
+
+    /// Adds the load at an instant (s) to `load`, in N. Collective.
+    fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
+        vectors::add(&self.partition.add_up(&self.load(t)?)?, load);
+        Ok(())
     }
 
     /// Returns the load at an instant (s), in N, on the local dofs. Collective.
@@ -281,19 +288,27 @@ impl<P: Partition> Loads<P> {
         Ok(loads)
     }
 
-    /// Returns whether any load depends on time.
-    pub fn vary(&self) -> bool {
-        !self.terms.is_empty() || self.wave.is_some()
-    }
-
     /// Adds the time-dependent loads at an instant (s) to `load`, in N. Collective.
     pub fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
         for (factor, of) in &self.terms {
             axpy(factor.at(Point::origin(), t)?, of, load);
         }
         if let Some(wave) = &self.wave {
-            vectors::add(&wave.partition.add_up(&wave.load(t)?)?, load);
+            wave.add(t, load)?;
         }
         Ok(())
+    }
+
+    /// Returns the time-dependent loads: those of fixed distribution, and the wave.
+    pub fn in_time(self) -> (Vec<LoadTerm>, Option<Box<LoadOfTime>>)
+    where
+        P: 'static,
+    {
+        let term = |(factor, load): (FieldInput, Vec<f64>)| LoadTerm {
+            factor: Box::new(move |t| factor.at(Point::origin(), t)),
+            load,
+        };
+        let wave = self.wave.map(|wave| -> Box<LoadOfTime> { Box::new(move |t, load| wave.add(t, load)) });
+        (self.terms.into_iter().map(term).collect(), wave)
     }
 }

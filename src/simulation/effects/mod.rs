@@ -182,9 +182,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let (start, doubt) = start::start(&system, &statics, &loads, &lifts, &places)?;
     warnings.extend(doubt);
     let seconds = clock.elapsed().as_secs_f64();
-    if loads.vary() {
-        system.drive.load = Some(Box::new(move |t, load: &mut [f64]| loads.add(t, load)));
-    }
+    (system.drive.terms, system.drive.load) = loads.in_time();
     if heights.vary() && ground.comm().all_reduce_any(bounded > 0) {
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }

@@ -1,0 +1,644 @@
+//! Conserving scheme for the modal mass: exact rotation of the modes between kicks of the contact
+//! forces, with a relaxation that keeps the energy.
+//!
+//! With the [mass of the lowest modes](crate::linalg::ModalMass) a displacement splits into modes q
+//! and a massless rest, which follows at once. The bounded deflections are
+//!
+//! ```math
+//! x = A q + R r + G W, \qquad A = G \Phi,
+//! ```
+//!
+//! with the compliance R of the rest and its response W to the loads, and the reactions r solve the
+//! bound-constrained problem [in compliance form](crate::vi::compliance). They are a Lipschitz
+//! function of q, so that
+//!
+//! ```math
+//! \ddot q + D \dot q + \Omega^2 q = \Phi^T F + A^T r(q)
+//! ```
+//!
+//! is an ordinary differential equation, with the energy
+//! `$E = \tfrac12 |\dot q|^2 + \tfrac12 q^T \Omega^2 q + \tfrac12 r^T R\, r$` besides the work of
+//! loads. A step changes the velocity by `$\tfrac12 \Delta t\, A^T r$`, moves the modes
+//! [exactly](rotation) over the step, and changes the velocity again by half the impulse of the
+//! reactions at the new position (Strang splitting: explicit, symplectic, of second order, stable
+//! while `$\Delta t < 2 / w$` for the fastest motion in contact). No step solves for more than the
+//! reactions of the nodes in contact, and the cost does not depend on the mesh.
+//!
+//! Without contact a step is exact, and keeps the energy to rounding whatever its length. In
+//! contact the scheme takes the relaxed step `$(q + \gamma\, dq,\; \dot q + \gamma\, d \dot q)$`,
+//! `$t + \gamma \Delta t$`, with gamma such that the energy changes by the work of loads and
+//! obstacles and by damping alone, as [`super::conserving`] does. A step without such a gamma is
+//! repeated with half the length.
+//!
+//! # Damping, loads, obstacles and supports in time
+//!
+//! Damping acts on the modes, each with its own decay rate: alpha + beta w^2, and twice the damping
+//! ratio times w. The rest of the displacement has no rate of its own and stays elastic. Loads and
+//! bounds are linear in time between the instants of a step; the modes move under the mean force,
+//! so that the balance of energy holds to rounding in flight. Moving supports are treated as in
+//! [`super::midpoint`]: the frame moves uniformly during a step, and its change of velocity is an
+//! impulse.
+//!
+//! # Reported quantities
+//!
+//! In flight states lie on the grid of the output. In contact, where steps of length gamma dt pass
+//! the grid instants, the reported state is the cubic interpolation of q from the two states around
+//! the instant, with the reactions that belong to it; energies are those of the state at or just
+//! after it. Impulses and mean reactions are those of [`super::conserving`].
+
+mod data;
+mod relaxation;
+pub mod rotation;
+
+use super::conserving::MOST_HALVINGS;
+use super::exact::modal_saddle_point::ModalSaddlePoint;
+use super::exact::reduction::ReducedModel;
+use super::exact::velocity_basis::VelocityBasis;
+use super::{Approach, RelaxationStatistics, Scheme, Start, StepRecord, System};
+use crate::archive::{Archive, VectorKind};
+use crate::energy::Energies;
+use crate::error::{Error, Result};
+use crate::linalg::vectors::{add, axpy, difference, divide, dot, sum, waxpy};
+use crate::linalg::{Engine, Form, MassModes};
+use crate::obstacle::Bounds;
+use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
+use data::{ModalData, ModalLoads};
+use faer::Mat;
+use rotation::Rotation;
+use std::cell::OnceCell;
+use std::ops::Range;
+use std::rc::Rc;
+
+/// Range of gamma that is accepted.
+const RANGE: Range<f64> = 0.5..2.0;
+/// Relative change of energy above which a step is relaxed, and at which the search ends.
+const MOVED: f64 = 1e-13;
+const KEPT: f64 = 4.0 * f64::EPSILON;
+/// Largest number of halvings of a step of which the energy has no root; afterwards the step is
+/// taken as it is, and later steps make up the difference.
+const ALL_HALVINGS: usize = 4 * MOST_HALVINGS;
+
+/// Conserving scheme for the modal mass; see the [module page](self).
+pub struct ModalConserving<'s, E: Engine> {
+    system: &'s System<E>,
+    modes: Rc<MassModes>,
+    saddle: ModalSaddlePoint<'s, E>,
+    model: ReducedModel,
+    loads: ModalLoads,
+    /// Decay rates of the modes, in 1/s.
+    decays: Vec<f64>,
+    /// Exact motion over a whole step.
+    rotation: Rotation,
+    contact: ComplianceSolver,
+    now: State,
+    before: State,
+    /// Work space for increments of q, q' and the deflections.
+    dq: Vec<f64>,
+    dv: Vec<f64>,
+    dy: Vec<f64>,
+    /// Energy at the start besides that of the constant load, and its change since by work, in J.
+    start: f64,
+    work: f64,
+    /// Difference of the reported total energy and the scheme's own at the start, in J.
+    offset: f64,
+    /// Time between the two states, and from the grid instant to the later one, in s.
+    span: f64,
+    ahead: f64,
+    /// Mean reactions between the two states, in N.
+    mean: Vec<f64>,
+    /// State at the grid instant, and the solver for its reactions.
+    shown: State,
+    shown_contact: ComplianceSolver,
+    limits: Bounds,
+    shape: OnceCell<Vec<f64>>,
+    free: Vec<Approach>,
+    relaxation: RelaxationStatistics,
+    record: StepRecord,
+}
+
+/// State of the modes and of the bounded deflections.
+#[derive(Debug, Clone, Default)]
+struct State {
+    /// Modal coordinates and their rates, in m and m/s times the root of kg.
+    q: Vec<f64>,
+    v: Vec<f64>,
+    /// Deflections of the bounded dofs without reactions and with them, in m.
+    y: Vec<f64>,
+    x: Vec<f64>,
+    /// Reactions, in N.
+    reaction: Vec<f64>,
+    /// Velocities of the support frame, in m/s, one entry per motion.
+    frame_rates: Vec<f64>,
+    data: ModalData,
+}
+
+impl State {
+    fn touches(&self) -> bool {
+        self.reaction.iter().any(|r| *r != 0.0)
+    }
+
+    /// Returns kinetic energy and elastic energy of the modes and reactions, in J.
+    fn energies(&self, squares: &[f64]) -> [f64; 2] {
+        let modes: f64 = self.q.iter().zip(squares).map(|(q, square)| square * q * q).sum();
+        let rest: f64 =
+            self.reaction.iter().zip(self.x.iter().zip(&self.y)).map(|(r, (x, y))| r * (x - y)).sum();
+        [0.5 * dot(&self.v, &self.v), 0.5 * (modes + rest)]
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        for vector in [&mut self.q, &mut self.v, &mut self.y, &mut self.x, &mut self.reaction] {
+            archive.value(vector)?;
+        }
+        archive.value(&mut self.frame_rates)?;
+        archive.value(&mut self.data)
+    }
+}
+
+impl<'s, E: Engine> ModalConserving<'s, E> {
+    /// Starts the scheme with steps of `dt` seconds.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] for a mass that is not modal, or too many modes for the compliance
+    /// of the contact, and the errors of the engine.
+    pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalConserving<'s, E>> {
+        let Form::Modal(mass) = &system.mass else {
+            return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
+        };
+        let modes = mass.modes.clone();
+        let saddle = ModalSaddlePoint::new(system, mass)?;
+        let basis = Rc::new(VelocityBasis::new(system)?);
+        let model = ReducedModel::new(system, basis, &saddle)?;
+        let loads = ModalLoads::new(system, &modes, &saddle)?;
+        let decays = decays(system, &modes);
+        let (bounds, count) = (&system.bounds, modes.squares.len());
+        let zeros = vec![0.0; bounds.len()];
+        let mut now = State {
+            q: vec![0.0; count],
+            v: vec![0.0; count],
+            y: zeros.clone(),
+            x: zeros.clone(),
+            reaction: zeros.clone(),
+            frame_rates: system.drive.rates(0.0)?,
+            data: loads.at(system, &modes, &model, 0.0)?,
+        };
+        system.engine.project(&system.mass, &start.displacement, &mut now.q)?;
+        system.engine.project(&system.mass, &start.velocity, &mut now.v)?;
+        let before = |&dof: &usize| Approach {
+            time: 0.0,
+            deflection: start.displacement[dof],
+            velocity: start.velocity[dof],
+        };
+        let mut scheme = ModalConserving {
+            rotation: Rotation::new(&modes.squares, &decays, dt),
+            contact: ComplianceSolver::new(bounds.len()),
+            shown_contact: ComplianceSolver::new(bounds.len()),
+            dq: vec![0.0; count],
+            dv: vec![0.0; count],
+            dy: zeros.clone(),
+            start: 0.0,
+            work: 0.0,
+            offset: 0.0,
+            span: 0.0,
+            ahead: 0.0,
+            mean: zeros,
+            shown: now.clone(),
+            limits: bounds.clone(),
+            shape: OnceCell::new(),
+            free: bounds.dofs.iter().map(before).collect(),
+            relaxation: RelaxationStatistics {
+                states: 0,
+                relaxed_steps: 0,
+                halved_steps: 0,
+                least_gamma: 1.0,
+                largest_gamma: 1.0,
+                dissipated: 0.0,
+            },
+            record: StepRecord::new(dt, bounds.len()),
+            before: now.clone(),
+            now,
+            system,
+            modes,
+            saddle,
+            model,
+            loads,
+            decays,
+        };
+        scheme.settle();
+        let State { q, reaction, data, .. } = &scheme.now;
+        let [kinetic, elastic] = scheme.now.energies(&scheme.modes.squares);
+        scheme.start = kinetic + elastic;
+        let rest = scheme.loads.elastic(data) + dot(reaction, &data.shift);
+        scheme.offset = rest - scheme.loads.work(data, q, reaction);
+        scheme.before = scheme.now.clone();
+        scheme.record.reaction.copy_from_slice(&scheme.now.reaction);
+        scheme.show();
+        Ok(scheme)
+    }
+
+    /// Computes the bounded deflections and reactions of the present q.
+    fn settle(&mut self) {
+        let State { q, y, x, reaction, data, .. } = &mut self.now;
+        y.copy_from_slice(&data.shift);
+        add_product(&self.model.lift_at, q, y);
+        let ModalData { lower, upper, .. } = data;
+        let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
+        self.contact.solve(problem, x, reaction);
+        self.relaxation_report();
+    }
+
+    /// Records iterations and residual of the last contact problem.
+    fn relaxation_report(&mut self) {
+        let ComplianceSolver { iterations, residual, .. } = self.contact;
+        let scale = self.now.y.iter().fold(self.system.bounds.magnitude(), |m, y| m.max(y.abs()));
+        let kkt = if residual == 0.0 { 0.0 } else { residual / scale };
+        self.record.report = self.record.report.and(StepReport { iterations, kkt, retries: 0 });
+    }
+
+    /// Measures the rates of the modes before the step in the frame that moves uniformly to the
+    /// support places at its end. The change of kinetic energy counts as work.
+    fn follow_supports(&mut self, next: &ModalData, seconds: f64) {
+        let supports = &self.loads.support_momenta;
+        let State { v, frame_rates, data, .. } = &mut self.before;
+        let kinetic = dot(v, v);
+        for (k, rate) in frame_rates.iter_mut().enumerate() {
+            let uniform = (next.places[k] - data.places[k]) / seconds;
+            axpy(*rate - uniform, supports.col_as_slice(k), v);
+            *rate = uniform;
+        }
+        self.work += 0.5 * (dot(v, v) - kinetic);
+        self.now.frame_rates.clone_from(frame_rates);
+    }
+
+    /// Makes a plain step from the state before to the present one. Returns the energies received
+    /// from the loads and dissipated by damping, in J.
+    fn propose(&mut self, next: Option<&ModalData>, seconds: f64) -> [f64; 2] {
+        let squares = &self.modes.squares;
+        let lift_at = &self.model.lift_at;
+        let State { q, v, reaction, data, .. } = &self.before;
+        self.now.v.copy_from_slice(v);
+        kick(lift_at, reaction, 0.5 * seconds, &mut self.now.v);
+        let mean: Vec<f64>;
+        let force = match next {
+            Some(next) => {
+                mean = data.force.iter().zip(&next.force).map(|(a, b)| 0.5 * (a + b)).collect();
+                &mean
+            }
+            None => &data.force,
+        };
+        let other: Rotation;
+        let rotation = if seconds == self.rotation.seconds {
+            &self.rotation
+        } else {
+            other = Rotation::new(squares, &self.decays, seconds);
+            &other
+        };
+        rotation.increments(squares, force, [q, &self.now.v], [&mut self.dq, &mut self.dv]);
+        let received = dot(force, &self.dq);
+        let is_damped = self.decays.iter().any(|decay| *decay > 0.0);
+        let before = if is_damped { energy(squares, q, &self.now.v) } else { 0.0 };
+        add(&self.dv, &mut self.now.v);
+        waxpy(1.0, &self.dq, q, &mut self.now.q);
+        let dissipated = match is_damped {
+            true => received - (energy(squares, &self.now.q, &self.now.v) - before),
+            false => 0.0,
+        };
+        if let Some(next) = next {
+            self.now.data.clone_from(next);
+        }
+        self.settle();
+        kick(&self.model.lift_at, &self.now.reaction, 0.5 * seconds, &mut self.now.v);
+        [received, dissipated]
+    }
+
+    /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
+    /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does.
+    fn relax(&mut self, next: Option<&ModalData>, received: f64, dissipated: f64) -> Option<(f64, f64)> {
+        let squares = &self.modes.squares;
+        let State { q, v, y, data, .. } = &self.before;
+        let (lift, rate) = (&self.dq, &self.dv);
+        let stiff = |a: &[f64], b: &[f64]| -> f64 {
+            a.iter().zip(b).zip(squares).map(|((a, b), square)| square * a * b).sum()
+        };
+        let constant = energy(squares, q, v);
+        let linear = dot(v, rate) + stiff(q, lift);
+        let quadratic = 0.5 * (dot(rate, rate) + stiff(lift, lift));
+        let zeros = vec![0.0; y.len()];
+        let of = |next: Option<&ModalData>, part: fn(&ModalData) -> &[f64]| match next {
+            // An absent obstacle has infinite bounds.
+            Some(next) => part(next)
+                .iter()
+                .zip(part(data))
+                .map(|(b, a)| if a.is_finite() { b - a } else { 0.0 })
+                .collect(),
+            None => zeros.clone(),
+        };
+        let [dlower, dupper, dshift] =
+            [of(next, |data| &data.lower), of(next, |data| &data.upper), of(next, |data| &data.shift)];
+        let bound = |side: BoundStatus, i: usize| match side {
+            BoundStatus::Upper => dupper[i],
+            _ => dlower[i],
+        };
+        let pressed = |r: f64, i: usize| if r > 0.0 { dlower[i] - dshift[i] } else { dupper[i] - dshift[i] };
+        let obstacles: f64 =
+            self.mean.iter().enumerate().filter(|(_, r)| **r != 0.0).map(|(i, r)| r * pressed(*r, i)).sum();
+        let gain = received + obstacles - dissipated;
+        let target = self.start + self.work - self.relaxation.dissipated;
+        let size = self.start.abs() + constant;
+        let (mut lower, mut upper) = (data.lower.clone(), data.upper.clone());
+        let (contact, now, compliance, dy) =
+            (&mut self.contact, &mut self.now, &self.model.compliance, &self.dy);
+        let mut at = |gamma: f64| {
+            waxpy(gamma, dy, y, &mut now.y);
+            if next.is_some() {
+                waxpy(gamma, &dlower, &data.lower, &mut lower);
+                waxpy(gamma, &dupper, &data.upper, &mut upper);
+            }
+            let problem = ComplianceProblem { compliance, free: &now.y, lower: &lower, upper: &upper };
+            contact.solve(problem, &mut now.x, &mut now.reaction);
+            let (mut rest, mut slope) = (0.0, 0.0);
+            for &i in contact.active() {
+                let r = now.reaction[i];
+                rest += 0.5 * r * (now.x[i] - now.y[i]);
+                slope += r * (bound(contact.sides[i], i) - dy[i]);
+            }
+            let value = constant + gamma * (linear + gamma * quadratic) + rest - (target + gamma * gain);
+            (value, linear + 2.0 * gamma * quadratic + slope - gain)
+        };
+        let (moved, _) = at(1.0);
+        let gamma = match moved.abs() <= MOVED * size {
+            true => Some(1.0),
+            false => relaxation::root(&mut at, RANGE, KEPT * size),
+        };
+        at(gamma.unwrap_or(1.0));
+        let gamma = gamma?;
+        waxpy(gamma, &self.dq, &self.before.q, &mut self.now.q);
+        waxpy(gamma, &self.dv, &self.before.v, &mut self.now.v);
+        if let Some(next) = next {
+            self.now.data.between(&self.before.data, next, gamma);
+        }
+        Some((gamma, obstacles))
+    }
+
+    /// Advances from the present state, at `time` (s), by a step of `seconds` or a part of it.
+    fn step_on(&mut self, time: f64, mut seconds: f64) -> Result<()> {
+        self.before.clone_from(&self.now);
+        let varies = self.system.drive.varies();
+        for halvings in 0.. {
+            let next = match varies {
+                true => Some(self.loads.at(self.system, &self.modes, &self.model, time + seconds)?),
+                false => None,
+            };
+            if let Some(next) = &next {
+                self.follow_supports(next, seconds);
+            }
+            let [received, dissipated] = self.propose(next.as_ref(), seconds);
+            let touches = self.before.touches() || self.now.touches();
+            let mut taken = Some((1.0, 0.0));
+            if touches {
+                self.mean = sum(&self.before.reaction, &self.now.reaction);
+                divide(2.0, &mut self.mean);
+                self.dv = difference(&self.now.v, &self.before.v);
+                self.dy = difference(&self.now.y, &self.before.y);
+                let plain = (halvings == ALL_HALVINGS).then(|| self.now.clone());
+                taken = self.relax(next.as_ref(), received, dissipated);
+                if let (None, Some(plain)) = (taken, plain) {
+                    self.now = plain;
+                    taken = Some((1.0, 0.0));
+                }
+            } else {
+                self.mean.fill(0.0);
+            }
+            let Some((gamma, obstacles)) = taken else {
+                self.relaxation.halved_steps += 1;
+                self.now.clone_from(&self.before);
+                seconds *= 0.5;
+                continue;
+            };
+            self.work += gamma * (received + obstacles);
+            self.span = gamma * seconds;
+            let relaxation = &mut self.relaxation;
+            relaxation.dissipated += gamma * dissipated;
+            relaxation.states += 1;
+            relaxation.relaxed_steps += u64::from(gamma != 1.0);
+            relaxation.least_gamma = relaxation.least_gamma.min(gamma);
+            relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
+            if touches {
+                self.note_approaches(time);
+            }
+            break;
+        }
+        Ok(())
+    }
+
+    /// Keeps the last state before contact of nodes that begin to touch.
+    fn note_approaches(&mut self, time: f64) {
+        let State { x, v, reaction, .. } = &self.before;
+        for (i, free) in self.free.iter_mut().enumerate() {
+            if reaction[i] == 0.0 && self.now.reaction[i] != 0.0 {
+                let velocity = self.model.lift_at.row(i).iter().zip(v).map(|(a, v)| a * v).sum();
+                *free = Approach { time, deflection: x[i], velocity };
+            }
+        }
+    }
+
+    /// Computes the state at the grid instant.
+    fn show(&mut self) {
+        self.shape.take();
+        if self.ahead > 0.0 {
+            let share = 1.0 - self.ahead / self.span;
+            let (left, right) = (1.0 - share, share);
+            // Cubic Hermite interpolation of q.
+            let [of_before, of_now] = [left * left * (1.0 + 2.0 * share), right * right * (1.0 + 2.0 * left)];
+            let [of_rate_before, of_rate_now] =
+                [share * left * left * self.span, -left * share * share * self.span];
+            let (shown, before, now) = (&mut self.shown, &self.before, &self.now);
+            for k in 0..now.q.len() {
+                shown.q[k] = of_before * before.q[k]
+                    + of_now * now.q[k]
+                    + of_rate_before * before.v[k]
+                    + of_rate_now * now.v[k];
+                shown.v[k] = left * before.v[k] + right * now.v[k];
+            }
+            shown.data.between(&before.data, &now.data, share);
+            shown.frame_rates.clone_from(&now.frame_rates);
+            shown.y.copy_from_slice(&shown.data.shift);
+            add_product(&self.model.lift_at, &shown.q, &mut shown.y);
+            let ModalData { lower, upper, .. } = &shown.data;
+            let problem =
+                ComplianceProblem { compliance: &self.model.compliance, free: &shown.y, lower, upper };
+            self.shown_contact.solve(problem, &mut shown.x, &mut shown.reaction);
+        } else {
+            self.shown.clone_from(&self.now);
+        }
+        let State { x, data, .. } = &self.shown;
+        self.record.admissible.copy_from_slice(x);
+        if self.system.drive.varies() {
+            self.limits.lower.copy_from_slice(&data.lower);
+            self.limits.upper.copy_from_slice(&data.upper);
+        }
+    }
+
+    /// Returns the displacement of the shown state, in m, one entry per dof.
+    fn shape(&self) -> Result<Vec<f64>> {
+        let State { q, reaction, data, .. } = &self.shown;
+        let mut u = vec![0.0; self.system.engine.dofs()];
+        add_product(&self.model.lift, q, &mut u);
+        self.loads.add_response(data, &self.saddle, &mut u)?;
+        for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            axpy(*r, self.model.flexibility.col_as_slice(i), &mut u);
+        }
+        for (i, &dof) in self.system.bounds.dofs.iter().enumerate() {
+            u[dof] = self.shown.x[i];
+        }
+        Ok(u)
+    }
+}
+
+/// Returns the decay rates of the modes, in 1/s: those of Rayleigh damping, and of single modes
+/// that are no rigid motions.
+fn decays<E: Engine>(system: &System<E>, modes: &MassModes) -> Vec<f64> {
+    let mut decays: Vec<f64> =
+        modes.squares.iter().map(|square| system.damping.mass + system.damping.stiffness * square).collect();
+    if let Some(modal) = &system.drive.modal {
+        let elastic = decays.iter_mut().zip(&modes.squares).filter(|(_, square)| **square > 0.0);
+        elastic.zip(modal.rates()).for_each(|((decay, _), rate)| *decay += rate);
+    }
+    decays
+}
+
+/// Adds A x to y.
+fn add_product(a: &Mat<f64>, x: &[f64], y: &mut [f64]) {
+    for (k, x) in x.iter().enumerate() {
+        axpy(*x, a.col_as_slice(k), y);
+    }
+}
+
+/// Adds A^T r over a duration (s) to the rates of the modes.
+fn kick(lift_at: &Mat<f64>, reaction: &[f64], seconds: f64, v: &mut [f64]) {
+    for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+        for (v, a) in v.iter_mut().zip(lift_at.row(i).iter()) {
+            *v += seconds * r * a;
+        }
+    }
+}
+
+/// Returns the kinetic and elastic energy of the modes, in J.
+fn energy(squares: &[f64], q: &[f64], v: &[f64]) -> f64 {
+    let elastic: f64 = q.iter().zip(squares).map(|(q, square)| square * q * q).sum();
+    0.5 * (dot(v, v) + elastic)
+}
+
+impl<E: Engine> Scheme for ModalConserving<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.record.begin_step();
+        self.record.report = StepReport::default();
+        let dt = self.record.dt;
+        axpy(self.ahead.min(dt), &self.mean, &mut self.record.impulses);
+        self.ahead -= dt;
+        while self.ahead < 0.0 {
+            let time = self.time() + self.ahead;
+            // A step in flight is exact whatever its length, and returns to the grid.
+            let seconds = if self.now.touches() { dt } else { -self.ahead };
+            self.step_on(time, seconds)?;
+            axpy(self.span.min(-self.ahead), &self.mean, &mut self.record.impulses);
+            self.ahead += self.span;
+        }
+        let StepRecord { reaction, impulses, .. } = &mut self.record;
+        reaction.copy_from_slice(impulses);
+        divide(dt, reaction);
+        self.show();
+        Ok(())
+    }
+
+    /// Returns the record of the last step. Its bounded configuration is that of the reported
+    /// state, and its reactions are the mean over the last dt; at the start they are those at rest.
+    fn record(&self) -> &StepRecord {
+        &self.record
+    }
+
+    fn displacement(&self) -> &[f64] {
+        let unknown = || vec![f64::NAN; self.system.engine.dofs()];
+        self.shape.get_or_init(|| self.shape().unwrap_or_else(|_| unknown()))
+    }
+
+    /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
+    /// in m/s.
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        let mut rates = vec![0.0; self.system.engine.dofs()];
+        add_product(&self.model.lift, &self.shown.v, &mut rates);
+        let contact = if self.ahead > 0.0 { &self.shown_contact } else { &self.contact };
+        let active = contact.active();
+        if active.is_empty() || self.record.step == 0 {
+            return Ok(rates);
+        }
+        let (now, before) = (&self.now.data, &self.before.data);
+        let limit = |i: usize| {
+            let [from, to] = match contact.sides[i] {
+                BoundStatus::Upper => [before.upper[i], now.upper[i]],
+                _ => [before.lower[i], now.lower[i]],
+            };
+            ((to - from) - (now.shift[i] - before.shift[i])) / self.span
+        };
+        let missing = |i: usize| {
+            let row = self.model.lift_at.row(i);
+            limit(i) - row.iter().zip(&self.shown.v).map(|(a, v)| a * v).sum::<f64>()
+        };
+        let mut forces = Mat::from_fn(active.len(), 1, |k, _| missing(active[k]));
+        contact.solve_active(&mut forces);
+        for (k, &i) in active.iter().enumerate() {
+            axpy(forces[(k, 0)], self.model.flexibility.col_as_slice(i), &mut rates);
+        }
+        Ok(rates)
+    }
+
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        Ok(self.shown.frame_rates.clone())
+    }
+
+    fn limits(&self) -> &Bounds {
+        &self.limits
+    }
+
+    /// Returns the energies of the state at or just after the instant.
+    fn energies(&self) -> Result<Energies> {
+        let State { reaction, data, .. } = &self.now;
+        let [kinetic, elastic] = self.now.energies(&self.modes.squares);
+        let total = self.offset + kinetic + elastic - self.work;
+        let elastic = elastic + self.loads.elastic(data) + dot(reaction, &data.shift);
+        Ok(Energies { kinetic, elastic, work: kinetic + elastic - total })
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        self.free[bound]
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.record.archive(archive)?;
+        for value in [&mut self.start, &mut self.work, &mut self.offset, &mut self.span, &mut self.ahead] {
+            archive.value(value)?;
+        }
+        archive.value(&mut self.relaxation)?;
+        self.now.archive(archive)?;
+        self.before.archive(archive)?;
+        archive.vector(VectorKind::Bounds, &mut self.mean)?;
+        archive.value(&mut self.contact.sides)?;
+        archive.value(&mut self.shown_contact.sides)?;
+        archive.value(&mut self.contact.factorisations)?;
+        Approach::archive(&mut self.free, archive)?;
+        if !archive.saves() {
+            let report = self.record.report;
+            let admissible = self.record.admissible.clone();
+            self.show();
+            (self.record.report, self.record.admissible) = (report, admissible);
+        }
+        Ok(())
+    }
+
+    fn factorisations(&self) -> u64 {
+        self.contact.factorisations
+    }
+
+    fn relaxation(&self) -> Option<RelaxationStatistics> {
+        Some(self.relaxation)
+    }
+}
