@@ -48,7 +48,7 @@ const ZERO: f64 = 1.0 / 32.0;
 pub(super) struct EventSearch {
     /// Distance by which each quantity may violate its limits, from rounding.
     slack: Vec<f64>,
-    /// Time of the next event (s) and its bound, once found.
+    /// Time of the next event (s) and its candidate, once found.
     pub next: Option<(f64, usize)>,
     /// Sample before which no event occurs.
     certified: Sample,
@@ -139,7 +139,7 @@ impl EventSearch {
         sample
     }
 
-    /// Returns the bounds whose quantity is at a limit at an instant, given its values there, with
+    /// Returns the candidates whose quantity is at a limit at an instant, given its values there, with
     /// the side of that limit.
     pub fn at_limit(&self, motion: &ModalSolution, values: &Mat<f64>) -> Vec<(usize, BoundStatus)> {
         let mut found = Vec::new();

@@ -68,6 +68,7 @@ pub(super) mod modal_saddle_point;
 mod modes;
 pub(super) mod motion;
 mod options;
+mod reach;
 pub(super) mod reduction;
 mod residual;
 mod saddle_point;
@@ -88,6 +89,7 @@ use modes::Cache;
 use motion::ModalSolution;
 use options::MAX_DENSE_MEMORY;
 pub use options::{ExactOptions, estimated_memory};
+use reach::Reach;
 use reduction::ReducedModel;
 use saddle_point::{CellSaddlePoint, SaddlePointSolver};
 use start::{check_rigid, first_sides};
@@ -101,10 +103,12 @@ pub struct Exact<'s, E: Engine> {
     options: ExactOptions,
     saddle: Box<dyn SaddlePointSolver + 's>,
     reduction: ReducedModel,
+    /// Nodes out of reach; `None` where all bounds are candidates.
+    reach: Option<Reach>,
     cache: Cache,
     motion: ModalSolution,
     search: EventSearch,
-    /// Modal state (q, q'), and the watched quantities with their rates.
+    /// Modal state (q, q'), and the watched quantities of the candidates with their rates.
     state: Mat<f64>,
     watched: Mat<f64>,
     /// U and v at the present instant, computed on request.
@@ -181,14 +185,24 @@ impl<'s, E: Engine> Exact<'s, E> {
                 (saddle.basis().clone(), Box::new(saddle))
             }
         };
-        let reduction = ReducedModel::new(system, basis, &*saddle)?;
+        let is_modal = matches!(mass, Form::Modal(_));
+        let first: Vec<usize> = if is_modal { Vec::new() } else { (0..bounds.len()).collect() };
+        let mut reduction = ReducedModel::new(system, basis, &*saddle, &first)?;
+        let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, options.roundings, dt));
         let of = [&start.displacement, &start.velocity];
         let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
-        let sides = first_sides(system, &reduction, &state, options.roundings);
         let mut cache = Cache::new(options.memory);
-        let modes = cache.get(system, &reduction, &sides)?;
-        let modal = modes.vectors.transpose() * &state;
-        let motion = ModalSolution::new(modes, 0.0, &modal);
+        let (modal, motion) = loop {
+            let sides = first_sides(&reduction, &state, options.roundings);
+            let modes = cache.get(system, &reduction, &sides)?;
+            let modal = modes.vectors.transpose() * &state;
+            let motion = ModalSolution::new(modes, 0.0, &modal);
+            let near = reach.as_mut().map(|reach| reach.check(&reduction, bounds, &motion, 0.0));
+            match near.filter(|near| !near.is_empty()) {
+                Some(near) => grow(system, &*saddle, &mut reduction, &mut reach, &mut cache, near)?,
+                None => break (modal, motion),
+            }
+        };
         check_rigid(system, &reduction, &motion.modes, &modal, &start.displacement)?;
         let search = EventSearch::new(&motion, options.stride, options.roundings, 0);
         let before = |&dof: &usize| Approach {
@@ -203,7 +217,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             cache,
             motion,
             search,
-            watched: Mat::zeros(bounded, 2),
+            watched: Mat::zeros(reduction.candidates.len(), 2),
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
@@ -212,8 +226,10 @@ impl<'s, E: Engine> Exact<'s, E> {
             statistics: EventStatistics::default(),
             saddle,
             reduction,
+            reach,
             state,
         };
+        exact.record_far();
         exact.move_to(0.0);
         exact.check_shape()?;
         Ok(exact)
@@ -227,12 +243,12 @@ impl<'s, E: Engine> Exact<'s, E> {
 
     /// Evaluates the watched quantities at the state.
     fn watch(&mut self) {
-        let System { bounds, .. } = self.system;
+        let ReducedModel { candidates, bounds, .. } = &self.reduction;
         self.shape.take();
         self.motion.watch(&self.state, &mut self.watched);
-        for (i, side) in self.motion.modes.sides.iter().enumerate() {
+        for (i, (side, &of)) in self.motion.modes.sides.iter().zip(candidates).enumerate() {
             let y = self.watched[(i, 0)];
-            (self.record.admissible[i], self.record.reaction[i]) = match side {
+            (self.record.admissible[of], self.record.reaction[of]) = match side {
                 BoundStatus::Free => (y, 0.0),
                 BoundStatus::Lower => (bounds.lower[i], y),
                 BoundStatus::Upper => (bounds.upper[i], y),
@@ -240,20 +256,36 @@ impl<'s, E: Engine> Exact<'s, E> {
         }
     }
 
+    /// Records the deflections of the nodes out of reach, those of the last check.
+    fn record_far(&mut self) {
+        let Some(reach) = &self.reach else { return };
+        let mut candidates = self.reduction.candidates.iter().peekable();
+        for (i, place) in self.record.admissible.iter_mut().enumerate() {
+            if candidates.next_if_eq(&&i).is_none() {
+                *place = reach.values[(i, 0)];
+            }
+        }
+    }
+
+    /// Returns the reactions of the candidates, in N.
+    fn reactions(&self) -> Vec<f64> {
+        self.reduction.candidates.iter().map(|&of| self.record.reaction[of]).collect()
+    }
+
     /// Returns U and v of the state, computed on first use.
     fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| {
-            let ReducedModel { lift, flexibility, rest, basis, .. } = &self.reduction;
+            let ReducedModel { lift, flexibility, rest, basis, candidates, bounds, .. } = &self.reduction;
             let modes = &self.motion.modes;
             let z = &modes.vectors * &self.state;
-            let forces = Mat::from_fn(self.record.reaction.len(), 1, |i, _| self.record.reaction[i]);
+            let reactions = self.reactions();
             let mut u = rest + lift * z.get(.., ..1);
-            if self.record.reaction.iter().any(|r| *r != 0.0) {
-                u += flexibility * forces;
+            if reactions.iter().any(|r| *r != 0.0) {
+                u += flexibility * Mat::from_fn(reactions.len(), 1, |i, _| reactions[i]);
             }
-            for (i, (&dof, side)) in self.system.bounds.dofs.iter().zip(&modes.sides).enumerate() {
+            for ((&dof, &of), side) in bounds.dofs.iter().zip(candidates).zip(&modes.sides) {
                 if *side != BoundStatus::Free {
-                    u[(dof, 0)] = self.record.admissible[i];
+                    u[(dof, 0)] = self.record.admissible[of];
                 }
             }
             let modal = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
@@ -270,4 +302,19 @@ impl<'s, E: Engine> Exact<'s, E> {
     pub fn cell_velocity(&self) -> &[f64] {
         &self.shape().velocity
     }
+}
+
+/// Adds nodes that came into reach to the candidates; the modes known so far lack them.
+fn grow<E: Engine>(
+    system: &System<E>,
+    saddle: &dyn SaddlePointSolver,
+    reduction: &mut ReducedModel,
+    reach: &mut Option<Reach>,
+    cache: &mut Cache,
+    near: Vec<usize>,
+) -> Result<()> {
+    reduction.extend(system, saddle, &near)?;
+    cache.clear();
+    reach.iter_mut().for_each(|reach| reach.grown.push(near.clone()));
+    Ok(())
 }

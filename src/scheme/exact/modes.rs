@@ -55,7 +55,7 @@ const LARGEST_ANGLE: f64 = 1e-3;
 /// Modes of one active set.
 #[derive(Debug)]
 pub(super) struct Modes {
-    /// Contact status of each bounded dof.
+    /// Contact status of each candidate.
     pub sides: Vec<BoundStatus>,
     /// Angular frequencies, in rad/s, ascending; rigid motions come first with 0.
     pub frequencies: Vec<f64>,
@@ -67,7 +67,7 @@ pub(super) struct Modes {
     pub vectors: Mat<f64>,
     /// Modal forces V^T h, N entries.
     pub force: Vec<f64>,
-    /// Watched quantity `offset + rows q` per bound: the deflection (m) where the node is free, the
+    /// Watched quantity `offset + rows q` per candidate: the deflection (m) where the node is free, the
     /// reaction (N) where it is in contact.
     pub offset: Vec<f64>,
     pub rows: Mat<f64>,
@@ -86,9 +86,9 @@ impl Modes {
         reduction: &ReducedModel,
         sides: &[BoundStatus],
     ) -> Result<Modes> {
-        let ReducedModel { stiffness, force, rest_at, lift, flexibility, lift_at, compliance, .. } =
-            reduction;
-        let bounds = &system.bounds;
+        let ReducedModel {
+            stiffness, force, bounds, rest_at, lift, flexibility, lift_at, compliance, ..
+        } = reduction;
         let (cells, bounded) = (stiffness.nrows(), sides.len());
         let active: Vec<usize> = (0..bounded).filter(|&i| sides[i] != BoundStatus::Free).collect();
         let failed =
@@ -277,6 +277,12 @@ impl Cache {
         self.peak = self.peak.max(self.bytes);
         self.sets.insert(sides.to_vec(), (Some(modes.clone()), self.clock));
         Ok(modes)
+    }
+
+    /// Forgets all sets, as their candidates change.
+    pub fn clear(&mut self) {
+        self.sets.clear();
+        self.bytes = 0;
     }
 
     /// Saves or restores the list of known sets, from which their modes follow.

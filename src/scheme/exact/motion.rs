@@ -130,6 +130,14 @@ impl ModalSolution {
         if decay == 0.0 { w } else { decay + decay.hypot(w) }
     }
 
+    /// Returns a bound, for all time, of the magnitude of a mode's acceleration.
+    pub fn acceleration(&self, k: usize) -> f64 {
+        match self.modes.damping {
+            0.0 if k < self.modes.rigid => 2.0 * self.versine[k].abs(),
+            _ => self.amplitude(k) * self.derivative_growth(k).powi(2),
+        }
+    }
+
     /// Returns a bound on the magnitude of the terms that add up to a modal coordinate (for a rigid
     /// motion, at the start).
     pub fn magnitude(&self, k: usize) -> f64 {
@@ -227,15 +235,20 @@ impl ModalSolution {
     /// Computes the watched quantities of a state and their rates (columns).
     pub fn watch(&self, state: &Mat<f64>, values: &mut Mat<f64>) {
         let Modes { offset, rows, .. } = &*self.modes;
-        let (value, rate) = values.two_cols_mut(0, 1);
-        let (Some(value), Some(rate)) = (value.try_as_col_major_mut(), rate.try_as_col_major_mut()) else {
-            return;
-        };
-        let (value, rate) = (value.as_slice_mut(), rate.as_slice_mut());
-        value.copy_from_slice(offset);
-        rate.fill(0.0);
-        self.arch.dispatch(Watch { rows, state, value, rate });
+        affine(self.arch, offset, rows, state, values);
     }
+}
+
+/// Computes `offset + rows q` and `rows q'` (columns) from q and q' (columns).
+pub(super) fn affine(arch: Arch, offset: &[f64], rows: &Mat<f64>, state: &Mat<f64>, values: &mut Mat<f64>) {
+    let (value, rate) = values.two_cols_mut(0, 1);
+    let (Some(value), Some(rate)) = (value.try_as_col_major_mut(), rate.try_as_col_major_mut()) else {
+        return;
+    };
+    let (value, rate) = (value.as_slice_mut(), rate.as_slice_mut());
+    value.copy_from_slice(offset);
+    rate.fill(0.0);
+    arch.dispatch(Watch { rows, state, value, rate });
 }
 
 /// Returns sin and 1 - cos of an angle; the latter as 2 sin^2 of half the angle, which is accurate

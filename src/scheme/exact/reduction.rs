@@ -15,6 +15,7 @@ use super::saddle_point::{SaddlePointSolver, symmetric};
 use super::velocity_basis::VelocityBasis;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::obstacle::Bounds;
 use crate::scheme::System;
 use faer::{Mat, Side as Triangle};
 use std::rc::Rc;
@@ -23,7 +24,10 @@ use std::rc::Rc;
 /// constraint B U = C p.
 const INF_SUP: f64 = 1e-11;
 
-/// Reduced model of the structure; N velocity coordinates, n dofs, m bounds.
+/// Reduced model of the structure; N velocity coordinates, n dofs, m candidates.
+///
+/// Candidates are the bounds that the event detection watches. With velocities of cells they are
+/// all bounds of the system, with velocities of modes those in reach (see [`super::reach`]).
 #[derive(Debug)]
 pub(in crate::scheme) struct ReducedModel {
     /// Basis of the N velocity coordinates.
@@ -38,16 +42,32 @@ pub(in crate::scheme) struct ReducedModel {
     pub rest: Mat<f64>,
     /// Displacements R per unit z, n x N.
     pub lift: Mat<f64>,
+    /// Candidates as indices into the bounds of the system, ascending.
+    pub candidates: Vec<usize>,
+    /// Bounds on the candidates, which G selects below.
+    pub bounds: Bounds,
     /// Displacements S G^T per unit reaction, n x m.
     pub flexibility: Mat<f64>,
-    /// Values at the bounds: G U_F (m entries), G R (m x N) and the compliance G S G^T (m x m).
+    /// Values at the candidates: G U_F (m entries), G R (m x N) and the compliance G S G^T (m x m).
     pub rest_at: Mat<f64>,
     pub lift_at: Mat<f64>,
     pub compliance: Mat<f64>,
+    /// Compliance without the constraint B U = C p, m x m.
+    unbound: Mat<f64>,
+}
+
+/// Column of a candidate after an extension.
+#[derive(Clone, Copy)]
+enum Column {
+    /// Column before the extension.
+    Known(usize),
+    /// Column among the new ones.
+    New(usize),
 }
 
 impl ReducedModel {
-    /// Solves the saddle-point problem for all columns.
+    /// Solves the saddle-point problem for all columns with candidates, ascending indices into the
+    /// bounds of the system.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the inf-sup condition fails with these bounds.
@@ -55,39 +75,82 @@ impl ReducedModel {
         system: &System<E>,
         basis: Rc<VelocityBasis>,
         saddle: &dyn SaddlePointSolver,
+        candidates: &[usize],
     ) -> Result<ReducedModel> {
-        let (dofs, bounds) = (system.engine.dofs(), &system.bounds);
-        let (cells, bounded) = (basis.size(), bounds.len());
+        let (dofs, cells) = (system.engine.dofs(), basis.size());
         let load = Mat::from_fn(dofs, 1, |i, _| system.load.as_ref().map_or(0.0, |load| load[i]));
         let (rest, force) = saddle.solve(load, Mat::zeros(cells, 1))?;
         let (lift, acceleration) = saddle.solve(Mat::zeros(dofs, cells), Mat::identity(cells, cells))?;
-        let at = |of: &Mat<f64>| Mat::from_fn(bounded, of.ncols(), |i, j| of[(bounds.dofs[i], j)]);
-        let unit_forces = Mat::from_fn(dofs, bounded, |i, j| f64::from(bounds.dofs[j] == i));
-        let unbound = at(&saddle.unconstrained(unit_forces.clone())?);
-        let (flexibility, _) = saddle.solve(unit_forces, Mat::zeros(cells, bounded))?;
-        let reduction = ReducedModel {
+        let mut reduction = ReducedModel {
             damping: system.damping.mass,
             stiffness: symmetric(&acceleration, -1.0),
             force,
-            rest_at: at(&rest),
-            lift_at: at(&lift),
-            compliance: symmetric(&at(&flexibility), 1.0),
             rest,
             lift,
-            flexibility,
             basis,
+            candidates: Vec::new(),
+            bounds: Bounds { size: system.bounds.size, ..Bounds::default() },
+            flexibility: Mat::new(),
+            rest_at: Mat::new(),
+            lift_at: Mat::new(),
+            compliance: Mat::new(),
+            unbound: Mat::new(),
         };
-        if reduction.is_compliant(&unbound) { Ok(reduction) } else { Err(saddle.rigid_contact()) }
+        reduction.extend(system, saddle, candidates)?;
+        Ok(reduction)
+    }
+
+    /// Adds candidates, ascending indices into the bounds of the system.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where the inf-sup condition fails with the candidates.
+    pub fn extend<E: Engine>(
+        &mut self,
+        system: &System<E>,
+        saddle: &dyn SaddlePointSolver,
+        more: &[usize],
+    ) -> Result<()> {
+        let System { engine, bounds, .. } = system;
+        let dofs = engine.dofs();
+        let unit_forces = Mat::from_fn(dofs, more.len(), |i, j| f64::from(bounds.dofs[more[j]] == i));
+        let unconstrained = saddle.unconstrained(unit_forces.clone())?;
+        let (flexibility, _) = saddle.solve(unit_forces, Mat::zeros(self.basis.size(), more.len()))?;
+        let known = self.candidates.iter().enumerate().map(|(k, &of)| (of, Column::Known(k)));
+        let new = more.iter().enumerate().map(|(k, &of)| (of, Column::New(k)));
+        let mut columns: Vec<(usize, Column)> = known.chain(new).collect();
+        columns.sort_unstable_by_key(|(of, _)| *of);
+        let count = columns.len();
+        self.candidates = columns.iter().map(|(of, _)| *of).collect();
+        let each = |of: &[f64]| self.candidates.iter().map(|&i| of[i]).collect();
+        self.bounds.dofs = self.candidates.iter().map(|&i| bounds.dofs[i]).collect();
+        (self.bounds.lower, self.bounds.upper) = (each(&bounds.lower), each(&bounds.upper));
+        let held = &self.bounds.dofs;
+        self.unbound = Mat::from_fn(count, count, |i, j| match (columns[i].1, columns[j].1) {
+            (_, Column::New(k)) => unconstrained[(held[i], k)],
+            (Column::New(k), _) => unconstrained[(held[j], k)],
+            (Column::Known(k), Column::Known(l)) => self.unbound[(k, l)],
+        });
+        self.flexibility = Mat::from_fn(dofs, count, |i, j| match columns[j].1 {
+            Column::Known(k) => self.flexibility[(i, k)],
+            Column::New(k) => flexibility[(i, k)],
+        });
+        let at = |of: &Mat<f64>| Mat::from_fn(count, of.ncols(), |i, j| of[(held[i], j)]);
+        self.rest_at = at(&self.rest);
+        self.lift_at = at(&self.lift);
+        self.compliance = symmetric(&at(&self.flexibility), 1.0);
+        if self.is_compliant() { Ok(()) } else { Err(saddle.rigid_contact()) }
     }
 
     /// Returns whether the inf-sup condition holds: the pivots of the compliance G S G^T are those
     /// of the compliance without the constraint B U = C p, but for a part.
-    fn is_compliant(&self, unbound: &Mat<f64>) -> bool {
+    fn is_compliant(&self) -> bool {
         let pivots = |of: &Mat<f64>| -> Option<Vec<f64>> {
             let llt = of.llt(Triangle::Lower).ok()?;
             Some((0..of.nrows()).map(|i| llt.L()[(i, i)].powi(2)).collect())
         };
-        let (Some(left), Some(whole)) = (pivots(&self.compliance), pivots(unbound)) else { return false };
+        let (Some(left), Some(whole)) = (pivots(&self.compliance), pivots(&self.unbound)) else {
+            return false;
+        };
         left.iter().zip(&whole).all(|(left, whole)| *left > INF_SUP * whole)
     }
 }

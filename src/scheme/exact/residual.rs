@@ -62,15 +62,15 @@ impl<E: Engine> Exact<'_, E> {
     /// Returns the present shape and reactions corrected by a solution of the saddle-point problem
     /// for their residual, with the active bounds held.
     fn corrected(&self) -> Result<(Shape, Vec<f64>)> {
-        let System { bounds, .. } = self.system;
-        let ReducedModel { lift_at, flexibility, compliance, basis, .. } = &self.reduction;
+        let ReducedModel { candidates, bounds, lift_at, flexibility, compliance, basis, .. } =
+            &self.reduction;
         let modes = &self.motion.modes;
         let Shape { displacement, velocity, acceleration } = self.shape();
         let column = |of: &[f64]| Mat::from_fn(of.len(), 1, |i, _| of[i]);
         let mut force = vec![0.0; displacement.len()];
         self.system.force(displacement, &mut force)?;
         add(&self.inertia()?, &mut force);
-        bounds.add_transposed(&self.record.reaction, &mut force);
+        self.system.bounds.add_transposed(&self.record.reaction, &mut force);
         let position = &modes.vectors * self.state.get(.., ..1);
         let position = position - basis.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
@@ -98,6 +98,10 @@ impl<E: Engine> Exact<'_, E> {
             velocity: velocity.clone(),
             acceleration: sum(acceleration, &basis.velocity(da.col_as_slice(0))),
         };
-        Ok((shape, sum(&self.record.reaction, forces.col_as_slice(0))))
+        let mut reaction = self.record.reaction.clone();
+        for (i, &of) in candidates.iter().enumerate() {
+            reaction[of] += forces[(i, 0)];
+        }
+        Ok((shape, reaction))
     }
 }

@@ -46,13 +46,8 @@ pub(super) fn check_rigid<E: Engine>(
 
 /// Returns the active set at the start: that of the minimiser U(p), and for nodes just in contact,
 /// the side to which they move next.
-pub(super) fn first_sides<E: Engine>(
-    system: &System<E>,
-    reduction: &ReducedModel,
-    state: &Mat<f64>,
-    roundings: f64,
-) -> Vec<BoundStatus> {
-    let bounds = &system.bounds;
+pub(super) fn first_sides(reduction: &ReducedModel, state: &Mat<f64>, roundings: f64) -> Vec<BoundStatus> {
+    let bounds = &reduction.bounds;
     let position = state.get(.., ..1);
     let free = &reduction.rest_at + &reduction.lift_at * position;
     let mut sides = vec![BoundStatus::Free; bounds.len()];

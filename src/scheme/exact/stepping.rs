@@ -5,7 +5,7 @@ use super::event_resolution;
 use super::motion::ModalSolution;
 use super::options::ExactOptions;
 use super::reduction::ReducedModel;
-use super::{Exact, Shape};
+use super::{Exact, Shape, grow};
 use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
@@ -29,26 +29,27 @@ impl<E: Engine> Exact<'_, E> {
             return;
         }
         let integral = self.motion.integral(&self.state, seconds, step);
-        touching.iter().for_each(|&i| self.record.impulses[i] += seconds * modes.offset[i]);
+        let (candidates, impulses) = (&self.reduction.candidates, &mut self.record.impulses);
+        touching.iter().for_each(|&i| impulses[candidates[i]] += seconds * modes.offset[i]);
         for (k, integral) in integral.into_iter().enumerate() {
             let column = modes.rows.col_as_slice(k);
-            touching.iter().for_each(|&i| self.record.impulses[i] += integral * column[i]);
+            touching.iter().for_each(|&i| impulses[candidates[i]] += integral * column[i]);
         }
     }
 
     /// Switches the active set at an event of the present motion, at the instant `at` (s).
-    fn resolve_event(&mut self, at: f64, bound: usize) -> Result<()> {
+    fn resolve_event(&mut self, at: f64, candidate: usize) -> Result<()> {
         self.move_to(at);
         let before = self.motion.modes.clone();
         let mut undecided = self.search.at_limit(&self.motion, &self.watched);
-        if undecided.iter().all(|(i, _)| *i != bound) {
-            let middle = 0.5 * (before.limits[bound][0] + before.limits[bound][1]);
-            let side = match before.sides[bound] {
-                BoundStatus::Free if self.watched[(bound, 0)] > middle => BoundStatus::Upper,
+        if undecided.iter().all(|(i, _)| *i != candidate) {
+            let middle = 0.5 * (before.limits[candidate][0] + before.limits[candidate][1]);
+            let side = match before.sides[candidate] {
+                BoundStatus::Free if self.watched[(candidate, 0)] > middle => BoundStatus::Upper,
                 BoundStatus::Free => BoundStatus::Lower,
                 side => side,
             };
-            undecided.push((bound, side));
+            undecided.push((candidate, side));
         }
         let state = &before.vectors * &self.state;
         let reduction = &self.reduction;
@@ -57,32 +58,88 @@ impl<E: Engine> Exact<'_, E> {
             &before.sides,
             &undecided,
             &state,
-            &self.record.reaction,
+            &self.reactions(),
             self.options.roundings,
         );
         let arriving = self.watched.clone();
         let force = self.record.reaction.iter().sum();
-        let modes = self.cache.get(self.system, reduction, &sides)?;
-        let modal = modes.vectors.transpose() * state;
         let time = self.motion.start + at;
-        self.statistics.evaluations += self.search.evaluations;
-        let ExactOptions { stride, roundings, .. } = self.options;
-        self.motion = ModalSolution::new(modes, time, &modal);
-        self.search = EventSearch::new(&self.motion, stride, roundings, self.search.level);
-        self.move_to(0.0);
+        self.begin_motion(time, &state, &sides)?;
         for (i, (&was, &is)) in before.sides.iter().zip(&sides).enumerate() {
             if was == is {
                 continue;
             }
             let closes = is != BoundStatus::Free;
             let velocity = if closes { arriving[(i, 1)] } else { self.watched[(i, 1)] };
-            self.events.push(Event { time, bound: i, closes, velocity, force });
+            let bound = self.reduction.candidates[i];
+            self.events.push(Event { time, bound, closes, velocity, force });
             self.statistics.events += 1;
             if closes {
-                self.touches[i] = Approach { time, deflection: self.record.admissible[i], velocity };
+                self.touches[bound] = Approach { time, deflection: self.record.admissible[bound], velocity };
             }
         }
+        let near = self.check_reach(0.0);
+        self.admit(0.0, near)
+    }
+
+    /// Saves or restores the candidates. They are added again in the same order, so that the
+    /// matrices are the same to the last bit.
+    fn archive_reach(&mut self, archive: &mut Archive) -> Result<()> {
+        let Some(reach) = &mut self.reach else { return Ok(()) };
+        let known = reach.grown.clone();
+        reach.archive(archive)?;
+        let bounds = self.system.bounds.len();
+        let fits = reach.grown.starts_with(&known) && reach.grown.iter().flatten().all(|&of| of < bounds);
+        if !fits {
+            return Err(Error::Checkpoint("the checkpoint has other nodes in reach than its scene".into()));
+        }
+        for near in reach.grown.iter().skip(known.len()) {
+            self.reduction.extend(self.system, &*self.saddle, near)?;
+        }
+        self.watched = Mat::zeros(self.reduction.candidates.len(), 2);
         Ok(())
+    }
+
+    /// Begins a motion at a time (s) from position and velocity z, z' (columns), with the sides of
+    /// the candidates.
+    fn begin_motion(&mut self, time: f64, state: &Mat<f64>, sides: &[BoundStatus]) -> Result<()> {
+        let modes = self.cache.get(self.system, &self.reduction, sides)?;
+        let modal = modes.vectors.transpose() * state;
+        self.statistics.evaluations += self.search.evaluations;
+        let ExactOptions { stride, roundings, .. } = self.options;
+        self.motion = ModalSolution::new(modes, time, &modal);
+        self.search = EventSearch::new(&self.motion, stride, roundings, self.search.level);
+        self.move_to(0.0);
+        Ok(())
+    }
+
+    /// Returns the nodes out of reach that come into reach soon after an instant of the present
+    /// motion, and determines the time of the next check.
+    fn check_reach(&mut self, at: f64) -> Vec<usize> {
+        let Some(reach) = &mut self.reach else { return Vec::new() };
+        let near = reach.check(&self.reduction, &self.system.bounds, &self.motion, at);
+        self.record_far();
+        near
+    }
+
+    /// Adds nodes to the candidates at the present state, that of the instant `at` (s) of the
+    /// motion, from which the motion continues unchanged.
+    fn admit(&mut self, at: f64, near: Vec<usize>) -> Result<()> {
+        if near.is_empty() {
+            return Ok(());
+        }
+        let before = self.motion.modes.clone();
+        let known = self.reduction.candidates.clone();
+        let Exact { system, saddle, reduction, reach, cache, .. } = self;
+        grow(system, &**saddle, reduction, reach, cache, near)?;
+        let mut sides = vec![BoundStatus::Free; self.reduction.candidates.len()];
+        for (side, &of) in before.sides.iter().zip(&known) {
+            let at = self.reduction.candidates.partition_point(|&candidate| candidate < of);
+            sides[at] = *side;
+        }
+        self.watched = Mat::zeros(sides.len(), 2);
+        let state = &before.vectors * &self.state;
+        self.begin_motion(self.motion.start + at, &state, &sides)
     }
 }
 
@@ -91,12 +148,27 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         self.record.begin_step();
         let time = self.time();
         let mut events = 0;
+        let mut is_same_motion = true;
         // Time of the state, counted from the start of the motion.
         let mut from = (self.record.step - 1) as f64 * self.record.dt - self.motion.start;
         loop {
-            let until = time - self.motion.start;
+            let check = self.reach.as_ref().map_or(f64::INFINITY, |reach| reach.next);
+            let until = time.min(check) - self.motion.start;
             self.search.extend(&self.motion, until);
-            let Some((at, bound)) = self.search.next.filter(|(at, _)| *at <= until) else { break };
+            let Some((at, candidate)) = self.search.next.filter(|(at, _)| *at <= until) else {
+                if time <= check {
+                    break;
+                }
+                let near = self.check_reach(until);
+                if !near.is_empty() {
+                    self.add_impulses(until - from, false);
+                    self.move_to(until);
+                    self.admit(until, near)?;
+                    (from, is_same_motion) = (0.0, false);
+                }
+                continue;
+            };
+            let bound = self.reduction.candidates[candidate];
             if events == self.options.events_per_step {
                 let place = format!("bound {bound}");
                 return Err(Error::Events {
@@ -109,12 +181,12 @@ impl<E: Engine> Scheme for Exact<'_, E> {
             }
             events += 1;
             self.add_impulses(at - from, false);
-            self.resolve_event(at, bound)?;
-            from = 0.0;
+            self.resolve_event(at, candidate)?;
+            (from, is_same_motion) = (0.0, false);
         }
-        match events {
-            0 => self.add_impulses(self.record.dt, true),
-            _ => self.add_impulses(time - self.motion.start, false),
+        match is_same_motion {
+            true => self.add_impulses(self.record.dt, true),
+            false => self.add_impulses(time - self.motion.start, false),
         }
         self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
         self.watch();
@@ -165,6 +237,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         archive.value(&mut self.statistics)?;
         archive.value(&mut self.events)?;
         Approach::archive(&mut self.touches, archive)?;
+        self.archive_reach(archive)?;
         let mut state = [0, 1].map(|j| self.state.col_as_slice(j).to_vec());
         archive.value(&mut state)?;
         let mut sides = self.motion.modes.sides.clone();

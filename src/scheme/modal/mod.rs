@@ -167,7 +167,8 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let modes = mass.modes.clone();
         let saddle = ModalSaddlePoint::new(system, mass)?;
         let basis = Rc::new(VelocityBasis::new(system)?);
-        let model = ReducedModel::new(system, basis, &saddle)?;
+        let candidates: Vec<usize> = (0..system.bounds.len()).collect();
+        let model = ReducedModel::new(system, basis, &saddle, &candidates)?;
         let loads = ModalLoads::new(system, &modes, &saddle)?;
         let decays = decays(system, &modes);
         let (bounds, count) = (&system.bounds, modes.squares.len());
