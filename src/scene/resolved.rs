@@ -2,7 +2,7 @@
 
 use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
 use super::{
-    ContactSolver, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec, Probe, Scene,
+    ContactSolver, ElementKind, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Scene,
     SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
 };
 use crate::modes::ModeRange;
@@ -162,12 +162,10 @@ fn initial(initial: &Initial, found: bool) -> Vec<Row> {
 fn time(time: &Time) -> Vec<Row> {
     let mut rows = vec![("scheme", word(time.scheme.name()), SchemeName::LIST)];
     rows.push(("mass", word(time.mass), "singular | consistent | modal"));
-    if time.mass == Mass::Modal {
-        rows.push(match time.modes {
-            ModeRange::Count(count) => ("modes", count.to_string(), "number of modes with inertia"),
-            ModeRange::UpTo(highest) => ("up_to", number(highest), "Hz, of the modes with inertia"),
-        });
-    }
+    rows.extend(time.modes.map(|modes| match modes {
+        ModeRange::Count(count) => ("modes", count.to_string(), "number of modes with inertia"),
+        ModeRange::UpTo(highest) => ("up_to", number(highest), "Hz, highest frequency with inertia"),
+    }));
     rows.extend(time.scheme.options().into_iter().map(|(key, value, choices)| match value {
         OptionValue::Number(value) => (key, number(value), choices),
         OptionValue::Massless(massless) => (key, word(massless), choices),

@@ -11,8 +11,8 @@ pub struct Time {
     pub scheme: SchemeSpec,
     /// Mass matrix.
     pub mass: Mass,
-    /// Modes that carry the inertia with the modal mass.
-    pub modes: ModeRange,
+    /// Modes that carry the inertia with the modal mass; `None` for a number that suits the mesh.
+    pub modes: Option<ModeRange>,
     /// Time step in s.
     pub step: f64,
     /// End time in s.

@@ -8,10 +8,6 @@ use crate::scene::typed::Choice;
 use crate::scene::{Mass, Massless, SchemeName, SchemeSpec, Time};
 use crate::scheme::registry::{Capabilities, SchemeOptions};
 
-/// Number of modes that carry the inertia where the scene does not say. On the paper's plate they
-/// reach 12 kHz; more modes change the motion by less than other methods differ from each other.
-const MODES: usize = 200;
-
 /// Limit on the number of steps: all smaller integers are exact floating-point numbers.
 const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
 
@@ -63,7 +59,7 @@ fn whole_steps(doc: &Document, time: &Time) -> Result<()> {
 }
 
 /// Reads which modes carry the inertia, by number or by frequency; keys of the modal mass only.
-fn modes(doc: &Document) -> Result<ModeRange> {
+fn modes(doc: &Document) -> Result<Option<ModeRange>> {
     let is_modal = doc.choice::<Mass>("time.mass")? == Mass::Modal;
     for key in ["time.modes", "time.up_to"] {
         if !is_modal {
@@ -79,10 +75,10 @@ fn modes(doc: &Document) -> Result<ModeRange> {
         )?;
     }
     if let Some(highest) = doc.optional_number("time.up_to", &FREQUENCY)? {
-        return Ok(ModeRange::UpTo(highest));
+        return Ok(Some(ModeRange::UpTo(highest)));
     }
     let count = doc.optional_count("time.modes", "a number of modes", 1)?;
-    Ok(ModeRange::Count(count.map_or(MODES, |count| usize::try_from(count).unwrap_or(usize::MAX))))
+    Ok(count.map(|count| ModeRange::Count(usize::try_from(count).unwrap_or(usize::MAX))))
 }
 
 /// Reads the scheme with its options, which no other scheme takes.

@@ -10,6 +10,7 @@ mod attached;
 mod bearing;
 mod ground;
 mod heights;
+mod inertia;
 mod loads;
 mod lumps;
 mod motion;
@@ -24,14 +25,14 @@ pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 pub(super) use of_cells::OfCells;
 
-use super::{DeflectionDof, DofCoordinates};
+use super::{DeflectionDof, DofCoordinates, phase};
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{ElementMatrix, Engine, Form, MassModes, ModalMass, SingularMassCell};
-use crate::modes::{self, ModeRange};
+use crate::linalg::{ElementMatrix, Engine, Form, SingularMassCell};
+use crate::modes;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::{Mass, Scene};
+use crate::scene::Mass;
 use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
 use heights::Heights;
@@ -134,9 +135,14 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         Mass::Consistent | Mass::Modal => engine.native().form(attached.consistent_mass(cells)),
     };
     engine.require_memory(&(&stiffness + &mass), scene.time.factors())?;
-    let mass = match scene.time.mass {
-        Mass::Modal => modal_mass(scene, &engine, &stiffness, mass, mechanism.is_some())?,
-        Mass::Singular | Mass::Consistent => mass,
+    // Balls are loose too, and their rigid motions come with those of the plate.
+    let is_loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
+    let mass = match mass {
+        Form::Cells(consistent) if scene.time.mass == Mass::Modal => {
+            phase("modes");
+            Form::Modal(inertia::modal_mass(&engine, &stiffness, consistent, scene.time.modes, is_loose)?)
+        }
+        mass => mass,
     };
     let damping = scene
         .damping
@@ -157,13 +163,17 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let lifts = motion::lifts(&system, &statics)?;
 
     if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
-        // Rigid motions come first and do not count.
-        let loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
-        let rigid = if loose { 3 + scene.attachments.balls.len() } else { 0 };
         let System { engine, stiffness, mass, .. } = &system;
-        let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, loose)?;
-        modes.retain(|mode| mode.frequency > 0.0);
-        system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, ratios)?);
+        system.drive.modal = Some(match mass {
+            Form::Modal(mass) => inertia::modal_damping(mass, ratios),
+            _ => {
+                // Rigid motions come first and do not count.
+                let rigid = if is_loose { 3 + scene.attachments.balls.len() } else { 0 };
+                let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, is_loose)?;
+                modes.retain(|mode| mode.frequency > 0.0);
+                ModalDamping::new(engine, mass, &modes, ratios)?
+            }
+        });
     }
 
     let opposite = heights::opposite(ground)?;
@@ -187,31 +197,4 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
     Ok(Effects { system, start, lifts, sites, places, mechanism, warnings, seconds })
-}
-
-/// Returns the singular mass of the lowest modes of a consistent one. Collective.
-fn modal_mass<E: Engine>(
-    scene: &Scene,
-    engine: &E,
-    stiffness: &Form,
-    consistent: Form,
-    mechanism: bool,
-) -> Result<Form> {
-    let is_loose = mechanism || !scene.attachments.balls.is_empty();
-    let ModeRange::Count(count) = scene.time.modes else {
-        return Err(crate::Error::Usage("up_to".into()));
-    };
-    let dofs = engine.dofs();
-    let count = count.min(dofs / 3);
-    let modes = modes::shapes(engine, stiffness, &consistent, count, is_loose)?;
-    let mut momenta = faer::Mat::zeros(dofs, modes.len());
-    let shapes = faer::Mat::from_fn(dofs, modes.len(), |i, k| modes[k].shape[i]);
-    let mut squares = Vec::new();
-    for (k, mode) in modes.iter().enumerate() {
-        engine.multiply(&consistent, &mode.shape, momenta.col_as_slice_mut(k))?;
-        squares.push((mode.frequency * std::f64::consts::TAU).powi(2));
-    }
-    let Form::Cells(consistent) = consistent else { return Ok(consistent) };
-    let modes = MassModes { squares, shapes, momenta };
-    Ok(Form::Modal(ModalMass { consistent, modes: modes.into() }))
 }
