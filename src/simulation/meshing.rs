@@ -4,7 +4,8 @@ use crate::element::CellShape;
 use crate::error::Result;
 use crate::memory;
 use crate::mesh::{Diagonal, Made, Mark, Mesh, Point};
-use crate::scene::{EngineName, Grid, Region, Scene, SupportLocation};
+use crate::modes::ModeRange;
+use crate::scene::{EngineName, Grid, Mass, Region, Scene, SupportLocation};
 
 /// Peak memory of the set-up, in bytes per triangle and per quadrangle: mesh, local arrays, entries
 /// of the step matrix. Measured for congruent cells, which share their arrays; others take up to
@@ -26,7 +27,12 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     // Entries per row of the factor, by minimum degree ordering and by banded ordering.
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
-    let dense = scene.time.scheme.dense_memory(dofs as usize, cells as usize, 0);
+    let velocities = match (scene.time.mass, scene.time.modes) {
+        (Mass::Modal, ModeRange::Count(count)) => count,
+        (Mass::Modal, ModeRange::UpTo(_)) => 0,
+        _ => cells as usize,
+    };
+    let dense = scene.time.scheme.dense_memory(dofs as usize, velocities, 0);
     set_up + factors + dense as u64
 }
 

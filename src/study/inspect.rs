@@ -7,10 +7,11 @@ use super::infsup::{self, InfSup};
 use super::warnings;
 use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Native};
+use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::output::text::{Report, significant};
 use crate::scene::{FieldInput, Mass, Scene};
+use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
 use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant};
 use serde::Serialize;
@@ -258,7 +259,11 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
 /// Returns the memory of a scheme's dense arrays, in bytes.
 fn dense(scene: &Scene, system: &System<Native>) -> usize {
     let System { engine, mass, bounds, .. } = system;
-    scene.time.scheme.dense_memory(engine.dofs(), engine.velocities(mass), bounds.len())
+    let bounded = match mass {
+        Form::Modal(_) => expected_candidates(bounds.len()),
+        _ => bounds.len(),
+    };
+    scene.time.scheme.dense_memory(engine.dofs(), engine.velocities(mass), bounded)
 }
 
 /// Estimates the peak memory of a run, in bytes.

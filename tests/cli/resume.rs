@@ -200,6 +200,10 @@ fn exact_goes_on() {
     goes_on(&["time.scheme=exact"]);
     goes_on(&["time.scheme=exact", "damping.mass=2"]);
     goes_on(&["time.scheme=exact", "time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]);
+    // Nodes come into reach between the checkpoints.
+    let modal = ["time.scheme=exact", "time.mass=modal", "time.modes=8"];
+    goes_on(&modal);
+    goes_on(&[&modal[..], &["time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]].concat());
 }
 
 /// Time-dependent data resume from the interruption: a load, an obstacle and supports that move, a

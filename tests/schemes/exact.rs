@@ -26,12 +26,12 @@ fn falling_plate(element: &str, cells: [usize; 2], scheme: &str, step: f64, end:
 }
 
 /// Returns the deflections of the two corners.
-fn corners(model: &Model, scheme: &dyn Scheme) -> [f64; 2] {
+pub fn corners(model: &Model, scheme: &dyn Scheme) -> [f64; 2] {
     [0, 1].map(|k| model.probes[k].deflection(scheme.displacement()))
 }
 
 /// Returns the rows of numbers of a table with a header.
-fn table(name: &str) -> Vec<Vec<f64>> {
+pub fn table(name: &str) -> Vec<Vec<f64>> {
     let path = format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(path).unwrap();
     text.lines().skip(1).map(|line| line.split(',').map(|x| x.parse().unwrap()).collect()).collect()

@@ -11,6 +11,7 @@ mod exact;
 mod forced;
 mod impulses;
 mod kinks;
+mod modal;
 mod moving;
 mod period_three_bar;
 mod work;

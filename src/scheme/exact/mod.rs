@@ -62,6 +62,7 @@
 //! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of
 //! its own, and modes would need the particular solution of each load.
 
+mod energies;
 mod event_detection;
 mod event_resolution;
 pub(super) mod modal_saddle_point;
@@ -79,7 +80,6 @@ pub(super) mod velocity_basis;
 use super::{Approach, Event, EventStatistics, Start, StepRecord, System};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form};
-use crate::memory;
 use crate::vi::BoundStatus;
 use crate::vi::kkt::KktCheck;
 use event_detection::EventSearch;
@@ -87,8 +87,8 @@ use faer::Mat;
 use modal_saddle_point::ModalSaddlePoint;
 use modes::Cache;
 use motion::ModalSolution;
-use options::MAX_DENSE_MEMORY;
-pub use options::{ExactOptions, estimated_memory};
+use options::require_memory;
+pub use options::{ExactOptions, estimated_memory, expected_candidates};
 use reach::Reach;
 use reduction::ReducedModel;
 use saddle_point::{CellSaddlePoint, SaddlePointSolver};
@@ -164,18 +164,8 @@ impl<'s, E: Engine> Exact<'s, E> {
                     .into(),
             ));
         }
-        let cells = engine.velocities(mass);
-        let needed = estimated_memory(engine.dofs(), cells, bounds.len());
-        if needed > MAX_DENSE_MEMORY {
-            return Err(Error::Usage(format!(
-                "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {cells} cells; \
-                 coarsen the mesh or set time.scheme = \"conserving\"",
-                needed as f64 / 1e9
-            )));
-        }
-        memory::require(needed as u64, &format!("time.scheme = \"exact\" with {cells} cells"), |_| {
-            "coarsen the mesh or set time.scheme = \"conserving\"".into()
-        })?;
+        let is_modal = matches!(mass, Form::Modal(_));
+        require_memory(system, if is_modal { expected_candidates(bounds.len()) } else { bounds.len() })?;
         let (basis, saddle): (_, Box<dyn SaddlePointSolver>) = match mass {
             Form::Modal(mass) => {
                 (Rc::new(VelocityBasis::new(system)?), Box::new(ModalSaddlePoint::new(system, mass)?))
@@ -185,10 +175,9 @@ impl<'s, E: Engine> Exact<'s, E> {
                 (saddle.basis().clone(), Box::new(saddle))
             }
         };
-        let is_modal = matches!(mass, Form::Modal(_));
         let first: Vec<usize> = if is_modal { Vec::new() } else { (0..bounds.len()).collect() };
         let mut reduction = ReducedModel::new(system, basis, &*saddle, &first)?;
-        let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, options.roundings, dt));
+        let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, &options, dt));
         let of = [&start.displacement, &start.velocity];
         let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
         let mut cache = Cache::new(options.memory);
@@ -313,6 +302,7 @@ fn grow<E: Engine>(
     cache: &mut Cache,
     near: Vec<usize>,
 ) -> Result<()> {
+    require_memory(system, reduction.candidates.len() + near.len())?;
     reduction.extend(system, saddle, &near)?;
     cache.clear();
     reach.iter_mut().for_each(|reach| reach.grown.push(near.clone()));

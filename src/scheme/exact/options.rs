@@ -1,8 +1,47 @@
 //! Options of the event-driven scheme, and its memory.
 
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Form};
+use crate::memory;
+use crate::scheme::System;
+
 /// Largest total size of the dense arrays, in bytes. Beyond it the first diagonalisation alone
 /// takes minutes, and impacts need hundreds.
-pub(super) const MAX_DENSE_MEMORY: usize = 1 << 33;
+const MAX_DENSE_MEMORY: usize = 1 << 33;
+
+/// Number of candidates expected with velocities of modes, in units of the number of bounded nodes
+/// along the side of a square: edges are hit rather than faces.
+const EXPECTED_LINES: usize = 4;
+
+/// Returns the number of nodes that are expected in reach of their obstacles, among those bounded,
+/// with velocities of modes.
+pub fn expected_candidates(bounded: usize) -> usize {
+    bounded.min(EXPECTED_LINES * (bounded as f64).sqrt().ceil() as usize)
+}
+
+/// Checks that the dense arrays fit into the memory.
+///
+/// # Errors
+/// Returns [`Error::Usage`] and [`Error::Memory`] where they do not.
+pub(super) fn require_memory<E: Engine>(system: &System<E>, candidates: usize) -> Result<()> {
+    let System { engine, mass, .. } = system;
+    let cells = engine.velocities(mass);
+    let needed = estimated_memory(engine.dofs(), cells, candidates);
+    let (of, advice) = match mass {
+        Form::Modal(_) => (
+            format!("{cells} modes and {candidates} nodes in reach of an obstacle"),
+            "reduce time.modes or set time.scheme = \"conserving\"",
+        ),
+        _ => (format!("{cells} cells"), "coarsen the mesh or set time.scheme = \"conserving\""),
+    };
+    if needed > MAX_DENSE_MEMORY {
+        return Err(Error::Usage(format!(
+            "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {of}; {advice}",
+            needed as f64 / 1e9
+        )));
+    }
+    memory::require(needed as u64, &format!("time.scheme = \"exact\" with {of}"), |_| advice.into())
+}
 
 /// Returns the estimated peak memory of the dense arrays, in bytes.
 pub fn estimated_memory(dofs: usize, cells: usize, bounded: usize) -> usize {
@@ -26,10 +65,20 @@ pub struct ExactOptions {
     pub memory: usize,
     /// Largest number of events per grid step.
     pub events_per_step: u64,
+    /// Time before a possible contact from which on a node is watched, with velocities of modes, in
+    /// periods of the fastest of them. A shorter one takes more checks, a longer one watches more
+    /// nodes, and an infinite one all.
+    pub horizon: f64,
 }
 
 impl Default for ExactOptions {
     fn default() -> ExactOptions {
-        ExactOptions { roundings: 64.0, stride: 4.0, memory: 1 << 29, events_per_step: 1_000_000 }
+        ExactOptions {
+            roundings: 64.0,
+            stride: 4.0,
+            memory: 1 << 29,
+            events_per_step: 1_000_000,
+            horizon: 0.1,
+        }
     }
 }

@@ -25,6 +25,7 @@
 //! times that of modes, a step between checks nothing.
 
 use super::motion::{ModalSolution, affine};
+use super::options::ExactOptions;
 use super::reduction::ReducedModel;
 use crate::archive::Archive;
 use crate::error::Result;
@@ -33,10 +34,6 @@ use crate::vi::BoundStatus;
 use faer::Mat;
 use pulp::Arch;
 use std::f64::consts::TAU;
-
-/// Horizon in periods of the fastest mode that carries inertia. A shorter one leaves more checks, a
-/// longer one more candidates.
-const HORIZON: f64 = 0.1;
 
 /// Nodes out of reach; see the [module page](self).
 #[derive(Debug)]
@@ -60,8 +57,9 @@ pub(super) struct Reach {
 }
 
 impl Reach {
-    /// Creates the reach of all bounds, with a horizon for plates of rigid motions alone, in s.
-    pub fn new(reduction: &ReducedModel, bounds: &Bounds, roundings: f64, horizon: f64) -> Reach {
+    /// Creates the reach of all bounds. A plate whose motions are all rigid has the period `dt`, in
+    /// s.
+    pub fn new(reduction: &ReducedModel, bounds: &Bounds, options: &ExactOptions, dt: f64) -> Reach {
         let ReducedModel { lift, rest, stiffness, .. } = reduction;
         let shapes = Mat::from_fn(bounds.len(), lift.ncols(), |i, k| lift[(bounds.dofs[i], k)]);
         let sizes = (0..bounds.len()).map(|i| shapes.row(i).norm_l2()).collect();
@@ -70,8 +68,8 @@ impl Reach {
             next: 0.0,
             grown: Vec::new(),
             values: Mat::zeros(bounds.len(), 2),
-            horizon: if highest > 0.0 { HORIZON * TAU / highest } else { horizon },
-            roundings,
+            horizon: options.horizon * if highest > 0.0 { TAU / highest } else { dt },
+            roundings: options.roundings,
             shapes,
             sizes,
             rest: bounds.dofs.iter().map(|&dof| rest[(dof, 0)]).collect(),

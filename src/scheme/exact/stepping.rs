@@ -15,7 +15,8 @@ use crate::scheme::{Approach, Event, EventStatistics, Scheme, StepRecord};
 use crate::vi::BoundStatus;
 use faer::Mat;
 
-/// Number of grid instants per check of the residual; instants after an event are always checked.
+/// Number of grid instants per check of the residual. Instants after an event are always checked;
+/// with velocities of modes those after this number of events, or after nodes came into reach.
 const CHECK_EVERY: u64 = 16;
 
 impl<E: Engine> Exact<'_, E> {
@@ -82,6 +83,11 @@ impl<E: Engine> Exact<'_, E> {
         self.admit(0.0, near)
     }
 
+    /// Returns numbers that change when the residual of velocities of modes is due.
+    fn changes(&self) -> [u64; 2] {
+        [self.statistics.events / CHECK_EVERY, self.reduction.candidates.len() as u64]
+    }
+
     /// Saves or restores the candidates. They are added again in the same order, so that the
     /// matrices are the same to the last bit.
     fn archive_reach(&mut self, archive: &mut Archive) -> Result<()> {
@@ -145,6 +151,7 @@ impl<E: Engine> Exact<'_, E> {
 
 impl<E: Engine> Scheme for Exact<'_, E> {
     fn advance(&mut self) -> Result<()> {
+        let before = self.changes();
         self.record.begin_step();
         let time = self.time();
         let mut events = 0;
@@ -190,7 +197,8 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         }
         self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
         self.watch();
-        if events > 0 || self.record.step.is_multiple_of(CHECK_EVERY) {
+        let is_changed = if self.reach.is_some() { self.changes() != before } else { events > 0 };
+        if is_changed || self.record.step.is_multiple_of(CHECK_EVERY) {
             self.check_shape()?;
         }
         self.record.report.iterations = u32::try_from(events).unwrap_or(u32::MAX);
@@ -222,6 +230,9 @@ impl<E: Engine> Scheme for Exact<'_, E> {
     }
 
     fn energies(&self) -> Result<Energies> {
+        if self.reach.is_some() {
+            return self.modal_energies();
+        }
         let Shape { displacement, velocity, .. } = self.shape();
         let elastic = self.system.force(displacement, &mut vec![0.0; displacement.len()])?;
         let kinetic = 0.5 * self.system.engine.mass_norm_squared(&self.system.mass, velocity)?;
