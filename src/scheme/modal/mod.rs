@@ -47,25 +47,27 @@
 //! after it. Impulses and mean reactions are those of [`super::conserving`].
 
 mod data;
+mod reach;
 mod relaxation;
-pub mod rotation;
+mod rotation;
 
-use super::conserving::MOST_HALVINGS;
 use super::exact::modal_saddle_point::ModalSaddlePoint;
 use super::exact::reduction::ReducedModel;
 use super::exact::velocity_basis::VelocityBasis;
 use super::{Approach, RelaxationStatistics, Scheme, Start, StepRecord, System};
-use crate::archive::{Archive, VectorKind};
+use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, axpy, difference, divide, dot, sum, waxpy};
 use crate::linalg::{Engine, Form, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
-use data::{ModalData, ModalLoads};
+use data::{Limits, ModalData, ModalLoads};
 use faer::Mat;
+use reach::{Finding, Reach};
 use rotation::Rotation;
 use std::cell::OnceCell;
+use std::f64::consts::TAU;
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -74,9 +76,14 @@ const RANGE: Range<f64> = 0.5..2.0;
 /// Relative change of energy above which a step is relaxed, and at which the search ends.
 const MOVED: f64 = 1e-13;
 const KEPT: f64 = 4.0 * f64::EPSILON;
-/// Largest number of halvings of a step of which the energy has no root; afterwards the step is
-/// taken as it is, and later steps make up the difference.
-const ALL_HALVINGS: usize = 4 * MOST_HALVINGS;
+/// Largest number of halvings of a step whose energy has no root in range; afterwards the step is
+/// taken as it is, and later steps make up the difference. With data that change in time no root
+/// may exist.
+const ALL_HALVINGS: usize = 40;
+/// Longest part of a step, in periods of the fastest mode.
+const PART: f64 = 0.1;
+/// Relative difference of times that is rounding.
+const SAME_TIME: f64 = 1e-9;
 
 /// Conserving scheme for the modal mass; see the [module page](self).
 pub struct ModalConserving<'s, E: Engine> {
@@ -87,9 +94,14 @@ pub struct ModalConserving<'s, E: Engine> {
     loads: ModalLoads,
     /// Decay rates of the modes, in 1/s.
     decays: Vec<f64>,
-    /// Exact motion over a whole step.
+    /// Exact motion over a part of a step.
     rotation: Rotation,
+    /// Length of the next step in contact, in s.
+    length: f64,
     contact: ComplianceSolver,
+    reach: Reach,
+    /// Candidates in the order in which they came near, each time ascending.
+    grown: Vec<Vec<usize>>,
     now: State,
     before: State,
     /// Work space for increments of q, q' and the deflections.
@@ -116,23 +128,44 @@ pub struct ModalConserving<'s, E: Engine> {
     record: StepRecord,
 }
 
-/// State of the modes and of the bounded deflections.
+/// State of the modes and of the candidates.
 #[derive(Debug, Clone, Default)]
 struct State {
     /// Modal coordinates and their rates, in m and m/s times the root of kg.
     q: Vec<f64>,
     v: Vec<f64>,
-    /// Deflections of the bounded dofs without reactions and with them, in m.
+    /// Deflections of the candidates without reactions and with them, in m.
     y: Vec<f64>,
     x: Vec<f64>,
     /// Reactions, in N.
     reaction: Vec<f64>,
     /// Velocities of the support frame, in m/s, one entry per motion.
     frame_rates: Vec<f64>,
-    data: ModalData,
+    data: Rc<ModalData>,
 }
 
 impl State {
+    /// Computes the deflections of new candidates, without reactions so far.
+    fn extend(&mut self, model: &ReducedModel, old: &[usize]) {
+        let mut reaction = vec![0.0; model.candidates.len()];
+        for (&of, r) in old.iter().zip(&self.reaction) {
+            if let Ok(k) = model.candidates.binary_search(&of) {
+                reaction[k] = *r;
+            }
+        }
+        self.reaction = reaction;
+        self.y.clone_from(&self.data.near.shift);
+        add_product(&model.lift_at, &self.q, &mut self.y);
+        self.x.clone_from(&self.y);
+        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            axpy(*r, model.compliance.col_as_slice(k), &mut self.x);
+        }
+        let Limits { lower, upper, .. } = &self.data.near;
+        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            self.x[k] = if *r > 0.0 { lower[k] } else { upper[k] };
+        }
+    }
+
     fn touches(&self) -> bool {
         self.reaction.iter().any(|r| *r != 0.0)
     }
@@ -150,7 +183,12 @@ impl State {
             archive.value(vector)?;
         }
         archive.value(&mut self.frame_rates)?;
-        archive.value(&mut self.data)
+        let mut data = (*self.data).clone();
+        archive.value(&mut data)?;
+        if !archive.saves() {
+            self.data = Rc::new(data);
+        }
+        Ok(())
     }
 }
 
@@ -167,20 +205,18 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let modes = mass.modes.clone();
         let saddle = ModalSaddlePoint::new(system, mass)?;
         let basis = Rc::new(VelocityBasis::new(system)?);
-        let candidates: Vec<usize> = (0..system.bounds.len()).collect();
-        let model = ReducedModel::new(system, basis, &saddle, &candidates)?;
+        let model = ReducedModel::new(system, basis, &saddle, &[])?;
         let loads = ModalLoads::new(system, &modes, &saddle)?;
         let decays = decays(system, &modes);
         let (bounds, count) = (&system.bounds, modes.squares.len());
-        let zeros = vec![0.0; bounds.len()];
         let mut now = State {
             q: vec![0.0; count],
             v: vec![0.0; count],
-            y: zeros.clone(),
-            x: zeros.clone(),
-            reaction: zeros.clone(),
+            y: Vec::new(),
+            x: Vec::new(),
+            reaction: Vec::new(),
             frame_rates: system.drive.rates(0.0)?,
-            data: loads.at(system, &modes, &model, 0.0)?,
+            data: loads.at(system, &modes, &saddle, &[], 0.0)?.into(),
         };
         system.engine.project(&system.mass, &start.displacement, &mut now.q)?;
         system.engine.project(&system.mass, &start.velocity, &mut now.v)?;
@@ -189,19 +225,25 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             deflection: start.displacement[dof],
             velocity: start.velocity[dof],
         };
+        let fastest = modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU);
+        let parts = (dt * fastest / PART).ceil().max(1.0);
+        let part = dt / parts;
         let mut scheme = ModalConserving {
-            rotation: Rotation::new(&modes.squares, &decays, dt),
-            contact: ComplianceSolver::new(bounds.len()),
-            shown_contact: ComplianceSolver::new(bounds.len()),
+            rotation: Rotation::new(&modes.squares, &decays, part),
+            length: part,
+            contact: ComplianceSolver::new(0),
+            shown_contact: ComplianceSolver::new(0),
+            reach: Reach::new(&model, &bounds.dofs, &now.data, part),
+            grown: Vec::new(),
             dq: vec![0.0; count],
             dv: vec![0.0; count],
-            dy: zeros.clone(),
+            dy: Vec::new(),
             start: 0.0,
             work: 0.0,
             offset: 0.0,
             span: 0.0,
             ahead: 0.0,
-            mean: zeros,
+            mean: Vec::new(),
             shown: now.clone(),
             limits: bounds.clone(),
             shape: OnceCell::new(),
@@ -224,24 +266,77 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             loads,
             decays,
         };
-        scheme.settle();
+        // Reactions lift further nodes, or press them.
+        loop {
+            let near = scheme.check_reach().near;
+            if near.is_empty() {
+                break;
+            }
+            scheme.add_candidates(near)?;
+            scheme.settle();
+        }
         let State { q, reaction, data, .. } = &scheme.now;
         let [kinetic, elastic] = scheme.now.energies(&scheme.modes.squares);
         scheme.start = kinetic + elastic;
-        let rest = scheme.loads.elastic(data) + dot(reaction, &data.shift);
-        scheme.offset = rest - scheme.loads.work(data, q, reaction);
+        let rest = scheme.loads.elastic(data) + dot(reaction, &data.near.shift);
+        scheme.offset = rest - scheme.loads.work(data, q, &scheme.model.candidates, reaction);
         scheme.before = scheme.now.clone();
-        scheme.record.reaction.copy_from_slice(&scheme.now.reaction);
         scheme.show();
+        for (k, &i) in scheme.model.candidates.iter().enumerate() {
+            scheme.record.reaction[i] = scheme.now.reaction[k];
+        }
         Ok(scheme)
+    }
+
+    /// Evaluates all nodes that are no candidates at the present state.
+    fn check_reach(&mut self) -> Finding {
+        let State { q, reaction, data, .. } = &self.now;
+        let mut pull = data.force.clone();
+        for (pull, (square, q)) in pull.iter_mut().zip(self.modes.squares.iter().zip(q)) {
+            *pull -= square * q;
+        }
+        kick(&self.model.lift_at, reaction, 1.0, &mut pull);
+        self.reach.check(&self.model, &self.now, dot(&pull, &pull).sqrt())
+    }
+
+    /// Adds candidates, ascending indices of bounds.
+    fn add_candidates(&mut self, near: Vec<usize>) -> Result<()> {
+        let old = self.model.candidates.clone();
+        self.model.extend(self.system, &self.saddle, &near)?;
+        let candidates = self.model.candidates.clone();
+        self.grown.push(near);
+        let selected = |data: &Rc<ModalData>| {
+            let mut data = (**data).clone();
+            data.select(&candidates);
+            Rc::new(data)
+        };
+        let same = Rc::ptr_eq(&self.now.data, &self.before.data);
+        self.now.data = selected(&self.now.data);
+        self.before.data = if same { self.now.data.clone() } else { selected(&self.before.data) };
+        for state in [&mut self.now, &mut self.before] {
+            state.extend(&self.model, &old);
+        }
+        self.contact = extended(&self.contact, &candidates, &old);
+        self.shown_contact = extended(&self.shown_contact, &candidates, &old);
+        let mut mean = vec![0.0; candidates.len()];
+        for (&of, r) in old.iter().zip(&self.mean) {
+            if let Ok(k) = candidates.binary_search(&of) {
+                mean[k] = *r;
+            }
+        }
+        self.mean = mean;
+        self.shown = self.now.clone();
+        self.reach.update_weights(&self.model);
+        self.reach.expire();
+        Ok(())
     }
 
     /// Computes the bounded deflections and reactions of the present q.
     fn settle(&mut self) {
         let State { q, y, x, reaction, data, .. } = &mut self.now;
-        y.copy_from_slice(&data.shift);
+        let Limits { shift, lower, upper } = &data.near;
+        y.copy_from_slice(shift);
         add_product(&self.model.lift_at, q, y);
-        let ModalData { lower, upper, .. } = data;
         let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
         self.contact.solve(problem, x, reaction);
         self.relaxation_report();
@@ -272,7 +367,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
 
     /// Makes a plain step from the state before to the present one. Returns the energies received
     /// from the loads and dissipated by damping, in J.
-    fn propose(&mut self, next: Option<&ModalData>, seconds: f64) -> [f64; 2] {
+    fn propose(&mut self, next: Option<&Rc<ModalData>>, seconds: f64) -> [f64; 2] {
         let squares = &self.modes.squares;
         let lift_at = &self.model.lift_at;
         let State { q, v, reaction, data, .. } = &self.before;
@@ -303,9 +398,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             true => received - (energy(squares, &self.now.q, &self.now.v) - before),
             false => 0.0,
         };
-        if let Some(next) = next {
-            self.now.data.clone_from(next);
-        }
+        self.now.data = next.unwrap_or(data).clone();
         self.settle();
         kick(&self.model.lift_at, &self.now.reaction, 0.5 * seconds, &mut self.now.v);
         [received, dissipated]
@@ -313,7 +406,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
 
     /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
     /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does.
-    fn relax(&mut self, next: Option<&ModalData>, received: f64, dissipated: f64) -> Option<(f64, f64)> {
+    fn relax(&mut self, next: Option<&Rc<ModalData>>, received: f64, dissipated: f64) -> Option<(f64, f64)> {
         let squares = &self.modes.squares;
         let State { q, v, y, data, .. } = &self.before;
         let (lift, rate) = (&self.dq, &self.dv);
@@ -324,11 +417,11 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let linear = dot(v, rate) + stiff(q, lift);
         let quadratic = 0.5 * (dot(rate, rate) + stiff(lift, lift));
         let zeros = vec![0.0; y.len()];
-        let of = |next: Option<&ModalData>, part: fn(&ModalData) -> &[f64]| match next {
+        let of = |next: Option<&Rc<ModalData>>, part: fn(&Limits) -> &[f64]| match next {
             // An absent obstacle has infinite bounds.
-            Some(next) => part(next)
+            Some(next) => part(&next.near)
                 .iter()
-                .zip(part(data))
+                .zip(part(&data.near))
                 .map(|(b, a)| if a.is_finite() { b - a } else { 0.0 })
                 .collect(),
             None => zeros.clone(),
@@ -345,14 +438,14 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let gain = received + obstacles - dissipated;
         let target = self.start + self.work - self.relaxation.dissipated;
         let size = self.start.abs() + constant;
-        let (mut lower, mut upper) = (data.lower.clone(), data.upper.clone());
+        let (mut lower, mut upper) = (data.near.lower.clone(), data.near.upper.clone());
         let (contact, now, compliance, dy) =
             (&mut self.contact, &mut self.now, &self.model.compliance, &self.dy);
         let mut at = |gamma: f64| {
             waxpy(gamma, dy, y, &mut now.y);
             if next.is_some() {
-                waxpy(gamma, &dlower, &data.lower, &mut lower);
-                waxpy(gamma, &dupper, &data.upper, &mut upper);
+                waxpy(gamma, &dlower, &data.near.lower, &mut lower);
+                waxpy(gamma, &dupper, &data.near.upper, &mut upper);
             }
             let problem = ComplianceProblem { compliance, free: &now.y, lower: &lower, upper: &upper };
             contact.solve(problem, &mut now.x, &mut now.reaction);
@@ -375,7 +468,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         waxpy(gamma, &self.dq, &self.before.q, &mut self.now.q);
         waxpy(gamma, &self.dv, &self.before.v, &mut self.now.v);
         if let Some(next) = next {
-            self.now.data.between(&self.before.data, next, gamma);
+            self.now.data = ModalData::between(&self.before.data, next, gamma).into();
         }
         Some((gamma, obstacles))
     }
@@ -384,39 +477,50 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
     fn step_on(&mut self, time: f64, mut seconds: f64) -> Result<()> {
         self.before.clone_from(&self.now);
         let varies = self.system.drive.varies();
-        for halvings in 0.. {
+        let mut halvings = 0;
+        loop {
             let next = match varies {
-                true => Some(self.loads.at(self.system, &self.modes, &self.model, time + seconds)?),
+                true => Some(Rc::new(self.loads.at(
+                    self.system,
+                    &self.modes,
+                    &self.saddle,
+                    &self.model.candidates,
+                    time + seconds,
+                )?)),
                 false => None,
             };
             if let Some(next) = &next {
                 self.follow_supports(next, seconds);
             }
-            let [received, dissipated] = self.propose(next.as_ref(), seconds);
+            let exchanged = self.propose(next.as_ref(), seconds);
             let touches = self.before.touches() || self.now.touches();
-            let mut taken = Some((1.0, 0.0));
-            if touches {
-                self.mean = sum(&self.before.reaction, &self.now.reaction);
-                divide(2.0, &mut self.mean);
-                self.dv = difference(&self.now.v, &self.before.v);
-                self.dy = difference(&self.now.y, &self.before.y);
-                let plain = (halvings == ALL_HALVINGS).then(|| self.now.clone());
-                taken = self.relax(next.as_ref(), received, dissipated);
-                if let (None, Some(plain)) = (taken, plain) {
-                    self.now = plain;
-                    taken = Some((1.0, 0.0));
+            let taken = match touches {
+                true => self.keep_energy(next.as_ref(), exchanged, halvings == ALL_HALVINGS),
+                false => {
+                    self.mean.fill(0.0);
+                    Some((1.0, 0.0))
                 }
-            } else {
-                self.mean.fill(0.0);
-            }
+            };
             let Some((gamma, obstacles)) = taken else {
                 self.relaxation.halved_steps += 1;
                 self.now.clone_from(&self.before);
+                halvings += 1;
                 seconds *= 0.5;
                 continue;
             };
-            self.work += gamma * (received + obstacles);
             self.span = gamma * seconds;
+            if !self.reach.is_safe(&self.now, self.span) {
+                let Finding { near, is_late } = self.check_reach();
+                if !near.is_empty() {
+                    self.add_candidates(near)?;
+                }
+                if is_late {
+                    self.now.clone_from(&self.before);
+                    continue;
+                }
+            }
+            let [received, dissipated] = exchanged;
+            self.work += gamma * (received + obstacles);
             let relaxation = &mut self.relaxation;
             relaxation.dissipated += gamma * dissipated;
             relaxation.states += 1;
@@ -424,20 +528,51 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             relaxation.least_gamma = relaxation.least_gamma.min(gamma);
             relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
             if touches {
+                self.length = self.rotation.seconds.min(2.0 * seconds);
                 self.note_approaches(time);
             }
-            break;
+            return Ok(());
         }
-        Ok(())
+    }
+
+    /// Relaxes a step in contact so that it keeps the energy. Returns gamma and the work of the
+    /// obstacles over the whole step (J); `None` if no gamma in range does, unless this is the last
+    /// trial.
+    fn keep_energy(
+        &mut self,
+        next: Option<&Rc<ModalData>>,
+        [received, dissipated]: [f64; 2],
+        is_last: bool,
+    ) -> Option<(f64, f64)> {
+        self.mean = sum(&self.before.reaction, &self.now.reaction);
+        divide(2.0, &mut self.mean);
+        self.dv = difference(&self.now.v, &self.before.v);
+        self.dy = difference(&self.now.y, &self.before.y);
+        let plain = is_last.then(|| self.now.clone());
+        let taken = self.relax(next, received, dissipated);
+        match (taken, plain) {
+            (None, Some(plain)) => {
+                self.now = plain;
+                Some((1.0, 0.0))
+            }
+            _ => taken,
+        }
+    }
+
+    /// Adds the impulses of the reactions of the last step over a duration, in s.
+    fn add_impulses(&mut self, seconds: f64) {
+        for (r, &i) in self.mean.iter().zip(&self.model.candidates) {
+            self.record.impulses[i] += seconds * r;
+        }
     }
 
     /// Keeps the last state before contact of nodes that begin to touch.
     fn note_approaches(&mut self, time: f64) {
         let State { x, v, reaction, .. } = &self.before;
-        for (i, free) in self.free.iter_mut().enumerate() {
-            if reaction[i] == 0.0 && self.now.reaction[i] != 0.0 {
-                let velocity = self.model.lift_at.row(i).iter().zip(v).map(|(a, v)| a * v).sum();
-                *free = Approach { time, deflection: x[i], velocity };
+        for (k, &i) in self.model.candidates.iter().enumerate() {
+            if reaction[k] == 0.0 && self.now.reaction[k] != 0.0 {
+                let velocity = self.model.lift_at.row(k).iter().zip(v).map(|(a, v)| a * v).sum();
+                self.free[i] = Approach { time, deflection: x[k], velocity };
             }
         }
     }
@@ -460,11 +595,14 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
                     + of_rate_now * now.v[k];
                 shown.v[k] = left * before.v[k] + right * now.v[k];
             }
-            shown.data.between(&before.data, &now.data, share);
+            shown.data = match Rc::ptr_eq(&before.data, &now.data) {
+                true => now.data.clone(),
+                false => ModalData::between(&before.data, &now.data, share).into(),
+            };
             shown.frame_rates.clone_from(&now.frame_rates);
-            shown.y.copy_from_slice(&shown.data.shift);
+            let Limits { shift, lower, upper } = &shown.data.near;
+            shown.y.copy_from_slice(shift);
             add_product(&self.model.lift_at, &shown.q, &mut shown.y);
-            let ModalData { lower, upper, .. } = &shown.data;
             let problem =
                 ComplianceProblem { compliance: &self.model.compliance, free: &shown.y, lower, upper };
             self.shown_contact.solve(problem, &mut shown.x, &mut shown.reaction);
@@ -472,26 +610,32 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             self.shown.clone_from(&self.now);
         }
         let State { x, data, .. } = &self.shown;
-        self.record.admissible.copy_from_slice(x);
         if self.system.drive.varies() {
-            self.limits.lower.copy_from_slice(&data.lower);
-            self.limits.upper.copy_from_slice(&data.upper);
+            self.limits.lower.copy_from_slice(&data.all.lower);
+            self.limits.upper.copy_from_slice(&data.all.upper);
+        }
+        // Nodes out of reach have the deflections of the last check.
+        if self.reach.is_fresh() || self.system.drive.varies() {
+            self.record.admissible.copy_from_slice(&self.reach.deflections);
+        }
+        for (x, &i) in x.iter().zip(&self.model.candidates) {
+            self.record.admissible[i] = *x;
         }
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
-    fn shape(&self) -> Result<Vec<f64>> {
+    fn shape(&self) -> Vec<f64> {
         let State { q, reaction, data, .. } = &self.shown;
         let mut u = vec![0.0; self.system.engine.dofs()];
         add_product(&self.model.lift, q, &mut u);
-        self.loads.add_response(data, &self.saddle, &mut u)?;
+        self.loads.add_response(data, &mut u);
         for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
             axpy(*r, self.model.flexibility.col_as_slice(i), &mut u);
         }
-        for (i, &dof) in self.system.bounds.dofs.iter().enumerate() {
-            u[dof] = self.shown.x[i];
+        for (x, &dof) in self.shown.x.iter().zip(&self.model.bounds.dofs) {
+            u[dof] = *x;
         }
-        Ok(u)
+        u
     }
 }
 
@@ -505,6 +649,18 @@ fn decays<E: Engine>(system: &System<E>, modes: &MassModes) -> Vec<f64> {
         elastic.zip(modal.rates()).for_each(|((decay, _), rate)| *decay += rate);
     }
     decays
+}
+
+/// Returns a contact solver for more candidates, those that are new without contact.
+fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> ComplianceSolver {
+    let mut more = ComplianceSolver::new(candidates.len());
+    more.factorisations = solver.factorisations;
+    for (of, side) in old.iter().zip(&solver.sides) {
+        if let Ok(k) = candidates.binary_search(of) {
+            more.sides[k] = *side;
+        }
+    }
+    more
 }
 
 /// Adds A x to y.
@@ -534,15 +690,23 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         self.record.begin_step();
         self.record.report = StepReport::default();
         let dt = self.record.dt;
-        axpy(self.ahead.min(dt), &self.mean, &mut self.record.impulses);
+        self.add_impulses(self.ahead.min(dt));
         self.ahead -= dt;
         while self.ahead < 0.0 {
             let time = self.time() + self.ahead;
+            let (left, part) = (-self.ahead, self.rotation.seconds);
             // A step in flight is exact whatever its length, and returns to the grid.
-            let seconds = if self.now.touches() { dt } else { -self.ahead };
+            let seconds = match self.now.touches() {
+                true => self.length,
+                false if left < (1.0 - SAME_TIME) * part => left,
+                false => part,
+            };
             self.step_on(time, seconds)?;
-            axpy(self.span.min(-self.ahead), &self.mean, &mut self.record.impulses);
+            self.add_impulses(self.span.min(left));
             self.ahead += self.span;
+            if self.ahead.abs() <= SAME_TIME * part {
+                self.ahead = 0.0;
+            }
         }
         let StepRecord { reaction, impulses, .. } = &mut self.record;
         reaction.copy_from_slice(impulses);
@@ -558,8 +722,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn displacement(&self) -> &[f64] {
-        let unknown = || vec![f64::NAN; self.system.engine.dofs()];
-        self.shape.get_or_init(|| self.shape().unwrap_or_else(|_| unknown()))
+        self.shape.get_or_init(|| self.shape())
     }
 
     /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
@@ -575,10 +738,10 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         let (now, before) = (&self.now.data, &self.before.data);
         let limit = |i: usize| {
             let [from, to] = match contact.sides[i] {
-                BoundStatus::Upper => [before.upper[i], now.upper[i]],
-                _ => [before.lower[i], now.lower[i]],
+                BoundStatus::Upper => [before.near.upper[i], now.near.upper[i]],
+                _ => [before.near.lower[i], now.near.lower[i]],
             };
-            ((to - from) - (now.shift[i] - before.shift[i])) / self.span
+            ((to - from) - (now.near.shift[i] - before.near.shift[i])) / self.span
         };
         let missing = |i: usize| {
             let row = self.model.lift_at.row(i);
@@ -605,7 +768,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         let State { reaction, data, .. } = &self.now;
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
         let total = self.offset + kinetic + elastic - self.work;
-        let elastic = elastic + self.loads.elastic(data) + dot(reaction, &data.shift);
+        let elastic = elastic + self.loads.elastic(data) + dot(reaction, &data.near.shift);
         Ok(Energies { kinetic, elastic, work: kinetic + elastic - total })
     }
 
@@ -618,19 +781,32 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         for value in [&mut self.start, &mut self.work, &mut self.offset, &mut self.span, &mut self.ahead] {
             archive.value(value)?;
         }
+        archive.value(&mut self.length)?;
         archive.value(&mut self.relaxation)?;
+        let mut grown = self.grown.clone();
+        archive.value(&mut grown)?;
+        if !archive.saves() && grown != self.grown {
+            let known = self.grown.len();
+            for near in grown.split_off(known.min(grown.len())) {
+                self.add_candidates(near)?;
+            }
+        }
         self.now.archive(archive)?;
         self.before.archive(archive)?;
-        archive.vector(VectorKind::Bounds, &mut self.mean)?;
+        self.reach.archive(archive)?;
+        archive.value(&mut self.mean)?;
         archive.value(&mut self.contact.sides)?;
         archive.value(&mut self.shown_contact.sides)?;
         archive.value(&mut self.contact.factorisations)?;
         Approach::archive(&mut self.free, archive)?;
         if !archive.saves() {
-            let report = self.record.report;
+            if !self.system.drive.varies() {
+                self.before.data = self.now.data.clone();
+                self.reach.share_data(&self.now.data);
+            }
             let admissible = self.record.admissible.clone();
             self.show();
-            (self.record.report, self.record.admissible) = (report, admissible);
+            self.record.admissible = admissible;
         }
         Ok(())
     }
