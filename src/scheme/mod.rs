@@ -259,6 +259,9 @@ pub struct StepRecord {
     /// Impulses of the obstacles over the step, from the scheme's own balance of momentum, in N s,
     /// one entry per bound, positive upwards. They are zero at the start.
     pub impulses: Vec<f64>,
+    /// Bounds that may be in contact, ascending; `None` for all of them. The other bounds have no
+    /// reaction, and their entries of the configuration may be those of an earlier instant.
+    pub candidates: Option<Vec<usize>>,
     /// Iterations and accuracy of the last solve.
     pub report: StepReport,
 }
@@ -272,8 +275,15 @@ impl StepRecord {
             admissible: zeros.clone(),
             reaction: zeros.clone(),
             impulses: zeros,
+            candidates: None,
             report: StepReport::default(),
         }
+    }
+
+    /// Returns the bounds that may be in contact, ascending.
+    pub fn candidates(&self) -> impl Iterator<Item = usize> + '_ {
+        let all = if self.candidates.is_none() { 0..self.reaction.len() } else { 0..0 };
+        self.candidates.iter().flatten().copied().chain(all)
     }
 
     /// Returns the time of the present instant, in s.

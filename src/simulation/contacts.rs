@@ -50,7 +50,9 @@ impl ContactRecorder {
         for event in events {
             self.extend(event.bound, event.time);
         }
-        for (bound, (&r, &impulse)) in reactions.iter().zip(scheme.impulses()).enumerate() {
+        let impulses = scheme.impulses();
+        for bound in scheme.record().candidates() {
+            let (r, impulse) = (reactions[bound], impulses[bound]);
             if r != 0.0 || impulse != 0.0 && self.state[bound].is_none() {
                 self.extend(bound, time);
             }

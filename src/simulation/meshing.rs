@@ -28,8 +28,8 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
     let velocities = match (scene.time.mass, scene.time.modes) {
-        (Mass::Modal, ModeRange::Count(count)) => count,
-        (Mass::Modal, ModeRange::UpTo(_)) => 0,
+        (Mass::Modal, Some(ModeRange::Count(count))) => count,
+        (Mass::Modal, _) => 0,
         _ => cells as usize,
     };
     let dense = scene.time.scheme.dense_memory(dofs as usize, velocities, 0);

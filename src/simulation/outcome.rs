@@ -221,7 +221,9 @@ impl Outcome {
         }
         let (engine, bounds) = (&model.system.engine, scheme.limits());
         let (mut nodes, mut force, mut penetration) = (0, 0.0, 0.0_f64);
-        for (i, (&r, &z)) in scheme.reaction().iter().zip(scheme.admissible()).enumerate() {
+        let (record, reaction) = (scheme.record(), scheme.reaction());
+        for i in record.candidates() {
+            let (r, z) = (reaction[i], record.admissible[i]);
             nodes += usize::from(r != 0.0);
             force += r;
             penetration = penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);

@@ -204,6 +204,9 @@ fn exact_goes_on() {
     let modal = ["time.scheme=exact", "time.mass=modal", "time.modes=8"];
     goes_on(&modal);
     goes_on(&[&modal[..], &["time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]].concat());
+    let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8"];
+    goes_on(&split);
+    goes_on(&[&split[..], &["time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]].concat());
 }
 
 /// Time-dependent data resume from the interruption: a load, an obstacle and supports that move, a

@@ -14,4 +14,5 @@ mod kinks;
 mod modal;
 mod moving;
 mod period_three_bar;
+mod splitting;
 mod work;

@@ -256,7 +256,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
                 largest_gamma: 1.0,
                 dissipated: 0.0,
             },
-            record: StepRecord::new(dt, bounds.len()),
+            record: StepRecord { candidates: Some(Vec::new()), ..StepRecord::new(dt, bounds.len()) },
             before: now.clone(),
             now,
             system,
@@ -305,6 +305,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         self.model.extend(self.system, &self.saddle, &near)?;
         let candidates = self.model.candidates.clone();
         self.grown.push(near);
+        self.record.candidates = Some(candidates.clone());
         let selected = |data: &Rc<ModalData>| {
             let mut data = (**data).clone();
             data.select(&candidates);
@@ -345,7 +346,10 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
     /// Records iterations and residual of the last contact problem.
     fn relaxation_report(&mut self) {
         let ComplianceSolver { iterations, residual, .. } = self.contact;
-        let scale = self.now.y.iter().fold(self.system.bounds.magnitude(), |m, y| m.max(y.abs()));
+        if self.contact.active().is_empty() {
+            return;
+        }
+        let scale = self.now.y.iter().fold(self.model.bounds.magnitude(), |m, y| m.max(y.abs()));
         let kkt = if residual == 0.0 { 0.0 } else { residual / scale };
         self.record.report = self.record.report.and(StepReport { iterations, kkt, retries: 0 });
     }

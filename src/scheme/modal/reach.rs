@@ -23,10 +23,12 @@ use crate::scheme::exact::reduction::ReducedModel;
 use faer::Mat;
 use std::rc::Rc;
 
-/// Horizon of a check, and the time in which nodes come near, in steps of the longest length that
-/// resolves the fastest mode.
-const HORIZON: f64 = 64.0;
+/// Time in which nodes come near, in steps of the longest length that resolves the fastest mode.
 const NEAR: f64 = 8.0;
+/// Horizons of a check in such steps, and the share of the first one's radius that the radius of a
+/// longer one must have.
+const HORIZONS: [f64; 4] = [16.0, 64.0, 256.0, 1024.0];
+const SHARE: f64 = 0.5;
 
 /// Nodes out of reach; see the [module page](self).
 #[derive(Debug)]
@@ -49,6 +51,8 @@ pub(super) struct Reach {
     data: Rc<ModalData>,
     seconds: f64,
     radius: f64,
+    /// Horizon of the last check, in s.
+    horizon: f64,
 }
 
 /// Result of a check.
@@ -76,6 +80,7 @@ impl Reach {
             data: data.clone(),
             seconds: f64::INFINITY,
             radius: 0.0,
+            horizon: 0.0,
         }
     }
 
@@ -92,7 +97,7 @@ impl Reach {
     /// Returns whether no node but candidates can touch at a state, `seconds` after the last one.
     pub fn is_safe(&mut self, state: &State, seconds: f64) -> bool {
         self.seconds += seconds;
-        if self.seconds.is_nan() || self.seconds > HORIZON * self.step {
+        if self.seconds.is_nan() || self.seconds > self.horizon {
             return false;
         }
         let t = self.seconds;
@@ -140,22 +145,25 @@ impl Reach {
             let column = model.flexibility.col_as_slice(k);
             y.iter_mut().zip(&self.dofs).for_each(|(y, &dof)| *y += r * column[dof]);
         }
-        let (horizon, near_time) = (HORIZON * self.step, NEAR * self.step);
+        let near_time = NEAR * self.step;
         let near_size = 0.5 * acceleration * near_time * near_time;
+        let horizons = HORIZONS.map(|steps| steps * self.step);
         let mut finding = Finding { near: Vec::new(), is_late: false };
-        self.radius = f64::INFINITY;
+        let mut radii = [f64::INFINITY; HORIZONS.len()];
         for i in (0..bounded).filter(|&i| !is_candidate(i)) {
             let distances = [(y[i] - limits.lower[i], rates[i]), (limits.upper[i] - y[i], -rates[i])];
             for (distance, rate) in distances {
-                let least = distance.min(distance + rate * horizon) / self.sizes[i];
-                if least.is_nan() || least <= near_size {
+                let least = horizons.map(|time| distance.min(distance + rate * time) / self.sizes[i]);
+                if least[0].is_nan() || least[0] <= near_size {
                     finding.near.push(i);
                     finding.is_late |= distance < 0.0;
                     break;
                 }
-                self.radius = self.radius.min(least);
+                radii.iter_mut().zip(least).for_each(|(radius, least)| *radius = radius.min(least));
             }
         }
+        let longest = (0..radii.len()).rev().find(|&k| radii[k] >= SHARE * radii[0]).unwrap_or(0);
+        (self.horizon, self.radius) = (horizons[longest], radii[longest]);
         finding
     }
 
@@ -181,6 +189,7 @@ impl Reach {
             self.data = Rc::new(data);
         }
         archive.value(&mut self.seconds)?;
+        archive.value(&mut self.horizon)?;
         archive.value(&mut self.radius)
     }
 

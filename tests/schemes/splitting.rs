@@ -1,0 +1,135 @@
+//! The conserving scheme where the lowest modes carry all inertia, compared with the exact motion
+//! of the same modes, with other methods, and with theory.
+
+use crate::common::difference;
+use crate::common::models::{PAPER_FALL, PAPER_PLATE, PAPER_START};
+use crate::exact::table;
+use rebond::linalg::Engine;
+use rebond::scene::Scene;
+use rebond::scheme::Scheme;
+use rebond::simulation::{DeflectionDof, Model};
+
+/// Returns a scene with given tables, on fvs cells.
+fn scene(tables: &str, time: &str, cells: [usize; 2]) -> Scene {
+    let text = format!(
+        r#"
+        {tables}
+        mesh = {{ element = "fvs", cells = {cells:?} }}
+        time = {{ {time}, end = 0.2 }}
+        output = {{ probes = [{{ name = "corner", at = [1.2, 0.0] }}] }}
+        "#
+    );
+    Scene::from_str(&text, "plate", &[]).expect("a valid scene")
+}
+
+fn modal(tables: &str, modes: usize, step: f64) -> (Scene, Model) {
+    let time = format!("scheme = \"conserving\", mass = \"modal\", modes = {modes}, step = {step:e}");
+    let scene = scene(tables, &time, [10, 4]);
+    let model = Model::new(&scene).unwrap();
+    (scene, model)
+}
+
+/// Returns the deflection of the corner every millisecond, and the largest relative change of
+/// energy.
+fn run(scene: &Scene, model: &Model, instants: usize) -> (Vec<f64>, f64) {
+    let mut scheme = model.scheme(scene).unwrap();
+    let every = (1e-3 / scene.time.step).round() as usize;
+    let start = scheme.energies().unwrap().total();
+    let mut corners = vec![model.probes[0].deflection(scheme.displacement())];
+    let mut drift = 0.0f64;
+    for _ in 0..instants {
+        for _ in 0..every {
+            scheme.advance().unwrap();
+            drift = drift.max((scheme.energies().unwrap().total() / start - 1.0).abs());
+        }
+        assert!(scheme.step_report().kkt <= 1e-12, "{:e}", scheme.step_report().kkt);
+        corners.push(model.probes[0].deflection(scheme.displacement()));
+    }
+    (corners, drift)
+}
+
+#[test]
+fn shorter_steps_approach_the_exact_motion_and_all_keep_the_energy() {
+    let exact: Vec<f64> = table("modal_fvs_10x4_m50.csv").iter().map(|row| row[1]).collect();
+    let mut last = f64::INFINITY;
+    for (step, most) in [(1e-3, 5e-3), (2e-5, 2e-3), (5e-6, 5e-4), (1e-6, 1e-4)] {
+        let (scene, model) = modal(PAPER_FALL, 50, step);
+        let (corners, drift) = run(&scene, &model, 100);
+        let flight = difference(&corners[..54], &exact[..54]);
+        let error = difference(&corners, &exact[..corners.len()]);
+        println!(
+            "step {step:e} s: {flight:.1e} m before the impact, {error:.1e} m after it, energy {drift:.1e}"
+        );
+        // Free flight has no error of the step.
+        assert!(flight <= 1e-9, "{step:e}: {flight:e}");
+        assert!(error <= most && error <= 1.5 * last, "{step:e}: {error:e}");
+        assert!(drift <= 1e-11, "{step:e}: {drift:e}");
+        last = error;
+    }
+}
+
+#[test]
+fn without_contact_all_effects_agree_with_newmark_and_the_consistent_mass() {
+    let cases = [
+        ("free vibration", "", 1e-6),
+        ("pressure in time", "load = { pressure = '3000 * sin(2*pi*30*t) - 500' }\n", 1e-6),
+        ("wave", "load = { pressure = '2000 * sin(5*x - 200*t)' }\n", 1e-6),
+        ("damping", "damping = { mass = 5, stiffness = 1e-6 }\n", 1e-6),
+        ("damped modes", "damping = { modal = [0.02, 0.01, 0.01] }\n", 2e-5),
+        ("shaken support", "", 1e-5),
+    ];
+    for (name, tables, most) in cases {
+        let start = match name {
+            "shaken support" => PAPER_START
+                .replace("kind = \"clamped\"", "kind = \"clamped\", motion = '0.01*sin(2*pi*20*t)^2'"),
+            _ => PAPER_START.to_string(),
+        };
+        let tables = format!("{start}{tables}");
+        let (of_modes, model) = modal(&tables, 75, 1e-4);
+        let (corners, _) = run(&of_modes, &model, 20);
+        let of_all = scene(&tables, "scheme = \"newmark\", mass = \"consistent\", step = 1e-5", [10, 4]);
+        let (others, _) = run(&of_all, &Model::new(&of_all).unwrap(), 20);
+        let apart = difference(&corners, &others);
+        println!("{name}: {apart:.1e} m");
+        assert!(apart <= most, "{name}: {apart:e} m");
+    }
+}
+
+#[test]
+fn a_free_plate_on_a_moving_floor_balances_momentum_and_energy() {
+    let tables = format!(
+        "{PAPER_PLATE}obstacle = [{{ side = \"below\", height = '-0.01 - 0.02*x + 0.005*sin(2*pi*50*t)' }}]\n\
+         load = {{ gravity = 9.81 }}\n"
+    );
+    let (scene, model) = modal(&tables, 40, 1e-5);
+    let mut scheme = model.scheme(&scene).unwrap();
+    let dofs = model.system.engine.dofs();
+    let mut upward = vec![0.0; dofs];
+    model.sites.iter().for_each(|DeflectionDof { dof, .. }| upward[*dof] = 1.0);
+    let mass = 1.2 * 0.4 * 0.01 * 7770.0;
+    let momentum = |scheme: &mut Box<dyn Scheme + '_>| -> f64 {
+        let (rate, mut momentum) = (scheme.velocity().unwrap(), vec![0.0; dofs]);
+        model.system.engine.multiply(&model.system.mass, &rate, &mut momentum).unwrap();
+        momentum.iter().zip(&upward).map(|(p, e)| p * e).sum()
+    };
+    let start = scheme.energies().unwrap().total();
+    let (mut impulse, mut unbalanced, mut drift, mut most, mut touched) = (0.0, 0.0f64, 0.0f64, 0.0f64, 0);
+    for _ in 0..10_000 {
+        scheme.advance().unwrap();
+        impulse += scheme.impulses().iter().sum::<f64>();
+        let expected = impulse - mass * 9.81 * scheme.time();
+        unbalanced = unbalanced.max((momentum(&mut scheme) - expected).abs());
+        let energies = scheme.energies().unwrap();
+        drift = drift.max((energies.total() - start).abs());
+        most = most.max(energies.kinetic);
+        touched += usize::from(scheme.reaction().iter().any(|r| *r != 0.0));
+        let deepest = model.system.bounds_at(scheme.time()).unwrap().violation(scheme.displacement());
+        // In contact the bounds are linear in time within a step.
+        assert!(deepest <= 1e-6, "{deepest:e} m at {} s", scheme.time());
+    }
+    println!(
+        "{touched} steps in contact, impulse {impulse} N s, momentum off by {unbalanced:.1e} N s, energy by {drift:.1e} \
+         of {most} J"
+    );
+    assert!(touched > 50 && unbalanced <= 1e-9 * impulse && drift <= 1e-10 * most);
+}
