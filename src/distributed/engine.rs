@@ -214,10 +214,10 @@ impl Engine for Distributed {
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
-        if let Form::Modal(mass) = form {
-            let mut v = vec![0.0; mass.modes()];
+        if let Form::Modal { modes, .. } = form {
+            let mut v = vec![0.0; modes.count()];
             self.project(form, x, &mut v)?;
-            mass.project_transpose(&v, y);
+            modes.project_transpose(&v, y);
             return Ok(dot(&v, &v));
         }
         let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
@@ -245,7 +245,7 @@ impl Engine for Distributed {
         match mass {
             Form::Cells(_) => self.own,
             Form::SingularMassCells(averages) => averages.cells(),
-            Form::Modal(mass) => mass.modes(),
+            Form::Modal { modes, .. } => modes.count(),
         }
     }
 
@@ -257,8 +257,8 @@ impl Engine for Distributed {
                 self.to_local(x, xl, global, read)?;
                 self.cells.project(mass, xl, v)?;
             }
-            Form::Modal(modal) => {
-                modal.project(x, v);
+            Form::Modal { modes, .. } => {
+                modes.project(x, v);
                 v.copy_from_slice(&self.context.comm().all_reduce_sum_slice(v));
             }
         }
@@ -275,7 +275,7 @@ impl Engine for Distributed {
                 self.cells.project_transpose(mass, v, yl)?;
                 self.to_owners(yl, y, global, given)?;
             }
-            Form::Modal(modal) => modal.project_transpose(v, y),
+            Form::Modal { modes, .. } => modes.project_transpose(v, y),
         }
         Ok(())
     }
@@ -288,7 +288,7 @@ impl Engine for Distributed {
                 Ok(self.context.comm().all_reduce_sum_unordered(own))
             }
             // Every rank has all modes.
-            Form::Modal(_) => Ok(dot(v, v)),
+            Form::Modal { .. } => Ok(dot(v, v)),
         }
     }
 

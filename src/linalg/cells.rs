@@ -5,7 +5,7 @@
 //! dofs are in layout order, see [`super::batch`].
 
 use super::batch::{Batch, Batches, LANES, Lanes};
-use super::{Bending, ElementMatrix, ModalMass, SingularMassCell};
+use super::{Bending, ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -431,13 +431,19 @@ pub enum Form {
     /// Singular mass `$B^T C^{-1} B$`, of rank one per cell.
     SingularMassCells(SingularMassCells),
     /// Singular mass of the lowest modes, of rank one per mode.
-    Modal(ModalMass),
+    Modal {
+        /// Consistent mass of the modes, which takes the place of the singular one wherever entries
+        /// of a sparse matrix are needed.
+        consistent: CellForm,
+        /// Modes that carry the inertia.
+        modes: Rc<MassModes>,
+    },
 }
 
 impl Form {
     fn batches(&self) -> &Rc<Batches> {
         match self {
-            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => &cells.batches,
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => &cells.batches,
             Form::SingularMassCells(averages) => &averages.batches,
         }
     }
@@ -495,7 +501,7 @@ fn add_batch_with_magnitude<S: Simd>(
     room.m.fill(Lanes::default());
     for &(scale, form) in forms {
         match form {
-            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => {
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
                 cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
             }
             Form::SingularMassCells(averages) => {

@@ -32,7 +32,7 @@ pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
-pub use modal::{MassModes, ModalMass};
+pub use modal::MassModes;
 pub use native::Native;
 
 use crate::archive::Archive;

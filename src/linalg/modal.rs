@@ -10,21 +10,10 @@
 //! mass has rank m on any mesh, and its fastest motion is set by m and not by the cells. The
 //! velocities `$V = B \dot U$` are those of the modes, in m/s times the root of kg.
 
-use super::CellForm;
+use super::vectors::{axpy, dot};
 use faer::Mat;
-use std::rc::Rc;
 
-/// Singular mass of the lowest modes; see the [module page](self).
-#[derive(Debug, Clone)]
-pub struct ModalMass {
-    /// Consistent mass `$M_r$`, which takes the place of M wherever the entries of a sparse matrix
-    /// are needed.
-    pub consistent: CellForm,
-    /// Modes of the mass.
-    pub modes: Rc<MassModes>,
-}
-
-/// Modes that carry the inertia of a [`ModalMass`].
+/// Modes that carry all inertia, see the [module page](self).
 #[derive(Debug)]
 pub struct MassModes {
     /// Squares of the angular frequencies, ascending, in (rad/s)^2; 0 for rigid motions.
@@ -35,16 +24,16 @@ pub struct MassModes {
     pub momenta: Mat<f64>,
 }
 
-impl ModalMass {
+impl MassModes {
     /// Returns the number of modes.
-    pub fn modes(&self) -> usize {
-        self.modes.squares.len()
+    pub fn count(&self) -> usize {
+        self.squares.len()
     }
 
     /// Computes this rank's part of the velocities V = B x.
     pub(crate) fn project(&self, x: &[f64], v: &mut [f64]) {
         for (k, v) in v.iter_mut().enumerate() {
-            *v = super::vectors::dot(self.modes.momenta.col_as_slice(k), x);
+            *v = dot(self.momenta.col_as_slice(k), x);
         }
     }
 
@@ -52,7 +41,7 @@ impl ModalMass {
     pub(crate) fn project_transpose(&self, v: &[f64], y: &mut [f64]) {
         y.fill(0.0);
         for (k, v) in v.iter().enumerate() {
-            super::vectors::axpy(*v, self.modes.momenta.col_as_slice(k), y);
+            axpy(*v, self.momenta.col_as_slice(k), y);
         }
     }
 }

@@ -4,7 +4,7 @@ use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
-use super::{Cholesky, ElementMatrix, Engine, LinearCombination, ModalMass, SingularMassCell, vectors};
+use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell, vectors};
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use crate::memory;
@@ -17,7 +17,7 @@ impl Form {
     /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
     pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
         match self {
-            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => {
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
                 for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
                     visit_lower(dofs, |i, j| matrix[i * dofs.len() + j], &mut visit);
                 }
@@ -35,7 +35,7 @@ impl Form {
     /// matrices.
     fn for_each_lower_twice(&self, mut visit: impl FnMut(usize, usize, DoubleDouble)) {
         match self {
-            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => {
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
                 for ElementMatrix { dofs, matrix, bending, .. } in cells.blocks() {
                     match bending {
                         None => visit_lower(dofs, |i, j| matrix[i * dofs.len() + j].into(), &mut visit),
@@ -157,7 +157,7 @@ impl WithSimd for Product<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
         match self.form {
-            Form::Cells(cells) | Form::Modal(ModalMass { consistent: cells, .. }) => {
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
                 cells.add_product(simd, self.x, self.y, self.scratch)
             }
             Form::SingularMassCells(averages) => averages.add_product(self.x, self.y, self.scratch),
@@ -231,10 +231,10 @@ impl Engine for Native {
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
-        if let Form::Modal(mass) = form {
-            let mut v = vec![0.0; mass.modes()];
-            mass.project(x, &mut v);
-            mass.project_transpose(&v, y);
+        if let Form::Modal { modes, .. } = form {
+            let mut v = vec![0.0; modes.count()];
+            modes.project(x, &mut v);
+            modes.project_transpose(&v, y);
             return Ok(vectors::dot(&v, &v));
         }
         let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
@@ -266,7 +266,7 @@ impl Engine for Native {
         match mass {
             Form::Cells(_) => self.dofs(),
             Form::SingularMassCells(averages) => averages.cells(),
-            Form::Modal(mass) => mass.modes(),
+            Form::Modal { modes, .. } => modes.count(),
         }
     }
 
@@ -278,7 +278,7 @@ impl Engine for Native {
                 self.layout.lay_out(x, laid);
                 self.arch.dispatch(Velocity { averages, x: laid, v, scratch });
             }
-            Form::Modal(mass) => mass.project(x, v),
+            Form::Modal { modes, .. } => modes.project(x, v),
         }
         Ok(())
     }
@@ -294,7 +294,7 @@ impl Engine for Native {
                 self.arch.dispatch(Momentum { averages, v, y: product, scratch });
                 self.layout.collect(product, y);
             }
-            Form::Modal(mass) => mass.project_transpose(v, y),
+            Form::Modal { modes, .. } => modes.project_transpose(v, y),
         }
         Ok(())
     }
@@ -303,7 +303,7 @@ impl Engine for Native {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs()]),
             Form::SingularMassCells(averages) => Ok(averages.mass_norm_squared(v)),
-            Form::Modal(_) => Ok(vectors::dot(v, v)),
+            Form::Modal { .. } => Ok(vectors::dot(v, v)),
         }
     }
 

@@ -105,7 +105,7 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
                 hadamard(averages.masses(), w);
                 Ok(())
             }
-            Form::Modal(_) => {
+            Form::Modal { .. } => {
                 w.copy_from_slice(v);
                 Ok(())
             }

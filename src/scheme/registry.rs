@@ -312,7 +312,7 @@ impl SchemeSpec {
                 Box::new(Midpoint::with_solver(system, dt, massless, start, solver)?)
             }
             SchemeSpec::Conserving => match system.mass {
-                Form::Modal(_) => Box::new(ModalConserving::new(system, dt, start)?),
+                Form::Modal { .. } => Box::new(ModalConserving::new(system, dt, start)?),
                 _ => Box::new(Conserving::with_solver(system, dt, start, solver)?),
             },
             SchemeSpec::Exact => Box::new(Exact::new(system, dt, start)?),

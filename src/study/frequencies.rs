@@ -46,8 +46,8 @@ pub(super) fn frequencies_of(scene: &Scene, model: &Model) -> Frequencies {
 /// Returns frequencies, empty where a rigid motion has no mass, so that they are undefined.
 pub(super) fn frequencies(model: &Model, mass: &Form, mechanism: bool) -> Frequencies {
     let (engine, stiffness) = (&model.system.engine, &model.system.stiffness);
-    if let Form::Modal(mass) = mass {
-        let frequencies = || mass.modes.squares.iter().map(|square| square.sqrt() / TAU);
+    if let Form::Modal { modes, .. } = mass {
+        let frequencies = || modes.squares.iter().map(|square| square.sqrt() / TAU);
         return Frequencies {
             lowest: frequencies().take(MODES).collect(),
             highest: frequencies().next_back(),

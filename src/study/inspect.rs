@@ -260,7 +260,7 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
 fn dense(scene: &Scene, system: &System<Native>) -> usize {
     let System { engine, mass, bounds, .. } = system;
     let bounded = match mass {
-        Form::Modal(_) => expected_candidates(bounds.len()),
+        Form::Modal { .. } => expected_candidates(bounds.len()),
         _ => bounds.len(),
     };
     scene.time.scheme.dense_memory(engine.dofs(), engine.velocities(mass), bounded)

@@ -9,7 +9,7 @@ use std::rc::Rc;
 fn rows(mass: &Form) -> &[SingularMassCell] {
     match mass {
         Form::SingularMassCells(averages) => averages.rows(),
-        Form::Cells(_) => panic!("not a singular mass"),
+        Form::Cells(_) | Form::Modal { .. } => panic!("not the singular mass of cells"),
     }
 }
 

@@ -139,8 +139,8 @@ impl EventSearch {
         sample
     }
 
-    /// Returns the candidates whose quantity is at a limit at an instant, given its values there, with
-    /// the side of that limit.
+    /// Returns the candidates whose quantity is at a limit at an instant, given its values there,
+    /// with the side of that limit.
     pub fn at_limit(&self, motion: &ModalSolution, values: &Mat<f64>) -> Vec<(usize, BoundStatus)> {
         let mut found = Vec::new();
         for (i, &side) in motion.modes.sides.iter().enumerate() {

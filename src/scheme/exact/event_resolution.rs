@@ -26,8 +26,8 @@ const ORDERS: usize = 6;
 
 /// Returns the contact status of all candidates just after an instant.
 ///
-/// Arguments are the `sides` before, the `undecided` candidates with the side of the limit they are at,
-/// position and velocity z, z' (columns), and the reactions of all candidates at that instant.
+/// Arguments are the `sides` before, the `undecided` candidates with the side of the limit they are
+/// at, position and velocity z, z' (columns), and the reactions of all candidates at that instant.
 pub(super) fn next_sides(
     reduction: &ReducedModel,
     sides: &[BoundStatus],

@@ -164,12 +164,13 @@ impl<'s, E: Engine> Exact<'s, E> {
                     .into(),
             ));
         }
-        let is_modal = matches!(mass, Form::Modal(_));
+        let is_modal = matches!(mass, Form::Modal { .. });
         require_memory(system, if is_modal { expected_candidates(bounds.len()) } else { bounds.len() })?;
         let (basis, saddle): (_, Box<dyn SaddlePointSolver>) = match mass {
-            Form::Modal(mass) => {
-                (Rc::new(VelocityBasis::new(system)?), Box::new(ModalSaddlePoint::new(system, mass)?))
-            }
+            Form::Modal { consistent, modes } => (
+                Rc::new(VelocityBasis::new(system)?),
+                Box::new(ModalSaddlePoint::new(system, consistent, modes)?),
+            ),
             _ => {
                 let saddle = CellSaddlePoint::new(system)?;
                 (saddle.basis().clone(), Box::new(saddle))

@@ -19,10 +19,11 @@
 use super::saddle_point::SaddlePointSolver;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{dot, subtract};
-use crate::linalg::{Engine, Factor, Form, ModalMass};
+use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
 use crate::scheme::System;
 use faer::Mat;
 use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Shift s of a mechanism, relative to the square of the highest kept frequency.
 const SHIFT: f64 = 1e-3;
@@ -35,7 +36,7 @@ const MAX_ROUNDS: usize = 8;
 /// Solver for velocities of modes; see the [module page](self).
 pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
     system: &'s System<E>,
-    mass: &'s ModalMass,
+    modes: Rc<MassModes>,
     factor: RefCell<E::Factor>,
 }
 
@@ -44,23 +45,27 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
-    pub fn new(system: &'s System<E>, mass: &'s ModalMass) -> Result<ModalSaddlePoint<'s, E>> {
+    pub fn new(
+        system: &'s System<E>,
+        consistent: &CellForm,
+        modes: &Rc<MassModes>,
+    ) -> Result<ModalSaddlePoint<'s, E>> {
         let stiffness = &system.stiffness;
-        let squares = &mass.modes.squares;
+        let squares = &modes.squares;
         let is_mechanism = squares.first().is_some_and(|square| *square == 0.0);
         let highest = squares.last().copied().unwrap_or(0.0);
-        let consistent = Form::Cells(mass.consistent.clone());
+        let consistent = Form::Cells(consistent.clone());
         let sum = match is_mechanism {
             true => stiffness + &consistent * (SHIFT * highest),
             false => stiffness.into(),
         };
-        Ok(ModalSaddlePoint { system, mass, factor: system.engine.factor(&sum, &[])?.into() })
+        Ok(ModalSaddlePoint { system, modes: modes.clone(), factor: system.engine.factor(&sum, &[])?.into() })
     }
 
     /// Returns the part h of the displacements under forces (n x k) that the modes leave.
     pub fn rest(&self, forces: &Mat<f64>) -> Result<Mat<f64>> {
         let System { engine, stiffness, .. } = self.system;
-        let modes = &self.mass.modes;
+        let modes = &self.modes;
         let along = modes.shapes.transpose() * forces;
         let b = forces - &modes.momenta * along;
         let mut h = Mat::<f64>::zeros(b.nrows(), b.ncols());
@@ -92,7 +97,7 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
 
 impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
-        let modes = &self.mass.modes;
+        let modes = &self.modes;
         let u = &modes.shapes * &positions + self.rest(&forces)?;
         let mut acceleration = modes.shapes.transpose() * &forces;
         for j in 0..acceleration.ncols() {
@@ -113,7 +118,7 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
     fn rigid_contact(&self) -> Error {
         Error::Usage(format!(
             "time.modes = {}: so many modes leave the nodes in contact no compliance of their own; expected at most {}",
-            self.mass.modes(),
+            self.modes.count(),
             self.system.engine.dofs() / 3
         ))
     }

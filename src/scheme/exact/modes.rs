@@ -67,8 +67,8 @@ pub(super) struct Modes {
     pub vectors: Mat<f64>,
     /// Modal forces V^T h, N entries.
     pub force: Vec<f64>,
-    /// Watched quantity `offset + rows q` per candidate: the deflection (m) where the node is free, the
-    /// reaction (N) where it is in contact.
+    /// Watched quantity `offset + rows q` per candidate: the deflection (m) where the node is free,
+    /// the reaction (N) where it is in contact.
     pub offset: Vec<f64>,
     pub rows: Mat<f64>,
     /// Interval in which the quantity must stay: between the obstacles, or the admissible sign of
@@ -114,7 +114,7 @@ impl Modes {
             symmetric_eigen(matrix.as_ref()).map_err(|_| failed("they do not converge"))?;
         let (values, magnitude) = match system.mass {
             // The entries of H are as accurate as the frequencies of the modes.
-            Form::Modal(_) => (values.into_iter().map(|value| value.max(0.0)).collect(), 0.0),
+            Form::Modal { .. } => (values.into_iter().map(|value| value.max(0.0)).collect(), 0.0),
             _ => {
                 let columns =
                     Mat::from_fn(flexibility.nrows(), active.len(), |i, k| flexibility[(i, active[k])]);

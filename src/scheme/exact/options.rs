@@ -28,7 +28,7 @@ pub(super) fn require_memory<E: Engine>(system: &System<E>, candidates: usize) -
     let cells = engine.velocities(mass);
     let needed = estimated_memory(engine.dofs(), cells, candidates);
     let (of, advice) = match mass {
-        Form::Modal(_) => (
+        Form::Modal { .. } => (
             format!("{cells} modes and {candidates} nodes in reach of an obstacle"),
             "reduce time.modes or set time.scheme = \"conserving\"",
         ),

@@ -1,7 +1,7 @@
 //! Conserving scheme for the modal mass: exact rotation of the modes between kicks of the contact
 //! forces, with a relaxation that keeps the energy.
 //!
-//! With the [mass of the lowest modes](crate::linalg::ModalMass) a displacement splits into modes q
+//! With the [mass of the lowest modes](crate::linalg::MassModes) a displacement splits into modes q
 //! and a massless rest, which follows at once. The bounded deflections are
 //!
 //! ```math
@@ -199,11 +199,11 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
     /// Returns [`Error::Usage`] for a mass that is not modal, or too many modes for the compliance
     /// of the contact, and the errors of the engine.
     pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalConserving<'s, E>> {
-        let Form::Modal(mass) = &system.mass else {
+        let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
-        let modes = mass.modes.clone();
-        let saddle = ModalSaddlePoint::new(system, mass)?;
+        let modes = modes.clone();
+        let saddle = ModalSaddlePoint::new(system, consistent, &modes)?;
         let basis = Rc::new(VelocityBasis::new(system)?);
         let model = ReducedModel::new(system, basis, &saddle, &[])?;
         let loads = ModalLoads::new(system, &modes, &saddle)?;

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! with, in the functions s and v of [`motion`](crate::scheme::exact), a = s / w, b = v / w^2 and
-//! d = -(v + c s / w). Increments keep the digits that a product with the cosine would lose, so that
-//! many steps do not drift.
+//! d = -(v + c s / w). Increments keep the digits that a product with the cosine would lose, so
+//! that many steps do not drift.
 
 use crate::scheme::exact::motion::{phase, rigid_response};
 

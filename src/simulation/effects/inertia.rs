@@ -2,7 +2,7 @@
 
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::{CellForm, Engine, Form, MassModes, ModalMass};
+use crate::linalg::{CellForm, Engine, Form, MassModes};
 use crate::modes::{self, ModalBasis, ModeRange};
 use crate::scheme::ModalDamping;
 
@@ -27,7 +27,7 @@ pub(super) fn modal_mass<E: Engine>(
     consistent: CellForm,
     range: Option<ModeRange>,
     mechanism: bool,
-) -> Result<ModalMass> {
+) -> Result<Form> {
     let dofs = engine.comm().all_reduce_sum(engine.dofs());
     let default = ModeRange::Count(MODES.min(dofs / ADVISED).max(1));
     let mass = Form::Cells(consistent.clone());
@@ -56,11 +56,11 @@ pub(super) fn modal_mass<E: Engine>(
             squares.len()
         )));
     }
-    Ok(ModalMass { consistent, modes: MassModes { squares, shapes, momenta }.into() })
+    Ok(Form::Modal { consistent, modes: MassModes { squares, shapes, momenta }.into() })
 }
 
-/// Returns the damping of the first modes of a modal mass that vibrate, one damping ratio each.
-pub(super) fn modal_damping(mass: &ModalMass, ratios: &[f64]) -> ModalDamping {
-    let elastic = mass.modes.squares.iter().filter(|square| **square > 0.0);
+/// Returns the damping of the first modes that vibrate, one damping ratio each.
+pub(super) fn modal_damping(modes: &MassModes, ratios: &[f64]) -> ModalDamping {
+    let elastic = modes.squares.iter().filter(|square| **square > 0.0);
     ModalDamping::of_rates(elastic.zip(ratios).map(|(square, ratio)| 2.0 * ratio * square.sqrt()).collect())
 }

@@ -140,7 +140,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let mass = match mass {
         Form::Cells(consistent) if scene.time.mass == Mass::Modal => {
             phase("modes");
-            Form::Modal(inertia::modal_mass(&engine, &stiffness, consistent, scene.time.modes, is_loose)?)
+            inertia::modal_mass(&engine, &stiffness, consistent, scene.time.modes, is_loose)?
         }
         mass => mass,
     };
@@ -165,7 +165,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     if let Some(ratios) = scene.damping.as_ref().map(|damping| &damping.modal).filter(|of| !of.is_empty()) {
         let System { engine, stiffness, mass, .. } = &system;
         system.drive.modal = Some(match mass {
-            Form::Modal(mass) => inertia::modal_damping(mass, ratios),
+            Form::Modal { modes, .. } => inertia::modal_damping(modes, ratios),
             _ => {
                 // Rigid motions come first and do not count.
                 let rigid = if is_loose { 3 + scene.attachments.balls.len() } else { 0 };
