@@ -13,6 +13,8 @@
 //! are few, and the factor is kept while they stay the same.
 
 use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
+use crate::archive::Archive;
+use crate::error::Result;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side as Triangle};
 
@@ -126,6 +128,18 @@ impl ComplianceSolver {
         if let Some(llt) = &self.factor {
             llt.solve_in_place(values);
         }
+    }
+
+    /// Saves or restores the active set of the last answer and the count of factorisations.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Archive::value`].
+    pub fn archive(&mut self, compliance: &Mat<f64>, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.sides)?;
+        if !archive.saves() {
+            self.factor_active(compliance);
+        }
+        archive.value(&mut self.factorisations)
     }
 
     /// Factors the compliance of the dofs in contact, unless they are those of the last factor.

@@ -113,9 +113,9 @@ impl Modes {
         let (values, mut vectors) =
             symmetric_eigen(matrix.as_ref()).map_err(|_| failed("they do not converge"))?;
         let (values, magnitude) = match system.mass {
-            // The entries of H are as accurate as the frequencies of the modes. The rotations of the
-            // eigenvalue solver lengthen the eigenvectors a little, and each event the state with
-            // them.
+            // The entries of H are as accurate as the frequencies of the modes. The rotations of
+            // the eigenvalue solver lengthen the eigenvectors a little, and each event the state
+            // with them.
             Form::Modal { .. } => {
                 orthogonalise(&mut vectors);
                 (values.into_iter().map(|value| value.max(0.0)).collect(), 0.0)

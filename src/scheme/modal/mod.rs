@@ -50,6 +50,7 @@ mod data;
 mod reach;
 mod relaxation;
 mod rotation;
+mod state;
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;
 use super::exact::reduction::ReducedModel;
@@ -66,6 +67,7 @@ use data::{Limits, ModalData, ModalLoads};
 use faer::Mat;
 use reach::{Finding, Reach};
 use rotation::Rotation;
+use state::{State, add_product};
 use std::cell::OnceCell;
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -126,70 +128,6 @@ pub struct ModalConserving<'s, E: Engine> {
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
     record: StepRecord,
-}
-
-/// State of the modes and of the candidates.
-#[derive(Debug, Clone, Default)]
-struct State {
-    /// Modal coordinates and their rates, in m and m/s times the root of kg.
-    q: Vec<f64>,
-    v: Vec<f64>,
-    /// Deflections of the candidates without reactions and with them, in m.
-    y: Vec<f64>,
-    x: Vec<f64>,
-    /// Reactions, in N.
-    reaction: Vec<f64>,
-    /// Velocities of the support frame, in m/s, one entry per motion.
-    frame_rates: Vec<f64>,
-    data: Rc<ModalData>,
-}
-
-impl State {
-    /// Computes the deflections of new candidates, without reactions so far.
-    fn extend(&mut self, model: &ReducedModel, old: &[usize]) {
-        let mut reaction = vec![0.0; model.candidates.len()];
-        for (&of, r) in old.iter().zip(&self.reaction) {
-            if let Ok(k) = model.candidates.binary_search(&of) {
-                reaction[k] = *r;
-            }
-        }
-        self.reaction = reaction;
-        self.y.clone_from(&self.data.near.shift);
-        add_product(&model.lift_at, &self.q, &mut self.y);
-        self.x.clone_from(&self.y);
-        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            axpy(*r, model.compliance.col_as_slice(k), &mut self.x);
-        }
-        let Limits { lower, upper, .. } = &self.data.near;
-        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            self.x[k] = if *r > 0.0 { lower[k] } else { upper[k] };
-        }
-    }
-
-    fn touches(&self) -> bool {
-        self.reaction.iter().any(|r| *r != 0.0)
-    }
-
-    /// Returns kinetic energy and elastic energy of the modes and reactions, in J.
-    fn energies(&self, squares: &[f64]) -> [f64; 2] {
-        let modes: f64 = self.q.iter().zip(squares).map(|(q, square)| square * q * q).sum();
-        let rest: f64 =
-            self.reaction.iter().zip(self.x.iter().zip(&self.y)).map(|(r, (x, y))| r * (x - y)).sum();
-        [0.5 * dot(&self.v, &self.v), 0.5 * (modes + rest)]
-    }
-
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        for vector in [&mut self.q, &mut self.v, &mut self.y, &mut self.x, &mut self.reaction] {
-            archive.value(vector)?;
-        }
-        archive.value(&mut self.frame_rates)?;
-        let mut data = (*self.data).clone();
-        archive.value(&mut data)?;
-        if !archive.saves() {
-            self.data = Rc::new(data);
-        }
-        Ok(())
-    }
 }
 
 impl<'s, E: Engine> ModalConserving<'s, E> {
@@ -667,13 +605,6 @@ fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> C
     more
 }
 
-/// Adds A x to y.
-fn add_product(a: &Mat<f64>, x: &[f64], y: &mut [f64]) {
-    for (k, x) in x.iter().enumerate() {
-        axpy(*x, a.col_as_slice(k), y);
-    }
-}
-
 /// Adds A^T r over a duration (s) to the rates of the modes.
 fn kick(lift_at: &Mat<f64>, reaction: &[f64], seconds: f64, v: &mut [f64]) {
     for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
@@ -799,9 +730,8 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         self.before.archive(archive)?;
         self.reach.archive(archive)?;
         archive.value(&mut self.mean)?;
-        archive.value(&mut self.contact.sides)?;
-        archive.value(&mut self.shown_contact.sides)?;
-        archive.value(&mut self.contact.factorisations)?;
+        self.contact.archive(&self.model.compliance, archive)?;
+        self.shown_contact.archive(&self.model.compliance, archive)?;
         Approach::archive(&mut self.free, archive)?;
         if !archive.saves() {
             if !self.system.drive.varies() {

@@ -15,8 +15,8 @@
 //! follows, which costs the number of bounded nodes times that of modes. Nodes that would keep the
 //! radius below the change of the next steps become candidates.
 
-use super::State;
 use super::data::ModalData;
+use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::scheme::exact::reduction::ReducedModel;

@@ -1,0 +1,82 @@
+//! State of the modes and of the candidates for contact.
+
+use super::data::{Limits, ModalData};
+use crate::archive::Archive;
+use crate::error::Result;
+use crate::linalg::vectors::{axpy, dot};
+use crate::scheme::exact::reduction::ReducedModel;
+use faer::Mat;
+use std::rc::Rc;
+
+/// State of the modes and of the candidates.
+#[derive(Debug, Clone, Default)]
+pub(super) struct State {
+    /// Modal coordinates and their rates, in m and m/s times the root of kg.
+    pub q: Vec<f64>,
+    pub v: Vec<f64>,
+    /// Deflections of the candidates without reactions and with them, in m.
+    pub y: Vec<f64>,
+    pub x: Vec<f64>,
+    /// Reactions, in N.
+    pub reaction: Vec<f64>,
+    /// Velocities of the support frame, in m/s, one entry per motion.
+    pub frame_rates: Vec<f64>,
+    pub data: Rc<ModalData>,
+}
+
+impl State {
+    /// Computes the deflections of new candidates, without reactions so far.
+    pub fn extend(&mut self, model: &ReducedModel, old: &[usize]) {
+        let mut reaction = vec![0.0; model.candidates.len()];
+        for (&of, r) in old.iter().zip(&self.reaction) {
+            if let Ok(k) = model.candidates.binary_search(&of) {
+                reaction[k] = *r;
+            }
+        }
+        self.reaction = reaction;
+        self.y.clone_from(&self.data.near.shift);
+        add_product(&model.lift_at, &self.q, &mut self.y);
+        self.x.clone_from(&self.y);
+        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            axpy(*r, model.compliance.col_as_slice(k), &mut self.x);
+        }
+        let Limits { lower, upper, .. } = &self.data.near;
+        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            self.x[k] = if *r > 0.0 { lower[k] } else { upper[k] };
+        }
+    }
+
+    /// Returns whether any candidate is in contact.
+    pub fn touches(&self) -> bool {
+        self.reaction.iter().any(|r| *r != 0.0)
+    }
+
+    /// Returns kinetic energy and elastic energy of the modes and reactions, in J.
+    pub fn energies(&self, squares: &[f64]) -> [f64; 2] {
+        let modes: f64 = self.q.iter().zip(squares).map(|(q, square)| square * q * q).sum();
+        let rest: f64 =
+            self.reaction.iter().zip(self.x.iter().zip(&self.y)).map(|(r, (x, y))| r * (x - y)).sum();
+        [0.5 * dot(&self.v, &self.v), 0.5 * (modes + rest)]
+    }
+
+    /// Saves or restores the state.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        for vector in [&mut self.q, &mut self.v, &mut self.y, &mut self.x, &mut self.reaction] {
+            archive.value(vector)?;
+        }
+        archive.value(&mut self.frame_rates)?;
+        let mut data = (*self.data).clone();
+        archive.value(&mut data)?;
+        if !archive.saves() {
+            self.data = Rc::new(data);
+        }
+        Ok(())
+    }
+}
+
+/// Adds A x to y.
+pub(super) fn add_product(a: &Mat<f64>, x: &[f64], y: &mut [f64]) {
+    for (k, x) in x.iter().enumerate() {
+        axpy(*x, a.col_as_slice(k), y);
+    }
+}
