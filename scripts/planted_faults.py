@@ -72,6 +72,8 @@ FAULTS = [
      "if excess.abs() <= ({if} { 1e-6 } else { KEPT }) * size(to)", "schemes", "energy_is_kept_at_long_and_short"),
     ("midpoint velocities 1 % off", "src/scheme/midpoint.rs", "waxpby(4.0 / self.dt, &self.half_dp, -2.0,",
      "waxpby({if} { 4.04 } else { 4.0 } / self.dt, &self.half_dp, -2.0,", "schemes", "midpoint_follows_its_recursion"),
+    ("reach of exact too short", "src/scheme/exact/reach.rs", "self.next = now + least;",
+     "self.next = now + {if} { 100.0 } else { 1.0 } * least;", "schemes", "no_node_of_the_mesh_penetrates"),
     ("reactions of exact mirrored", "src/scheme/exact/modes.rs", "rows.row_mut(i).copy_from(-w.row(k));",
      "{if} { rows.row_mut(i).copy_from(w.row(k)) } else { rows.row_mut(i).copy_from(-w.row(k)) };",
      "schemes", "moves_as_an_independent_program"),

@@ -58,6 +58,10 @@
 //! certified interval and per instant of output. The cache of modes takes further memory
 //! ([`ExactOptions::memory`]).
 //!
+//! With velocities of modes (`modal_saddle_point`) the event detection watches only the nodes near
+//! an obstacle. The module `reach` proves that no other node touches, and adds nodes as they come
+//! near. N is then the number of modes, and no cost but that of the shape depends on the mesh.
+//!
 //! Mass-proportional damping damps all modes alike and is exact. Stiffness-proportional damping and
 //! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of
 //! its own, and modes would need the particular solution of each load.

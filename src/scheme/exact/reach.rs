@@ -115,6 +115,7 @@ impl Reach {
             }
         }
 
+        let now = motion.start + at;
         let place = place.col(0).norm_l2();
         let mut candidates = reduction.candidates.iter().peekable();
         let (mut near, mut least) = (Vec::new(), f64::INFINITY);
@@ -126,9 +127,14 @@ impl Reach {
             let slack = self.roundings * f64::EPSILON * (self.rest[i].abs() + self.sizes[i] * place);
             let below = safe_time(y - bounds.lower[i] - slack, rate, limit);
             let time = below.min(safe_time(bounds.upper[i] - y - slack, -rate, limit));
-            if time < self.horizon { near.push(i) } else { least = least.min(time) }
+            // The time of the next check must differ from the present one.
+            if time < self.horizon || now + time <= now {
+                near.push(i);
+            } else {
+                least = least.min(time);
+            }
         }
-        self.next = motion.start + at + least;
+        self.next = now + least;
         near
     }
 }
