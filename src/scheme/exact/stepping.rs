@@ -15,9 +15,13 @@ use crate::scheme::{Approach, Event, EventStatistics, Scheme, StepRecord};
 use crate::vi::BoundStatus;
 use faer::Mat;
 
-/// Number of grid instants per check of the residual. Instants after an event are always checked;
-/// with velocities of modes those after this number of events, or after nodes came into reach.
+/// Number of grid instants per check of the residual; instants after an event are always checked.
 const CHECK_EVERY: u64 = 16;
+
+/// Numbers of events and of grid instants per check of the residual with velocities of modes, whose
+/// shape costs as much as many steps. It is also checked after nodes came into reach.
+const EVENTS_PER_SHAPE: u64 = 16;
+const STEPS_PER_SHAPE: u64 = 256;
 
 impl<E: Engine> Exact<'_, E> {
     /// Adds the impulses of the present motion over a duration (s) from the state on; `step` tells
@@ -84,8 +88,9 @@ impl<E: Engine> Exact<'_, E> {
     }
 
     /// Returns numbers that change when the residual of velocities of modes is due.
-    fn changes(&self) -> [u64; 2] {
-        [self.statistics.events / CHECK_EVERY, self.reduction.candidates.len() as u64]
+    fn shapes_due(&self) -> [u64; 3] {
+        let candidates = self.reduction.candidates.len() as u64;
+        [self.record.step / STEPS_PER_SHAPE, self.statistics.events / EVENTS_PER_SHAPE, candidates]
     }
 
     /// Saves or restores the candidates. They are added again in the same order, so that the
@@ -151,7 +156,7 @@ impl<E: Engine> Exact<'_, E> {
 
 impl<E: Engine> Scheme for Exact<'_, E> {
     fn advance(&mut self) -> Result<()> {
-        let before = self.changes();
+        let before = self.shapes_due();
         self.record.begin_step();
         let time = self.time();
         let mut events = 0;
@@ -197,8 +202,11 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         }
         self.motion.walk(time - self.motion.start, self.record.dt, &mut self.state);
         self.watch();
-        let is_changed = if self.reach.is_some() { self.changes() != before } else { events > 0 };
-        if is_changed || self.record.step.is_multiple_of(CHECK_EVERY) {
+        let is_due = match &self.reach {
+            Some(_) => self.shapes_due() != before,
+            None => events > 0 || self.record.step.is_multiple_of(CHECK_EVERY),
+        };
+        if is_due {
             self.check_shape()?;
         }
         self.record.report.iterations = u32::try_from(events).unwrap_or(u32::MAX);
