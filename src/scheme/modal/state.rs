@@ -80,3 +80,12 @@ pub(super) fn add_product(a: &Mat<f64>, x: &[f64], y: &mut [f64]) {
         axpy(*x, a.col_as_slice(k), y);
     }
 }
+
+/// Adds A^T r over a duration (s) to the rates of the modes.
+pub(super) fn kick(lift_at: &Mat<f64>, reaction: &[f64], seconds: f64, v: &mut [f64]) {
+    for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+        for (v, a) in v.iter_mut().zip(lift_at.row(i).iter()) {
+            *v += seconds * r * a;
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Conserving scheme for the modal mass on the grid of the output.
+
+use super::ModalConserving;
+use super::data::{Limits, ModalData};
+use super::state::{State, add_product};
+use crate::archive::Archive;
+use crate::energy::Energies;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::linalg::vectors::{axpy, divide, dot};
+use crate::obstacle::Bounds;
+use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepRecord};
+use crate::vi::{BoundStatus, ComplianceProblem, StepReport};
+use faer::Mat;
+use std::rc::Rc;
+
+/// Relative difference of times that is rounding.
+const SAME_TIME: f64 = 1e-9;
+
+impl<E: Engine> ModalConserving<'_, E> {
+    /// Adds the impulses of the reactions of the last step over a duration, in s.
+    fn add_impulses(&mut self, seconds: f64) {
+        for (r, &i) in self.mean.iter().zip(&self.model.candidates) {
+            self.record.impulses[i] += seconds * r;
+        }
+    }
+
+    /// Computes the state at the grid instant.
+    pub(super) fn show(&mut self) {
+        self.shape.take();
+        if self.ahead > 0.0 {
+            let share = 1.0 - self.ahead / self.span;
+            let (left, right) = (1.0 - share, share);
+            // Cubic Hermite interpolation of q.
+            let [of_before, of_now] = [left * left * (1.0 + 2.0 * share), right * right * (1.0 + 2.0 * left)];
+            let [of_rate_before, of_rate_now] =
+                [share * left * left * self.span, -left * share * share * self.span];
+            let (shown, before, now) = (&mut self.shown, &self.before, &self.now);
+            for k in 0..now.q.len() {
+                shown.q[k] = of_before * before.q[k]
+                    + of_now * now.q[k]
+                    + of_rate_before * before.v[k]
+                    + of_rate_now * now.v[k];
+                shown.v[k] = left * before.v[k] + right * now.v[k];
+            }
+            shown.data = match Rc::ptr_eq(&before.data, &now.data) {
+                true => now.data.clone(),
+                false => ModalData::between(&before.data, &now.data, share).into(),
+            };
+            shown.frame_rates.clone_from(&now.frame_rates);
+            let Limits { shift, lower, upper } = &shown.data.near;
+            shown.y.copy_from_slice(shift);
+            add_product(&self.model.lift_at, &shown.q, &mut shown.y);
+            let problem =
+                ComplianceProblem { compliance: &self.model.compliance, free: &shown.y, lower, upper };
+            self.shown_contact.solve(problem, &mut shown.x, &mut shown.reaction);
+        } else {
+            self.shown.clone_from(&self.now);
+        }
+        let State { x, data, .. } = &self.shown;
+        if self.system.drive.varies() {
+            self.limits.lower.copy_from_slice(&data.all.lower);
+            self.limits.upper.copy_from_slice(&data.all.upper);
+        }
+        // Nodes out of reach have the deflections of the last check.
+        if self.reach.is_fresh() || self.system.drive.varies() {
+            self.record.admissible.copy_from_slice(&self.reach.deflections);
+        }
+        for (x, &i) in x.iter().zip(&self.model.candidates) {
+            self.record.admissible[i] = *x;
+        }
+    }
+
+    /// Returns the displacement of the shown state, in m, one entry per dof.
+    fn shape(&self) -> Vec<f64> {
+        let State { q, reaction, data, .. } = &self.shown;
+        let mut u = vec![0.0; self.system.engine.dofs()];
+        add_product(&self.model.lift, q, &mut u);
+        self.loads.add_response(data, &mut u);
+        for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            axpy(*r, self.model.flexibility.col_as_slice(i), &mut u);
+        }
+        for (x, &dof) in self.shown.x.iter().zip(&self.model.bounds.dofs) {
+            u[dof] = *x;
+        }
+        u
+    }
+}
+
+impl<E: Engine> Scheme for ModalConserving<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.record.begin_step();
+        self.record.report = StepReport::default();
+        let dt = self.record.dt;
+        self.add_impulses(self.ahead.min(dt));
+        self.ahead -= dt;
+        while self.ahead < 0.0 {
+            let time = self.time() + self.ahead;
+            let (left, part) = (-self.ahead, self.rotation.seconds);
+            // A step in flight is exact whatever its length, and returns to the grid.
+            let seconds = match self.now.touches() {
+                true => self.length,
+                false if left < (1.0 - SAME_TIME) * part => left,
+                false => part,
+            };
+            self.step_on(time, seconds)?;
+            self.add_impulses(self.span.min(left));
+            self.ahead += self.span;
+            if self.ahead.abs() <= SAME_TIME * part {
+                self.ahead = 0.0;
+            }
+        }
+        let StepRecord { reaction, impulses, .. } = &mut self.record;
+        reaction.copy_from_slice(impulses);
+        divide(dt, reaction);
+        self.show();
+        Ok(())
+    }
+
+    /// Returns the record of the last step. Its bounded configuration is that of the reported
+    /// state, and its reactions are the mean over the last dt; at the start they are those at rest.
+    fn record(&self) -> &StepRecord {
+        &self.record
+    }
+
+    fn displacement(&self) -> &[f64] {
+        self.shape.get_or_init(|| self.shape())
+    }
+
+    /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
+    /// in m/s.
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        let mut rates = vec![0.0; self.system.engine.dofs()];
+        add_product(&self.model.lift, &self.shown.v, &mut rates);
+        let contact = if self.ahead > 0.0 { &self.shown_contact } else { &self.contact };
+        let active = contact.active();
+        if active.is_empty() || self.record.step == 0 {
+            return Ok(rates);
+        }
+        let (now, before) = (&self.now.data, &self.before.data);
+        let limit = |i: usize| {
+            let [from, to] = match contact.sides[i] {
+                BoundStatus::Upper => [before.near.upper[i], now.near.upper[i]],
+                _ => [before.near.lower[i], now.near.lower[i]],
+            };
+            ((to - from) - (now.near.shift[i] - before.near.shift[i])) / self.span
+        };
+        let missing = |i: usize| {
+            let row = self.model.lift_at.row(i);
+            limit(i) - row.iter().zip(&self.shown.v).map(|(a, v)| a * v).sum::<f64>()
+        };
+        let mut forces = Mat::from_fn(active.len(), 1, |k, _| missing(active[k]));
+        contact.solve_active(&mut forces);
+        for (k, &i) in active.iter().enumerate() {
+            axpy(forces[(k, 0)], self.model.flexibility.col_as_slice(i), &mut rates);
+        }
+        Ok(rates)
+    }
+
+    fn support_rates(&self) -> Result<Vec<f64>> {
+        Ok(self.shown.frame_rates.clone())
+    }
+
+    fn limits(&self) -> &Bounds {
+        &self.limits
+    }
+
+    /// Returns the energies of the state at or just after the instant.
+    fn energies(&self) -> Result<Energies> {
+        let State { reaction, data, .. } = &self.now;
+        let [kinetic, elastic] = self.now.energies(&self.modes.squares);
+        let total = self.offset + kinetic + elastic - self.work;
+        let elastic = elastic + self.loads.elastic(data) + dot(reaction, &data.near.shift);
+        Ok(Energies { kinetic, elastic, work: kinetic + elastic - total })
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        self.free[bound]
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.record.archive(archive)?;
+        for value in [&mut self.start, &mut self.work, &mut self.offset, &mut self.span, &mut self.ahead] {
+            archive.value(value)?;
+        }
+        archive.value(&mut self.length)?;
+        archive.value(&mut self.relaxation)?;
+        let mut grown = self.grown.clone();
+        archive.value(&mut grown)?;
+        if !archive.saves() && grown != self.grown {
+            let known = self.grown.len();
+            for near in grown.split_off(known.min(grown.len())) {
+                self.add_candidates(near)?;
+            }
+        }
+        self.now.archive(archive)?;
+        self.before.archive(archive)?;
+        self.reach.archive(archive)?;
+        archive.value(&mut self.mean)?;
+        self.contact.archive(&self.model.compliance, archive)?;
+        self.shown_contact.archive(&self.model.compliance, archive)?;
+        Approach::archive(&mut self.free, archive)?;
+        if !archive.saves() {
+            if !self.system.drive.varies() {
+                self.before.data = self.now.data.clone();
+                self.reach.share_data(&self.now.data);
+            }
+            let admissible = self.record.admissible.clone();
+            self.show();
+            self.record.admissible = admissible;
+        }
+        Ok(())
+    }
+
+    fn factorisations(&self) -> u64 {
+        self.contact.factorisations
+    }
+
+    fn relaxation(&self) -> Option<RelaxationStatistics> {
+        Some(self.relaxation)
+    }
+}
