@@ -174,7 +174,13 @@ pub trait Engine: Sized {
 
     /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,
     /// the number of modes for the modal mass (on each rank), otherwise [`Engine::dofs`].
-    fn velocities(&self, mass: &Form) -> usize;
+    fn velocities(&self, mass: &Form) -> usize {
+        match mass {
+            Form::Cells(_) => self.dofs(),
+            Form::SingularMassCells(averages) => averages.cells(),
+            Form::Modal { modes, .. } => modes.count(),
+        }
+    }
 
     /// Returns whether a mass is a singular one, `$M = B^T C^{-1} B$`, which leaves part of the
     /// displacement without inertia.

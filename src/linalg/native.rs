@@ -262,14 +262,6 @@ impl Engine for Native {
         Ok(())
     }
 
-    fn velocities(&self, mass: &Form) -> usize {
-        match mass {
-            Form::Cells(_) => self.dofs(),
-            Form::SingularMassCells(averages) => averages.cells(),
-            Form::Modal { modes, .. } => modes.count(),
-        }
-    }
-
     fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),

@@ -3,7 +3,7 @@
 use super::ModalConserving;
 use super::data::ModalData;
 use super::reach::Finding;
-use super::state::kick;
+use super::state::{State, kick};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::dot;
