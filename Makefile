@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-long stability bench table accuracy clean
+.PHONY: help setup run test lints-native documentation test-long stability bench table accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -30,8 +30,14 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo fmt --check
 	$(call say,lints)
 	@cargo clippy --release --all-targets --locked -- -D warnings
+	$(call say,build of the tests)
+	@cargo test --release --locked --no-run
 	$(call say,tests)
-	@cargo test --release --locked
+# Ranks of parallel jobs wait for each other, and leave time for the compiler. It begins when the
+# test programs run and cargo has unlocked the folder of the build.
+	@(sleep 5; $(MAKE) --no-print-directory lints-native documentation) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
+	    cargo test --release --locked; tests=$$?; \
+	    wait $$meanwhile; lints=$$?; cat target/meanwhile.log; exit $$((tests + lints))
 	$(call say,planted faults)
 	@scripts/planted_faults.py --texts
 	$(call say,fields read back by VTK)
@@ -40,12 +46,16 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@$(CARGO_RUN) --example csma2013_table -- 1e-5
 	$(call say,cost of effects)
 	@cargo bench --locked --bench effects -- --report
+	$(call say,all passed)
+
+lints-native:
 	$(call say,lints without default features)
 	@cargo clippy --release $(NATIVE) --all-targets --locked -- -D warnings
+
+documentation:
 	$(call say,documentation)
 	@RUSTDOCFLAGS="-D warnings --html-in-header docs/katex/header.html" cargo doc --release --no-deps --locked
 	@scripts/check_equations.sh
-	$(call say,all passed)
 
 test-long: setup ## run what make test omits: long tests, tests without default features, planted faults
 	$(call say,tests without default features)
