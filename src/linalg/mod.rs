@@ -22,7 +22,7 @@ mod cholesky;
 mod combination;
 mod double_double;
 pub(crate) mod eigen;
-mod modal;
+pub mod modal;
 mod native;
 pub mod random;
 mod simd;

@@ -281,9 +281,9 @@ pub(super) struct RunMonitor {
 
 /// Stopwatch that adds the time since its last reading to a block of the main loop.
 ///
-/// The loop reads the stopwatch twice per step, and after rows, snapshots and checkpoints where they
-/// are due; the little that other steps spend on the question whether they are due counts with the
-/// next block.
+/// The loop reads the stopwatch twice per step, and after rows, snapshots and checkpoints where
+/// they are due; the little that other steps spend on the question whether they are due counts with
+/// the next block.
 struct BlockClock {
     read: Instant,
     seconds: BlockSeconds,
