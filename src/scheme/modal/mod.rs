@@ -18,11 +18,11 @@
 //!
 //! is an ordinary differential equation, with the energy
 //! `$E = \tfrac12 |\dot q|^2 + \tfrac12 q^T \Omega^2 q + \tfrac12 r^T R\, r$` besides the work of
-//! loads. A step changes the velocity by `$\tfrac12 \Delta t\, A^T r$`, moves the modes exactly over
-//! the step, and changes the velocity again by half the impulse of the reactions at the new position
-//! (Strang splitting: explicit, symplectic, of second order, stable while `$\Delta t < 2 / w$` for
-//! the fastest motion in contact). No step solves for more than the reactions of the nodes in
-//! contact, and the cost does not depend on the mesh.
+//! loads. A step changes the velocity by `$\tfrac12 \Delta t\, A^T r$`, moves the modes exactly
+//! over the step, and changes the velocity again by half the impulse of the reactions at the new
+//! position (Strang splitting: explicit, symplectic, of second order, stable while
+//! `$\Delta t < 2 / w$` for the fastest motion in contact). No step solves for more than the
+//! reactions of the nodes in contact, and the cost does not depend on the mesh.
 //!
 //! Without contact a step is exact, and keeps the energy to rounding whatever its length. In
 //! contact the scheme takes the relaxed step `$(q + \gamma\, dq,\; \dot q + \gamma\, d \dot q)$`,

@@ -10,8 +10,8 @@
 //!
 //! with the rows of the mode shapes and the displacements H per reaction. Until a horizon, no node
 //! touches as long as `$\delta$` stays below the *radius*, the least of
-//! `$\min(g_i, g_i + \dot g_i t) / |\Phi_i|$` over all distances g from the obstacles. This costs as
-//! many operations per step as there are modes. Beyond the radius or the horizon, a new check
+//! `$\min(g_i, g_i + \dot g_i t) / |\Phi_i|$` over all distances g from the obstacles. This costs
+//! as many operations per step as there are modes. Beyond the radius or the horizon, a new check
 //! follows, which costs the number of bounded nodes times that of modes. Nodes that would keep the
 //! radius below the change of the next steps become candidates.
 
