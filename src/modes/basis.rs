@@ -347,7 +347,7 @@ impl RitzModes {
         let [gram] = scalar_products(inverse.engine, [shapes.as_ref()], momenta.as_ref());
         // One step of Newton's method for gram^(-1/2).
         let correction = Mat::from_fn(count, count, |i, j| {
-            1.5 * f64::from(u8::from(i == j)) - 0.25 * (gram[(i, j)] + gram[(j, i)])
+            (if i == j { 1.5 } else { 0.0 }) - 0.25 * (gram[(i, j)] + gram[(j, i)])
         });
         Ok(ModalBasis {
             squares: self.squares[..count].to_vec(),
