@@ -179,6 +179,19 @@ pub struct RelaxationStatistics {
     pub dissipated: f64,
 }
 
+impl Default for RelaxationStatistics {
+    fn default() -> RelaxationStatistics {
+        RelaxationStatistics {
+            states: 0,
+            relaxed_steps: 0,
+            halved_steps: 0,
+            least_gamma: 1.0,
+            largest_gamma: 1.0,
+            dissipated: 0.0,
+        }
+    }
+}
+
 /// Conserving scheme at grid instant n; see the [module page](self).
 pub struct Conserving<'s, E: Engine> {
     system: &'s System<E>,
@@ -267,14 +280,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             now,
             rates,
             free,
-            relaxation: RelaxationStatistics {
-                states: 0,
-                relaxed_steps: 0,
-                halved_steps: 0,
-                least_gamma: 1.0,
-                largest_gamma: 1.0,
-                dissipated: 0.0,
-            },
+            relaxation: RelaxationStatistics::default(),
             record,
         };
         scheme.add_rule(dt)?;

@@ -9,8 +9,8 @@
 //! r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between}.
 //! ```
 //!
-//! It has one solution. Each iteration factors the block of R of the dofs in contact only, which
-//! are few, and the factor is kept while they stay the same.
+//! The solution exists and is unique. Each iteration factors the block of R of the dofs in contact
+//! only. These dofs are few, and the solver keeps the factor while they stay the same.
 
 use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
 use crate::archive::Archive;

@@ -16,7 +16,7 @@
 //! corrects the rounding of the factor. The difference of the whole compliance and that of the
 //! modes would lose up to half of the digits instead.
 
-use super::saddle_point::SaddlePointSolver;
+use super::saddle_point::{SaddlePointSolver, solved};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{dot, subtract};
 use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
@@ -108,11 +108,8 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
         Ok((u, acceleration))
     }
 
-    fn unconstrained(&self, mut forces: Mat<f64>) -> Result<Mat<f64>> {
-        for j in 0..forces.ncols() {
-            self.factor.borrow_mut().solve(forces.col_as_slice_mut(j))?;
-        }
-        Ok(forces)
+    fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>> {
+        solved(&mut *self.factor.borrow_mut(), forces)
     }
 
     fn rigid_contact(&self) -> Error {

@@ -18,6 +18,14 @@ const CORRECTIONS: usize = 2;
 /// vector.
 const LEAST_SHIFT: f64 = 1e-6;
 
+/// Returns the solutions for forces, column by column.
+pub(super) fn solved(factor: &mut impl Factor, mut forces: Mat<f64>) -> Result<Mat<f64>> {
+    for j in 0..forces.ncols() {
+        factor.solve(forces.col_as_slice_mut(j))?;
+    }
+    Ok(forces)
+}
+
 /// Returns (A + A^T) / 2 times a factor.
 pub(super) fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
     Mat::from_fn(a.nrows(), a.ncols(), |i, j| 0.5 * factor * (a[(i, j)] + a[(j, i)]))
@@ -94,10 +102,7 @@ impl<'s, E: Engine> CellSaddlePoint<'s, E> {
 
     /// Returns one solution with the factor, without correction.
     fn propose(&self, forces: Mat<f64>, positions: &Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
-        let mut u = forces;
-        for j in 0..u.ncols() {
-            self.factor.borrow_mut().solve(u.col_as_slice_mut(j))?;
-        }
+        let mut u = solved(&mut *self.factor.borrow_mut(), forces)?;
         let mut acceleration = self.basis.of(self.system, &u)?;
         acceleration -= positions;
         self.schur.solve_in_place(&mut acceleration);
@@ -133,11 +138,8 @@ impl<E: Engine> SaddlePointSolver for CellSaddlePoint<'_, E> {
         Ok((u, acceleration))
     }
 
-    fn unconstrained(&self, mut forces: Mat<f64>) -> Result<Mat<f64>> {
-        for j in 0..forces.ncols() {
-            self.factor.borrow_mut().solve(forces.col_as_slice_mut(j))?;
-        }
-        Ok(forces)
+    fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>> {
+        solved(&mut *self.factor.borrow_mut(), forces)
     }
 
     fn rigid_contact(&self) -> Error {

@@ -23,6 +23,7 @@ const KEPT: f64 = 4.0 * f64::EPSILON;
 /// taken as it is, and later steps make up the difference. With data that change in time no root
 /// may exist.
 const ALL_HALVINGS: usize = 40;
+
 impl<E: Engine> ModalConserving<'_, E> {
     /// Computes the bounded deflections and reactions of the present q.
     pub(super) fn settle(&mut self) {
