@@ -8,9 +8,14 @@ use crate::dof_map::PER_NODE;
 use crate::error::Result;
 use crate::linalg::vectors::dot;
 use crate::linalg::{Engine, Form, LinearCombination, Native};
-use crate::petsc::{Comm, Context, Index, Matrix, Plex, Vector, WorldComm};
+use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use std::cell::RefCell;
 use std::rc::Rc;
+
+/// Prefix of the options of the solver whose factor counts eigenvalues, and the options with which
+/// MUMPS counts negative pivots, on any number of ranks.
+const COUNT: &str = "count_";
+const COUNTING: [&str; 2] = ["mat_mumps_icntl_13", "mat_mumps_icntl_24"];
 
 /// Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 ///
@@ -151,11 +156,18 @@ impl Distributed {
         Adder::new(&self.plex, self.own)
     }
 
-    /// Assembles the matrix of a linear combination of forms. Collective.
+    /// Assembles the matrix of a positive definite linear combination of forms. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
+        let mut matrix = self.symmetric_matrix(sum)?;
+        matrix.set_positive_definite()?;
+        Ok(matrix)
+    }
+
+    /// Assembles the matrix of a linear combination of forms. Collective.
+    fn symmetric_matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
         let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for (scale, form) in sum.terms() {
             form.for_each_lower(|row, column, value| {
@@ -170,10 +182,7 @@ impl Distributed {
                 }
             });
         }
-        let mut matrix =
-            Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)?;
-        matrix.set_positive_definite()?;
-        Ok(matrix)
+        Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)
     }
 
     /// Gathers the values of a vector at this rank's local dofs.
@@ -297,6 +306,24 @@ impl Engine for Distributed {
             self.prepare_for_multigrid(&mut matrix)?;
         }
         DistributedFactor::new(&self.plex, matrix, is_direct, contact_dofs)
+    }
+
+    /// Counts by the inertia of a factor L D L^T, which MUMPS computes; the options of this solver
+    /// have the prefix `count_`. Returns `None` where they choose no factorisation.
+    fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
+        for name in COUNTING {
+            self.context.default_option(&format!("{COUNT}{name}"), "1")?;
+        }
+        let mut solver = Ksp::new(&self.context, Comm::World, COUNT)?;
+        if !solver.is_direct()? {
+            return Ok(None);
+        }
+        solver.default_to_cholesky()?;
+        solver.set_operator(&self.symmetric_matrix(&(k + m * -sigma))?)?;
+        solver.set_from_options()?;
+        solver.set_up()?;
+        let [negative, _, _] = solver.inertia()?;
+        Ok(Some(negative))
     }
 
     fn change_contact_dofs(

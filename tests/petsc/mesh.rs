@@ -226,6 +226,9 @@ impl Both {
         let modes = lowest_basis(engine, &self.stiffness, &self.masses[0], range, false)?;
         let twins = lowest_basis(&native.engine, &native.stiffness, &native.consistent, range, false)?;
         assert_eq!([modes.squares.len(), modes.residuals.len(), twins.squares.len()], [count; 3]);
+        assert!(modes.is_complete && twins.is_complete);
+        let middle = 0.5 * (twins.squares[count / 2] + twins.squares[count / 2 - 1]);
+        assert_eq!(engine.count_below(&self.stiffness, &self.masses[0], middle)?, Some(count / 2));
         for (square, twin) in modes.squares.iter().zip(&twins.squares) {
             assert!((square / twin - 1.0).abs() <= 1e-11, "{square}, not {twin}");
         }
