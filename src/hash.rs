@@ -14,6 +14,39 @@ pub fn extend(hash: u64, number: u64) -> u64 {
     (hash ^ number).wrapping_mul(FACTOR)
 }
 
+/// Start and factor of the 128-bit FNV-1a hash.
+const LONG_START: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
+const LONG_FACTOR: u128 = 0x100_0000_0000_0000_0000_013b;
+
+/// 128-bit FNV-1a hash of numbers, for names that must never collide.
+#[derive(Debug, Clone, Copy)]
+pub struct LongHash(pub u128);
+
+impl LongHash {
+    /// Creates the hash of nothing.
+    pub fn new() -> LongHash {
+        LongHash(LONG_START)
+    }
+
+    /// Adds bytes.
+    pub fn add(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.0 = (self.0 ^ u128::from(byte)).wrapping_mul(LONG_FACTOR);
+        }
+    }
+
+    /// Adds a whole number.
+    pub fn add_count(&mut self, number: usize) {
+        self.add(&(number as u64).to_le_bytes());
+    }
+
+    /// Adds the bits of numbers, after their count.
+    pub fn add_numbers(&mut self, numbers: &[f64]) {
+        self.add_count(numbers.len());
+        numbers.iter().for_each(|number| self.add(&number.to_bits().to_le_bytes()));
+    }
+}
+
 /// Returns the CRC-32 checksum of the bytes of a file.
 pub fn checksum(bytes: &[u8]) -> u32 {
     crc32fast::hash(bytes)
@@ -42,6 +75,13 @@ mod tests {
         assert_eq!(fnv1a(*b"a"), 0xaf63_dc4c_8601_ec8c);
         assert_eq!(fnv1a(*b"foobar"), 0x8594_4171_f739_67e8);
         assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+        let long = |bytes: &[u8]| {
+            let mut hash = LongHash::new();
+            hash.add(bytes);
+            hash.0
+        };
+        assert_eq!(long(b"a"), 0xd228_cb69_6f1a_8caf_7891_2b70_4e4a_8964);
+        assert_eq!(long(b"foobar"), 0x343e_1662_793c_64bf_6f0d_3597_ba44_6f18);
     }
 
     #[test]

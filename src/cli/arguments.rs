@@ -1,5 +1,6 @@
 //! Arguments that several commands share.
 
+use super::cache::{CacheArgs, ModeCache};
 use super::launch;
 use super::printing::OutputMode;
 use crate::error::{Error, Result};
@@ -22,6 +23,8 @@ pub(super) struct SceneArgs {
     #[arg(long, value_name = "SOLVER")]
     pub vi: Option<String>,
     #[command(flatten)]
+    pub cache: CacheArgs,
+    #[command(flatten)]
     pub voice: OutputMode,
     /// Options for PETSc, after --
     #[arg(last = true, value_name = "PETSC OPTIONS")]
@@ -29,6 +32,11 @@ pub(super) struct SceneArgs {
 }
 
 impl SceneArgs {
+    /// Opens the cache of natural modes.
+    pub fn open_cache(&self) -> ModeCache {
+        self.cache.open(self.voice.is_silent())
+    }
+
     /// Loads the scene.
     ///
     /// A scene that names no engine gets the one that works with the number of started processes.

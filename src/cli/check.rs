@@ -36,6 +36,7 @@ impl Check {
         launch::one_process("check runs")?;
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
+        let _cache = self.scene.open_cache();
         let set_up = SetUpTold::new(self.scene.voice);
         let check = study::check(&scene)?;
         drop(set_up);
@@ -49,6 +50,7 @@ impl Inspect {
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
         self.matrices.as_ref().map_or(Ok(()), |folder| self.refuse_matrices(folder, &scene))?;
+        let _cache = self.scene.open_cache();
         let set_up = SetUpTold::new(self.scene.voice);
         let inspection = study::inspect(&scene)?;
         drop(set_up);

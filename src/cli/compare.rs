@@ -46,6 +46,7 @@ impl Compare {
         };
         let contenders = names.into_iter().map(Contender::parse).collect::<Result<Vec<_>>>()?;
         let scene = self.scene.load()?;
+        let _cache = self.scene.open_cache();
         #[cfg(feature = "petsc")]
         if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {
             return self.on_petsc(&scene, &contenders);

@@ -32,7 +32,9 @@ impl Job {
                 let _claim = RunLock::new(&self.folder, &self.identity)?;
                 self.announce("")?;
                 let set_up = SetUpTold::new(self.voice);
+                let cache = self.cache.open(self.voice.is_silent());
                 let model = Model::new(&self.scene)?;
+                cache.tell(|line| set_up.say(line));
                 set_up.part("frequencies");
                 let warnings = study::warnings(&self.scene, &model);
                 self.simulate(Some(set_up), &model, &simulation::condensed, &warnings, &|| Ok(()))

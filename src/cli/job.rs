@@ -1,5 +1,6 @@
 //! Run to make: its description before it begins, and its summary, plot and report at the end.
 
+use super::cache::CacheArgs;
 use super::plot::obstacles;
 use super::printing::{OutputMode, print};
 use super::report::report;
@@ -18,6 +19,7 @@ pub(super) struct Job {
     pub file: PathBuf,
     pub identity: Identity,
     pub folder: PathBuf,
+    pub cache: CacheArgs,
     pub voice: OutputMode,
     pub petsc: Vec<String>,
     pub from: Option<Checkpoint>,

@@ -1,6 +1,7 @@
 //! Command line: translates arguments into calls.
 
 mod arguments;
+mod cache;
 mod check;
 mod compare;
 mod figures;

@@ -1,5 +1,6 @@
 //! Command `rebond resume`.
 
+use super::cache::CacheArgs;
 use super::job::Job;
 use super::launch;
 use super::printing::OutputMode;
@@ -20,6 +21,8 @@ pub struct Resume {
     /// New end in s, a whole number of steps; also for a finished run
     #[arg(long, value_name = "T")]
     until: Option<String>,
+    #[command(flatten)]
+    cache: CacheArgs,
     #[command(flatten)]
     voice: OutputMode,
 }
@@ -59,7 +62,8 @@ impl Resume {
                 (later, identity)
             }
         };
-        let (folder, voice, from) = (self.folder.clone(), self.voice, Some(checkpoint));
-        Job { scene, file, identity, folder, voice, petsc, from }.execute()
+        let (folder, cache, voice) = (self.folder.clone(), self.cache, self.voice);
+        let from = Some(checkpoint);
+        Job { scene, file, identity, folder, cache, voice, petsc, from }.execute()
     }
 }

@@ -29,8 +29,9 @@ impl Run {
         let identity = Identity::of(&scene)?;
         let resolved = serde_json::to_value(&scene).unwrap_or_default();
         claim::refuse_results(&folder, &identity, &resolved, self.overwrite)?;
-        let (voice, petsc) = (self.scene.voice, self.scene.petsc.clone());
-        Job { scene, file, identity, folder, voice, petsc, from: None }.execute()
+        let SceneArgs { cache, voice, .. } = self.scene;
+        let petsc = self.scene.petsc.clone();
+        Job { scene, file, identity, folder, cache, voice, petsc, from: None }.execute()
     }
 
     fn folder(&self) -> PathBuf {

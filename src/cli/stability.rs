@@ -1,5 +1,6 @@
 //! Command `rebond stability`.
 
+use super::cache::CacheArgs;
 use super::hard_scenes::HardScenes;
 use super::launch;
 use super::printing::{json, print};
@@ -30,6 +31,8 @@ pub struct Stable {
     /// latter two also with one of PETSc's types, as in petsc:tao:bnls
     #[arg(long = "with", value_name = "NAMES", value_delimiter = ',', default_value = "native")]
     with: Vec<String>,
+    #[command(flatten)]
+    cache: CacheArgs,
     /// Print JSON on standard output
     #[arg(long)]
     json: bool,
@@ -41,6 +44,7 @@ pub struct Stable {
 impl Stable {
     pub(super) fn execute(&self) -> Result<()> {
         launch::one_process("stability runs")?;
+        let _cache = self.cache.open(self.json || self.quiet);
         let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
         let own = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
         let given = self.scenes.iter().map(PathBuf::as_path);

@@ -125,6 +125,7 @@ impl Study {
         launch::one_process("study runs")?;
         let scene = self.scene.load_with(&self.lists.overrides())?;
         let study = scene.study();
+        let _cache = self.scene.open_cache();
         #[cfg(feature = "petsc")]
         if study.engines.contains(&EngineName::Petsc) {
             let context = Context::start(&self.scene.petsc)?;

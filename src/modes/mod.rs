@@ -11,10 +11,13 @@
 mod basis;
 mod blocks;
 mod inverse;
+mod kept;
 mod krylov;
 pub(crate) mod lanczos;
 
 pub use basis::{ModalBasis, ModeRange, lowest_basis};
+pub(crate) use kept::kept_basis;
+pub use kept::{BasisStore, keep_in};
 
 use crate::error::{Error, Result};
 use crate::linalg::random::random_vector;

@@ -6,6 +6,7 @@
 //! - [`contacts`] for `contacts.csv`,
 //! - [`events`] for `events.csv`,
 //! - [`checkpoint`] for `checkpoint-*.bin`,
+//! - [`kept_modes`] for natural modes kept between runs,
 //! - [`claim`] for the exclusive right to write into a folder,
 //! - [`vtu`] for `fields.pvd` and its snapshots,
 //! - [`summary`] for `summary.json`,
@@ -19,6 +20,7 @@ pub mod claim;
 pub mod contacts;
 pub mod events;
 pub mod history;
+pub mod kept_modes;
 pub mod matrix_market;
 pub mod plot;
 pub mod progress;

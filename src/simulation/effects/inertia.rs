@@ -45,7 +45,7 @@ pub(super) fn modal_mass<E: Engine>(
     }
     let range = range.unwrap_or(default);
     let ModalBasis { squares, shapes, momenta, .. } =
-        modes::lowest_basis(engine, stiffness, &mass, range, mechanism)?;
+        modes::kept_basis(engine, stiffness, &mass, range, mechanism)?;
     if matches!(range, ModeRange::UpTo(_)) && squares.len() > dofs / REFUSED {
         return too_many("up_to", squares.len());
     }

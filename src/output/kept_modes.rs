@@ -1,0 +1,140 @@
+//! Files `modes-*.bin` of a cache folder: natural modes kept between runs.
+//!
+//! A file is written completely or not at all, so that several processes may share the folder.
+//! When its files exceed a limit, those that were not used for the longest time are removed. A file
+//! that cannot be read or written is a matter for a warning: the modes are computed then.
+
+use super::text::grouped;
+use super::write_atomic;
+use crate::error::Error;
+use crate::modes::{BasisStore, ModalBasis};
+use std::fs::{self, File};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::SystemTime;
+
+/// Limit on the total size of the files, in bytes.
+pub const LIMIT: u64 = 2_000_000_000;
+
+/// Folder of kept modes.
+#[derive(Debug)]
+pub struct KeptModes {
+    folder: PathBuf,
+    limit: u64,
+    /// Lines on what was read and written.
+    lines: Mutex<Vec<String>>,
+    /// Threads write one after the other: their temporary files have the same name.
+    writing: Mutex<()>,
+}
+
+impl KeptModes {
+    /// Keeps modes in a folder, which is created when needed, up to a total size of `limit` bytes.
+    pub fn new(folder: impl Into<PathBuf>, limit: u64) -> KeptModes {
+        KeptModes { folder: folder.into(), limit, lines: Mutex::default(), writing: Mutex::default() }
+    }
+
+    /// Returns lines that say what was read and written since the last call, each only once.
+    pub fn take_lines(&self) -> Vec<String> {
+        std::mem::take(&mut *self.lines.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("modes-{name}.bin"))
+    }
+
+    fn say(&self, line: String) {
+        let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        if !lines.contains(&line) {
+            lines.push(line);
+        }
+    }
+
+    fn warn(&self, what: &str, why: &Error) {
+        self.say(format!("warning: modes are not {what} the cache: {why}"));
+    }
+
+    /// Removes files that were not used for the longest time until the others leave room for a
+    /// number of bytes. Other processes may remove them at the same time.
+    fn make_room(&self, bytes: u64) {
+        let Ok(entries) = fs::read_dir(&self.folder) else { return };
+        let ours = entries.flatten().filter(|entry| is_ours(&entry.file_name().to_string_lossy()));
+        let mut files: Vec<(SystemTime, u64, PathBuf)> = ours
+            .filter_map(|entry| {
+                let about = entry.metadata().ok()?;
+                Some((about.modified().ok()?, about.len(), entry.path()))
+            })
+            .collect();
+        files.sort_unstable();
+        let mut total = files.iter().map(|(_, size, _)| size).sum::<u64>() + bytes;
+        for (_, size, path) in files {
+            if total <= self.limit {
+                break;
+            }
+            if fs::remove_file(path).is_ok() {
+                total -= size;
+            }
+        }
+    }
+}
+
+/// Returns whether a name is that of kept modes, or of a temporary file for them.
+fn is_ours(name: &str) -> bool {
+    let is_temporary = name.starts_with(".modes-") && name.ends_with(".tmp");
+    is_temporary || (name.starts_with("modes-") && name.ends_with(".bin"))
+}
+
+/// Returns a text such as `modes: 200 of 7 920 dofs, read from FILE (25 MB)`.
+fn told(basis: &ModalBasis, what: &str, path: &Path, bytes: &[u8]) -> String {
+    let size = match bytes.len() as f64 / 1e3 {
+        size if size < 1e3 => format!("{size:.0} kB"),
+        size => format!("{:.0} MB", size / 1e3),
+    };
+    format!(
+        "modes: {} of {} dofs, {what} {} ({size})",
+        grouped(basis.squares.len() as u64),
+        grouped(basis.shapes.nrows() as u64),
+        path.display(),
+    )
+}
+
+impl BasisStore for KeptModes {
+    fn read(&self, name: &str) -> Option<Vec<u8>> {
+        let path = self.path(name);
+        match fs::read(&path) {
+            Ok(bytes) => Some(bytes),
+            Err(why) if matches!(why.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => None,
+            Err(why) => {
+                self.warn("read from", &Error::io(&path)(why));
+                None
+            }
+        }
+    }
+
+    fn write(&self, name: &str, basis: &ModalBasis, bytes: &[u8]) {
+        let (path, size) = (self.path(name), bytes.len() as u64);
+        if size > self.limit {
+            return self.say(told(basis, "more than the limit of the cache for", &path, bytes));
+        }
+        let _alone = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        self.make_room(size);
+        let created = fs::create_dir_all(&self.folder).map_err(Error::io(&self.folder));
+        match created.and_then(|()| write_atomic(&path, bytes)) {
+            Ok(()) => self.say(told(basis, "kept in", &path, bytes)),
+            Err(why) => self.warn("written to", &why),
+        }
+    }
+
+    fn accept(&self, name: &str, basis: &ModalBasis, bytes: &[u8]) {
+        let path = self.path(name);
+        // A folder that others own may still be read.
+        let _ =
+            File::options().append(true).open(&path).and_then(|file| file.set_modified(SystemTime::now()));
+        self.say(told(basis, "read from", &path, bytes));
+    }
+
+    fn reject(&self, name: &str) {
+        let path = self.path(name);
+        self.say(format!("warning: {}: damaged; the modes are computed and written again", path.display()));
+    }
+}
