@@ -66,9 +66,12 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
     pub fn rest(&self, forces: &Mat<f64>) -> Result<Mat<f64>> {
         let System { engine, stiffness, .. } = self.system;
         let modes = &self.modes;
+        let mut h = Mat::<f64>::zeros(forces.nrows(), forces.ncols());
+        if forces.norm_max() == 0.0 {
+            return Ok(h);
+        }
         let along = modes.shapes.transpose() * forces;
         let b = forces - &modes.momenta * along;
-        let mut h = Mat::<f64>::zeros(b.nrows(), b.ncols());
         if b.norm_max() == 0.0 {
             return Ok(h);
         }
@@ -99,7 +102,10 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
         let modes = &self.modes;
         let u = &modes.shapes * &positions + self.rest(&forces)?;
-        let mut acceleration = modes.shapes.transpose() * &forces;
+        let mut acceleration = match forces.norm_max() == 0.0 {
+            true => Mat::zeros(modes.count(), forces.ncols()),
+            false => modes.shapes.transpose() * &forces,
+        };
         for j in 0..acceleration.ncols() {
             for (k, square) in modes.squares.iter().enumerate() {
                 acceleration[(k, j)] -= square * positions[(k, j)];
