@@ -4,6 +4,7 @@ use super::frequencies::{
     Frequencies, advised_for, energy_step_for, frequencies, frequencies_of, on_native_engine,
 };
 use super::infsup::{self, InfSup};
+use super::modal_figures::{self, ModalFigures};
 use super::warnings;
 use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
@@ -63,10 +64,14 @@ pub struct Inspection {
     pub deflections: Vec<Deflection>,
     /// Frequencies with the consistent mass M_r.
     pub consistent: Frequencies,
-    /// Frequencies with the singular mass M.
+    /// Frequencies with the singular mass M: that of the scene's modes, or of cells.
     pub singular: Frequencies,
     /// Inf-sup constants of the bounded deflections; of all free ones where there is no obstacle.
+    /// They belong to the mass of cells and are not computed for the modal mass.
     pub inf_sup: InfSup,
+    /// Figures of the modal mass, if the scene has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub modal: Option<ModalFigures>,
     /// [Advised step](super::advised_step), in s.
     pub advised_step: Option<f64>,
     /// [Step for the energy](super::energy_step), in s; `None` where every step conserves it, and
@@ -103,6 +108,9 @@ pub struct Check {
     pub loads: Vec<LoadTotal>,
     /// Frequencies with the scene's mass.
     pub frequencies: Frequencies,
+    /// Figures of the modal mass, if the scene has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub modal: Option<ModalFigures>,
     /// Number of steps of the run.
     pub steps: u64,
     /// Time step of the scene, in s.
@@ -162,16 +170,25 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     } else {
         system.bounds.dofs.clone()
     };
-    let inf_sup = infsup::constants(engine.dofs(), stiffness, is_loose, &rows, &bounded)?;
+    let is_modal = scene.time.mass == Mass::Modal;
+    let inf_sup = match is_modal {
+        true => InfSup { raw: None, energy: None },
+        false => infsup::constants(engine.dofs(), stiffness, is_loose, &rows, &bounded)?,
+    };
     let masses: Vec<f64> = rows.iter().map(|row| row.mass).collect();
     let (plate_mass, mass) = (masses[..mesh.cells.len()].iter().sum(), masses.iter().sum());
-    let singular = engine.averages(rows);
+    let cells = engine.averages(rows);
+    let singular = if is_modal { &system.mass } else { &cells };
     let consistent = engine.form(consistent);
-    let singular = frequencies(&model, &singular, is_loose);
+    let singular = frequencies(&model, singular, is_loose);
     let consistent = frequencies(&model, &consistent, is_loose);
-    let own = if scene.time.mass == Mass::Singular { &singular } else { &consistent };
+    let own = if scene.time.mass == Mass::Consistent { &consistent } else { &singular };
     let (advised_step, energy_step) = (advised_for(scene, own), energy_step_for(scene, own));
-    let warnings = warnings::judged(scene, &model.warnings, Some((&model, own)));
+    let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, own)));
+    let modal = modal_figures::figures(scene, &model, loaded.as_deref())?.map(|(figures, doubt)| {
+        warnings.extend(doubt);
+        figures
+    });
     Ok(Inspection {
         title: scene.title.clone(),
         nodes: mesh.nodes.len(),
@@ -186,6 +203,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         consistent,
         singular,
         inf_sup,
+        modal,
         advised_step,
         energy_step,
         warnings,
@@ -207,7 +225,11 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
-    let warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
+    let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
+    let modal = modal_figures::figures(scene, &model, None)?.map(|(figures, doubt)| {
+        warnings.extend(doubt);
+        figures
+    });
     Ok(Check {
         title: scene.title.clone(),
         scene: scene.resolved(),
@@ -222,6 +244,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         memory: memory(&mesh, system.engine.dofs(), scene.time.factors() * factor_entries)
             + dense(scene, system),
         frequencies,
+        modal,
         steps: scene.time.steps(),
         step: scene.time.step,
         advised_step,
@@ -323,6 +346,12 @@ fn closing(report: &mut Report, warnings: &[String]) {
     }
 }
 
+impl Inspection {
+    fn singular_name(&self) -> &'static str {
+        if self.modal.is_some() { "modal" } else { "singular" }
+    }
+}
+
 impl fmt::Display for Inspection {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let mut report = Report::new(&self.title);
@@ -334,14 +363,16 @@ impl fmt::Display for Inspection {
             optional(&mut report, &format!("{probe}, under load"), *loaded, "m");
         }
         for (name, Frequencies { lowest, highest }) in
-            [("consistent", &self.consistent), ("singular", &self.singular)]
+            [("consistent", &self.consistent), (self.singular_name(), &self.singular)]
         {
             report.text(format!("frequencies, {name} mass"), format!("{} Hz", list(lowest)));
             optional(&mut report, &format!("highest, {name} mass"), *highest, "Hz");
         }
         optional(&mut report, "inf-sup, raw dofs", self.inf_sup.raw, "");
         optional(&mut report, "inf-sup, energy norms", self.inf_sup.energy, "");
-        if self.inf_sup.raw.is_none() {
+        if let Some(modal) = &self.modal {
+            modal.report(&mut report);
+        } else if self.inf_sup.raw.is_none() {
             report.text("inf-sup", "not computed: too near to singular for a mesh of this size");
         }
         optional(&mut report, "advised step", self.advised_step, "s");
@@ -373,7 +404,10 @@ impl fmt::Display for Check {
             }
         }
         report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
-        optional(&mut report, "highest frequency", self.frequencies.highest, "Hz");
+        match &self.modal {
+            Some(modal) => modal.report(&mut report),
+            None => optional(&mut report, "highest frequency", self.frequencies.highest, "Hz"),
+        }
         report.number("step", self.step, "s");
         optional(&mut report, "advised step", self.advised_step, "s");
         optional(&mut report, "  for the energy", self.energy_step, "s");

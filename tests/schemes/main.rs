@@ -12,6 +12,7 @@ mod forced;
 mod impulses;
 mod kinks;
 mod modal;
+mod modal_compliance;
 mod moving;
 mod period_three_bar;
 mod splitting;

@@ -11,7 +11,7 @@ use rebond::scheme::{Event, Exact, ExactOptions, Scheme, Start};
 use rebond::simulation::{DeflectionDof, Model};
 
 /// Returns the paper's scene, or other tables in its place, with the modal mass.
-fn modal_scene(tables: &str, element: &str, cells: [usize; 2], modes: usize, step: f64) -> Scene {
+pub fn modal_scene(tables: &str, element: &str, cells: [usize; 2], modes: usize, step: f64) -> Scene {
     let diagonal = if element == "hct" { ", diagonal = \"right\"" } else { "" };
     let text = format!(
         r#"

@@ -47,6 +47,7 @@
 //! after it. Impulses and mean reactions are those of [`super::conserving`].
 
 mod candidates;
+mod compliance;
 mod data;
 mod reach;
 mod relaxation;
@@ -54,6 +55,8 @@ mod rotation;
 mod scheme;
 mod state;
 mod stepping;
+
+pub use compliance::ContactCompliance;
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;
 use super::exact::reduction::ReducedModel;

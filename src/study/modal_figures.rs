@@ -1,0 +1,156 @@
+//! Figures of the modal mass: how fast the kept modes move in contact, and what the rest bears.
+
+use crate::error::Result;
+use crate::linalg::vectors::axpy;
+use crate::linalg::{Engine, Form};
+use crate::output::text::{Report, significant};
+use crate::scene::Scene;
+use crate::scheme::{ContactCompliance, ModalConserving, Scheme, StepRecord};
+use crate::simulation::Model;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::f64::consts::TAU;
+
+/// Step of the motion that finds the nodes in contact, in periods of the highest mode, and the
+/// largest number of these steps.
+const STEP: f64 = 0.1;
+const MOST_STEPS: f64 = 50_000.0;
+
+/// Largest number of nodes whose compliance is computed.
+const MOST_NODES: usize = 500;
+
+/// Figures of the modal mass.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ModalFigures {
+    /// Number of modes that carry the inertia, rigid motions included.
+    pub modes: usize,
+    /// Highest frequency of these modes, in Hz.
+    pub highest: f64,
+    /// Number of bounded dofs that come into contact with the conserving scheme during the first
+    /// period of the scene's motion, or until its end.
+    pub touching: usize,
+    /// Figures of the contact; `None` where nothing touches.
+    pub contact: Option<ContactFigures>,
+    /// Share of the massless rest in the elastic energy of the start; `None` without any.
+    pub rest_of_start: Option<f64>,
+    /// Share of the massless rest in the elastic energy under `[load]`; `None` without load and for
+    /// a mechanism.
+    pub rest_under_load: Option<f64>,
+}
+
+/// Figures of the contact at all bounded dofs that touch.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ContactFigures {
+    /// Highest frequency of the modes while all these dofs are in contact, in Hz: the root of the
+    /// largest eigenvalue of `$\Omega^2 + A^T R^{-1} A$`.
+    pub fastest: f64,
+    /// Smallest and largest eigenvalue of the compliance R of the rest, in m/N.
+    pub compliance: [f64; 2],
+    /// Condition number of R.
+    pub condition: f64,
+}
+
+/// Determines the figures of a model with the modal mass, and warnings; `None` for another mass.
+///
+/// `loaded` is the displacement under the constant load.
+pub(super) fn figures(
+    scene: &Scene,
+    model: &Model,
+    loaded: Option<&[f64]>,
+) -> Result<Option<(ModalFigures, Option<String>)>> {
+    let Form::Modal { modes, .. } = &model.system.mass else { return Ok(None) };
+    let (touching, mut doubt) = match touching(scene, model) {
+        Ok(touching) => (touching, None),
+        Err(why) => (model.system.bounds.dofs.clone(), Some(why.to_string())),
+    };
+    let mut contact = None;
+    if (1..=MOST_NODES).contains(&touching.len()) {
+        let at = ContactCompliance::new(&model.system, &touching)?;
+        if at.is_definite() {
+            let [least, most] = at.extremes()?;
+            let fastest = at.fastest()?;
+            contact = Some(ContactFigures { fastest, compliance: [least, most], condition: most / least });
+        } else {
+            doubt = Some(format!(
+                "time.modes = {}: so many modes leave the {} nodes in contact no compliance of their \
+                 own; expected at most {} modes",
+                modes.count(),
+                touching.len(),
+                at.most_modes()
+            ));
+        }
+    }
+    let figures = ModalFigures {
+        modes: modes.count(),
+        highest: modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU),
+        touching: touching.len(),
+        contact,
+        rest_of_start: rest_share(model, &model.start.displacement)?,
+        rest_under_load: loaded.map_or(Ok(None), |u| rest_share(model, u))?,
+    };
+    Ok(Some((figures, doubt)))
+}
+
+/// Returns the bounded dofs that come into contact during the first period.
+fn touching(scene: &Scene, model: &Model) -> Result<Vec<usize>> {
+    let Model { system, start, .. } = model;
+    let Form::Modal { modes, .. } = &system.mass else { return Ok(Vec::new()) };
+    let periods = |square: &f64| TAU / square.sqrt();
+    let first = modes.squares.iter().find(|square| **square > 0.0).map_or(0.0, periods);
+    let step = STEP * modes.squares.last().map_or(0.0, periods);
+    if system.bounds.is_empty() || !(step > 0.0 && step.is_finite()) {
+        return Ok(Vec::new());
+    }
+    let steps = (first.min(scene.time.end) / step).ceil().min(MOST_STEPS) as u64;
+    let mut scheme = ModalConserving::new(system, step, start.clone())?;
+    let mut touching = BTreeSet::new();
+    let add = |touching: &mut BTreeSet<usize>, record: &StepRecord| {
+        let touches = record.candidates().filter(|&bound| record.reaction[bound] != 0.0);
+        touching.extend(touches.map(|bound| system.bounds.dofs[bound]));
+    };
+    add(&mut touching, scheme.record());
+    for _ in 0..steps {
+        scheme.advance()?;
+        add(&mut touching, scheme.record());
+    }
+    Ok(touching.into_iter().collect())
+}
+
+/// Returns the share of the massless rest in the elastic energy of a displacement (m); `None` where
+/// there is no energy.
+fn rest_share(model: &Model, u: &[f64]) -> Result<Option<f64>> {
+    let system = &model.system;
+    let (engine, Form::Modal { modes, .. }) = (&system.engine, &system.mass) else { return Ok(None) };
+    let mut q = vec![0.0; modes.count()];
+    engine.project(&system.mass, u, &mut q)?;
+    let mut rest = u.to_vec();
+    for (k, q) in q.iter().enumerate() {
+        axpy(-q, modes.shapes.col_as_slice(k), &mut rest);
+    }
+    let mut force = vec![0.0; u.len()];
+    let whole = engine.multiply(&system.stiffness, u, &mut force)?;
+    let of_rest = engine.multiply(&system.stiffness, &rest, &mut force)?;
+    Ok((whole > 0.0).then(|| of_rest / whole))
+}
+
+impl ModalFigures {
+    /// Adds rows to a report.
+    pub(super) fn report(&self, report: &mut Report) {
+        report.count("modes", self.modes as u64, "").number("highest mode", self.highest, "Hz");
+        report.count("bounded dofs touching", self.touching as u64, "");
+        if let Some(ContactFigures { fastest, compliance: [least, most], condition }) = &self.contact {
+            report.number("fastest motion in contact", *fastest, "Hz");
+            let eigenvalues = format!("{} to {} m/N", significant(*least), significant(*most));
+            report.text("compliance of the rest", eigenvalues);
+            report.number("  condition", *condition, "");
+        }
+        for (label, share) in [
+            ("rest in the energy, start", self.rest_of_start),
+            ("rest in the energy, under load", self.rest_under_load),
+        ] {
+            if let Some(share) = share {
+                report.number(label, share, "");
+            }
+        }
+    }
+}
