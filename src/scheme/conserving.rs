@@ -128,6 +128,7 @@
 use super::drive::InstantData;
 use super::midpoint::MidpointRule;
 use super::potential::Line;
+use super::relaxation::{RelaxedStep, root};
 use super::state::{State, SupportVelocities, change_frame};
 use super::{Approach, Potential, Scheme, Start, StepRecord, System};
 use crate::archive::{Archive, VectorKind};
@@ -158,10 +159,6 @@ const ROUNDING: Range<f64> = 0.9..1.1;
 /// Largest rounding error, relative to the kinetic energy, that is removed by scaling the velocity
 /// where no gamma corrects it (force-free flight). Larger ones are left to later steps.
 const ROUNDED: f64 = 1e-10;
-/// Largest number of trials of gamma. About four suffice; where rounding hides the root, bisection
-/// closes the bracket.
-const MOST_TRIALS: usize = 60;
-
 /// Statistics of the relaxation.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RelaxationStatistics {
@@ -323,10 +320,11 @@ impl<'s, E: Engine> Conserving<'s, E> {
             };
             let most = if self.system.drive.varies() { MOST_HALVINGS } else { ALL_HALVINGS };
             let last = straight || halvings == most;
-            let moved = excess(&line, target, 1.0, &self.now)?;
+            let mut search = LineSearch { line: &mut line, target, gamma: 1.0, to: &mut self.now };
+            let [moved, _] = search.excess()?;
             let mut gamma = Some(1.0);
-            if moved.abs() > MOVED * size(&self.now) {
-                gamma = keep_energy(&mut line, target, range, &mut self.now)?;
+            if moved.abs() > MOVED * size(search.to) {
+                gamma = root(&mut search, range)?;
                 if gamma.is_none() && last {
                     line.at(1.0, &mut self.now)?;
                     gamma = Some(1.0);
@@ -363,67 +361,31 @@ fn size(state: &State) -> f64 {
     kinetic + elastic + work.abs()
 }
 
-/// Returns the energy of a state on the line beyond its target, in J: `target` at the start of the
-/// line, plus the work done and less the energy dissipated since.
-fn excess<E: Engine>(line: &Line<E>, target: f64, gamma: f64, state: &State) -> Result<f64> {
-    let [work, dissipated] = line.exchange(gamma, state)?;
-    Ok(state.energies.total() - (target + work - dissipated))
+/// States on the line of a step, with the energy at its start.
+struct LineSearch<'a, 'l, 's, E: Engine> {
+    line: &'a mut Line<'l, 's, E>,
+    target: f64,
+    gamma: f64,
+    to: &'a mut State,
 }
 
-/// Finds the larger root gamma of the energy excess, starting from gamma = 1, and sets `to` to the
-/// state there. Returns `None` where the root is outside `range`.
-fn keep_energy<E: Engine>(
-    line: &mut Line<E>,
-    target: f64,
-    range: Range<f64>,
-    to: &mut State,
-) -> Result<Option<f64>> {
-    let (mut below, mut above) = (None, None);
-    let mut gamma = 1.0;
-    let mut last: Option<(f64, f64)> = None;
-    let mut best = (f64::INFINITY, gamma);
-    for _ in 0..MOST_TRIALS {
-        let excess = excess(line, target, gamma, to)?;
-        if excess.abs() <= KEPT * size(to) {
-            return Ok(Some(gamma));
-        }
-        if excess.abs() < best.0 {
-            best = (excess.abs(), gamma);
-        }
-        if gamma <= range.start && excess > 0.0 || gamma >= range.end && excess < 0.0 {
-            return Ok(None);
-        }
-        if excess < 0.0 {
-            below = Some(gamma)
-        } else {
-            above = Some(gamma)
-        }
-        let slope = line.slope(gamma, to)?;
-        let curvature = last.map_or(0.0, |(at, before)| ((slope - before) / (gamma - at)).max(0.0));
-        last = Some((gamma, slope));
-        // The larger root of excess + slope h + curvature h^2 / 2.
-        let root = (slope * slope - 2.0 * excess * curvature).max(0.0).sqrt();
-        let mut next = gamma - 2.0 * excess / (slope + root);
-        let nearest = |next: f64| (next - gamma).abs() <= f64::EPSILON * gamma;
-        let (low, high) = (below.unwrap_or(range.start), above.unwrap_or(range.end));
-        if !(low < next && next < high || nearest(next)) {
-            next = match (below, above) {
-                (None, _) => low,
-                (_, None) => high.min(2.0 * gamma),
-                _ => 0.5 * (low + high),
-            };
-        }
-        if nearest(next) {
-            break;
-        }
-        gamma = next;
-        line.at(gamma, to)?;
+impl<E: Engine> RelaxedStep for LineSearch<'_, '_, '_, E> {
+    fn move_to(&mut self, gamma: f64) -> Result<()> {
+        self.gamma = gamma;
+        self.line.at(gamma, self.to)
     }
-    // The root is resolved to rounding, or hidden by it.
-    if gamma != best.1 {
-        line.at(best.1, to)?;
+
+    /// Returns the energy beyond the target plus the work done and less the energy dissipated since
+    /// the start of the line.
+    fn excess(&self) -> Result<[f64; 2]> {
+        let [work, dissipated] = self.line.exchange(self.gamma, self.to)?;
+        let excess = self.to.energies.total() - (self.target + work - dissipated);
+        Ok([excess, KEPT * size(self.to)])
     }
-    Ok(Some(best.1))
+
+    fn slope(&mut self) -> Result<f64> {
+        self.line.slope(self.gamma, self.to)
+    }
 }
 
 impl<E: Engine> Scheme for Conserving<'_, E> {

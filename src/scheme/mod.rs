@@ -31,6 +31,7 @@ pub mod modal;
 pub mod newmark;
 pub mod potential;
 pub mod registry;
+mod relaxation;
 mod state;
 mod step_driver;
 

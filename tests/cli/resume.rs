@@ -207,6 +207,8 @@ fn exact_goes_on() {
     let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8"];
     goes_on(&split);
     goes_on(&[&split[..], &["time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]].concat());
+    // Enough nodes for several tiers of the certificates.
+    goes_on(&[&split[..], &["mesh.cells=[16, 8]"]].concat());
 }
 
 /// Time-dependent data resume from the interruption: a load, an obstacle and supports that move, a
@@ -234,6 +236,8 @@ fn what_changes_with_time_goes_on() {
     goes_on(&[&changes[..3], &[modal]].concat());
     goes_on(&[&changes[..3], &["time.scheme=midpoint", modal]].concat());
     goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
+    let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8", "mesh.cells=[12, 6]"];
+    goes_on(&[&changes[..], &split].concat());
 }
 
 /// More nodes touch at once than the dense problem of contact admits, so active dofs are held in

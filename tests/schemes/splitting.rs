@@ -133,3 +133,38 @@ fn a_free_plate_on_a_moving_floor_balances_momentum_and_energy() {
     );
     assert!(touched > 50 && unbalanced <= 1e-9 * impulse && drift <= 1e-10 * most);
 }
+
+#[test]
+fn no_node_of_the_mesh_penetrates() {
+    // All nodes are evaluated after each step, while the certificates let most of them alone. The
+    // obstacles are met by the edge, by many nodes, while they move, and along a ridge.
+    let obstacles = [
+        ("flat", "-0.1", 0.075),
+        ("slope", "-0.004 - 0.08 * x", 0.06),
+        ("moving", "-0.08 + 0.02 * sin(2*pi*60*t)", 0.07),
+        ("ridge", "-0.03 - 0.5 * abs(x - 0.73) - 0.2 * y", 0.06),
+    ];
+    for (name, height, end) in obstacles {
+        let tables = PAPER_FALL.replace("height = -0.1", &format!("height = '{height}'"));
+        let time = "scheme = \"conserving\", mass = \"modal\", modes = 60, step = 1e-5";
+        let scene = scene(&tables, time, [40, 16]);
+        let model = Model::new(&scene).unwrap();
+        let mut scheme = model.scheme(&scene).unwrap();
+        let energy = scheme.energies().unwrap().total();
+        let (mut deepest, mut drift, mut most, mut touched) = (0.0f64, 0.0f64, 0, 0);
+        while scheme.time() < end {
+            scheme.advance().unwrap();
+            deepest = deepest.max(scheme.limits().violation(scheme.displacement()));
+            drift = drift.max((scheme.energies().unwrap().total() / energy - 1.0).abs());
+            most = most.max(scheme.record().candidates().count());
+            touched += usize::from(scheme.reaction().iter().any(|r| *r != 0.0));
+        }
+        let nodes = model.system.bounds.len();
+        println!(
+            "{name}: {touched} steps in contact, {most} candidates of {nodes} nodes, at most {deepest:.1e} m deep, \
+             energy {drift:.1e}"
+        );
+        assert!(touched > 20 && most < nodes / 2, "{name}: {touched}, {most}");
+        assert!(deepest <= 1e-12 && drift <= 1e-11, "{name}: {deepest:e}, {drift:e}");
+    }
+}

@@ -2,24 +2,23 @@
 
 use super::ModalConserving;
 use super::data::ModalData;
-use super::reach::Finding;
-use super::state::{State, kick};
+use super::products::norm;
+use super::reach::{Check, Finding};
+use super::state::kick;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::dot;
 use crate::vi::ComplianceSolver;
+use faer::Mat;
 use std::rc::Rc;
 
 impl<E: Engine> ModalConserving<'_, E> {
-    /// Evaluates all nodes that are no candidates at the present state.
-    pub(super) fn check_reach(&mut self) -> Finding {
-        let State { q, reaction, data, .. } = &self.now;
-        let mut pull = data.force.clone();
-        for (pull, (square, q)) in pull.iter_mut().zip(self.modes.squares.iter().zip(q)) {
-            *pull -= square * q;
-        }
-        kick(&self.model.lift_at, reaction, 1.0, &mut pull);
-        self.reach.check(&self.model, &self.now, dot(&pull, &pull).sqrt())
+    /// Evaluates the nodes of a tier and of all smaller ones at the present state.
+    pub(super) fn check_reach(&mut self, tier: usize) -> Finding {
+        let pull = self.now.pull(&self.modes.squares);
+        let mut acceleration = pull.clone();
+        kick(&self.rows, &self.now.reaction, 1.0, &mut acceleration);
+        let acceleration = norm(&acceleration);
+        self.reach.check(tier, &Check { model: &self.model, state: &self.now, pull, acceleration })
     }
 
     /// Adds candidates, ascending indices of bounds.
@@ -27,8 +26,11 @@ impl<E: Engine> ModalConserving<'_, E> {
         let old = self.model.candidates.clone();
         self.model.extend(self.system, &self.saddle, &near)?;
         let candidates = self.model.candidates.clone();
+        let shapes = &self.reach.shapes;
+        self.rows = Mat::from_fn(shapes.nrows(), candidates.len(), |k, i| shapes[(k, candidates[i])]);
+        self.reach.remove(&self.model, &old, &near);
+        self.flight.end();
         self.grown.push(near);
-        self.record.candidates = Some(candidates.clone());
         let selected = |data: &Rc<ModalData>| {
             let mut data = (**data).clone();
             data.select(&candidates);
@@ -38,20 +40,13 @@ impl<E: Engine> ModalConserving<'_, E> {
         self.now.data = selected(&self.now.data);
         self.before.data = if same { self.now.data.clone() } else { selected(&self.before.data) };
         for state in [&mut self.now, &mut self.before] {
-            state.extend(&self.model, &old);
+            state.extend(&self.model, &self.rows, &old);
         }
         self.contact = extended(&self.contact, &candidates, &old);
         self.shown_contact = extended(&self.shown_contact, &candidates, &old);
-        let mut mean = vec![0.0; candidates.len()];
-        for (&of, r) in old.iter().zip(&self.mean) {
-            if let Ok(k) = candidates.binary_search(&of) {
-                mean[k] = *r;
-            }
-        }
-        self.mean = mean;
+        let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
+        self.mean = candidates.iter().map(known).collect();
         self.shown = self.now.clone();
-        self.reach.update_weights(&self.model);
-        self.reach.expire();
         Ok(())
     }
 }

@@ -63,6 +63,17 @@ impl Limits {
         Limits { shift: each(&self.shift), lower: each(&self.lower), upper: each(&self.upper) }
     }
 
+    /// Sets the entries to the differences of two instants; absent obstacles stay.
+    pub fn difference(&mut self, from: &Limits, to: &Limits) {
+        let each = |own: &mut Vec<f64>, from: &[f64], to: &[f64]| {
+            own.clear();
+            own.extend(from.iter().zip(to).map(|(a, b)| if a.is_finite() { b - a } else { 0.0 }));
+        };
+        each(&mut self.shift, &from.shift, &to.shift);
+        each(&mut self.lower, &from.lower, &to.lower);
+        each(&mut self.upper, &from.upper, &to.upper);
+    }
+
     fn between(&mut self, from: &Limits, to: &Limits, share: f64) {
         mix(&mut self.shift, &from.shift, &to.shift, share);
         mix(&mut self.lower, &from.lower, &to.lower, share);

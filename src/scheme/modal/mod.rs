@@ -22,7 +22,10 @@
 //! over the step, and changes the velocity again by half the impulse of the reactions at the new
 //! position (Strang splitting: explicit, symplectic, of second order, stable while
 //! `$\Delta t < 2 / w$` for the fastest motion in contact). No step solves for more than the
-//! reactions of the nodes in contact, and the cost does not depend on the mesh.
+//! reactions of the nodes in contact. Certificates prove that the other nodes, and in flight the
+//! candidates too, cannot touch; in flight a step is then a rotation of the modes and no more. Two
+//! costs depend on the mesh: renewing the certificates, and the compliance of each node that
+//! becomes a candidate, by solves with K.
 //!
 //! Without contact a step is exact, and keeps the energy to rounding whatever its length. In
 //! contact the scheme takes the relaxed step `$(q + \gamma\, dq,\; \dot q + \gamma\, d \dot q)$`,
@@ -49,6 +52,9 @@
 mod candidates;
 mod compliance;
 mod data;
+mod flight;
+mod forecast;
+mod products;
 mod reach;
 mod relaxation;
 mod rotation;
@@ -67,7 +73,10 @@ use crate::linalg::vectors::dot;
 use crate::linalg::{Engine, Form, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::ComplianceSolver;
-use data::ModalLoads;
+use data::{Limits, ModalLoads};
+use faer::Mat;
+use flight::Flight;
+use pulp::Arch;
 use reach::Reach;
 use rotation::Rotation;
 use state::State;
@@ -86,12 +95,17 @@ pub struct ModalConserving<'s, E: Engine> {
     loads: ModalLoads,
     /// Decay rates of the modes, in 1/s.
     decays: Vec<f64>,
-    /// Exact motion over a part of a step.
+    is_damped: bool,
+    /// Exact motion over a part of a step, and over the last step of another length.
     rotation: Rotation,
+    other: Rotation,
     /// Length of the next step in contact, in s.
     length: f64,
     contact: ComplianceSolver,
     reach: Reach,
+    flight: Flight,
+    /// Mode shapes at the candidates, one column each.
+    rows: Mat<f64>,
     /// Candidates in the order in which they came near, each time ascending.
     grown: Vec<Vec<usize>>,
     now: State,
@@ -100,6 +114,9 @@ pub struct ModalConserving<'s, E: Engine> {
     dq: Vec<f64>,
     dv: Vec<f64>,
     dy: Vec<f64>,
+    /// Work space for bounds that move: their change over a step, and the present ones.
+    change: Limits,
+    present: Limits,
     /// Energy at the start besides that of the constant load, and its change since by work, in J.
     start: f64,
     work: f64,
@@ -108,7 +125,8 @@ pub struct ModalConserving<'s, E: Engine> {
     /// Time between the two states, and from the grid instant to the later one, in s.
     span: f64,
     ahead: f64,
-    /// Mean reactions between the two states, in N.
+    /// Whether there were reactions between the two states, and their means, in N.
+    presses: bool,
     mean: Vec<f64>,
     /// State at the grid instant, and the solver for its reactions.
     shown: State,
@@ -118,6 +136,7 @@ pub struct ModalConserving<'s, E: Engine> {
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
     record: StepRecord,
+    arch: Arch,
 }
 
 impl<'s, E: Engine> ModalConserving<'s, E> {
@@ -140,6 +159,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let mut now = State {
             q: vec![0.0; count],
             v: vec![0.0; count],
+            is_settled: true,
             y: Vec::new(),
             x: Vec::new(),
             reaction: Vec::new(),
@@ -157,20 +177,27 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let parts = (dt * fastest / PART).ceil().max(1.0);
         let part = dt / parts;
         let mut scheme = ModalConserving {
+            is_damped: decays.iter().any(|decay| *decay > 0.0),
             rotation: Rotation::new(&modes.squares, &decays, part),
+            other: Rotation::new(&modes.squares, &decays, part),
             length: part,
             contact: ComplianceSolver::new(0),
             shown_contact: ComplianceSolver::new(0),
-            reach: Reach::new(&model, &bounds.dofs, &now.data, part),
+            reach: Reach::new(&model, &bounds.dofs, [&modes.squares, &decays], part, !system.drive.varies()),
+            flight: Flight::default(),
+            rows: Mat::new(),
             grown: Vec::new(),
             dq: vec![0.0; count],
             dv: vec![0.0; count],
             dy: Vec::new(),
+            change: Limits::default(),
+            present: Limits::default(),
             start: 0.0,
             work: 0.0,
             offset: 0.0,
             span: 0.0,
             ahead: 0.0,
+            presses: false,
             mean: Vec::new(),
             shown: now.clone(),
             limits: bounds.clone(),
@@ -186,10 +213,11 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             model,
             loads,
             decays,
+            arch: Arch::new(),
         };
         // Reactions lift further nodes, or press them.
         loop {
-            let near = scheme.check_reach().near;
+            let near = scheme.check_reach(0).near;
             if near.is_empty() {
                 break;
             }
@@ -202,6 +230,8 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let rest = scheme.loads.elastic(data) + dot(reaction, &data.near.shift);
         scheme.offset = rest - scheme.loads.work(data, q, &scheme.model.candidates, reaction);
         scheme.before = scheme.now.clone();
+        scheme.record.admissible = bounds.dofs.iter().map(|&dof| start.displacement[dof]).collect();
+        scheme.list_candidates();
         scheme.show();
         for (k, &i) in scheme.model.candidates.iter().enumerate() {
             scheme.record.reaction[i] = scheme.now.reaction[k];

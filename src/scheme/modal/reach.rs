@@ -1,200 +1,390 @@
 //! Reach of the bounded nodes that are no candidates for contact.
 //!
-//! Only candidates enter the contact problem. At a check all other nodes are evaluated; their
-//! deflections at a state (q, r), a time t later, differ from `$y_i + \dot y_i t$` by at most
+//! Only candidates enter the contact problem; a certificate proves that no other node touches. The
+//! nodes are divided into *tiers*: all of them, the quarter with the least slack, a quarter of
+//! these, and so on to some tens of nodes. Each tier has its own certificate for its nodes outside
+//! the next tier. The large tiers are far from their obstacles and are checked rarely; those that
+//! are checked often are small.
+//!
+//! A check of a tier approximates the free motion of the modes over a horizon T by the polynomial
+//! p(t) of a [forecast](super::forecast), with a bound e of the error, and evaluates
+//! `$y_i = \Phi_i\, p(t) + H_i r_0$` at its nodes, with their rows of the mode shapes and of the
+//! displacements H per reaction. Until the horizon, no node touches as long as
 //!
 //! ```math
-//! |\Phi_i|\, \delta, \qquad \delta = |q - q_0 - \dot q_0 t| + \sum_k c_k |r_k - r_{k0}|, \qquad
-//!    c_k = \max_i |H_{ik}| / |\Phi_i| ,
+//! |q - p(t)| + c\, |r - r_0|_1 \le \min_i \min_{t \le T} g_i(t) / |\Phi_i|, \qquad
+//!    c = \max_{ik} |H_{ik}| / |\Phi_i| ,
 //! ```
 //!
-//! with the rows of the mode shapes and the displacements H per reaction. Until a horizon, no node
-//! touches as long as `$\delta$` stays below the *radius*, the least of
-//! `$\min(g_i, g_i + \dot g_i t) / |\Phi_i|$` over all distances g from the obstacles. This costs
-//! as many operations per step as there are modes. Beyond the radius or the horizon, a new check
-//! follows, which costs the number of bounded nodes times that of modes. Nodes that would keep the
-//! radius below the change of the next steps become candidates.
+//! with the distances g of y from the obstacles; the right-hand side is the *radius*. In free
+//! flight under constant data the left-hand side is at most e, so that such a tier needs no test
+//! before its horizon. Once a reaction acts, the left-hand side is computed after each step, at as
+//! many operations as there are modes. Beyond the radius or the horizon, a new check of the tier
+//! and of all smaller ones follows. Horizons double, as long as twice the error e remains below the
+//! radius. At the shortest horizon, nodes that would keep the radius below the change of the next
+//! steps become candidates.
 
-use super::data::ModalData;
+use super::data::Limits;
+use super::forecast::{Forecast, least};
+use super::products::{dot, dots, norm, sum};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::scheme::exact::reduction::ReducedModel;
 use faer::Mat;
-use std::rc::Rc;
+use pulp::Arch;
 
 /// Time in which nodes come near, in steps of the longest length that resolves the fastest mode.
-const NEAR: f64 = 8.0;
-/// Horizons of a check in such steps, and the share of the first one's radius that the radius of a
-/// longer one must have.
-const HORIZONS: [f64; 4] = [16.0, 64.0, 256.0, 1024.0];
+const NEAR: f64 = 2.0;
+/// Shortest horizon in such steps, and the number of horizons, each twice the last.
+const SHORTEST: f64 = 4.0;
+const LEVELS: usize = 14;
+/// Share of a tier's nodes outside the next tier is 1 - 1 / `RATIO`; a tier of at most `SMALLEST`
+/// nodes is the last.
+const RATIO: usize = 4;
+const SMALLEST: usize = 32;
+/// Number of nodes above which a tier takes no reactions as reference: their displacements would
+/// cost more than those by the modes, and are small far from contact.
+const LARGE: usize = 4096;
+/// Share of the radius that the error of a forecast may take.
 const SHARE: f64 = 0.5;
+/// Rounding errors of a deflection, relative to that of all modes together.
+pub(super) const ROUNDING: f64 = 1e-12;
 
 /// Nodes out of reach; see the [module page](self).
 #[derive(Debug)]
 pub(super) struct Reach {
     /// Dofs of all bounds.
     dofs: Vec<usize>,
-    /// Mode shapes at all bounds, one row each, with their norms.
-    shapes: Mat<f64>,
-    sizes: Vec<f64>,
-    /// Weights c of the reactions, one entry per candidate.
-    weights: Vec<f64>,
-    /// Step, in s, that the horizon is measured in.
-    step: f64,
-    /// Deflections of all bounded nodes at the last check, in m; those of candidates mean nothing.
-    pub deflections: Vec<f64>,
-    /// State of the last check, and the time since, in s.
-    q: Vec<f64>,
-    v: Vec<f64>,
+    /// Mode shapes at all bounds, one column each, with their norms.
+    pub shapes: Mat<f64>,
+    pub sizes: Vec<f64>,
+    /// Largest displacement per reaction of any candidate, divided by the norm, one entry per
+    /// bound.
+    flexibilities: Vec<f64>,
+    pub forecasts: Vec<Forecast>,
+    /// Step, in s, that horizons are measured in.
+    pub step: f64,
+    /// Whether loads and obstacles are constant.
+    is_constant: bool,
+    /// Time of the present state since the start, in s.
+    pub elapsed: f64,
+    /// Bounds that are no candidates, those of each tier followed by those of the next.
+    nodes: Vec<usize>,
+    tiers: Vec<Tier>,
+    /// Earliest end of a certificate, if none needs a test before.
+    until: Option<f64>,
+    /// Work space: least distance divided by the norm, one entry per bound.
+    slacks: Vec<f64>,
+    arch: Arch,
+}
+
+/// Certificate for the nodes of a tier outside the next one.
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
+struct Tier {
+    /// Index of its first node.
+    start: usize,
+    /// Index of its horizon, and time of its last check, in s.
+    level: usize,
+    since: f64,
+    /// Coefficients of 1, t and t^2 of the modes.
+    motion: [Vec<f64>; 3],
+    /// Reactions at the check, one entry per candidate; empty for none.
     reaction: Vec<f64>,
-    data: Rc<ModalData>,
-    seconds: f64,
+    /// Shifts and bounds of all bounds at the check; empty where they are constant.
+    limits: Limits,
     radius: f64,
-    /// Horizon of the last check, in s.
-    horizon: f64,
+    /// Weight c of the reactions.
+    weight: f64,
+    /// Whether the modes have moved freely since the check.
+    is_free: bool,
+}
+
+/// State that a check evaluates, with the acceleration of its modes.
+pub(super) struct Check<'a> {
+    pub model: &'a ReducedModel,
+    pub state: &'a State,
+    /// Pull h - w^2 q on the modes, without reactions.
+    pub pull: Vec<f64>,
+    /// Norm of the acceleration, with reactions.
+    pub acceleration: f64,
 }
 
 /// Result of a check.
+#[derive(Default)]
 pub(super) struct Finding {
     /// Nodes that come near, ascending indices of bounds.
     pub near: Vec<usize>,
-    /// Whether some of them are beyond their obstacle.
+    /// Whether some of them may be beyond their obstacle.
     pub is_late: bool,
 }
 
 impl Reach {
     /// Creates the reach of all bounds, for steps of at most `step` seconds.
-    pub fn new(model: &ReducedModel, dofs: &[usize], data: &Rc<ModalData>, step: f64) -> Reach {
-        let shapes = Mat::from_fn(dofs.len(), model.lift.ncols(), |i, k| model.lift[(dofs[i], k)]);
+    pub fn new(
+        model: &ReducedModel,
+        dofs: &[usize],
+        [squares, decays]: [&[f64]; 2],
+        step: f64,
+        is_constant: bool,
+    ) -> Reach {
+        let shapes = Mat::from_fn(model.lift.ncols(), dofs.len(), |k, i| model.lift[(dofs[i], k)]);
+        let horizon = |level: usize| SHORTEST * step * f64::exp2(level as f64);
         Reach {
-            sizes: (0..dofs.len()).map(|i| shapes.row(i).norm_l2()).collect(),
+            sizes: (0..dofs.len()).map(|i| shapes.col(i).norm_l2()).collect(),
             shapes,
             dofs: dofs.to_vec(),
-            weights: Vec::new(),
+            flexibilities: vec![0.0; dofs.len()],
+            forecasts: (0..LEVELS).map(|level| Forecast::new(squares, decays, horizon(level))).collect(),
             step,
-            deflections: vec![0.0; dofs.len()],
-            q: Vec::new(),
-            v: Vec::new(),
-            reaction: Vec::new(),
-            data: data.clone(),
-            seconds: f64::INFINITY,
-            radius: 0.0,
-            horizon: 0.0,
+            is_constant,
+            elapsed: 0.0,
+            nodes: (0..dofs.len()).collect(),
+            tiers: Vec::new(),
+            until: None,
+            slacks: vec![0.0; dofs.len()],
+            arch: Arch::new(),
         }
     }
 
-    /// Returns whether the last check was at the last state.
-    pub fn is_fresh(&self) -> bool {
-        self.seconds == 0.0
+    /// Advances to a state `seconds` after the last one. Returns the first tier that needs a check.
+    /// Between the two states the modes have moved freely or not.
+    pub fn advance(&mut self, state: &State, seconds: f64, is_free: bool) -> Option<usize> {
+        self.elapsed += seconds;
+        if !is_free {
+            self.until = None;
+            self.tiers.iter_mut().for_each(|tier| tier.is_free = false);
+        }
+        match self.until {
+            Some(until) if self.elapsed <= until => None,
+            _ => (0..self.tiers.len()).find(|&tier| !self.holds(tier, state)),
+        }
     }
 
-    /// Forgets the last check.
-    pub fn expire(&mut self) {
-        self.seconds = f64::INFINITY;
+    /// Returns to the state before, `seconds` earlier, after a check of a tier: its certificate and
+    /// those of all smaller ones begin later and do not hold.
+    pub fn retreat(&mut self, seconds: f64, tier: usize) {
+        self.elapsed -= seconds;
+        self.until = None;
+        self.tiers.iter_mut().skip(tier).for_each(|tier| tier.since = f64::NEG_INFINITY);
     }
 
-    /// Returns whether no node but candidates can touch at a state, `seconds` after the last one.
-    pub fn is_safe(&mut self, state: &State, seconds: f64) -> bool {
-        self.seconds += seconds;
-        if self.seconds.is_nan() || self.seconds > self.horizon {
+    /// Returns whether the certificate of a tier holds for the present state.
+    fn holds(&self, index: usize, state: &State) -> bool {
+        let tier = &self.tiers[index];
+        let t = self.elapsed - tier.since;
+        if t.is_nan() || t > self.forecasts[tier.level].seconds {
             return false;
         }
-        let t = self.seconds;
-        let strayed = state.q.iter().zip(self.q.iter().zip(&self.v)).map(|(q, (from, v))| q - from - v * t);
-        let mut size = strayed.map(|d| d * d).sum::<f64>().sqrt();
-        for (k, weight) in self.weights.iter().enumerate() {
-            size += weight * (state.reaction[k] - self.reaction[k]).abs();
+        if tier.is_free {
+            return true;
         }
-        if !Rc::ptr_eq(&self.data, &state.data) {
-            let (from, to) = (&self.data.all, &state.data.all);
-            for (i, shape) in self.sizes.iter().enumerate() {
-                let shift = to.shift[i] - from.shift[i];
-                let closing = [to.lower[i] - from.lower[i] - shift, from.upper[i] - to.upper[i] + shift];
-                // Absent obstacles have infinite bounds.
-                let closing = closing.into_iter().filter(|c| c.is_finite()).fold(0.0, f64::max);
-                if size + closing / shape > self.radius {
-                    return false;
-                }
-            }
-        }
-        size <= self.radius
+        let [a, b, c] = tier.motion.each_ref().map(|of| &of[..state.q.len()]);
+        let q = &state.q;
+        let strayed = self.arch.dispatch(
+            #[inline(always)]
+            || sum(q.len(), |k| (q[k] - (a[k] + t * (b[k] + t * c[k]))).powi(2)),
+        );
+        let moved = |k: usize, r: f64| (r - tier.reaction.get(k).unwrap_or(&0.0)).abs();
+        let changed: f64 = state.reaction.iter().enumerate().map(|(k, r)| moved(k, *r)).sum();
+        strayed.sqrt() + tier.weight * changed + self.closing(index, state) <= tier.radius
     }
 
-    /// Evaluates all nodes but the candidates at a state, with the acceleration of its modes.
-    pub fn check(&mut self, model: &ReducedModel, state: &State, acceleration: f64) -> Finding {
-        let bounded = self.sizes.len();
-        self.seconds = 0.0;
-        self.q.clone_from(&state.q);
-        self.v.clone_from(&state.v);
-        self.reaction.clone_from(&state.reaction);
-        self.data = state.data.clone();
-        let limits = &state.data.all;
-        let mut rates = vec![0.0; bounded];
-        let y = &mut self.deflections;
-        y.copy_from_slice(&limits.shift);
-        for (k, (q, v)) in state.q.iter().zip(&state.v).enumerate() {
-            let column = self.shapes.col_as_slice(k);
-            for ((y, rate), shape) in y.iter_mut().zip(&mut rates).zip(column) {
-                *y += shape * q;
-                *rate += shape * v;
+    /// Returns the indices in `nodes` of the nodes of a tier outside the next one.
+    fn own(&self, tier: usize) -> std::ops::Range<usize> {
+        self.tiers[tier].start..self.tiers.get(tier + 1).map_or(self.nodes.len(), |next| next.start)
+    }
+
+    /// Returns the largest approach of nodes and obstacles of a tier by loads and motions of
+    /// obstacles since its check, divided by the norm.
+    fn closing(&self, tier: usize, state: &State) -> f64 {
+        if self.is_constant {
+            return 0.0;
+        }
+        let (from, to) = (&self.tiers[tier].limits, &state.data.all);
+        let closing = |&i: &usize| {
+            let shift = to.shift[i] - from.shift[i];
+            let both = [to.lower[i] - from.lower[i] - shift, from.upper[i] - to.upper[i] + shift];
+            // Absent obstacles have infinite bounds.
+            both.into_iter().filter(|c| c.is_finite()).fold(0.0, f64::max) / self.sizes[i]
+        };
+        self.nodes[self.own(tier)].iter().map(closing).fold(0.0, f64::max)
+    }
+
+    /// Checks a tier and all smaller ones at the present state.
+    pub fn check(&mut self, first: usize, check: &Check) -> Finding {
+        let mut finding = Finding::default();
+        let mut start = self.tiers.get(first).map_or(0, |tier| tier.start);
+        for index in first.. {
+            if index == self.tiers.len() {
+                let level = if index == 0 { LEVELS - 1 } else { self.tiers[index - 1].level };
+                self.tiers.push(Tier { level, since: self.elapsed, ..Tier::default() });
+            }
+            let mut tier = std::mem::take(&mut self.tiers[index]);
+            tier.start = start;
+            let inner = self.renew(&mut tier, check, &mut finding);
+            self.tiers[index] = tier;
+            start = self.nodes.len() - inner;
+            if inner == 0 {
+                self.tiers.truncate(index + 1);
+                break;
             }
         }
-        let is_candidate = |i: usize| model.candidates.binary_search(&i).is_ok();
-        for (k, r) in state.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            let column = model.flexibility.col_as_slice(k);
-            y.iter_mut().zip(&self.dofs).for_each(|(y, &dof)| *y += r * column[dof]);
-        }
-        let near_time = NEAR * self.step;
-        let near_size = 0.5 * acceleration * near_time * near_time;
-        let horizons = HORIZONS.map(|steps| steps * self.step);
-        let mut finding = Finding { near: Vec::new(), is_late: false };
-        let mut radii = [f64::INFINITY; HORIZONS.len()];
-        for i in (0..bounded).filter(|&i| !is_candidate(i)) {
-            let distances = [(y[i] - limits.lower[i], rates[i]), (limits.upper[i] - y[i], -rates[i])];
-            for (distance, rate) in distances {
-                let least = horizons.map(|time| distance.min(distance + rate * time) / self.sizes[i]);
-                if least[0].is_nan() || least[0] <= near_size {
-                    finding.near.push(i);
-                    finding.is_late |= distance < 0.0;
-                    break;
-                }
-                radii.iter_mut().zip(least).for_each(|(radius, least)| *radius = radius.min(least));
-            }
-        }
-        let longest = (0..radii.len()).rev().find(|&k| radii[k] >= SHARE * radii[0]).unwrap_or(0);
-        (self.horizon, self.radius) = (horizons[longest], radii[longest]);
+        let end = |tier: &Tier| tier.since + self.forecasts[tier.level].seconds;
+        let all_free = self.tiers.iter().all(|tier| tier.is_free);
+        self.until = all_free.then(|| self.tiers.iter().map(end).fold(f64::INFINITY, f64::min));
+        finding.near.sort_unstable();
         finding
     }
 
-    /// Updates the weights of the reactions for new candidates.
-    pub fn update_weights(&mut self, model: &ReducedModel) {
-        let weight = |k: usize| {
+    /// Renews the certificate of a tier, and sorts the nodes of the next tier to the end. Returns
+    /// their number.
+    fn renew(&mut self, tier: &mut Tier, check: &Check, finding: &mut Finding) -> usize {
+        let Check { state, pull, .. } = check;
+        let size = self.nodes.len() - tier.start;
+        let inner = if size > SMALLEST { size / RATIO } else { 0 };
+        let rounding = ROUNDING * norm(&state.q);
+        let errors: Vec<f64> =
+            self.forecasts.iter().map(|of| (of.error(&state.v, pull) + rounding) / SHARE).collect();
+        tier.level = self.next_level(tier.level, tier.since);
+        loop {
+            tier.reaction.clear();
+            if size <= LARGE || tier.level == 0 {
+                tier.reaction.extend_from_slice(&state.reaction);
+            }
+            self.forecasts[tier.level].motion(&state.q, &state.v, pull, &mut tier.motion);
+            self.evaluate(tier, check);
+            tier.radius = self.divide(tier.start, inner);
+            if tier.radius >= errors[tier.level] || tier.level == 0 {
+                break;
+            }
+            let radius = tier.radius;
+            tier.level = errors[..tier.level].iter().rposition(|error| *error <= radius).unwrap_or(0);
+        }
+        if tier.level == 0 {
+            let near_time = NEAR * self.step;
+            let near = (0.5 * check.acceleration * near_time * near_time).max(errors[0]);
+            self.find_near(tier, inner, near, check, finding);
+        }
+        tier.since = self.elapsed;
+        tier.is_free = self.is_constant && !state.touches();
+        if !self.is_constant {
+            tier.limits.clone_from(&state.data.all);
+        }
+        let own = &self.nodes[tier.start..self.nodes.len() - inner];
+        tier.weight = own.iter().map(|&i| self.flexibilities[i]).fold(0.0, f64::max);
+        inner
+    }
+
+    /// Returns the longest horizon to try after that of a level, checked at an instant (s): about
+    /// twice the time that it lasted.
+    pub fn next_level(&self, level: usize, since: f64) -> usize {
+        let lasted = self.elapsed - since;
+        if lasted == 0.0 {
+            return level;
+        }
+        let longer = self.forecasts.partition_point(|of| of.seconds <= 2.0 * lasted);
+        longer.min(level + 1).min(LEVELS - 1)
+    }
+
+    /// Computes the slacks of the nodes of a tier over its horizon.
+    fn evaluate(&mut self, tier: &Tier, check: &Check) {
+        let Reach { shapes, slacks, sizes, dofs, .. } = self;
+        let end = self.forecasts[tier.level].seconds;
+        let motion = tier.motion.each_ref().map(|of| &**of);
+        let limits = &check.state.data.all;
+        let acting: Vec<(f64, &[f64])> = tier
+            .reaction
+            .iter()
+            .enumerate()
+            .filter(|(_, r)| **r != 0.0)
+            .map(|(k, r)| (*r, check.model.flexibility.col_as_slice(k)))
+            .collect();
+        self.arch.dispatch(
+            #[inline(always)]
+            || {
+                for &i in &self.nodes[tier.start..] {
+                    let mut y = dots(shapes.col_as_slice(i), motion);
+                    y[0] += limits.shift[i];
+                    y[0] += acting.iter().map(|(r, column)| r * column[dofs[i]]).sum::<f64>();
+                    slacks[i] = distance(y, limits, i, end) / sizes[i];
+                }
+            },
+        );
+    }
+
+    /// Sorts the given number of nodes with the least slack to the end. Returns the least slack of
+    /// the others of those from `start` on.
+    fn divide(&mut self, start: usize, inner: usize) -> f64 {
+        let slacks = &self.slacks;
+        let nodes = &mut self.nodes[start..];
+        let own = nodes.len() - inner;
+        if inner == 0 || own == 0 {
+            return nodes.iter().map(|&i| slacks[i]).fold(f64::INFINITY, f64::min);
+        }
+        let (_, last, _) = nodes.select_nth_unstable_by(own - 1, |&a, &b| slacks[b].total_cmp(&slacks[a]));
+        slacks[*last]
+    }
+
+    /// Finds the nodes of a tier outside the next one whose slack is too small, and sets the radius
+    /// to that of the others.
+    fn find_near(&self, tier: &mut Tier, inner: usize, most: f64, check: &Check, finding: &mut Finding) {
+        tier.radius = f64::INFINITY;
+        let Check { model, state, .. } = check;
+        let limits = &state.data.all;
+        for &i in &self.nodes[tier.start..self.nodes.len() - inner] {
+            let slack = self.slacks[i];
+            if slack > most {
+                tier.radius = tier.radius.min(slack);
+                continue;
+            }
+            finding.near.push(i);
+            let mut y = limits.shift[i] + dot(self.shapes.col_as_slice(i), &state.q);
+            for (k, r) in state.reaction.iter().enumerate() {
+                y += r * model.flexibility[(self.dofs[i], k)];
+            }
+            finding.is_late |= y < limits.lower[i] || y > limits.upper[i];
+        }
+    }
+
+    /// Removes nodes that have become candidates, ascending indices of bounds, beside the `old`
+    /// candidates.
+    pub fn remove(&mut self, model: &ReducedModel, old: &[usize], near: &[usize]) {
+        let is_near = |i: &usize| near.binary_search(i).is_ok();
+        for tier in &mut self.tiers {
+            tier.start -= self.nodes[..tier.start].iter().filter(|i| is_near(i)).count();
+            if !tier.reaction.is_empty() {
+                let known = |i| old.binary_search(i).map_or(0.0, |k| tier.reaction[k]);
+                tier.reaction = model.candidates.iter().map(known).collect();
+            }
+        }
+        self.nodes.retain(|i| !is_near(i));
+        for k in near.iter().filter_map(|i| model.candidates.binary_search(i).ok()) {
             let column = model.flexibility.col_as_slice(k);
-            let others = self.dofs.iter().zip(&self.sizes).enumerate();
-            let others = others.filter(|(i, _)| model.candidates.binary_search(i).is_err());
-            others.map(|(_, (&dof, size))| column[dof].abs() / size).fold(0.0, f64::max)
-        };
-        self.weights = (0..model.candidates.len()).map(weight).collect();
+            for &i in &self.nodes {
+                let flexibility = column[self.dofs[i]].abs() / self.sizes[i];
+                self.flexibilities[i] = self.flexibilities[i].max(flexibility);
+            }
+        }
+        for index in 0..self.tiers.len() {
+            let own = self.nodes[self.own(index)].iter();
+            self.tiers[index].weight = own.map(|&i| self.flexibilities[i]).fold(0.0, f64::max);
+        }
     }
 
-    /// Saves or restores the last check. The weights follow from the candidates.
+    /// Saves or restores the certificates. What else there is follows from the candidates.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        for vector in [&mut self.deflections, &mut self.q, &mut self.v, &mut self.reaction] {
-            archive.value(vector)?;
-        }
-        let mut data = (*self.data).clone();
-        archive.value(&mut data)?;
-        if !archive.saves() {
-            self.data = Rc::new(data);
-        }
-        archive.value(&mut self.seconds)?;
-        archive.value(&mut self.horizon)?;
-        archive.value(&mut self.radius)
+        archive.value(&mut self.elapsed)?;
+        archive.value(&mut self.nodes)?;
+        archive.value(&mut self.until)?;
+        archive.value(&mut self.tiers)
     }
+}
 
-    /// Replaces the data of the last check by equal ones that a state has.
-    pub fn share_data(&mut self, data: &Rc<ModalData>) {
-        self.data = data.clone();
-    }
+/// Returns the least distance of a bounded dof from its obstacles between 0 and `end`, in m, for
+/// given coefficients of 1, t and t^2 of its deflection.
+#[inline(always)]
+pub(super) fn distance([y, rate, curve]: [f64; 3], limits: &Limits, bound: usize, end: f64) -> f64 {
+    let below = least([y - limits.lower[bound], rate, curve], end);
+    below.min(least([limits.upper[bound] - y, -rate, -curve], end))
 }

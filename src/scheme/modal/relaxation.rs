@@ -1,49 +1,166 @@
-//! Step length at which a relaxed step keeps the energy.
+//! Relaxed steps in contact.
 
+use super::ModalConserving;
+use super::data::{Limits, ModalData};
+use super::products::{energy, sum};
+use super::state::State;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::linalg::vectors::{waxpby, waxpy};
+use crate::scheme::relaxation::{RelaxedStep, root};
+use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver};
+use faer::Mat;
 use std::ops::Range;
+use std::rc::Rc;
 
-/// Largest number of trials; about four suffice.
-const MOST_TRIALS: usize = 60;
+/// Range of gamma that is accepted.
+const RANGE: Range<f64> = 0.5..2.0;
+/// Relative change of energy above which a step is relaxed, and at which the search ends.
+const MOVED: f64 = 1e-13;
+const KEPT: f64 = 4.0 * f64::EPSILON;
 
-/// Returns the root of `excess` in `range` that is nearest to 1, to a value of `enough`; `None` if
-/// there is none.
-///
-/// `excess` returns value and slope at gamma. The search is Newton's method with the curvature from
-/// the last two slopes, inside a bracket in which the value rises.
-pub(super) fn root(mut excess: impl FnMut(f64) -> (f64, f64), range: Range<f64>, enough: f64) -> Option<f64> {
-    let (mut below, mut above) = (None, None);
-    let (mut gamma, mut last) = (1.0, None::<(f64, f64)>);
-    let mut best = (f64::INFINITY, gamma);
-    for _ in 0..MOST_TRIALS {
-        let (value, slope) = excess(gamma);
-        if value.abs() < best.0 {
-            best = (value.abs(), gamma);
-        }
-        if value.abs() <= enough {
-            return Some(gamma);
-        }
-        if value.is_nan() || gamma <= range.start && value > 0.0 || gamma >= range.end && value < 0.0 {
-            return None;
-        }
-        *(if value < 0.0 { &mut below } else { &mut above }) = Some(gamma);
-        let curvature = last.map_or(0.0, |(at, before)| ((slope - before) / (gamma - at)).max(0.0));
-        last = Some((gamma, slope));
-        // The larger root of value + slope h + curvature h^2 / 2.
-        let discriminant = (slope * slope - 2.0 * value * curvature).max(0.0).sqrt();
-        let mut next = gamma - 2.0 * value / (slope + discriminant);
-        let nearest = |next: f64| (next - gamma).abs() <= f64::EPSILON * gamma;
-        let (low, high) = (below.unwrap_or(range.start), above.unwrap_or(range.end));
-        if !(low < next && next < high || nearest(next)) {
-            next = match (below, above) {
-                (None, _) => low,
-                (_, None) => high.min(2.0 * gamma),
-                _ => 0.5 * (low + high),
-            };
-        }
-        if nearest(next) {
-            break;
-        }
-        gamma = next;
+/// States along a step, whose deflections without reactions and bounds are linear in gamma.
+struct ContactStep<'a> {
+    contact: &'a mut ComplianceSolver,
+    compliance: &'a Mat<f64>,
+    now: &'a mut State,
+    /// Deflections of the candidates without reactions before the step, and their change, in m.
+    y: &'a [f64],
+    dy: &'a [f64],
+    /// Bounds before the step, their change where they move, and the present ones.
+    from: &'a Limits,
+    change: Option<&'a Limits>,
+    present: &'a mut Limits,
+    gamma: f64,
+    /// Coefficients of 1, gamma and gamma^2 of the excess without the rest, in J.
+    energy: [f64; 3],
+    /// Error at which the search ends, in J.
+    enough: f64,
+}
+
+impl RelaxedStep for ContactStep<'_> {
+    fn move_to(&mut self, gamma: f64) -> Result<()> {
+        let ContactStep { now, from, change, present, compliance, .. } = self;
+        self.gamma = gamma;
+        waxpy(gamma, self.dy, self.y, &mut now.y);
+        let limits = match change {
+            Some(change) => {
+                waxpy(gamma, &change.lower, &from.lower, &mut present.lower);
+                waxpy(gamma, &change.upper, &from.upper, &mut present.upper);
+                &**present
+            }
+            None => *from,
+        };
+        let Limits { lower, upper, .. } = limits;
+        let problem = ComplianceProblem { compliance, free: &now.y, lower, upper };
+        self.contact.solve(problem, &mut now.x, &mut now.reaction);
+        Ok(())
     }
-    Some(best.1)
+
+    fn excess(&self) -> Result<[f64; 2]> {
+        let ContactStep { now, energy: [constant, linear, quadratic], gamma, .. } = self;
+        let active = self.contact.active().iter();
+        let rest: f64 = active.map(|&i| 0.5 * now.reaction[i] * (now.x[i] - now.y[i])).sum();
+        Ok([constant + gamma * (linear + gamma * quadratic) + rest, self.enough])
+    }
+
+    fn slope(&mut self) -> Result<f64> {
+        let [_, linear, quadratic] = self.energy;
+        let moved = |i: usize| match (self.change, self.contact.sides[i]) {
+            (Some(change), BoundStatus::Upper) => change.upper[i],
+            (Some(change), _) => change.lower[i],
+            (None, _) => 0.0,
+        };
+        let active = self.contact.active().iter();
+        let rest: f64 = active.map(|&i| self.now.reaction[i] * (moved(i) - self.dy[i])).sum();
+        Ok(linear + 2.0 * self.gamma * quadratic + rest)
+    }
+}
+
+impl<E: Engine> ModalConserving<'_, E> {
+    /// Relaxes a step in contact so that it keeps the energy. Returns gamma and the work of the
+    /// obstacles over the whole step (J); `None` if no gamma in range does, unless this is the last
+    /// trial.
+    pub(super) fn keep_energy(
+        &mut self,
+        next: Option<&Rc<ModalData>>,
+        exchanged: [f64; 2],
+        is_last: bool,
+    ) -> Result<Option<(f64, f64)>> {
+        let (now, before) = (&self.now, &self.before);
+        waxpby(0.5, &before.reaction, 0.5, &now.reaction, &mut self.mean);
+        waxpy(-1.0, &before.v, &now.v, &mut self.dv);
+        self.dy.resize(now.y.len(), 0.0);
+        waxpy(-1.0, &before.y, &now.y, &mut self.dy);
+        let plain = is_last.then(|| self.now.clone());
+        let taken = self.relax(next, exchanged)?;
+        Ok(match (taken, plain) {
+            (None, Some(plain)) => {
+                self.now = plain;
+                Some((1.0, 0.0))
+            }
+            _ => taken,
+        })
+    }
+
+    /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
+    /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does.
+    fn relax(
+        &mut self,
+        next: Option<&Rc<ModalData>>,
+        [received, dissipated]: [f64; 2],
+    ) -> Result<Option<(f64, f64)>> {
+        let obstacles = next.map_or(0.0, |next| self.obstacle_work(next));
+        let (energy, size) = self.excess(received + obstacles - dissipated);
+        let mut step = ContactStep {
+            contact: &mut self.contact,
+            compliance: &self.model.compliance,
+            now: &mut self.now,
+            y: &self.before.y,
+            dy: &self.dy,
+            from: &self.before.data.near,
+            change: next.map(|_| &self.change),
+            present: &mut self.present,
+            gamma: 1.0,
+            energy,
+            enough: KEPT * size,
+        };
+        step.move_to(1.0)?;
+        let [moved, _] = step.excess()?;
+        let gamma = match moved.abs() <= MOVED * size {
+            true => Some(1.0),
+            false => root(&mut step, RANGE)?,
+        };
+        let Some(gamma) = gamma else { return Ok(None) };
+        waxpy(gamma, &self.dq, &self.before.q, &mut self.now.q);
+        waxpy(gamma, &self.dv, &self.before.v, &mut self.now.v);
+        if let Some(next) = next {
+            self.now.data = ModalData::between(&self.before.data, next, gamma).into();
+        }
+        Ok(Some((gamma, obstacles)))
+    }
+
+    /// Returns the coefficients of 1, gamma and gamma^2 of the energy beyond its target, without
+    /// that of the rest, and the scale of its rounding errors, in J. `gain` is the energy received
+    /// over the whole step.
+    fn excess(&self, gain: f64) -> ([f64; 3], f64) {
+        let squares = &self.modes.squares;
+        let State { q, v, .. } = &self.before;
+        let (dq, dv) = (&self.dq, &self.dv);
+        let constant = energy(squares, q, v);
+        let linear = sum(squares.len(), |k| v[k] * dv[k] + squares[k] * q[k] * dq[k]);
+        let target = self.start + self.work - self.relaxation.dissipated;
+        ([constant - target, linear - gain, energy(squares, dq, dv)], self.start.abs() + constant)
+    }
+
+    /// Computes the change of the bounds over the whole step. Returns the work of the mean
+    /// reactions on the obstacles, in J.
+    fn obstacle_work(&mut self, next: &ModalData) -> f64 {
+        let from = &self.before.data.near;
+        self.change.difference(from, &next.near);
+        self.present.clone_from(from);
+        let Limits { shift, lower, upper } = &self.change;
+        let pressed = |r: f64, i: usize| if r > 0.0 { lower[i] - shift[i] } else { upper[i] - shift[i] };
+        self.mean.iter().enumerate().filter(|(_, r)| **r != 0.0).map(|(i, r)| r * pressed(*r, i)).sum()
+    }
 }

@@ -17,17 +17,25 @@ use crate::scheme::exact::motion::{phase, rigid_response};
 pub(super) struct Rotation {
     /// Length of the step, in s.
     pub seconds: f64,
-    a: Vec<f64>,
-    b: Vec<f64>,
+    pub a: Vec<f64>,
+    pub b: Vec<f64>,
     d: Vec<f64>,
 }
 
 impl Rotation {
     /// Prepares a step, for modes of given squared frequencies ((rad/s)^2) and decay rates (1/s).
     pub fn new(squares: &[f64], decays: &[f64], seconds: f64) -> Rotation {
-        let (mut a, mut b, mut d) = (Vec::new(), Vec::new(), Vec::new());
-        for (square, decay) in squares.iter().zip(decays) {
-            let [of_rate, of_pull, of_decay] = if *square == 0.0 {
+        let zeros = || vec![0.0; squares.len()];
+        let mut rotation = Rotation { seconds: f64::NAN, a: zeros(), b: zeros(), d: zeros() };
+        rotation.set(squares, decays, seconds);
+        rotation
+    }
+
+    /// Prepares a step of another length, in s.
+    pub fn set(&mut self, squares: &[f64], decays: &[f64], seconds: f64) {
+        self.seconds = seconds;
+        for (k, (square, decay)) in squares.iter().zip(decays).enumerate() {
+            [self.a[k], self.b[k], self.d[k]] = if *square == 0.0 {
                 let (g, mean) = rigid_response(*decay, seconds);
                 [g, 0.5 * g * mean, -decay * g]
             } else {
@@ -35,14 +43,11 @@ impl Rotation {
                 let (s, v) = phase(w, *decay, seconds);
                 [s / w, v / square, -(v + decay / w * s)]
             };
-            a.push(of_rate);
-            b.push(of_pull);
-            d.push(of_decay);
         }
-        Rotation { seconds, a, b, d }
     }
 
     /// Computes the increments of q and q' under a constant force h.
+    #[inline(always)]
     pub fn increments(
         &self,
         squares: &[f64],

@@ -2,12 +2,13 @@
 
 use super::ModalConserving;
 use super::data::{Limits, ModalData};
+use super::products::dot;
 use super::state::{State, add_product};
 use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::{axpy, divide, dot};
+use crate::linalg::vectors::axpy;
 use crate::obstacle::Bounds;
 use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepRecord};
 use crate::vi::{BoundStatus, ComplianceProblem, StepReport};
@@ -20,68 +21,108 @@ const SAME_TIME: f64 = 1e-9;
 impl<E: Engine> ModalConserving<'_, E> {
     /// Adds the impulses of the reactions of the last step over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
-        for (r, &i) in self.mean.iter().zip(&self.model.candidates) {
-            self.record.impulses[i] += seconds * r;
+        if self.presses {
+            self.list_candidates();
+            for (r, &i) in self.mean.iter().zip(&self.model.candidates) {
+                self.record.impulses[i] += seconds * r;
+            }
         }
+    }
+
+    /// Lists the candidates in the record, as those that may be in contact.
+    pub(super) fn list_candidates(&mut self) {
+        self.record.candidates.get_or_insert_default().clone_from(&self.model.candidates);
+    }
+
+    /// Begins the record of a step. Only listed candidates have had reactions.
+    fn begin_record(&mut self) {
+        let StepRecord { step, reaction, impulses, candidates, report, .. } = &mut self.record;
+        *step += 1;
+        *report = StepReport::default();
+        let listed = candidates.get_or_insert_default();
+        for &i in &*listed {
+            (reaction[i], impulses[i]) = (0.0, 0.0);
+        }
+        listed.clear();
+    }
+
+    /// Completes the record of a step, unless all candidates have flown.
+    fn end_record(&mut self) {
+        if self.shown().touches() {
+            self.list_candidates();
+        }
+        if self.record.candidates.as_ref().is_none_or(|listed| listed.is_empty()) {
+            return;
+        }
+        let is_between = self.ahead > 0.0;
+        let shown = if is_between { &mut self.shown } else { &mut self.now };
+        if !shown.is_settled {
+            shown.settle_free(&self.rows);
+        }
+        let StepRecord { dt, admissible, reaction, impulses, .. } = &mut self.record;
+        for (x, &i) in shown.x.iter().zip(&self.model.candidates) {
+            (admissible[i], reaction[i]) = (*x, impulses[i] / *dt);
+        }
+    }
+
+    /// Returns the state at the grid instant.
+    fn shown(&self) -> &State {
+        if self.ahead > 0.0 { &self.shown } else { &self.now }
     }
 
     /// Computes the state at the grid instant.
     pub(super) fn show(&mut self) {
         self.shape.take();
         if self.ahead > 0.0 {
-            let share = 1.0 - self.ahead / self.span;
-            let (left, right) = (1.0 - share, share);
-            // Cubic Hermite interpolation of q.
-            let [of_before, of_now] = [left * left * (1.0 + 2.0 * share), right * right * (1.0 + 2.0 * left)];
-            let [of_rate_before, of_rate_now] =
-                [share * left * left * self.span, -left * share * share * self.span];
-            let (shown, before, now) = (&mut self.shown, &self.before, &self.now);
-            for k in 0..now.q.len() {
-                shown.q[k] = of_before * before.q[k]
-                    + of_now * now.q[k]
-                    + of_rate_before * before.v[k]
-                    + of_rate_now * now.v[k];
-                shown.v[k] = left * before.v[k] + right * now.v[k];
-            }
-            shown.data = match Rc::ptr_eq(&before.data, &now.data) {
-                true => now.data.clone(),
-                false => ModalData::between(&before.data, &now.data, share).into(),
-            };
-            shown.frame_rates.clone_from(&now.frame_rates);
-            let Limits { shift, lower, upper } = &shown.data.near;
-            shown.y.copy_from_slice(shift);
-            add_product(&self.model.lift_at, &shown.q, &mut shown.y);
-            let problem =
-                ComplianceProblem { compliance: &self.model.compliance, free: &shown.y, lower, upper };
-            self.shown_contact.solve(problem, &mut shown.x, &mut shown.reaction);
-        } else {
-            self.shown.clone_from(&self.now);
+            self.interpolate();
         }
-        let State { x, data, .. } = &self.shown;
         if self.system.drive.varies() {
+            let data = if self.ahead > 0.0 { &self.shown.data } else { &self.now.data };
             self.limits.lower.copy_from_slice(&data.all.lower);
             self.limits.upper.copy_from_slice(&data.all.upper);
         }
-        // Nodes out of reach have the deflections of the last check.
-        if self.reach.is_fresh() || self.system.drive.varies() {
-            self.record.admissible.copy_from_slice(&self.reach.deflections);
+        self.end_record();
+    }
+
+    /// Interpolates q between the states around the grid instant, and computes the reactions.
+    fn interpolate(&mut self) {
+        let share = 1.0 - self.ahead / self.span;
+        let (left, right) = (1.0 - share, share);
+        // Cubic Hermite interpolation of q.
+        let [of_before, of_now] = [left * left * (1.0 + 2.0 * share), right * right * (1.0 + 2.0 * left)];
+        let [of_rate_before, of_rate_now] =
+            [share * left * left * self.span, -left * share * share * self.span];
+        let (shown, before, now) = (&mut self.shown, &self.before, &self.now);
+        for k in 0..now.q.len() {
+            shown.q[k] = of_before * before.q[k]
+                + of_now * now.q[k]
+                + of_rate_before * before.v[k]
+                + of_rate_now * now.v[k];
+            shown.v[k] = left * before.v[k] + right * now.v[k];
         }
-        for (x, &i) in x.iter().zip(&self.model.candidates) {
-            self.record.admissible[i] = *x;
-        }
+        shown.data = match Rc::ptr_eq(&before.data, &now.data) {
+            true => now.data.clone(),
+            false => ModalData::between(&before.data, &now.data, share).into(),
+        };
+        shown.frame_rates.clone_from(&now.frame_rates);
+        shown.settle_free(&self.rows);
+        let State { y, x, reaction, data, .. } = shown;
+        let Limits { lower, upper, .. } = &data.near;
+        let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
+        self.shown_contact.solve(problem, x, reaction);
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
     fn shape(&self) -> Vec<f64> {
-        let State { q, reaction, data, .. } = &self.shown;
+        let State { q, x, reaction, data, is_settled, .. } = self.shown();
         let mut u = vec![0.0; self.system.engine.dofs()];
         add_product(&self.model.lift, q, &mut u);
         self.loads.add_response(data, &mut u);
         for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
             axpy(*r, self.model.flexibility.col_as_slice(i), &mut u);
         }
-        for (x, &dof) in self.shown.x.iter().zip(&self.model.bounds.dofs) {
-            u[dof] = *x;
+        if *is_settled {
+            x.iter().zip(&self.model.bounds.dofs).for_each(|(x, &dof)| u[dof] = *x);
         }
         u
     }
@@ -89,8 +130,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 
 impl<E: Engine> Scheme for ModalConserving<'_, E> {
     fn advance(&mut self) -> Result<()> {
-        self.record.begin_step();
-        self.record.report = StepReport::default();
+        self.begin_record();
         let dt = self.record.dt;
         self.add_impulses(self.ahead.min(dt));
         self.ahead -= dt;
@@ -110,9 +150,6 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
                 self.ahead = 0.0;
             }
         }
-        let StepRecord { reaction, impulses, .. } = &mut self.record;
-        reaction.copy_from_slice(impulses);
-        divide(dt, reaction);
         self.show();
         Ok(())
     }
@@ -131,7 +168,8 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     /// in m/s.
     fn velocity(&mut self) -> Result<Vec<f64>> {
         let mut rates = vec![0.0; self.system.engine.dofs()];
-        add_product(&self.model.lift, &self.shown.v, &mut rates);
+        let v = &self.shown().v;
+        add_product(&self.model.lift, v, &mut rates);
         let contact = if self.ahead > 0.0 { &self.shown_contact } else { &self.contact };
         let active = contact.active();
         if active.is_empty() || self.record.step == 0 {
@@ -145,10 +183,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
             };
             ((to - from) - (now.near.shift[i] - before.near.shift[i])) / self.span
         };
-        let missing = |i: usize| {
-            let row = self.model.lift_at.row(i);
-            limit(i) - row.iter().zip(&self.shown.v).map(|(a, v)| a * v).sum::<f64>()
-        };
+        let missing = |i: usize| limit(i) - dot(self.rows.col_as_slice(i), v);
         let mut forces = Mat::from_fn(active.len(), 1, |k, _| missing(active[k]));
         contact.solve_active(&mut forces);
         for (k, &i) in active.iter().enumerate() {
@@ -158,7 +193,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn support_rates(&self) -> Result<Vec<f64>> {
-        Ok(self.shown.frame_rates.clone())
+        Ok(self.shown().frame_rates.clone())
     }
 
     fn limits(&self) -> &Bounds {
@@ -196,18 +231,20 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         self.now.archive(archive)?;
         self.before.archive(archive)?;
         self.reach.archive(archive)?;
+        self.flight.archive(archive)?;
+        archive.value(&mut self.presses)?;
         archive.value(&mut self.mean)?;
+        archive.value(&mut self.record.candidates)?;
         self.contact.archive(&self.model.compliance, archive)?;
         self.shown_contact.archive(&self.model.compliance, archive)?;
         Approach::archive(&mut self.free, archive)?;
         if !archive.saves() {
             if !self.system.drive.varies() {
                 self.before.data = self.now.data.clone();
-                self.reach.share_data(&self.now.data);
             }
-            let admissible = self.record.admissible.clone();
+            let record = self.record.clone();
             self.show();
-            self.record.admissible = admissible;
+            self.record = record;
         }
         Ok(())
     }

@@ -1,11 +1,13 @@
 //! State of the modes and of the candidates for contact.
 
 use super::data::{Limits, ModalData};
+use super::products::dot;
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::vectors::{axpy, dot};
+use crate::linalg::vectors::axpy;
 use crate::scheme::exact::reduction::ReducedModel;
 use faer::Mat;
+use pulp::Arch;
 use std::rc::Rc;
 
 /// State of the modes and of the candidates.
@@ -14,6 +16,8 @@ pub(super) struct State {
     /// Modal coordinates and their rates, in m and m/s times the root of kg.
     pub q: Vec<f64>,
     pub v: Vec<f64>,
+    /// Whether y and x are those of q. Otherwise the candidates fly freely, without reactions.
+    pub is_settled: bool,
     /// Deflections of the candidates without reactions and with them, in m.
     pub y: Vec<f64>,
     pub x: Vec<f64>,
@@ -26,7 +30,7 @@ pub(super) struct State {
 
 impl State {
     /// Computes the deflections of new candidates, without reactions so far.
-    pub fn extend(&mut self, model: &ReducedModel, old: &[usize]) {
+    pub fn extend(&mut self, model: &ReducedModel, rows: &Mat<f64>, old: &[usize]) {
         let mut reaction = vec![0.0; model.candidates.len()];
         for (&of, r) in old.iter().zip(&self.reaction) {
             if let Ok(k) = model.candidates.binary_search(&of) {
@@ -34,9 +38,7 @@ impl State {
             }
         }
         self.reaction = reaction;
-        self.y.clone_from(&self.data.near.shift);
-        add_product(&model.lift_at, &self.q, &mut self.y);
-        self.x.clone_from(&self.y);
+        self.settle_free(rows);
         for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
             axpy(*r, model.compliance.col_as_slice(k), &mut self.x);
         }
@@ -46,9 +48,41 @@ impl State {
         }
     }
 
+    /// Computes the deflections of the candidates without reactions, given their rows of the mode
+    /// shapes in columns.
+    pub fn settle_free(&mut self, rows: &Mat<f64>) {
+        let State { q, y, x, data, .. } = self;
+        y.resize(rows.ncols(), 0.0);
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (i, y) in y.iter_mut().enumerate() {
+                    *y = data.near.shift[i] + dot(rows.col_as_slice(i), q);
+                }
+            },
+        );
+        x.clone_from(y);
+        self.is_settled = true;
+    }
+
+    /// Lets the candidates fly, without deflections.
+    pub fn release(&mut self) {
+        // A state that is not settled has no reactions.
+        if self.is_settled {
+            self.reaction.fill(0.0);
+        }
+        self.is_settled = false;
+    }
+
     /// Returns whether any candidate is in contact.
     pub fn touches(&self) -> bool {
-        self.reaction.iter().any(|r| *r != 0.0)
+        self.is_settled && self.reaction.iter().any(|r| *r != 0.0)
+    }
+
+    /// Returns the pull h - w^2 q on the modes, without reactions.
+    pub fn pull(&self, squares: &[f64]) -> Vec<f64> {
+        let pairs = self.q.iter().zip(squares);
+        self.data.force.iter().zip(pairs).map(|(h, (q, square))| h - square * q).collect()
     }
 
     /// Returns kinetic energy and elastic energy of the modes and reactions, in J.
@@ -64,6 +98,7 @@ impl State {
         for vector in [&mut self.q, &mut self.v, &mut self.y, &mut self.x, &mut self.reaction] {
             archive.value(vector)?;
         }
+        archive.value(&mut self.is_settled)?;
         archive.value(&mut self.frame_rates)?;
         let mut data = (*self.data).clone();
         archive.value(&mut data)?;
@@ -81,11 +116,9 @@ pub(super) fn add_product(a: &Mat<f64>, x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// Adds A^T r over a duration (s) to the rates of the modes.
-pub(super) fn kick(lift_at: &Mat<f64>, reaction: &[f64], seconds: f64, v: &mut [f64]) {
+/// Adds A^T r over a duration (s) to the rates of the modes, with the rows of A in columns.
+pub(super) fn kick(rows: &Mat<f64>, reaction: &[f64], seconds: f64, v: &mut [f64]) {
     for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-        for (v, a) in v.iter_mut().zip(lift_at.row(i).iter()) {
-            *v += seconds * r * a;
-        }
+        axpy(seconds * r, rows.col_as_slice(i), v);
     }
 }

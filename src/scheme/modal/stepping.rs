@@ -2,23 +2,16 @@
 
 use super::ModalConserving;
 use super::data::{Limits, ModalData};
+use super::products::{dot, energy};
 use super::reach::Finding;
-use super::relaxation;
-use super::rotation::Rotation;
-use super::state::{State, add_product, kick};
+use super::state::{State, kick};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::{add, axpy, difference, divide, dot, sum, waxpy};
+use crate::linalg::vectors::axpy;
 use crate::scheme::Approach;
-use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
-use std::ops::Range;
+use crate::vi::{ComplianceProblem, ComplianceSolver, StepReport};
 use std::rc::Rc;
 
-/// Range of gamma that is accepted.
-const RANGE: Range<f64> = 0.5..2.0;
-/// Relative change of energy above which a step is relaxed, and at which the search ends.
-const MOVED: f64 = 1e-13;
-const KEPT: f64 = 4.0 * f64::EPSILON;
 /// Largest number of halvings of a step whose energy has no root in range; afterwards the step is
 /// taken as it is, and later steps make up the difference. With data that change in time no root
 /// may exist.
@@ -27,13 +20,21 @@ const ALL_HALVINGS: usize = 40;
 impl<E: Engine> ModalConserving<'_, E> {
     /// Computes the bounded deflections and reactions of the present q.
     pub(super) fn settle(&mut self) {
-        let State { q, y, x, reaction, data, .. } = &mut self.now;
-        let Limits { shift, lower, upper } = &data.near;
-        y.copy_from_slice(shift);
-        add_product(&self.model.lift_at, q, y);
+        self.now.settle_free(&self.rows);
+        let State { y, x, reaction, data, .. } = &mut self.now;
+        let Limits { lower, upper, .. } = &data.near;
         let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
         self.contact.solve(problem, x, reaction);
         self.note_answer();
+    }
+
+    /// Returns whether no candidate can touch within `seconds` from the present state.
+    fn flies(&mut self, seconds: f64) -> bool {
+        if self.system.drive.varies() || self.now.touches() {
+            return false;
+        }
+        let ModalConserving { now, flight, reach, model, modes, .. } = self;
+        flight.lasts(seconds, reach, &model.candidates, now, || now.pull(&modes.squares))
     }
 
     /// Records iterations and residual of the last contact problem.
@@ -62,169 +63,91 @@ impl<E: Engine> ModalConserving<'_, E> {
         self.now.frame_rates.clone_from(frame_rates);
     }
 
-    /// Makes a plain step from the state before to the present one. Returns the energies received
-    /// from the loads and dissipated by damping, in J.
-    fn propose(&mut self, next: Option<&Rc<ModalData>>, seconds: f64) -> [f64; 2] {
-        let squares = &self.modes.squares;
-        let lift_at = &self.model.lift_at;
-        let State { q, v, reaction, data, .. } = &self.before;
+    /// Makes a plain step from the state before to the present one, in free flight or with contact.
+    /// Returns the energies received from the loads and dissipated by damping, in J.
+    fn propose(&mut self, next: Option<&Rc<ModalData>>, seconds: f64, flies: bool) -> [f64; 2] {
+        let State { v, reaction, frame_rates, data, .. } = &self.before;
         self.now.v.copy_from_slice(v);
-        kick(lift_at, reaction, 0.5 * seconds, &mut self.now.v);
+        self.now.frame_rates.clone_from(frame_rates);
+        self.now.data = next.unwrap_or(data).clone();
+        if flies {
+            self.now.release();
+            return self.rotate(next, seconds);
+        }
+        kick(&self.rows, reaction, 0.5 * seconds, &mut self.now.v);
+        let exchanged = self.rotate(next, seconds);
+        self.settle();
+        kick(&self.rows, &self.now.reaction, 0.5 * seconds, &mut self.now.v);
+        exchanged
+    }
+
+    /// Moves the modes exactly over a step, from the position before it and the present velocity.
+    /// Returns the energies received from the loads and dissipated by damping, in J.
+    fn rotate(&mut self, next: Option<&Rc<ModalData>>, seconds: f64) -> [f64; 2] {
+        let ModalConserving { rotation, other, decays, modes, before, now, dq, dv, is_damped, .. } = self;
+        let squares = &modes.squares;
+        if seconds != rotation.seconds && seconds != other.seconds {
+            other.set(squares, decays, seconds);
+        }
+        let rotation = if seconds == rotation.seconds { rotation } else { other };
         let mean: Vec<f64>;
         let force = match next {
             Some(next) => {
-                mean = data.force.iter().zip(&next.force).map(|(a, b)| 0.5 * (a + b)).collect();
+                mean = before.data.force.iter().zip(&next.force).map(|(a, b)| 0.5 * (a + b)).collect();
                 &mean
             }
-            None => &data.force,
+            None => &before.data.force,
         };
-        let other: Rotation;
-        let rotation = if seconds == self.rotation.seconds {
-            &self.rotation
-        } else {
-            other = Rotation::new(squares, &self.decays, seconds);
-            &other
-        };
-        rotation.increments(squares, force, [q, &self.now.v], [&mut self.dq, &mut self.dv]);
-        let received = dot(force, &self.dq);
-        let is_damped = self.decays.iter().any(|decay| *decay > 0.0);
-        let before = if is_damped { energy(squares, q, &self.now.v) } else { 0.0 };
-        add(&self.dv, &mut self.now.v);
-        waxpy(1.0, &self.dq, q, &mut self.now.q);
-        let dissipated = match is_damped {
-            true => received - (energy(squares, &self.now.q, &self.now.v) - before),
-            false => 0.0,
-        };
-        self.now.data = next.unwrap_or(data).clone();
-        self.settle();
-        kick(&self.model.lift_at, &self.now.reaction, 0.5 * seconds, &mut self.now.v);
-        [received, dissipated]
-    }
-
-    /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
-    /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does.
-    fn relax(&mut self, next: Option<&Rc<ModalData>>, received: f64, dissipated: f64) -> Option<(f64, f64)> {
-        let squares = &self.modes.squares;
-        let State { q, v, y, data, .. } = &self.before;
-        let (lift, rate) = (&self.dq, &self.dv);
-        let stiff = |a: &[f64], b: &[f64]| -> f64 {
-            a.iter().zip(b).zip(squares).map(|((a, b), square)| square * a * b).sum()
-        };
-        let constant = energy(squares, q, v);
-        let linear = dot(v, rate) + stiff(q, lift);
-        let quadratic = 0.5 * (dot(rate, rate) + stiff(lift, lift));
-        let zeros = vec![0.0; y.len()];
-        let of = |next: Option<&Rc<ModalData>>, part: fn(&Limits) -> &[f64]| match next {
-            // An absent obstacle has infinite bounds.
-            Some(next) => part(&next.near)
-                .iter()
-                .zip(part(&data.near))
-                .map(|(b, a)| if a.is_finite() { b - a } else { 0.0 })
-                .collect(),
-            None => zeros.clone(),
-        };
-        let [dlower, dupper, dshift] =
-            [of(next, |data| &data.lower), of(next, |data| &data.upper), of(next, |data| &data.shift)];
-        let bound = |side: BoundStatus, i: usize| match side {
-            BoundStatus::Upper => dupper[i],
-            _ => dlower[i],
-        };
-        let pressed = |r: f64, i: usize| if r > 0.0 { dlower[i] - dshift[i] } else { dupper[i] - dshift[i] };
-        let obstacles: f64 =
-            self.mean.iter().enumerate().filter(|(_, r)| **r != 0.0).map(|(i, r)| r * pressed(*r, i)).sum();
-        let gain = received + obstacles - dissipated;
-        let target = self.start + self.work - self.relaxation.dissipated;
-        let size = self.start.abs() + constant;
-        let (mut lower, mut upper) = (data.near.lower.clone(), data.near.upper.clone());
-        let (contact, now, compliance, dy) =
-            (&mut self.contact, &mut self.now, &self.model.compliance, &self.dy);
-        let mut at = |gamma: f64| {
-            waxpy(gamma, dy, y, &mut now.y);
-            if next.is_some() {
-                waxpy(gamma, &dlower, &data.near.lower, &mut lower);
-                waxpy(gamma, &dupper, &data.near.upper, &mut upper);
-            }
-            let problem = ComplianceProblem { compliance, free: &now.y, lower: &lower, upper: &upper };
-            contact.solve(problem, &mut now.x, &mut now.reaction);
-            let (mut rest, mut slope) = (0.0, 0.0);
-            for &i in contact.active() {
-                let r = now.reaction[i];
-                rest += 0.5 * r * (now.x[i] - now.y[i]);
-                slope += r * (bound(contact.sides[i], i) - dy[i]);
-            }
-            let value = constant + gamma * (linear + gamma * quadratic) + rest - (target + gamma * gain);
-            (value, linear + 2.0 * gamma * quadratic + slope - gain)
-        };
-        let (moved, _) = at(1.0);
-        let gamma = match moved.abs() <= MOVED * size {
-            true => Some(1.0),
-            false => relaxation::root(&mut at, RANGE, KEPT * size),
-        };
-        at(gamma.unwrap_or(1.0));
-        let gamma = gamma?;
-        waxpy(gamma, &self.dq, &self.before.q, &mut self.now.q);
-        waxpy(gamma, &self.dv, &self.before.v, &mut self.now.v);
-        if let Some(next) = next {
-            self.now.data = ModalData::between(&self.before.data, next, gamma).into();
-        }
-        Some((gamma, obstacles))
+        self.arch.dispatch(
+            #[inline(always)]
+            || {
+                let start = if *is_damped { energy(squares, &before.q, &now.v) } else { 0.0 };
+                rotation.increments(squares, force, [&before.q, &now.v], [dq, dv]);
+                let received = dot(force, dq);
+                for (k, q) in before.q.iter().enumerate() {
+                    now.q[k] = q + dq[k];
+                    now.v[k] += dv[k];
+                }
+                let gained = if *is_damped { energy(squares, &now.q, &now.v) - start } else { received };
+                [received, received - gained]
+            },
+        )
     }
 
     /// Advances from the present state, at `time` (s), by a step of `seconds` or a part of it.
     pub(super) fn step_on(&mut self, time: f64, mut seconds: f64) -> Result<()> {
-        self.before.clone_from(&self.now);
-        let varies = self.system.drive.varies();
+        let mut flies = self.flies(seconds);
+        if !flies && !self.now.is_settled {
+            self.now.settle_free(&self.rows);
+        }
+        std::mem::swap(&mut self.now, &mut self.before);
         let mut halvings = 0;
         loop {
-            let next = match varies {
-                true => Some(Rc::new(self.loads.at(
-                    self.system,
-                    &self.modes,
-                    &self.saddle,
-                    &self.model.candidates,
-                    time + seconds,
-                )?)),
-                false => None,
-            };
+            let next = self.data_at(time + seconds)?;
             if let Some(next) = &next {
                 self.follow_supports(next, seconds);
             }
-            let exchanged = self.propose(next.as_ref(), seconds);
+            let exchanged = self.propose(next.as_ref(), seconds, flies);
             let touches = self.before.touches() || self.now.touches();
             let taken = match touches {
-                true => self.keep_energy(next.as_ref(), exchanged, halvings == ALL_HALVINGS),
-                false => {
-                    self.mean.fill(0.0);
-                    Some((1.0, 0.0))
-                }
+                true => self.keep_energy(next.as_ref(), exchanged, halvings == ALL_HALVINGS)?,
+                false => Some((1.0, 0.0)),
             };
             let Some((gamma, obstacles)) = taken else {
                 self.relaxation.halved_steps += 1;
-                self.now.clone_from(&self.before);
                 halvings += 1;
                 seconds *= 0.5;
                 continue;
             };
             self.span = gamma * seconds;
-            if !self.reach.is_safe(&self.now, self.span) {
-                let Finding { near, is_late } = self.check_reach();
-                if !near.is_empty() {
-                    self.add_candidates(near)?;
-                }
-                if is_late {
-                    self.now.clone_from(&self.before);
-                    continue;
-                }
+            if self.comes_late(touches)? {
+                flies = false;
+                continue;
             }
-            let [received, dissipated] = exchanged;
-            self.work += gamma * (received + obstacles);
-            let relaxation = &mut self.relaxation;
-            relaxation.dissipated += gamma * dissipated;
-            relaxation.states += 1;
-            relaxation.relaxed_steps += u64::from(gamma != 1.0);
-            relaxation.least_gamma = relaxation.least_gamma.min(gamma);
-            relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
+            self.presses = touches;
+            self.note_step(gamma, exchanged, obstacles);
             if touches {
+                self.flight.end();
                 self.length = self.rotation.seconds.min(2.0 * seconds);
                 self.note_approaches(time);
             }
@@ -232,28 +155,38 @@ impl<E: Engine> ModalConserving<'_, E> {
         }
     }
 
-    /// Relaxes a step in contact so that it keeps the energy. Returns gamma and the work of the
-    /// obstacles over the whole step (J); `None` if no gamma in range does, unless this is the last
-    /// trial.
-    fn keep_energy(
-        &mut self,
-        next: Option<&Rc<ModalData>>,
-        [received, dissipated]: [f64; 2],
-        is_last: bool,
-    ) -> Option<(f64, f64)> {
-        self.mean = sum(&self.before.reaction, &self.now.reaction);
-        divide(2.0, &mut self.mean);
-        self.dv = difference(&self.now.v, &self.before.v);
-        self.dy = difference(&self.now.y, &self.before.y);
-        let plain = is_last.then(|| self.now.clone());
-        let taken = self.relax(next, received, dissipated);
-        match (taken, plain) {
-            (None, Some(plain)) => {
-                self.now = plain;
-                Some((1.0, 0.0))
-            }
-            _ => taken,
+    /// Returns the data at the end of a step, at an instant (s); `None` for constant data.
+    fn data_at(&self, time: f64) -> Result<Option<Rc<ModalData>>> {
+        if !self.system.drive.varies() {
+            return Ok(None);
         }
+        let data = self.loads.at(self.system, &self.modes, &self.saddle, &self.model.candidates, time)?;
+        Ok(Some(Rc::new(data)))
+    }
+
+    /// Adds the nodes that come near as candidates. Returns whether some of them are beyond their
+    /// obstacle, so that the step must be repeated.
+    fn comes_late(&mut self, touches: bool) -> Result<bool> {
+        let Some(tier) = self.reach.advance(&self.now, self.span, !touches) else { return Ok(false) };
+        let Finding { near, is_late } = self.check_reach(tier);
+        if !near.is_empty() {
+            self.add_candidates(near)?;
+        }
+        if is_late {
+            self.reach.retreat(self.span, tier);
+        }
+        Ok(is_late)
+    }
+
+    /// Adds an accepted step to the work and the statistics.
+    fn note_step(&mut self, gamma: f64, [received, dissipated]: [f64; 2], obstacles: f64) {
+        self.work += gamma * (received + obstacles);
+        let relaxation = &mut self.relaxation;
+        relaxation.dissipated += gamma * dissipated;
+        relaxation.states += 1;
+        relaxation.relaxed_steps += u64::from(gamma != 1.0);
+        relaxation.least_gamma = relaxation.least_gamma.min(gamma);
+        relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
     }
 
     /// Keeps the last state before contact of nodes that begin to touch.
@@ -261,15 +194,9 @@ impl<E: Engine> ModalConserving<'_, E> {
         let State { x, v, reaction, .. } = &self.before;
         for (k, &i) in self.model.candidates.iter().enumerate() {
             if reaction[k] == 0.0 && self.now.reaction[k] != 0.0 {
-                let velocity = self.model.lift_at.row(k).iter().zip(v).map(|(a, v)| a * v).sum();
+                let velocity = dot(self.rows.col_as_slice(k), v);
                 self.free[i] = Approach { time, deflection: x[k], velocity };
             }
         }
     }
-}
-
-/// Returns the kinetic and elastic energy of the modes, in J.
-fn energy(squares: &[f64], q: &[f64], v: &[f64]) -> f64 {
-    let elastic: f64 = q.iter().zip(squares).map(|(q, square)| square * q * q).sum();
-    0.5 * (dot(v, v) + elastic)
 }

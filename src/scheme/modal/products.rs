@@ -1,0 +1,67 @@
+//! Products of vectors over the modes, in eight partial sums.
+//!
+//! Eight sums run in the registers of the processor at once, whatever their width, so that the
+//! result is the same on all processors.
+
+/// Number of partial sums.
+const LANES: usize = 8;
+
+/// Returns the scalar product.
+#[inline(always)]
+pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let [product] = dots(x, [y]);
+    product
+}
+
+/// Returns the scalar products of a row with several vectors.
+#[inline(always)]
+pub(super) fn dots<const N: usize>(row: &[f64], vectors: [&[f64]; N]) -> [f64; N] {
+    let size = row.len();
+    let vectors = vectors.map(|vector| &vector[..size]);
+    let mut sums = [[0.0; LANES]; N];
+    let whole = size - size % LANES;
+    for at in (0..whole).step_by(LANES) {
+        for (sums, vector) in sums.iter_mut().zip(&vectors) {
+            for lane in 0..LANES {
+                sums[lane] += row[at + lane] * vector[at + lane];
+            }
+        }
+    }
+    let mut products = sums.map(total);
+    for (product, vector) in products.iter_mut().zip(&vectors) {
+        *product += (whole..size).map(|k| row[k] * vector[k]).sum::<f64>();
+    }
+    products
+}
+
+/// Returns the sum over all k of `term`.
+#[inline(always)]
+pub(super) fn sum(size: usize, term: impl Fn(usize) -> f64) -> f64 {
+    let mut sums = [0.0; LANES];
+    let whole = size - size % LANES;
+    for at in (0..whole).step_by(LANES) {
+        for (lane, sum) in sums.iter_mut().enumerate() {
+            *sum += term(at + lane);
+        }
+    }
+    total(sums) + (whole..size).map(term).sum::<f64>()
+}
+
+/// Returns the Euclidean norm.
+#[inline(always)]
+pub(super) fn norm(x: &[f64]) -> f64 {
+    sum(x.len(), |k| x[k] * x[k]).sqrt()
+}
+
+/// Returns the kinetic and elastic energy of the modes, in J.
+#[inline(always)]
+pub(super) fn energy(squares: &[f64], q: &[f64], v: &[f64]) -> f64 {
+    let size = squares.len();
+    let (q, v) = (&q[..size], &v[..size]);
+    0.5 * sum(size, |k| v[k] * v[k] + squares[k] * q[k] * q[k])
+}
+
+#[inline(always)]
+fn total([a, b, c, d, e, f, g, h]: [f64; LANES]) -> f64 {
+    ((a + b) + (c + d)) + ((e + f) + (g + h))
+}
