@@ -18,7 +18,7 @@
 
 use super::saddle_point::{SaddlePointSolver, solved};
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{dot, subtract};
+use crate::linalg::vectors::{axpy, dot, subtract};
 use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
 use crate::scheme::System;
 use faer::Mat;
@@ -101,7 +101,19 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
 impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
         let modes = &self.modes;
-        let u = &modes.shapes * &positions + self.rest(&forces)?;
+        let mut u = self.rest(&forces)?;
+        let entries = |j: usize| {
+            let column = positions.col_as_slice(j).iter().copied().enumerate();
+            column.filter(|(_, z)| *z != 0.0)
+        };
+        // Most positions are single modes, or zero.
+        if (0..positions.ncols()).all(|j| entries(j).nth(1).is_none()) {
+            for j in 0..positions.ncols() {
+                entries(j).for_each(|(k, z)| axpy(z, modes.shapes.col_as_slice(k), u.col_as_slice_mut(j)));
+            }
+        } else {
+            u = &modes.shapes * &positions + u;
+        }
         let mut acceleration = match forces.norm_max() == 0.0 {
             true => Mat::zeros(modes.count(), forces.ncols()),
             false => modes.shapes.transpose() * &forces,
