@@ -366,7 +366,9 @@ impl fmt::Display for Inspection {
             [("consistent", &self.consistent), (self.singular_name(), &self.singular)]
         {
             report.text(format!("frequencies, {name} mass"), format!("{} Hz", list(lowest)));
-            optional(&mut report, &format!("highest, {name} mass"), *highest, "Hz");
+            if name != "modal" {
+                optional(&mut report, &format!("highest, {name} mass"), *highest, "Hz");
+            }
         }
         optional(&mut report, "inf-sup, raw dofs", self.inf_sup.raw, "");
         optional(&mut report, "inf-sup, energy norms", self.inf_sup.energy, "");

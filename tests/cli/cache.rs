@@ -170,6 +170,16 @@ fn assert_fails_as_unknown(output: &Output) {
     assert!(text(&output.stderr).contains("--no-cache"), "{}", text(&output.stderr));
 }
 
+/// Cargo's settings for this repository switch the cache off, so that no test reads or writes modes
+/// in the home of its user.
+#[test]
+fn tests_keep_no_modes() {
+    let folder = folder("tests");
+    let output = command::rebond(&folder, &["run", "fall.toml", "--set", "time.end=0.01"]);
+    succeeds(&output);
+    assert!(!text(&output.stderr).contains("modes:"), "{}", text(&output.stderr));
+}
+
 /// Two processes that start at once both end with the same results and leave one whole file.
 #[test]
 fn processes_share_the_cache() {
