@@ -25,6 +25,7 @@ pub(crate) mod eigen;
 pub mod modal;
 mod native;
 pub mod random;
+pub(crate) mod secular;
 mod simd;
 pub mod vectors;
 

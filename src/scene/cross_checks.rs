@@ -92,9 +92,16 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
             ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),
         ] {
-            if is_on {
-                let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";
-                return refuse(key, "knows damping by mass only", others);
+            match is_on {
+                true if is_modal => {
+                    let what = "follows modes that decay alike, since contact couples them";
+                    return refuse(key, what, "damping.mass alone, or time.scheme = \"conserving\"");
+                }
+                true => {
+                    let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";
+                    return refuse(key, "knows damping by mass only", others);
+                }
+                false => {}
             }
         }
     }

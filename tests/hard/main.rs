@@ -5,6 +5,7 @@ mod common;
 
 mod fuzz;
 mod invariance;
+mod modal;
 mod properties;
 mod scenes;
 mod sweeps;

@@ -4,7 +4,7 @@
 use crate::common::{Random, lift};
 use proptest::prelude::*;
 use proptest::sample::select;
-use proptest::test_runner::{Config, RngSeed, TestRunner};
+use proptest::test_runner::{Config, RngSeed, TestCaseResult, TestRunner};
 use rebond::scene::{ContactSolver, EngineName, Scene};
 use rebond::scheme::{Exact, ExactOptions, Scheme, Start};
 use rebond::simulation::Model;
@@ -17,27 +17,27 @@ const STEPS: u32 = 80;
 /// Random scene in units of its own: deflections in tenths of the length, times in first periods of
 /// a strip.
 #[derive(Clone)]
-struct Drawn {
+pub struct Drawn {
     element: &'static str,
     diagonal: &'static str,
-    cells: [usize; 2],
+    pub cells: [usize; 2],
     /// Seed of the displacements of nodes of a mesh of triangles and quadrilaterals; without it the
     /// mesh is regular.
     moved: Option<u64>,
     /// Length in m, width over length, thickness over length, Young's modulus in Pa, Poisson's
     /// ratio, density in kg/m3.
-    plate: [f64; 6],
+    pub plate: [f64; 6],
     /// Kinds of the supports on the left, right, bottom and top edges.
-    supports: [Option<&'static str>; 4],
+    pub supports: [Option<&'static str>; 4],
     /// Heights, pressures and velocity in the units of the scene.
     below: Option<f64>,
     above: Option<f64>,
     shape: Shape,
     load: f64,
-    pressure: f64,
+    pub pressure: f64,
     velocity: f64,
     /// Decimal logarithm of the step over the period.
-    step: f64,
+    pub step: f64,
 }
 
 /// Shape of the obstacles.
@@ -163,15 +163,16 @@ impl Drawn {
         text
     }
 
-    /// Returns the scene. A mesh file belongs to this thread until the thread draws the next scene.
-    fn scene(&self) -> Scene {
+    /// Returns the scene, with overrides. A mesh file belongs to this thread until the thread draws
+    /// the next scene.
+    pub fn scene(&self, overrides: &[String]) -> Scene {
         let of = format!("{}-{:?}", std::process::id(), std::thread::current().id());
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(of);
         if let Some(seed) = self.moved {
             std::fs::create_dir_all(&folder).unwrap();
             std::fs::write(folder.join("drawn.msh"), self.mesh(seed)).unwrap();
         }
-        Scene::from_str(&self.text(), &folder.join("drawn.toml").to_string_lossy(), &[]).unwrap()
+        Scene::from_str(&self.text(), &folder.join("drawn.toml").to_string_lossy(), overrides).unwrap()
     }
 }
 
@@ -194,11 +195,11 @@ fn decades(from: f64, to: f64) -> impl Strategy<Value = f64> {
 }
 
 /// Returns a strategy for a number that is often 0.
-fn maybe(range: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
+pub fn maybe(range: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
     prop_oneof![2 => Just(0.0), 3 => range]
 }
 
-fn drawn() -> impl Strategy<Value = Drawn> {
+pub fn drawn() -> impl Strategy<Value = Drawn> {
     let mesh = (
         select(vec!["fvs", "hct"]),
         select(vec!["right", "left", "alternating"]),
@@ -241,15 +242,15 @@ fn drawn() -> impl Strategy<Value = Drawn> {
     )
 }
 
-fn check(cases: u32, seed: u64, property: impl Fn(Drawn) -> Result<(), TestCaseError>) {
+pub fn check<S: Strategy>(cases: u32, seed: u64, of: S, holds: impl Fn(S::Value) -> TestCaseResult) {
     let rng_seed = RngSeed::Fixed(seed);
     let config =
         Config { cases, rng_seed, failure_persistence: None, max_shrink_iters: 2000, ..Config::default() };
-    TestRunner::new(config).run(&drawn(), property).unwrap_or_else(|why| panic!("{why}"));
+    TestRunner::new(config).run(&of, holds).unwrap_or_else(|why| panic!("{why}"));
 }
 
 /// Admissible reasons for refusing a scene; none of them depends on chance.
-const REFUSALS: &[&str] = &[
+pub const REFUSALS: &[&str] = &[
     "mechanism",
     "nothing can move",
     "inf-sup",
@@ -281,13 +282,13 @@ fn every_method_holds(scene: &Scene) -> Result<(), TestCaseError> {
 
 #[test]
 fn every_method_holds_on_random_plates() {
-    check(150, 1, |drawn| every_method_holds(&drawn.scene()));
+    check(150, 1, drawn(), |drawn| every_method_holds(&drawn.scene(&[])));
 }
 
 #[test]
 #[ignore = "minutes"]
 fn every_method_holds_on_ten_thousand_random_plates() {
-    check(10_000, 2, |drawn| every_method_holds(&drawn.scene()));
+    check(10_000, 2, drawn(), |drawn| every_method_holds(&drawn.scene(&[])));
 }
 
 /// Plates that were found by the strategies above, each of which once broke a method.
@@ -356,7 +357,7 @@ fn every_method_holds_on_free_columns() {
             velocity: 0.0,
             step: -2.29,
         };
-        every_method_holds(&column.scene()).unwrap();
+        every_method_holds(&column.scene(&[])).unwrap();
     }
 }
 
@@ -379,7 +380,7 @@ fn every_method_holds_on_cells_that_all_but_turn() {
 fn mirror_images_move_alike(mut drawn: Drawn) -> Result<(), TestCaseError> {
     (drawn.element, drawn.moved) = ("fvs", None);
     drawn.supports[3] = drawn.supports[2];
-    let scene = drawn.scene();
+    let scene = drawn.scene(&[]);
     let Ok(model) = Model::new(&scene) else { return Ok(()) };
     let Ok(mut scheme) = model.scheme(&scene) else { return Ok(()) };
     let width = scene.plate.width;
@@ -404,7 +405,7 @@ fn mirror_images_move_alike(mut drawn: Drawn) -> Result<(), TestCaseError> {
 
 #[test]
 fn mirror_images_move_alike_on_random_plates() {
-    check(200, 3, mirror_images_move_alike);
+    check(200, 3, drawn(), mirror_images_move_alike);
 }
 
 /// Number of events beyond which rounding errors may have grown too large for a reversal of time.
@@ -416,7 +417,7 @@ fn time_runs_backwards(mut drawn: Drawn) -> Result<(), TestCaseError> {
     // If the plate is held all around, some cell velocities belong to no displacement and cannot be
     // reversed.
     drawn.supports[1] = None;
-    let scene = drawn.scene();
+    let scene = drawn.scene(&[]);
     let Ok(model) = Model::new(&scene) else { return Ok(()) };
     let options = ExactOptions { events_per_step: MOST_EVENTS, ..ExactOptions::default() };
     let exact = |start: Start| Exact::with_options(&model.system, scene.time.step, start, options);
@@ -445,5 +446,5 @@ fn time_runs_backwards(mut drawn: Drawn) -> Result<(), TestCaseError> {
 
 #[test]
 fn time_runs_backwards_on_random_plates() {
-    check(150, 4, time_runs_backwards);
+    check(150, 4, drawn(), time_runs_backwards);
 }

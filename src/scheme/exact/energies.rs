@@ -23,7 +23,7 @@ impl<E: Engine> Exact<'_, E> {
     /// Returns the energies of the present state; see the [module page](self).
     pub(super) fn modal_energies(&self) -> Result<Energies> {
         let ReducedModel { stiffness, force, rest, rest_at, compliance, .. } = &self.reduction;
-        let place = &self.motion.modes.vectors * self.state.get(.., ..1);
+        let place = &self.motion.modes.spectrum.vectors * self.state.get(.., ..1);
         let reactions = self.reactions();
         let gaps = compliance * Mat::from_fn(reactions.len(), 1, |i, _| reactions[i]);
         let modes: f64 = (0..place.nrows()).map(|k| stiffness[(k, k)] * place[(k, 0)].powi(2)).sum();

@@ -51,21 +51,26 @@
 //!
 //! # Algorithm
 //!
-//! The module `reduction` solves the saddle-point problem behind `$\varphi$`; `modes` diagonalises
-//! the motion of each active set once and caches the result; `event_detection` certifies intervals
-//! without events and locates the next event; `event_resolution` determines the active set after
-//! it. The cost is N^3 per new active set for N cells, and N times the number of bounded dofs per
-//! certified interval and per instant of output. The cache of modes takes further memory
-//! ([`ExactOptions::memory`]).
+//! The module `reduction` solves the saddle-point problem behind `$\varphi$`; `spectrum`
+//! diagonalises the motion of each active set once, and `cache` keeps the result; `event_detection`
+//! certifies intervals without events and locates the next event; `event_resolution` determines the
+//! active set after it. The cost is N^3 per new active set for N cells, and N times the number of
+//! bounded dofs per certified interval and per instant of output. With many velocities of modes the
+//! eigenvectors of a set follow from those of the set before, at a fraction of the cost. The cache
+//! of modes takes further memory ([`ExactOptions::memory`]).
 //!
 //! With velocities of modes (`modal_saddle_point`) the event detection watches only the nodes near
 //! an obstacle. The module `reach` proves that no other node touches, and adds nodes as they come
 //! near. N is then the number of modes, and no cost but that of the shape depends on the mesh.
 //!
-//! Mass-proportional damping damps all modes alike and is exact. Stiffness-proportional damping and
-//! time-dependent loads or obstacles are not supported: the massless part of U would have a rate of
-//! its own, and modes would need the particular solution of each load.
+//! Mass-proportional damping damps all modes alike and is exact. Other damping and time-dependent
+//! loads or obstacles are not supported. With the singular mass of the cells, damping proportional
+//! to the stiffness would give the massless part of U a rate of its own. With the modal mass that
+//! part stays elastic, but contact couples modes that decay at different rates: the motion of a set
+//! is then no sum of decoupled modes, and its quadratic eigenproblem may be defective. Loads would
+//! need their particular solution for each mode.
 
+mod cache;
 mod energies;
 mod event_detection;
 mod event_resolution;
@@ -77,6 +82,7 @@ mod reach;
 pub(super) mod reduction;
 mod residual;
 mod saddle_point;
+mod spectrum;
 mod start;
 mod stepping;
 pub(super) mod velocity_basis;
@@ -86,10 +92,10 @@ use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form};
 use crate::vi::BoundStatus;
 use crate::vi::kkt::KktCheck;
+use cache::Cache;
 use event_detection::EventSearch;
 use faer::Mat;
 use modal_saddle_point::ModalSaddlePoint;
-use modes::Cache;
 use motion::ModalSolution;
 use options::require_memory;
 pub use options::{ExactOptions, estimated_memory, expected_candidates};
@@ -155,10 +161,12 @@ impl<'s, E: Engine> Exact<'s, E> {
         options: ExactOptions,
     ) -> Result<Exact<'s, E>> {
         let System { engine, stiffness, mass, bounds, damping, drive, .. } = system;
+        let is_modal = matches!(mass, Form::Modal { .. });
         if damping.stiffness != 0.0 {
-            return Err(Error::Usage(
-                "time.scheme = \"exact\" takes damping by mass, not damping.stiffness; set time.scheme = \"newmark\"".into(),
-            ));
+            let other = if is_modal { "conserving" } else { "newmark" };
+            return Err(Error::Usage(format!(
+                "time.scheme = \"exact\" takes damping by mass, not damping.stiffness; set time.scheme = \"{other}\""
+            )));
         }
         drive.refuse_modal("exact")?;
         if drive.varies() {
@@ -168,7 +176,6 @@ impl<'s, E: Engine> Exact<'s, E> {
                     .into(),
             ));
         }
-        let is_modal = matches!(mass, Form::Modal { .. });
         require_memory(system, if is_modal { expected_candidates(bounds.len()) } else { bounds.len() })?;
         let (basis, saddle): (_, Box<dyn SaddlePointSolver>) = match mass {
             Form::Modal { consistent, modes } => (
@@ -185,15 +192,16 @@ impl<'s, E: Engine> Exact<'s, E> {
         let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, &options, dt));
         let of = [&start.displacement, &start.velocity];
         let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
-        let mut cache = Cache::new(options.memory);
+        let takes_changes = is_modal && reduction.stiffness.nrows() >= options.changes_from;
+        let mut cache = Cache::new(options.memory, takes_changes);
         let (modal, motion) = loop {
             let sides = first_sides(&reduction, &state, options.roundings);
-            let modes = cache.get(system, &reduction, &sides)?;
-            let modal = modes.vectors.transpose() * &state;
+            let modes = cache.get(system, &reduction, &sides, None)?;
+            let modal = modes.spectrum.vectors.transpose() * &state;
             let motion = ModalSolution::new(modes, 0.0, &modal);
             let near = reach.as_mut().map(|reach| reach.check(&reduction, bounds, &motion, 0.0));
             match near.filter(|near| !near.is_empty()) {
-                Some(near) => grow(system, &*saddle, &mut reduction, &mut reach, &mut cache, near)?,
+                Some(near) => grow(system, &*saddle, &mut reduction, &mut reach, near)?,
                 None => break (modal, motion),
             }
         };
@@ -271,7 +279,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         self.shape.get_or_init(|| {
             let ReducedModel { lift, flexibility, rest, basis, candidates, bounds, .. } = &self.reduction;
             let modes = &self.motion.modes;
-            let z = &modes.vectors * &self.state;
+            let z = &modes.spectrum.vectors * &self.state;
             let reactions = self.reactions();
             let mut u = rest + lift * z.get(.., ..1);
             if reactions.iter().any(|r| *r != 0.0) {
@@ -283,7 +291,7 @@ impl<'s, E: Engine> Exact<'s, E> {
                 }
             }
             let modal = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
-            let acceleration = &modes.vectors * Mat::from_fn(modes.force.len(), 1, |k, _| modal(k));
+            let acceleration = &modes.spectrum.vectors * Mat::from_fn(modes.force.len(), 1, |k, _| modal(k));
             Shape {
                 displacement: u.col_as_slice(0).to_vec(),
                 velocity: basis.velocity(z.col_as_slice(1)),
@@ -298,18 +306,16 @@ impl<'s, E: Engine> Exact<'s, E> {
     }
 }
 
-/// Adds nodes that came into reach to the candidates; the modes known so far lack them.
+/// Adds nodes that came into reach to the candidates.
 fn grow<E: Engine>(
     system: &System<E>,
     saddle: &dyn SaddlePointSolver,
     reduction: &mut ReducedModel,
     reach: &mut Option<Reach>,
-    cache: &mut Cache,
     near: Vec<usize>,
 ) -> Result<()> {
     require_memory(system, reduction.candidates.len() + near.len())?;
     reduction.extend(system, saddle, &near)?;
-    cache.clear();
     reach.iter_mut().for_each(|reach| reach.grown.push(near.clone()));
     Ok(())
 }

@@ -97,7 +97,7 @@ impl Reach {
         let mut watched = Mat::zeros(modes.sides.len(), 2);
         motion.state(at, &mut state);
         motion.watch(&state, &mut watched);
-        let place = &modes.vectors * &state;
+        let place = &modes.spectrum.vectors * &state;
         affine(self.arch, &self.rest, &self.shapes, &place, &mut self.values);
 
         let accelerations: Vec<f64> = (0..modes.frequencies.len()).map(|k| motion.acceleration(k)).collect();

@@ -71,7 +71,7 @@ impl<E: Engine> Exact<'_, E> {
         self.system.force(displacement, &mut force)?;
         add(&self.inertia()?, &mut force);
         self.system.bounds.add_transposed(&self.record.reaction, &mut force);
-        let position = &modes.vectors * self.state.get(.., ..1);
+        let position = &modes.spectrum.vectors * self.state.get(.., ..1);
         let position = position - basis.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
         // The compliance of the active bounds is as definite as when the modes were found.

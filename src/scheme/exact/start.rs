@@ -26,7 +26,7 @@ pub(super) fn check_rigid<E: Engine>(
     start: &[f64],
 ) -> Result<()> {
     let System { engine, stiffness, .. } = system;
-    let rigid = modes.vectors.get(.., ..modes.rigid) * state.get(..modes.rigid, ..1);
+    let rigid = modes.spectrum.vectors.get(.., ..modes.rigid) * state.get(..modes.rigid, ..1);
     let shape = &reduction.lift * rigid;
     let x = shape.col_as_slice(0);
     let (mut force, mut sizes) = (vec![0.0; x.len()], vec![0.0; x.len()]);

@@ -56,7 +56,7 @@ impl<E: Engine> Exact<'_, E> {
             };
             undecided.push((candidate, side));
         }
-        let state = &before.vectors * &self.state;
+        let state = &before.spectrum.vectors * &self.state;
         let reduction = &self.reduction;
         let sides = event_resolution::next_sides(
             reduction,
@@ -114,8 +114,9 @@ impl<E: Engine> Exact<'_, E> {
     /// Begins a motion at a time (s) from position and velocity z, z' (columns), with the sides of
     /// the candidates.
     fn begin_motion(&mut self, time: f64, state: &Mat<f64>, sides: &[BoundStatus]) -> Result<()> {
-        let modes = self.cache.get(self.system, &self.reduction, sides)?;
-        let modal = modes.vectors.transpose() * state;
+        let before = self.motion.modes.clone();
+        let modes = self.cache.get(self.system, &self.reduction, sides, Some(&before))?;
+        let modal = modes.spectrum.vectors.transpose() * state;
         self.statistics.evaluations += self.search.evaluations;
         let ExactOptions { stride, roundings, .. } = self.options;
         self.motion = ModalSolution::new(modes, time, &modal);
@@ -141,15 +142,15 @@ impl<E: Engine> Exact<'_, E> {
         }
         let before = self.motion.modes.clone();
         let known = self.reduction.candidates.clone();
-        let Exact { system, saddle, reduction, reach, cache, .. } = self;
-        grow(system, &**saddle, reduction, reach, cache, near)?;
+        let Exact { system, saddle, reduction, reach, .. } = self;
+        grow(system, &**saddle, reduction, reach, near)?;
         let mut sides = vec![BoundStatus::Free; self.reduction.candidates.len()];
         for (side, &of) in before.sides.iter().zip(&known) {
             let at = self.reduction.candidates.partition_point(|&candidate| candidate < of);
             sides[at] = *side;
         }
         self.watched = Mat::zeros(sides.len(), 2);
-        let state = &before.vectors * &self.state;
+        let state = &before.spectrum.vectors * &self.state;
         self.begin_motion(self.motion.start + at, &state, &sides)
     }
 }
@@ -229,7 +230,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
         let forces =
             Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
-        let rates = lift * (&modes.vectors * self.state.get(.., 1..)) + flexibility * forces;
+        let rates = lift * (&modes.spectrum.vectors * self.state.get(.., 1..)) + flexibility * forces;
         Ok(rates.col_as_slice(0).to_vec())
     }
 
@@ -261,9 +262,11 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         archive.value(&mut state)?;
         let mut sides = self.motion.modes.sides.clone();
         archive.value(&mut sides)?;
+        let mut lineage = self.motion.modes.spectrum.lineage.clone();
+        archive.value(&mut lineage)?;
         if !archive.saves() {
             self.state = Mat::from_fn(self.state.nrows(), 2, |k, j| state[j][k]);
-            let modes = self.cache.get(self.system, &self.reduction, &sides)?;
+            let modes = self.cache.restore(self.system, &self.reduction, &sides, lineage)?;
             self.motion = ModalSolution::new(modes, 0.0, &self.state);
         }
         self.cache.archive(archive)?;

@@ -1,0 +1,382 @@
+//! Eigenvalues and eigenvectors of the stiffness of an active set.
+//!
+//! While the set A of nodes in contact does not change, their reactions hold them at their bounds
+//! g:
+//!
+//! ```math
+//! r = \rho - W z, \qquad W = S_{AA}^{-1} R_A, \quad \rho = S_{AA}^{-1} (g - G_A U_F),
+//! ```
+//!
+//! and the stiffness in z is `$H_A = H + R_A^T W$`.
+//!
+//! # Eigenproblem
+//!
+//! A dense eigenvalue solver has errors as large as the rounding error of the largest eigenvalue,
+//! which is 10^6 to 10^12 times the lowest; so have the entries of `$H_A$`. The mode shapes
+//! `$X = (R - S_A W) V$` are more accurate: with K applied cell by cell, `$X^T K X = V^T H_A V$`
+//! has entries accurate relative to their own size, and is nearly diagonal. A few Jacobi-like
+//! sweeps, rotating all pairs of modes by first-order perturbation, complete the diagonalisation. V
+//! is kept orthogonal to rounding throughout, because the state passes from one set's modes to the
+//! next's as `$V V^T z$`.
+//!
+//! # Change of one node
+//!
+//! With velocities of modes H is diagonal, and free of these errors. A node i that touches or
+//! leaves, with A the set without it, changes the stiffness by a product of rank one,
+//!
+//! ```math
+//! H_{A \cup i} = H_A + z z^T, \qquad z = \frac{R_i - S_{iA} S_{AA}^{-1} R_A}{(S_{ii} - S_{iA} S_{AA}^{-1} S_{Ai})^{1/2}} ,
+//! ```
+//!
+//! so that the eigenvectors of one set follow from those of the other by a secular equation
+//! ([`crate::linalg::secular`]), at a fraction of the cost of the eigenproblem. Each change adds
+//! the rounding of the largest eigenvalue, as the eigenproblem does; after a number of changes in
+//! succession an eigenproblem starts anew, and without contact the eigenvectors are unit vectors.
+
+use super::reduction::ReducedModel;
+use crate::error::{Error, Result};
+use crate::linalg::eigen::symmetric_eigen;
+use crate::linalg::secular::{Change, changed_eigen};
+use crate::linalg::{Engine, Form};
+use crate::scheme::System;
+use crate::vi::BoundStatus;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side as Triangle};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// Coupling of two modes, relative to their energies, below which they are not rotated; between
+/// fast modes it is rounding.
+const COUPLING: f64 = 1e-12;
+const MAX_TURNS: usize = 4;
+
+/// Largest number of corrections of a rotation towards orthogonality, and the defect (Frobenius
+/// norm) whose square is below rounding.
+const MAX_CORRECTIONS: usize = 8;
+const SETTLED: f64 = 1e-8;
+
+/// Largest rotation angle. Modes that would rotate by more have nearly equal eigenvalues, for which
+/// the choice of basis does not matter.
+const LARGEST_ANGLE: f64 = 1e-3;
+
+/// Largest number of changes in succession, each of which adds rounding errors.
+const MAX_CHANGES: usize = 16;
+
+/// Largest number of changes at a time. Four cost as much as the eigenproblem.
+const MAX_AT_ONCE: usize = 3;
+
+/// Nodes in contact as indices into the bounds of the system, ascending, with their sides.
+pub(super) type Contacts = Vec<(usize, BoundStatus)>;
+
+/// Returns the nodes in contact, given the sides of all candidates.
+pub(super) fn contacts(reduction: &ReducedModel, sides: &[BoundStatus]) -> Contacts {
+    let all = reduction.candidates.iter().copied().zip(sides.iter().copied());
+    all.filter(|(_, side)| *side != BoundStatus::Free).collect()
+}
+
+/// Nodes in contact of an active set, and what holds them; see the [module page](self).
+pub(super) struct Held {
+    /// Contact status of each candidate.
+    pub sides: Vec<BoundStatus>,
+    /// Candidates in contact, ascending.
+    pub active: Vec<usize>,
+    /// Displacements R of these per unit z, a x N.
+    pub lift: Mat<f64>,
+    /// W and rho in the last column, a x (N + 1).
+    reactions: Mat<f64>,
+}
+
+impl Held {
+    /// Solves for the reactions of the nodes in contact.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where their compliance is not positive definite.
+    pub fn new(reduction: &ReducedModel, sides: &[BoundStatus]) -> Result<Held> {
+        let ReducedModel { stiffness, bounds, rest_at, lift_at, compliance, .. } = reduction;
+        let cells = stiffness.nrows();
+        let active: Vec<usize> = (0..sides.len()).filter(|&i| sides[i] != BoundStatus::Free).collect();
+        // Solve at once for all columns S_AA^-1 R_A and S_AA^-1 (g - G_A U_F).
+        let mut reactions = Mat::from_fn(active.len(), cells + 1, |k, j| match active[k] {
+            i if j < cells => lift_at[(i, j)],
+            i if sides[i] == BoundStatus::Lower => bounds.lower[i] - rest_at[(i, 0)],
+            i => bounds.upper[i] - rest_at[(i, 0)],
+        });
+        if !active.is_empty() {
+            let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
+            let llt = block
+                .llt(Triangle::Lower)
+                .map_err(|_| failed(active.len(), "their compliance is not positive definite"))?;
+            llt.solve_in_place(&mut reactions);
+        }
+        let lift = Mat::from_fn(active.len(), cells, |k, j| lift_at[(active[k], j)]);
+        Ok(Held { sides: sides.to_vec(), active, lift, reactions })
+    }
+
+    /// Returns the reactions W per unit z, a x N.
+    pub fn w(&self) -> faer::MatRef<'_, f64> {
+        self.reactions.get(.., ..self.lift.ncols())
+    }
+
+    /// Returns the reactions rho at z = 0, a entries.
+    pub fn rho(&self) -> faer::MatRef<'_, f64> {
+        self.reactions.get(.., self.lift.ncols()..)
+    }
+}
+
+fn failed(touching: usize, what: &str) -> Error {
+    Error::Singular(format!("the modes of {touching} nodes in contact: {what}"))
+}
+
+/// Active set of an eigenproblem and the changes that lead from it to another set. The eigenvectors
+/// follow from it to the last bit.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Lineage {
+    /// Whether the first set is that without contact, whose eigenvectors are unit vectors.
+    is_free: bool,
+    root: Contacts,
+    /// Bounds of the system that touched or left, in turn.
+    changes: Vec<usize>,
+}
+
+impl Lineage {
+    /// Returns the nodes in contact, as indices into the bounds of the system.
+    fn touching(&self) -> BTreeSet<usize> {
+        let mut touching = self.root.iter().map(|(of, _)| *of).collect();
+        for of in &self.changes {
+            toggle(&mut touching, *of);
+        }
+        touching
+    }
+}
+
+/// Adds a node to a set, or removes it.
+fn toggle(touching: &mut BTreeSet<usize>, of: usize) {
+    if !touching.remove(&of) {
+        touching.insert(of);
+    }
+}
+
+/// Eigenvalues and eigenvectors of the stiffness of an active set.
+#[derive(Debug, Clone)]
+pub(super) struct Spectrum {
+    pub lineage: Lineage,
+    /// Eigenvalues, ascending, not negative, in (rad/s)^2.
+    pub values: Vec<f64>,
+    /// Largest |x|^T |K| |x| of a mode shape x, 0 for velocities of modes.
+    pub magnitude: f64,
+    /// Eigenvectors V, N x N.
+    pub vectors: Mat<f64>,
+}
+
+impl Spectrum {
+    /// Returns the eigenpairs of an active set by the eigenproblem.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where the eigenvalue solver does not converge.
+    pub fn new<E: Engine>(system: &System<E>, reduction: &ReducedModel, held: &Held) -> Result<Spectrum> {
+        Spectrum::solved(system, reduction, held, contacts(reduction, &held.sides))
+    }
+
+    /// Returns the eigenpairs of an active set with velocities of modes, from those of another set
+    /// or of no contact where few nodes differ, and by the eigenproblem otherwise.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Spectrum::new`].
+    pub fn near<E: Engine>(
+        system: &System<E>,
+        reduction: &ReducedModel,
+        held: &Held,
+        from: Option<&Spectrum>,
+    ) -> Result<Spectrum> {
+        let touching = contacts(reduction, &held.sides).into_iter().map(|(of, _)| of).collect();
+        let changes = |of: &Spectrum| -> Vec<usize> {
+            of.lineage.touching().symmetric_difference(&touching).copied().collect()
+        };
+        let is_near = |changes: usize, before: usize| {
+            changes < touching.len() && changes <= MAX_AT_ONCE && before + changes <= MAX_CHANGES
+        };
+        let from = from.filter(|from| is_near(changes(from).len(), from.lineage.changes.len()));
+        let mut spectrum = match from {
+            Some(from) => from.clone(),
+            None if touching.len() <= MAX_AT_ONCE => Spectrum::free(reduction),
+            None => return Spectrum::new(system, reduction, held),
+        };
+        for of in changes(&spectrum) {
+            spectrum = spectrum.changed(reduction, of)?;
+        }
+        Ok(spectrum)
+    }
+
+    /// Returns the eigenpairs again that a lineage tells.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Spectrum::new`], and [`Error::Checkpoint`] where the lineage names
+    /// nodes that are no candidates.
+    pub fn restored<E: Engine>(
+        system: &System<E>,
+        reduction: &ReducedModel,
+        lineage: &Lineage,
+    ) -> Result<Spectrum> {
+        let mut spectrum = if lineage.is_free {
+            Spectrum::free(reduction)
+        } else {
+            let mut sides = vec![BoundStatus::Free; reduction.candidates.len()];
+            for (of, side) in &lineage.root {
+                sides[position(reduction, *of)?] = *side;
+            }
+            Spectrum::solved(system, reduction, &Held::new(reduction, &sides)?, lineage.root.clone())?
+        };
+        for of in &lineage.changes {
+            spectrum = spectrum.changed(reduction, *of)?;
+        }
+        Ok(spectrum)
+    }
+
+    /// Returns the eigenpairs without contact, with velocities of modes.
+    fn free(reduction: &ReducedModel) -> Spectrum {
+        let size = reduction.stiffness.nrows();
+        Spectrum {
+            lineage: Lineage { is_free: true, ..Lineage::default() },
+            values: (0..size).map(|k| reduction.stiffness[(k, k)]).collect(),
+            magnitude: 0.0,
+            vectors: Mat::identity(size, size),
+        }
+    }
+
+    /// Solves the eigenproblem.
+    fn solved<E: Engine>(
+        system: &System<E>,
+        reduction: &ReducedModel,
+        held: &Held,
+        root: Contacts,
+    ) -> Result<Spectrum> {
+        let ReducedModel { stiffness, lift, flexibility, .. } = reduction;
+        let active = &held.active;
+        let matrix = stiffness + held.lift.transpose() * held.w();
+        let (values, mut vectors) =
+            symmetric_eigen(matrix.as_ref()).map_err(|_| failed(active.len(), "they do not converge"))?;
+        let (values, magnitude) = match system.mass {
+            // The entries of H are as accurate as the frequencies of the modes. The rotations of
+            // the eigenvalue solver lengthen the eigenvectors a little, and each event the state
+            // with them.
+            Form::Modal { .. } => {
+                orthogonalise(&mut vectors);
+                (values.into_iter().map(|value| value.max(0.0)).collect(), 0.0)
+            }
+            _ => {
+                let columns =
+                    Mat::from_fn(flexibility.nrows(), active.len(), |i, k| flexibility[(i, active[k])]);
+                polish(system, &(lift - columns * held.w()), &mut vectors)?
+            }
+        };
+        Ok(Spectrum {
+            lineage: Lineage { is_free: false, root, changes: Vec::new() },
+            values,
+            magnitude,
+            vectors,
+        })
+    }
+
+    /// Returns the eigenpairs once a node has touched or left; see the [module page](self).
+    fn changed(&self, reduction: &ReducedModel, of: usize) -> Result<Spectrum> {
+        let ReducedModel { lift_at, compliance, .. } = reduction;
+        let mut others = self.lineage.touching();
+        let change = if others.remove(&of) { Change::Subtract } else { Change::Add };
+        let others = others.into_iter().map(|of| position(reduction, of)).collect::<Result<Vec<_>>>()?;
+        let i = position(reduction, of)?;
+        let (mut row, mut own) = (lift_at.row(i).to_owned(), compliance[(i, i)]);
+        if !others.is_empty() {
+            let size = others.len();
+            let block = Mat::from_fn(size, size, |k, l| compliance[(others[k], others[l])]);
+            let coupling = Mat::from_fn(size, 1, |k, _| compliance[(others[k], i)]);
+            let llt = block
+                .llt(Triangle::Lower)
+                .map_err(|_| failed(size, "their compliance is not positive definite"))?;
+            let forces = llt.solve(&coupling);
+            for (k, &other) in others.iter().enumerate() {
+                row -= lift_at.row(other) * faer::Scale(forces[(k, 0)]);
+                own -= coupling[(k, 0)] * forces[(k, 0)];
+            }
+        }
+        if own <= 0.0 {
+            return Err(failed(others.len() + 1, "their compliance is not positive definite"));
+        }
+        let z = self.vectors.transpose() * row.transpose() * faer::Scale(1.0 / own.sqrt());
+        let z = z.iter().copied().collect();
+        let (values, vectors) = changed_eigen(&self.values, &self.vectors, z, change);
+        let mut lineage = self.lineage.clone();
+        lineage.changes.push(of);
+        let values = values.into_iter().map(|value| value.max(0.0)).collect();
+        Ok(Spectrum { lineage, values, magnitude: 0.0, vectors })
+    }
+}
+
+/// Returns the candidate at a bound of the system.
+fn position(reduction: &ReducedModel, of: usize) -> Result<usize> {
+    let found = reduction.candidates.binary_search(&of);
+    found.map_err(|_| Error::Checkpoint("the checkpoint has contacts at nodes out of reach".into()))
+}
+
+/// Improves the eigenvectors of the energy of z -> shape z. Returns the eigenvalues and the largest
+/// |x|^T |K| |x| of a shape x. See the [module page](self).
+fn polish<E: Engine>(
+    system: &System<E>,
+    shape: &Mat<f64>,
+    vectors: &mut Mat<f64>,
+) -> Result<(Vec<f64>, f64)> {
+    let System { engine, stiffness, .. } = system;
+    let shapes = shape * &*vectors;
+    let mut forces = Mat::zeros(shapes.nrows(), shapes.ncols());
+    let (mut sizes, mut largest) = (vec![0.0; shapes.nrows()], 0.0_f64);
+    for k in 0..shapes.ncols() {
+        let (x, force) = (shapes.col_as_slice(k), forces.col_as_slice_mut(k));
+        engine.multiply_with_magnitude(&stiffness.into(), x, force, &mut sizes)?;
+        largest = largest.max(x.iter().zip(&sizes).map(|(x, size)| x.abs() * size).sum());
+    }
+    let mut energies = shapes.transpose() * forces;
+    diagonalise(&mut energies, vectors);
+    Ok(((0..energies.nrows()).map(|k| energies[(k, k)].max(0.0)).collect(), largest))
+}
+
+/// Rotates the vectors until the matrix, symmetric and nearly diagonal, is diagonal. All pairs are
+/// rotated at once to first order, and the rotation is made orthogonal to rounding, since z must be
+/// recovered exactly when the active set changes.
+fn diagonalise(matrix: &mut Mat<f64>, vectors: &mut Mat<f64>) {
+    let size = matrix.nrows();
+    for _ in 0..MAX_TURNS {
+        let mut settled = true;
+        let mut turn = Mat::<f64>::identity(size, size);
+        for j in 1..size {
+            for i in 0..j {
+                let (a, b) = (matrix[(i, i)], matrix[(j, j)]);
+                let coupling = 0.5 * (matrix[(i, j)] + matrix[(j, i)]);
+                let share = coupling * coupling / (a.max(0.0) * b.max(0.0));
+                let angle = coupling / (b - a);
+                if share > COUPLING * COUPLING && angle.abs() <= LARGEST_ANGLE {
+                    settled = false;
+                    (turn[(i, j)], turn[(j, i)]) = (angle, -angle);
+                }
+            }
+        }
+        if settled {
+            break;
+        }
+        orthogonalise(&mut turn);
+        *matrix = turn.transpose() * &*matrix * &turn;
+        *vectors = &*vectors * &turn;
+    }
+}
+
+/// Replaces a nearly orthogonal matrix by the nearest orthogonal one with the Newton-Schulz
+/// iteration G (3 - G^T G) / 2, until the defect is rounding.
+fn orthogonalise(matrix: &mut Mat<f64>) {
+    let size = matrix.nrows();
+    for _ in 0..MAX_CORRECTIONS {
+        let defect = Mat::<f64>::identity(size, size) - matrix.transpose() * &*matrix;
+        *matrix += &*matrix * &defect * faer::Scale(0.5);
+        // The next defect is 3/4 of the square of this one.
+        if defect.norm_l2() <= SETTLED {
+            break;
+        }
+    }
+}
