@@ -2,7 +2,7 @@
 
 use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
 use super::{
-    ContactSolver, ElementKind, FieldInput, Initial, MeshFile, Output, Plate, PlateSpec, Probe, Scene,
+    ContactSolver, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec, Probe, Scene,
     SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
 };
 use crate::modes::ModeRange;
@@ -226,6 +226,10 @@ fn study(study: &Study) -> Vec<Row> {
         ("engines", words(&study.engines), ""),
         ("vi", words(&study.vi), ""),
     ];
+    if study.masses.contains(&Mass::Modal) {
+        let modes: Vec<String> = study.modes.iter().map(usize::to_string).collect();
+        rows.insert(2, ("modes", format!("[{}]", modes.join(", ")), "numbers of modes with inertia"));
+    }
     let measures = "mesh that measures the error in space";
     if study.reference_cells == [0, 0] {
         rows.push(("reference_refine", study.reference_refine.to_string(), measures));
@@ -233,6 +237,20 @@ fn study(study: &Study) -> Vec<Row> {
         rows.push(("elements", words(&study.elements), ""));
         rows.push(("cells", format!("[{}]", cells.join(", ")), ""));
         rows.push(("reference_cells", format!("[{nx}, {ny}]"), measures));
+    }
+    if study.reference_mass == Mass::Modal {
+        rows.push(("reference_mass", word(study.reference_mass), "singular | modal"));
+        rows.push(("reference_modes", study.reference_modes.to_string(), ""));
+    }
+    if !study.limits {
+        rows.push(("limits", study.limits.to_string(), "errors in time and in space are not told apart"));
+    }
+    if study.floor {
+        rows.push(("floor", study.floor.to_string(), "distance between the best runs of all masses"));
+    }
+    if !study.skip.is_empty() {
+        let skip: Vec<String> = study.skip.iter().map(|words| string(words)).collect();
+        rows.push(("skip", format!("[{}]", skip.join(", ")), "words of runs that are left out"));
     }
     if !study.at.is_empty() {
         rows.push(("at", numbers(&study.at), "s, instants at which errors of the deflection are told"));

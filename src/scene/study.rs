@@ -1,6 +1,7 @@
 //! Table `[study]`: the runs that `rebond study` compares.
 
 use super::{ContactSolver, ElementKind, EngineName, Grid, Mass, SchemeName, Solver, Time};
+use crate::modes::ModeRange;
 use serde::{Deserialize, Serialize};
 
 /// Approximate number of instants at which runs are compared.
@@ -9,6 +10,9 @@ const INSTANTS: f64 = 1000.0;
 /// Least number of instants for a comparison.
 const FEWEST_INSTANTS: f64 = 20.0;
 
+/// Number of modes of the modal mass where neither the study nor the scene says it.
+const MODES: usize = 200;
+
 /// Study: every valid combination of these lists is a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Study {
@@ -16,6 +20,8 @@ pub struct Study {
     pub schemes: Vec<SchemeName>,
     /// Mass matrices.
     pub masses: Vec<Mass>,
+    /// Numbers of modes that carry the inertia, for the modal mass.
+    pub modes: Vec<usize>,
     /// Restitution coefficients, for schemes that have one.
     pub restitutions: Vec<f64>,
     /// Time steps, s, for schemes that have one.
@@ -34,6 +40,18 @@ pub struct Study {
     pub reference_cells: [usize; 2],
     /// Uniform refinements of the file's mesh that measures the error in space; 0 for a rectangle.
     pub reference_refine: u32,
+    /// Mass of the motion on the reference mesh: singular or modal.
+    pub reference_mass: Mass,
+    /// Number of modes of that motion, if its mass is modal.
+    pub reference_modes: usize,
+    /// Whether errors in time and in space are told apart, which needs a limit of each method on
+    /// each mesh; otherwise only the whole error of a run is measured.
+    pub limits: bool,
+    /// Whether the distance between the best runs of different masses on the finest mesh is
+    /// measured.
+    pub floor: bool,
+    /// Words of runs that are left out, separated by spaces.
+    pub skip: Vec<String>,
     /// Instants at which errors of the whole deflection are reported, in s.
     pub at: Vec<f64>,
     /// Horizon up to which runs are ranked.
@@ -65,9 +83,14 @@ impl Study {
         if steps.is_empty() {
             steps.push(time.step);
         }
+        let modes = match time.modes {
+            Some(ModeRange::Count(count)) => count,
+            _ => MODES,
+        };
         Study {
             schemes: SchemeName::ALL.to_vec(),
             masses: vec![Mass::Singular, Mass::Consistent],
+            modes: vec![modes],
             restitutions: vec![0.0, 1.0],
             steps,
             elements: vec![mesh.element],
@@ -77,6 +100,11 @@ impl Study {
             vi: vec![solver.vi],
             reference_cells: finer(&[mesh.cells], &[mesh.refine]),
             reference_refine: if mesh.is_of_file() { mesh.refine.saturating_add(1) } else { 0 },
+            reference_mass: Mass::Singular,
+            reference_modes: 2 * modes,
+            limits: true,
+            floor: false,
+            skip: vec![],
             at: vec![],
             until: Horizon::SecondImpact,
             repeat: 3,

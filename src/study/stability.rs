@@ -142,7 +142,7 @@ pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
     let masses = [Mass::Singular, Mass::Consistent];
     let all = masses.into_iter().flat_map(|mass| {
         let schemes = SchemeSpec::representatives(mass == Mass::Singular);
-        schemes.into_iter().map(move |scheme| Method { scheme, mass, engine, vi })
+        schemes.into_iter().map(move |scheme| Method { scheme, mass, modes: None, engine, vi })
     });
     let serves =
         |method: &Method| engine == EngineName::Native || method.scheme.capabilities().is_distributed;

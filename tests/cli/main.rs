@@ -14,3 +14,4 @@ mod output;
 mod overwriting;
 mod resume;
 mod study;
+mod study_modal;

@@ -439,7 +439,7 @@ fn the_scenes_of_the_paper_are_valid() {
 #[test]
 fn the_scenes_for_studies_are_valid() {
     let files = toml_files("scenes/study");
-    assert_eq!(files.len(), 4);
+    assert_eq!(files.len(), 5);
     for path in files {
         let scene = Scene::load(&path, &[]).unwrap();
         let study = scene.study.clone().unwrap();

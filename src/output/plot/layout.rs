@@ -209,7 +209,7 @@ impl<'p> Head<'p> {
 /// Entry of a key.
 enum Key<'p> {
     Curve(&'p Curve),
-    Obstacle,
+    Obstacle(&'p str),
     Part,
     Ramp(&'p Ramp),
 }
@@ -219,7 +219,8 @@ impl Key<'_> {
         let curves = panel.curves.iter().filter(|curve| !curve.name.is_empty()).map(Key::Curve);
         let (parts, whole): (Vec<_>, Vec<_>) =
             panel.near_obstacles().into_iter().partition(|of| matches!(of, Obstacle::Part(_)));
-        let obstacle = (!whole.is_empty()).then_some(Key::Obstacle);
+        let obstacle =
+            (!whole.is_empty()).then_some(Key::Obstacle(panel.band.as_deref().unwrap_or("obstacle")));
         let part = (!parts.is_empty()).then_some(Key::Part);
         curves.chain(obstacle).chain(part).chain(panel.ramp.as_ref().map(Key::Ramp)).collect()
     }
@@ -227,7 +228,7 @@ impl Key<'_> {
     fn name(&self) -> &str {
         match self {
             Key::Curve(curve) => &curve.name,
-            Key::Obstacle => "obstacle",
+            Key::Obstacle(name) => name,
             Key::Part => "partial obstacle",
             Key::Ramp(ramp) => &ramp.label,
         }
@@ -256,7 +257,7 @@ impl Key<'_> {
                     draw_marker(paper, [0.5 * (x + end), y], marker, curve);
                 }
             }
-            Key::Obstacle => draw_solid(paper, [x, y - 0.5 * HATCH], [end, y + 0.5 * HATCH], HATCH),
+            Key::Obstacle(_) => draw_solid(paper, [x, y - 0.5 * HATCH], [end, y + 0.5 * HATCH], HATCH),
             Key::Part => paper.line([x, y], [end, y], RULE),
             Key::Ramp(ramp) => {
                 paper.text(&ramp.ends[0], [x, y], KEY, Anchor::Start);

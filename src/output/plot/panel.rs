@@ -189,6 +189,8 @@ pub struct Panel {
     pub(super) has_x_labels: bool,
     pub(super) curves: Vec<Curve>,
     pub(super) obstacles: Vec<Obstacle>,
+    /// Name of a hatched band that is no obstacle.
+    pub(super) band: Option<String>,
     pub(super) bars: Vec<Bar>,
     pub(super) ramp: Option<Ramp>,
     pub(super) rules: Vec<([Option<f64>; 2], String)>,
@@ -207,6 +209,7 @@ impl Panel {
             has_x_labels: true,
             curves: Vec::new(),
             obstacles: Vec::new(),
+            band: None,
             bars: Vec::new(),
             ramp: None,
             rules: Vec::new(),
@@ -255,6 +258,12 @@ impl Panel {
         self
     }
 
+    /// Adds the hatched band below a value of the y axis, with its name in the key.
+    pub fn band_below(mut self, y: f64, name: impl Into<String>) -> Panel {
+        self.obstacles.push(Obstacle::Below(y));
+        Panel { band: Some(name.into()), ..self }
+    }
+
     /// Adds bars.
     pub fn bars(mut self, bars: impl IntoIterator<Item = Bar>) -> Panel {
         self.bars.extend(bars);
@@ -300,7 +309,7 @@ impl Panel {
 
     /// Returns the obstacles that are not far beyond the curves.
     pub(super) fn near_obstacles(&self) -> Vec<Obstacle> {
-        let is_near = |of: &&Obstacle| is_near(of.height(), self.values(1));
+        let is_near = |of: &&Obstacle| self.band.is_some() || is_near(of.height(), self.values(1));
         self.obstacles.iter().filter(is_near).copied().collect()
     }
 

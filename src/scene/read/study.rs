@@ -5,12 +5,13 @@ use super::quantities::{INSTANT, RESTITUTION, STEP};
 use crate::error::Result;
 use crate::scene::document::Document;
 use crate::scene::study::finer;
-use crate::scene::{Grid, Solver, Study, Time};
+use crate::scene::{Grid, Mass, Solver, Study, Time};
 
 pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) -> Result<Option<Study>> {
     let keys = ["schemes", "masses", "restitutions", "steps", "elements", "cells", "refinements", "engines"];
     let others = ["vi", "reference_cells", "reference_refine", "at", "until", "repeat"];
-    doc.allow("study", &[&keys[..], &others].concat())?;
+    let of_modes = ["modes", "reference_mass", "reference_modes", "limits", "floor", "skip"];
+    doc.allow("study", &[&keys[..], &others, &of_modes].concat())?;
     if doc.get("study").is_none() {
         return Ok(None);
     }
@@ -44,9 +45,13 @@ pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) ->
         Some(_) => mesh::cells(doc, "study.reference_cells")?,
         None => finer(&cells, &refinements),
     };
+    let masses = doc.list("study.masses", |key| doc.choice(key))?.unwrap_or(usual.masses);
+    let modes = modes(doc, &masses)?.unwrap_or(usual.modes);
+    let (reference_mass, reference_modes) = reference_mass(doc, &modes)?;
     let study = Study {
         schemes: doc.list("study.schemes", |key| doc.choice(key))?.unwrap_or(usual.schemes),
-        masses: doc.list("study.masses", |key| doc.choice(key))?.unwrap_or(usual.masses),
+        masses,
+        modes,
         restitutions: doc
             .list("study.restitutions", |key| doc.number(key, &RESTITUTION))?
             .unwrap_or(usual.restitutions),
@@ -58,6 +63,11 @@ pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) ->
         vi: doc.list("study.vi", |key| doc.choice(key))?.unwrap_or(usual.vi),
         reference_cells,
         reference_refine: reference_refine as u32,
+        reference_mass,
+        reference_modes,
+        limits: doc.optional_truth("study.limits")?.unwrap_or(usual.limits),
+        floor: doc.optional_truth("study.floor")?.unwrap_or(usual.floor),
+        skip: doc.list("study.skip", |key| words(doc, key))?.unwrap_or(usual.skip),
         at: doc.list("study.at", |key| instant(doc, key, time))?.unwrap_or(usual.at),
         until: doc.optional_choice("study.until")?.unwrap_or(usual.until),
         repeat: doc
@@ -72,6 +82,48 @@ pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) ->
         );
     }
     Ok(Some(study))
+}
+
+/// Reads the numbers of modes, which only the modal mass takes.
+fn modes(doc: &Document, masses: &[Mass]) -> Result<Option<Vec<usize>>> {
+    if !masses.contains(&Mass::Modal) {
+        let wrong = "contradicts study.masses; expected \"modal\" among them";
+        doc.forbid_with("study.masses", "study.modes", wrong)?;
+    }
+    doc.list("study.modes", |key| number_of_modes(doc, key))
+}
+
+fn number_of_modes(doc: &Document, key: &str) -> Result<usize> {
+    Ok(usize::try_from(doc.count(key, "a number of modes", 1)?).unwrap_or(usize::MAX))
+}
+
+/// Reads the mass of the motion on the reference mesh, and its number of modes.
+fn reference_mass(doc: &Document, modes: &[usize]) -> Result<(Mass, usize)> {
+    let mass = doc.optional_choice("study.reference_mass")?.unwrap_or(Mass::Singular);
+    if mass == Mass::Consistent {
+        let wrong = "\"consistent\" leaves the motion to the restitution law of each scheme";
+        let expected = "expected \"singular\" or \"modal\"";
+        return Err(doc.fault("study.reference_mass", format!("{wrong}; {expected}")));
+    }
+    if mass != Mass::Modal {
+        let wrong = "contradicts study.reference_mass; expected only with \"modal\"";
+        doc.forbid_with("study.reference_mass", "study.reference_modes", wrong)?;
+    }
+    let most = modes.iter().copied().max().unwrap_or(1);
+    let count = match doc.get("study.reference_modes") {
+        Some(_) => number_of_modes(doc, "study.reference_modes")?,
+        None => most.saturating_mul(2),
+    };
+    Ok((mass, count))
+}
+
+/// Reads words of runs.
+fn words(doc: &Document, key: &str) -> Result<String> {
+    let expected = "expected words of a run's name, such as \"80x32 newmark 2e-6\"";
+    match doc.optional_text(key, expected)? {
+        Some(words) if !words.trim().is_empty() => Ok(words.to_owned()),
+        _ => Err(doc.fault(key, format!("no words; {expected}"))),
+    }
 }
 
 /// Reads an instant of the run.

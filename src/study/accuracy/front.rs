@@ -1,6 +1,7 @@
 //! Evaluation of a study: Pareto fronts, the cheapest run per accuracy, and orders of convergence.
 
 use super::trajectory::{Deviation, Parts};
+use super::truth::Family;
 use super::{Accuracy, Limit, Run};
 use crate::scene::{Horizon, Mass};
 use serde::Serialize;
@@ -14,11 +15,14 @@ pub const ACCURACIES: [f64; 4] = [1e-1, 1e-2, 1e-3, 1e-4];
 /// Relative error below which points count for an order of convergence.
 const ORDERLY: f64 = 0.1;
 
+/// Relative error below which an error is rounding and counts for no order.
+const ROUNDING: f64 = 1e-13;
+
 /// Error by which runs are ranked.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {
-    /// Error in time, among the runs of one mesh.
+    /// Error in time, among the runs of one mesh with one limit.
     Time,
     /// Sum of both errors, among all runs.
     Whole,
@@ -28,7 +32,7 @@ impl Axis {
     /// Returns this error of a run, relative.
     pub fn error(self, run: &Run) -> f64 {
         match self {
-            Axis::Time => run.time_error,
+            Axis::Time => run.time_error.unwrap_or(f64::NAN),
             Axis::Whole => run.error(),
         }
     }
@@ -92,6 +96,8 @@ pub struct TimeOrder {
 pub struct SpaceOrder {
     /// Coarser and finer mesh.
     pub meshes: [String; 2],
+    /// Family of methods whose limits these are.
+    pub family: String,
     /// Order of the deflection in the L2 norm, up to the first impact.
     pub l2: Option<f64>,
     /// Order of the deflection in the energy norm, up to the first impact.
@@ -99,12 +105,13 @@ pub struct SpaceOrder {
 }
 
 impl Accuracy {
-    /// Returns the names of the meshes, without repetition, in the order of the limits.
+    /// Returns the names of the meshes, without repetition, in the order of limits and runs.
     pub fn meshes(&self) -> Vec<String> {
         let mut meshes: Vec<String> = Vec::new();
-        for limit in &self.limits {
-            if !meshes.contains(&limit.mesh) {
-                meshes.push(limit.mesh.clone());
+        let of_limits = self.limits.iter().map(|limit| limit.mesh.clone());
+        for mesh in of_limits.chain(self.runs.iter().map(|run| super::mesh_name(&run.case.grid))) {
+            if !meshes.contains(&mesh) {
+                meshes.push(mesh);
             }
         }
         meshes
@@ -115,14 +122,26 @@ impl Accuracy {
         self.runs.iter().filter(|run| super::mesh_name(&run.case.grid) == mesh).collect()
     }
 
-    /// Returns the runs on a mesh that share a limit, so that their errors in time can be ranked.
+    /// Returns the runs on a mesh that are ranked, and the error that ranks them.
     ///
-    /// These are the runs with the singular mass, or all runs if there are none.
-    pub fn ranked_on(&self, mesh: &str) -> Vec<&Run> {
+    /// Runs that share a limit are ranked by their error in time. These are the runs with the
+    /// paper's singular mass, or all runs if there are none. Runs of a study without limits, or on
+    /// a mesh with runs of the modal mass, whose limits differ, are ranked by their whole error.
+    pub fn ranked_on(&self, mesh: &str) -> (Vec<&Run>, Axis) {
         let runs = self.runs_on(mesh);
+        let differs = |run: &&Run| run.case.method.mass == Mass::Modal || run.time_error.is_none();
+        if runs.iter().any(differs) {
+            return (runs, Axis::Whole);
+        }
         let singular = |run: &&&Run| run.case.method.mass == Mass::Singular;
         let ranked: Vec<&Run> = runs.iter().filter(singular).copied().collect();
-        if ranked.is_empty() { runs } else { ranked }
+        (if ranked.is_empty() { runs } else { ranked }, Axis::Time)
+    }
+
+    /// Returns the front among the ranked runs on a mesh.
+    pub fn front_on(&self, mesh: &str) -> Vec<&Run> {
+        let (ranked, axis) = self.ranked_on(mesh);
+        front(&ranked, axis)
     }
 
     /// Computes the order of each method on each mesh.
@@ -143,12 +162,13 @@ impl Accuracy {
                 let own: Vec<&&Run> =
                     runs.iter().filter(|run| run.case.method.to_string() == method).collect();
                 let order = |part: fn(&Parts<Deviation>) -> Option<Deviation>| {
-                    let floor = self.floor(&mesh, part);
-                    let error = |run: &Run| Some(part(&run.time.probes)?.rms / self.scales.deflection);
+                    let floor = own.first().map_or(0.0, |run| self.resolved(&mesh, run, part));
+                    let error =
+                        |run: &Run| Some(part(&run.time.as_ref()?.probes)?.rms / self.scales.deflection);
                     let points: Vec<(f64, f64)> = own
                         .iter()
                         .filter_map(|run| Some((run.case.step, error(run)?)))
-                        .filter(|(_, error)| *error < ORDERLY && *error > floor)
+                        .filter(|(_, error)| *error < ORDERLY && *error > floor.max(ROUNDING))
                         .collect();
                     slope(&points)
                 };
@@ -164,23 +184,29 @@ impl Accuracy {
         orders
     }
 
-    /// Returns the error below which runs on a mesh are not resolved from their limit.
-    fn floor(&self, mesh: &str, part: fn(&Parts<Deviation>) -> Option<Deviation>) -> f64 {
-        let own = self.limits.iter().filter(|limit| limit.mesh == mesh);
+    /// Returns the error below which a run on a mesh is not resolved from its limit.
+    fn resolved(&self, mesh: &str, run: &Run, part: fn(&Parts<Deviation>) -> Option<Deviation>) -> f64 {
+        let is_modal = run.case.method.mass == Mass::Modal;
+        let own = self.limits.iter().filter(|limit| {
+            limit.mesh == mesh
+                && (limit.mass == Mass::Modal) == is_modal
+                && (!is_modal || limit.family == Family::of(&run.case.method).to_string())
+        });
         super::FLOOR * own.filter_map(|limit| part(&limit.own_error)).map(|d| d.rms).fold(0.0, f64::max)
     }
 
-    /// Computes the orders between each mesh and the next finer one with the same element and mass.
+    /// Computes the orders between each mesh and the next finer one with the same element and
+    /// family, for the singular masses.
     pub fn space_orders(&self) -> Vec<SpaceOrder> {
         let element = |limit: &Limit| limit.mesh.split(' ').next().map(str::to_owned);
         let finer = |coarse: &Limit| {
             self.limits
                 .iter()
-                .filter(|fine| fine.mass == coarse.mass && element(fine) == element(coarse))
+                .filter(|fine| fine.family == coarse.family && element(fine) == element(coarse))
                 .filter(|fine| fine.size < coarse.size * (1.0 - 1e-9))
                 .max_by(|a, b| a.size.total_cmp(&b.size))
         };
-        let singular = self.limits.iter().filter(|limit| limit.mass == Mass::Singular);
+        let singular = self.limits.iter().filter(|limit| limit.mass.is_singular());
         let order = |coarse: &Limit| {
             let fine = finer(coarse)?;
             let of = |norm: fn(&Limit) -> Option<f64>| {
@@ -188,6 +214,7 @@ impl Accuracy {
             };
             Some(SpaceOrder {
                 meshes: [coarse.mesh.clone(), fine.mesh.clone()],
+                family: coarse.family.clone(),
                 l2: of(|limit| limit.space.l2.map(|parts| parts.at(Horizon::FirstImpact).rms)),
                 energy: of(|limit| limit.space.energy.map(|parts| parts.at(Horizon::FirstImpact).rms)),
             })

@@ -1,16 +1,18 @@
 //! Measurement of single runs: their times, and their distances from their limit.
 
 use super::Runner;
+use super::cpu::CpuClock;
 use super::norms::{Jet, Metric, Norms, Points, Sampler};
 use super::plan::{Case, mesh_name};
 use super::run_native;
 use super::trajectory::{Deviation, Distance, Trajectory};
-use super::truth::{Family, ReferenceSolution};
+use super::truth::{ReferenceSolution, starts};
 use super::types::{Limit, Run, Scales};
+use super::whole::{ReferenceMotion, Samples};
 use crate::dof_map::DofMap;
 use crate::error::Result;
 use crate::mesh::{Cell, Mesh};
-use crate::scene::{EngineName, Grid, Mass, Scene, Study};
+use crate::scene::{EngineName, Grid, Scene, Study};
 use crate::simulation::{self, Outcome};
 
 /// Limit on the total time of a case's repetitions, in s.
@@ -22,7 +24,7 @@ pub(super) const PATIENCE: f64 = 10.0;
 const ENOUGH: f64 = 0.2;
 const MOST_REPETITIONS: u32 = 30;
 
-/// Motion on the reference mesh, at its quadrature points.
+/// ReferenceMotion on the reference mesh, at its quadrature points if its displacements were kept.
 pub(super) struct Reference {
     pub truth: ReferenceSolution,
     points: Points,
@@ -34,6 +36,9 @@ impl Reference {
     pub fn new(base: &Scene, truth: ReferenceSolution) -> Result<Reference> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
         let points = Points::new(&mesh, &simulation::sections(base, &mesh)?)?;
+        if truth.trajectory.fields.is_empty() {
+            return Ok(Reference { truth, points, jets: Vec::new() });
+        }
         let sampler = Sampler::new(&mesh, &space, points.at())?;
         let jets = truth.trajectory.fields.iter().map(|u| sampler.jets(u)).collect();
         Ok(Reference { truth, points, jets })
@@ -61,7 +66,8 @@ impl Reference {
             .map(|(u, reference)| self.points.distance(&sampler.jets(u), reference))
             .collect();
         let finest = &self.truth;
-        Ok(Distance::new(&truth.trajectory, &finest.trajectory, &finest.impacts, Some(&norms), instants))
+        let impacts = starts(&finest.impacts);
+        Ok(Distance::new(&truth.trajectory, &finest.trajectory, &impacts, Some(&norms), instants))
     }
 }
 
@@ -86,16 +92,13 @@ pub(super) fn limit(
         |d: Deviation| Deviation { rms: d.rms / scales.deflection, max: d.max / scales.deflection };
     Limit {
         mesh: mesh_name(&truth.grid),
-        mass: match truth.family {
-            Family::Singular => Mass::Singular,
-            Family::Consistent(_) => Mass::Consistent,
-        },
+        mass: truth.family.mass(),
         family: truth.family.to_string(),
         source: truth.source.clone(),
         refused: truth.refused.clone(),
         dofs,
         size: size(mesh),
-        impacts: truth.impacts.clone(),
+        impacts: starts(&truth.impacts),
         first_impact: truth.first_impact,
         own_error: truth.error.probes.map(relative),
         space,
@@ -129,23 +132,34 @@ pub(super) fn take(
     run: &Runner,
 ) -> Result<Measurement> {
     let mut scene = case.scene(base, interval);
-    let keep_fields = scene.solver.engine == EngineName::Native;
-    let (trajectory, outcome) = run(&scene, keep_fields)?;
+    let keep_fields = study.limits && scene.solver.engine == EngineName::Native;
+    let ((trajectory, outcome), first) = timed(&scene, keep_fields, run)?;
     scene.output.every = u64::MAX;
-    let (mut set_up_seconds, mut stepping_seconds, mut spent) = (f64::INFINITY, f64::INFINITY, 0.0);
+    let (mut least, mut spent) = ([f64::INFINITY; 2], 0.0);
+    if first.iter().sum::<f64>() > PATIENCE {
+        (least, spent) = (first, f64::INFINITY);
+    }
     for round in 0.. {
         let settled = study.repeat == 1 || spent > ENOUGH || round >= MOST_REPETITIONS;
         if round >= study.repeat && settled || spent > PATIENCE {
             break;
         }
-        let (_, outcome) = run(&scene, false)?;
-        let seconds = outcome.seconds;
-        let set_up = seconds.assembly + seconds.equilibrium + seconds.factor;
-        set_up_seconds = set_up.min(set_up_seconds);
-        stepping_seconds = seconds.stepping.min(stepping_seconds);
-        spent += set_up + seconds.stepping;
+        let (_, seconds) = timed(&scene, false, run)?;
+        least = [0, 1].map(|part| seconds[part].min(least[part]));
+        spent += seconds.iter().sum::<f64>();
     }
-    Ok(Measurement { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] })
+    Ok(Measurement { trajectory, outcome, keep_fields, seconds: least })
+}
+
+/// Runs a scene, and returns with its results the seconds of its set-up and of its steps without
+/// their rows.
+fn timed(scene: &Scene, keep_fields: bool, run: &Runner) -> Result<((Trajectory, Outcome), [f64; 2])> {
+    let clock = CpuClock::start();
+    let (trajectory, outcome) = run(scene, keep_fields)?;
+    let share = clock.share();
+    let of = outcome.seconds;
+    let seconds = [of.assembly + of.equilibrium + of.factor, of.stepping - of.blocks.rows];
+    Ok(((trajectory, outcome), seconds.map(|seconds| share * seconds)))
 }
 
 /// Works as [`take`] for several cases at the same time, on the native engine.
@@ -165,25 +179,40 @@ pub(super) fn take_at_once(
     })
 }
 
-/// Measures the distance of a case from its limit.
-pub(super) fn measure(
-    study: &Study,
-    case: &Case,
-    taken: Measurement,
-    truth: &ReferenceSolution,
-    metric: &Metric,
-) -> Result<Run> {
-    let Measurement { trajectory, outcome, keep_fields, seconds: [set_up_seconds, stepping_seconds] } = taken;
-    let reference = &truth.trajectory;
-    let norms: Option<Vec<Norms>> = keep_fields
-        .then(|| {
-            let pairs = trajectory.fields.iter().zip(&reference.fields);
-            pairs.map(|(a, b)| metric.distance(a, b)).collect::<Result<_>>()
-        })
-        .transpose()?;
-    let time = Distance::new(&trajectory, reference, &truth.impacts, norms.as_deref(), &study.at);
-    let touch = outcome.first_impact.map(|impact| impact.time);
-    Ok(Run {
+impl Measurement {
+    /// Returns the time of the first contact, in s.
+    pub fn first_impact(&self) -> Option<f64> {
+        self.outcome.first_impact.map(|impact| impact.time)
+    }
+
+    /// Returns the deflections and kinetic energies.
+    pub fn samples(&self) -> Samples {
+        Samples::new(&self.trajectory)
+    }
+
+    /// Returns the distance of the run from its limit.
+    pub fn error_in_time(
+        &self,
+        study: &Study,
+        truth: &ReferenceSolution,
+        metric: &Metric,
+    ) -> Result<Distance> {
+        let (trajectory, reference) = (&self.trajectory, &truth.trajectory);
+        let norms: Option<Vec<Norms>> = self
+            .keep_fields
+            .then(|| {
+                let pairs = trajectory.fields.iter().zip(&reference.fields);
+                pairs.map(|(a, b)| metric.distance(a, b)).collect::<Result<_>>()
+            })
+            .transpose()?;
+        Ok(Distance::new(trajectory, reference, &starts(&truth.impacts), norms.as_deref(), &study.at))
+    }
+}
+
+/// Returns the record of a run without its error in time.
+pub(super) fn record(case: &Case, taken: &Measurement, motion: &ReferenceMotion) -> Run {
+    let Measurement { trajectory, outcome, seconds: [set_up_seconds, stepping_seconds], .. } = taken;
+    Run {
         case: *case,
         dofs: outcome.dofs,
         steps: outcome.steps,
@@ -191,13 +220,15 @@ pub(super) fn measure(
         vi_iterations: outcome.vi_iterations,
         factorisations: outcome.factorisations,
         worst_kkt: outcome.worst_kkt,
-        set_up_seconds,
-        stepping_seconds,
-        time,
-        time_error: f64::NAN,
-        space_error: f64::NAN,
+        set_up_seconds: *set_up_seconds,
+        stepping_seconds: *stepping_seconds,
+        time: None,
+        time_error: None,
+        space_error: None,
+        whole: motion.distance(&taken.samples()),
+        whole_error: f64::NAN,
         at_floor: false,
-        first_impact_error: touch.zip(truth.first_impact).map(|(own, exact)| own - exact),
+        first_impact_error: None,
         energy_drift: trajectory.energy_drift(),
-    })
+    }
 }

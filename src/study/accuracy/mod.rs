@@ -10,6 +10,7 @@
 //!
 //! A first run gives the errors. Its seconds are the least of several further repetitions.
 
+mod cpu;
 pub mod front;
 mod measuring;
 pub mod norms;
@@ -19,20 +20,22 @@ mod report;
 pub mod trajectory;
 pub mod truth;
 mod types;
+pub mod whole;
 
 use crate::error::{Error, Result};
 use crate::linalg::Native;
 use crate::mesh::Point;
 use crate::modes;
-use crate::scene::{EngineName, Grid, Horizon, Probe, Scene, Study};
+use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
-use measuring::{PATIENCE, Reference, limit, measure, mesh_and_space, take, take_at_once};
+use measuring::{Measurement, PATIENCE, Reference, limit, mesh_and_space, record, take, take_at_once};
 use norms::Metric;
 use plan::{Case, Plan, mesh_name};
 use std::rc::Rc;
 use trajectory::{Deviation, Parts, Trajectory};
 use truth::{Family, ReferenceSolution, ReferenceSpec};
 pub use types::{Accuracy, Failure, Limit, Run, Scales};
+use whole::{BestRun, ReferenceMotion, keep_best};
 
 /// Number of steps from which the time of a run is estimated.
 const FORETELLING_STEPS: f64 = 20.0;
@@ -84,8 +87,8 @@ pub trait Watch {
 /// unreliable. A failed run is recorded, and the study goes on.
 ///
 /// # Errors
-/// Returns [`Error::Usage`] where the steps have no common multiple, the error of the motion on the
-/// reference mesh, and errors of `watch`.
+/// Returns the errors of [`Plan::new`], [`Error::Usage`] where the steps have no common multiple,
+/// the error of the motion on the reference mesh, and errors of `watch`.
 pub fn study(
     scene: &Scene,
     study: &Study,
@@ -96,67 +99,32 @@ pub fn study(
 ) -> Result<Accuracy> {
     let jobs = if study.engines == [EngineName::Native] { jobs.max(1) } else { 1 };
     let base = &watched(scene)?;
-    let plan = Plan::new(base, study);
+    let plan = Plan::new(base, study)?;
     let interval = study.interval(base.time.end).ok_or_else(|| {
         Error::Usage("the steps of the study have no common multiple short enough to compare runs".into())
     })?;
-    let smallest = study.steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let finest = base.mesh.with(study.elements[0], study.reference_cells, study.reference_refine);
-    let todo = Todo::new(&plan, known.as_ref());
-    let parts = usize::from(todo.reference) + todo.limits.len() + todo.cases.len();
-    watch.begins(parts, estimate_seconds(base, study, &todo, finest, interval, run));
-
+    let todo = Todo::new(&plan, study, known.as_ref());
     let together = PART_OF_PERIOD * first_period(base)?;
-    let reference = if todo.reference {
-        watch.starts(&format!("reference, {}", mesh_name(&finest)));
-        let step = REFERENCE_STEP * smallest;
-        let spec = ReferenceSpec { grid: finest, family: Family::Singular, interval, step, together };
-        let truth = ReferenceSolution::new(base, spec, run)?;
-        Some(Reference::new(base, truth)?)
-    } else {
-        None
-    };
-    let mut accuracy = known.unwrap_or_else(|| Accuracy {
-        title: base.title.clone(),
-        complete: false,
-        until: study.until,
-        interval,
-        probes: base.output.probes.iter().map(|probe| probe.name.clone()).collect(),
-        scales: Scales::default(),
-        reference: String::new(),
-        limits: Vec::new(),
-        runs: Vec::new(),
-        failures: Vec::new(),
-        dropped: Vec::new(),
-        at_once: 1,
-    });
-    accuracy.dropped = plan.dropped;
-    accuracy.at_once = accuracy.at_once.max(jobs);
-    if let Some(Reference { truth, .. }) = &reference {
-        accuracy.until = match (study.until, truth.impacts.len()) {
-            (Horizon::SecondImpact, 0..2) | (Horizon::FirstImpact, 0) => Horizon::End,
-            (until, _) => until,
-        };
-        let refused: String = truth.refused.iter().map(|why| format!("; not by {why}")).collect();
-        accuracy.reference = format!("{}, {}{refused}", mesh_name(&finest), truth.source);
-        accuracy.scales = reference.as_ref().map(Reference::scales).unwrap_or_default();
-        watch.done(&accuracy)?;
-    }
-    let scales = accuracy.scales;
+    let setting = Setting { base, study, interval, together, run };
+    let parts = usize::from(todo.reference) + todo.limits.len() + todo.cases.len();
+    watch.begins(parts, setting.estimate_seconds(&todo));
 
+    let mut accuracy = known.unwrap_or_else(|| Accuracy::unknown(base, study, interval));
+    accuracy.dropped = plan.dropped.clone();
+    accuracy.at_once = accuracy.at_once.max(jobs);
+    let reference = if todo.reference { Some(setting.reference(&mut accuracy, watch)?) } else { None };
     for &grid in &plan.grids {
         let (mesh, space) = mesh_and_space(base, grid)?;
         let metric = Metric::new(&mesh, &space, &simulation::sections(base, &mesh)?)?;
         let mut truths: Vec<(Family, Rc<ReferenceSolution>)> = Vec::new();
         for (_, family) in todo.limits.iter().filter(|(own, _)| *own == grid) {
-            let step = LIMIT_STEP * smallest;
             watch.starts(&format!("limit, {}", mesh_name(&grid)));
-            let spec = ReferenceSpec { grid, family: *family, interval, step, together };
-            match ReferenceSolution::new(base, spec, run) {
+            match ReferenceSolution::new(base, setting.limit(grid, *family), run) {
                 Ok(truth) => {
                     if let (None, Some(reference)) = (accuracy.limit(&grid, *family), &reference) {
                         let space_error = reference.distance(base, &truth, &study.at)?;
-                        accuracy.limits.push(limit(&mesh, &truth, space.dofs(), scales, space_error));
+                        let record = limit(&mesh, &truth, space.dofs(), accuracy.scales, space_error);
+                        accuracy.limits.push(record);
                     }
                     truths.push((*family, Rc::new(truth)));
                 }
@@ -175,30 +143,10 @@ pub fn study(
                 _ => take_at_once(base, study, together, interval),
             };
             for (case, taken) in together.iter().zip(taken) {
-                let family = Family::of(&case.method);
-                let truth = truths.iter().find(|(own, _)| *own == family);
-                let measured = match truth.zip(accuracy.limit(&grid, family)) {
-                    Some(((_, truth), limit)) => {
-                        let space_error = limit.space.probes;
-                        taken.and_then(|taken| measure(study, case, taken, truth, &metric)).map(
-                            |mut measured| {
-                                let horizon =
-                                    |parts: Parts<Deviation>| parts.at(study.until).rms / scales.deflection;
-                                let own = horizon(truth.error.probes);
-                                measured.time_error = horizon(measured.time.probes);
-                                measured.space_error = horizon(space_error);
-                                measured.at_floor = measured.time_error < FLOOR * own;
-                                measured
-                            },
-                        )
-                    }
-                    None => Err(Error::Usage("its limit could not be computed".into())),
-                };
-                match measured {
-                    Ok(run) => accuracy.runs.push(run),
-                    Err(error) => {
-                        accuracy.failures.push(Failure { what: case.to_string(), why: error.to_string() })
-                    }
+                let recorded =
+                    taken.and_then(|taken| setting.record(&mut accuracy, case, &taken, &truths, &metric));
+                if let Err(error) = recorded {
+                    accuracy.failures.push(Failure { what: case.to_string(), why: error.to_string() });
                 }
                 watch.done(&accuracy)?;
             }
@@ -207,6 +155,152 @@ pub fn study(
     accuracy.complete = true;
     watch.done(&accuracy)?;
     Ok(accuracy)
+}
+
+/// Scene, lists and instants of a study, and its runner.
+struct Setting<'s> {
+    base: &'s Scene,
+    study: &'s Study,
+    interval: f64,
+    /// Largest time between contacts of one impact, in s.
+    together: f64,
+    run: &'s Runner<'s>,
+}
+
+impl Setting<'_> {
+    /// Returns the specification of the motion on the reference mesh.
+    fn finest(&self) -> ReferenceSpec {
+        let Study { reference_cells, reference_refine, .. } = *self.study;
+        let family = match self.study.reference_mass {
+            Mass::Modal => Family::Modal(self.study.reference_modes),
+            Mass::Singular | Mass::Consistent => Family::Singular,
+        };
+        ReferenceSpec {
+            grid: self.base.mesh.with(self.study.elements[0], reference_cells, reference_refine),
+            family,
+            interval: self.interval,
+            step: if family == Family::Singular { REFERENCE_STEP } else { LIMIT_STEP } * self.smallest(),
+            together: self.together,
+            is_limit: false,
+            keep_fields: self.study.limits,
+        }
+    }
+
+    /// Returns the specification of a limit.
+    fn limit(&self, grid: Grid, family: Family) -> ReferenceSpec {
+        let step = LIMIT_STEP * self.smallest();
+        ReferenceSpec { grid, family, step, is_limit: true, keep_fields: true, ..self.finest() }
+    }
+
+    /// Returns the smallest step, in s.
+    fn smallest(&self) -> f64 {
+        self.study.steps.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Computes the motion on the reference mesh, and enters it into the results.
+    fn reference(&self, accuracy: &mut Accuracy, watch: &mut dyn Watch) -> Result<Reference> {
+        let spec = self.finest();
+        watch.starts(&format!("reference, {}", mesh_name(&spec.grid)));
+        let truth = ReferenceSolution::new(self.base, spec, self.run)?;
+        let reference = Reference::new(self.base, truth)?;
+        let truth = &reference.truth;
+        accuracy.until = match (self.study.until, truth.impacts.len()) {
+            (Horizon::SecondImpact, 0..2) | (Horizon::FirstImpact, 0) => Horizon::End,
+            (until, _) => until,
+        };
+        let refused: String = truth.refused.iter().map(|why| format!("; not by {why}")).collect();
+        accuracy.reference = format!("{}, {}{refused}", mesh_name(&spec.grid), truth.source);
+        accuracy.scales = reference.scales();
+        accuracy.motion = ReferenceMotion::new(&truth.trajectory, &truth.impacts);
+        watch.done(accuracy)?;
+        Ok(reference)
+    }
+
+    /// Measures the errors of a run, and enters it into the results.
+    fn record(
+        &self,
+        accuracy: &mut Accuracy,
+        case: &Case,
+        taken: &Measurement,
+        truths: &[(Family, Rc<ReferenceSolution>)],
+        metric: &Metric,
+    ) -> Result<()> {
+        let scale = accuracy.scales.deflection;
+        let mut run = record(case, taken, &accuracy.motion);
+        run.whole_error = run.whole.probes.at(accuracy.until).rms / scale;
+        if self.study.limits {
+            let family = Family::of(&case.method);
+            let truth = truths.iter().find(|(own, _)| *own == family).map(|(_, truth)| truth);
+            let Some((truth, limit)) = truth.zip(accuracy.limit(&case.grid, family)) else {
+                return Err(Error::Usage("its limit could not be computed".into()));
+            };
+            let horizon = |parts: Parts<Deviation>| parts.at(self.study.until).rms / scale;
+            let time = taken.error_in_time(self.study, truth, metric)?;
+            let error = horizon(time.probes);
+            run.at_floor = error < FLOOR * horizon(truth.error.probes);
+            (run.time_error, run.space_error) = (Some(error), Some(horizon(limit.space.probes)));
+            run.first_impact_error = taken.first_impact().zip(truth.first_impact).map(|(own, of)| own - of);
+            run.time = Some(time);
+        }
+        if self.study.floor && self.is_finest(&case.grid) {
+            let (name, mass, error) = (case.to_string(), case.method.mass, run.whole_error);
+            keep_best(&mut accuracy.best, BestRun { name, mass, error, samples: taken.samples() });
+        }
+        accuracy.runs.push(run);
+        Ok(())
+    }
+
+    /// Returns whether no other mesh of the study has more rectangles.
+    fn is_finest(&self, grid: &Grid) -> bool {
+        let Study { cells, refinements, .. } = self.study;
+        let rectangles = |[nx, ny]: [usize; 2], refine: u32| (nx * ny) << (2 * refine);
+        let own = rectangles(grid.cells, grid.refine);
+        cells.iter().all(|cells| refinements.iter().all(|refine| rectangles(*cells, *refine) <= own))
+    }
+
+    /// Estimates the time of all runs, in s, from the first steps of each method on each mesh.
+    ///
+    /// Contact costs more than these steps.
+    fn estimate_seconds(&self, todo: &Todo) -> f64 {
+        let mut known: Vec<(Case, [f64; 2])> = Vec::new();
+        let mut seconds = |case: &Case, repetitions: f64| {
+            let steps = (self.base.time.end / case.step).round();
+            let same = known.iter().find(|(of, _)| (of.grid, of.method) == (case.grid, case.method));
+            let [set_up, step] = same.map_or_else(|| self.first_seconds(case), |(_, seconds)| *seconds);
+            known.push((*case, [set_up, step]));
+            let once = set_up + step * steps;
+            let repeated = if once > PATIENCE { 0.0 } else { repetitions.min((PATIENCE / once).ceil()) };
+            once * (1.0 + repeated)
+        };
+        let mut truth = |spec: ReferenceSpec| {
+            let (first, last) = spec.family.methods(truth::cells(self.base, spec.grid).unwrap_or(usize::MAX));
+            let method = first.first().copied().unwrap_or(last);
+            // A limit is computed twice: exactly both times, or with the step and with twice the
+            // step.
+            let has_step = method.scheme.name().has_step();
+            let step = if has_step { spec.step } else { self.interval };
+            let case = Case { grid: spec.grid, method, step };
+            let once = seconds(&case, 0.0);
+            once * if spec.is_limit { if has_step { 1.5 } else { 2.0 } } else { 1.0 }
+        };
+        let limits: f64 = todo.limits.iter().map(|(grid, family)| truth(self.limit(*grid, *family))).sum();
+        let reference = if todo.reference { truth(self.finest()) } else { 0.0 };
+        let runs = todo.cases.iter().map(|case| seconds(case, f64::from(self.study.repeat)));
+        runs.sum::<f64>() + limits + reference
+    }
+
+    /// Returns the time of the set-up and of a step, in s, from the first steps of a case.
+    ///
+    /// Both are 0 for a case that fails, which fails as quickly in its turn.
+    fn first_seconds(&self, case: &Case) -> [f64; 2] {
+        let mut scene = case.scene(self.base, self.interval);
+        let steps = scene.time.steps() as f64;
+        scene.time.end = scene.time.step * steps.min(FORETELLING_STEPS);
+        (self.run)(&scene, false).map_or([0.0; 2], |(_, outcome)| {
+            let of = outcome.seconds;
+            [of.assembly + of.equilibrium + of.factor, of.stepping / outcome.steps.max(1) as f64]
+        })
+    }
 }
 
 /// Returns the scene, with default probes if it has none.
@@ -265,16 +359,17 @@ struct Todo {
 }
 
 impl Todo {
-    fn new(plan: &Plan, known: Option<&Accuracy>) -> Todo {
+    fn new(plan: &Plan, study: &Study, known: Option<&Accuracy>) -> Todo {
         let failed = |what: String| known.is_some_and(|known| known.failures.iter().any(|f| f.what == what));
         let measured =
             |case: &Case| known.is_some_and(|known| known.runs.iter().any(|run| run.case == *case));
         let is_left = |case: &&Case| !measured(case) && !failed(case.to_string());
         let cases: Vec<Case> = plan.cases.iter().filter(is_left).copied().collect();
         let (mut limits, mut reference) = (Vec::new(), known.is_none());
-        for &grid in &plan.grids {
-            let of_methods = plan.methods.iter().map(Family::of);
-            for family in std::iter::once(Family::Singular).chain(of_methods) {
+        for &grid in plan.grids.iter().filter(|_| study.limits) {
+            let always = (study.reference_mass == Mass::Singular).then_some(Family::Singular);
+            let of_methods = plan.cases.iter().filter(|case| case.grid == grid);
+            for family in always.into_iter().chain(of_methods.map(|case| Family::of(&case.method))) {
                 let is_known = known.is_some_and(|known| known.limit(&grid, family).is_some());
                 let is_needed =
                     cases.iter().any(|case| case.grid == grid && Family::of(&case.method) == family);
@@ -287,41 +382,4 @@ impl Todo {
         }
         Todo { reference, limits, cases }
     }
-}
-
-/// Estimates the time of all runs, in s, from the first steps of each method on each mesh.
-///
-/// Contact costs more than these steps.
-fn estimate_seconds(
-    base: &Scene,
-    study: &Study,
-    todo: &Todo,
-    finest: Grid,
-    interval: f64,
-    run: &Runner,
-) -> f64 {
-    let seconds = |case: &Case, repetitions: f64| {
-        let mut scene = case.scene(base, interval);
-        let steps = scene.time.steps() as f64;
-        scene.time.end = scene.time.step * steps.min(FORETELLING_STEPS);
-        // A case that fails here fails as quickly in its turn.
-        run(&scene, false).map_or(0.0, |(_, outcome)| {
-            let of = outcome.seconds;
-            let once =
-                of.assembly + of.equilibrium + of.factor + of.stepping * steps / outcome.steps.max(1) as f64;
-            once * (1.0 + repetitions.min((PATIENCE / once).ceil()))
-        })
-    };
-    let smallest = study.steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let truth = |grid: Grid, family: Family, step: f64| {
-        let (first, last) = family.methods(truth::cells(base, grid).unwrap_or(usize::MAX));
-        let method = first.first().copied().unwrap_or(last);
-        // A limit is computed twice: exactly both times, or with the step and with twice the step.
-        let (step, again) = if method.scheme.name().has_step() { (step, 0.5) } else { (interval, 1.0) };
-        seconds(&Case { grid, method, step }, again)
-    };
-    let runs: f64 = todo.cases.iter().map(|case| seconds(case, f64::from(study.repeat))).sum();
-    let limits = todo.limits.iter().map(|(grid, family)| truth(*grid, *family, LIMIT_STEP * smallest));
-    let reference = f64::from(todo.reference);
-    runs + limits.sum::<f64>() + reference * truth(finest, Family::Singular, REFERENCE_STEP * smallest)
 }

@@ -1,11 +1,12 @@
 //! Pictures of a study: work-precision diagrams, orders, energy drift, cost.
 
-use super::front::{Axis as Ranked, front};
+use super::front::{Axis as Ranked, front, pareto};
 use super::plan::Method;
+use super::whole::Floor;
 use super::{Accuracy, Run, report};
 use crate::error::Result;
 use crate::output::plot::{Axis, Color, Curve, Figure, Panel};
-use crate::scene::{ElementKind, Horizon};
+use crate::scene::{ElementKind, Horizon, Mass};
 use std::path::Path;
 
 /// Lower edge of a picture relative to the least error of any method with a step.
@@ -22,17 +23,24 @@ pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
     };
     let meshes = accuracy.meshes();
     for mesh in &meshes {
-        let on_mesh = OnMesh { accuracy, runs: accuracy.runs_on(mesh), ranked: accuracy.ranked_on(mesh) };
+        let (ranked, axis) = accuracy.ranked_on(mesh);
+        let on_mesh = OnMesh { accuracy, runs: accuracy.runs_on(mesh), ranked, axis };
         if on_mesh.runs.is_empty() {
             continue;
         }
         let name = |what: &str| format!("{what}-{}", mesh.replace(' ', "-"));
         draw(&name("work-precision"), format!("Work and precision, {mesh}"), vec![on_mesh.work_precision()])?;
-        draw(&name("orders"), format!("Convergence in time, {mesh}"), on_mesh.orders())?;
+        if on_mesh.runs.iter().any(|run| run.time.is_some()) {
+            draw(&name("orders"), format!("Convergence in time, {mesh}"), on_mesh.orders())?;
+        }
         draw(&name("energy-drift"), format!("Energy drift, {mesh}"), vec![on_mesh.energy_drift()])?;
     }
     if meshes.len() > 1 && !accuracy.runs.is_empty() {
         draw("work-precision", "Work and precision".into(), vec![whole(accuracy, &meshes)])?;
+    }
+    let after_impact = after_impact(accuracy);
+    if !after_impact.is_empty() {
+        draw("after-impact", "After the first impact".into(), after_impact)?;
     }
     let cost = cost(accuracy);
     if !cost.is_empty() {
@@ -43,7 +51,7 @@ pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
 
 /// Abbreviates the name of a method; the singular mass is left out.
 fn short(method: &Method) -> String {
-    method.to_string().replace(" singular", "").replace("consistent", "cons.")
+    method.to_string().replace(&format!(" {}", Mass::Singular), "").replace("consistent", "cons.")
 }
 
 /// Returns the methods of some runs without repetition, which fixes their style in all pictures.
@@ -61,8 +69,10 @@ fn methods<'r>(runs: impl IntoIterator<Item = &'r Run>) -> Vec<Method> {
 struct OnMesh<'a> {
     accuracy: &'a Accuracy,
     runs: Vec<&'a Run>,
-    /// Runs whose errors in time can be ranked.
+    /// Runs that are ranked.
     ranked: Vec<&'a Run>,
+    /// Error that ranks them.
+    axis: Ranked,
 }
 
 impl<'a> OnMesh<'a> {
@@ -77,36 +87,44 @@ impl<'a> OnMesh<'a> {
         methods(self.runs.iter().copied()).into_iter().enumerate().map(curve).collect()
     }
 
-    /// Draws the error in time over the run time, with rounding errors at the lower edge.
+    /// Draws the error that ranks the runs over their time, with rounding errors at the lower edge.
     ///
     /// Errors far below those of methods with a step count as rounding; the heading names their
     /// size.
     fn work_precision(&self) -> Panel {
         let errors = |runs: &[&Run]| {
-            runs.iter().map(|run| run.time_error).filter(|error| *error > 0.0).reduce(f64::min)
+            runs.iter().map(|run| self.axis.error(run)).filter(|error| *error > 0.0).reduce(f64::min)
         };
         let edge = errors(&self.stepping().runs).map_or(0.0, |least| EDGE * least);
-        let point = |run: &Run| [run.seconds(), run.time_error.max(edge)];
+        let point = |run: &Run| [run.seconds(), self.axis.error(run).max(edge)];
         let horizon = report::horizon_words(self.accuracy.until);
-        let below =
-            self.runs.iter().filter(|run| run.time_error < edge).map(|run| run.time_error).reduce(f64::max);
+        let errors = self.runs.iter().map(|run| self.axis.error(run));
+        let below = errors.filter(|error| *error < edge).reduce(f64::max);
         let heading = match below {
             Some(error) => format!("{horizon}; exact, at the edge: {error:.0e}"),
             None => horizon.to_owned(),
         };
-        let best = front(&self.ranked, Ranked::Time).into_iter().map(point).collect();
-        Panel::new(Axis::log("wall time", "s"), Axis::log("relative error in time", ""))
+        let best = front(&self.ranked, self.axis).into_iter().map(point).collect();
+        let name = match self.axis {
+            Ranked::Time => "relative error in time",
+            Ranked::Whole => "relative error",
+        };
+        let panel = Panel::new(Axis::log("time", "s"), Axis::log(name, ""))
             .heading(heading)
             .height(150.0)
             .curve(front_curve(best))
-            .curves(self.curves(true, point))
+            .curves(self.curves(true, point));
+        match self.axis {
+            Ranked::Time => panel,
+            Ranked::Whole => with_floor(panel, self.accuracy.floor().map(|floor| floor.deflection)),
+        }
     }
 
     /// Returns the runs of methods whose accuracy depends on the step.
     fn stepping(&self) -> OnMesh<'a> {
         let has_step = |run: &&Run| run.case.method.scheme.name().has_step();
         let those = |runs: &[&'a Run]| runs.iter().copied().filter(has_step).collect();
-        OnMesh { accuracy: self.accuracy, runs: those(&self.runs), ranked: those(&self.ranked) }
+        OnMesh { runs: those(&self.runs), ranked: those(&self.ranked), ..*self }
     }
 
     fn orders(&self) -> Vec<Panel> {
@@ -120,7 +138,8 @@ impl<'a> OnMesh<'a> {
             _ => vec![Horizon::End],
         };
         let panel = |(number, horizon): (usize, &Horizon)| {
-            let point = |run: &Run| [run.case.step, run.time.probes.at(*horizon).rms / scale];
+            let error = |run: &Run| Some(run.time.as_ref()?.probes.at(*horizon).rms / scale);
+            let point = |run: &Run| [run.case.step, error(run).unwrap_or(f64::NAN)];
             let mut panel = Panel::new(Axis::log("step", "s"), Axis::log("relative error in time", ""))
                 .heading(format!("({}) {}", ['a', 'b'][number], report::horizon_words(*horizon)))
                 .height(120.0)
@@ -161,11 +180,65 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
     let of_mesh = |(number, mesh): (usize, &String)| {
         Curve::new(mesh.as_str(), points(&accuracy.runs_on(mesh))).style(number).marks(number)
     };
-    Panel::new(Axis::log("wall time", "s"), Axis::log("relative error, time and space", ""))
+    let name = if accuracy.limits.is_empty() { "relative error" } else { "relative error, time and space" };
+    let panel = Panel::new(Axis::log("time", "s"), Axis::log(name, ""))
         .heading(report::horizon_words(accuracy.until))
         .height(150.0)
         .curve(front_curve(points(&all)))
-        .curves(meshes.iter().enumerate().map(of_mesh))
+        .curves(meshes.iter().enumerate().map(of_mesh));
+    with_floor(panel, accuracy.floor().map(|floor| floor.deflection))
+}
+
+/// Adds the hatched band of the floor, within which methods with the same limit differ.
+fn with_floor(panel: Panel, floor: Option<f64>) -> Panel {
+    match floor {
+        Some(floor) => panel.band_below(floor, "best runs of all masses differ"),
+        None => panel,
+    }
+}
+
+/// Draws the whole error of the deflection after the first impact, and the energy split, over the
+/// run time.
+///
+/// Each scheme with each mass has a curve, its front over all meshes, numbers of modes and steps.
+fn after_impact(accuracy: &Accuracy) -> Vec<Panel> {
+    let scale = accuracy.scales.deflection;
+    let floor = accuracy.floor();
+    let of_floor = |of: fn(&Floor) -> Option<f64>| floor.as_ref().and_then(of);
+    let mut methods: Vec<(String, Vec<&Run>)> = Vec::new();
+    for run in &accuracy.runs {
+        let name = short(&Method { modes: None, ..run.case.method });
+        match methods.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, runs)) => runs.push(run),
+            None => methods.push((name, vec![run])),
+        }
+    }
+    let panel = |heading: &str, label: &str, error: &dyn Fn(&Run) -> Option<f64>, named: bool| {
+        let curve = |(number, (name, runs)): (usize, &(String, Vec<&Run>))| {
+            let costs: Vec<(f64, f64)> =
+                runs.iter().filter_map(|run| Some((run.seconds(), error(run)?))).collect();
+            let points = pareto(&costs).into_iter().map(|k| [costs[k].0, costs[k].1]).collect();
+            let name = if named { name.clone() } else { String::new() };
+            Curve::new(name, points).style(number).marks(number)
+        };
+        Panel::new(Axis::log("time", "s"), Axis::log(label, ""))
+            .heading(heading)
+            .height(120.0)
+            .curves(methods.iter().enumerate().map(curve))
+    };
+    let deflection = |run: &Run| Some(run.whole.after_impact?.rms / scale);
+    let split = |run: &Run| Some(run.whole.kinetic?.rms);
+    let has = |error: &dyn Fn(&Run) -> Option<f64>| accuracy.runs.iter().any(|run| error(run).is_some());
+    let mut panels = Vec::new();
+    if has(&deflection) {
+        let drawn = panel("(a) deflection after the first impact", "relative error", &deflection, true);
+        panels.push(with_floor(drawn, of_floor(|floor| floor.after_impact)));
+    }
+    if has(&split) {
+        let drawn = panel("(b) energy split of the first impact", "relative error", &split, false);
+        panels.push(with_floor(drawn, of_floor(|floor| floor.kinetic)));
+    }
+    panels
 }
 
 /// Draws the time of all steps over dofs, at the smallest step.

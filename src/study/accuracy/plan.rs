@@ -1,9 +1,20 @@
 //! Plan of a study: the combinations of its lists, and those it leaves out.
 
+use crate::error::{self, Error};
+use crate::modes::ModeRange;
 use crate::scene::{ContactSolver, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
 use crate::scheme::registry::SchemeOptions;
+use crate::simulation;
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
+
+/// Number of cells up to which the exact scheme is tried with the paper's mass; an active set costs
+/// its cube.
+pub(super) const EXACT_CELLS: usize = 320;
+
+/// Number of modes up to which the exact scheme computes limits of the modal mass; an active set
+/// costs its cube here too.
+pub(super) const EXACT_MODES: usize = 200;
 
 /// Method: a scheme with its parameters, a mass, an engine and a contact solver.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -13,15 +24,25 @@ pub struct Method {
     pub scheme: SchemeSpec,
     /// Mass matrix.
     pub mass: Mass,
+    /// Number of modes that carry the inertia; of the modal mass only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub modes: Option<usize>,
     /// Linear algebra engine.
     pub engine: EngineName,
     /// Contact solver.
     pub vi: ContactSolver,
 }
 
+impl Method {
+    /// Creates a method on the native engine.
+    pub(super) fn native(scheme: SchemeSpec, mass: Mass, modes: Option<usize>) -> Method {
+        Method { scheme, mass, modes, engine: EngineName::Native, vi: ContactSolver::Condensed }
+    }
+}
+
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Method { scheme, mass, engine, vi } = self;
+        let Method { scheme, mass, modes, engine, vi } = self;
         write!(f, "{}", scheme.name())?;
         if let Some(restitution) = scheme.restitution() {
             write!(f, " e={restitution}")?;
@@ -32,6 +53,9 @@ impl fmt::Display for Method {
             f.write_str(" reflected")?;
         }
         write!(f, " {mass}")?;
+        if let Some(modes) = modes {
+            write!(f, " m={modes}")?;
+        }
         match (engine, vi) {
             (EngineName::Native, ContactSolver::Condensed) => Ok(()),
             (engine, ContactSolver::Condensed) => write!(f, " {engine}"),
@@ -75,9 +99,18 @@ impl Case {
         scene.mesh = self.grid;
         (scene.time.scheme, scene.time.mass, scene.time.step) =
             (self.method.scheme, self.method.mass, self.step);
+        scene.time.modes = self.method.modes.map(ModeRange::Count);
         (scene.solver.engine, scene.solver.vi) = (self.method.engine, self.method.vi);
         scene.output.every = ((interval / self.step).round() as u64).max(1);
         scene
+    }
+}
+
+impl Case {
+    /// Returns whether all of some words, separated by spaces, are in the name.
+    fn has(&self, words: &str) -> bool {
+        let name = self.to_string().replace(',', "");
+        words.split_whitespace().all(|word| name.split_whitespace().any(|own| own == word))
     }
 }
 
@@ -112,6 +145,16 @@ pub struct Dropped {
     pub why: &'static str,
 }
 
+impl Dropped {
+    /// Adds combinations that are left out, once.
+    fn add(dropped: &mut Vec<Dropped>, what: String, why: &'static str) {
+        let one = Dropped { what, why };
+        if !dropped.contains(&one) {
+            dropped.push(one);
+        }
+    }
+}
+
 /// Plan of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
@@ -127,7 +170,10 @@ pub struct Plan {
 
 impl Plan {
     /// Expands the lists of a study.
-    pub fn new(scene: &Scene, study: &Study) -> Plan {
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] for words in `skip` that are in no run's name.
+    pub fn new(scene: &Scene, study: &Study) -> error::Result<Plan> {
         let mut dropped = Vec::new();
         let methods = methods(scene, study, &mut dropped);
         let mut grids: Vec<Grid> = Vec::new();
@@ -146,14 +192,70 @@ impl Plan {
         let interval = study.interval(scene.time.end).unwrap_or(scene.time.step);
         let mut cases = Vec::new();
         for &grid in &grids {
+            let size = MeshSize::of(scene, grid, &methods);
             for &method in &methods {
+                if let Some((what, why)) = size.forbids(&method) {
+                    Dropped::add(&mut dropped, format!("{}, {what}", mesh_name(&grid)), why);
+                    continue;
+                }
                 // A scheme without a step of its own runs once, with the instants of comparison as
                 // steps.
                 let own = if method.scheme.name().has_step() { &steps[..] } else { &[interval] };
                 cases.extend(own.iter().map(|&step| Case { grid, method, step }));
             }
         }
-        Plan { grids, methods, cases, dropped }
+        for words in &study.skip {
+            let count = cases.len();
+            cases.retain(|case| !case.has(words));
+            if cases.len() == count {
+                return Err(Error::Usage(format!(
+                    "study.skip: no run left has the words \"{words}\" in its name; expected words of names such as \
+                     \"{}\"",
+                    cases.first().map_or(String::new(), Case::to_string)
+                )));
+            }
+            Dropped::add(&mut dropped, words.clone(), "study.skip names these runs");
+        }
+        Ok(Plan { grids, methods, cases, dropped })
+    }
+}
+
+/// MeshSize of a mesh, as far as methods depend on it.
+struct MeshSize {
+    cells: usize,
+    dofs: usize,
+}
+
+impl MeshSize {
+    /// Returns the size of a mesh; one that forbids nothing if no method asks for it, or for a mesh
+    /// that cannot be made, which its runs report.
+    fn of(scene: &Scene, grid: Grid, methods: &[Method]) -> MeshSize {
+        let none = MeshSize { cells: 0, dofs: usize::MAX };
+        if !methods.iter().any(|method| method.modes.is_some() || method.scheme == SchemeSpec::Exact) {
+            return none;
+        }
+        let scene = Scene { mesh: grid, ..scene.clone() };
+        let size = |scene: &Scene| {
+            let mesh = simulation::mesh(scene)?;
+            Ok::<_, Error>(MeshSize {
+                cells: mesh.cells.len(),
+                dofs: simulation::space(scene, &mesh)?.dofs(),
+            })
+        };
+        size(&scene).unwrap_or(none)
+    }
+
+    /// Returns a method's name and the reason if it makes no sense on a mesh of this size.
+    fn forbids(&self, method: &Method) -> Option<(String, &'static str)> {
+        match method.modes {
+            Some(modes) if modes > self.dofs / 2 => {
+                Some((format!("m={modes}"), "more modes than half of the dofs"))
+            }
+            None if method.scheme == SchemeSpec::Exact && self.cells > EXACT_CELLS => {
+                Some((method.to_string(), "more than 320 cells"))
+            }
+            _ => None,
+        }
     }
 }
 
@@ -167,12 +269,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
         _ => mass.massless(),
     };
     let mut methods = Vec::new();
-    let mut drop = |what: String, why| {
-        let dropped_one = Dropped { what, why };
-        if !dropped.contains(&dropped_one) {
-            dropped.push(dropped_one);
-        }
-    };
+    let mut drop = |what: String, why| Dropped::add(dropped, what, why);
     for &name in &study.schemes {
         for &mass in &study.masses {
             if let Err(why) = serves(name, mass, !scene.obstacles.is_empty()) {
@@ -185,6 +282,10 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
                         continue;
                     }
+                    if mass == Mass::Modal && engine != EngineName::Native {
+                        drop(format!("{name} {mass} {engine}"), "the modal mass is one of the native engine");
+                        continue;
+                    }
                     if !name.capabilities().is_distributed && engine != EngineName::Native {
                         drop(format!("{name} {engine}"), "it runs on the native engine");
                         continue;
@@ -194,8 +295,13 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                     };
                     let bounces = name.capabilities().options.contains(&"restitution");
                     let restitutions = if bounces { &study.restitutions[..] } else { &[0.0] };
-                    let schemes = restitutions.iter().map(|&restitution| with(restitution));
-                    methods.extend(schemes.map(|scheme| Method { scheme, mass, engine, vi }));
+                    for scheme in restitutions.iter().map(|&restitution| with(restitution)) {
+                        let with = |modes| Method { scheme, mass, modes, engine, vi };
+                        match mass {
+                            Mass::Modal => methods.extend(study.modes.iter().map(|&modes| with(Some(modes)))),
+                            Mass::Singular | Mass::Consistent => methods.push(with(None)),
+                        }
+                    }
                 }
             }
         }
@@ -211,7 +317,7 @@ fn serves(scheme: SchemeName, mass: Mass, obstacles: bool) -> Result<(), &'stati
         Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
             Err("unstable in contact at every step with the consistent mass")
         }
-        Mass::Modal => Err("studies compare the singular and the consistent mass"),
+        Mass::Modal if !scheme.takes_modal_mass => Err("it moves all dofs in steps"),
         _ => Ok(()),
     }
 }

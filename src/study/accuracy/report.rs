@@ -2,9 +2,10 @@
 
 use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
 use super::trajectory::{Deviation, Parts};
+use super::whole::Floor;
 use super::{Accuracy, Run, mesh_name};
 use crate::output::text::{Table, grouped, significant};
-use crate::scene::Horizon;
+use crate::scene::{Horizon, Mass};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -42,6 +43,9 @@ impl fmt::Display for Accuracy {
             self.probes.join(", "),
             significant(self.scales.deflection)
         )?;
+        if let Some(floor) = self.floor() {
+            self.write_floor(f, &floor)?;
+        }
         for mesh in self.meshes() {
             self.write_mesh(f, &mesh)?;
         }
@@ -58,10 +62,29 @@ impl fmt::Display for Accuracy {
 }
 
 impl Accuracy {
+    fn write_floor(&self, f: &mut fmt::Formatter, floor: &Floor) -> fmt::Result {
+        let Floor { deflection, after_impact, kinetic, runs } = floor;
+        writeln!(
+            f,
+            "  floor: {} {}, {} after impact 1, {} in the energy split: the largest distances among the reference and",
+            small(Some(*deflection)),
+            horizon_words(self.until),
+            small(*after_impact),
+            small(*kinetic)
+        )?;
+        runs.iter().try_for_each(|run| writeln!(f, "    {run}"))
+    }
+
     fn write_mesh(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
-        let runs = self.runs_on(mesh);
-        let front = front(&self.ranked_on(mesh), Axis::Time);
         writeln!(f)?;
+        if self.limits.iter().any(|limit| limit.mesh == mesh) {
+            self.write_limits(f, mesh)?;
+            writeln!(f)?;
+        }
+        self.write_runs(f, mesh)
+    }
+
+    fn write_limits(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
         let mut limits = Table::new(&[
             mesh,
             "computed by",
@@ -73,7 +96,8 @@ impl Accuracy {
             "\nend",
         ]);
         for limit in self.limits.iter().filter(|limit| limit.mesh == mesh) {
-            let mut cells = vec![format!("limit, {}", limit.mass), limit.source.clone()];
+            let name = if limit.mass == Mass::Modal { &limit.family } else { &limit.mass.to_string() };
+            let mut cells = vec![format!("limit, {name}"), limit.source.clone()];
             cells.extend(parts(&limit.own_error, 1.0));
             cells.extend(parts(&limit.space.probes, self.scales.deflection));
             limits.row(cells);
@@ -84,16 +108,25 @@ impl Accuracy {
                 writeln!(f, "    {} not by {why}", limit.family)?;
             }
         }
-        writeln!(f)?;
+        Ok(())
+    }
+
+    fn write_runs(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
+        let (runs, front, floor) = (self.runs_on(mesh), self.front_on(mesh), self.floor());
+        let axis = self.ranked_on(mesh).1;
+        let has_limits = runs.iter().any(|run| run.time.is_some());
+        let (name, errors) = if has_limits { ("", "in time,\nimpact 1") } else { (mesh, "whole,\nimpact 1") };
         let mut table = Table::new(&[
-            "",
+            name,
             "step, s",
             "steps",
             "set-up,\nms",
             "stepping,\nms",
-            "in time,\nimpact 1",
+            errors,
             "\nimpact 2",
             "\nend",
+            "whole, after\nimpact 1",
+            "energy\nsplit",
             "first\nimpact, s",
             "energy\ndrift",
             "VI\niterations",
@@ -106,20 +139,25 @@ impl Accuracy {
             cells.push(if has_step { format!("{:e}", run.case.step) } else { "-".into() });
             cells.push(grouped(run.steps));
             cells.extend([run.set_up_seconds, run.stepping_seconds].map(milliseconds));
-            cells.extend(parts(&run.time.probes, self.scales.deflection));
+            let probes = run.time.as_ref().map_or(&run.whole.probes, |time| &time.probes);
+            cells.extend(parts(probes, self.scales.deflection));
+            cells.push(small(run.whole.after_impact.map(|d| d.rms / self.scales.deflection)));
+            cells.push(small(run.whole.kinetic.map(|d| d.rms)));
             cells.push(small(run.first_impact_error));
             cells.push(small(run.energy_drift.map(|[end, _]| end)));
             cells.push(grouped(run.vi_iterations));
-            cells.push(run.dominating().into());
+            cells.push(run.dominating().unwrap_or("-").into());
             let on_front = front.iter().any(|other| std::ptr::eq(*other, *run));
             let mark = |is: bool, mark: &str| if is { mark.to_owned() } else { String::new() };
-            cells.push(mark(on_front, "*") + &mark(run.at_floor, "~"));
+            cells.push(mark(on_front, "*") + &mark(is_at_floor(run, floor.as_ref()), "~"));
             table.row(cells);
         }
         write!(f, "{table}")?;
         writeln!(
             f,
-            "    * on the front of error in time against seconds   ~ not told from the limit's own error"
+            "    * on the front of {} against seconds   ~ not told from {}",
+            axis_words(axis),
+            if has_limits { "the limit's own error" } else { "the floor" }
         )?;
         if self.at_once > 1 {
             writeln!(
@@ -150,7 +188,8 @@ impl Accuracy {
         if !orders.is_empty() {
             let mut table = Table::new(&["order in space, singular mass", "deflection", "energy norm"]);
             for of in orders {
-                table.row([of.meshes.join(" to "), order(of.l2), order(of.energy)]);
+                let family = if of.family == "singular" { String::new() } else { format!(", {}", of.family) };
+                table.row([of.meshes.join(" to ") + &family, order(of.l2), order(of.energy)]);
             }
             write!(f, "\n{table}")?;
         }
@@ -160,56 +199,69 @@ impl Accuracy {
     /// Formats `study.csv`: one row per run, every number to the last bit.
     pub fn csv(&self) -> String {
         let mut text = HEADS.join(",") + "\n";
+        let floor = self.floor();
         for run in &self.runs {
-            let on_mesh = front(&self.ranked_on(&mesh_name(&run.case.grid)), Axis::Time);
+            let on_mesh = self.front_on(&mesh_name(&run.case.grid));
             let on_front = on_mesh.iter().any(|other| std::ptr::eq(*other, run));
-            text += &(self.row(run, on_front).join(",") + "\n");
+            text += &(row(run, is_at_floor(run, floor.as_ref()), on_front).join(",") + "\n");
         }
         text
     }
+}
 
-    fn row(&self, run: &Run, on_front: bool) -> Vec<String> {
-        let method = &run.case.method;
-        let optional = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
-        let mut row = vec![
-            mesh_name(&run.case.grid),
-            method.scheme.name().to_string(),
-            method.mass.to_string(),
-            method.scheme.restitution().map_or(String::new(), |e| e.to_string()),
-            method.engine.to_string(),
-            method.vi.to_string(),
-            format!("{:e}", run.case.step),
-            run.dofs.to_string(),
-            run.steps.to_string(),
-            run.contact_steps.to_string(),
-            run.vi_iterations.to_string(),
-            run.factorisations.to_string(),
-            format!("{:e}", run.set_up_seconds),
-            format!("{:e}", run.stepping_seconds),
-            format!("{:e}", run.time_error),
-            format!("{:e}", run.space_error),
-        ];
-        let columns = |of: Option<Parts<Deviation>>| {
-            let rms = |d: Option<Deviation>| optional(d.map(|d| d.rms));
-            let max = |d: Option<Deviation>| optional(d.map(|d| d.max));
-            let of = of.map(|of| [of.first_impact, of.second_impact, Some(of.end)]).unwrap_or_default();
-            of.into_iter().flat_map(move |d| [rms(d), max(d)]).collect::<Vec<String>>()
-        };
-        row.extend(columns(Some(run.time.probes)));
-        row.extend(columns(run.time.l2));
-        row.extend(columns(run.time.energy));
-        row.push(optional(run.first_impact_error));
-        row.extend([0, 1].map(|k| optional(run.energy_drift.map(|drift| drift[k]))));
-        row.extend([format!("{:e}", run.worst_kkt), run.at_floor.to_string(), on_front.to_string()]);
-        row
-    }
+/// Returns whether a run is not told from its limit or, in a study without limits, from the floor.
+fn is_at_floor(run: &Run, floor: Option<&Floor>) -> bool {
+    run.at_floor || run.time.is_none() && floor.is_some_and(|floor| run.whole_error < floor.deflection)
+}
+
+/// Returns the row of `study.csv` of a run.
+fn row(run: &Run, is_at_floor: bool, on_front: bool) -> Vec<String> {
+    let method = &run.case.method;
+    let optional = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
+    let mut row = vec![
+        mesh_name(&run.case.grid),
+        method.scheme.name().to_string(),
+        method.mass.to_string(),
+        method.scheme.restitution().map_or(String::new(), |e| e.to_string()),
+        method.engine.to_string(),
+        method.vi.to_string(),
+        format!("{:e}", run.case.step),
+        run.dofs.to_string(),
+        run.steps.to_string(),
+        run.contact_steps.to_string(),
+        run.vi_iterations.to_string(),
+        run.factorisations.to_string(),
+        format!("{:e}", run.set_up_seconds),
+        format!("{:e}", run.stepping_seconds),
+        optional(run.time_error),
+        optional(run.space_error),
+    ];
+    let columns = |of: Option<Parts<Deviation>>| {
+        let rms = |d: Option<Deviation>| optional(d.map(|d| d.rms));
+        let max = |d: Option<Deviation>| optional(d.map(|d| d.max));
+        let of = of.map(|of| [of.first_impact, of.second_impact, Some(of.end)]).unwrap_or_default();
+        of.into_iter().flat_map(move |d| [rms(d), max(d)]).collect::<Vec<String>>()
+    };
+    row.extend(columns(run.time.as_ref().map(|time| time.probes)));
+    row.extend(columns(run.time.as_ref().and_then(|time| time.l2)));
+    row.extend(columns(run.time.as_ref().and_then(|time| time.energy)));
+    row.push(optional(run.first_impact_error));
+    row.extend([0, 1].map(|k| optional(run.energy_drift.map(|drift| drift[k]))));
+    row.extend([format!("{:e}", run.worst_kkt), is_at_floor.to_string(), on_front.to_string()]);
+    row.push(method.modes.map_or(String::new(), |modes| modes.to_string()));
+    row.push(format!("{:e}", run.whole_error));
+    row.extend(columns(Some(run.whole.probes)));
+    row.push(optional(run.whole.after_impact.map(|d| d.rms)));
+    row.push(optional(run.whole.after_impact.map(|d| d.max)));
+    row.push(optional(run.whole.kinetic.map(|d| d.rms)));
+    row
 }
 
 /// Columns of `study.csv`.
 ///
-/// Errors at the probes are in m, L2 norms in m2, energy norms in J^(1/2); `time_error` and
-/// `space_error` are relative.
-const HEADS: [&str; 40] = [
+/// Errors at the probes are in m, L2 norms in m2, energy norms in J^(1/2); `time_error`,
+/// `space_error`, `whole_error` and `energy_split` are relative.
+const HEADS: [&str; 51] = [
     "mesh",
     "scheme",
     "mass",
@@ -250,6 +302,17 @@ const HEADS: [&str; 40] = [
     "worst_kkt",
     "at_floor",
     "on_front",
+    "modes",
+    "whole_error",
+    "whole_rms_first_impact",
+    "whole_max_first_impact",
+    "whole_rms_second_impact",
+    "whole_max_second_impact",
+    "whole_rms",
+    "whole_max",
+    "whole_rms_after_impact",
+    "whole_max_after_impact",
+    "energy_split",
 ];
 
 /// Formats the root mean squares of the three parts, divided by a scale.
@@ -260,6 +323,14 @@ fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {
         small(of.second_impact.map(relative)),
         small(Some(relative(of.end))),
     ]
+}
+
+/// Returns the name of the error that ranks runs.
+fn axis_words(axis: Axis) -> &'static str {
+    match axis {
+        Axis::Time => "error in time",
+        Axis::Whole => "whole error",
+    }
 }
 
 /// Writes a table for each mesh, and one for all runs.
@@ -305,6 +376,7 @@ pub struct AccuracySummary<'a> {
     cheapest: Vec<CheapestRun>,
     time_orders: Vec<TimeOrder>,
     space_orders: Vec<SpaceOrder>,
+    floor: Option<Floor>,
 }
 
 impl Accuracy {
@@ -319,6 +391,7 @@ impl Accuracy {
             cheapest: self.cheapest(),
             time_orders: self.time_orders(),
             space_orders: self.space_orders(),
+            floor: self.floor(),
         }
     }
 
@@ -338,11 +411,13 @@ impl Accuracy {
 
     /// Returns the cheapest run at each accuracy.
     ///
-    /// On each mesh the error in time counts, then among all runs the whole error.
+    /// On each mesh the [error that ranks](Accuracy::ranked_on) its runs counts, then among all
+    /// runs the whole error.
     pub fn cheapest(&self) -> Vec<CheapestRun> {
         let words = horizon_words(self.until);
         let on_mesh = |mesh: &String| {
-            (format!("cheapest on {mesh}: error in time, {words}"), self.ranked_on(mesh), Axis::Time)
+            let (runs, axis) = self.ranked_on(mesh);
+            (format!("cheapest on {mesh}: {}, {words}", axis_words(axis)), runs, axis)
         };
         let mut groups: Vec<(String, Vec<&Run>, Axis)> = self.meshes().iter().map(on_mesh).collect();
         let all = format!("cheapest of all: error in time and space, {words}");

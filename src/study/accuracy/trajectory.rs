@@ -20,6 +20,8 @@ pub struct Trajectory {
     pub fields: Vec<Vec<f64>>,
     /// Energies in J.
     pub energies: Vec<f64>,
+    /// Kinetic energies in J.
+    pub kinetic: Vec<f64>,
 }
 
 struct TrajectoryRecorder {
@@ -32,6 +34,7 @@ impl Observer for TrajectoryRecorder {
         self.trajectory.times.push(row.time);
         self.trajectory.probes.push(row.probes.to_vec());
         self.trajectory.energies.push(row.energy);
+        self.trajectory.kinetic.push(row.kinetic);
         Ok(())
     }
 
@@ -53,6 +56,7 @@ impl TrajectoryRecorder {
             trajectory.times.pop();
             trajectory.probes.pop();
             trajectory.energies.pop();
+            trajectory.kinetic.pop();
             trajectory.fields.pop();
         }
         trajectory
@@ -118,6 +122,19 @@ pub struct Deviation {
     pub max: f64,
 }
 
+impl Deviation {
+    /// Returns the deviation of some errors.
+    pub(super) fn of(errors: impl Iterator<Item = f64>) -> Deviation {
+        let (mut sum, mut number, mut max) = (0.0, 0_usize, 0.0_f64);
+        for error in errors {
+            sum += error * error;
+            number += 1;
+            max = if error.is_nan() { f64::NAN } else { max.max(error.abs()) };
+        }
+        Deviation { rms: (sum / number.max(1) as f64).sqrt(), max }
+    }
+}
+
 /// Values over three parts of a run; `None` where the reference has no such impact.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Parts<T> {
@@ -131,7 +148,7 @@ pub struct Parts<T> {
 
 impl<T: Copy> Parts<T> {
     /// Computes one value per part, from the instants at which impacts of the reference begin.
-    fn new(impacts: &[f64], of: impl Fn(f64) -> T) -> Parts<T> {
+    pub(super) fn new(impacts: &[f64], of: impl Fn(f64) -> T) -> Parts<T> {
         Parts {
             first_impact: impacts.first().map(|&end| of(end)),
             second_impact: impacts.get(1).map(|&end| of(end)),
@@ -190,13 +207,7 @@ impl Distance {
         let times = &reference.times[..count];
         let part = |values: &[Vec<f64>], end: f64| {
             let within = times.iter().zip(values).filter(|(time, _)| **time <= end);
-            let (mut sum, mut number, mut max) = (0.0, 0_usize, 0.0_f64);
-            for error in within.flat_map(|(_, errors)| errors) {
-                sum += error * error;
-                number += 1;
-                max = if error.is_nan() { f64::NAN } else { max.max(error.abs()) };
-            }
-            Deviation { rms: (sum / number.max(1) as f64).sqrt(), max }
+            Deviation::of(within.flat_map(|(_, errors)| errors.iter().copied()))
         };
         let parts = |values: &[Vec<f64>]| Parts::new(impacts, |end| part(values, end));
         let difference = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a - b).collect();

@@ -4,17 +4,14 @@
 //! restitution. With the consistent mass it depends on the restitution law, so that each method has
 //! a limit of its own.
 
-use super::plan::{Case, Method};
+use super::plan::{Case, EXACT_CELLS, EXACT_MODES, Method};
 use super::trajectory::{Distance, Trajectory};
 use super::{Runner, run_native};
 use crate::error::Result;
-use crate::scene::{ContactSolver, EngineName, Grid, Mass, Massless, Scene, SchemeSpec};
+use crate::scene::{Grid, Mass, Massless, Scene, SchemeSpec};
 use crate::scheme::{Exact, ExactOptions};
 use crate::simulation::{self, Model, Outcome};
 use std::fmt;
-
-/// Number of cells up to which the exact scheme is tried; an active set costs its cube.
-const EXACT_CELLS: usize = 320;
 
 /// First interval of the event search, in periods of the fastest mode divided by 2 pi.
 ///
@@ -26,6 +23,8 @@ const FINE_STRIDE: f64 = 1.5;
 pub enum Family {
     /// Every method with the singular mass.
     Singular,
+    /// Every method with the modal mass and this number of modes.
+    Modal(usize),
     /// One scheme with the consistent mass.
     Consistent(SchemeSpec),
 }
@@ -33,9 +32,19 @@ pub enum Family {
 impl Family {
     /// Returns the family of a method.
     pub fn of(method: &Method) -> Family {
-        match method.mass {
-            Mass::Singular | Mass::Modal => Family::Singular,
-            Mass::Consistent => Family::Consistent(method.scheme),
+        match (method.mass, method.modes) {
+            (Mass::Modal, Some(modes)) => Family::Modal(modes),
+            (Mass::Singular | Mass::Modal, _) => Family::Singular,
+            (Mass::Consistent, _) => Family::Consistent(method.scheme),
+        }
+    }
+
+    /// Returns the mass of the methods.
+    pub fn mass(self) -> Mass {
+        match self {
+            Family::Singular => Mass::Singular,
+            Family::Modal(_) => Mass::Modal,
+            Family::Consistent(_) => Mass::Consistent,
         }
     }
 
@@ -43,14 +52,18 @@ impl Family {
     ///
     /// The first ones are tried in turn; the last one remains if they fail.
     pub(super) fn methods(self, cells: usize) -> (Vec<Method>, Method) {
-        let native =
-            |scheme, mass| Method { scheme, mass, engine: EngineName::Native, vi: ContactSolver::Condensed };
+        let native = |scheme, mass| Method::native(scheme, mass, None);
         let midpoint = |massless| native(SchemeSpec::Midpoint { massless }, Mass::Singular);
         match self {
             Family::Singular => {
                 let exact = (cells <= EXACT_CELLS).then(|| native(SchemeSpec::Exact, Mass::Singular));
                 let first = exact.into_iter().chain([midpoint(Massless::Equilibrium)]).collect();
                 (first, midpoint(Massless::Reflected))
+            }
+            Family::Modal(modes) => {
+                let modal = |scheme| Method::native(scheme, Mass::Modal, Some(modes));
+                let exact = (modes <= EXACT_MODES).then(|| modal(SchemeSpec::Exact));
+                (exact.into_iter().collect(), modal(SchemeSpec::Conserving))
             }
             Family::Consistent(scheme) => (vec![], native(scheme, Mass::Consistent)),
         }
@@ -67,10 +80,8 @@ impl fmt::Display for Family {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Family::Singular => f.write_str("singular"),
-            Family::Consistent(scheme) => {
-                let (engine, vi) = (EngineName::Native, ContactSolver::Condensed);
-                Method { scheme: *scheme, mass: Mass::Consistent, engine, vi }.fmt(f)
-            }
+            Family::Modal(modes) => write!(f, "modal m={modes}"),
+            Family::Consistent(scheme) => Method::native(*scheme, Mass::Consistent, None).fmt(f),
         }
     }
 }
@@ -88,6 +99,10 @@ pub struct ReferenceSpec {
     pub step: f64,
     /// Time between contacts, in s, below which they belong to one impact.
     pub together: f64,
+    /// Whether the motion's own error is estimated, by a second computation.
+    pub is_limit: bool,
+    /// Whether the displacements are kept.
+    pub keep_fields: bool,
 }
 
 /// Reference solution: a motion of the semi-discrete problem on a mesh.
@@ -104,8 +119,8 @@ pub struct ReferenceSolution {
     pub error: Distance,
     /// Motion at the instants of comparison.
     pub trajectory: Trajectory,
-    /// Starts of the impacts, in s.
-    pub impacts: Vec<f64>,
+    /// Starts and ends of the impacts, in s.
+    pub impacts: Vec<[f64; 2]>,
     /// Time of the first contact, located between steps, in s.
     pub first_impact: Option<f64>,
 }
@@ -119,14 +134,19 @@ impl ReferenceSolution {
     /// # Errors
     /// Returns the error of the last method that was tried.
     pub fn new(base: &Scene, spec: ReferenceSpec, run: &Runner) -> Result<ReferenceSolution> {
-        let ReferenceSpec { grid, family, interval, step, together } = spec;
+        let ReferenceSpec { grid, family, interval, step, together, is_limit, keep_fields } = spec;
         let computed = |method: Method| {
             let exact = method.scheme == SchemeSpec::Exact;
             let scene = |step| Case { grid, method, step }.scene(base, interval);
-            let [(fine, outcome), (coarse, _)] = if exact {
-                [exactly(&scene(interval), FINE_STRIDE)?, run_native(&scene(interval), false)?]
+            let (fine, outcome) = if exact {
+                exactly(&scene(interval), FINE_STRIDE, keep_fields)?
             } else {
-                [run(&scene(step), true)?, run(&scene(2.0 * step), false)?]
+                run(&scene(step), keep_fields)?
+            };
+            let coarse = match (is_limit, exact) {
+                (false, _) => Trajectory::default(),
+                (true, true) => run_native(&scene(interval), false)?.0,
+                (true, false) => run(&scene(2.0 * step), false)?.0,
             };
             let source = if exact { method.to_string() } else { format!("{method}, {step:e} s") };
             Ok((source, fine, outcome, coarse))
@@ -136,6 +156,9 @@ impl ReferenceSolution {
         let mut refused = match family {
             Family::Singular if cells > EXACT_CELLS => {
                 vec![format!("exact: more than {EXACT_CELLS} cells")]
+            }
+            Family::Modal(modes) if modes > EXACT_MODES => {
+                vec![format!("exact: more than {EXACT_MODES} modes")]
             }
             _ => vec![],
         };
@@ -151,7 +174,7 @@ impl ReferenceSolution {
             None => computed(last)?,
         };
         let impacts = impacts(&outcome.contacts, together);
-        let error = Distance::new(&coarse, &trajectory, &impacts, None, &[]);
+        let error = Distance::new(&coarse, &trajectory, &starts(&impacts), None, &[]);
         Ok(ReferenceSolution {
             grid,
             family,
@@ -166,20 +189,27 @@ impl ReferenceSolution {
 }
 
 /// Runs the exact scheme with the given interval of its event search.
-fn exactly(scene: &Scene, stride: f64) -> Result<(Trajectory, Outcome)> {
+fn exactly(scene: &Scene, stride: f64, keep_fields: bool) -> Result<(Trajectory, Outcome)> {
     let model = Model::new(scene)?;
     let options = ExactOptions { stride, ..ExactOptions::default() };
     let scheme = Exact::with_options(&model.system, scene.time.step, model.start.clone(), options)?;
-    Trajectory::of(scene, &model, Box::new(scheme), true)
+    Trajectory::of(scene, &model, Box::new(scheme), keep_fields)
 }
 
-/// Returns the starts of impacts: repeated contacts at short intervals belong to one impact.
-fn impacts(contacts: &[[f64; 2]], together: f64) -> Vec<f64> {
-    let mut last = f64::NEG_INFINITY;
-    let begins = |[begin, end]: &[f64; 2]| {
-        let is_new = begin - last > together;
-        last = *end;
-        is_new.then_some(*begin)
-    };
-    contacts.iter().filter_map(begins).collect()
+/// Returns the starts and ends of impacts: repeated contacts at short intervals belong to one
+/// impact.
+fn impacts(contacts: &[[f64; 2]], together: f64) -> Vec<[f64; 2]> {
+    let mut impacts: Vec<[f64; 2]> = Vec::new();
+    for &[begin, end] in contacts {
+        match impacts.last_mut() {
+            Some(last) if begin - last[1] <= together => last[1] = end,
+            _ => impacts.push([begin, end]),
+        }
+    }
+    impacts
+}
+
+/// Returns the starts of impacts.
+pub(super) fn starts(impacts: &[[f64; 2]]) -> Vec<f64> {
+    impacts.iter().map(|[start, _]| *start).collect()
 }

@@ -3,7 +3,8 @@
 use super::plan::{Case, Dropped, mesh_name};
 use super::trajectory::{Deviation, Distance, Parts};
 use super::truth::Family;
-use crate::scene::{Grid, Horizon, Mass};
+use super::whole::{BestRun, Floor, ReferenceMotion, Whole, floor};
+use crate::scene::{Grid, Horizon, Mass, Scene, Study};
 use serde::{Deserialize, Serialize};
 
 /// Scales of relative errors: the largest magnitudes in the motion on the reference mesh.
@@ -11,21 +12,21 @@ use serde::{Deserialize, Serialize};
 pub struct Scales {
     /// Deflection at the probes, in m.
     pub deflection: f64,
-    /// L2 norm of the deflection, in m2.
+    /// L2 norm of the deflection, in m2; 0 without limits.
     pub l2: f64,
-    /// Energy norm of the deflection, in J^(1/2).
+    /// Energy norm of the deflection, in J^(1/2); 0 without limits.
     pub energy: f64,
 }
 
-/// Motion to which runs converge as their step tends to zero.
+/// ReferenceMotion to which runs converge as their step tends to zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// Name of the mesh.
     pub mesh: String,
     /// Mass matrix.
     pub mass: Mass,
-    /// Family of methods with this limit: all of the singular mass, or one method of the consistent
-    /// mass.
+    /// Family of methods with this limit: all of the singular mass, all of the modal mass with a
+    /// number of modes, or one method of the consistent mass.
     pub family: String,
     /// Method by which the motion was computed.
     pub source: String,
@@ -63,17 +64,22 @@ pub struct Run {
     pub factorisations: u64,
     /// Worst relative KKT residual.
     pub worst_kkt: f64,
-    /// Time of mesh, matrices, static start and first factorisation, in s.
+    /// Time of mesh, matrices, modes, static start and first factorisation, in s.
     pub set_up_seconds: f64,
     /// Time of all steps, in s.
     pub stepping_seconds: f64,
-    /// Distance from the limit on the same mesh.
-    pub time: Distance,
+    /// Distance from the limit on the same mesh; `None` in a study without limits.
+    pub time: Option<Distance>,
     /// Error in time that ranks the run: root mean square at the probes up to the horizon,
-    /// relative.
-    pub time_error: f64,
-    /// Error in space of the limit: root mean square at the probes up to the horizon, relative.
-    pub space_error: f64,
+    /// relative; `None` in a study without limits.
+    pub time_error: Option<f64>,
+    /// Error in space of the limit: root mean square at the probes up to the horizon, relative;
+    /// `None` in a study without limits.
+    pub space_error: Option<f64>,
+    /// Distance from the motion on the reference mesh.
+    pub whole: Whole,
+    /// Whole error: root mean square of that distance at the probes up to the horizon, relative.
+    pub whole_error: f64,
     /// Whether the error in time is too close to the limit's own error to be resolved.
     pub at_floor: bool,
     /// Time of the first contact minus that of the limit, in s.
@@ -89,14 +95,15 @@ impl Run {
         self.set_up_seconds + self.stepping_seconds
     }
 
-    /// Returns a bound on the whole error, relative.
+    /// Returns a bound on the whole error, or in a study without limits that error, relative.
     pub fn error(&self) -> f64 {
-        self.time_error + self.space_error
+        self.time_error.zip(self.space_error).map_or(self.whole_error, |(time, space)| time + space)
     }
 
-    /// Returns the name of the larger error.
-    pub fn dominating(&self) -> &'static str {
-        if self.time_error > self.space_error { "time" } else { "space" }
+    /// Returns the name of the larger error, in a study with limits.
+    pub fn dominating(&self) -> Option<&'static str> {
+        let larger = |(time, space)| if time > space { "time" } else { "space" };
+        self.time_error.zip(self.space_error).map(larger)
     }
 }
 
@@ -127,6 +134,10 @@ pub struct Accuracy {
     pub scales: Scales,
     /// Mesh on which the error in space is measured, and the method that computed its motion.
     pub reference: String,
+    /// ReferenceMotion on that mesh.
+    pub motion: ReferenceMotion,
+    /// Best runs of the masses on the finest mesh, in a study of the floor.
+    pub best: Vec<BestRun>,
     /// Limits of the runs.
     pub limits: Vec<Limit>,
     /// Completed runs.
@@ -141,6 +152,32 @@ pub struct Accuracy {
 }
 
 impl Accuracy {
+    /// Creates a study without results.
+    pub(super) fn unknown(base: &Scene, study: &Study, interval: f64) -> Accuracy {
+        Accuracy {
+            title: base.title.clone(),
+            complete: false,
+            until: study.until,
+            interval,
+            probes: base.output.probes.iter().map(|probe| probe.name.clone()).collect(),
+            scales: Scales::default(),
+            reference: String::new(),
+            motion: ReferenceMotion::default(),
+            best: Vec::new(),
+            limits: Vec::new(),
+            runs: Vec::new(),
+            failures: Vec::new(),
+            dropped: Vec::new(),
+            at_once: 1,
+        }
+    }
+
+    /// Returns the largest distance between the best runs of the masses on the finest mesh and the
+    /// motion on the reference mesh, in a study of the floor.
+    pub fn floor(&self) -> Option<Floor> {
+        floor(&self.motion, &self.best, self.until, self.scales.deflection)
+    }
+
     /// Returns the limit of a family on a mesh.
     pub(super) fn limit(&self, grid: &Grid, family: Family) -> Option<&Limit> {
         let (mesh, family) = (mesh_name(grid), family.to_string());

@@ -1,0 +1,228 @@
+//! Distance of runs from the motion on the reference mesh, and the floor of these distances.
+//!
+//! Deflections are compared at the probes. The energy that an impact leaves in vibration shows in
+//! the kinetic energy between the end of the first impact and the start of the second, when every
+//! run moves freely: the *energy split* is the root mean square of its difference there, relative
+//! to the energy at the start.
+
+use super::trajectory::{Deviation, Parts, Trajectory};
+use crate::scene::{Horizon, Mass};
+use serde::{Deserialize, Serialize};
+
+/// Deflections and kinetic energies of a motion at the instants of comparison.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Samples {
+    /// Deflections at the probes in m, one row per instant.
+    pub probes: Vec<Vec<f64>>,
+    /// Kinetic energies in J.
+    pub kinetic: Vec<f64>,
+}
+
+impl Samples {
+    /// Creates the samples of a trajectory.
+    pub fn new(trajectory: &Trajectory) -> Samples {
+        Samples { probes: trajectory.probes.clone(), kinetic: trajectory.kinetic.clone() }
+    }
+}
+
+/// ReferenceMotion on the reference mesh.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ReferenceMotion {
+    /// Instants in s.
+    pub times: Vec<f64>,
+    /// Deflections and kinetic energies.
+    pub samples: Samples,
+    /// Starts and ends of the impacts, in s.
+    pub impacts: Vec<[f64; 2]>,
+    /// Energy at the start in J, the scale of the energy split.
+    pub energy: f64,
+}
+
+/// Distance between two motions, of which one is usually that on the reference mesh.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Whole {
+    /// Deviation of the deflections at the probes, in m.
+    pub probes: Parts<Deviation>,
+    /// Deviation of the deflections at the probes between the end of the first impact and the start
+    /// of the second, in m; `None` without an impact.
+    pub after_impact: Option<Deviation>,
+    /// Energy split: deviation of the kinetic energy in the same interval, relative to the energy
+    /// at the start; `None` without an impact or without such energy.
+    pub kinetic: Option<Deviation>,
+}
+
+impl ReferenceMotion {
+    /// Creates the motion of a trajectory with its impacts.
+    pub fn new(trajectory: &Trajectory, impacts: &[[f64; 2]]) -> ReferenceMotion {
+        ReferenceMotion {
+            times: trajectory.times.clone(),
+            samples: Samples::new(trajectory),
+            impacts: impacts.to_vec(),
+            energy: trajectory.energies.first().map_or(0.0, |energy| energy.abs()),
+        }
+    }
+
+    /// Returns the interval between the end of the first impact and the start of the second, or the
+    /// end of the run, in s; `None` without an impact.
+    pub fn flight(&self) -> Option<[f64; 2]> {
+        let [_, end] = *self.impacts.first()?;
+        Some([end, self.impacts.get(1).map_or(f64::INFINITY, |[start, _]| *start)])
+    }
+
+    /// Returns the distance of a run from this motion.
+    pub fn distance(&self, run: &Samples) -> Whole {
+        self.between(run, &self.samples)
+    }
+
+    /// Returns the distance between two runs, in the intervals of this motion.
+    fn between(&self, a: &Samples, b: &Samples) -> Whole {
+        let differences = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
+        let probes: Vec<Vec<f64>> = a.probes.iter().zip(&b.probes).map(|(a, b)| differences(a, b)).collect();
+        let starts: Vec<f64> = self.impacts.iter().map(|[start, _]| *start).collect();
+        let within = |values: &[Vec<f64>], from: f64, to: f64| {
+            let within = |time: f64| from <= time && time <= to;
+            let rows = self.times.iter().zip(values).filter(|(time, _)| within(**time));
+            Deviation::of(rows.flat_map(|(_, row)| row.iter().copied()))
+        };
+        let flight = self.flight();
+        let kinetic = flight.filter(|_| self.energy > 0.0).map(|[from, to]| {
+            let relative =
+                |difference: f64| vec![difference / if self.energy > 0.0 { self.energy } else { 1.0 }];
+            let rows: Vec<Vec<f64>> = differences(&a.kinetic, &b.kinetic).into_iter().map(relative).collect();
+            within(&rows, from, to)
+        });
+        Whole {
+            probes: Parts::new(&starts, |end| within(&probes, f64::NEG_INFINITY, end)),
+            after_impact: flight.map(|[from, to]| within(&probes, from, to)),
+            kinetic,
+        }
+    }
+}
+
+/// Best run with one mass on the finest mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BestRun {
+    /// Name of the run.
+    pub name: String,
+    /// Mass matrix.
+    pub mass: Mass,
+    /// Whole error by which it is the best, relative.
+    pub error: f64,
+    /// Deflections and kinetic energies.
+    pub samples: Samples,
+}
+
+/// Keeps a run if it is the best one of its mass.
+pub(super) fn keep_best(best: &mut Vec<BestRun>, run: BestRun) {
+    match best.iter_mut().find(|known| known.mass == run.mass) {
+        Some(known) if run.error < known.error => *known = run,
+        Some(_) => {}
+        None => best.push(run),
+    }
+}
+
+/// Floor of a study: the largest distance between any two of the reference and the best runs of the
+/// masses on the finest mesh.
+///
+/// These are different methods with the same limit. Smaller differences between runs say nothing
+/// about their errors.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Floor {
+    /// Root mean square at the probes up to the horizon, relative.
+    pub deflection: f64,
+    /// Root mean square at the probes after the first impact, relative.
+    pub after_impact: Option<f64>,
+    /// Energy split.
+    pub kinetic: Option<f64>,
+    /// Names of the runs.
+    pub runs: Vec<String>,
+}
+
+/// Returns the floor of the best runs, for deflections relative to `scale` in m; `None` for fewer
+/// than two masses.
+pub(super) fn floor(
+    reference: &ReferenceMotion,
+    best: &[BestRun],
+    until: Horizon,
+    scale: f64,
+) -> Option<Floor> {
+    if best.len() < 2 {
+        return None;
+    }
+    let motions: Vec<&Samples> =
+        std::iter::once(&reference.samples).chain(best.iter().map(|run| &run.samples)).collect();
+    let mut floor = Floor { deflection: 0.0, after_impact: None, kinetic: None, runs: vec![] };
+    let larger = |a: Option<f64>, b: Option<Deviation>, scale: f64| {
+        b.map_or(a, |b| Some(a.unwrap_or(0.0).max(b.rms / scale)))
+    };
+    for (number, a) in motions.iter().enumerate() {
+        for b in &motions[number + 1..] {
+            let distance = reference.between(a, b);
+            floor.deflection = floor.deflection.max(distance.probes.at(until).rms / scale);
+            floor.after_impact = larger(floor.after_impact, distance.after_impact, scale);
+            floor.kinetic = larger(floor.kinetic, distance.kinetic, 1.0);
+        }
+    }
+    floor.runs = best.iter().map(|run| run.name.clone()).collect();
+    Some(floor)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{BestRun, ReferenceMotion, Samples, floor, keep_best};
+    use crate::scene::{Horizon, Mass};
+
+    /// Motion with one probe, whose only impact lasts from 1 s to 2 s; the next starts at 4 s.
+    fn motion() -> ReferenceMotion {
+        let times: Vec<f64> = (0..6).map(f64::from).collect();
+        let samples = Samples { probes: vec![vec![0.0]; 6], kinetic: vec![0.0; 6] };
+        ReferenceMotion { times, samples, impacts: vec![[1.0, 2.0], [4.0, 4.5]], energy: 10.0 }
+    }
+
+    fn samples(probe: [f64; 6], kinetic: [f64; 6]) -> Samples {
+        Samples { probes: probe.map(|w| vec![w]).to_vec(), kinetic: kinetic.to_vec() }
+    }
+
+    #[test]
+    fn the_energy_split_counts_between_the_impacts() {
+        let run = samples([9.0, 3.0, 1.0, -1.0, 1.0, 50.0], [7.0, 7.0, 3.0, 4.0, 5.0, 70.0]);
+        let whole = motion().distance(&run);
+        assert_eq!(motion().flight(), Some([2.0, 4.0]));
+        let after = whole.after_impact.unwrap();
+        assert_eq!((after.rms, after.max), (1.0, 1.0));
+        let kinetic = whole.kinetic.unwrap();
+        assert!((kinetic.rms - (50.0_f64 / 3.0).sqrt() / 10.0).abs() < 1e-15 && kinetic.max == 0.5);
+        assert_eq!(whole.probes.first_impact.unwrap().max, 9.0);
+        assert_eq!(whole.probes.end.max, 50.0);
+    }
+
+    #[test]
+    fn without_impact_there_is_no_energy_split() {
+        let of_flight = ReferenceMotion { impacts: vec![], ..motion() };
+        let whole = of_flight.distance(&of_flight.samples);
+        assert!(whole.after_impact.is_none() && whole.kinetic.is_none());
+        // At rest without energy nothing scales the kinetic energy.
+        let at_rest = ReferenceMotion { energy: 0.0, ..motion() };
+        assert!(at_rest.distance(&at_rest.samples).kinetic.is_none());
+    }
+
+    #[test]
+    fn the_floor_is_the_largest_distance_of_the_best_runs() {
+        let mut best = Vec::new();
+        let run = |mass, error, w: f64| BestRun {
+            name: format!("{w}"),
+            mass,
+            error,
+            samples: samples([w; 6], [w; 6]),
+        };
+        keep_best(&mut best, run(Mass::Singular, 0.3, 3.0));
+        assert!(floor(&motion(), &best, Horizon::End, 1.0).is_none());
+        keep_best(&mut best, run(Mass::Singular, 0.2, 2.0));
+        keep_best(&mut best, run(Mass::Singular, 0.9, 9.0));
+        keep_best(&mut best, run(Mass::Modal, 0.1, -1.0));
+        let floor = floor(&motion(), &best, Horizon::End, 2.0).unwrap();
+        assert_eq!(floor.runs, ["2", "-1"]);
+        assert_eq!((floor.deflection, floor.after_impact), (1.5, Some(1.5)));
+        assert!((floor.kinetic.unwrap() - 0.3).abs() < 1e-15);
+    }
+}
