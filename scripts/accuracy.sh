@@ -1,7 +1,7 @@
 #!/bin/sh
 # Recomputes the results of docs/accuracy.md: the studies of the paper's plate, of the same plate
 # refined, of a smooth problem, of the plate's free flight and of the plate with the modal mass, and
-# the paper's figures. Reports and pictures go to docs/accuracy. The script takes some twenty minutes
+# the paper's figures. Reports and pictures go to docs/accuracy. The script takes some fifteen minutes
 # on an idle machine; timings are those of the machine.
 #
 #   scripts/accuracy.sh
