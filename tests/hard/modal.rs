@@ -79,7 +79,10 @@ fn energy_and_bounds_hold_on_random_plates() {
     check(120, 5, modal(), |modal| {
         for scheme in SCHEMES {
             let (engine, vi) = (EngineName::Native, ContactSolver::Condensed);
-            let trial = run_native(&modal.scene(scheme), Method { scheme, mass: Mass::Modal, engine, vi });
+            let trial = run_native(
+                &modal.scene(scheme),
+                Method { scheme, mass: Mass::Modal, modes: None, engine, vi },
+            );
             match &trial.ending {
                 Ending::Holds => ran.set(ran.get() + 1),
                 Ending::Refused(why) => {
