@@ -8,6 +8,8 @@ use crate::error::Result;
 pub trait Partition: Clone + 'static {
     /// Communicator of the ranks that have the mesh.
     type Comm: Communicator;
+    /// Whether the mesh is divided among any number of ranks, in a numbering of the engine's own.
+    const DIVIDES: bool = true;
 
     /// Returns the communicator.
     fn comm(&self) -> &Self::Comm;
@@ -38,6 +40,7 @@ pub struct WholeMesh;
 
 impl Partition for WholeMesh {
     type Comm = SelfComm;
+    const DIVIDES: bool = false;
 
     fn comm(&self) -> &SelfComm {
         &SelfComm

@@ -145,6 +145,10 @@ pub trait Engine: Sized {
     /// Communicator of the ranks that the vectors are distributed over.
     type Comm: Communicator;
 
+    /// Whether equal matrices give equal bits in every run, so that results may be kept between
+    /// runs. Options and the number of ranks change those of an engine on top of a library.
+    const REPEATS: bool = false;
+
     /// Returns the communicator.
     fn comm(&self) -> &Self::Comm;
 

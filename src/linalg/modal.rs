@@ -37,6 +37,13 @@ impl MassModes {
         }
     }
 
+    /// Adds the displacement of modal coordinates to `u`, one entry per dof of this rank.
+    pub(crate) fn add_shapes(&self, coordinates: &[f64], u: &mut [f64]) {
+        for (k, q) in coordinates.iter().enumerate() {
+            axpy(*q, self.shapes.col_as_slice(k), u);
+        }
+    }
+
     /// Computes the momentum `$y = B^T V$`, in kg m/s, one entry per dof of this rank.
     pub(crate) fn project_transpose(&self, v: &[f64], y: &mut [f64]) {
         y.fill(0.0);

@@ -217,6 +217,7 @@ impl WithSimd for Momentum<'_> {
 impl Engine for Native {
     type Factor = Cholesky;
     type Comm = SelfComm;
+    const REPEATS: bool = true;
 
     fn comm(&self) -> &SelfComm {
         &SelfComm

@@ -47,7 +47,8 @@ pub fn keep_in(store: Option<Arc<dyn BasisStore>>) {
     *STORE.write().unwrap_or_else(PoisonError::into_inner) = store;
 }
 
-/// Returns the modes of [`lowest_basis`] from the store of the process, if it has them.
+/// Returns the modes of [`lowest_basis`] from the store of the process, if it has them and the
+/// engine [repeats](Engine::REPEATS) its results.
 ///
 /// # Errors
 /// Returns the errors of [`lowest_basis`].
@@ -60,7 +61,7 @@ pub(crate) fn kept_basis<E: Engine>(
 ) -> Result<ModalBasis> {
     let store = STORE.read().unwrap_or_else(PoisonError::into_inner).clone();
     let compute = || lowest_basis(engine, stiffness, mass, range, mechanism);
-    match store {
+    match store.filter(|_| E::REPEATS) {
         None => compute(),
         Some(store) => {
             let key = key(engine, [stiffness, mass], range, mechanism)?;

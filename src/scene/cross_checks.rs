@@ -82,10 +82,6 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
     }
     let is_modal = scene.time.mass == Mass::Modal;
-    if is_modal && scene.solver.engine == EngineName::Petsc {
-        let wrong = "time.mass = \"modal\" runs on the native engine, in one process";
-        return Err(doc.fault("solver.engine", format!("{wrong}; expected \"native\"")));
-    }
     // Modes with inertia of their own each take their own damping, unless they follow events.
     if !(able.takes_any_damping || is_modal && able.takes_time_dependence) {
         for (key, is_on) in [

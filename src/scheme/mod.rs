@@ -45,7 +45,7 @@ pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
 
-use crate::archive::{Archive, VectorKind};
+use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
@@ -71,6 +71,9 @@ pub struct System<E: Engine> {
     pub load: Option<Vec<f64>>,
     /// Bounds on the deflections, in m; at their rest position where obstacles move.
     pub bounds: Bounds,
+    /// Numbers of the bounds among those of all ranks, independent of the partition; `None` in a
+    /// single process without a partition.
+    pub bound_numbers: Option<Numbers>,
     /// Time-dependent loads and obstacles, support motions and modal damping.
     pub drive: TimeDependence,
 }

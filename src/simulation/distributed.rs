@@ -12,7 +12,7 @@ use crate::linalg::Engine;
 use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::Context;
-use crate::scene::{self, EngineName, Mass, Scene};
+use crate::scene::{self, EngineName, Scene};
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -45,11 +45,6 @@ impl Model<Distributed> {
                 "time.scheme = \"{}\" runs on the native engine, in one process",
                 scheme.name
             )));
-        }
-        if scene.time.mass == Mass::Modal {
-            return Err(Error::Usage(
-                "time.mass = \"modal\" runs on the native engine, in one process".into(),
-            ));
         }
         super::phase("mesh");
         let comm = context.comm();

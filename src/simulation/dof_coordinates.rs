@@ -132,12 +132,17 @@ impl DofCoordinates {
 
     /// Returns the global numbering of all dofs of this process. Collective.
     pub(super) fn numbering<E: Engine>(&self, engine: &E, bounded: &[usize]) -> Numbering {
-        let bounds: Vec<[f64; 3]> = bounded.iter().map(|&dof| self.dofs[dof]).collect();
         Numbering {
             dofs: numbers(engine, &self.dofs),
             velocities: numbers(engine, &self.velocities),
-            bounds: numbers(engine, &bounds),
+            bounds: self.bound_numbers(engine, bounded),
         }
+    }
+
+    /// Returns the global numbers of the bounded dofs of this process. Collective.
+    pub(super) fn bound_numbers<E: Engine>(&self, engine: &E, bounded: &[usize]) -> Numbers {
+        let bounds: Vec<[f64; 3]> = bounded.iter().map(|&dof| self.dofs[dof]).collect();
+        numbers(engine, &bounds)
     }
 }
 

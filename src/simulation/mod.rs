@@ -45,7 +45,7 @@ use crate::linalg::{Engine, LinearCombination, Native};
 use crate::mesh::{Mesh, Point};
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
-use crate::scene::{ContactSolver, EngineName, FieldInput, Scene};
+use crate::scene::{ContactSolver, EngineName, FieldInput, Mass, Scene};
 use crate::scheme::{Scheme, Start, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
@@ -293,6 +293,12 @@ fn serves(scene: &Scene, engine: EngineName) -> Result<()> {
             engine,
             scene.solver.vi,
             known.join(", ")
+        )));
+    }
+    if scene.time.mass == Mass::Modal && scene.solver.vi != ContactSolver::Condensed {
+        return Err(Error::Usage(format!(
+            "solver.vi: time.mass = \"modal\" solves contact in compliance form, not by \"{}\"; expected \"condensed\"",
+            scene.solver.vi
         )));
     }
     Ok(())

@@ -224,7 +224,7 @@ fn flight(mesh: &Mesh, method: &str) -> Vec<Vec<f64>> {
     let bounds = Bounds::uniform(plate.deflections(), -0.1, f64::INFINITY);
     let Matrices { engine, stiffness, singular: mass, space, .. } = plate;
     let (damping, drive) = Default::default();
-    let system = System { engine, stiffness, mass, damping, load, bounds, drive };
+    let system = System { engine, stiffness, mass, damping, load, bounds, bound_numbers: None, drive };
     let start = Start { displacement, velocity: vec![0.0; dofs] };
     let step = 2e-4;
     let newmark = |restitution| NewmarkParameters { beta: 0.5, restitution, step };

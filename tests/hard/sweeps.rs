@@ -139,7 +139,7 @@ fn system(mesh: Mesh, height: f64) -> (System<rebond::linalg::Native>, Matrices)
     let Matrices { engine, stiffness, singular: mass, .. } =
         Matrices::new(mesh, models::plate(), CLAMPED_LEFT);
     let (damping, drive) = Default::default();
-    (System { engine, stiffness, mass, damping, load: None, bounds, drive }, plate)
+    (System { engine, stiffness, mass, damping, load: None, bounds, bound_numbers: None, drive }, plate)
 }
 
 /// Returns a small mesh one interior node of which is displaced until a cell is flat, up to a given

@@ -99,6 +99,107 @@ fn the_energy_is_kept_on_any_number_of_ranks() {
     }
 }
 
+/// Scenes of the modal mass: the fall to the first impacts, everything that moves or changes in
+/// time with damping, and a plate with attachments above a tilted obstacle.
+const MODAL_FALL: &str = concat!(
+    literal!(PAPER_FALL),
+    r#"
+mesh = { element = "fvs", cells = [10, 4] }
+time = { scheme = "conserving", mass = "modal", modes = 50, step = 2e-5, end = 0.063 }
+output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#
+);
+const MODAL_SHAKEN: &str = concat!(
+    literal!(PAPER_PLATE),
+    r#"
+mesh = { element = "hct", cells = [8, 3] }
+support = [{ edge = "left", kind = "clamped", motion = "0.002*sin(80*t)" }]
+obstacle = [{ side = "below", height = "-0.1 + 0.02*sin(60*t)" }]
+initial = { static_pressure = 14600 }
+load = { pressure = "1000*sin(75*t)*(1+x*t)" }
+damping = { mass = 2, modal = [0.02, 0.01] }
+time = { scheme = "conserving", mass = "modal", modes = 40, step = 5e-5, end = 0.07 }
+output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#
+);
+const MODAL_FREE: &str = concat!(
+    literal!(PAPER_PLATE),
+    r#"
+mesh = { element = "fvs", cells = [8, 4] }
+obstacle = [{ side = "below", height = "-0.01 - 0.02*x" }]
+initial = { velocity = "-1 + 0.3*y" }
+load = { pressure = -2000 }
+mass = [{ at = [0.31, 0.12], mass = 2 }]
+spring = [{ at = [1.0, 0.2], stiffness = 1e4 }]
+foundation = [{ stiffness = 1e5, where = "x > 0.5" }]
+ball = [{ at = [0.7, 0.2], mass = 1, height = 0.05, velocity = -2 }]
+time = { scheme = "conserving", mass = "modal", modes = 30, step = 2e-5, end = 0.02 }
+output = { every = 10, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#
+);
+
+#[test]
+fn the_modal_mass_moves_the_same_on_any_number_of_ranks() {
+    for (name, scene, ranks, keeps_energy) in [
+        ("fall", MODAL_FALL, &[1, 3][..], true),
+        ("shaken", MODAL_SHAKEN, &[2], false),
+        ("free", MODAL_FREE, &[3], true),
+    ] {
+        let folder = command::folder(&format!("mpirun-modal-{name}"), scene);
+        let native = run_native(&folder, &["fall.toml"]);
+        assert!(touches(&native));
+        let expected = summary(&folder.join("native"));
+        for &ranks in ranks {
+            let rows = run_on(&folder, ranks, &["fall.toml"]);
+            assert_agree(&rows, &native, &format!("{name}, {ranks} ranks"));
+            for (row, other) in rows.iter().zip(&native) {
+                assert!((row[10] - other[10]).abs() <= 1e-9, "{name}: {} or {} m", row[10], other[10]);
+                let change = (row[2] / rows[0][2] - 1.0).abs();
+                assert!(!keeps_energy || change <= 1e-11, "{name}, t = {}: {change:e}", row[1]);
+            }
+            let found = summary(&folder.join(format!("on-{ranks}")));
+            for key in ["most_contact_nodes", "contact_steps", "node_contacts", "factorisations"] {
+                assert_eq!(found[key], expected[key], "{name}, {ranks} ranks: {key}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_modal_mass_refuses_contact_solvers_of_petsc() {
+    let folder = command::folder("mpirun-modal-vi", MODAL_FALL);
+    let output = on(&folder, 2, &["run", "fall.toml", "--engine", "petsc", "--vi", "tao"]);
+    assert_fails(&output, 2, &["time.mass = \"modal\"", "not by \"tao\"", "expected \"condensed\""]);
+}
+
+/// The modes of another number of ranks have other signs, and the rigid motions mix.
+#[test]
+fn the_modal_mass_goes_on_with_the_modes_of_any_number_of_ranks() {
+    let scene = MODAL_FREE.replace("spring =", "# spring =").replace("foundation =", "# foundation =");
+    let folder = command::folder("mpirun-modal-resumed", &scene);
+    let run = |out: &str, end: &str| {
+        let run = ["run", "fall.toml", "--quiet", "--engine", "petsc", "--out", out, "--set", end];
+        succeeds(&on(&folder, 2, &[&run[..], &SAME_EACH_TIME].concat()));
+    };
+    run("whole", "time.end=0.016");
+    let whole = history(&folder.join("whole"));
+    for (ranks, out) in [(2, "same"), (1, "fewer"), (3, "more")] {
+        run(out, "time.end=0.011");
+        assert!(touches(&history(&folder.join(out))));
+        succeeds(&on(&folder, ranks, &["resume", out, "--until", "0.016", "--quiet"]));
+        let resumed = history(&folder.join(out));
+        assert_agree(&resumed, &whole, &format!("{ranks} ranks"));
+        for row in &resumed {
+            let change = (row[2] / resumed[0][2] - 1.0).abs();
+            assert!(change <= 1e-11, "{ranks} ranks, t = {}: {change:e}", row[1]);
+        }
+    }
+    for file in ["history.csv", "contacts.csv"] {
+        let read = |run: &str| std::fs::read(folder.join(run).join(file)).unwrap();
+        assert!(read("same") == read("whole"), "{file}");
+    }
+}
+
 #[test]
 fn one_rank_twice_writes_the_same_bytes() {
     let folder = folder("twice");

@@ -32,6 +32,7 @@ fn ball(gravity: f64) -> System<Native> {
         damping: Damping::default(),
         load: Some(vec![-MASS * gravity]),
         bounds,
+        bound_numbers: None,
         drive: TimeDependence::default(),
     }
 }

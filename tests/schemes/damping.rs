@@ -32,6 +32,7 @@ fn oscillator(k: f64, alpha: f64) -> System<Native> {
         damping: by_mass(alpha),
         load: Some(vec![-MASS * GRAVITY]),
         bounds: Bounds::default(),
+        bound_numbers: None,
         drive: TimeDependence::default(),
         engine,
     }
@@ -120,6 +121,7 @@ fn bouncer(alpha: f64) -> System<Native> {
         damping: by_mass(alpha),
         load: Some(vec![0.0, -MASS * GRAVITY]),
         bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY),
+        bound_numbers: None,
         drive: TimeDependence::default(),
         engine,
     }

@@ -257,6 +257,7 @@ fn balls_on_springs(k: f64, count: usize, gravity: f64, lower: f64, upper: f64) 
         damping: Damping::default(),
         load: Some(load),
         bounds,
+        bound_numbers: None,
         drive: TimeDependence::default(),
         engine,
     }
@@ -541,6 +542,7 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
         damping: Damping::default(),
         load: None,
         bounds,
+        bound_numbers: None,
         drive: TimeDependence::default(),
     };
     let error = Exact::new(&system, 1.0, at_rest).map(drop).unwrap_err();

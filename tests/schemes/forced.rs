@@ -32,7 +32,16 @@ fn oscillator(damping: Damping, frequency: f64) -> System<Native> {
         Ok(())
     };
     let drive = TimeDependence { load: Some(Box::new(load)), ..TimeDependence::default() };
-    System { engine, stiffness, mass, damping, load: None, bounds: Bounds::default(), drive }
+    System {
+        engine,
+        stiffness,
+        mass,
+        damping,
+        load: None,
+        bounds: Bounds::default(),
+        bound_numbers: None,
+        drive,
+    }
 }
 
 /// Returns the position by the textbook: a steady oscillation and a decaying free one.

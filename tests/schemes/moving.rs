@@ -30,6 +30,7 @@ fn ball(height: impl Fn(f64) -> f64 + 'static) -> System<Native> {
         damping: Damping::default(),
         load: Some(vec![-MASS * GRAVITY]),
         bounds,
+        bound_numbers: None,
         drive,
     }
 }

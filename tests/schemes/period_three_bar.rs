@@ -58,6 +58,7 @@ fn bar(cells: usize) -> System<Native> {
         damping: Damping::default(),
         load: None,
         bounds: Bounds::uniform(vec![0], 0.0, f64::INFINITY),
+        bound_numbers: None,
         drive: TimeDependence::default(),
     }
 }

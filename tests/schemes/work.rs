@@ -160,9 +160,9 @@ fn counted(obstacle: f64, pressure: f64) -> (System<Counted>, Start, Counter) {
         pressure.min(0.0)
     ));
     let work = Counter::default();
-    let System { engine, stiffness, mass, damping, load, bounds, drive } = system;
+    let System { engine, stiffness, mass, damping, load, bounds, bound_numbers, drive } = system;
     let engine = Counted { engine, work: work.clone() };
-    (System { engine, stiffness, mass, damping, load, bounds, drive }, start, work)
+    (System { engine, stiffness, mass, damping, load, bounds, bound_numbers, drive }, start, work)
 }
 
 /// Returns the work per step, after a step that is not counted.

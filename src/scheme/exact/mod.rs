@@ -81,11 +81,11 @@ mod options;
 mod reach;
 pub(super) mod reduction;
 mod residual;
-mod saddle_point;
+pub(super) mod saddle_point;
 mod spectrum;
 mod start;
 mod stepping;
-pub(super) mod velocity_basis;
+mod velocity_basis;
 
 use super::{Approach, Event, EventStatistics, Start, StepRecord, System};
 use crate::error::{Error, Result};

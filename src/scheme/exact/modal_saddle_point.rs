@@ -17,6 +17,7 @@
 //! modes would lose up to half of the digits instead.
 
 use super::saddle_point::{SaddlePointSolver, solved};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, dot, subtract};
 use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
@@ -37,11 +38,13 @@ const MAX_ROUNDS: usize = 8;
 pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
     system: &'s System<E>,
     modes: Rc<MassModes>,
+    /// Number of dofs of all ranks.
+    dofs: usize,
     factor: RefCell<E::Factor>,
 }
 
 impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
-    /// Factors K, or K + s M_r where the modes contain rigid motions.
+    /// Factors K, or K + s M_r where the modes contain rigid motions. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
@@ -50,7 +53,7 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
         consistent: &CellForm,
         modes: &Rc<MassModes>,
     ) -> Result<ModalSaddlePoint<'s, E>> {
-        let stiffness = &system.stiffness;
+        let System { engine, stiffness, .. } = system;
         let squares = &modes.squares;
         let is_mechanism = squares.first().is_some_and(|square| *square == 0.0);
         let highest = squares.last().copied().unwrap_or(0.0);
@@ -59,20 +62,26 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
             true => stiffness + &consistent * (SHIFT * highest),
             false => stiffness.into(),
         };
-        Ok(ModalSaddlePoint { system, modes: modes.clone(), factor: system.engine.factor(&sum, &[])?.into() })
+        Ok(ModalSaddlePoint {
+            system,
+            modes: modes.clone(),
+            dofs: engine.comm().all_reduce_sum(engine.dofs()),
+            factor: engine.factor(&sum, &[])?.into(),
+        })
     }
 
     /// Returns the part h of the displacements under forces (n x k) that the modes leave.
+    /// Collective.
     pub fn rest(&self, forces: &Mat<f64>) -> Result<Mat<f64>> {
         let System { engine, stiffness, .. } = self.system;
-        let modes = &self.modes;
+        let (modes, comm) = (&self.modes, engine.comm());
         let mut h = Mat::<f64>::zeros(forces.nrows(), forces.ncols());
-        if forces.norm_max() == 0.0 {
+        if comm.all_reduce_max(forces.norm_max()) == 0.0 {
             return Ok(h);
         }
-        let along = modes.shapes.transpose() * forces;
+        let along = summed(comm, modes.shapes.transpose() * forces);
         let b = forces - &modes.momenta * along;
-        if b.norm_max() == 0.0 {
+        if comm.all_reduce_max(b.norm_max()) == 0.0 {
             return Ok(h);
         }
         let mut product = vec![0.0; b.nrows()];
@@ -85,17 +94,30 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
                 self.factor.borrow_mut().solve(column)?;
             }
             for _ in 0..2 {
-                let along = modes.momenta.transpose() * &residual;
+                let along = summed(comm, modes.momenta.transpose() * &residual);
                 residual -= &modes.shapes * along;
             }
             h += &residual;
-            let size = |of: &Mat<f64>, j: usize| dot(of.col_as_slice(j), of.col_as_slice(j)).sqrt();
-            if (0..h.ncols()).all(|j| size(&residual, j) <= SETTLED * size(&h, j)) {
+            let square = |of: &Mat<f64>, j: usize| dot(of.col_as_slice(j), of.col_as_slice(j));
+            let own: Vec<[f64; 2]> = (0..h.ncols()).map(|j| [square(&residual, j), square(&h, j)]).collect();
+            let sums = comm.all_reduce_sum_slice(&own);
+            if sums.iter().all(|[change, whole]| change.sqrt() <= SETTLED * whole.sqrt()) {
                 break;
             }
         }
         Ok(h)
     }
+}
+
+/// Returns the sum of a matrix over all ranks, the same on each. Collective.
+pub(in crate::scheme) fn summed(comm: &impl Communicator, own: Mat<f64>) -> Mat<f64> {
+    if comm.size() == 1 {
+        return own;
+    }
+    let rows = own.nrows();
+    let entries: Vec<f64> = (0..own.ncols()).flat_map(|j| own.col_as_slice(j)).copied().collect();
+    let sums = comm.all_reduce_sum_slice(&entries);
+    Mat::from_fn(rows, own.ncols(), |i, j| sums[rows * j + i])
 }
 
 impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
@@ -114,9 +136,10 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
         } else {
             u = &modes.shapes * &positions + u;
         }
-        let mut acceleration = match forces.norm_max() == 0.0 {
+        let comm = self.system.engine.comm();
+        let mut acceleration = match comm.all_reduce_max(forces.norm_max()) == 0.0 {
             true => Mat::zeros(modes.count(), forces.ncols()),
-            false => modes.shapes.transpose() * &forces,
+            false => summed(comm, modes.shapes.transpose() * &forces),
         };
         for j in 0..acceleration.ncols() {
             for (k, square) in modes.squares.iter().enumerate() {
@@ -134,7 +157,7 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
         Error::Usage(format!(
             "time.modes = {}: so many modes leave the nodes in contact no compliance of their own; expected at most {}",
             self.modes.count(),
-            self.system.engine.dofs() / 3
+            self.dofs / 3
         ))
     }
 }

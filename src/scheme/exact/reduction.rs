@@ -138,19 +138,19 @@ impl ReducedModel {
         self.rest_at = at(&self.rest);
         self.lift_at = at(&self.lift);
         self.compliance = symmetric(&at(&self.flexibility), 1.0);
-        if self.is_compliant() { Ok(()) } else { Err(saddle.rigid_contact()) }
+        if remains(&self.compliance, &self.unbound) { Ok(()) } else { Err(saddle.rigid_contact()) }
     }
+}
 
-    /// Returns whether the inf-sup condition holds: the pivots of the compliance G S G^T are those
-    /// of the compliance without the constraint B U = C p, but for a part.
-    fn is_compliant(&self) -> bool {
-        let pivots = |of: &Mat<f64>| -> Option<Vec<f64>> {
-            let llt = of.llt(Triangle::Lower).ok()?;
-            Some((0..of.nrows()).map(|i| llt.L()[(i, i)].powi(2)).collect())
-        };
-        let (Some(left), Some(whole)) = (pivots(&self.compliance), pivots(&self.unbound)) else {
-            return false;
-        };
-        left.iter().zip(&whole).all(|(left, whole)| *left > INF_SUP * whole)
-    }
+/// Returns whether the inf-sup condition holds: the pivots of the compliance under the constraint
+/// B U = C p are those of the compliance without it, but for a part.
+pub(in crate::scheme) fn remains(constrained: &Mat<f64>, unbound: &Mat<f64>) -> bool {
+    let pivots = |of: &Mat<f64>| -> Option<Vec<f64>> {
+        let llt = of.llt(Triangle::Lower).ok()?;
+        Some((0..of.nrows()).map(|i| llt.L()[(i, i)].powi(2)).collect())
+    };
+    let (Some(left), Some(whole)) = (pivots(constrained), pivots(unbound)) else {
+        return false;
+    };
+    left.iter().zip(&whole).all(|(left, whole)| *left > INF_SUP * whole)
 }

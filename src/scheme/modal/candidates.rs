@@ -21,10 +21,10 @@ impl<E: Engine> ModalConserving<'_, E> {
         self.reach.check(tier, &Check { model: &self.model, state: &self.now, pull, acceleration })
     }
 
-    /// Adds candidates, ascending indices of bounds.
+    /// Adds candidates, ascending numbers of bounds. Collective.
     pub(super) fn add_candidates(&mut self, near: Vec<usize>) -> Result<()> {
         let old = self.model.candidates.clone();
-        self.model.extend(self.system, &self.saddle, &near)?;
+        self.model.extend(self.system, &self.all, &self.loads.limits, &self.saddle, &near)?;
         let candidates = self.model.candidates.clone();
         let shapes = &self.reach.shapes;
         self.rows = Mat::from_fn(shapes.nrows(), candidates.len(), |k, i| shapes[(k, candidates[i])]);

@@ -4,12 +4,18 @@
 //! bounded dofs by `$G W$`, where W is the response of the rest of the displacement to F. By the
 //! symmetry of that response, `$G W = H^T F$` with the responses H to unit reactions.
 
+use super::all_bounds::AllBounds;
+use super::coordinates::Coordinates;
+use super::limits::{Limits, mix};
+use crate::archive::{Archive, VectorKind};
+use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::{axpy, dot};
+use crate::linalg::vectors::{add, axpy, dot};
 use crate::linalg::{Engine, MassModes};
 use crate::scheme::System;
-use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
+use crate::scheme::exact::modal_saddle_point::{ModalSaddlePoint, summed};
 use faer::Mat;
+use std::rc::Rc;
 
 /// Loads of fixed distribution in modal coordinates: the constant load first, at the factor 1, then
 /// the terms in time, then the springs that moving supports stretch.
@@ -18,12 +24,15 @@ pub(super) struct ModalLoads {
     forces: Mat<f64>,
     /// Shifts G W of the bounded deflections, one column per load, in m.
     shifts: Mat<f64>,
-    /// Responses W, one column per load with one entry per dof, in m.
+    /// Responses W, one column per load with one entry per dof of this rank, in m.
     responses: Mat<f64>,
     /// Energies `$F_i \cdot W_j$` of the loads in each other's responses, in J.
     energies: Mat<f64>,
     /// Modal momenta of the support shapes at 1 m/s, one column per motion.
     pub support_momenta: Mat<f64>,
+    all: Rc<AllBounds>,
+    /// Limits of all bounds at rest, without loads.
+    pub limits: Limits,
 }
 
 /// Data of an instant.
@@ -32,11 +41,13 @@ pub(super) struct ModalData {
     /// Factors of the loads.
     pub factors: Vec<f64>,
     /// Modal force h, in N per root of kg, one entry per mode.
+    #[serde(skip)]
     pub force: Vec<f64>,
     /// Places of the supports, in m, one entry per motion.
     pub places: Vec<f64>,
-    /// Response to the load of changing distribution, in m, one entry per dof; empty if there is
-    /// none.
+    /// Response to the load of changing distribution, in m, one entry per dof of this rank; empty
+    /// if there is none.
+    #[serde(skip)]
     pub wave: Vec<f64>,
     /// Energy of the response to that load, alone and with the others, in J.
     pub wave_energy: f64,
@@ -46,51 +57,8 @@ pub(super) struct ModalData {
     pub near: Limits,
 }
 
-/// Deflections of bounded dofs from the loads alone, and their bounds.
-#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
-pub(super) struct Limits {
-    /// Deflections by the response to the loads, in m.
-    pub shift: Vec<f64>,
-    /// Bounds, in m, relative to the supports.
-    pub lower: Vec<f64>,
-    pub upper: Vec<f64>,
-}
-
-impl Limits {
-    /// Returns the entries of some bounds.
-    fn select(&self, which: &[usize]) -> Limits {
-        let each = |of: &[f64]| which.iter().map(|&i| of[i]).collect();
-        Limits { shift: each(&self.shift), lower: each(&self.lower), upper: each(&self.upper) }
-    }
-
-    /// Sets the entries to the differences of two instants; absent obstacles stay.
-    pub fn difference(&mut self, from: &Limits, to: &Limits) {
-        let each = |own: &mut Vec<f64>, from: &[f64], to: &[f64]| {
-            own.clear();
-            own.extend(from.iter().zip(to).map(|(a, b)| if a.is_finite() { b - a } else { 0.0 }));
-        };
-        each(&mut self.shift, &from.shift, &to.shift);
-        each(&mut self.lower, &from.lower, &to.lower);
-        each(&mut self.upper, &from.upper, &to.upper);
-    }
-
-    fn between(&mut self, from: &Limits, to: &Limits, share: f64) {
-        mix(&mut self.shift, &from.shift, &to.shift, share);
-        mix(&mut self.lower, &from.lower, &to.lower, share);
-        mix(&mut self.upper, &from.upper, &to.upper, share);
-    }
-}
-
-/// Sets values to those at the fraction `share` of the way from one instant to another.
-fn mix(own: &mut [f64], from: &[f64], to: &[f64], share: f64) {
-    for (own, (from, to)) in own.iter_mut().zip(from.iter().zip(to)) {
-        // Absent obstacles have infinite bounds.
-        *own = if from.is_finite() { from + share * (to - from) } else { *from };
-    }
-}
-
 impl ModalLoads {
-    /// Solves for the responses to all loads of a system.
+    /// Solves for the responses to all loads of a system. Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -98,8 +66,10 @@ impl ModalLoads {
         system: &System<E>,
         modes: &MassModes,
         saddle: &ModalSaddlePoint<E>,
+        all: &Rc<AllBounds>,
     ) -> Result<ModalLoads> {
-        let dofs = system.engine.dofs();
+        let System { engine, bounds, .. } = system;
+        let (dofs, comm) = (engine.dofs(), engine.comm());
         let none = vec![0.0; dofs];
         let mut loads: Vec<&[f64]> = vec![system.load.as_ref().unwrap_or(&none)];
         loads.extend(system.drive.terms.iter().map(|term| &*term.load));
@@ -108,17 +78,18 @@ impl ModalLoads {
         let responses = saddle.rest(&loads)?;
         let supports = &system.drive.supports;
         let momenta = Mat::from_fn(dofs, supports.len(), |i, k| supports[k].momentum[i]);
-        let bounds = &system.bounds;
         Ok(ModalLoads {
-            forces: modes.shapes.transpose() * &loads,
-            shifts: Mat::from_fn(bounds.len(), loads.ncols(), |i, k| responses[(bounds.dofs[i], k)]),
-            energies: loads.transpose() * &responses,
+            forces: summed(comm, modes.shapes.transpose() * &loads),
+            shifts: all.rows(comm, &responses),
+            energies: summed(comm, loads.transpose() * &responses),
             responses,
-            support_momenta: modes.shapes.transpose() * momenta,
+            support_momenta: summed(comm, modes.shapes.transpose() * momenta),
+            limits: all.limits(comm, bounds),
+            all: all.clone(),
         })
     }
 
-    /// Returns the data at an instant (s), with the limits of some candidates.
+    /// Returns the data at an instant (s), with the limits of some candidates. Collective.
     ///
     /// # Errors
     /// Returns the errors of loads, obstacles and support motions.
@@ -131,13 +102,16 @@ impl ModalLoads {
         time: f64,
     ) -> Result<ModalData> {
         let drive = &system.drive;
-        let bounds = system.bounds_at(time)?;
-        let shift = vec![0.0; bounds.len()];
+        let comm = system.engine.comm();
+        let all = match drive.bounds {
+            Some(_) => self.all.limits(comm, &system.bounds_at(time)?),
+            None => self.limits.clone(),
+        };
         let mut data = ModalData {
             factors: vec![1.0],
             force: vec![0.0; self.forces.nrows()],
             places: drive.places(time)?,
-            all: Limits { shift, lower: bounds.lower, upper: bounds.upper },
+            all,
             ..ModalData::default()
         };
         for term in &drive.terms {
@@ -151,17 +125,19 @@ impl ModalLoads {
         if let Some(load) = &drive.load {
             let mut wave = Mat::zeros(system.engine.dofs(), 1);
             load(time, wave.col_as_slice_mut(0))?;
-            for (k, force) in data.force.iter_mut().enumerate() {
-                *force += dot(modes.shapes.col_as_slice(k), wave.col_as_slice(0));
+            let response = saddle.rest(&wave)?;
+            let onto = [&modes.shapes, &response, &self.responses];
+            let columns = onto.into_iter().flat_map(|of| (0..of.ncols()).map(|k| of.col_as_slice(k)));
+            let own: Vec<f64> = columns.map(|column| dot(column, wave.col_as_slice(0))).collect();
+            let products = comm.all_reduce_sum_slice(&own);
+            let (forces, energies) = products.split_at(modes.count());
+            add(forces, &mut data.force);
+            data.wave_energy = 0.5 * energies[0];
+            for (factor, energy) in data.factors.iter().zip(&energies[1..]) {
+                data.wave_energy += factor * energy;
             }
-            data.wave = saddle.rest(&wave)?.col_as_slice(0).to_vec();
-            data.wave_energy = 0.5 * dot(&data.wave, wave.col_as_slice(0));
-            for (k, factor) in data.factors.iter().enumerate() {
-                data.wave_energy += factor * dot(self.responses.col_as_slice(k), wave.col_as_slice(0));
-            }
-            for (shift, &dof) in data.all.shift.iter_mut().zip(&bounds.dofs) {
-                *shift += data.wave[dof];
-            }
+            add(self.all.rows(comm, &response).col_as_slice(0), &mut data.all.shift);
+            data.wave = response.col_as_slice(0).to_vec();
         }
         data.select(candidates);
         Ok(data)
@@ -195,6 +171,16 @@ impl ModalLoads {
 }
 
 impl ModalData {
+    /// Saves or restores the data. Collective.
+    pub fn archive<E: Engine>(&mut self, archive: &mut Archive, modal: &Coordinates<E>) -> Result<()> {
+        let [mut force, mut wave] = [&mut self.force, &mut self.wave].map(std::mem::take);
+        archive.value(self)?;
+        modal.archive(&mut force, archive)?;
+        archive.vector(VectorKind::Dofs, &mut wave)?;
+        (self.force, self.wave) = (force, wave);
+        Ok(())
+    }
+
     /// Sets the limits of the candidates.
     pub fn select(&mut self, candidates: &[usize]) {
         self.near = self.all.select(candidates);

@@ -49,11 +49,16 @@
 //! the instant, with the reactions that belong to it; energies are those of the state at or just
 //! after it. Impulses and mean reactions are those of [`super::conserving`].
 
+mod all_bounds;
 mod candidates;
+mod checkpoint;
 mod compliance;
+mod contact_model;
+mod coordinates;
 mod data;
 mod flight;
 mod forecast;
+mod limits;
 mod products;
 mod reach;
 mod relaxation;
@@ -65,17 +70,19 @@ mod stepping;
 pub use compliance::ContactCompliance;
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;
-use super::exact::reduction::ReducedModel;
-use super::exact::velocity_basis::VelocityBasis;
 use super::{Approach, RelaxationStatistics, Start, StepRecord, System};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
 use crate::linalg::{Engine, Form, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::ComplianceSolver;
-use data::{Limits, ModalLoads};
+use all_bounds::AllBounds;
+use contact_model::ContactModel;
+use data::ModalLoads;
 use faer::Mat;
 use flight::Flight;
+use limits::Limits;
 use pulp::Arch;
 use reach::Reach;
 use rotation::Rotation;
@@ -91,7 +98,8 @@ pub struct ModalConserving<'s, E: Engine> {
     system: &'s System<E>,
     modes: Rc<MassModes>,
     saddle: ModalSaddlePoint<'s, E>,
-    model: ReducedModel,
+    all: Rc<AllBounds>,
+    model: ContactModel,
     loads: ModalLoads,
     /// Decay rates of the modes, in 1/s.
     decays: Vec<f64>,
@@ -133,9 +141,12 @@ pub struct ModalConserving<'s, E: Engine> {
     shown_contact: ComplianceSolver,
     limits: Bounds,
     shape: OnceCell<Vec<f64>>,
+    /// Last states before contact, one entry per bound of this rank.
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
     record: StepRecord,
+    /// Whether the record lists candidates.
+    is_listed: bool,
     arch: Arch,
 }
 
@@ -151,9 +162,10 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         };
         let modes = modes.clone();
         let saddle = ModalSaddlePoint::new(system, consistent, &modes)?;
-        let basis = Rc::new(VelocityBasis::new(system)?);
-        let model = ReducedModel::new(system, basis, &saddle, &[])?;
-        let loads = ModalLoads::new(system, &modes, &saddle)?;
+        let all = Rc::new(AllBounds::new(system));
+        let comm = system.engine.comm();
+        let loads = ModalLoads::new(system, &modes, &saddle, &all)?;
+        let shapes = all.shapes(comm, &modes)?;
         let decays = decays(system, &modes);
         let (bounds, count) = (&system.bounds, modes.squares.len());
         let mut now = State {
@@ -183,7 +195,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             length: part,
             contact: ComplianceSolver::new(0),
             shown_contact: ComplianceSolver::new(0),
-            reach: Reach::new(&model, &bounds.dofs, [&modes.squares, &decays], part, !system.drive.varies()),
+            reach: Reach::new(shapes, [&modes.squares, &decays], part, !system.drive.varies()),
             flight: Flight::default(),
             rows: Mat::new(),
             grown: Vec::new(),
@@ -205,12 +217,14 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             free: bounds.dofs.iter().map(before).collect(),
             relaxation: RelaxationStatistics::default(),
             record: StepRecord { candidates: Some(Vec::new()), ..StepRecord::new(dt, bounds.len()) },
+            is_listed: false,
             before: now.clone(),
             now,
             system,
             modes,
             saddle,
-            model,
+            all,
+            model: ContactModel::new(comm.all_reduce_max(bounds.size)),
             loads,
             decays,
             arch: Arch::new(),
@@ -233,7 +247,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         scheme.record.admissible = bounds.dofs.iter().map(|&dof| start.displacement[dof]).collect();
         scheme.list_candidates();
         scheme.show();
-        for (k, &i) in scheme.model.candidates.iter().enumerate() {
+        for &(k, i) in &scheme.model.own {
             scheme.record.reaction[i] = scheme.now.reaction[k];
         }
         Ok(scheme)

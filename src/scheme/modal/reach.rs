@@ -24,13 +24,13 @@
 //! radius. At the shortest horizon, nodes that would keep the radius below the change of the next
 //! steps become candidates.
 
-use super::data::Limits;
+use super::contact_model::ContactModel;
 use super::forecast::{Forecast, least};
+use super::limits::Limits;
 use super::products::{dot, dots, norm, sum};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::scheme::exact::reduction::ReducedModel;
 use faer::Mat;
 use pulp::Arch;
 
@@ -54,8 +54,6 @@ pub(super) const ROUNDING: f64 = 1e-12;
 /// Nodes out of reach; see the [module page](self).
 #[derive(Debug)]
 pub(super) struct Reach {
-    /// Dofs of all bounds.
-    dofs: Vec<usize>,
     /// Mode shapes at all bounds, one column each, with their norms.
     pub shapes: Mat<f64>,
     pub sizes: Vec<f64>,
@@ -102,7 +100,7 @@ struct Tier {
 
 /// State that a check evaluates, with the acceleration of its modes.
 pub(super) struct Check<'a> {
-    pub model: &'a ReducedModel,
+    pub model: &'a ContactModel,
     pub state: &'a State,
     /// Pull h - w^2 q on the modes, without reactions.
     pub pull: Vec<f64>,
@@ -120,29 +118,23 @@ pub(super) struct Finding {
 }
 
 impl Reach {
-    /// Creates the reach of all bounds, for steps of at most `step` seconds.
-    pub fn new(
-        model: &ReducedModel,
-        dofs: &[usize],
-        [squares, decays]: [&[f64]; 2],
-        step: f64,
-        is_constant: bool,
-    ) -> Reach {
-        let shapes = Mat::from_fn(model.lift.ncols(), dofs.len(), |k, i| model.lift[(dofs[i], k)]);
+    /// Creates the reach of all bounds, given the mode shapes there in columns, for steps of at
+    /// most `step` seconds.
+    pub fn new(shapes: Mat<f64>, [squares, decays]: [&[f64]; 2], step: f64, is_constant: bool) -> Reach {
+        let count = shapes.ncols();
         let horizon = |level: usize| SHORTEST * step * f64::exp2(level as f64);
         Reach {
-            sizes: (0..dofs.len()).map(|i| shapes.col(i).norm_l2()).collect(),
+            sizes: (0..count).map(|i| shapes.col(i).norm_l2()).collect(),
             shapes,
-            dofs: dofs.to_vec(),
-            flexibilities: vec![0.0; dofs.len()],
+            flexibilities: vec![0.0; count],
             forecasts: (0..LEVELS).map(|level| Forecast::new(squares, decays, horizon(level))).collect(),
             step,
             is_constant,
             elapsed: 0.0,
-            nodes: (0..dofs.len()).collect(),
+            nodes: (0..count).collect(),
             tiers: Vec::new(),
             until: None,
-            slacks: vec![0.0; dofs.len()],
+            slacks: vec![0.0; count],
             arch: Arch::new(),
         }
     }
@@ -289,7 +281,7 @@ impl Reach {
 
     /// Computes the slacks of the nodes of a tier over its horizon.
     fn evaluate(&mut self, tier: &Tier, check: &Check) {
-        let Reach { shapes, slacks, sizes, dofs, .. } = self;
+        let Reach { shapes, slacks, sizes, .. } = self;
         let end = self.forecasts[tier.level].seconds;
         let motion = tier.motion.each_ref().map(|of| &**of);
         let limits = &check.state.data.all;
@@ -298,7 +290,7 @@ impl Reach {
             .iter()
             .enumerate()
             .filter(|(_, r)| **r != 0.0)
-            .map(|(k, r)| (*r, check.model.flexibility.col_as_slice(k)))
+            .map(|(k, r)| (*r, check.model.at_bounds.col_as_slice(k)))
             .collect();
         self.arch.dispatch(
             #[inline(always)]
@@ -306,7 +298,7 @@ impl Reach {
                 for &i in &self.nodes[tier.start..] {
                     let mut y = dots(shapes.col_as_slice(i), motion);
                     y[0] += limits.shift[i];
-                    y[0] += acting.iter().map(|(r, column)| r * column[dofs[i]]).sum::<f64>();
+                    y[0] += acting.iter().map(|(r, column)| r * column[i]).sum::<f64>();
                     slacks[i] = distance(y, limits, i, end) / sizes[i];
                 }
             },
@@ -341,7 +333,7 @@ impl Reach {
             finding.near.push(i);
             let mut y = limits.shift[i] + dot(self.shapes.col_as_slice(i), &state.q);
             for (k, r) in state.reaction.iter().enumerate() {
-                y += r * model.flexibility[(self.dofs[i], k)];
+                y += r * model.at_bounds[(i, k)];
             }
             finding.is_late |= y < limits.lower[i] || y > limits.upper[i];
         }
@@ -349,7 +341,7 @@ impl Reach {
 
     /// Removes nodes that have become candidates, ascending indices of bounds, beside the `old`
     /// candidates.
-    pub fn remove(&mut self, model: &ReducedModel, old: &[usize], near: &[usize]) {
+    pub fn remove(&mut self, model: &ContactModel, old: &[usize], near: &[usize]) {
         let is_near = |i: &usize| near.binary_search(i).is_ok();
         for tier in &mut self.tiers {
             tier.start -= self.nodes[..tier.start].iter().filter(|i| is_near(i)).count();
@@ -360,9 +352,9 @@ impl Reach {
         }
         self.nodes.retain(|i| !is_near(i));
         for k in near.iter().filter_map(|i| model.candidates.binary_search(i).ok()) {
-            let column = model.flexibility.col_as_slice(k);
+            let column = model.at_bounds.col_as_slice(k);
             for &i in &self.nodes {
-                let flexibility = column[self.dofs[i]].abs() / self.sizes[i];
+                let flexibility = column[i].abs() / self.sizes[i];
                 self.flexibilities[i] = self.flexibilities[i].max(flexibility);
             }
         }
@@ -370,6 +362,19 @@ impl Reach {
             let own = self.nodes[self.own(index)].iter();
             self.tiers[index].weight = own.map(|&i| self.flexibilities[i]).fold(0.0, f64::max);
         }
+    }
+
+    /// Forgets the candidates: any node may touch.
+    pub fn forget(&mut self) {
+        self.nodes = (0..self.sizes.len()).collect();
+        self.flexibilities.fill(0.0);
+        self.renew_all();
+    }
+
+    /// Forgets the certificates, so that all must be renewed.
+    pub fn renew_all(&mut self) {
+        self.tiers.clear();
+        self.until = None;
     }
 
     /// Saves or restores the certificates. What else there is follows from the candidates.

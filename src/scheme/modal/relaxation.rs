@@ -1,7 +1,8 @@
 //! Relaxed steps in contact.
 
 use super::ModalConserving;
-use super::data::{Limits, ModalData};
+use super::data::ModalData;
+use super::limits::Limits;
 use super::products::{energy, sum};
 use super::state::State;
 use crate::error::Result;

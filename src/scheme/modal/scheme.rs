@@ -1,9 +1,10 @@
 //! Conserving scheme for the modal mass on the grid of the output.
 
 use super::ModalConserving;
-use super::data::{Limits, ModalData};
+use super::data::ModalData;
+use super::limits::Limits;
 use super::products::dot;
-use super::state::{State, add_product};
+use super::state::State;
 use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::Result;
@@ -23,15 +24,18 @@ impl<E: Engine> ModalConserving<'_, E> {
     fn add_impulses(&mut self, seconds: f64) {
         if self.presses {
             self.list_candidates();
-            for (r, &i) in self.mean.iter().zip(&self.model.candidates) {
-                self.record.impulses[i] += seconds * r;
+            for &(k, i) in &self.model.own {
+                self.record.impulses[i] += seconds * self.mean[k];
             }
         }
     }
 
     /// Lists the candidates in the record, as those that may be in contact.
     pub(super) fn list_candidates(&mut self) {
-        self.record.candidates.get_or_insert_default().clone_from(&self.model.candidates);
+        let listed = self.record.candidates.get_or_insert_default();
+        listed.clear();
+        listed.extend(self.model.own.iter().map(|&(_, i)| i));
+        self.is_listed = true;
     }
 
     /// Begins the record of a step. Only listed candidates have had reactions.
@@ -44,6 +48,7 @@ impl<E: Engine> ModalConserving<'_, E> {
             (reaction[i], impulses[i]) = (0.0, 0.0);
         }
         listed.clear();
+        self.is_listed = false;
     }
 
     /// Completes the record of a step, unless all candidates have flown.
@@ -51,7 +56,7 @@ impl<E: Engine> ModalConserving<'_, E> {
         if self.shown().touches() {
             self.list_candidates();
         }
-        if self.record.candidates.as_ref().is_none_or(|listed| listed.is_empty()) {
+        if !self.is_listed {
             return;
         }
         let is_between = self.ahead > 0.0;
@@ -60,8 +65,8 @@ impl<E: Engine> ModalConserving<'_, E> {
             shown.settle_free(&self.rows);
         }
         let StepRecord { dt, admissible, reaction, impulses, .. } = &mut self.record;
-        for (x, &i) in shown.x.iter().zip(&self.model.candidates) {
-            (admissible[i], reaction[i]) = (*x, impulses[i] / *dt);
+        for &(k, i) in &self.model.own {
+            (admissible[i], reaction[i]) = (shown.x[k], impulses[i] / *dt);
         }
     }
 
@@ -78,8 +83,8 @@ impl<E: Engine> ModalConserving<'_, E> {
         }
         if self.system.drive.varies() {
             let data = if self.ahead > 0.0 { &self.shown.data } else { &self.now.data };
-            self.limits.lower.copy_from_slice(&data.all.lower);
-            self.limits.upper.copy_from_slice(&data.all.upper);
+            self.all.restrict(&data.all.lower, &mut self.limits.lower);
+            self.all.restrict(&data.all.upper, &mut self.limits.upper);
         }
         self.end_record();
     }
@@ -116,13 +121,13 @@ impl<E: Engine> ModalConserving<'_, E> {
     fn shape(&self) -> Vec<f64> {
         let State { q, x, reaction, data, is_settled, .. } = self.shown();
         let mut u = vec![0.0; self.system.engine.dofs()];
-        add_product(&self.model.lift, q, &mut u);
+        self.modes.add_shapes(q, &mut u);
         self.loads.add_response(data, &mut u);
         for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
             axpy(*r, self.model.flexibility.col_as_slice(i), &mut u);
         }
         if *is_settled {
-            x.iter().zip(&self.model.bounds.dofs).for_each(|(x, &dof)| u[dof] = *x);
+            self.model.own.iter().for_each(|&(k, i)| u[self.system.bounds.dofs[i]] = x[k]);
         }
         u
     }
@@ -169,7 +174,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     fn velocity(&mut self) -> Result<Vec<f64>> {
         let mut rates = vec![0.0; self.system.engine.dofs()];
         let v = &self.shown().v;
-        add_product(&self.model.lift, v, &mut rates);
+        self.modes.add_shapes(v, &mut rates);
         let contact = if self.ahead > 0.0 { &self.shown_contact } else { &self.contact };
         let active = contact.active();
         if active.is_empty() || self.record.step == 0 {
@@ -214,39 +219,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.record.archive(archive)?;
-        for value in [&mut self.start, &mut self.work, &mut self.offset, &mut self.span, &mut self.ahead] {
-            archive.value(value)?;
-        }
-        archive.value(&mut self.length)?;
-        archive.value(&mut self.relaxation)?;
-        let mut grown = self.grown.clone();
-        archive.value(&mut grown)?;
-        if !archive.saves() && grown != self.grown {
-            let known = self.grown.len();
-            for near in grown.split_off(known.min(grown.len())) {
-                self.add_candidates(near)?;
-            }
-        }
-        self.now.archive(archive)?;
-        self.before.archive(archive)?;
-        self.reach.archive(archive)?;
-        self.flight.archive(archive)?;
-        archive.value(&mut self.presses)?;
-        archive.value(&mut self.mean)?;
-        archive.value(&mut self.record.candidates)?;
-        self.contact.archive(&self.model.compliance, archive)?;
-        self.shown_contact.archive(&self.model.compliance, archive)?;
-        Approach::archive(&mut self.free, archive)?;
-        if !archive.saves() {
-            if !self.system.drive.varies() {
-                self.before.data = self.now.data.clone();
-            }
-            let record = self.record.clone();
-            self.show();
-            self.record = record;
-        }
-        Ok(())
+        self.save_or_restore(archive)
     }
 
     fn factorisations(&self) -> u64 {

@@ -1,11 +1,14 @@
 //! State of the modes and of the candidates for contact.
 
-use super::data::{Limits, ModalData};
+use super::contact_model::ContactModel;
+use super::coordinates::Coordinates;
+use super::data::ModalData;
+use super::limits::Limits;
 use super::products::dot;
 use crate::archive::Archive;
 use crate::error::Result;
+use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
-use crate::scheme::exact::reduction::ReducedModel;
 use faer::Mat;
 use pulp::Arch;
 use std::rc::Rc;
@@ -30,7 +33,7 @@ pub(super) struct State {
 
 impl State {
     /// Computes the deflections of new candidates, without reactions so far.
-    pub fn extend(&mut self, model: &ReducedModel, rows: &Mat<f64>, old: &[usize]) {
+    pub fn extend(&mut self, model: &ContactModel, rows: &Mat<f64>, old: &[usize]) {
         let mut reaction = vec![0.0; model.candidates.len()];
         for (&of, r) in old.iter().zip(&self.reaction) {
             if let Ok(k) = model.candidates.binary_search(&of) {
@@ -93,26 +96,21 @@ impl State {
         [0.5 * dot(&self.v, &self.v), 0.5 * (modes + rest)]
     }
 
-    /// Saves or restores the state.
-    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        for vector in [&mut self.q, &mut self.v, &mut self.y, &mut self.x, &mut self.reaction] {
+    /// Saves or restores the state. Collective.
+    pub fn archive<E: Engine>(&mut self, archive: &mut Archive, modal: &Coordinates<E>) -> Result<()> {
+        modal.archive(&mut self.q, archive)?;
+        modal.archive(&mut self.v, archive)?;
+        for vector in [&mut self.y, &mut self.x, &mut self.reaction] {
             archive.value(vector)?;
         }
         archive.value(&mut self.is_settled)?;
         archive.value(&mut self.frame_rates)?;
         let mut data = (*self.data).clone();
-        archive.value(&mut data)?;
+        data.archive(archive, modal)?;
         if !archive.saves() {
             self.data = Rc::new(data);
         }
         Ok(())
-    }
-}
-
-/// Adds A x to y.
-pub(super) fn add_product(a: &Mat<f64>, x: &[f64], y: &mut [f64]) {
-    for (k, x) in x.iter().enumerate() {
-        axpy(*x, a.col_as_slice(k), y);
     }
 }
 

@@ -1,7 +1,8 @@
 //! Steps of the conserving scheme for the modal mass, from state to state.
 
 use super::ModalConserving;
-use super::data::{Limits, ModalData};
+use super::data::ModalData;
+use super::limits::Limits;
 use super::products::{dot, energy};
 use super::reach::Finding;
 use super::state::{State, kick};
@@ -43,7 +44,7 @@ impl<E: Engine> ModalConserving<'_, E> {
         if self.contact.active().is_empty() {
             return;
         }
-        let scale = self.now.y.iter().fold(self.model.bounds.magnitude(), |m, y| m.max(y.abs()));
+        let scale = self.now.y.iter().fold(self.model.magnitude, |m, y| m.max(y.abs()));
         let kkt = if residual == 0.0 { 0.0 } else { residual / scale };
         self.record.report = self.record.report.and(StepReport { iterations, kkt, retries: 0 });
     }
@@ -192,7 +193,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     /// Keeps the last state before contact of nodes that begin to touch.
     fn note_approaches(&mut self, time: f64) {
         let State { x, v, reaction, .. } = &self.before;
-        for (k, &i) in self.model.candidates.iter().enumerate() {
+        for &(k, i) in &self.model.own {
             if reaction[k] == 0.0 && self.now.reaction[k] != 0.0 {
                 let velocity = dot(self.rows.col_as_slice(k), v);
                 self.free[i] = Approach { time, deflection: x[k], velocity };

@@ -156,6 +156,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         damping,
         load: loads.constant.clone(),
         bounds: Bounds::default(),
+        bound_numbers: None,
         drive: TimeDependence::default(),
     };
 
@@ -189,6 +190,9 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
 
     let clock = Instant::now();
     let places = DofCoordinates::new(ground, system.engine.dofs(), attached.carried());
+    if P::DIVIDES {
+        system.bound_numbers = Some(places.bound_numbers(&system.engine, &system.bounds.dofs));
+    }
     let (start, doubt) = start::start(&system, &statics, &loads, &lifts, &places)?;
     warnings.extend(doubt);
     let seconds = clock.elapsed().as_secs_f64();

@@ -282,8 +282,11 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
                         continue;
                     }
-                    if mass == Mass::Modal && engine != EngineName::Native {
-                        drop(format!("{name} {mass} {engine}"), "the modal mass is one of the native engine");
+                    if mass == Mass::Modal && vi != ContactSolver::Condensed {
+                        drop(
+                            format!("{name} {mass} {vi}"),
+                            "the modal mass solves contact in compliance form",
+                        );
                         continue;
                     }
                     if !name.capabilities().is_distributed && engine != EngineName::Native {

@@ -1,0 +1,90 @@
+//! Saving and restoring the conserving scheme for the modal mass, on any number of ranks.
+//!
+//! Where the modes have changed (see [`super::coordinates`]), the certificates for the nodes that
+//! are no candidates are renewed. The numbers of the candidates stay.
+
+use super::ModalConserving;
+use super::contact_model::ContactModel;
+use super::coordinates::Coordinates;
+use crate::archive::Archive;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::scheme::Approach;
+use faer::Mat;
+
+impl<E: Engine> ModalConserving<'_, E> {
+    /// Saves or restores the scheme. Collective.
+    pub(super) fn save_or_restore(&mut self, archive: &mut Archive) -> Result<()> {
+        self.record.archive(archive)?;
+        for value in [&mut self.start, &mut self.work, &mut self.offset, &mut self.span, &mut self.ahead] {
+            archive.value(value)?;
+        }
+        archive.value(&mut self.length)?;
+        archive.value(&mut self.relaxation)?;
+        self.archive_candidates(archive)?;
+        let ModalConserving { system, modes, all, now, before, .. } = self;
+        let coordinates = Coordinates::new(system, modes, all);
+        now.archive(archive, &coordinates)?;
+        before.archive(archive, &coordinates)?;
+        let are_same = coordinates.are_same();
+        self.reach.archive(archive)?;
+        self.flight.archive(archive)?;
+        archive.value(&mut self.presses)?;
+        archive.value(&mut self.mean)?;
+        let mut is_listed = self.is_listed;
+        archive.value(&mut is_listed)?;
+        self.contact.archive(&self.model.compliance, archive)?;
+        self.shown_contact.archive(&self.model.compliance, archive)?;
+        Approach::archive(&mut self.free, archive)?;
+        if !archive.saves() {
+            self.complete(is_listed, are_same)?;
+        }
+        Ok(())
+    }
+
+    /// Saves the candidates, or restores them with their displacements.
+    fn archive_candidates(&mut self, archive: &mut Archive) -> Result<()> {
+        let mut grown = self.grown.clone();
+        archive.value(&mut grown)?;
+        if archive.saves() {
+            return Ok(());
+        }
+        if self.all.is_partitioned() {
+            // Rounding may have chosen other ones at the start.
+            self.model = ContactModel::new(self.model.magnitude);
+            self.rows = Mat::new();
+            self.reach.forget();
+            self.grown.clear();
+        }
+        let known = self.grown.len();
+        for near in grown.split_off(known.min(grown.len())) {
+            self.add_candidates(near)?;
+        }
+        Ok(())
+    }
+
+    /// Completes a restored scheme by what follows from its state.
+    fn complete(&mut self, is_listed: bool, are_same: bool) -> Result<()> {
+        if !self.system.drive.varies() {
+            self.before.data = self.now.data.clone();
+        }
+        if !are_same {
+            self.reach.renew_all();
+            loop {
+                let near = self.check_reach(0).near;
+                if near.is_empty() {
+                    break;
+                }
+                self.add_candidates(near)?;
+            }
+        }
+        let record = self.record.clone();
+        self.show();
+        self.record = record;
+        if is_listed {
+            self.list_candidates();
+        }
+        self.is_listed = is_listed;
+        Ok(())
+    }
+}
