@@ -59,6 +59,8 @@ pub struct ModalBasis {
     /// error of a squared frequency is of the order of the squared residual, divided by the
     /// relative distance to the first mode outside the basis.
     pub residuals: Vec<f64>,
+    /// Squared angular frequency of the next mode, in (rad/s)^2; infinite where none is known.
+    pub next: f64,
     /// Number of systems of equations solved.
     pub solves: usize,
     /// Whether the inertia of `$K - \sigma M$` has confirmed that no mode is missing. An engine
@@ -354,6 +356,7 @@ impl RitzModes {
             shapes: product(shapes.as_ref(), correction.as_ref()),
             momenta: product(momenta.as_ref(), correction.as_ref()),
             residuals: self.residuals[..count].to_vec(),
+            next: self.squares.get(count).copied().unwrap_or(f64::INFINITY),
             solves: inverse.solves,
             is_complete,
         })

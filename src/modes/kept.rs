@@ -21,7 +21,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 /// Version of the format, increased whenever the file of a basis changes, or the modes that the
 /// same matrices give.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Place where bases are kept, by name. Its failures never stop a computation.
 pub trait BasisStore: Send + Sync {
@@ -145,8 +145,8 @@ fn head() -> String {
 /// Serialises a basis: a line of text, the key, counts and numbers in order, little-endian, and a
 /// checksum.
 fn to_bytes(basis: &ModalBasis, key: u128) -> Vec<u8> {
-    let ModalBasis { squares, shapes, momenta, residuals, solves, is_complete } = basis;
-    let numbers = squares.len() * (2 + 2 * shapes.nrows());
+    let ModalBasis { squares, shapes, momenta, residuals, next, solves, is_complete } = basis;
+    let numbers = squares.len() * (2 + 2 * shapes.nrows()) + 1;
     let mut bytes = Vec::with_capacity(8 * numbers + 128);
     bytes.extend(head().as_bytes());
     bytes.extend(key.to_le_bytes());
@@ -154,7 +154,7 @@ fn to_bytes(basis: &ModalBasis, key: u128) -> Vec<u8> {
         bytes.extend((count as u64).to_le_bytes());
     }
     let columns = [shapes, momenta].into_iter().flat_map(|of| (0..of.ncols()).map(|j| of.col_as_slice(j)));
-    for numbers in [&squares[..], residuals].into_iter().chain(columns) {
+    for numbers in [&squares[..], residuals, &[*next]].into_iter().chain(columns) {
         numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
     }
     hash::seal(bytes)
@@ -171,12 +171,13 @@ fn from_bytes(bytes: &[u8], key: u128) -> Option<ModalBasis> {
     let counts = counts.as_chunks().0.iter().map(|count| usize::try_from(u64::from_le_bytes(*count)).ok());
     let [rows, count, solves, complete] = counts.collect::<Option<Vec<_>>>()?.try_into().ok()?;
     let (numbers, []) = content.as_chunks::<8>() else { return None };
-    if rows.checked_mul(2)?.checked_add(2)?.checked_mul(count)? != numbers.len() {
+    if rows.checked_mul(2)?.checked_add(2)?.checked_mul(count)?.checked_add(1)? != numbers.len() {
         return None;
     }
     let mut numbers = numbers.iter().map(|number| f64::from_le_bytes(*number));
     let squares = numbers.by_ref().take(count).collect();
     let residuals = numbers.by_ref().take(count).collect();
+    let next = numbers.next()?;
     let mut matrix = || {
         let mut matrix = Mat::zeros(rows, count);
         for j in 0..count {
@@ -189,7 +190,7 @@ fn from_bytes(bytes: &[u8], key: u128) -> Option<ModalBasis> {
         matrix
     };
     let (shapes, momenta) = (matrix(), matrix());
-    Some(ModalBasis { squares, shapes, momenta, residuals, solves, is_complete: complete == 1 })
+    Some(ModalBasis { squares, shapes, momenta, residuals, next, solves, is_complete: complete == 1 })
 }
 
 #[cfg(test)]

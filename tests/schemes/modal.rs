@@ -2,7 +2,7 @@
 //! and theory.
 
 use crate::common::difference;
-use crate::common::models::{PAPER_FALL, PAPER_PLATE};
+use crate::common::models::{PAPER_FALL, PAPER_PLATE, UNIT};
 use crate::exact::{corners, table};
 use faer::{Mat, Side};
 use rebond::linalg::{Engine, Form};
@@ -88,6 +88,25 @@ fn nodes_that_come_into_reach_do_not_change_the_motion() {
             println!("{element}, {horizon} periods: {apart:.1e} m");
             assert!(apart <= 1e-11, "{element}, {horizon}: {apart:e}");
         }
+    }
+}
+
+/// Modes (1, 2) and (2, 1) of a square plate have the same frequency, as have (1, 3) and (3, 1).
+#[test]
+fn modes_that_divide_those_of_equal_frequency_are_doubted() {
+    let supports = ["left", "right", "top", "bottom"]
+        .map(|edge| format!("[[support]]\nedge = \"{edge}\"\nkind = \"simply_supported\"\n"));
+    for (modes, is_doubted) in [(1, false), (2, true), (3, false), (5, true), (6, false)] {
+        let text = format!(
+            "{UNIT}
+            mesh = {{ element = \"fvs\", cells = [4, 4] }}
+            time = {{ scheme = \"conserving\", mass = \"modal\", modes = {modes}, step = 1e-3, end = 1 }}
+            {}",
+            supports.concat()
+        );
+        let model = Model::new(&Scene::from_str(&text, "square", &[]).unwrap()).unwrap();
+        let advice = format!("take {} modes, or more", modes - 1);
+        assert_eq!(model.warnings.iter().any(|words| words.contains(&advice)), is_doubted, "{modes} modes");
     }
 }
 

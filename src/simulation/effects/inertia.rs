@@ -16,7 +16,11 @@ const MODES: usize = 200;
 const ADVISED: usize = 3;
 const REFUSED: usize = 2;
 
-/// Returns the singular mass of the lowest modes of a consistent mass. Collective.
+/// Relative difference of squared frequencies below which rounding mixes their modes.
+const EQUAL: f64 = 1e-7;
+
+/// Returns the singular mass of the lowest modes of a consistent mass, and a warning where it is
+/// not unique. Collective.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] for more modes than half the dofs, or too few for any vibration, and
@@ -27,7 +31,7 @@ pub(super) fn modal_mass<E: Engine>(
     consistent: CellForm,
     range: Option<ModeRange>,
     mechanism: bool,
-) -> Result<Form> {
+) -> Result<(Form, Option<String>)> {
     let dofs = engine.comm().all_reduce_sum(engine.dofs());
     let default = ModeRange::Count(MODES.min(dofs / ADVISED).max(1));
     let mass = Form::Cells(consistent.clone());
@@ -44,7 +48,7 @@ pub(super) fn modal_mass<E: Engine>(
         return too_many("modes", count);
     }
     let range = range.unwrap_or(default);
-    let ModalBasis { squares, shapes, momenta, .. } =
+    let ModalBasis { squares, shapes, momenta, next, .. } =
         modes::kept_basis(engine, stiffness, &mass, range, mechanism)?;
     if matches!(range, ModeRange::UpTo(_)) && squares.len() > dofs / REFUSED {
         return too_many("up_to", squares.len());
@@ -56,7 +60,20 @@ pub(super) fn modal_mass<E: Engine>(
             squares.len()
         )));
     }
-    Ok(Form::Modal { consistent, modes: MassModes { squares, shapes, momenta }.into() })
+    let doubt = divided_group(&squares, next);
+    Ok((Form::Modal { consistent, modes: MassModes { squares, shapes, momenta }.into() }, doubt))
+}
+
+/// Returns a warning where the next mode has the frequency of the last ones.
+fn divided_group(squares: &[f64], next: f64) -> Option<String> {
+    let below = squares.partition_point(|square| *square < (1.0 - EQUAL) * next);
+    (below < squares.len()).then(|| {
+        format!(
+            "time.modes = {}: the next mode has the frequency of the last, and rounding decides which of their \
+             combinations carry inertia; take {below} modes, or more",
+            squares.len()
+        )
+    })
 }
 
 /// Returns the damping of the first modes that vibrate, one damping ratio each.

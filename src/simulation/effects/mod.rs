@@ -140,7 +140,10 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let mass = match mass {
         Form::Cells(consistent) if scene.time.mass == Mass::Modal => {
             phase("modes");
-            inertia::modal_mass(&engine, &stiffness, consistent, scene.time.modes, is_loose)?
+            let range = scene.time.modes;
+            let (mass, doubt) = inertia::modal_mass(&engine, &stiffness, consistent, range, is_loose)?;
+            warnings.extend(doubt);
+            mass
         }
         mass => mass,
     };
