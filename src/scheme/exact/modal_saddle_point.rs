@@ -16,7 +16,7 @@
 //! corrects the rounding of the factor. The difference of the whole compliance and that of the
 //! modes would lose up to half of the digits instead.
 
-use super::saddle_point::{SaddlePointSolver, solved};
+use super::saddle_point::SaddlePointSolver;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, dot, subtract};
@@ -29,9 +29,11 @@ use std::rc::Rc;
 /// Shift s of a mechanism, relative to the square of the highest kept frequency.
 const SHIFT: f64 = 1e-3;
 
-/// Relative size of an increment at which the iteration ends, and the largest number of rounds.
-/// Five rounds reach it with rigid motions, two or three without.
+/// Relative size of an increment at which the iteration ends, the share of the last one above which
+/// it is rounding, and the largest number of rounds. Five rounds reach the end with rigid motions,
+/// two or three without.
 const SETTLED: f64 = 1e-15;
+const STALLED: f64 = 0.25;
 const MAX_ROUNDS: usize = 8;
 
 /// Solver for velocities of modes; see the [module page](self).
@@ -84,28 +86,37 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
         if comm.all_reduce_max(b.norm_max()) == 0.0 {
             return Ok(h);
         }
+        let mut factor = self.factor.borrow_mut();
         let mut product = vec![0.0; b.nrows()];
-        for _ in 0..MAX_ROUNDS {
-            let mut residual = b.clone();
-            for j in 0..h.ncols() {
-                let column = residual.col_as_slice_mut(j);
-                engine.multiply(stiffness, h.col_as_slice(j), &mut product)?;
-                subtract(&product, column);
-                self.factor.borrow_mut().solve(column)?;
+        let mut last = f64::INFINITY;
+        for round in 0..MAX_ROUNDS {
+            let mut increment = b.clone();
+            if round > 0 {
+                for j in 0..h.ncols() {
+                    engine.multiply(stiffness, h.col_as_slice(j), &mut product)?;
+                    subtract(&product, increment.col_as_slice_mut(j));
+                }
             }
-            for _ in 0..2 {
-                let along = summed(comm, modes.momenta.transpose() * &residual);
-                residual -= &modes.shapes * along;
-            }
-            h += &residual;
+            factor.solve_columns(&mut increment)?;
+            self.remove_modes(&mut increment);
+            h += &increment;
             let square = |of: &Mat<f64>, j: usize| dot(of.col_as_slice(j), of.col_as_slice(j));
-            let own: Vec<[f64; 2]> = (0..h.ncols()).map(|j| [square(&residual, j), square(&h, j)]).collect();
+            let own: Vec<[f64; 2]> = (0..h.ncols()).map(|j| [square(&increment, j), square(&h, j)]).collect();
             let sums = comm.all_reduce_sum_slice(&own);
-            if sums.iter().all(|[change, whole]| change.sqrt() <= SETTLED * whole.sqrt()) {
+            let change = sums.iter().map(|[change, whole]| (change / whole).sqrt()).fold(0.0, f64::max);
+            if change <= SETTLED || change > STALLED * last {
                 break;
             }
+            last = change;
         }
+        self.remove_modes(&mut h);
         Ok(h)
+    }
+
+    /// Projects displacements (n x k) on those that no mode carries, h <- P h. Collective.
+    fn remove_modes(&self, h: &mut Mat<f64>) {
+        let along = summed(self.system.engine.comm(), self.modes.momenta.transpose() * &*h);
+        *h -= &self.modes.shapes * along;
     }
 }
 
@@ -150,7 +161,9 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
     }
 
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>> {
-        solved(&mut *self.factor.borrow_mut(), forces)
+        let mut solutions = forces;
+        self.factor.borrow_mut().solve_columns(&mut solutions)?;
+        Ok(solutions)
     }
 
     fn rigid_contact(&self) -> Error {

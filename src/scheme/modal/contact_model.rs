@@ -74,10 +74,12 @@ impl ContactModel {
         self.list_own(all);
         self.note_magnitude(limits);
         let joined = |old: &Mat<f64>, new: &Mat<f64>| {
-            Mat::from_fn(new.nrows(), order.len(), |i, j| match order[j].checked_sub(known) {
-                Some(j) => new[(i, j)],
-                None => old[(i, order[j])],
-            })
+            let mut all = Mat::zeros(new.nrows(), order.len());
+            for (j, &k) in order.iter().enumerate() {
+                let column = k.checked_sub(known).map_or_else(|| old.col_as_slice(k), |k| new.col_as_slice(k));
+                all.col_as_slice_mut(j).copy_from_slice(column);
+            }
+            all
         };
         self.flexibility = joined(&self.flexibility, &flexibility);
         self.at_bounds = joined(&self.at_bounds, &at_bounds);

@@ -250,8 +250,9 @@ impl Reach {
             if tier.radius >= errors[tier.level] || tier.level == 0 {
                 break;
             }
-            let radius = tier.radius;
-            tier.level = errors[..tier.level].iter().rposition(|error| *error <= radius).unwrap_or(0);
+            // A node that touches before the horizon tells nothing of shorter ones.
+            let shorter = errors[..tier.level].iter().rposition(|error| *error <= tier.radius);
+            tier.level = shorter.unwrap_or(tier.level.saturating_sub(2));
         }
         if tier.level == 0 {
             let near_time = NEAR * self.step;
