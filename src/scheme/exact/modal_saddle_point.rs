@@ -29,9 +29,9 @@ use std::rc::Rc;
 /// Shift s of a mechanism, relative to the square of the highest kept frequency.
 const SHIFT: f64 = 1e-3;
 
-/// Relative size of an increment at which the iteration ends, the share of the last one above which
-/// it is rounding, and the largest number of rounds. Five rounds reach the end with rigid motions,
-/// two or three without.
+/// Relative size of the next increment at which the iteration ends, the share of the last one above
+/// which an increment is rounding, and the largest number of rounds. Five rounds reach the end with
+/// rigid motions, two or three without.
 const SETTLED: f64 = 1e-15;
 const STALLED: f64 = 0.25;
 const MAX_ROUNDS: usize = 8;
@@ -88,7 +88,7 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
         }
         let mut factor = self.factor.borrow_mut();
         let mut product = vec![0.0; b.nrows()];
-        let mut last = f64::INFINITY;
+        let mut last = 1.0;
         for round in 0..MAX_ROUNDS {
             let mut increment = b.clone();
             if round > 0 {
@@ -104,7 +104,8 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
             let own: Vec<[f64; 2]> = (0..h.ncols()).map(|j| [square(&increment, j), square(&h, j)]).collect();
             let sums = comm.all_reduce_sum_slice(&own);
             let change = sums.iter().map(|[change, whole]| (change / whole).sqrt()).fold(0.0, f64::max);
-            if change <= SETTLED || change > STALLED * last {
+            // The next change is about as much smaller as this one.
+            if change * change <= SETTLED * last || round > 0 && change > STALLED * last {
                 break;
             }
             last = change;

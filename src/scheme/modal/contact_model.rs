@@ -76,7 +76,8 @@ impl ContactModel {
         let joined = |old: &Mat<f64>, new: &Mat<f64>| {
             let mut all = Mat::zeros(new.nrows(), order.len());
             for (j, &k) in order.iter().enumerate() {
-                let column = k.checked_sub(known).map_or_else(|| old.col_as_slice(k), |k| new.col_as_slice(k));
+                let column =
+                    k.checked_sub(known).map_or_else(|| old.col_as_slice(k), |k| new.col_as_slice(k));
                 all.col_as_slice_mut(j).copy_from_slice(column);
             }
             all
