@@ -38,7 +38,8 @@ const DRIFTS: f64 = 1e-4;
 /// Relative gain of energy above which a trial is reported as gaining.
 const GAINED: f64 = 0.01;
 
-/// Number of cells up to which the exact scheme is tried, because its matrices are dense.
+/// Number of cells up to which the exact scheme is tried with the mass of the cells, because its
+/// matrices are dense.
 const MOST_EXACT_CELLS: usize = 640;
 
 /// Ending of a trial.
@@ -139,14 +140,18 @@ pub struct Figures {
 
 /// Returns the methods to try with an engine and a contact solver.
 pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
-    let masses = [Mass::Singular, Mass::Consistent];
+    let masses = [Mass::Singular, Mass::Consistent, Mass::Modal];
     let all = masses.into_iter().flat_map(|mass| {
-        let schemes = SchemeSpec::representatives(mass == Mass::Singular);
+        let schemes = SchemeSpec::representatives(mass != Mass::Consistent);
         schemes.into_iter().map(move |scheme| Method { scheme, mass, modes: None, engine, vi })
     });
-    let serves =
-        |method: &Method| engine == EngineName::Native || method.scheme.capabilities().is_distributed;
-    all.filter(serves).collect()
+    let takes_mass =
+        |method: &Method| method.mass != Mass::Modal || method.scheme.capabilities().takes_modal_mass;
+    let serves = |method: &Method| {
+        let is_distributed = method.scheme.capabilities().is_distributed && method.mass != Mass::Modal;
+        engine == EngineName::Native || is_distributed
+    };
+    all.filter(takes_mass).filter(serves).collect()
 }
 
 /// Returns all elements in the order of the tables, the last of the registry first.
@@ -169,11 +174,12 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
         // A mesh that cannot be made is reported by the trials.
         let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
         for method in methods(engine, vi) {
-            if method.scheme == SchemeSpec::Exact && cells > MOST_EXACT_CELLS {
+            let is_dense = method.scheme == SchemeSpec::Exact && method.mass != Mass::Modal;
+            if is_dense && cells > MOST_EXACT_CELLS {
                 continue;
             }
             let mut scene = variant.clone();
-            (scene.time.scheme, scene.time.mass) = (method.scheme, method.mass);
+            (scene.time.scheme, scene.time.mass, scene.time.modes) = (method.scheme, method.mass, None);
             (scene.solver.engine, scene.solver.vi) = (engine, vi);
             scene.solver.energy_guard = scene.solver.energy_guard.min(GUARD);
             (scene.output.every, scene.output.fields) = (1, None);
