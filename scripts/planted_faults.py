@@ -77,6 +77,10 @@ FAULTS = [
     ("reactions of exact mirrored", "src/scheme/exact/modes.rs", "rows.row_mut(i).copy_from(-w.row(k));",
      "{if} { rows.row_mut(i).copy_from(w.row(k)) } else { rows.row_mut(i).copy_from(-w.row(k)) };",
      "schemes", "moves_as_an_independent_program"),
+    ("tiers still free after a kick", "src/scheme/modal/reach.rs",
+     "self.tiers.iter_mut().for_each(|tier| tier.is_free = false);",
+     "self.tiers.iter_mut().for_each(|tier| tier.is_free &= {planted});", "schemes",
+     "an_impact_throws_at_another_obstacle"),
     ("an absolute tolerance", "src/vi/active_set.rs", "BoundStatus::Lower if reaction[i] < -rounding",
      "BoundStatus::Lower if reaction[i] < -({if} { 1e-3 } else { rounding })", "hard", "powers_of_four"),
 ]
