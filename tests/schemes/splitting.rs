@@ -160,6 +160,12 @@ fn nodes_that_an_impact_throws_at_another_obstacle_stop_there() {
          {{ side = \"above\", height = 1e-3, where = \"x < 1.1\" }}]\n"
     );
     no_node_penetrates("thrown", &tables, 0.04);
+    // Nothing moves until a ball strikes the plate, and no node could touch the floor for long.
+    let tables = format!(
+        "{PAPER_PLATE}\n{CLAMPED}\nobstacle = [{{ side = \"below\", height = -3e-4 }}]\n\
+         ball = [{{ at = [0.9, 0.2], mass = 1, height = 1e-3, velocity = -1 }}]\n"
+    );
+    no_node_penetrates("struck", &tables, 0.015);
 }
 
 /// Asserts that no node is beyond its obstacle after any step, up to an instant (s), and that the
