@@ -151,12 +151,11 @@ fn negate(sum: Vec<Product>) -> Vec<Product> {
 /// of time and b of place.
 fn wave(op: Unary, argument: Vec<Product>) -> Option<Vec<Product>> {
     let argument = merge(argument);
-    let pick = |is_one: fn(&Product) -> bool| argument.iter().find(|product| is_one(product));
-    let time = &pick(|product| product.place == [ONE])?.time;
-    let place = &pick(|product| product.time == [ONE])?.place;
-    if argument.len() != 2 {
-        return None;
-    }
+    let (time, place) = match &argument[..] {
+        [a, b] if a.place == [ONE] && b.time == [ONE] => (&a.time, &b.place),
+        [b, a] if a.place == [ONE] && b.time == [ONE] => (&a.time, &b.place),
+        _ => return None,
+    };
     let of = |code: &Code, op| [&code[..], &[Instruction::Unary(op)]].concat();
     let product = |in_time, in_place| Product { time: of(time, in_time), place: of(place, in_place) };
     Some(match op {

@@ -225,7 +225,16 @@ fn sums_of_time_and_place_are_found() {
         let expected: Vec<_> = expected.collect();
         assert_eq!(terms(text), Some(expected), "{text}");
     }
-    for text in ["sin(x*t)", "1/(x + t)", "abs(x - t)", "if(x > t, 1, 0)", "(x*t)^0.5", "hypot(x, t)"] {
+    for text in [
+        "sin(x*t)",
+        "sin(x*t + 1)",
+        "cos(1 - x*t)",
+        "1/(x + t)",
+        "abs(x - t)",
+        "if(x > t, 1, 0)",
+        "(x*t)^0.5",
+        "hypot(x, t)",
+    ] {
         assert_eq!(terms(text), None, "{text}");
     }
 }
