@@ -8,7 +8,8 @@ use std::ops::Range;
 /// closes the bracket.
 const MOST_TRIALS: usize = 60;
 
-/// States along a step, (q + gamma dq, v + gamma dv), at one gamma at a time.
+/// Step from (q, v) by (dq, dv), taken to the state (q + gamma dq, v + gamma dv) for a gamma that
+/// the search changes.
 pub(super) trait RelaxedStep {
     /// Computes the state at gamma.
     fn move_to(&mut self, gamma: f64) -> Result<()>;

@@ -114,7 +114,7 @@ fn what_changes_the_matrices_or_the_modes_is_not_served() {
         assert_eq!(kept(&folder).len(), number + 2, "{change}");
         assert!(run(&folder, "other", &more).contains("read from "), "{change}");
     }
-    // What the modes do not depend on.
+    // The modes do not depend on obstacles, step, start and loads.
     for change in ["obstacle=[]", "time.step=5e-5", "initial.static_pressure=100", "load.pressure=10"] {
         let said = run(&folder, "other", &["--set", "time.end=0.01", "--set", change]);
         assert!(said.contains("read from "), "{change}: {said}");

@@ -25,7 +25,8 @@
 //! leaves, with A the set without it, changes the stiffness by a product of rank one,
 //!
 //! ```math
-//! H_{A \cup i} = H_A + z z^T, \qquad z = \frac{R_i - S_{iA} S_{AA}^{-1} R_A}{(S_{ii} - S_{iA} S_{AA}^{-1} S_{Ai})^{1/2}} ,
+//! H_{A \cup i} = H_A + z z^T, \qquad
+//! z = \frac{R_i - S_{iA} S_{AA}^{-1} R_A}{(S_{ii} - S_{iA} S_{AA}^{-1} S_{Ai})^{1/2}} ,
 //! ```
 //!
 //! so that the eigenvectors of one set follow from those of the other by a secular equation

@@ -122,7 +122,8 @@ pub struct ModalConserving<'s, E: Engine> {
     dq: Vec<f64>,
     dv: Vec<f64>,
     dy: Vec<f64>,
-    /// Work space for bounds that move: their change over a step, and the present ones.
+    /// Change of the bounds over a step, and the bounds at the present gamma; used only where they
+    /// change in time.
     change: Limits,
     present: Limits,
     /// Energy at the start besides that of the constant load, and its change since by work, in J.

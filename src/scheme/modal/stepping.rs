@@ -156,7 +156,8 @@ impl<E: Engine> ModalConserving<'_, E> {
         }
     }
 
-    /// Returns the data at the end of a step, at an instant (s); `None` for constant data.
+    /// Returns the loads, obstacles and supports at the end of a step, at an instant (s); `None`
+    /// where they are constant.
     fn data_at(&self, time: f64) -> Result<Option<Rc<ModalData>>> {
         if !self.system.drive.varies() {
             return Ok(None);

@@ -15,7 +15,8 @@ use crate::mesh::{Cell, Mesh};
 use crate::scene::{EngineName, Grid, Scene, Study};
 use crate::simulation::{self, Outcome};
 
-/// Limit on the total time of a case's repetitions, in s.
+/// Limit on the total time of the repetitions of a case, in s; a first run that takes longer is not
+/// repeated.
 pub(super) const PATIENCE: f64 = 10.0;
 
 /// Total time, in s, up to which short cases are repeated, at most [`MOST_REPETITIONS`] times.
@@ -24,7 +25,7 @@ pub(super) const PATIENCE: f64 = 10.0;
 const ENOUGH: f64 = 0.2;
 const MOST_REPETITIONS: u32 = 30;
 
-/// ReferenceMotion on the reference mesh, at its quadrature points if its displacements were kept.
+/// Motion on the reference mesh, at its quadrature points if its displacements were kept.
 pub(super) struct Reference {
     pub truth: ReferenceSolution,
     points: Points,

@@ -18,7 +18,7 @@ pub struct Scales {
     pub energy: f64,
 }
 
-/// ReferenceMotion to which runs converge as their step tends to zero.
+/// Motion to which runs converge as their step tends to zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// Name of the mesh.
@@ -134,7 +134,7 @@ pub struct Accuracy {
     pub scales: Scales,
     /// Mesh on which the error in space is measured, and the method that computed its motion.
     pub reference: String,
-    /// ReferenceMotion on that mesh.
+    /// Motion on that mesh.
     pub motion: ReferenceMotion,
     /// Best runs of the masses on the finest mesh, in a study of the floor.
     pub best: Vec<BestRun>,

@@ -25,7 +25,7 @@ impl Samples {
     }
 }
 
-/// ReferenceMotion on the reference mesh.
+/// Motion on the reference mesh.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceMotion {
     /// Instants in s.
