@@ -19,6 +19,8 @@ pub enum Support {
     SimplySupported,
     /// Guided: no slope across the edge, free to deflect.
     Guided,
+    /// Elastic: springs bear the edge, and no dof is held.
+    Elastic,
 }
 
 impl Support {
@@ -29,6 +31,7 @@ impl Support {
             // Where w = 0 all along the edge, the slope along it vanishes too.
             Support::SimplySupported => [true, true, false],
             Support::Guided => [false, false, true],
+            Support::Elastic => [false, false, false],
         }
     }
 

@@ -3,12 +3,14 @@
 //! Congruent cells (translates of one another) share one set of local arrays, so that a regular
 //! mesh computes its element matrices only a few times.
 
+mod edge;
 mod foundation;
 mod local;
 mod pressure;
 mod probe;
 mod products;
 
+pub use edge::{EdgeSprings, edge_springs};
 pub use foundation::foundation;
 pub use local::Local;
 pub use pressure::Pressure;

@@ -2,8 +2,8 @@
 
 use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
 use super::{
-    ContactSolver, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec, Probe, Scene,
-    SchemeName, Solver, StartFrom, Study, Support, SupportLocation, Time, Value,
+    ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec,
+    Probe, Scene, SchemeName, Solver, StartFrom, Study, Support, SupportKind, SupportLocation, Time, Value,
 };
 use crate::modes::ModeRange;
 use crate::plate::Orthotropy;
@@ -138,7 +138,12 @@ fn support(support: &Support, found: bool) -> Vec<Row> {
         SupportLocation::At(at) => vec![("at", numbers(at), "m")],
         SupportLocation::Point(name) => vec![("point", string(name), "")],
     };
-    rows.push(("kind", word(support.kind), "clamped | simply_supported | guided"));
+    let kind = support.elastic.map_or(support.kind, |_| SupportKind::Elastic);
+    rows.push(("kind", word(kind), "clamped | simply_supported | guided | elastic"));
+    if let Some(ElasticEdge { stiffness, rotation }) = support.elastic {
+        rows.extend(stiffness.map(|stiffness| ("stiffness", number(stiffness), "N/m2, against deflection")));
+        rows.push(("rotation", number(rotation), "N m/rad/m, against rotation about the edge"));
+    }
     rows.extend(support.motion.as_ref().map(|motion| ("motion", given(motion, found), "m")));
     rows
 }

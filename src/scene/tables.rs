@@ -98,10 +98,21 @@ impl Grid {
 pub struct Support {
     /// Location.
     pub stand: SupportLocation,
-    /// Constrained dofs.
+    /// Constrained dofs; springs are constrained only where they do not yield.
     pub kind: SupportKind,
+    /// Springs of an elastic edge.
+    pub elastic: Option<ElasticEdge>,
     /// Vertical motion w(t) in m; `None` for a support at rest.
     pub motion: Option<FieldInput>,
+}
+
+/// Springs of a support along an edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ElasticEdge {
+    /// Stiffness against deflection, in N/m2; `None` where the edge cannot deflect.
+    pub stiffness: Option<f64>,
+    /// Stiffness against rotation about the edge, in N m/rad per metre; 0 where it is free.
+    pub rotation: f64,
 }
 
 /// Location of a support.

@@ -17,8 +17,12 @@ impl Choice for Interpolation {
 }
 
 impl Choice for SupportKind {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("clamped", Self::Clamped), ("simply_supported", Self::SimplySupported), ("guided", Self::Guided)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("clamped", Self::Clamped),
+        ("simply_supported", Self::SimplySupported),
+        ("guided", Self::Guided),
+        ("elastic", Self::Elastic),
+    ];
 }
 
 impl Choice for Side {

@@ -95,7 +95,7 @@ fn a_ball_and_all_that_is_attached() {
             r#"
             {PAPER_PLATE}
             mesh = {{ element = "hct", cells = [4, 2], refine = 1, diagonal = "alternating" }}
-            support = [{{ edge = "left", kind = "simply_supported", motion = "1e-3*sin(30*t)" }}, {{ edge = "right", kind = "simply_supported" }}, {{ edge = "top", where = "x < 0.5", kind = "guided" }}]
+            support = [{{ edge = "left", kind = "simply_supported", motion = "1e-3*sin(30*t)" }}, {{ edge = "right", kind = "simply_supported" }}, {{ edge = "top", where = "x < 0.5", kind = "guided" }}, {{ edge = "bottom", kind = "elastic", stiffness = 3e4, rotation = 2e3 }}]
             ball = [{{ at = [0.6, 0.2], mass = 5.0, height = 2e-3 }}, {{ at = [0.93, 0.11], side = "below", mass = 0.2, height = -5e-3, velocity = 0.4 }}]
             load = {{ gravity = 9.81 }}
             initial = {{ equilibrium = true }}

@@ -85,7 +85,12 @@ probes = [{ name = "corner", at = [1.2, 0] }, { name = "côté # libre", at = [0
 "#;
 
 fn support(edge: &str, kind: SupportKind) -> Support {
-    Support { stand: SupportLocation::Edge { edge: edge.into(), part: None }, kind, motion: None }
+    Support {
+        stand: SupportLocation::Edge { edge: edge.into(), part: None },
+        kind,
+        elastic: None,
+        motion: None,
+    }
 }
 
 fn read(text: &str, overrides: &[&str]) -> rebond::Result<Scene> {

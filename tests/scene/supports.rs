@@ -2,7 +2,9 @@
 //! the same plate in another position.
 
 use crate::common::models::{CLAMPED, STRIP, UNIT, UNIT_SECTION};
-use crate::common::scenes::{Drawing, STILL, all_round, close, grid, inspect, refusal, run, same, start};
+use crate::common::scenes::{
+    Drawing, STILL, all_round, close, grid, inspect, newmark, refusal, run, same, start,
+};
 use std::f64::consts::{PI, TAU};
 
 /// Returns the lowest frequencies with the consistent mass, without rigid motions, in Hz.
@@ -65,6 +67,7 @@ fn a_turned_plate_is_the_same_plate() {
         all_round("simply_supported"),
         "support = [{ edge = \"left\", kind = \"simply_supported\" }, { edge = \"right\", kind = \"guided\" }]\n".into(),
         "support = [{ edge = \"left\", kind = \"guided\" }, { edge = \"bottom\", kind = \"simply_supported\" }, { edge = \"top\", kind = \"clamped\" }]\n".into(),
+        "support = [{ edge = \"left\", kind = \"elastic\", rotation = 3e3 }, { edge = \"top\", kind = \"elastic\", stiffness = 2e4, rotation = 50 }]\n".into(),
     ];
     let sides = [1.2, 0.8];
     for triangles in [false, true] {
@@ -144,7 +147,10 @@ fn mechanisms_are_named() {
     let guided =
         "support = [{ edge = \"left\", kind = \"guided\" }, { edge = \"bottom\", kind = \"guided\" }]\n";
     let slide = "support = [{ edge = \"left\", kind = \"guided\" }]\n";
+    let springs = |of: &str| format!("support = [{{ edge = \"left\", kind = \"elastic\", {of} }}]\n");
     let cases = [
+        (&*springs("stiffness = 7"), "it can turn about a line"),
+        (&springs("stiffness = 0, rotation = 7"), "it can move up and down and turn about a line"),
         (hinge, "it can turn about a line"),
         (guided, "it can move up and down"),
         (slide, "it can move up and down and turn about a line"),
@@ -172,16 +178,72 @@ fn mechanisms_are_named() {
     }
 }
 
-/// Asserts the shape of a clamped strip whose other end is pushed up by 1 m, without a moment
-/// there: w'' = F (1 - x) / EI.
-fn pushed_strip(plate: &str, expected: impl Fn(f64) -> f64, tolerances: [f64; 2]) {
+/// A beam on equal springs at both ends has the symmetric mode w = A cos(b s) + B cosh(b s) about
+/// its centre, with t = tan(b / 2) + tanh(b / 2): b t = -2 b^2 D / (r L) where springs turn the held
+/// ends, and b^3 t = 2 k L^3 / D where springs bear the ends. A soft spring gives b^4 = 2 k L^3 / D,
+/// a stiff one the simply supported beam; held ends that springs turn are between simply supported
+/// and clamped ones.
+#[test]
+fn springs_at_the_ends_of_a_beam() {
+    let root = |of: &dyn Fn(f64) -> f64, [mut low, mut high]: [f64; 2]| {
+        for _ in 0..200 {
+            let middle = 0.5 * (low + high);
+            if of(middle) * of(high) > 0.0 { high = middle } else { low = middle }
+        }
+        high
+    };
+    let t = |b: f64| (0.5 * b).tan() + (0.5 * b).tanh();
+    let value = |springs: &str| {
+        let supports = format!(
+            "support = [{{ edge = \"left\", kind = \"elastic\", {springs} }}, {{ edge = \"right\", kind = \"elastic\", {springs} }}]\n"
+        );
+        (TAU * frequencies(&[STRIP, &grid("fvs", 20, 1), &supports, STILL].concat())[0]).sqrt()
+    };
+    for rotation in [0.03, 1.0, 20.0, 1e5] {
+        let b = root(&|b| t(b) + 2.0 * b / rotation, [PI + 1e-9, 4.7300408]);
+        close(&format!("rotation {rotation}"), value(&format!("rotation = {rotation:?}")), b, 2e-6);
+    }
+    for stiffness in [0.01, 3.0, 100.0, 1e6] {
+        let b = root(&|b| b.powi(3) * t(b) - 2.0 * stiffness, [1e-3, PI - 1e-12]);
+        close(&format!("stiffness {stiffness}"), value(&format!("stiffness = {stiffness:?}")), b, 2e-6);
+    }
+}
+
+/// A hinge that moves keeps its springs against rotation: a plate on two such edges that rise
+/// together moves as in the frame of its supports.
+#[test]
+fn springs_against_rotation_ride_on_a_moving_edge() {
+    let of = |motion: &str, pressure: &str| {
+        let edge =
+            |side: &str| format!("{{ edge = \"{side}\", kind = \"elastic\", rotation = 0.4{motion} }}");
+        run(&format!(
+            "{STRIP}{}support = [{}, {}]\nload = {{ pressure = {pressure} }}\n{}\
+             output.probes = [{{ name = \"middle\", at = [0.5, 0.05] }}]\n",
+            grid("fvs", 6, 1),
+            edge("left"),
+            edge("right"),
+            newmark("consistent", 1e-3, 0.5),
+        ))
+    };
+    // The supports start with the velocity 0 and have the acceleration 2 m/s2.
+    let (moving, pressed) = (of(", motion = \"t^2\"", "0"), of("", "-2"));
+    for (moving, pressed) in moving.iter().zip(&pressed) {
+        let relative = moving.probes[0] - moving.time * moving.time;
+        assert!((relative - pressed.probes[0]).abs() < 1e-11, "{relative} {}", pressed.probes[0]);
+    }
+}
+
+/// Asserts the shape of a strip with a support `root` at its left end, whose right end is pushed up
+/// by 1 m without a moment there: w'' = F (1 - x) / EI.
+fn pushed_strip(plate: &str, root: &str, expected: impl Fn(f64) -> f64, tolerances: [f64; 2]) {
     for (element, tolerance) in ["fvs", "hct"].into_iter().zip(tolerances) {
         let places: Vec<f64> = (1..10).map(|k| 0.1 * f64::from(k)).collect();
         let probes: Vec<String> =
             places.iter().map(|x| format!("{{ name = \"{x:.1}\", at = [{x:?}, 0.03] }}")).collect();
         let text = format!(
             "{plate}{}{STILL}output.probes = [{}]\n\
-             support = [{{ edge = \"left\", kind = \"clamped\" }}, {{ edge = \"right\", kind = \"simply_supported\", motion = 1 }}]\n",
+             support = [{{ edge = \"left\", {root} }}, {{ edge = \"right\", kind = \"simply_supported\", motion = 1 }}]\n\
+             initial.equilibrium = true\n",
             grid(element, 10, 1),
             probes.join(", ")
         );
@@ -195,10 +257,28 @@ fn pushed_strip(plate: &str, expected: impl Fn(f64) -> f64, tolerances: [f64; 2]
     }
 }
 
+/// Keys of a support that clamps.
+const FIXED: &str = "kind = \"clamped\"";
+
+/// The root of a strip of unit rigidity deflects by P / k and turns by P L / r under the force P at
+/// the tip: w = P / k + P x / r + P (x^2 / 2 - x^3 / 6).
+#[test]
+fn a_root_of_springs_deflects_and_turns() {
+    for (springs, per_k, per_r) in [
+        ("stiffness = 5, rotation = 0.7", 1.0 / 5.0, 1.0 / 0.7),
+        ("rotation = 0.7", 0.0, 1.0 / 0.7),
+        ("stiffness = 5e10, rotation = 7e10", 0.0, 0.0),
+    ] {
+        let w = |x: f64| per_k + per_r * x + x * x / 2.0 - x.powi(3) / 6.0;
+        let root = format!("kind = \"elastic\", {springs}");
+        pushed_strip(STRIP, &root, |x| w(x) / w(1.0), [2e-10, 2e-3]);
+    }
+}
+
 /// The solution has cubic pieces, which quadrilaterals contain exactly, and triangles do not.
 #[test]
 fn strips_of_one_and_two_thicknesses() {
-    pushed_strip(STRIP, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
+    pushed_strip(STRIP, FIXED, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
     // The strip is half as thick from the middle on: EI is 1, then 1/8. In meshes of triangles the
     // thickness must jump along an edge.
     let thick = |x: f64| x * x / 2.0 - x.powi(3) / 6.0;
@@ -212,12 +292,12 @@ fn strips_of_one_and_two_thicknesses() {
         w + slope * s + 8.0 * (0.25 * s * s - s.powi(3) / 6.0)
     };
     let plate = |region: &str| format!("{STRIP}part = [{{ {region}, thickness = 0.5 }}]\n");
-    pushed_strip(&plate("where = \"x > 0.5\""), |x| moved(x) / moved(1.0), [1e-9, 5e-3]);
+    pushed_strip(&plate("where = \"x > 0.5\""), FIXED, |x| moved(x) / moved(1.0), [1e-9, 5e-3]);
     // Of several parts in one place the last counts, and repeating it changes nothing.
     let twice = format!(
         "{STRIP}part = [{{ where = \"x > 0.2\", thickness = 2 }}, {{ where = \"x < 2\", thickness = 1 }}]\n"
     );
-    pushed_strip(&twice, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
+    pushed_strip(&twice, FIXED, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
 }
 
 /// With EI = (1 - x / 2)^3, the curvature w'' = F (1 - x) / (1 - x/2)^3 is integrated twice by
@@ -235,10 +315,10 @@ fn a_tapered_strip() {
         };
         (0..=n as usize).map(term).sum::<f64>() * x / (3.0 * f64::from(n))
     };
-    pushed_strip(&plate, |x| w(x) / w(1.0), [3e-4, 3e-3]);
+    pushed_strip(&plate, FIXED, |x| w(x) / w(1.0), [3e-4, 3e-3]);
     // A formula with a constant value equals that number.
     let same = STRIP.replace("thickness = 1", "thickness = \"1 + 0*x\"");
-    pushed_strip(&same, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
+    pushed_strip(&same, FIXED, |x| 0.5 * x * x * (3.0 - x), [1e-10, 2e-3]);
     // The mass follows from thickness and density, and is 3/4 of the uniform one here.
     let inspection = inspect(&[&plate, &grid("fvs", 4, 2)[..], STILL].concat());
     close("mass", inspection.mass, 0.075, 1e-13);

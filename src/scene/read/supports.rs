@@ -1,12 +1,12 @@
 //! Tables `[[support]]`: edges and points that are held, at rest or in motion.
 
-use super::quantities::DEFLECTION;
+use super::quantities::{DEFLECTION, EDGE_ROTATION, EDGE_SPRING};
 use super::region::{name, point};
 use crate::error::Result;
 use crate::field::Names;
 use crate::scene::document::Document;
 use crate::scene::typed::Choice;
-use crate::scene::{FieldInput, Support, SupportKind, SupportLocation};
+use crate::scene::{ElasticEdge, FieldInput, Support, SupportKind, SupportLocation};
 
 /// Names of the edges of a rectangle.
 const EDGES: [&str; 4] = ["left", "right", "bottom", "top"];
@@ -15,16 +15,15 @@ pub(super) fn read(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
     let mut supports: Vec<Support> = Vec::new();
     for index in 0..doc.entries("support", "expected tables [[support]] with edge and kind")? {
         let table = format!("support.{index}");
-        doc.allow(&table, &["edge", "where", "at", "point", "kind", "motion"])?;
-        let kind: SupportKind = doc.choice(&format!("{table}.kind"))?;
+        doc.allow(&table, &["edge", "where", "at", "point", "kind", "stiffness", "rotation", "motion"])?;
+        let (kind, elastic) = hold(doc, &table)?;
         let key = format!("{table}.motion");
         if !kind.holds_deflection() {
-            doc.forbid(
-                &key,
-                format!("contradicts kind = \"{}\", which leaves the plate free to move", kind.word()),
-            )?;
+            let kind = kind.word();
+            doc.forbid(&key, format!("contradicts kind = \"{kind}\", which leaves the plate free to move"))?;
         }
-        let support = Support { stand: location(doc, &table, has_file)?, kind, motion: motion(doc, &key)? };
+        let stand = location(doc, &table, has_file)?;
+        let support = Support { stand, kind, elastic, motion: motion(doc, &key)? };
         let whole = |support: &Support| matches!(support.stand, SupportLocation::Edge { part: None, .. });
         if let Some(first) =
             supports.iter().position(|earlier| earlier.stand == support.stand && whole(&support))
@@ -35,6 +34,33 @@ pub(super) fn read(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
         supports.push(support);
     }
     Ok(supports)
+}
+
+/// Reads what a support holds, and its springs. An elastic edge that cannot deflect holds what a
+/// simply supported one holds.
+fn hold(doc: &Document, table: &str) -> Result<(SupportKind, Option<ElasticEdge>)> {
+    let key = |name: &str| format!("{table}.{name}");
+    let kind: SupportKind = doc.choice(&key("kind"))?;
+    if kind != SupportKind::Elastic {
+        for name in ["stiffness", "rotation"] {
+            doc.forbid(&key(name), format!("contradicts kind = \"{}\"; expected \"elastic\"", kind.word()))?;
+        }
+        return Ok((kind, None));
+    }
+    for name in ["at", "point"] {
+        doc.forbid(
+            &key(name),
+            "contradicts kind = \"elastic\"; expected edge, or a [[spring]] at the point",
+        )?;
+    }
+    let stiffness = doc.optional_number(&key("stiffness"), &EDGE_SPRING)?;
+    let rotation = doc.optional_number(&key("rotation"), &EDGE_ROTATION)?;
+    if stiffness.unwrap_or(0.0) == 0.0 && rotation.unwrap_or(0.0) == 0.0 {
+        let wrong = "\"elastic\" needs springs; expected stiffness or rotation greater than 0";
+        return Err(doc.fault(&key("kind"), wrong));
+    }
+    let held = stiffness.map_or(SupportKind::SimplySupported, |_| SupportKind::Elastic);
+    Ok((held, Some(ElasticEdge { stiffness, rotation: rotation.unwrap_or(0.0) })))
 }
 
 fn location(doc: &Document, table: &str, has_file: bool) -> Result<SupportLocation> {

@@ -1,6 +1,7 @@
 //! Attachments of the plate: foundations, springs, masses and balls; and the matrices of all
 //! together.
 
+use super::elastic_edges::ElasticEdges;
 use super::ground::{BuildContext, PointEvaluation};
 use super::lumps::{AttachedBall, LumpedMass};
 use super::parts;
@@ -21,6 +22,7 @@ use crate::simulation::regions::cells_in;
 pub(super) struct Attached<'s> {
     /// Contributions of the foundations to K, each with its cell.
     foundations: Vec<(usize, ElementMatrix)>,
+    edges: ElasticEdges,
     springs: Vec<LumpedMass>,
     /// Masses fixed on the plate, then balls; `spot.free` gives their deflection in terms of the
     /// dofs.
@@ -56,20 +58,27 @@ impl<'s> Attached<'s> {
                 balls.push(AttachedBall { number, ball, spot, gap });
             }
         }
-        let first_class = BARE + 2 * ground.cells.len();
-        Ok(Attached { foundations: foundations(ground)?, springs, masses, balls, first_class })
+        let first_class = BARE + 3 * ground.cells.len();
+        let (foundations, edges) = (foundations(ground)?, ElasticEdges::new(ground)?);
+        Ok(Attached { foundations, edges, springs, masses, balls, first_class })
     }
 
     /// Returns an error where the mesh has several parts and one of them is not held by itself.
     /// Collective.
     pub fn require_held_parts<P: Partition>(&self, ground: &BuildContext<P>) -> Result<()> {
-        parts::require_held(ground, &self.springs, self.foundations.iter().map(|(cell, _)| *cell))
+        let on_foundation = self.foundations.iter().map(|(cell, _)| *cell);
+        parts::require_held(ground, &self.springs, &self.edges.holds, on_foundation)
     }
 
-    /// Returns K of plate, foundations and springs.
+    /// Returns the contributions of foundations and elastic edges to K, each with its cell.
+    fn beds(&self) -> impl Iterator<Item = &(usize, ElementMatrix)> {
+        self.foundations.iter().chain(&self.edges.blocks)
+    }
+
+    /// Returns K of plate, foundations, elastic edges and springs.
     pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::stiffness(cells);
-        blocks.extend(self.foundations.iter().map(|(_, block)| block.clone()));
+        blocks.extend(self.beds().map(|(_, block)| block.clone()));
         blocks.extend(self.forms(&self.springs));
         blocks
     }
@@ -109,10 +118,10 @@ impl<'s> Attached<'s> {
         self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
     }
 
-    /// Adds the forces of foundations and springs under a shape (three values per node) to `force`,
+    /// Adds the forces of foundations, elastic edges and springs under a shape (three values per node) to `force`,
     /// in N.
     pub fn add_forces<P: Partition>(&self, ground: &BuildContext<P>, shape: &[f64], force: &mut [f64]) {
-        for (cell, block) in &self.foundations {
+        for (cell, block) in self.beds() {
             let nodes = ground.mesh.cells[*cell].nodes();
             let values = nodes.iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]);
             let values: Vec<f64> = values.copied().collect();
@@ -173,6 +182,9 @@ impl<'s> Attached<'s> {
             }
         }
         self.springs.iter().for_each(|spring| rigid.hold_deflection(spring.at));
+        for (node, hold) in &self.edges.holds {
+            rigid.hold(nodes[*node], hold);
+        }
         for (cell, _) in &self.foundations {
             ground.mesh.vertices(*cell).into_iter().for_each(|vertex| rigid.hold_deflection(vertex));
         }

@@ -8,6 +8,7 @@
 
 mod attached;
 mod bearing;
+mod elastic_edges;
 mod ground;
 mod heights;
 mod inertia;

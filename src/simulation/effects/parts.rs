@@ -3,7 +3,7 @@
 use super::ground::BuildContext;
 use super::lumps::LumpedMass;
 use crate::communicator::Communicator;
-use crate::dof_map::{PER_NODE, Rigid};
+use crate::dof_map::{NodeConstraint, PER_NODE, Rigid};
 use crate::error::{Error, Result};
 use crate::mesh::{Point, Unions};
 use crate::partition::Partition;
@@ -13,6 +13,7 @@ use std::collections::BTreeSet;
 pub(super) fn require_held<P: Partition>(
     ground: &BuildContext<P>,
     springs: &[LumpedMass],
+    on_edges: &[(usize, NodeConstraint)],
     on_foundation: impl Iterator<Item = usize>,
 ) -> Result<()> {
     if ground.scene.file.as_ref().is_none_or(|file| file.parts == 1) {
@@ -42,6 +43,9 @@ pub(super) fn require_held<P: Partition>(
         .filter(|(node, hold)| hold.is_any() && ground.partition.owns_node(*node))
     {
         rigid[part_of[node]].hold(mesh.nodes[node], hold);
+    }
+    for (node, hold) in on_edges {
+        rigid[part_of[*node]].hold(mesh.nodes[*node], hold);
     }
     for spring in springs {
         if let Some((dof, _)) = spring.spot.of_shape.weights().first() {
