@@ -179,10 +179,10 @@ fn mechanisms_are_named() {
 }
 
 /// A beam on equal springs at both ends has the symmetric mode w = A cos(b s) + B cosh(b s) about
-/// its centre, with t = tan(b / 2) + tanh(b / 2): b t = -2 b^2 D / (r L) where springs turn the held
-/// ends, and b^3 t = 2 k L^3 / D where springs bear the ends. A soft spring gives b^4 = 2 k L^3 / D,
-/// a stiff one the simply supported beam; held ends that springs turn are between simply supported
-/// and clamped ones.
+/// its centre, with t = tan(b / 2) + tanh(b / 2): t = -2 b D / (r L) where springs turn the held
+/// ends, and b^3 t = 2 k L^3 / D where springs bear the ends. Soft springs give b^4 = 2 k L^3 / D,
+/// stiff ones the simply supported beam; springs that turn held ends lead from the simply supported
+/// to the clamped beam.
 #[test]
 fn springs_at_the_ends_of_a_beam() {
     let root = |of: &dyn Fn(f64) -> f64, [mut low, mut high]: [f64; 2]| {

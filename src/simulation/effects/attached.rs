@@ -118,8 +118,8 @@ impl<'s> Attached<'s> {
         self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
     }
 
-    /// Adds the forces of foundations, elastic edges and springs under a shape (three values per node) to `force`,
-    /// in N.
+    /// Adds the forces of foundations, elastic edges and springs under a shape (three values per
+    /// node) to `force`, in N.
     pub fn add_forces<P: Partition>(&self, ground: &BuildContext<P>, shape: &[f64], force: &mut [f64]) {
         for (cell, block) in self.beds() {
             let nodes = ground.mesh.cells[*cell].nodes();
