@@ -132,6 +132,10 @@ pub struct SingularMassCell {
     pub class: usize,
 }
 
+/// Largest error estimate, relative and in the energy norm, up to which a factor in double
+/// precision is kept: each correction by the residual then gains at least three digits.
+pub const MOST_SPOILT: f64 = 1e-3;
+
 /// Number of power iterations that [`Engine::estimate_factor_error`] measures.
 const LOOKS: usize = 3;
 
@@ -257,6 +261,21 @@ pub trait Engine: Sized {
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Self::Factor>;
+
+    /// Factors a sum of forms in double precision, without contact dofs, whatever digits rounding
+    /// takes: as the preconditioner of an iteration. Returns `None` where rounding leaves no
+    /// positive definite matrix.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Memory`] where the factor does not fit, and the errors of the
+    /// engine.
+    fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Self::Factor>> {
+        match self.factor(sum, &[]) {
+            Ok(factor) => Ok(Some(factor)),
+            Err(crate::Error::Singular(_)) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
 
     /// Counts the eigenvalues of `$K x = \lambda M x$` below sigma, with their multiplicity, as the
     /// number of negative eigenvalues of `$K - \sigma M$` (Sylvester's law of inertia). Returns

@@ -4,7 +4,7 @@ use super::batch::{Batches, Cell, Layout};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
-use super::{Cholesky, ElementMatrix, Engine, LinearCombination, SingularMassCell, vectors};
+use super::{Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, SingularMassCell, vectors};
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use crate::memory;
@@ -140,6 +140,15 @@ impl Native {
             form.for_each_lower(|row, column, value| visit(row, column, scale * value));
         })?;
         Ok(SparseColMat::new(pattern, values))
+    }
+
+    /// Factors a sum of forms in double precision; `None` where it is not positive definite.
+    fn in_doubles(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Option<Cholesky>> {
+        match Cholesky::new(self.assembled(sum)?, contact_dofs) {
+            Ok(factor) => Ok(Some(factor)),
+            Err(error @ Error::Memory(_)) => Err(error),
+            Err(_) => Ok(None),
+        }
     }
 }
 
@@ -326,14 +335,10 @@ impl Engine for Native {
     }
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Cholesky> {
-        match Cholesky::new(self.assembled(sum)?, contact_dofs) {
-            Ok(mut factor) => {
-                if self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT {
-                    return Ok(factor);
-                }
-            }
-            Err(error @ Error::Memory(_)) => return Err(error),
-            Err(_) => {}
+        if let Some(mut factor) = self.in_doubles(sum, contact_dofs)?
+            && self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT
+        {
+            return Ok(factor);
         }
         let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
             form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
@@ -341,14 +346,14 @@ impl Engine for Native {
         Cholesky::twice(pattern, values, contact_dofs)
     }
 
+    fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Cholesky>> {
+        self.in_doubles(sum, &[])
+    }
+
     fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
         cholesky::negative_eigenvalues(&self.assembled(&(k + m * -sigma))?).map(Some)
     }
 }
-
-/// Largest error estimate, relative and in the energy norm, up to which a factor in double
-/// precision is kept: each correction by the residual then gains at least three digits.
-const MOST_SPOILT: f64 = 1e-3;
 
 /// Assembles the lower triangle of a sum, column by column; `entries_of` visits the weighted
 /// entries of one form.

@@ -1,9 +1,10 @@
 //! Static equilibrium, accurate to rounding.
 
+use super::conjugate_gradients;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, aypx};
-use crate::linalg::{Engine, Form, LinearCombination};
+use crate::linalg::{Engine, Form, LinearCombination, MOST_SPOILT};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
@@ -11,6 +12,9 @@ use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
 /// Number of corrections after the first solve. The first removes the effect of rounding the
 /// entries of the factored K (about 1e-16 h^-4); the second is needed on the finest meshes.
 const CORRECTIONS: usize = 2;
+
+/// Relative KKT residual up to which an equilibrium by conjugate gradients is accepted.
+const ACCURATE: f64 = 1e-12;
 
 /// Largest number of proximal steps, in all and in succession without halving the residual.
 const MAX_STEPS: u32 = 2000;
@@ -23,11 +27,16 @@ const ZERO_INCREMENT: f64 = 1e-12;
 /// Relative KKT residual below which proximal steps continue only while each halves it.
 const CONVERGED_RESIDUAL: f64 = 1e-12;
 
+/// Displacement U (m, one entry per dof), reactions r (N, one entry per bound), and the accuracy
+/// that the solver reached.
+pub type Equilibrium = (Vec<f64>, Vec<f64>, StepReport);
+
 /// Solves the static equilibrium K U = F + G^T r under bounds. Returns U (m), r (N) and the
 /// accuracy that the solver reached.
 ///
 /// The factored K loses digits as h^-4; corrections with the residual, K applied cell by cell,
-/// restore them.
+/// restore them. Where too few are left for that, conjugate gradients find an equilibrium that
+/// touches nothing, and for others K is factored with more digits.
 ///
 /// # Errors
 /// Returns [`crate::Error::Singular`] where K is singular, i.e. the structure is a mechanism.
@@ -36,17 +45,69 @@ pub fn equilibrium<E: Engine + 'static>(
     stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
-) -> Result<(Vec<f64>, Vec<f64>, StepReport)>
+) -> Result<Equilibrium>
 where
     E::Factor: 'static,
 {
     let matrix = stiffness.into();
-    let mut search = Search::new(engine, &matrix, stiffness, load, bounds)?;
+    if let Some(mut rough) = engine.rough_factor(&matrix)? {
+        let error = engine.estimate_factor_error(&matrix, &mut rough)?;
+        if error <= MOST_SPOILT {
+            let solver = Condensed::with_factor(engine, rough, error, bounds.len())?;
+            return corrected(engine, solver, &matrix, stiffness, load, bounds);
+        }
+        if let Some(answer) = free_equilibrium(engine, rough, stiffness, load, bounds)? {
+            return Ok(answer);
+        }
+    }
+    let solver = Condensed::new(engine, &matrix, bounds.len())?;
+    corrected(engine, solver, &matrix, stiffness, load, bounds)
+}
+
+/// Solves the static equilibrium by a solver and corrections with the residual.
+fn corrected<E: Engine + 'static>(
+    engine: &E,
+    solver: Condensed<E>,
+    matrix: &LinearCombination,
+    stiffness: &Form,
+    load: &[f64],
+    bounds: &Bounds,
+) -> Result<Equilibrium>
+where
+    E::Factor: 'static,
+{
+    let mut search = Search::new(engine, solver, matrix, stiffness, load, bounds)?;
     for _ in 0..=CORRECTIONS {
         search.increment()?;
         search.add(1.0);
     }
     Ok((search.u, search.reaction, search.report))
+}
+
+/// Solves the static equilibrium with a factor of K that rounding has spoilt. Returns `None` where
+/// the plate would cross a bound, or the answer is not accurate. Collective.
+fn free_equilibrium<E: Engine>(
+    engine: &E,
+    mut factor: E::Factor,
+    stiffness: &Form,
+    load: &[f64],
+    bounds: &Bounds,
+) -> Result<Option<Equilibrium>> {
+    let Some(mut u) = conjugate_gradients::solve(engine, stiffness, &mut factor, load)? else {
+        return Ok(None);
+    };
+    if engine.comm().all_reduce_max(bounds.violation(&u)) > 0.0 {
+        return Ok(None);
+    }
+    let mut reaction = vec![0.0; bounds.len()];
+    let largest = u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs()));
+    let matrix = stiffness.into();
+    let length = engine.comm().all_reduce_max(largest);
+    let problem = Problem { matrix: &matrix, rhs: load, bounds, length };
+    let answer = Answer { x: &mut u, reaction: &mut reaction };
+    let kkt = KktCheck::new(engine, &matrix)?.residual(engine, &problem, &[], &answer)?;
+    let report = StepReport { kkt, ..StepReport::default() };
+    Ok((kkt <= ACCURATE).then_some((u, reaction, report)))
 }
 
 /// Solves the static equilibrium under bounds of a structure supported by the bounds alone: K is
@@ -69,12 +130,13 @@ pub fn equilibrium_on_bounds<'f, E: Engine + 'static>(
     hold: LinearCombination<'f>,
     load: &[f64],
     bounds: &Bounds,
-) -> Result<(Vec<f64>, Vec<f64>, StepReport)>
+) -> Result<Equilibrium>
 where
     E::Factor: 'static,
 {
     let held = stiffness + hold;
-    let mut search = Search::new(engine, &held, stiffness, load, bounds)?;
+    let solver = Condensed::new(engine, &held, bounds.len())?;
+    let mut search = Search::new(engine, solver, &held, stiffness, load, bounds)?;
     let alone = stiffness.into();
     let mut check = KktCheck::new(engine, &alone)?;
     let mut last = Last::default();
@@ -133,23 +195,23 @@ impl<'s, E: Engine + 'static> Search<'s, E>
 where
     E::Factor: 'static,
 {
-    /// Starts at U = 0, with increments from this matrix.
+    /// Starts at U = 0, with increments from this solver of this matrix.
     fn new(
         engine: &'s E,
+        solver: Condensed<E>,
         matrix: &'s LinearCombination<'s>,
         stiffness: &'s Form,
         load: &'s [f64],
         bounds: &'s Bounds,
     ) -> Result<Search<'s, E>> {
         let zeros = || vec![0.0; engine.dofs()];
-        let solver = Box::new(Condensed::new(engine, matrix, bounds.len())?);
         Ok(Search {
             engine,
             matrix,
             stiffness,
             load,
             bounds,
-            step: CheckedSolver::new(solver, engine, matrix)?,
+            step: CheckedSolver::new(Box::new(solver), engine, matrix)?,
             u: zeros(),
             x: zeros(),
             b: zeros(),

@@ -22,6 +22,7 @@
 //! Damping, time-dependent loads and moving obstacles extend the paper: see each scheme, and
 //! [`TimeDependence`].
 
+mod conjugate_gradients;
 pub mod conserving;
 mod drive;
 pub mod equilibrium;

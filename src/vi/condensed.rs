@@ -55,8 +55,17 @@ impl<E: Engine> Condensed<E> {
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
     pub fn new(engine: &E, matrix: &LinearCombination, bounded: usize) -> Result<Condensed<E>> {
         let mut factor = engine.factor(matrix, &[])?;
+        let error = engine.estimate_factor_error(matrix, &mut factor)?;
+        Condensed::with_factor(engine, factor, error, bounded)
+    }
+
+    /// Takes a factor without contact dofs whose [`Engine::estimate_factor_error`] is `error`.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where rounding spoils the factor too much.
+    pub fn with_factor(engine: &E, factor: E::Factor, error: f64, bounded: usize) -> Result<Condensed<E>> {
         Ok(Condensed {
-            corrections: super::corrections(engine, matrix, &mut factor)?,
+            corrections: super::corrections(error, engine.dofs())?,
             factor,
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![BoundStatus::Free; bounded],

@@ -168,7 +168,8 @@ impl Bounded {
     ) -> Result<Bounded> {
         let context = engine.context();
         let mut factor = engine.factor(matrix, &[])?;
-        let corrections = super::corrections(engine, matrix, &mut factor)?;
+        let corrections =
+            super::corrections(engine.estimate_factor_error(matrix, &mut factor)?, engine.dofs())?;
         let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
         let mut scaled = factor.matrix().duplicate()?;
         let mut vector = engine.vector()?;
