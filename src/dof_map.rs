@@ -1,4 +1,5 @@
-//! Space of deflections: three dofs (w, w_x, w_y) per node, without those that supports hold.
+//! Space of deflections: three dofs (w, w_x, w_y) per node, without those that supports hold; and
+//! dofs that belong to no node, or to the tip of a compliant stop at a node.
 
 use crate::error::Result;
 use crate::linalg::Layout;
@@ -126,20 +127,22 @@ enum Slope {
 ///
 /// At a support oblique to the axes a node has one slope dof, in the direction that the support
 /// leaves free; w_x and w_y are that dof times a factor each.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct DofMap {
     free: Vec<Option<usize>>,
     /// Factors of the dofs at oblique supports; those of all others are 1.
     factors: HashMap<usize, f64>,
     count: usize,
     extra: usize,
+    /// Dof and node of each tip of a compliant stop.
+    tips: Vec<(usize, usize)>,
 }
 
 impl DofMap {
     /// Numbers all dofs of a mesh, before supports.
     pub fn unsupported(mesh: &Mesh) -> DofMap {
         let count = PER_NODE * mesh.nodes.len();
-        DofMap { free: (0..count).map(Some).collect(), factors: HashMap::new(), count, extra: 0 }
+        DofMap { free: (0..count).map(Some).collect(), count, ..DofMap::default() }
     }
 
     /// Numbers the dofs that supports on named edges leave free.
@@ -186,13 +189,13 @@ impl DofMap {
 
     /// Numbers the dofs that the constraints leave free.
     pub fn of(holds: &[NodeConstraint]) -> DofMap {
-        DofMap::numbered(holds, true, 0)
+        DofMap::numbered(holds, &[], true, 0)
     }
 
-    /// Numbers every dof, held or not, with `extra` dofs of no node first: `extra` + 3 n + k is dof
-    /// k of node n.
-    pub fn of_all(holds: &[NodeConstraint], extra: usize) -> DofMap {
-        DofMap::numbered(holds, false, extra)
+    /// Numbers every dof, held or not: `extra` dofs of no node, then node by node w, w_x and w_y
+    /// with a dof for each tip of a compliant stop there. `tips` has the node of each tip.
+    pub fn of_all(holds: &[NodeConstraint], extra: usize, tips: &[usize]) -> DofMap {
+        DofMap::numbered(holds, tips, false, extra)
     }
 
     /// Returns for each of w, w_x and w_y of a node whether its constraints remove it.
@@ -204,9 +207,11 @@ impl DofMap {
         [hold.deflection > 0.0, x, y]
     }
 
-    fn numbered(holds: &[NodeConstraint], leave_out: bool, extra: usize) -> DofMap {
-        let mut space = DofMap { free: Vec::new(), factors: HashMap::new(), count: extra, extra: 0 };
-        for hold in holds {
+    fn numbered(holds: &[NodeConstraint], tips: &[usize], leave_out: bool, extra: usize) -> DofMap {
+        let mut tips_at = vec![Vec::new(); if tips.is_empty() { 0 } else { holds.len() }];
+        tips.iter().enumerate().for_each(|(tip, &node)| tips_at[node].push(tip));
+        let mut space = DofMap { count: extra, tips: vec![(0, 0); tips.len()], ..DofMap::default() };
+        for (node, hold) in holds.iter().enumerate() {
             let first = space.free.len();
             for held in DofMap::held(hold) {
                 let is_left_out = held && leave_out;
@@ -217,12 +222,17 @@ impl DofMap {
                 space.free[first + 2] = space.free[first + 1];
                 space.factors.extend([(first + 1, x), (first + 2, y)]);
             }
+            for &tip in tips_at.get(node).into_iter().flatten() {
+                space.tips[tip] = (space.count, node);
+                space.count += 1;
+            }
         }
         space
     }
 
     /// Returns the free dofs of a deflection given by its values and slopes at all nodes, three per
-    /// node. Extra dofs are 0, and values that supports hold are lost.
+    /// node. Tips of compliant stops have the deflection of their node, other extra dofs are 0, and
+    /// values that supports hold are lost.
     pub fn interpolate(&self, shape: &[f64]) -> Vec<f64> {
         let mut x = vec![0.0; self.dofs()];
         for (i, value) in shape.iter().enumerate() {
@@ -230,6 +240,9 @@ impl DofMap {
                 // At an oblique support, the part of the slope in the free direction remains.
                 x[dof] += factor * value;
             }
+        }
+        for &(dof, node) in &self.tips {
+            x[dof] = shape[PER_NODE * node];
         }
         x
     }
@@ -243,6 +256,21 @@ impl DofMap {
     pub fn with_extra(mut self, extra: usize) -> DofMap {
         self.extra = extra;
         self
+    }
+
+    /// Returns the space with one more dof for the tip of a compliant stop at each of some nodes,
+    /// after all others.
+    pub fn with_tips(mut self, nodes: impl IntoIterator<Item = usize>) -> DofMap {
+        for node in nodes {
+            self.tips.push((self.dofs(), node));
+            self.extra += 1;
+        }
+        self
+    }
+
+    /// Returns dof and node of the tips of compliant stops, in the order in which they were given.
+    pub fn tips(&self) -> &[(usize, usize)] {
+        &self.tips
     }
 
     /// Returns the index of an extra dof after those of the nodes.

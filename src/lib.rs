@@ -1,4 +1,4 @@
-//! Thin elastic plates that vibrate and hit rigid obstacles.
+//! Thin elastic plates that vibrate and hit obstacles.
 //!
 //! A Kirchhoff-Love plate with deflection u satisfies `$M \ddot U + K U = F + G^T r$` between rigid
 //! obstacles `$\alpha^- \le G U \le \alpha^+$`, which push back with the reactions r only where

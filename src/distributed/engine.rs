@@ -84,16 +84,22 @@ impl Distributed {
     /// Fills in deflections and slopes of the translation and of the tilts along x and y.
     /// Collective.
     fn note_rigid_motions(&mut self, part: &Part) {
-        let first = self.global.len() - PER_NODE * part.mesh.nodes.len();
-        let mut whole = first == 0;
+        let mut whole = self.global.len() == PER_NODE * part.mesh.nodes.len();
         for (node, point) in part.mesh.nodes.iter().enumerate() {
             let motions = [[1.0, 0.0, 0.0], [point.x, 1.0, 0.0], [point.y, 0.0, 1.0]];
-            let dofs = [0, 1, 2].map(|k| self.own_dof(first + PER_NODE * node + k));
+            let Some(first) = part.space.deflection(node) else { continue };
+            let dofs = [0, 1, 2].map(|k| self.own_dof(first + k));
             whole &= dofs.iter().all(Option::is_some) || dofs.iter().all(Option::is_none);
             for (k, dof) in dofs.iter().enumerate() {
                 if let Some(dof) = *dof {
                     self.rigid.iter_mut().zip(motions).for_each(|(rigid, motion)| rigid[dof] = motion[k]);
                 }
+            }
+        }
+        for &(tip, node) in part.space.tips() {
+            if let Some(tip) = self.own_dof(tip) {
+                let point = part.mesh.nodes[node];
+                self.rigid.iter_mut().zip([1.0, point.x, point.y]).for_each(|(rigid, w)| rigid[tip] = w);
             }
         }
         self.whole_nodes = self.context.comm().all_reduce_all(whole);

@@ -14,4 +14,4 @@ pub use adder::Adder;
 pub use engine::Distributed;
 pub use factor::DistributedFactor;
 pub use mesh_part::MeshPart;
-pub use part::{Part, Supports, sum_at_nodes};
+pub use part::{Part, Supports, Tips, sum_at_nodes};

@@ -39,14 +39,15 @@ impl Names {
 
 /// Part of a plate on this rank: its cells and their nodes, some of them shared with other ranks.
 pub struct Part {
-    /// Distributed mesh with three dofs per vertex; constrained dofs are not in global vectors.
+    /// Distributed mesh with three dofs per vertex and one per tip of a stop there; constrained
+    /// dofs are not in global vectors.
     pub plex: Rc<Plex>,
     /// Mesh of this rank's cells and their nodes, with all names of the whole mesh.
     ///
     /// A named edge or node is only on the rank that owns it, so that sums over all ranks count it
     /// once.
     pub mesh: Mesh,
-    /// Local dofs: after the extra dofs, entries 3 n to 3 n + 2 are those of node n.
+    /// Local dofs: after the extra dofs those of the nodes, each with its tips of compliant stops.
     ///
     /// Constrained dofs are zero.
     pub space: DofMap,
@@ -58,6 +59,11 @@ pub struct Part {
     pub extra: Vec<Option<usize>>,
 }
 
+/// Function that returns the nodes of this rank that have a tip of a compliant stop, once per tip,
+/// given the constraints of the nodes and the sum of all ranks at each node. Collective.
+pub type Tips<'s> =
+    dyn Fn(&Mesh, &[NodeConstraint], &dyn Fn(&[f64]) -> Result<Vec<f64>>) -> Result<Vec<usize>> + 's;
+
 /// Function that locates the supports on this rank's part of a mesh. Collective.
 pub type Supports<'s> = dyn Fn(&Mesh) -> Result<Vec<(Place, Support)>> + 's;
 
@@ -65,7 +71,8 @@ impl Part {
     /// Creates a grid, partitioned, refined and supported; no rank ever holds all of it.
     /// Collective.
     ///
-    /// Each point of `extra`, named for messages, gets an extra dof in its cell.
+    /// Each point of `extra`, named for messages, gets an extra dof in its cell, and each node that
+    /// `tips` returns one more dof.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error, the error of `supports`, and
@@ -76,6 +83,7 @@ impl Part {
         refinements: u32,
         supports: &Supports,
         extra: &[(String, Point)],
+        tips: Option<&Tips>,
     ) -> Result<Part> {
         let mut plex = share(context, grid)?;
         for (value, points) in (1..).zip(&sides(&plex, grid)?) {
@@ -83,7 +91,7 @@ impl Part {
         }
         let edges = SIDES.map(String::from).to_vec();
         let names = Names { edges, elements: grid.element().into(), ..Names::default() };
-        Part::build(plex, &names, refinements, supports, extra)
+        Part::build(plex, &names, refinements, supports, extra, tips)
     }
 
     /// Works as [`Part::new`] for a valid mesh that only rank 0 reads. Collective.
@@ -96,12 +104,13 @@ impl Part {
         refinements: u32,
         supports: &Supports,
         extra: &[(String, Point)],
+        tips: Option<&Tips>,
     ) -> Result<Part> {
         let whole = context.comm().all_ok(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
         let names = context.comm().broadcast_value(&Names::of(&whole))?;
         let plex = named(context, &whole, &names)?;
         drop(whole);
-        Part::build(plex, &names, refinements, supports, extra)
+        Part::build(plex, &names, refinements, supports, extra, tips)
     }
 
     /// Partitions, refines and supports a mesh.
@@ -111,6 +120,7 @@ impl Part {
         refinements: u32,
         supports: &Supports,
         extra: &[(String, Point)],
+        tips: Option<&Tips>,
     ) -> Result<Part> {
         plex = plex.distribute()?;
         for _ in 0..refinements {
@@ -123,6 +133,11 @@ impl Part {
         let mesh = own_mesh(&plex, names, owns)?;
         let places = context.comm().all_ok(supports(&mesh))?;
         let holds = spread_holds(&plex, &DofMap::holds(&mesh, &places))?;
+        let sums = |of_nodes: &[f64]| sum_at_nodes(&plex, of_nodes);
+        let tips = tips.map_or(Ok(Vec::new()), |tips| tips(&mesh, &holds, &sums));
+        let tips = context.comm().all_ok(tips)?;
+        let mut tips_at = vec![0; holds.len()];
+        tips.iter().for_each(|&node| tips_at[node] += 1);
         let (cells, vertices) = (plex.cells(), plex.vertices());
         let mine = extra_cells(context.comm(), &mesh, extra)?;
         let mut extra = vec![None; extra.len()];
@@ -136,10 +151,14 @@ impl Part {
             if !vertices.contains(&point) {
                 return Dofs::default();
             }
-            let held = DofMap::held(&holds[(point - vertices.start) as usize]);
-            Dofs { count: PER_NODE, held: (0..PER_NODE).filter(|k| held[*k]).map(|k| k as Index).collect() }
+            let node = (point - vertices.start) as usize;
+            let held = DofMap::held(&holds[node]);
+            Dofs {
+                count: PER_NODE + tips_at[node],
+                held: (0..PER_NODE).filter(|k| held[*k]).map(|k| k as Index).collect(),
+            }
         })?;
-        let space = DofMap::of_all(&holds, mine.len());
+        let space = DofMap::of_all(&holds, mine.len(), &tips);
         let owns = vertices.map(owns).collect();
         Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, holds, owns, extra })
     }

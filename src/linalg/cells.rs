@@ -26,6 +26,9 @@ struct Panel {
     matrix: Vec<Lanes>,
     /// Factored representation that is applied instead of the matrix, if there is one.
     strains: Option<Strains>,
+    /// Whether all cells are springs between two dofs, k (a - b)^2 / 2. Their product is computed
+    /// from the difference, which a stiff spring leaves much smaller than a and b.
+    is_difference: bool,
 }
 
 /// [`Bending`] of eight cells.
@@ -68,6 +71,7 @@ impl Panel {
             matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
             // Either all cells of a panel have it or none has.
             strains: bending[0].map(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
+            is_difference: cells.iter().all(|&cell| is_difference(&blocks[cell].matrix)),
         }
     }
 
@@ -77,6 +81,12 @@ impl Panel {
     fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
             return strains.apply(simd, local, result);
+        }
+        if self.is_difference {
+            let difference = local[0] - local[1];
+            result[0] = self.matrix[0] * difference;
+            result[1] = self.matrix[1] * difference;
+            return result[0] * difference;
         }
         matrix_product::<S, false>(simd, &self.matrix, local, result);
         let mut form = Lanes::default();
@@ -101,6 +111,11 @@ impl Panel {
         self.apply(simd, work, result);
         add(y, result);
     }
+}
+
+/// Returns whether a local matrix is that of a spring between two dofs, (k, -k, -k, k).
+fn is_difference(matrix: &[f64]) -> bool {
+    matches!(*matrix, [a, b, c, d] if a == d && b == -a && c == b)
 }
 
 /// Adds terms to sums, entry by entry.

@@ -6,9 +6,10 @@
 
 use super::document::Document;
 use super::given::{FieldInput, Region};
-use super::read::quantities::{FOUNDATION, HEIGHT, MASS, SPRING, VELOCITY};
+use super::read::obstacles;
+use super::read::quantities::{FOUNDATION, HEIGHT, MASS, POINT_DAMPING, SPRING, VELOCITY};
 use super::read::region::{self, PlaceReader};
-use super::tables::Side;
+use super::tables::{Compliance, Side};
 use super::toml_text::{self, Row, given, number, place, word};
 use crate::error::Result;
 use crate::field::Names;
@@ -57,7 +58,7 @@ pub struct PointMass {
     pub mass: f64,
 }
 
-/// Rigid body that moves up and down and touches the plate at one point, without adhesion.
+/// Body that moves up and down and touches the plate at one point, without adhesion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ball {
     /// Coordinates of the contact point, in m.
@@ -72,6 +73,8 @@ pub struct Ball {
     pub height: f64,
     /// Initial upward velocity in m/s.
     pub velocity: f64,
+    /// Stiffness (N/m) and damping (N s/m) of its contact point; `None` for a rigid ball.
+    pub compliance: Option<Compliance>,
 }
 
 /// Names of the tables.
@@ -86,6 +89,16 @@ impl Attachments {
             (!self.masses.is_empty(), "added masses"),
             (!self.balls.is_empty(), "balls"),
         ]
+    }
+
+    /// Returns the indices of the balls whose contact point is compliant.
+    pub fn compliant_balls(&self) -> impl Iterator<Item = usize> {
+        (0..self.balls.len()).filter(|&ball| self.balls[ball].compliance.is_some())
+    }
+
+    /// Returns the number of dofs of balls: the gap of each, and the tip of each compliant one.
+    pub fn ball_dofs(&self) -> usize {
+        self.balls.len() + self.compliant_balls().count()
     }
 
     /// Returns the tables in the order of a resolved scene, with files by the path where they were
@@ -104,13 +117,17 @@ impl Attachments {
             ("[[mass]]", vec![place(&of.at, of.point.as_deref()), mass])
         };
         let ball = |of: &Ball| {
-            let rows = vec![
+            let mut rows = vec![
                 place(&of.at, of.point.as_deref()),
                 ("side", word(of.side), "below | above the plate"),
                 ("mass", number(of.mass), "kg"),
                 ("height", number(of.height), "m, of the point that touches"),
                 ("velocity", number(of.velocity), "m/s, upward"),
             ];
+            if let Some(Compliance { stiffness, damping }) = of.compliance {
+                rows.push(("stiffness", number(stiffness), "N/m"));
+                rows.push(("damping", number(damping), "N s/m"));
+            }
             ("[[ball]]", rows)
         };
         let foundations = self.foundations.iter().map(foundation);
@@ -172,7 +189,7 @@ fn read_masses(doc: &Document, places: &PlaceReader) -> Result<Vec<PointMass>> {
 }
 
 fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Ball>> {
-    let keys = ["at", "point", "side", "mass", "height", "velocity"];
+    let keys = ["at", "point", "side", "mass", "height", "velocity", "stiffness", "damping"];
     read_tables(doc, "ball", "at, mass and height", &keys, |table| {
         let key = |name: &str| format!("{table}.{name}");
         let (at, point) = places.read(doc, table)?;
@@ -183,6 +200,7 @@ fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Ball>> {
             mass: doc.number(&key("mass"), &MASS)?,
             height: doc.number(&key("height"), &HEIGHT)?,
             velocity: doc.optional_number(&key("velocity"), &VELOCITY)?.unwrap_or(0.0),
+            compliance: obstacles::compliance(doc, table, [&SPRING, &POINT_DAMPING])?,
         })
     })
 }

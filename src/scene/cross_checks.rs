@@ -1,7 +1,7 @@
 //! Checks that need several tables of a scene, once all of them are read.
 
 use super::document::{Document, quote};
-use super::{EngineName, Initial, Mass, Obstacle, Scene, Side, StartFrom};
+use super::{EngineName, Initial, Mass, Obstacle, Scene, SchemeSpec, Side, StartFrom};
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
@@ -21,7 +21,9 @@ fn check_start(doc: &Document, scene: &Scene) -> Result<()> {
     if moves || from.is_some() || *equilibrium || !static_pressure.is_zero() || !deflection.is_zero() {
         return Ok(());
     }
-    for (index, Obstacle { side, height, .. }) in scene.obstacles.iter().enumerate() {
+    // A compliant stop may start compressed.
+    let rigid = |(_, obstacle): &(usize, &Obstacle)| obstacle.compliance.is_none();
+    for (index, Obstacle { side, height, .. }) in scene.obstacles.iter().enumerate().filter(rigid) {
         let Some(height) = height.number() else { continue };
         let (is_beyond, side, limit) = match side {
             Side::Below => (height > 0.0, "above", "at most"),
@@ -80,6 +82,16 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     {
         let what = "takes only what does not change with time";
         return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
+    }
+    if let Some(key) = scene.stop_damping()
+        && !able.takes_stop_damping
+    {
+        let what = "follows plates whose stops have no damping of their own";
+        return refuse(&key, what, "0, or time.scheme = \"newmark\" or \"midpoint\"");
+    }
+    if let (SchemeSpec::Newmark { beta: 0.25, .. }, true) = (scene.time.scheme, scene.has_compliant_stops()) {
+        let wrong = "lets the massless tips of compliant stops oscillate more and more";
+        return Err(doc.fault("time.beta", format!("0.25 {wrong}; expected more than 0.25, such as 0.5")));
     }
     let is_modal = scene.time.mass == Mass::Modal;
     // Modes with inertia of their own each take their own damping, unless they follow events.

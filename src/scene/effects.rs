@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{FieldInput, Initial, Load, Scene, Side};
+use super::{Compliance, FieldInput, Initial, Load, Scene, Side};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -24,6 +24,8 @@ impl Scene {
             let moving = if moves { ", moving" } else { "" };
             add(of_side().next().is_some(), &format!("contact {name}{moving}"));
         }
+        add(self.has_compliant_stops(), "compliant stops");
+        add(self.stop_damping().is_some(), "damping of stops");
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
             add(load.gravity != 0.0, "gravity");
@@ -48,6 +50,21 @@ impl Scene {
     /// Returns whether contact is possible: with obstacles or balls.
     pub fn has_contact(&self) -> bool {
         !self.obstacles.is_empty() || !self.attachments.balls.is_empty()
+    }
+
+    /// Returns whether any obstacle is a compliant stop.
+    pub fn has_compliant_stops(&self) -> bool {
+        let has_balls = self.attachments.compliant_balls().next().is_some();
+        has_balls || self.obstacles.iter().any(|obstacle| obstacle.compliance.is_some())
+    }
+
+    /// Returns the key of a compliant stop with damping, if any.
+    pub fn stop_damping(&self) -> Option<String> {
+        let is_damped = |of: Option<Compliance>| of.is_some_and(|of| of.damping > 0.0);
+        let obstacle = self.obstacles.iter().position(|of| is_damped(of.compliance));
+        let ball = || self.attachments.balls.iter().position(|of| is_damped(of.compliance));
+        let of_obstacle = obstacle.map(|number| format!("obstacle.{number}.damping"));
+        of_obstacle.or_else(|| ball().map(|number| format!("ball.{number}.damping")))
     }
 
     /// Returns all fields that may depend on time: loads, obstacle heights, support motions.

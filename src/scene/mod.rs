@@ -56,8 +56,8 @@ use serde::{Serialize, Serializer};
 use std::path::Path;
 pub use study::{Horizon, Study};
 pub use tables::{
-    Damping, ElasticEdge, EngineName, Force, Grid, HISTORY_COLUMNS, Initial, Load, MeshFile, Obstacle,
-    Output, Part, PlateSpec, Probe, Side, Snapshots, Solver, StartFrom, Support, SupportLocation,
+    Compliance, Damping, ElasticEdge, EngineName, Force, Grid, HISTORY_COLUMNS, Initial, Load, MeshFile,
+    Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver, StartFrom, Support, SupportLocation,
 };
 pub use time::{Mass, Time};
 

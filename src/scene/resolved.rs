@@ -2,8 +2,9 @@
 
 use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
 use super::{
-    ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec,
-    Probe, Scene, SchemeName, Solver, StartFrom, Study, Support, SupportKind, SupportLocation, Time, Value,
+    Compliance, ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate,
+    PlateSpec, Probe, Region, Scene, SchemeName, Solver, StartFrom, Study, Support, SupportKind,
+    SupportLocation, Time, Value,
 };
 use crate::modes::ModeRange;
 use crate::plate::Orthotropy;
@@ -32,6 +33,7 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
             ("height", given(&obstacle.height, found), "m"),
         ];
         rows.extend(region(&obstacle.region));
+        rows.extend(compliance(obstacle.compliance, &obstacle.region));
         section("[[obstacle]]", &rows);
     }
     if let Some(load) = &scene.load {
@@ -146,6 +148,17 @@ fn support(support: &Support, found: bool) -> Vec<Row> {
     }
     rows.extend(support.motion.as_ref().map(|motion| ("motion", given(motion, found), "m")));
     rows
+}
+
+/// Returns the rows of a compliant stop; none for a rigid obstacle.
+fn compliance(compliance: Option<Compliance>, region: &Region) -> Vec<Row> {
+    let Some(Compliance { stiffness, damping }) = compliance else { return Vec::new() };
+    let units = match region {
+        Region::At(_) | Region::Point(_) => ["N/m", "N s/m"],
+        Region::Line(_) => ["N/m2", "N s/m2"],
+        Region::All | Region::Where(_) | Region::Group(_) => ["N/m3", "N s/m3"],
+    };
+    vec![("stiffness", number(stiffness), units[0]), ("damping", number(damping), units[1])]
 }
 
 fn initial(initial: &Initial, found: bool) -> Vec<Row> {

@@ -131,7 +131,7 @@ pub enum SupportLocation {
     Point(String),
 }
 
-/// Rigid obstacle that the plate cannot cross.
+/// Obstacle: rigid, so that the plate cannot cross it, or a compliant stop that yields.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Obstacle {
     /// Side of the plate on which the obstacle lies.
@@ -140,6 +140,18 @@ pub struct Obstacle {
     pub height: FieldInput,
     /// Region of the plate that can touch the obstacle.
     pub region: Region,
+    /// Stiffness and damping of a compliant stop: per point (N/m, N s/m), per length of a line
+    /// (N/m2, N s/m2) or per area (N/m3, N s/m3); `None` for a rigid obstacle.
+    pub compliance: Option<Compliance>,
+}
+
+/// Linear spring and dashpot of a compliant stop, with the units of [`Obstacle::compliance`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compliance {
+    /// Stiffness, greater than 0.
+    pub stiffness: f64,
+    /// Damping beside the spring.
+    pub damping: f64,
 }
 
 /// Side of the plate.

@@ -141,6 +141,8 @@ pub struct TimeDependence {
     pub supports: Vec<SupportMotion>,
     /// Damping of single modes.
     pub modal: Option<ModalDamping>,
+    /// Damping of compliant stops, in N s/m: what it adds to Rayleigh's damping of their springs.
+    pub dashpots: Option<Form>,
 }
 
 /// Motion of supports, and the quasi-static shape that it gives the plate per metre.
@@ -234,6 +236,19 @@ impl TimeDependence {
         self.loads() || self.supports.iter().any(|motion| motion.stiffness.is_some())
     }
 
+    /// Returns an error where damping of stops is combined with a scheme that takes the massless
+    /// part of the displacement from an equilibrium.
+    pub(super) fn refuse_dashpots(&self) -> Result<()> {
+        match self.dashpots {
+            None => Ok(()),
+            Some(_) => Err(Error::Usage(
+                "obstacle.damping: the tip of a damped stop is in no equilibrium; set time.massless = \"reflected\" with \
+                 time.scheme = \"midpoint\", or time.scheme = \"newmark\""
+                    .into(),
+            )),
+        }
+    }
+
     /// Returns an error where modal damping is combined with the named scheme.
     pub(super) fn refuse_modal(&self, scheme: &str) -> Result<()> {
         match self.modal {
@@ -250,7 +265,7 @@ impl fmt::Debug for TimeDependence {
         let (load, bounds) = (self.loads(), self.bounds.is_some());
         let mut fields = f.debug_struct("TimeDependence");
         fields.field("load", &load).field("bounds", &bounds).field("supports", &self.supports.len());
-        fields.field("modal", &self.modal).finish()
+        fields.field("modal", &self.modal).field("dashpots", &self.dashpots.is_some()).finish()
     }
 }
 

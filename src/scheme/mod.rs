@@ -80,10 +80,16 @@ pub struct System<E: Engine> {
 }
 
 impl<E: Engine> System<E> {
-    /// Returns the matrices M, K and D = alpha M + beta K.
+    /// Returns the matrices M, K and D = alpha M + beta K + C, with C that of the stops' dashpots.
     fn matrices(&self) -> (&Form, &Form, LinearCombination<'_>) {
-        let System { mass: m, stiffness: k, damping, .. } = self;
-        (m, k, m * damping.mass + k * damping.stiffness)
+        let System { mass: m, stiffness: k, damping, drive, .. } = self;
+        let rayleigh = m * damping.mass + k * damping.stiffness;
+        (m, k, drive.dashpots.iter().fold(rayleigh, |d, dashpots| d + dashpots))
+    }
+
+    /// Returns whether there is any damping by a matrix.
+    fn is_damped(&self) -> bool {
+        !self.damping.is_none() || self.drive.dashpots.is_some()
     }
 
     /// Sets `force` to F - K U with the constant load, in N. Returns the elastic energy, in J.
@@ -104,6 +110,10 @@ impl<E: Engine> System<E> {
                 self.engine.multiply(form, rate, product)?;
                 axpy(-weight * factor, product, force);
             }
+        }
+        if let Some(dashpots) = &self.drive.dashpots {
+            self.engine.multiply(dashpots, rate, product)?;
+            axpy(-weight, product, force);
         }
         Ok(())
     }

@@ -129,6 +129,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                     .into(),
             ));
         }
+        system.drive.refuse_dashpots()?;
         Potential::factor(system)
     }
 

@@ -43,6 +43,8 @@ pub struct Capabilities {
     /// Whether damping by the stiffness and of single modes is possible, besides that by the mass,
     /// with the paper's singular mass.
     pub takes_any_damping: bool,
+    /// Whether compliant stops may have dashpots.
+    pub takes_stop_damping: bool,
     /// Whether loads, obstacles and supports may depend on time.
     pub takes_time_dependence: bool,
     /// Whether the scheme runs on several processes.
@@ -63,6 +65,7 @@ const NEWMARK: Capabilities = Capabilities {
     takes_modal_mass: false,
     bounces_with_consistent_mass: true,
     takes_any_damping: true,
+    takes_stop_damping: true,
     takes_time_dependence: true,
     is_distributed: true,
     is_event_driven: false,
@@ -87,6 +90,7 @@ const CONSERVING: Capabilities = Capabilities {
     ),
     takes_modal_mass: true,
     takes_any_damping: false,
+    takes_stop_damping: false,
     keeps_energy: true,
     factors: [2, 2],
     ..NEWMARK
@@ -98,6 +102,7 @@ const EXACT: Capabilities = Capabilities {
     needs_singular_mass: Some("with this mass an impact has no law of its own to follow"),
     takes_modal_mass: true,
     takes_any_damping: false,
+    takes_stop_damping: false,
     takes_time_dependence: false,
     is_distributed: false,
     is_event_driven: true,

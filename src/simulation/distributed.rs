@@ -1,18 +1,23 @@
 //! Model of a scene distributed over all ranks.
 
 use super::effects::BuildContext;
+use super::meshing;
 use super::plate_assembly::PlateAssembly;
-use super::{Model, SolverFactory};
-use super::{meshing, regions};
+use super::regions::{self, NodeSums};
+use super::stops::{self, Stop};
+use super::{DeflectionDof, Model, SolverFactory};
 use crate::assembly;
 use crate::communicator::Communicator;
-use crate::distributed::{Distributed, MeshPart, Part};
+use crate::distributed::{Distributed, MeshPart, Part, Tips};
+use crate::dof_map::NodeConstraint;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::Context;
-use crate::scene::{self, EngineName, Scene};
+use crate::scene::{EngineName, Scene};
+use std::cell::RefCell;
+use std::collections::HashMap;
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -49,8 +54,16 @@ impl Model<Distributed> {
         super::phase("mesh");
         let comm = context.comm();
         let supports = |mesh: &Mesh| regions::supports(scene, mesh, comm);
-        let name = |(number, ball): (usize, &scene::Ball)| (format!("ball.{number}.at"), ball.at.into());
-        let balls: Vec<(String, Point)> = scene.attachments.balls.iter().enumerate().map(name).collect();
+        let of_balls = &scene.attachments;
+        let name = |number: usize| (format!("ball.{number}.at"), Point::from(of_balls.balls[number].at));
+        let balls = (0..of_balls.balls.len()).chain(of_balls.compliant_balls()).map(name);
+        let balls: Vec<(String, Point)> = balls.collect();
+        let found = RefCell::new(Vec::new());
+        let tips = |mesh: &Mesh, holds: &[NodeConstraint], sums: &NodeSums| {
+            *found.borrow_mut() = stops::find(scene, mesh, holds, comm, sums)?;
+            Ok(found.borrow().iter().map(|stop: &Stop| stop.node).collect())
+        };
+        let tips = (!scene.obstacles.is_empty()).then_some(&tips as &Tips);
         let marks = meshing::marks(scene);
         let rectangles = match scene.file {
             Some(_) => None,
@@ -60,16 +73,17 @@ impl Model<Distributed> {
             }
         };
         let part = match rectangles {
-            Some(grid) => Part::new(context, &grid, scene.mesh.refine, &supports, &balls)?,
+            Some(grid) => Part::new(context, &grid, scene.mesh.refine, &supports, &balls, tips)?,
             None => {
                 let first = if comm.rank() == 0 { whole(scene, &marks) } else { Ok((Mesh::default(), 0)) };
                 let (mesh, refine) = comm.all_ok(first)?;
                 let refine = comm.all_gather_one(refine)[0];
-                Part::of_mesh(context, || Ok(mesh), refine, &supports, &balls)?
+                Part::of_mesh(context, || Ok(mesh), refine, &supports, &balls, tips)?
             }
         };
+        let stops = found.take();
         let engine = Distributed::new(&part)?;
-        if comm.all_reduce_sum(engine.dofs()) == scene.attachments.balls.len() {
+        if comm.all_reduce_sum(engine.dofs()) == balls.len() {
             return Err(super::nothing_free());
         }
         super::phase("matrices");
@@ -83,16 +97,29 @@ impl Model<Distributed> {
             holds: &part.holds,
             space: &part.space,
             gaps: &part.extra,
+            stops: &stops,
             cells: &cells,
         };
         let mut model = super::compose(clock, engine, &ground)?;
-        // Nodes are numbered in the order of the ranks and of their dofs.
-        let counts = comm.all_gather_one(model.sites.len());
-        let before: usize = counts[..comm.rank()].iter().sum();
-        let mut order: Vec<usize> = (0..model.sites.len()).collect();
-        order.sort_by_key(|&site| model.sites[site].dof);
-        order.into_iter().enumerate().for_each(|(number, site)| model.sites[site].node = before + number);
+        number_nodes(&mut model.sites, comm);
         Ok(model)
+    }
+}
+
+/// Numbers the nodes in the order of the ranks and of their dofs; tips of stops keep their nodes.
+/// Collective.
+fn number_nodes(sites: &mut [DeflectionDof], comm: &impl Communicator) {
+    let mut order: Vec<usize> = (0..sites.len()).filter(|&site| !sites[site].is_tip).collect();
+    let counts = comm.all_gather_one(order.len());
+    let before: usize = counts[..comm.rank()].iter().sum();
+    order.sort_by_key(|&site| sites[site].dof);
+    let mut numbers = HashMap::new();
+    for (number, site) in order.into_iter().enumerate() {
+        numbers.insert(sites[site].node, before + number);
+        sites[site].node = before + number;
+    }
+    for site in sites.iter_mut().filter(|site| site.is_tip) {
+        site.node = numbers.get(&site.node).copied().unwrap_or(site.node);
     }
 }
 

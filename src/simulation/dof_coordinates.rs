@@ -17,7 +17,7 @@ const SAME: f64 = 1e-9;
 /// Relative distance, in units of the plate size, up to which the dofs of two runs coincide.
 const NEAR: f64 = 1e-6;
 
-/// Free deflection at a node.
+/// Free deflection at a node, or the tip of a compliant stop there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeflectionDof {
     /// Index of the dof.
@@ -26,6 +26,8 @@ pub struct DeflectionDof {
     pub node: usize,
     /// Position, in m.
     pub at: [f64; 2],
+    /// Whether the dof is the tip of a compliant stop opposite to the node.
+    pub is_tip: bool,
 }
 
 /// Positions of the dofs and velocities of a process, by which they are numbered independently of
@@ -61,6 +63,14 @@ impl DofCoordinates {
         }
         for (number, (ball, gap)) in scene.attachments.balls.iter().zip(ground.gaps).enumerate() {
             put(*gap, ball.at, PER_NODE + number);
+        }
+        let (balls, obstacles) = (scene.attachments.balls.len(), scene.obstacles.len());
+        for number in 0..balls {
+            let which = PER_NODE + balls + obstacles + number;
+            put(ground.ball_tip(number), scene.attachments.balls[number].at, which);
+        }
+        for (stop, dof) in ground.tips() {
+            put(Some(dof), mesh.nodes[stop.node].into(), PER_NODE + balls + stop.obstacle);
         }
         let centre = |cell: usize| {
             let vertices = mesh.vertices(cell);

@@ -48,7 +48,7 @@ pub struct Snapshot<'f> {
     /// Velocity, in m/s, one entry per point; see [`Scheme::velocity`].
     pub velocity: Vec<f64>,
     /// Gap to the nearest obstacle, in m, one entry per point, NaN at points without an obstacle;
-    /// `None` without obstacles.
+    /// negative where a compliant stop gives way. `None` without obstacles.
     pub gap: Option<Vec<f64>>,
     /// Heights of the nearest obstacles below and above, in m, one entry per point, NaN at points
     /// without an obstacle; `None` without obstacles.
@@ -71,6 +71,8 @@ pub struct Fields {
     tables: HashMap<usize, Vec<Rows>>,
     /// Dof of the deflection of each node.
     deflections: Vec<Option<usize>>,
+    /// Dof and node of the tips of compliant stops.
+    tips: Vec<(usize, usize)>,
     /// Side, height and affected points of each obstacle.
     obstacles: Vec<(Side, FieldInput, Vec<usize>)>,
     /// Support motions with the deflection and slopes that they cause at the points, per metre.
@@ -148,6 +150,7 @@ impl Fields {
             cells: cells.to_vec(),
             tables,
             deflections: (0..mesh.nodes.len()).map(|node| space.deflection(node)).collect(),
+            tips: space.tips().to_vec(),
             obstacles: Vec::new(),
             lifts: Vec::new(),
         };
@@ -256,6 +259,7 @@ impl Fields {
             for (value, dof) in at_points.iter_mut().zip(&self.deflections) {
                 *value = dof.map_or(0.0, |dof| force[dof]);
             }
+            self.tips.iter().for_each(|&(dof, node)| at_points[node] += force[dof]);
             reaction = Some(at_points);
         }
         Ok(Snapshot {

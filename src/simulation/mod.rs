@@ -17,6 +17,7 @@ mod refinement;
 mod regions;
 mod run;
 mod step_check;
+mod stops;
 mod time_loop;
 
 pub use contacts::Contact;
@@ -53,6 +54,7 @@ use effects::{BuildContext, Effects, OfCells};
 use plate_assembly::PlateAssembly;
 use std::rc::Rc;
 use std::time::Instant;
+use stops::Stop;
 
 /// Semi-discrete model of a scene, ready to run.
 pub struct Model<E: Engine = Native> {
@@ -95,7 +97,10 @@ struct SupportFrame(Vec<(Rc<FieldInput>, Vec<f64>)>);
 /// # Errors
 /// Returns [`Error::Mesh`] where a support applies to no part of the mesh.
 pub fn space(scene: &Scene, mesh: &Mesh) -> Result<DofMap> {
-    Ok(DofMap::of(&holds(scene, mesh)?).with_extra(scene.attachments.balls.len()))
+    let holds = holds(scene, mesh)?;
+    let stops = stops_on(scene, mesh, &holds)?;
+    let space = DofMap::of(&holds).with_extra(scene.attachments.ball_dofs());
+    Ok(space.with_tips(stops.iter().map(|stop| stop.node)))
 }
 
 /// Returns thickness and material of the plate, cell by cell.
@@ -141,6 +146,11 @@ fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<NodeConstraint>> {
     Ok(DofMap::holds(mesh, &regions::supports(scene, mesh, &SelfComm)?))
 }
 
+/// Returns the tips of compliant stops, on a single process.
+fn stops_on(scene: &Scene, mesh: &Mesh, holds: &[NodeConstraint]) -> Result<Vec<Stop>> {
+    stops::find(scene, mesh, holds, &SelfComm, &|of_nodes| Ok(of_nodes.to_vec()))
+}
+
 /// Calls a closure with the build context of a single process.
 fn on_ground<R>(
     scene: &Scene,
@@ -148,13 +158,15 @@ fn on_ground<R>(
     holds: &[NodeConstraint],
     act: impl FnOnce(&BuildContext<WholeMesh>) -> Result<R>,
 ) -> Result<R> {
-    let space = DofMap::of(holds).with_extra(scene.attachments.balls.len());
-    if space.dofs() == scene.attachments.balls.len() {
+    let space = DofMap::of(holds).with_extra(scene.attachments.ball_dofs());
+    if space.dofs() == scene.attachments.ball_dofs() {
         return Err(nothing_free());
     }
     phase("matrices");
+    let stops = stops_on(scene, mesh, holds)?;
+    let space = space.with_tips(stops.iter().map(|stop| stop.node));
     let cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
-    let gaps: Vec<_> = (0..scene.attachments.balls.len()).map(|ball| Some(space.extra(ball))).collect();
+    let gaps: Vec<_> = (0..scene.attachments.ball_dofs()).map(|dof| Some(space.extra(dof))).collect();
     act(&BuildContext {
         scene,
         partition: &WholeMesh,
@@ -162,6 +174,7 @@ fn on_ground<R>(
         holds,
         space: &space,
         gaps: &gaps,
+        stops: &stops,
         cells: &cells,
     })
 }

@@ -8,6 +8,9 @@ use crate::mesh::{self, Mesh, NEAR, Point};
 use crate::partition::Partition;
 use crate::scene::{Region, Scene, SupportKind, SupportLocation};
 
+/// Sum of the values of all processes at each node of this process. Collective.
+pub(super) type NodeSums<'p> = dyn Fn(&[f64]) -> Result<Vec<f64>> + 'p;
+
 /// Returns the locations of the supports on this process's part of the mesh. Collective.
 pub(super) fn supports(
     scene: &Scene,
@@ -60,7 +63,7 @@ pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool>
 }
 
 /// Returns an error unless `here` is true on some process. Collective.
-fn require(comm: &impl Communicator, here: bool, wrong: impl Fn() -> String) -> Result<()> {
+pub(super) fn require(comm: &impl Communicator, here: bool, wrong: impl Fn() -> String) -> Result<()> {
     if comm.all_reduce_any(here) { Ok(()) } else { Err(Error::Mesh(wrong())) }
 }
 
@@ -92,7 +95,18 @@ pub(super) fn nodes_in(
     partition: &impl Partition,
     key: &str,
 ) -> Result<Vec<usize>> {
-    let (comm, nodes) = (partition.comm(), 0..mesh.nodes.len());
+    nodes_of(region, mesh, partition.comm(), &|of_nodes| partition.sum_at_nodes(of_nodes), key)
+}
+
+/// Works as [`nodes_in`], with the function that sums the values of all processes at each node.
+pub(super) fn nodes_of(
+    region: &Region,
+    mesh: &Mesh,
+    comm: &impl Communicator,
+    sums: &NodeSums,
+    key: &str,
+) -> Result<Vec<usize>> {
+    let nodes = 0..mesh.nodes.len();
     match region {
         Region::All => Ok(nodes.collect()),
         Region::Where(condition) => {
@@ -107,14 +121,14 @@ pub(super) fn nodes_in(
             for cell in group(mesh, name, comm, key)? {
                 mesh.cells[cell].nodes().iter().for_each(|&node| touched[node] = 1.0);
             }
-            let touched = partition.sum_at_nodes(&touched)?;
+            let touched = sums(&touched)?;
             Ok(nodes.filter(|&node| touched[node] > 0.0).collect())
         }
         Region::At(at) => nodes_at(mesh, *at, comm, key),
         Region::Point(name) => {
             let mut named = vec![0.0; mesh.nodes.len()];
             nodes_of_point(mesh, name, comm, key)?.into_iter().for_each(|node| named[node] = 1.0);
-            let named = partition.sum_at_nodes(&named)?;
+            let named = sums(&named)?;
             Ok(nodes.filter(|&node| named[node] > 0.0).collect())
         }
         Region::Line([from, to]) => {

@@ -315,7 +315,7 @@ impl Reference {
         };
         let spacing = 1e-8 * size(0).max(size(1)).max(f64::MIN_POSITIVE);
         let mut places = HashMap::new();
-        for site in &model.sites {
+        for site in model.sites.iter().filter(|site| !site.is_tip) {
             let dof = places.entry(place(spacing, site.at)).or_insert(Some(site.dof));
             *dof = dof.filter(|dof| *dof == site.dof);
         }
@@ -332,7 +332,7 @@ impl Reference {
             let missing = || Error::Mesh(format!("the reference has no free node at ({x}, {y})"));
             Ok(near.ok_or_else(missing)?.map(|dof| (site.dof, dof)))
         };
-        sites.iter().map(pair).filter_map(Result::transpose).collect()
+        sites.iter().filter(|site| !site.is_tip).map(pair).filter_map(Result::transpose).collect()
     }
 }
 

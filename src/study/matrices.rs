@@ -23,10 +23,10 @@ pub fn matrices_are_of(scene: &Scene, folder: &Path) -> bool {
 /// The files are `K.mtx M_r.mtx M.mtx B.mtx C.mtx G.mtx F.mtx`, `nodes.csv`, `cells.csv` and
 /// `scene.toml`; the folder is created if necessary. The dofs are those before supports, three per
 /// node: rows 3 n + 1 to 3 n + 3 of K are w, w_x, w_y of node n, which counts from 0 as in
-/// `nodes.csv`; the gaps of balls come last. G has one row per free deflection that an obstacle
-/// bounds (per free deflection if there is no obstacle), B one row per cell, mass and ball. F is
-/// the load of `initial.static_pressure` or, where that is 0, the constant part of `[load]`. All
-/// quantities are in SI units.
+/// `nodes.csv`; the gaps of balls and the tips of compliant stops come last. G has one row per free
+/// deflection or tip that an obstacle bounds (per free deflection if there is no obstacle), B one
+/// row per cell, mass and ball. F is the load of `initial.static_pressure` or, where that is 0, the
+/// constant part of `[load]`. All quantities are in SI units.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`] for a mesh that cannot carry the elements, and [`Error::Io`] for a file

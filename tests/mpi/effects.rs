@@ -293,3 +293,34 @@ fn impulses_of_contacts() {
         }
     }
 }
+
+/// Compliant stops on a line, over an area and at a point, with damping, a compliant ball, and
+/// supports that move; on the triangles of one rank, two and three.
+#[test]
+fn rattling_on_compliant_stops() {
+    let scene = format!(
+        r#"
+            {PAPER_PLATE}
+            mesh = {{ element = "hct", cells = [10, 4] }}
+            support = [{{ edge = "left", kind = "clamped", motion = "2e-3*sin(2*pi*5.5*t)" }}]
+            obstacle = [
+                {{ side = "below", height = -0.0015, where = "x > 0.6", stiffness = 1e8, damping = 1e3 }},
+                {{ side = "above", height = 0.002, line = [[1.2, 0], [1.2, 0.4]], stiffness = 1e6 }},
+                {{ side = "below", height = "-0.001 - 0.001*t", at = [1.2, 0.4], stiffness = 1e5, damping = 10 }},
+                {{ side = "below", height = -0.01 }},
+            ]
+            ball = [{{ at = [0.55, 0.21], mass = 0.2, height = 1e-4, stiffness = 1e6 }}]
+            load = {{ gravity = 0.1 }}
+            damping = {{ mass = 0.5, stiffness = 1e-5 }}
+            time = {{ scheme = "newmark", mass = "singular", step = 1e-4, end = 0.05 }}
+            output = {{ probes = [{{ name = "tip", at = [1.2, 0.2] }}, {{ name = "ball", ball = 0 }}] }}
+        "#
+    );
+    agree("stops", &scene, true);
+    let folder = folder("stops", &scene);
+    let (two, three) = (rows(&folder, 2), rows(&folder, 3));
+    for (a, b) in two.iter().zip(&three) {
+        assert_eq!(a[6], b[6], "nodes in contact");
+        (10..12).for_each(|k| assert!((a[k] - b[k]).abs() <= 1e-11, "t = {}: {:e}, {:e}", a[1], a[k], b[k]));
+    }
+}

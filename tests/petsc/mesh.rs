@@ -50,7 +50,7 @@ fn parts(name: &str) -> Result<()> {
     let (triangles, quadrilaterals) = (counted("triangles"), counted("quadrilaterals"));
     for refinements in [0, 2] {
         let read = || Mesh::load_gmsh(path(&format!("{name}_41_binary.msh")));
-        let Part { mesh, owns, .. } = Part::of_mesh(&context, read, refinements, &on_edges(&[]), &[])?;
+        let Part { mesh, owns, .. } = Part::of_mesh(&context, read, refinements, &on_edges(&[]), &[], None)?;
         mesh.check()?;
         let mine = mesh.cells.iter().filter(|cell| matches!(cell, Cell::Triangle(_))).count();
         assert_eq!(context.comm().all_reduce_sum(mine), triangles << (2 * refinements));
@@ -107,7 +107,7 @@ fn every_node_and_edge_has_one_owner(arguments: &[String]) -> Result<()> {
         mesh.points.insert("each".into(), (0..mesh.nodes.len()).collect());
         Ok(mesh)
     };
-    let part = Part::of_mesh(&context, read, 0, &on_edges(&[]), &[])?;
+    let part = Part::of_mesh(&context, read, 0, &on_edges(&[]), &[], None)?;
     let Part { mesh, owns, .. } = part;
     let (nodes, cells) = (square().nodes, context.comm().all_reduce_sum(mesh.cells.len()));
     assert_eq!(context.comm().all_reduce_sum(mesh.edges["each"].len()), nodes.len() + cells - 1);
@@ -141,7 +141,7 @@ impl Both {
         refinements: u32,
         supports: &[(&str, Support)],
     ) -> Result<Both> {
-        let part = Part::of_mesh(context, || Ok(mesh.clone()), refinements, &on_edges(supports), &[])?;
+        let part = Part::of_mesh(context, || Ok(mesh.clone()), refinements, &on_edges(supports), &[], None)?;
         let native =
             Matrices::new((0..refinements).fold(mesh, |mesh, _| mesh.refine()), unit_plate(0.3), supports);
         let engine = Distributed::new(&part)?;
@@ -287,7 +287,7 @@ fn error_of(
     read: impl FnOnce() -> Result<Mesh>,
     supports: &[(&str, Support)],
 ) -> Error {
-    let error = Part::of_mesh(context, read, 1, &on_edges(supports), &[]).err().expect("an error");
+    let error = Part::of_mesh(context, read, 1, &on_edges(supports), &[], None).err().expect("an error");
     let words = error.to_string();
     let all = context.comm().all_gather(words.as_bytes());
     assert_eq!(String::from_utf8(all).unwrap(), words.repeat(context.size()));
@@ -303,7 +303,7 @@ fn an_error_of_rank_0_is_that_of_all(arguments: &[String]) -> Result<()> {
         assert_eq!((error.to_string(), error.exit_code()), (read().unwrap_err().to_string(), code));
     }
     // The ranks can continue after the error.
-    Part::of_mesh(&context, || Ok(square()), 0, &on_edges(&[]), &[]).map(drop)
+    Part::of_mesh(&context, || Ok(square()), 0, &on_edges(&[]), &[], None).map(drop)
 }
 
 fn an_error_of_some_rank_is_that_of_all(arguments: &[String]) -> Result<()> {

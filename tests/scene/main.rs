@@ -14,4 +14,5 @@ mod motion;
 mod patches;
 mod points;
 mod reading;
+mod stops;
 mod supports;

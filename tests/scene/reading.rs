@@ -171,7 +171,10 @@ fn every_key_is_read() {
     assert_eq!((scene.mesh.cells, scene.mesh.refine), ([10, 4], 2));
     assert_eq!(scene.supports[1], support("top", SupportKind::SimplySupported));
     let height = FieldInput::constant("obstacle.0.height", -0.1);
-    assert_eq!(scene.obstacles[0], Obstacle { side: Side::Below, height, region: Region::All });
+    assert_eq!(
+        scene.obstacles[0],
+        Obstacle { side: Side::Below, height, region: Region::All, compliance: None }
+    );
     assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);
     assert_eq!(scene.time.steps(), 100_000);

@@ -17,4 +17,5 @@ mod modal_limits;
 mod moving;
 mod period_three_bar;
 mod splitting;
+mod stops;
 mod work;

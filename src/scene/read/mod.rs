@@ -4,7 +4,7 @@
 mod initial;
 mod loads;
 mod mesh;
-mod obstacles;
+pub(super) mod obstacles;
 mod output;
 mod plate;
 pub(super) mod quantities;

@@ -1,25 +1,30 @@
 //! Tables `[[obstacle]]`: heights, and the regions that can touch them.
 
-use super::quantities::HEIGHT;
+use super::quantities::{AREA_DAMPING, AREA_STOP, HEIGHT, LINE_DAMPING, LINE_STOP, POINT_DAMPING, SPRING};
 use super::region;
 use crate::error::Result;
 use crate::field::Names;
 use crate::scene::document::Document;
-use crate::scene::{Obstacle, Region, Side};
+use crate::scene::typed::Quantity;
+use crate::scene::{Compliance, Obstacle, Region, Side};
 
 pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
     let mut obstacles: Vec<Obstacle> = Vec::new();
     for index in 0..doc.entries("obstacle", "expected tables [[obstacle]] with side and height")? {
         let table = format!("obstacle.{index}");
-        doc.allow(&table, &["side", "height", "where", "group", "at", "point", "line"])?;
+        let keys = ["side", "height", "where", "group", "at", "point", "line", "stiffness", "damping"];
+        doc.allow(&table, &keys)?;
         let (side, height) = (format!("{table}.side"), format!("{table}.height"));
+        let region = region::read(doc, &table, &keys[2..7])?;
         let obstacle = Obstacle {
             side: doc.choice(&side)?,
             height: doc.needed(&height, &HEIGHT, Names::XYT)?,
-            region: region::read(doc, &table, &["where", "group", "at", "point", "line"])?,
+            compliance: compliance(doc, &table, units(&region))?,
+            region,
         };
-        let same = |other: &&Obstacle| other.side == obstacle.side && other.region == Region::All;
-        if obstacle.region == Region::All
+        let is_rigid = |of: &Obstacle| of.region == Region::All && of.compliance.is_none();
+        let same = |other: &&Obstacle| other.side == obstacle.side && is_rigid(other);
+        if is_rigid(&obstacle)
             && let Some(first) = obstacles.iter().position(|other| same(&other))
         {
             let wrong = format!("obstacle.{first} already lies on this side of the whole plate");
@@ -38,9 +43,34 @@ pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
+/// Returns the quantities of stiffness and damping of a stop opposite to a region.
+fn units(region: &Region) -> [&'static Quantity; 2] {
+    match region {
+        Region::At(_) | Region::Point(_) => [&SPRING, &POINT_DAMPING],
+        Region::Line(_) => [&LINE_STOP, &LINE_DAMPING],
+        Region::All | Region::Where(_) | Region::Group(_) => [&AREA_STOP, &AREA_DAMPING],
+    }
+}
+
+/// Reads stiffness and damping of a stop; `None` without stiffness, for a rigid one.
+pub(in crate::scene) fn compliance(
+    doc: &Document,
+    table: &str,
+    [of_stiffness, of_damping]: [&Quantity; 2],
+) -> Result<Option<Compliance>> {
+    let (stiffness, damping) = (format!("{table}.stiffness"), format!("{table}.damping"));
+    let Some(value) = doc.optional_number(&stiffness, of_stiffness)? else {
+        doc.forbid(&damping, format!("has no use without {stiffness}; expected a stiffness beside it"))?;
+        return Ok(None);
+    };
+    let damping = doc.optional_number(&damping, of_damping)?.unwrap_or(0.0);
+    Ok(Some(Compliance { stiffness: value, damping }))
+}
+
 /// Returns the heights of two planes on opposite sides that leave no room for the plate.
 fn no_room(one: &Obstacle, other: &Obstacle) -> Option<[f64; 2]> {
-    let all = one.region == Region::All && other.region == Region::All;
+    let is_plane = |of: &Obstacle| of.region == Region::All && of.compliance.is_none();
+    let all = is_plane(one) && is_plane(other);
     let heights = [one.height.number()?, other.height.number()?];
     let crossed = match one.side {
         Side::Below => heights[0] > heights[1],

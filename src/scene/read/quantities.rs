@@ -22,6 +22,11 @@ pub(in crate::scene) const EDGE_SPRING: Quantity = Quantity::new("a stiffness in
 pub(in crate::scene) const EDGE_ROTATION: Quantity =
     Quantity::new("a stiffness against rotation in N m/rad/m", Range::NOT_NEGATIVE);
 pub(in crate::scene) const FOUNDATION: Quantity = Quantity::new("a stiffness in N/m3", Range::NOT_NEGATIVE);
+pub(in crate::scene) const LINE_STOP: Quantity = Quantity::new("a stiffness in N/m2", Range::POSITIVE);
+pub(in crate::scene) const AREA_STOP: Quantity = Quantity::new("a stiffness in N/m3", Range::POSITIVE);
+pub(in crate::scene) const POINT_DAMPING: Quantity = Quantity::new("a damping in N s/m", Range::NOT_NEGATIVE);
+pub(in crate::scene) const LINE_DAMPING: Quantity = Quantity::new("a damping in N s/m2", Range::NOT_NEGATIVE);
+pub(in crate::scene) const AREA_DAMPING: Quantity = Quantity::new("a damping in N s/m3", Range::NOT_NEGATIVE);
 pub(in crate::scene) const MASS_DAMPING: Quantity = Quantity::new("a rate in 1/s", Range::NOT_NEGATIVE);
 pub(in crate::scene) const STIFFNESS_DAMPING: Quantity = Quantity::new("a time in s", Range::NOT_NEGATIVE);
 pub(in crate::scene) const RATIO: Quantity = Quantity::new("a damping ratio", Range::NOT_NEGATIVE);

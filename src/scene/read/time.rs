@@ -1,6 +1,6 @@
 //! Table `[time]`: scheme, mass matrix, step and end.
 
-use super::quantities::{BETA, END, FREQUENCY, RESTITUTION, STEP, STIFFNESS_DAMPING};
+use super::quantities::{BETA, END, FREQUENCY, POINT_DAMPING, RESTITUTION, STEP, STIFFNESS_DAMPING};
 use crate::error::Result;
 use crate::modes::ModeRange;
 use crate::scene::document::{Document, spell};
@@ -123,11 +123,15 @@ fn scheme(doc: &Document) -> Result<SchemeSpec> {
 fn massless(doc: &Document) -> Result<Massless> {
     let mass: Mass = doc.choice("time.mass")?;
     let damped = doc.optional_number("damping.stiffness", &STIFFNESS_DAMPING)?.is_some_and(|beta| beta > 0.0);
-    let own = if damped { Massless::Reflected } else { mass.massless() };
+    let has_dashpots = has_dashpots(doc, "obstacle")? || has_dashpots(doc, "ball")?;
+    let own = if damped || has_dashpots { Massless::Reflected } else { mass.massless() };
     let massless = doc.optional_choice("time.massless")?.unwrap_or(own);
     if (own, massless) == (Massless::Reflected, Massless::Equilibrium) {
         let why = match mass {
             Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
+            Mass::Singular | Mass::Modal if has_dashpots => {
+                "the damping of a stop, under which the massless part is in no equilibrium"
+            }
             Mass::Singular | Mass::Modal => {
                 "damping.stiffness, under which the massless part is in no equilibrium"
             }
@@ -136,4 +140,14 @@ fn massless(doc: &Document) -> Result<Massless> {
         return Err(doc.fault("time.massless", wrong));
     }
     Ok(massless)
+}
+
+/// Returns whether a table `[[name]]` has a stop with damping.
+fn has_dashpots(doc: &Document, name: &str) -> Result<bool> {
+    let mut is_any = false;
+    for number in 0..doc.entries(name, &format!("expected tables [[{name}]]"))? {
+        let damping = doc.optional_number(&format!("{name}.{number}.damping"), &POINT_DAMPING)?;
+        is_any |= damping.is_some_and(|damping| damping > 0.0);
+    }
+    Ok(is_any)
 }

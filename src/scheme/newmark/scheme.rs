@@ -52,7 +52,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
             elastic: 0.0,
             v0: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
             instants: CentralInstants::new(system, parameters)?,
-            product: if system.damping.is_none() { Vec::new() } else { vec![0.0; dofs] },
+            product: if system.is_damped() { vec![0.0; dofs] } else { Vec::new() },
         };
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;

@@ -5,6 +5,7 @@ use super::elastic_edges::ElasticEdges;
 use super::ground::{BuildContext, PointEvaluation};
 use super::lumps::{AttachedBall, LumpedMass};
 use super::parts;
+use super::stop_springs::StopSprings;
 use crate::assembly::{self, CellArrays, Probe};
 use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Rigid};
@@ -28,6 +29,8 @@ pub(super) struct Attached<'s> {
     /// dofs.
     masses: Vec<LumpedMass>,
     pub balls: Vec<AttachedBall<'s>>,
+    /// Springs between the tips of compliant stops and their nodes.
+    pub stops: StopSprings,
     /// First class number that is not used by the cells of a matrix.
     first_class: usize,
 }
@@ -55,12 +58,13 @@ impl<'s> Attached<'s> {
                     of_shape: spot.of_shape.clone(),
                 };
                 masses.push(LumpedMass { amount, at, spot: rides });
-                balls.push(AttachedBall { number, ball, spot, gap });
+                balls.push(AttachedBall { number, ball, spot, gap, tip: ground.ball_tip(number) });
             }
         }
         let first_class = BARE + 3 * ground.cells.len();
         let (foundations, edges) = (foundations(ground)?, ElasticEdges::new(ground)?);
-        Ok(Attached { foundations, edges, springs, masses, balls, first_class })
+        let stops = StopSprings::new(ground, &balls, first_class + springs.len() + balls.len());
+        Ok(Attached { foundations, edges, springs, masses, balls, stops, first_class })
     }
 
     /// Returns an error where the mesh has several parts and one of them is not held by itself.
@@ -75,11 +79,12 @@ impl<'s> Attached<'s> {
         self.foundations.iter().chain(&self.edges.blocks)
     }
 
-    /// Returns K of plate, foundations, elastic edges and springs.
+    /// Returns K of plate, foundations, elastic edges, springs and stops.
     pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::stiffness(cells);
         blocks.extend(self.beds().map(|(_, block)| block.clone()));
         blocks.extend(self.forms(&self.springs));
+        blocks.extend(self.stops.stiffness());
         blocks
     }
 

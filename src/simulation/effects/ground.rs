@@ -9,6 +9,7 @@ use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Scene};
 use crate::simulation::refinement::seen;
+use crate::simulation::stops::Stop;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
 /// of the engine.
@@ -18,10 +19,12 @@ pub(in crate::simulation) struct BuildContext<'g, P: Partition> {
     pub mesh: &'g Mesh,
     /// Constraints of the supports at the nodes.
     pub holds: &'g [NodeConstraint],
-    /// Dofs of this part of the mesh, and the gaps of balls.
+    /// Dofs of this part of the mesh, the gaps of balls and the tips of compliant stops.
     pub space: &'g DofMap,
-    /// Dof of each ball's gap, on the process that owns it.
+    /// Dof of each ball's gap, then of the tip of each compliant ball, on the process that owns it.
     pub gaps: &'g [Option<usize>],
+    /// Tips of compliant stops, in the order of the tips of `space`.
+    pub stops: &'g [Stop],
     pub cells: &'g [CellArrays],
 }
 
@@ -89,6 +92,18 @@ impl<P: Partition> BuildContext<'_, P> {
             shape.extend(given.gradient(node)?);
         }
         Ok(shape)
+    }
+
+    /// Returns the tips of compliant stops with their dofs.
+    pub(in crate::simulation) fn tips(&self) -> impl Iterator<Item = (&Stop, usize)> {
+        self.stops.iter().zip(self.space.tips()).map(|(stop, (dof, _))| (stop, *dof))
+    }
+
+    /// Returns the dof of the tip of a ball, if it is compliant, on the process that owns it.
+    pub(in crate::simulation) fn ball_tip(&self, number: usize) -> Option<usize> {
+        let attachments = &self.scene.attachments;
+        let place = attachments.compliant_balls().position(|ball| ball == number)?;
+        self.gaps[attachments.balls.len() + place]
     }
 
     /// Converts values over the local dofs to those over the engine's dofs that this process owns.

@@ -13,36 +13,50 @@ use crate::scene::{self, FieldInput, Side};
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::nodes_in;
 
-/// Returns the nodes of this process that each obstacle bounds. Collective.
+/// Returns the engine's dofs that each obstacle bounds, on the process that owns them: deflections
+/// of nodes, or the tips of a compliant stop. Collective.
 pub(super) fn opposite<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<Vec<usize>>> {
-    let nodes = |(number, obstacle): (usize, &scene::Obstacle)| {
-        nodes_in(&obstacle.region, ground.mesh, ground.partition, &format!("obstacle.{number}"))
+    let mut tips = vec![Vec::new(); ground.scene.obstacles.len()];
+    for (stop, dof) in ground.tips() {
+        tips[stop.obstacle].extend(ground.partition.own_dof(dof));
+    }
+    let deflection = |node: usize| ground.partition.own_dof(ground.space.deflection(node)?);
+    let dofs = |(number, obstacle): (usize, &scene::Obstacle)| {
+        if obstacle.compliance.is_some() {
+            return Ok(std::mem::take(&mut tips[number]));
+        }
+        let key = format!("obstacle.{number}");
+        let nodes = nodes_in(&obstacle.region, ground.mesh, ground.partition, &key)?;
+        Ok(nodes.into_iter().filter_map(deflection).collect())
     };
-    ground.scene.obstacles.iter().enumerate().map(nodes).collect()
+    ground.scene.obstacles.iter().enumerate().map(dofs).collect()
 }
 
-/// Returns the engine's deflections, first the bounded ones in ascending order of dofs, then the
-/// others; and the number of bounded ones. The gap of ball k counts as the deflection of a node k
-/// places past the mesh's last.
+/// Returns the engine's deflections and the tips of compliant stops, first the bounded ones in
+/// ascending order of dofs, then the others; and the number of bounded ones. The gap of ball k, or
+/// its tip, counts as the deflection of a node k places past the mesh's last.
 pub(super) fn sites<P: Partition>(
     ground: &BuildContext<P>,
     opposite: &[Vec<usize>],
     balls: &[AttachedBall],
 ) -> (Vec<DeflectionDof>, usize) {
-    let mesh = ground.mesh;
-    let mut is_free = vec![true; mesh.nodes.len()];
-    opposite.iter().flatten().for_each(|&node| is_free[node] = false);
-    let site = |node: usize| {
-        let dof = ground.partition.own_dof(ground.space.deflection(node)?)?;
-        Some((is_free[node], DeflectionDof { dof, node, at: mesh.nodes[node].into() }))
+    let BuildContext { mesh, space, partition, .. } = ground;
+    let mut bounded: Vec<usize> = opposite.iter().flatten().copied().collect();
+    let bounded_dof = |ball: &AttachedBall| ball.tip.unwrap_or(ball.gap);
+    bounded.extend(balls.iter().filter_map(|ball| partition.own_dof(bounded_dof(ball))));
+    bounded.sort_unstable();
+    let site = |dof: usize, node: usize, at: [f64; 2], is_tip: bool| {
+        let dof = partition.own_dof(dof)?;
+        Some((bounded.binary_search(&dof).is_err(), DeflectionDof { dof, node, at, is_tip }))
     };
-    let mut sites: Vec<(bool, DeflectionDof)> = (0..mesh.nodes.len()).filter_map(site).collect();
-    for AttachedBall { number, ball, gap, .. } in balls {
-        let node = mesh.nodes.len() + number;
-        sites.extend(
-            ground.partition.own_dof(*gap).map(|dof| (false, DeflectionDof { dof, node, at: ball.at })),
-        );
-    }
+    let nodes = (0..mesh.nodes.len()).filter_map(|node| Some((space.deflection(node)?, node)));
+    let nodes = nodes.filter_map(|(dof, node)| site(dof, node, mesh.nodes[node].into(), false));
+    let gaps = balls
+        .iter()
+        .filter_map(|ball| site(bounded_dof(ball), mesh.nodes.len() + ball.number, ball.ball.at, false));
+    let tips = space.tips().iter();
+    let tips = tips.filter_map(|&(dof, node)| site(dof, node, mesh.nodes[node].into(), true));
+    let mut sites: Vec<(bool, DeflectionDof)> = nodes.chain(gaps).chain(tips).collect();
     sites.sort_by_key(|(is_free, site)| (*is_free, site.dof));
     let bounded = sites.iter().filter(|(is_free, _)| !is_free).count();
     (sites.into_iter().map(|(_, site)| site).collect(), bounded)
@@ -84,10 +98,9 @@ impl<C: Communicator> Heights<C> {
         let falls =
             scene.attachments.balls.iter().map(|ball| ball.height.abs().max(scene.plate.plate.thickness));
         still.size = falls.fold(0.0, f64::max);
-        let mut bound_of = vec![None; nodes];
         for (bound, site) in bounded.iter().enumerate() {
             match site.node.checked_sub(nodes).map(|ball| scene.attachments.balls[ball].side) {
-                None => bound_of[site.node] = Some(bound),
+                None => {}
                 Some(Side::Above) => still.lower[bound] = 0.0,
                 Some(Side::Below) => still.upper[bound] = 0.0,
             }
@@ -95,7 +108,8 @@ impl<C: Communicator> Heights<C> {
         let mut moving = Vec::new();
         let mut found = Ok(());
         for (obstacle, opposite) in scene.obstacles.iter().zip(opposite) {
-            let bounds: Vec<usize> = opposite.iter().filter_map(|&node| bound_of[node]).collect();
+            let bound_of = |dof: &usize| bounded.binary_search_by_key(dof, |site| site.dof).ok();
+            let bounds: Vec<usize> = opposite.iter().filter_map(bound_of).collect();
             let points = bounds.iter().map(|&bound| bounded[bound].at.into()).collect();
             let opposite = Opposite { side: obstacle.side, height: obstacle.height.clone(), bounds, points };
             if obstacle.height.changes() {

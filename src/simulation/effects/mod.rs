@@ -19,6 +19,7 @@ mod of_cells;
 mod parts;
 mod start;
 mod statics;
+mod stop_springs;
 mod units;
 
 pub(super) use ground::BuildContext;
@@ -163,6 +164,9 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         bound_numbers: None,
         drive: TimeDependence::default(),
     };
+
+    let dashpots = attached.stops.dashpots(damping.stiffness, ground.comm());
+    system.drive.dashpots = dashpots.map(|dashpots| system.engine.native().form(dashpots));
 
     let statics = Statics { ground, attached: &attached, mechanism };
     let lifts = motion::lifts(&system, &statics)?;

@@ -12,6 +12,7 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, axpy};
 use crate::mesh::Point;
+use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scheme::{Start, System};
 use crate::simulation::DofCoordinates;
@@ -40,8 +41,8 @@ impl<P: Partition> Statics<'_, P> {
             loads.add(0.0, &mut load)?;
         }
         self.lift_balls(&mut load)?;
-        let gaps: Vec<usize> =
-            self.attached.balls.iter().filter_map(|ball| partition.own_dof(ball.gap)).collect();
+        let of_balls = self.attached.balls.iter().flat_map(|ball| ball.tip.into_iter().chain([ball.gap]));
+        let gaps: Vec<usize> = of_balls.filter_map(|dof| partition.own_dof(dof)).collect();
         let mut bounds = system.bounds.clone();
         for (i, dof) in bounds.dofs.iter().enumerate() {
             if gaps.contains(dof) {
@@ -111,7 +112,7 @@ pub(super) fn start<E: OfCells, P: Partition>(
         ground.owned(&space.interpolate(&comm.all_ok(shape)?), engine.dofs())
     };
     let (u, v) = (engine.to_local(&displacement)?, engine.to_local(&velocity)?);
-    for AttachedBall { ball, spot, gap, .. } in &attached.balls {
+    for AttachedBall { ball, spot, gap, tip, .. } in &attached.balls {
         let Some(dof) = ground.partition.own_dof(*gap) else { continue };
         displacement[dof] = ball.height - spot.free.deflection(&u);
         velocity[dof] = ball.velocity - spot.free.deflection(&v);
@@ -120,6 +121,14 @@ pub(super) fn start<E: OfCells, P: Partition>(
             displacement[dof] -= lift * motion.at(Point::origin(), 0.0)?;
             velocity[dof] -= lift * rate;
         }
+        if let Some(tip) = tip.and_then(|tip| ground.partition.own_dof(tip)) {
+            (displacement[tip], velocity[tip]) = (displacement[dof], velocity[dof]);
+        }
+    }
+    if scene.initial.from.is_none() {
+        let tips = ground.tips().map(|(_, tip)| tip).chain(attached.balls.iter().filter_map(|ball| ball.tip));
+        let tips = tips.filter_map(|tip| ground.partition.own_dof(tip));
+        compress(tips, &system.bounds, &mut displacement, &mut velocity);
     }
     let violation = comm.all_reduce_max(system.bounds.violation(&displacement));
     let largest = displacement.iter().fold(system.bounds.magnitude(), |m, u| m.max(u.abs()));
@@ -129,6 +138,21 @@ pub(super) fn start<E: OfCells, P: Partition>(
         )));
     }
     Ok((Start { displacement, velocity }, doubt))
+}
+
+/// Holds the tips of compliant stops back at their obstacles where the plate starts beyond them.
+fn compress(
+    tips: impl Iterator<Item = usize>,
+    bounds: &Bounds,
+    displacement: &mut [f64],
+    velocity: &mut [f64],
+) {
+    for (dof, bound) in tips.filter_map(|dof| Some((dof, bounds.dofs.binary_search(&dof).ok()?))) {
+        let within = displacement[dof].max(bounds.lower[bound]).min(bounds.upper[bound]);
+        if within != displacement[dof] {
+            (displacement[dof], velocity[dof]) = (within, 0.0);
+        }
+    }
 }
 
 /// Returns the initial deflection if the supports allow it.
