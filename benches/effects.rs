@@ -24,7 +24,7 @@ const WATCH: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(2)];
 const NOTHING: f64 = 0.02;
 
 /// Name of a scene, its content, and whether its effects are absent.
-const SCENES: [(&str, &str, bool); 12] = [
+const SCENES: [(&str, &str, bool); 14] = [
     ("bare", "", true),
     ("bare, again", "", true),
     ("no load", "load = { pressure = 0, gravity = 0 }", true),
@@ -37,6 +37,16 @@ const SCENES: [(&str, &str, bool); 12] = [
     ("obstacle out of reach", "obstacle = [{ side = \"below\", height = -1e3 }]", false),
     ("stop out of reach", "obstacle = [{ side = \"below\", height = -1e3, at = [1.2, 0] }]", false),
     ("contact", "obstacle = [{ side = \"below\", height = -0.2 }]\nload.pressure = -14600", false),
+    (
+        "compliant stops out of reach",
+        "obstacle = [{ side = \"below\", height = -1e3, stiffness = 1e8 }]",
+        false,
+    ),
+    (
+        "contact with compliant stops",
+        "obstacle = [{ side = \"below\", height = -0.2, stiffness = 1e8 }]\nload.pressure = -14600",
+        false,
+    ),
 ];
 
 fn scene(mesh: &str, more: &str) -> Scene {

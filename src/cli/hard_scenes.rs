@@ -14,6 +14,7 @@ macro_rules! files {
 
 files![
     "all-in-contact.toml",
+    "beds-of-stops.toml",
     "caps.msh",
     "caps.toml",
     "chatter.toml",
@@ -56,6 +57,7 @@ files![
     "tight-gap.toml",
     "turned.msh",
     "turned.toml",
+    "unequal-stops.toml",
     "wedge.toml",
 ];
 

@@ -143,9 +143,11 @@ fn every_scene_is_told_and_pinned() {
         "plywood",
         "rattle",
         "reed",
+        "snubber",
         "stack",
         "strip",
         "struck",
+        "switch",
         "vibrating",
     ];
     let mut found = Vec::new();
@@ -277,6 +279,47 @@ fn a_machine_on_springs_meets_its_stops_as_a_rigid_body() {
     assert!(run.summary["contact_steps"].as_u64().unwrap() > 100);
     let most = run.column("elastic").into_iter().fold(0.0, f64::max);
     assert!(run.column("energy").into_iter().all(|energy| energy.abs() < 1e-9 * most));
+}
+
+/// One mass between springs, and a stop on spring and dashpot that never pulls, by Euler's
+/// semi-implicit steps.
+#[test]
+fn snubbers_catch_an_instrument_as_a_single_mass() {
+    let (mass, spring, stop, damping) = (0.4 * 0.3 * 0.02 * 7800.0, 1.6e5, 4e6, 2e3);
+    let (step, mut x, mut v) = (1e-7_f64, 0.0_f64, -1.5_f64);
+    let (mut deepest, mut most) = (0.0_f64, 0.0_f64);
+    for _ in 0..200_000 {
+        let depth = -8e-3 - x;
+        let force = if depth > 0.0 { (stop * depth - damping * v).max(0.0) } else { 0.0 };
+        v += step * (force - spring * x) / mass;
+        x += step * v;
+        (deepest, most) = (deepest.min(x), most.max(force));
+    }
+    let run = run("snubber", &["time.end=0.02"]);
+    assert_near(run.column("centre").into_iter().fold(0.0, f64::min), deepest, 2e-3);
+    assert_near(run.column("contact_force").into_iter().fold(0.0, f64::max), most, 5e-3);
+    assert_near(run.at(0.02, "centre"), x, 0.01);
+}
+
+/// The tip of the beam meets the contact where its modes say, and rests on it with the force of a
+/// beam on a spring. Bending across the beam, which Poisson's ratio causes, stiffens it by some per
+/// cent.
+#[test]
+fn a_switch_closes_and_makes_contact() {
+    let (length, gap, pressure, thickness) = (200e-6_f64, 1e-6, 3600.0, 3e-6_f64);
+    let beam = Cantilever::new(length, thickness * (80e9_f64 / (12.0 * 19300.0)).sqrt());
+    let tip = beam.tip(1e-10, 100_000, 1e5, [0.0, length], |_| -pressure / (19300.0 * thickness));
+    let [time, velocity] = passes(&tip, 1e-10, |w| w <= -gap);
+    let run = run("switch", &[]);
+    let [found_time, found_velocity] = run.first_impact();
+    assert_near(found_time, time, 0.02);
+    assert_near(found_velocity, velocity, 0.03);
+    let bending = 80e9 * thickness.powi(3) / 12.0;
+    let free = pressure * length.powi(4) / (8.0 * bending);
+    let force = (free - gap) / (length.powi(3) / (3.0 * bending * 40e-6) + 1e-4);
+    assert_near(*run.column("contact_force").last().unwrap(), force, 0.04);
+    let bounces = run.summary["contacts"].as_array().unwrap().len();
+    assert!(bounces > 1, "{bounces} contacts");
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes::{STILL, close, grid, model, read, refusal, run, run_to_end};
+use rebond::Result;
 use rebond::scene::{Compliance, Scene};
+use rebond::simulation::{self, Model, Observer, Row, Snapshot};
 
 fn with(obstacle: &str, rest: &str) -> String {
     [UNIT, &grid("fvs", 4, 4), CLAMPED, &format!("obstacle = [{{ {obstacle} }}]\n"), rest].concat()
@@ -184,4 +186,74 @@ fn a_compliant_ball_bounces() {
     let rows = run(&text(", damping = 50", "scheme = \"newmark\""));
     let last = rows.last().unwrap();
     assert!(last.probes[0] > 0.0 && last.probes[0] < 1.9 * (last.time - contact), "{}", last.probes[0]);
+}
+
+/// The damping of a stop is what its key says, with and without Rayleigh damping of the stiffness,
+/// which multiplies the springs of all stops too.
+#[test]
+fn rayleigh_damping_leaves_the_damping_of_stops_alone() {
+    for beta in [0.0, 1e-3] {
+        let text = with(
+            &format!("{BELOW}, at = [1, 1], stiffness = 2e3, damping = 7"),
+            &format!("damping.stiffness = {beta:?}\n{STILL}"),
+        );
+        let model = model(&text);
+        let tip = model.system.bounds.dofs[0];
+        let mut entry = 0.0;
+        for (factor, form) in
+            [(beta, &model.system.stiffness), (1.0, model.system.drive.dashpots.as_ref().unwrap())]
+        {
+            form.for_each_lower(|row, column, value| {
+                if (row, column) == (tip, tip) {
+                    entry += factor * value;
+                }
+            });
+        }
+        assert!((entry - 7.0).abs() <= 1e-14, "{entry}");
+    }
+}
+
+/// Forces of the rows, and sums of reactions and least gaps of the snapshots.
+#[derive(Default)]
+struct Watched {
+    forces: Vec<f64>,
+    snapshots: Vec<[f64; 2]>,
+}
+
+impl Observer for Watched {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self.forces.push(row.contact_force);
+        Ok(())
+    }
+
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        let reaction = snapshot.reaction.as_ref().unwrap().iter().sum();
+        let gap = snapshot.gap.as_ref().unwrap().iter().fold(f64::INFINITY, |least, gap| gap.min(least));
+        self.snapshots.push([reaction, gap]);
+        Ok(())
+    }
+}
+
+/// Snapshots show the reaction of a stop at its node, and a negative gap where it yields.
+#[test]
+fn snapshots_show_forces_and_depth_of_stops() {
+    let text = [
+        UNIT,
+        &grid("hct", 4, 4),
+        &format!("obstacle = [{{ {BELOW}, at = [1, 1], stiffness = 40 }}, {{ {BELOW}, stiffness = 3 }}]\n"),
+        "initial.velocity = -2\noutput = { every = 1, fields_every = 1 }\n",
+        "time = { scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 0.2 }\n",
+    ]
+    .concat();
+    let scene = read(&text).unwrap();
+    let model = Model::new(&scene).unwrap();
+    let mut watched = Watched::default();
+    simulation::run(&scene, &model, &simulation::condensed, &mut watched).unwrap().1.unwrap();
+    let most = watched.forces.iter().fold(0.0, |most: f64, force| force.max(most));
+    assert!(most > 1.0 && watched.forces.len() == watched.snapshots.len());
+    for (force, [reaction, _]) in watched.forces.iter().zip(&watched.snapshots) {
+        assert!((force - reaction).abs() <= 1e-12 * most, "{force}, {reaction}");
+    }
+    let deepest = watched.snapshots.iter().fold(0.0, |least: f64, [_, gap]| gap.min(least));
+    assert!(deepest < -0.05, "{deepest}");
 }
