@@ -97,6 +97,7 @@ pub mod field;
 pub mod element;
 pub mod mesh;
 pub mod plate;
+pub mod stress;
 pub mod linalg;
 pub mod dof_map;
 pub mod partition;

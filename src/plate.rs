@@ -25,6 +25,8 @@ pub struct Section {
     pub bending: Matrix3<f64>,
     /// Mass per unit area, in kg/m^2.
     pub density: f64,
+    /// Thickness, in m.
+    pub thickness: f64,
 }
 
 /// Sections of a plate, cell by cell.
@@ -32,6 +34,13 @@ pub trait Sections {
     /// Returns the number of a cell's uniform section, which cells of the same number share; `None`
     /// where the section varies inside the cell.
     fn kind(&self, cell: usize) -> Option<usize>;
+
+    /// Returns the number of the part of the plate to which a cell belongs. Thickness and material
+    /// may jump between parts.
+    fn part(&self, cell: usize) -> usize {
+        let _ = cell;
+        0
+    }
 
     /// Returns the section at a point of a cell.
     ///
@@ -125,7 +134,7 @@ impl Plate {
                 turn.tr_mul(&(own * turn))
             }
         };
-        Section { bending, density: self.surface_density() }
+        Section { bending, density: self.surface_density(), thickness: self.thickness }
     }
 }
 

@@ -9,6 +9,7 @@ mod local;
 mod pressure;
 mod probe;
 mod products;
+mod recovery;
 
 pub use edge::{EdgeSprings, edge_springs};
 pub use foundation::foundation;
@@ -16,6 +17,7 @@ pub use local::Local;
 pub use pressure::Pressure;
 pub use probe::Probe;
 pub use products::{consistent_momenta, forces, singular_momenta, squares};
+pub use recovery::{CurvatureRow, Recovery, RecoverySite, sum_over_ranks, vertex_weights};
 
 use crate::dof_map::DofMap;
 use crate::element::adaptive::Triangle;

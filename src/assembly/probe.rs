@@ -1,6 +1,7 @@
 //! Deflection at a point.
 
 use crate::dof_map::{DofMap, PER_NODE};
+use crate::element::BasisFunction;
 use crate::error::{Error, Result};
 use crate::linalg::{ElementMatrix, SingularMassCell};
 use crate::mesh::{Mesh, Point};
@@ -31,13 +32,27 @@ impl Probe {
     /// # Errors
     /// Returns the errors of [`Probe::new`].
     pub fn of_shape(mesh: &Mesh, point: Point) -> Result<Probe> {
+        Probe::of_derivative(mesh, point, |of| of.value)
+    }
+
+    /// Creates a linear function of the deflection and its derivatives at a point of the mesh over
+    /// all deflections and slopes, given by its values for the basis functions.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Probe::new`].
+    pub fn of_derivative(mesh: &Mesh, point: Point, of: impl Fn(&BasisFunction) -> f64) -> Result<Probe> {
         let outside = || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
         let cell = mesh.locate(point).ok_or_else(outside)?;
-        let values: Vec<f64> = mesh.element(cell)?.basis_at(point).iter().map(|of| of.value).collect();
+        let values: Vec<f64> = mesh.element(cell)?.basis_at(point).iter().map(of).collect();
         let zero = ROUNDING * values.iter().fold(0.0, |m: f64, value| m.max(value.abs()));
         let nodes = mesh.cells[cell].nodes();
         let dofs = nodes.iter().flat_map(|node| (0..PER_NODE).map(move |k| PER_NODE * node + k));
         Ok(Probe { weights: dofs.zip(values).filter(|(_, value)| value.abs() > zero).collect() })
+    }
+
+    /// Creates a sum over dofs with weights, each dof at most once.
+    pub fn from_terms(weights: Vec<(usize, f64)>) -> Probe {
+        Probe { weights }
     }
 
     /// Restricts a probe over all dofs of the mesh to the free dofs of a space.

@@ -10,9 +10,9 @@ use crate::output::contacts::{self, Contacts};
 use crate::output::events::{self, Events};
 use crate::output::history::History;
 use crate::output::progress::{Progress, State};
-use crate::output::vtu::{self, Series};
-use crate::output::{plot, remove, summary, sweep, write_atomic};
-use crate::simulation::{Contact, NodeEvent, Observer, Row, RunState, Snapshot};
+use crate::output::vtu::{self, Contents, Series};
+use crate::output::{extremes, plot, remove, summary, sweep, write_atomic};
+use crate::simulation::{Contact, Envelope, NodeEvent, Observer, Row, RunState, Snapshot};
 
 /// Observer that writes a run's rows, contacts and checkpoints and reports progress to the
 /// terminal. Of several ranks only one writes these; each writes its own fields.
@@ -114,6 +114,8 @@ impl<'r> Recorder<'r> {
     pub fn prepare(&mut self, from: Option<&Checkpoint>) -> Result<()> {
         let Job { scene, folder, .. } = self.job;
         sweep(folder)?;
+        // The envelope of a former end is not that of the new one.
+        extremes::clear(folder)?;
         self.files = Some(match from {
             None => Files::create(self.job)?,
             Some(from) => Files::resume(self.job, from)?,
@@ -151,8 +153,15 @@ impl Observer for Recorder<'_> {
     }
 
     fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
-        let has_obstacles = self.job.scene.has_contact();
-        if self.files.is_some() { self.fields.index(step, time, has_obstacles) } else { Ok(()) }
+        let scene = &self.job.scene;
+        let stresses = scene.output.fields.is_some_and(|fields| fields.stresses);
+        let contents = Contents { obstacles: scene.has_contact(), stresses };
+        if self.files.is_some() { self.fields.index(step, time, contents) } else { Ok(()) }
+    }
+
+    fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
+        let Job { scene, folder, .. } = self.job;
+        extremes::write(folder, envelope, scene.time.end, self.fields.place())
     }
 
     fn event(&mut self, event: &NodeEvent) -> Result<()> {

@@ -5,7 +5,7 @@
 //! without a lock only marks a run that was interrupted there.
 
 use super::checkpoint::{self, Identity};
-use super::{contacts, events, history, plot, summary, vtu};
+use super::{contacts, events, extremes, history, plot, summary, vtu};
 use crate::error::{Error, Result};
 use crate::motion;
 use serde::{Deserialize, Serialize};
@@ -21,13 +21,15 @@ use std::time::Duration;
 const LOCK: &str = ".lock";
 
 /// Names of files and folders that runs and plots write, except checkpoints.
-const RESULTS: [&str; 9] = [
+const RESULTS: [&str; 11] = [
     history::FILE,
     checkpoint::STATE,
     motion::FILE,
     contacts::FILE,
     events::FILE,
     summary::FILE,
+    extremes::FILE,
+    extremes::PARALLEL,
     vtu::FILE,
     vtu::FOLDER,
     plot::FOLDER,

@@ -19,6 +19,7 @@ pub mod checkpoint;
 pub mod claim;
 pub mod contacts;
 pub mod events;
+pub mod extremes;
 pub mod history;
 pub mod kept_modes;
 pub mod matrix_market;
@@ -27,6 +28,7 @@ pub mod progress;
 pub mod summary;
 pub mod text;
 pub mod vtu;
+mod vtk_xml;
 
 use crate::error::{Error, Result};
 use std::ffi::OsString;

@@ -13,20 +13,29 @@
 //! | `gap` | distance to the nearest obstacle, in m; NaN where there is none |
 //! | `floor`, `ceiling` | height of the nearest obstacle below and above, in m; NaN without one |
 //! | `reaction` | upward force of the obstacles on a node, in N; zero at other points |
+//! | `moment` | recovered moments M_xx, M_yy, M_xy, in N m/m |
+//! | `principal_moment` | their largest and least principal value, in N m/m |
+//! | `stress_top` | stresses xx, yy, xy at the upper surface, in Pa; those at the lower one are opposite |
+//! | `von_mises` | von Mises stress, in Pa, the same at both surfaces |
 //!
 //! | cell data | meaning |
 //! |---|---|
 //! | `mean_velocity` | mean velocity over the mesh's cell, in m/s |
 //! | `cell` | number of the mesh's cell, on its rank |
 //! | `rank` | rank that owns the cell |
+//! | `moment_raw` | moments of the element itself at the centre of the small cell, in N m/m |
+//! | `von_mises_raw` | von Mises stress of these, in Pa |
+//!
+//! Moments and stresses exist where the scene asks for them (`output.stresses`); points on the
+//! border of two parts of the plate then occur once per part.
 //!
 //! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
 
+use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, line, parallel};
 use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
-use crate::simulation::Snapshot;
+use crate::simulation::{Snapshot, SnapshotStresses};
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -35,12 +44,6 @@ use std::path::{Path, PathBuf};
 pub const FILE: &str = "fields.pvd";
 /// Folder of the snapshots in the run folder.
 pub const FOLDER: &str = "fields";
-/// VTK's codes for triangles and quadrilaterals.
-const TRIANGLE: u8 = 5;
-const QUADRILATERAL: u8 = 9;
-
-const HEADER: &str = "<?xml version=\"1.0\"?>\n";
-const DIALECT: &str = "version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\"";
 
 /// Writer of the snapshots of a run, one series per process.
 #[derive(Debug)]
@@ -56,6 +59,11 @@ impl Series {
     /// Creates the series of a rank.
     pub fn new(folder: &Path, rank: usize, ranks: usize) -> Series {
         Series { folder: folder.to_owned(), rank, ranks, times: Vec::new() }
+    }
+
+    /// Returns the rank and the number of ranks.
+    pub fn place(&self) -> [usize; 2] {
+        [self.rank, self.ranks]
     }
 
     /// Continues a series with these snapshots and times (in s), and removes those after `step`.
@@ -98,16 +106,14 @@ impl Series {
     ///
     /// # Errors
     /// Returns [`Error::Io`] where the index cannot be written.
-    pub fn index(&mut self, step: u64, time: f64, has_obstacles: bool) -> Result<()> {
+    pub fn index(&mut self, step: u64, time: f64, contents: Contents) -> Result<()> {
         let name = match self.ranks {
             1 => self.piece(step, 0),
             ranks => {
                 let name = format!("step-{step:09}.pvtu");
                 let pieces: Vec<String> = (0..ranks).map(|rank| self.piece(step, rank)).collect();
-                write_atomic(
-                    &self.folder.join(FOLDER).join(&name),
-                    parallel(&pieces, has_obstacles).as_bytes(),
-                )?;
+                let list = parallel(&pieces, &contents.point_data(), &contents.cell_data());
+                write_atomic(&self.folder.join(FOLDER).join(&name), list.as_bytes())?;
                 name
             }
         };
@@ -152,37 +158,11 @@ fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     Ok(entries.flatten().filter_map(|entry| piece(entry.path())).collect())
 }
 
-/// Data array of a grid: name, type, number of components, bytes.
-struct Array {
-    name: &'static str,
-    kind: &'static str,
-    components: usize,
-    bytes: Vec<u8>,
-}
-
-impl Array {
-    fn floats(name: &'static str, components: usize, values: impl IntoIterator<Item = f64>) -> Array {
-        let bytes = values.into_iter().flat_map(f64::to_le_bytes).collect();
-        Array { name, kind: "Float64", components, bytes }
-    }
-
-    fn integers(name: &'static str, values: impl IntoIterator<Item = usize>) -> Array {
-        let bytes = values.into_iter().flat_map(|value| (value as i64).to_le_bytes()).collect();
-        Array { name, kind: "Int64", components: 1, bytes }
-    }
-}
-
 /// Formats the file of a snapshot.
 fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
     let lattice = snapshot.lattice;
     let w = &snapshot.deflection;
-    let ends = lattice.cells.iter().scan(0, |end, cell| {
-        *end += cell.len();
-        Some(*end)
-    });
-    let shape = |cell: &Vec<usize>| if cell.len() == 3 { TRIANGLE } else { QUADRILATERAL };
-    let types = lattice.cells.iter().map(shape).collect();
-    let mut of_points = vec![
+    let mut point_data = vec![
         Array::floats("deflection", 1, w.iter().copied()),
         Array::floats("slope", 2, snapshot.slope.iter().flatten().copied()),
         Array::floats("velocity", 1, snapshot.velocity.iter().copied()),
@@ -191,107 +171,80 @@ fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
     let if_any = |name, values: &Option<Vec<f64>>| {
         values.as_ref().map(|values| Array::floats(name, 1, values.iter().copied()))
     };
-    of_points.extend(if_any("gap", &snapshot.gap));
+    point_data.extend(if_any("gap", &snapshot.gap));
     for (side, name) in ["floor", "ceiling"].into_iter().enumerate() {
         let heights = snapshot.obstacles.as_ref().map(|heights| heights[side].iter().copied());
-        of_points.extend(heights.map(|heights| Array::floats(name, 1, heights)));
+        point_data.extend(heights.map(|heights| Array::floats(name, 1, heights)));
     }
-    of_points.extend(if_any("reaction", &snapshot.reaction));
+    point_data.extend(if_any("reaction", &snapshot.reaction));
     let mean = lattice.parents.iter().map(|&cell| snapshot.mean_velocity[cell]);
-    let sections = [
-        ("PointData", of_points),
-        (
-            "CellData",
-            vec![
-                Array::floats("mean_velocity", 1, mean),
-                Array::integers("cell", lattice.parents.iter().copied()),
-                Array::integers("rank", lattice.parents.iter().map(|_| rank)),
-            ],
-        ),
-        ("Points", vec![Array::floats("position", 3, lattice.points.iter().flat_map(|&[x, y]| [x, y, 0.0]))]),
-        (
-            "Cells",
-            vec![
-                Array::integers("connectivity", lattice.cells.iter().flatten().copied()),
-                Array::integers("offsets", ends),
-                Array { name: "types", kind: "UInt8", components: 1, bytes: types },
-            ],
-        ),
+    let mut cell_data = vec![
+        Array::floats("mean_velocity", 1, mean),
+        Array::integers("cell", lattice.parents.iter().copied()),
+        Array::integers("rank", lattice.parents.iter().map(|_| rank)),
     ];
-
-    let (points, cells) = (lattice.points.len(), lattice.cells.len());
-    let mut text = format!("{HEADER}<VTKFile type=\"UnstructuredGrid\" {DIALECT}>\n<UnstructuredGrid>\n");
-    let time = snapshot.time;
-    line(
-        &mut text,
-        format_args!(
-            "<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">{time}</DataArray></FieldData>"
-        ),
-    );
-    line(&mut text, format_args!("<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">"));
-    let mut appended = Vec::new();
-    for (section, arrays) in sections {
-        line(&mut text, format_args!("<{section}>"));
-        for Array { name, kind, components, bytes } in arrays {
-            let offset = appended.len();
-            line(
-                &mut text,
-                format_args!(
-                    "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{offset}\"/>"
-                ),
-            );
-            appended.extend((bytes.len() as u64).to_le_bytes());
-            appended.extend(bytes);
-        }
-        line(&mut text, format_args!("</{section}>"));
+    if let Some(stresses) = &snapshot.stresses {
+        add_stresses(stresses, &mut point_data, &mut cell_data);
     }
-    text += "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
-    let mut file = text.into_bytes();
-    file.extend(appended);
-    file.extend(b"\n</AppendedData>\n</VTKFile>\n");
-    file
+    let (points, cells) = (&lattice.points, &lattice.cells);
+    Grid { time: snapshot.time, points, cells, point_data, cell_data }.file()
 }
 
-/// Formats the file that lists the pieces of all ranks.
-fn parallel(pieces: &[String], has_obstacles: bool) -> String {
-    let mut text = format!(
-        "{HEADER}<VTKFile type=\"PUnstructuredGrid\" {DIALECT}>\n<PUnstructuredGrid GhostLevel=\"0\">\n"
-    );
-    let mut section = |name: &str, arrays: &[(&str, &str, usize)]| {
-        line(&mut text, format_args!("<P{name}>"));
-        for (name, kind, components) in arrays {
-            line(
-                &mut text,
-                format_args!(
-                    "<PDataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"/>"
-                ),
-            );
-        }
-        line(&mut text, format_args!("</P{name}>"));
-    };
-    let float = |name, components| (name, "Float64", components);
-    let of_points = [
-        float("deflection", 1),
-        float("slope", 2),
-        float("velocity", 1),
-        float("displacement", 3),
-        float("gap", 1),
-        float("floor", 1),
-        float("ceiling", 1),
-        float("reaction", 1),
-    ];
-    section("PointData", &of_points[..if has_obstacles { 8 } else { 4 }]);
-    section("CellData", &[float("mean_velocity", 1), ("cell", "Int64", 1), ("rank", "Int64", 1)]);
-    section("Points", &[float("position", 3)]);
-    for piece in pieces {
-        line(&mut text, format_args!("<Piece Source=\"{piece}\"/>"));
-    }
-    text + "</PUnstructuredGrid>\n</VTKFile>\n"
+/// Adds the arrays of moments and stresses.
+fn add_stresses(stresses: &SnapshotStresses, point_data: &mut Vec<Array>, cell_data: &mut Vec<Array>) {
+    let SnapshotStresses { moment, principal, stress_top, von_mises, moment_raw, von_mises_raw } = stresses;
+    let [moments, principals, tops, mises] = STRESS_POINT_DATA.map(|(name, ..)| name);
+    point_data.extend([
+        Array::floats(moments, 3, moment.iter().flatten().copied()),
+        Array::floats(principals, 2, principal.iter().flatten().copied()),
+        Array::floats(tops, 3, stress_top.iter().flatten().copied()),
+        Array::floats(mises, 1, von_mises.iter().copied()),
+    ]);
+    let [moments, mises] = STRESS_CELL_DATA.map(|(name, ..)| name);
+    cell_data.extend([
+        Array::floats(moments, 3, moment_raw.iter().flatten().copied()),
+        Array::floats(mises, 1, von_mises_raw.iter().copied()),
+    ]);
 }
 
-fn line(text: &mut String, what: std::fmt::Arguments) {
-    text.write_fmt(what).expect("a string takes everything");
-    text.push('\n');
+const POINT_DATA: [ArrayKind; 4] = [
+    ("deflection", "Float64", 1),
+    ("slope", "Float64", 2),
+    ("velocity", "Float64", 1),
+    ("displacement", "Float64", 3),
+];
+const OBSTACLE_POINT_DATA: [ArrayKind; 4] =
+    [("gap", "Float64", 1), ("floor", "Float64", 1), ("ceiling", "Float64", 1), ("reaction", "Float64", 1)];
+const STRESS_POINT_DATA: [ArrayKind; 4] = [
+    ("moment", "Float64", 3),
+    ("principal_moment", "Float64", 2),
+    ("stress_top", "Float64", 3),
+    ("von_mises", "Float64", 1),
+];
+const CELL_DATA: [ArrayKind; 3] =
+    [("mean_velocity", "Float64", 1), ("cell", "Int64", 1), ("rank", "Int64", 1)];
+const STRESS_CELL_DATA: [ArrayKind; 2] = [("moment_raw", "Float64", 3), ("von_mises_raw", "Float64", 1)];
+
+/// Optional arrays of the snapshots of a run.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Contents {
+    /// Whether the scene has obstacles or balls.
+    pub obstacles: bool,
+    /// Whether the scene asks for moments and stresses.
+    pub stresses: bool,
+}
+
+impl Contents {
+    fn point_data(self) -> Vec<ArrayKind> {
+        let obstacles = if self.obstacles { &OBSTACLE_POINT_DATA[..] } else { &[] };
+        let stresses = if self.stresses { &STRESS_POINT_DATA[..] } else { &[] };
+        [&POINT_DATA[..], obstacles, stresses].concat()
+    }
+
+    fn cell_data(self) -> Vec<ArrayKind> {
+        let stresses = if self.stresses { &STRESS_CELL_DATA[..] } else { &[] };
+        [&CELL_DATA[..], stresses].concat()
+    }
 }
 
 /// Snapshot read back.
@@ -311,6 +264,8 @@ pub struct Surface {
     pub obstacles: [Vec<f64>; 2],
     /// Number of the mesh's cell that contains each small cell, unique among all ranks.
     pub parents: Vec<usize>,
+    /// Von Mises stress at each point, in Pa; empty in a snapshot without stresses.
+    pub von_mises: Vec<f64>,
 }
 
 impl Surface {
@@ -361,7 +316,7 @@ pub fn read(path: &Path) -> Result<Surface> {
         let text = String::from_utf8_lossy(&bytes);
         let mut all = Surface::default();
         for piece in tags(&text, "Piece").filter_map(|tag| attribute(tag, "Source")) {
-            let Surface { points, cells, deflection, reaction, obstacles, parents } =
+            let Surface { points, cells, deflection, reaction, obstacles, parents, von_mises } =
                 read(&path.with_file_name(piece))?;
             let before = all.points.len();
             let parents_before = all.parents.iter().max().map_or(0, |last| last + 1);
@@ -371,6 +326,7 @@ pub fn read(path: &Path) -> Result<Surface> {
             all.points.extend(points);
             all.deflection.extend(deflection);
             all.reaction.extend(reaction);
+            all.von_mises.extend(von_mises);
         }
         return Ok(all);
     }
@@ -411,9 +367,11 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
         reaction: floats("reaction")?.unwrap_or_default(),
         obstacles: [floats("floor")?.unwrap_or_default(), floats("ceiling")?.unwrap_or_default()],
         parents: integers("cell")?,
+        von_mises: floats("von_mises")?.unwrap_or_default(),
     };
     let points = surface.points.len();
-    let of_points = [&surface.reaction, &surface.obstacles[0], &surface.obstacles[1]];
+    let [floor, ceiling] = &surface.obstacles;
+    let of_points = [&surface.reaction, floor, ceiling, &surface.von_mises];
     let fits = surface.deflection.len() == points
         && of_points.iter().all(|values| values.is_empty() || values.len() == points)
         && surface.parents.len() == surface.cells.len()

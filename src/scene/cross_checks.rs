@@ -1,7 +1,7 @@
 //! Checks that need several tables of a scene, once all of them are read.
 
 use super::document::{Document, quote};
-use super::{EngineName, Initial, Mass, Obstacle, Scene, SchemeSpec, Side, StartFrom};
+use super::{EngineName, Initial, Mass, Obstacle, Probe, ProbeQuantity, Scene, SchemeSpec, Side, StartFrom};
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
@@ -11,6 +11,7 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_start(doc, scene)?;
     check_from(doc, scene)?;
     check_jumps(doc, scene)?;
+    check_accelerations(doc, scene)?;
     check_scheme(doc, scene)
 }
 
@@ -63,6 +64,19 @@ fn check_jumps(doc: &Document, scene: &Scene) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Refuses accelerations of a mass that leaves part of the deflection without inertia.
+fn check_accelerations(doc: &Document, scene: &Scene) -> Result<()> {
+    if scene.time.mass != Mass::Singular {
+        return Ok(());
+    }
+    let is_acceleration = |probe: &Probe| probe.quantity == ProbeQuantity::Acceleration;
+    scene.output.probes.iter().position(is_acceleration).map_or(Ok(()), |index| {
+        let wrong = "\"acceleration\" has no meaning with time.mass = \"singular\", whose velocities are means over cells; \
+                     expected another quantity, or time.mass = \"consistent\" or \"modal\"";
+        Err(doc.fault(&format!("output.probes.{index}.quantity"), wrong))
+    })
 }
 
 /// Refuses combinations that the scheme does not support.

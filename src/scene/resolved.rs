@@ -3,8 +3,8 @@
 use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
 use super::{
     Compliance, ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate,
-    PlateSpec, Probe, Region, Scene, SchemeName, Solver, StartFrom, Study, Support, SupportKind,
-    SupportLocation, Time, Value,
+    PlateSpec, Probe, ProbeQuantity, Region, Scene, SchemeName, Solver, StartFrom, Study, Support,
+    SupportKind, SupportLocation, Time, Value,
 };
 use crate::modes::ModeRange;
 use crate::plate::Orthotropy;
@@ -206,6 +206,12 @@ fn output(output: &Output) -> Vec<Row> {
     if let Some(fields) = output.fields {
         rows.push(("fields_every", fields.every.to_string(), "steps between snapshots"));
         rows.push(("subdivide", fields.subdivide.to_string(), "parts of each edge in snapshots"));
+        if fields.stresses {
+            rows.push(("stresses", fields.stresses.to_string(), "moments and stresses in snapshots"));
+        }
+    }
+    if output.extremes {
+        rows.push(("extremes", output.extremes.to_string(), "largest stress over all steps"));
     }
     if let Some(every) = output.checkpoint_every {
         rows.push(("checkpoint_every", every.to_string(), "steps between checkpoints"));
@@ -225,10 +231,15 @@ fn probes(output: &Output) -> String {
                 format!("{key} = {value}")
             }
         };
-        format!("  {{ name = {}, {place} }},\n", string(&probe.name))
+        let quantity = match probe.quantity {
+            ProbeQuantity::Deflection => String::new(),
+            quantity => format!(", quantity = {}", string(quantity.name())),
+        };
+        format!("  {{ name = {}, {place}{quantity} }},\n", string(&probe.name))
     };
     let rows: String = output.probes.iter().map(row).collect();
-    format!("probes = [ # m\n{rows}]\n")
+    let are_deflections = output.probes.iter().all(|probe| probe.quantity == ProbeQuantity::Deflection);
+    format!("probes = [{}\n{rows}]\n", if are_deflections { " # m" } else { "" })
 }
 
 fn study(study: &Study) -> Vec<Row> {

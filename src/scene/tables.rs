@@ -1,6 +1,7 @@
 //! Tables of a scene, validated and with every default filled in.
 
 use super::given::{FieldInput, Region};
+use super::quantity::ProbeQuantity;
 use crate::dof_map::Support as SupportKind;
 use crate::element::{CellShape, ElementKind};
 use crate::error::Result;
@@ -274,9 +275,11 @@ pub struct Output {
     pub every: u64,
     /// Snapshots of the plate; `None` costs nothing.
     pub fields: Option<Snapshots>,
+    /// Whether the largest stress over all steps is recorded.
+    pub extremes: bool,
     /// Number of steps between checkpoints; `None` writes one only on interruption.
     pub checkpoint_every: Option<u64>,
-    /// Points whose deflection is a column of the history.
+    /// Points where a quantity is recorded in a column of the history.
     pub probes: Vec<Probe>,
 }
 
@@ -287,9 +290,11 @@ pub struct Snapshots {
     pub every: u64,
     /// Number of parts into which snapshots divide each cell edge.
     pub subdivide: usize,
+    /// Whether snapshots include moments and stresses.
+    pub stresses: bool,
 }
 
-/// Probe: a point whose deflection is recorded.
+/// Probe: a point where a quantity, such as the deflection, is recorded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Probe {
     /// Name of the column.
@@ -300,4 +305,6 @@ pub struct Probe {
     pub point: Option<String>,
     /// Index of a ball whose height is recorded in place of the plate's.
     pub ball: Option<usize>,
+    /// Recorded quantity.
+    pub quantity: ProbeQuantity,
 }

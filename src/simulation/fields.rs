@@ -7,6 +7,8 @@
 
 use super::effects::{BuildContext, Lift};
 use super::regions;
+use super::stress_fields::{SnapshotStresses, StressFields};
+use super::stresses::PlateCurvatures;
 use crate::assembly::CellArrays;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
@@ -16,6 +18,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::mesh::{Cell, Mesh, Point};
 use crate::partition::Partition;
+use crate::plate::Sections;
 use crate::scene::{FieldInput, Region, Side};
 use crate::scheme::{Scheme, System};
 use std::collections::HashMap;
@@ -59,6 +62,8 @@ pub struct Snapshot<'f> {
     /// Mean velocity of each cell of the mesh relative to the supports, in m/s; with the singular
     /// mass it is the velocity of the paper.
     pub mean_velocity: Vec<f64>,
+    /// Moments and stresses; `None` unless the scene asks for them.
+    pub stresses: Option<SnapshotStresses>,
 }
 
 /// Sampling of the states of a model.
@@ -77,6 +82,7 @@ pub struct Fields {
     obstacles: Vec<(Side, FieldInput, Vec<usize>)>,
     /// Support motions with the deflection and slopes that they cause at the points, per metre.
     lifts: Vec<(Rc<FieldInput>, [Vec<f64>; 3])>,
+    stresses: Option<StressFields>,
 }
 
 /// Values of a cell's basis functions at a point, and their derivatives along x and y.
@@ -97,14 +103,22 @@ enum CornerEntity {
 
 impl Fields {
     /// Prepares sampling if the scene asks for snapshots. Collective.
-    pub(super) fn new<P: Partition>(ground: &BuildContext<P>, lifts: &[Lift]) -> Result<Option<Fields>> {
+    pub(super) fn new<P: Partition>(
+        ground: &BuildContext<P>,
+        lifts: &[Lift],
+        curvatures: Option<&PlateCurvatures>,
+    ) -> Result<Option<Fields>> {
         let BuildContext { scene, partition, mesh, space, cells, .. } = *ground;
         let Some(snapshots) = scene.output.fields else { return Ok(None) };
         let parts = snapshots.subdivide;
+        let curvatures = curvatures.filter(|_| snapshots.stresses);
+        // Stresses jump between parts, which then share no points.
+        let part_of = |cell: usize| curvatures.map_or(0, |curvatures| curvatures.body.part(cell));
+        let mut copies: HashMap<(usize, usize), usize> = HashMap::new();
         let mut lattice =
             Lattice { points: mesh.nodes.iter().map(|p| [p.x, p.y]).collect(), ..Lattice::default() };
         let mut samples = vec![None; mesh.nodes.len()];
-        let mut edges: HashMap<[usize; 2], usize> = HashMap::new();
+        let mut edges: HashMap<([usize; 2], usize), usize> = HashMap::new();
         let mut tables: HashMap<usize, Vec<Rows>> = HashMap::new();
         for (number, cell) in mesh.cells.iter().enumerate() {
             let vertices = mesh.vertices(number);
@@ -116,9 +130,19 @@ impl Fields {
             let mut numbers = Vec::with_capacity(corners.len());
             for (local, corner) in corners.iter().enumerate() {
                 let point = match corner.place {
-                    CornerEntity::Node(node) => node,
+                    CornerEntity::Node(node) => match samples[node] {
+                        Some((of, _)) if part_of(of as usize) != part_of(number) => {
+                            *copies.entry((node, part_of(number))).or_insert_with(|| {
+                                lattice.points.push([f64::NAN; 2]);
+                                samples.push(None);
+                                samples.len() - 1
+                            })
+                        }
+                        _ => node,
+                    },
                     CornerEntity::Edge { nodes: [a, b], step } => {
-                        let first = *edges.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                        let edge = ([a.min(b), a.max(b)], part_of(number));
+                        let first = *edges.entry(edge).or_insert_with(|| {
                             let first = lattice.points.len();
                             lattice.points.resize(first + parts - 1, [f64::NAN; 2]);
                             samples.resize(first + parts - 1, None);
@@ -153,7 +177,15 @@ impl Fields {
             tips: space.tips().to_vec(),
             obstacles: Vec::new(),
             lifts: Vec::new(),
+            stresses: None,
         };
+        if let Some(curvatures) = curvatures {
+            let cell_of: Vec<usize> = fields.samples.iter().map(|(cell, _)| *cell as usize).collect();
+            let Lattice { points, cells, parents } = &fields.lattice;
+            let stresses =
+                StressFields::new(ground, lifts, curvatures, (points, &cell_of), (cells, parents))?;
+            fields.stresses = Some(stresses);
+        }
         for (number, obstacle) in scene.obstacles.iter().enumerate() {
             let points = fields.opposite(&obstacle.region, mesh, partition, &format!("obstacle.{number}"))?;
             fields.obstacles.push((obstacle.side, obstacle.height.clone(), points));
@@ -262,6 +294,8 @@ impl Fields {
             self.tips.iter().for_each(|&(dof, node)| at_points[node] += force[dof]);
             reaction = Some(at_points);
         }
+        let stresses = self.stresses.as_ref().map(|of| of.sample(&self.cells, &u, scheme.time()));
+        let stresses = stresses.transpose()?;
         Ok(Snapshot {
             step: scheme.step(),
             time: scheme.time(),
@@ -273,6 +307,7 @@ impl Fields {
             obstacles,
             reaction,
             mean_velocity: self.cells.iter().map(|cell| mean(cell, &rate)).collect(),
+            stresses,
         })
     }
 

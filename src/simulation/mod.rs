@@ -5,6 +5,7 @@ mod contacts;
 mod distributed;
 mod dof_coordinates;
 mod effects;
+mod extremes;
 mod fields;
 mod meshing;
 mod observer;
@@ -13,11 +14,14 @@ mod outcome;
 mod pause;
 mod phase;
 mod plate_assembly;
+mod readings;
 mod refinement;
 mod regions;
 mod run;
 mod step_check;
 mod stops;
+mod stress_fields;
+mod stresses;
 mod time_loop;
 
 pub use contacts::Contact;
@@ -25,6 +29,8 @@ pub use contacts::Contact;
 pub use distributed::check_options;
 pub use dof_coordinates::{DeflectionDof, DofCoordinates};
 pub use effects::{LoadTotal, Matrices, Resultant};
+use extremes::StressSites;
+pub use extremes::{Envelope, Extremes, StressPeak};
 pub use fields::{Fields, Lattice, Snapshot};
 pub use meshing::{mesh, mesh_and_made};
 pub use observer::{NodeEvent, Observer, Row};
@@ -36,6 +42,7 @@ pub use phase::on_phase;
 pub(crate) use phase::phase;
 pub use run::{resume, run, run_scheme};
 pub(crate) use step_check::{advice, check_residual};
+pub use stress_fields::SnapshotStresses;
 
 use crate::assembly::{self, Probe};
 use crate::communicator::{Communicator, SelfComm};
@@ -46,15 +53,16 @@ use crate::linalg::{Engine, LinearCombination, Native};
 use crate::mesh::{Mesh, Point};
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
-use crate::scene::{ContactSolver, EngineName, FieldInput, Mass, Scene};
+use crate::scene::{ContactSolver, EngineName, Mass, Scene};
 use crate::scheme::{Scheme, Start, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use effects::{BuildContext, Effects, OfCells};
 use plate_assembly::PlateAssembly;
-use std::rc::Rc;
+use readings::{Accelerations, Readings, SupportFrame};
 use std::time::Instant;
 use stops::Stop;
+use stresses::PlateCurvatures;
 
 /// Semi-discrete model of a scene, ready to run.
 pub struct Model<E: Engine = Native> {
@@ -67,6 +75,8 @@ pub struct Model<E: Engine = Native> {
     pub probes: Vec<Probe>,
     /// Support motions and their contributions to the probes.
     frame: SupportFrame,
+    /// Quantities at the probes other than deflections.
+    readings: Readings,
     /// Free deflections of this process with their positions; the bounded ones come first, in the
     /// order of the bounds.
     pub sites: Vec<DeflectionDof>,
@@ -74,6 +84,8 @@ pub struct Model<E: Engine = Native> {
     pub places: DofCoordinates,
     /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
+    /// Stresses at the nodes, if the scene asks for their extremes.
+    extremes: Option<StressSites>,
     /// Rigid motions that nothing restrains, in words; `None` if there are none.
     pub mechanism: Option<&'static str>,
     /// Warnings from the set-up, one sentence each; the same on every process.
@@ -87,10 +99,6 @@ pub struct Model<E: Engine = Native> {
 fn nothing_free() -> Error {
     Error::Mesh("the supports hold every dof of the mesh: nothing can move".into())
 }
-
-/// Support motions, each with its contribution to the probes per metre.
-#[derive(Default)]
-struct SupportFrame(Vec<(Rc<FieldInput>, Vec<f64>)>);
 
 /// Returns the free dofs of a scene's mesh.
 ///
@@ -207,18 +215,34 @@ fn compose<E: OfCells, P: Partition>(
     let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
         effects::compose(engine, ground)?;
     let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
-    let (mut probes, mut lifted) = (Vec::new(), vec![Vec::new(); lifts.len()]);
-    for probe in &ground.scene.output.probes {
-        let (probe, of_lifts) = ground.probe(probe, &shapes)?;
-        probes.push(probe);
-        lifted.iter_mut().zip(of_lifts).for_each(|(lifted, of)| lifted.push(of));
-    }
+    let probes = ground.scene.output.probes.iter().map(|probe| ground.probe(probe, &shapes));
+    let probes: Vec<_> = probes.collect::<Result<_>>()?;
+    let curvatures = PlateCurvatures::if_asked(ground)?;
+    let readings = Readings::new(ground, &probes, &shapes, curvatures.as_ref())?;
+    let lifted = (0..lifts.len()).map(|lift| probes.iter().map(|(_, of_lifts)| of_lifts[lift]).collect());
+    let lifted: Vec<Vec<f64>> = lifted.collect();
+    let probes = probes.into_iter().map(|(probe, _)| probe).collect();
     let motions = lifts.iter().map(|lift| lift.motion.clone());
     let frame = SupportFrame(motions.zip(lifted).collect());
-    let fields = Fields::new(ground, &lifts)?;
+    let fields = Fields::new(ground, &lifts, curvatures.as_ref())?;
+    let extremes = StressSites::if_asked(ground, &lifts, curvatures.as_ref())?;
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
     let sonic = sonic_energy(ground);
-    Ok(Model { system, start, probes, frame, sites, places, fields, mechanism, warnings, sonic, seconds })
+    Ok(Model {
+        system,
+        start,
+        probes,
+        frame,
+        readings,
+        sites,
+        places,
+        fields,
+        extremes,
+        mechanism,
+        warnings,
+        sonic,
+        seconds,
+    })
 }
 
 /// Returns the kinetic energy of the plate moving at the speed of sound of its stiffest material,
@@ -262,15 +286,31 @@ impl<E: Engine> Model<E> {
         scene.time.scheme.start(&self.system, scene.time.step, self.start.clone(), solver)
     }
 
-    /// Computes the deflections at the probes at an instant (s), in m.
-    fn probe(&self, time: f64, u: &[f64], values: &mut [f64]) -> Result<()> {
+    /// Returns the largest von Mises stress of a displacement at an instant (s); `None` unless the
+    /// scene asks for extremes. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the support motions and of the engine.
+    pub fn largest_stress(&self, u: &[f64], time: f64) -> Result<Option<StressPeak>> {
+        let sites = self.extremes.as_ref();
+        sites.map_or(Ok(None), |sites| sites.largest(&self.system.engine, u, time))
+    }
+
+    /// Computes the quantities at the probes at the present instant of a scheme. Collective.
+    fn probe(
+        &self,
+        scheme: &mut dyn Scheme,
+        accelerations: &Accelerations,
+        values: &mut [f64],
+    ) -> Result<()> {
+        let u = scheme.displacement();
         let mut own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
         for (motion, lift) in &self.frame.0 {
-            let moved = motion.at(Point::origin(), time)?;
+            let moved = motion.at(Point::origin(), scheme.time())?;
             axpy(moved, lift, &mut own);
         }
         values.copy_from_slice(&self.system.engine.comm().all_reduce_sum_slice(&own));
-        Ok(())
+        self.readings.read(&self.system, &self.frame, accelerations, scheme, values)
     }
 }
 

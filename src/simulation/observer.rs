@@ -1,6 +1,6 @@
 //! Receivers of the results of a run.
 
-use super::{Contact, RunState, Snapshot};
+use super::{Contact, Envelope, RunState, Snapshot};
 use crate::error::Result;
 use crate::motion::Motion;
 use crate::scheme::{Event, Scheme};
@@ -28,7 +28,7 @@ pub struct Row<'r> {
     pub vi_iterations: u64,
     /// Largest relative KKT residual since the last row.
     pub kkt: f64,
-    /// Deflections at the probes, in m.
+    /// Quantities at the probes, such as the deflections in m.
     pub probes: &'r [f64],
 }
 
@@ -66,6 +66,16 @@ pub trait Observer {
     /// Returns the same errors as [`Observer::row`].
     fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
         let _ = (step, time);
+        Ok(())
+    }
+
+    /// Receives this process's part of the envelope of the von Mises stress, at the end of a run
+    /// whose scene asks for extremes.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
+        let _ = envelope;
         Ok(())
     }
 

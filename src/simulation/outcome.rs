@@ -1,6 +1,6 @@
 //! Summary of a run: its impacts, contacts and energies.
 
-use super::{DeflectionDof, Model, NodeEvent, Observer};
+use super::{DeflectionDof, Extremes, Model, NodeEvent, Observer};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
@@ -70,7 +70,7 @@ pub struct BlockSeconds {
     pub advance: f64,
     /// Time for events, the check of each step and the contacts of nodes, in s.
     pub contacts: f64,
-    /// Time for energies, probes and the rows of the history, in s.
+    /// Time for energies, probes, the rows of the history and extremes of the stress, in s.
     pub rows: f64,
     /// Time for snapshots, in s.
     pub fields: f64,
@@ -124,6 +124,9 @@ pub struct Outcome {
     /// Relaxation statistics of a conserving scheme.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relaxation: Option<RelaxationStatistics>,
+    /// Extremes of the stress; `None` unless the scene asks for them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extremes: Option<Extremes>,
     /// Wall time by phase, in s.
     pub seconds: Seconds,
 }
@@ -152,6 +155,7 @@ impl Outcome {
             worst_kkt: 0.0,
             worst_penetration: 0.0,
             relaxation: None,
+            extremes: None,
             seconds: Seconds { assembly, equilibrium, factor, ..Seconds::default() },
         })
     }

@@ -64,6 +64,10 @@ impl Sections for PlateAssembly<'_> {
         self.plate(cell).1.is_none().then(|| self.part_of[cell])
     }
 
+    fn part(&self, cell: usize) -> usize {
+        self.part_of[cell]
+    }
+
     fn section(&self, cell: usize, at: Point) -> Result<Section> {
         let (plate, thickness) = self.plate(cell);
         let Some(given) = thickness else { return Ok(plate.section()) };

@@ -3,7 +3,7 @@
 use super::time_loop::{RunMonitor, time_loop};
 use super::{Model, Observer, Outcome, RunState, phase};
 use crate::archive::Archive;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::Scheme;
@@ -70,8 +70,7 @@ fn run_from<E: Engine>(
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
-    let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
-    let mut monitor = RunMonitor::new(scene, sonic, scheme.as_ref())?;
+    let mut monitor = RunMonitor::new(scene, model, scheme.as_ref())?;
     if let Some(mut archive) = from {
         monitor.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
         outcome.join_contacts(scene);
@@ -80,6 +79,10 @@ fn run_from<E: Engine>(
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
     outcome.tally = scheme.event_statistics();
+    // Other errors may have stopped some processes earlier than others.
+    if matches!(ended, Ok(()) | Err(Error::Interrupted { .. })) {
+        outcome.extremes = monitor.extremes(model);
+    }
     outcome.seconds.blocks = monitor.seconds();
     outcome.seconds.stepping = outcome.seconds.blocks.total();
     Ok((outcome, ended))

@@ -1,6 +1,8 @@
 //! Main loop of a run, from step to step.
 
 use super::contacts::ContactRecorder;
+use super::extremes::{Extremes, StressPeaks};
+use super::readings::Accelerations;
 use super::step_check::{advice, check_residual};
 use super::{BlockSeconds, Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
 use crate::archive::Archive;
@@ -44,7 +46,7 @@ struct TimeLoop<'r, E: Engine> {
     outcome: &'r mut Outcome,
     monitor: &'r mut RunMonitor,
     observer: &'r mut dyn Observer,
-    /// Deflections at the probes, in m.
+    /// Quantities at the probes.
     probes: Vec<f64>,
     /// Result of this process's observer, for instance an error of a full disk; the process
     /// continues until all processes know of it.
@@ -75,10 +77,13 @@ pub(super) fn time_loop<E: Engine>(
         run.check_step(now)?;
         run.follow_contacts(&contact);
         run.monitor.clock.lap(|blocks| &mut blocks.contacts);
+        run.follow_accelerations()?;
+        run.follow_stresses()?;
         run.row(now, &contact)?;
         run.fields(now)?;
         run.observer.step(now.step, contact.nodes);
         if now.is_last {
+            run.envelope();
             return run.share_error();
         }
 
@@ -137,6 +142,32 @@ impl<E: Engine> TimeLoop<'_, E> {
         self.monitor.contacts.note(&self.model.sites, step, self.scheme, &contact.events);
     }
 
+    /// Takes the velocities of this step at the probes that record accelerations.
+    fn follow_accelerations(&mut self) -> Result<()> {
+        let Model { readings, system, frame, .. } = self.model;
+        self.monitor.accelerations.note(readings, system, frame, self.scheme)
+    }
+
+    /// Takes the stresses of this step where the scene asks for their extremes.
+    fn follow_stresses(&mut self) -> Result<()> {
+        let Some((sites, peaks)) = self.model.extremes.as_ref().zip(self.monitor.peaks.as_mut()) else {
+            return Ok(());
+        };
+        peaks.note(sites, &self.model.system.engine, self.scheme)?;
+        self.monitor.clock.lap(|blocks| &mut blocks.rows);
+        Ok(())
+    }
+
+    /// Passes the envelope of the stresses to the observer at the end of the run.
+    fn envelope(&mut self) {
+        if let Some((sites, peaks)) = self.model.extremes.as_ref().zip(self.monitor.peaks.as_ref()) {
+            let envelope = peaks.envelope(sites);
+            if self.observed.is_ok() {
+                self.observed = self.observer.envelope(&envelope);
+            }
+        }
+    }
+
     /// Checks the energy, and passes a row of the history to the observer where one is due.
     fn row(&mut self, now: StepTime, contact: &StepContact) -> Result<()> {
         let StepTime { step, time, is_last } = now;
@@ -151,7 +182,7 @@ impl<E: Engine> TimeLoop<'_, E> {
         }
         let energy = energies.total();
         self.outcome.energy.note(energy);
-        self.model.probe(time, self.scheme.displacement(), &mut self.probes)?;
+        self.model.probe(self.scheme, &self.monitor.accelerations, &mut self.probes)?;
         let row = Row {
             step,
             time,
@@ -274,6 +305,9 @@ pub(super) struct RunMonitor {
     iterations: u64,
     kkt: f64,
     contacts: ContactRecorder,
+    accelerations: Accelerations,
+    /// Largest stresses so far, if the scene asks for them.
+    peaks: Option<StressPeaks>,
     /// Whether the present step has been recorded.
     noted: bool,
     clock: BlockClock,
@@ -304,13 +338,16 @@ impl BlockClock {
 }
 
 impl RunMonitor {
-    /// Starts to monitor a scheme; `sonic` is the energy (J) that no motion of the plate exceeds.
-    pub(super) fn new(scene: &Scene, sonic: f64, scheme: &dyn Scheme) -> Result<RunMonitor> {
+    /// Starts to monitor a scheme of a model.
+    pub(super) fn new<E: Engine>(scene: &Scene, model: &Model<E>, scheme: &dyn Scheme) -> Result<RunMonitor> {
+        let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
         Ok(RunMonitor {
             guard: Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)),
             iterations: 0,
             kkt: 0.0,
             contacts: ContactRecorder::default(),
+            accelerations: Accelerations::new(scene),
+            peaks: model.extremes.as_ref().map(StressPeaks::new),
             noted: false,
             clock: BlockClock::start(BlockSeconds::default()),
         })
@@ -319,6 +356,13 @@ impl RunMonitor {
     /// Returns the time of all steps so far by block, in s.
     pub(super) fn seconds(&self) -> BlockSeconds {
         self.clock.seconds
+    }
+
+    /// Returns the extremes of the run so far, if the scene asks for them. Collective.
+    pub(super) fn extremes<E: Engine>(&self, model: &Model<E>) -> Option<Extremes> {
+        let (sites, peaks) = model.extremes.as_ref().zip(self.peaks.as_ref())?;
+        let von_mises = peaks.largest(sites, model.system.engine.comm())?;
+        Some(Extremes { von_mises })
     }
 
     /// Saves or restores the whole run between two steps.
@@ -335,6 +379,10 @@ impl RunMonitor {
         archive.value(&mut self.kkt)?;
         archive.value(&mut self.noted)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
+        self.accelerations.archive(archive)?;
+        if let Some((sites, peaks)) = model.extremes.as_ref().zip(self.peaks.as_mut()) {
+            peaks.archive(sites, model.system.engine.comm(), archive)?;
+        }
         // A last state has no times, so that equal runs leave equal bytes.
         outcome.seconds.blocks = if self.noted { self.seconds() } else { BlockSeconds::default() };
         outcome.archive(archive)?;

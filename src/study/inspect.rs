@@ -14,7 +14,7 @@ use crate::output::text::{Report, significant};
 use crate::scene::{FieldInput, Mass, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
-use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant};
+use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant, StressPeak};
 use serde::Serialize;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -62,6 +62,9 @@ pub struct Inspection {
     pub initial_energy: Option<f64>,
     /// Static deflections at the probes.
     pub deflections: Vec<Deflection>,
+    /// Largest von Mises stress of the initial deflection; `None` where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest_stress: Option<StressPeak>,
     /// Frequencies with the consistent mass M_r.
     pub consistent: Frequencies,
     /// Frequencies with the singular mass M: that of the scene's modes, or of cells.
@@ -138,6 +141,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mesh = simulation::mesh(scene)?;
     let mechanism = simulation::mechanism(scene, &mesh)?;
     let mut native = on_native_engine(scene);
+    native.output.extremes = true;
     let is_static = scene.initial.equilibrium || !scene.initial.static_pressure.is_zero();
     let mut model = Model::new(&native);
     let no_start = mechanism.is_some() && is_static && matches!(model, Err(Error::Singular(_)));
@@ -164,6 +168,9 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         loaded: loaded.as_ref().map(|u| probe.deflection(u)),
     };
     let deflections = model.probes.iter().zip(&scene.output.probes).map(deflection).collect();
+
+    let peak = model.largest_stress(&model.start.displacement, 0.0)?;
+    let largest_stress = peak.filter(|peak| !no_start && peak.value > 0.0);
 
     let bounded = if system.bounds.is_empty() {
         model.sites.iter().map(|site| site.dof).collect()
@@ -200,6 +207,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         mechanism,
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
+        largest_stress,
         consistent,
         singular,
         inf_sup,
@@ -361,6 +369,10 @@ impl fmt::Display for Inspection {
         for Deflection { probe, start, loaded, .. } in &self.deflections {
             optional(&mut report, &format!("{probe}, start"), *start, "m");
             optional(&mut report, &format!("{probe}, under load"), *loaded, "m");
+        }
+        if let Some(StressPeak { value, at: [x, y], .. }) = self.largest_stress {
+            report.number("largest von Mises stress, start", value, "Pa");
+            report.text("  at", format!("({}, {}) m", significant(x), significant(y)));
         }
         for (name, Frequencies { lowest, highest }) in
             [("consistent", &self.consistent), (self.singular_name(), &self.singular)]

@@ -6,7 +6,7 @@ use rebond::motion::Motion;
 use rebond::output::checkpoint::{Checkpoint, Identity, Outputs};
 use rebond::scene::Scene;
 use rebond::simulation::{
-    self, Contact, Model, NodeEvent, Observer, Outcome, Row, RunState, Seconds, Snapshot,
+    self, Contact, Envelope, Model, NodeEvent, Observer, Outcome, Row, RunState, Seconds, Snapshot,
 };
 use std::path::PathBuf;
 
@@ -53,8 +53,12 @@ impl Observer for Diary {
     }
 
     fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
-        let Snapshot { step, deflection, velocity, mean_velocity, reaction, .. } = snapshot;
-        self.note(*step, format!("{deflection:?} {velocity:?} {mean_velocity:?} {reaction:?}"))
+        let Snapshot { step, deflection, velocity, mean_velocity, reaction, stresses, .. } = snapshot;
+        self.note(*step, format!("{deflection:?} {velocity:?} {mean_velocity:?} {reaction:?} {stresses:?}"))
+    }
+
+    fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
+        self.note(self.step, format!("{envelope:?}"))
     }
 
     fn event(&mut self, event: &NodeEvent) -> Result<()> {
@@ -238,6 +242,30 @@ fn what_changes_with_time_goes_on() {
     goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
     let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8", "mesh.cells=[12, 6]"];
     goes_on(&[&changes[..], &split].concat());
+}
+
+/// Extremes of the stress, stresses in snapshots, and accelerations, which are differences of
+/// velocities.
+#[test]
+fn stresses_and_accelerations_go_on() {
+    let stresses =
+        ["output.extremes=true", "output.stresses=true", "part=[{ where = 'x > 0.6', thickness = 0.008 }]"];
+    let moment = "{ name = 'moment', at = [0.1, 0.2], quantity = 'von_mises_top' }";
+    let quantities = format!(
+        "output.probes=[{moment}, {{ name = 'a', at = [1.2, 0], quantity = 'acceleration' }}, {{ name = 'v', at = [0.7, 0], quantity = 'velocity' }}]"
+    );
+    let moment = format!("output.probes=[{moment}]");
+    goes_on(&[&stresses[..], &["time.mass=consistent", &quantities]].concat());
+    goes_on(&[&stresses[..], &["time.mass=consistent", "time.scheme=midpoint", &quantities]].concat());
+    goes_on(&[&stresses[..], &["time.scheme=exact", &moment]].concat());
+    let modal = [
+        "time.scheme=conserving",
+        "time.mass=modal",
+        "time.modes=8",
+        "support.0.motion='0.003 * sin(50 * t)'",
+    ];
+    goes_on(&[&stresses[..], &modal, &[&quantities]].concat());
+    goes_on_to_a_later_end(&[&stresses[..], &["time.mass=consistent", &quantities]].concat());
 }
 
 /// More nodes touch at once than the dense problem of contact admits, so active dofs are held in

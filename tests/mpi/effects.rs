@@ -324,3 +324,55 @@ fn rattling_on_compliant_stops() {
         (10..12).for_each(|k| assert!((a[k] - b[k]).abs() <= 1e-11, "t = {}: {:e}, {:e}", a[1], a[k], b[k]));
     }
 }
+
+/// Stresses where thickness varies, parts differ and supports move apart: the quantities of probes,
+/// and the largest stress on one and three ranks with the envelope of each.
+#[test]
+fn stresses() {
+    let quantities = [
+        "velocity",
+        "acceleration",
+        "slope_y",
+        "moment_xx",
+        "moment_xy",
+        "moment_max",
+        "stress_min_bottom",
+        "von_mises_top",
+    ];
+    let probes: Vec<String> = quantities
+        .iter()
+        .map(|quantity| format!("{{ name = \"{quantity}\", at = [0.47, 0.17], quantity = \"{quantity}\" }}"))
+        .collect();
+    let scene = format!(
+        r#"
+        {PAPER_PLATE}
+        mesh = {{ element = "hct", cells = [8, 4] }}
+        part = [{{ where = "x > 0.6", thickness = "0.008 + 0.001*y" }}]
+        support = [{{ edge = "left", kind = "clamped", motion = "2e-3*sin(2*pi*5.5*t)" }}, {{ edge = "right", kind = "simply_supported" }}]
+        obstacle = [{{ side = "below", height = -0.0015 }}]
+        time = {{ scheme = "newmark", mass = "consistent", step = 5e-4, end = 0.05 }}
+        output = {{ every = 5, fields_every = 50, stresses = true, extremes = true, probes = [{{ name = "node", at = [0.6, 0.2], quantity = "von_mises_top" }}, {}] }}
+        "#,
+        probes.join(", ")
+    );
+    agree("stresses", &scene, false);
+    let folder = folder("stresses-ranks", &scene);
+    let extremes = |ranks: usize| {
+        rows(&folder, ranks);
+        let run = folder.join(format!("on-{ranks}"));
+        let summary = command::summary(&run);
+        let peak = summary["extremes"]["von_mises"].clone();
+        let list = std::fs::read_to_string(run.join("extremes.pvtu")).unwrap_or_default();
+        assert_eq!(list.matches("<Piece").count(), if ranks > 1 { ranks } else { 0 });
+        peak
+    };
+    let native = extremes(0);
+    for ranks in [1, 3] {
+        let peak = extremes(ranks);
+        let number = |of: &serde_json::Value, key: &str| of[key].as_f64().unwrap();
+        let (a, b) = (number(&native, "value"), number(&peak, "value"));
+        assert!((a - b).abs() <= 1e-8 * a, "{a:e}, {b:e}");
+        assert_eq!(native["time"], peak["time"]);
+        assert_eq!(native["surface"], peak["surface"]);
+    }
+}

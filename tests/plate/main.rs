@@ -12,5 +12,6 @@ mod matrices;
 mod mesh;
 mod mixed_cells;
 mod modes;
+mod moments;
 mod obstacle_plate;
 mod statics;

@@ -18,4 +18,5 @@ mod moving;
 mod period_three_bar;
 mod splitting;
 mod stops;
+mod stresses;
 mod work;

@@ -3,13 +3,16 @@
 use super::region::PlaceReader;
 use crate::error::Result;
 use crate::scene::document::{Document, quote};
-use crate::scene::{Ball, Grid, HISTORY_COLUMNS, Output, Probe, Snapshots};
+use crate::scene::{Ball, Grid, HISTORY_COLUMNS, Output, Probe, ProbeQuantity, Snapshots};
 
 /// Limit on the parts into which snapshots divide an edge.
 const MOST_PARTS: u64 = 64;
 
 pub(super) fn read(doc: &Document, places: &PlaceReader, mesh: &Grid, balls: &[Ball]) -> Result<Output> {
-    doc.allow("output", &["every", "fields_every", "subdivide", "checkpoint_every", "probes"])?;
+    doc.allow(
+        "output",
+        &["every", "fields_every", "subdivide", "stresses", "extremes", "checkpoint_every", "probes"],
+    )?;
     let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
     let mut probes: Vec<Probe> = Vec::new();
     for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
@@ -22,13 +25,16 @@ pub(super) fn read(doc: &Document, places: &PlaceReader, mesh: &Grid, balls: &[B
         probes.push(probe);
     }
     let checkpoint_every = doc.optional_count("output.checkpoint_every", "a number of steps", 1)?;
-    Ok(Output { every, checkpoint_every, fields: snapshots(doc, mesh)?, probes })
+    let extremes = doc.optional_truth("output.extremes")?.unwrap_or(false);
+    Ok(Output { every, checkpoint_every, fields: snapshots(doc, mesh)?, extremes, probes })
 }
 
 /// Reads the settings of snapshots; by default finer meshes divide their cells less.
 fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
     let Some(every) = doc.optional_count("output.fields_every", "a number of steps", 1)? else {
-        doc.forbid("output.subdivide", "has no use without output.fields_every")?;
+        for key in ["output.subdivide", "output.stresses"] {
+            doc.forbid(key, "has no use without output.fields_every")?;
+        }
         return Ok(None);
     };
     let rectangles = (mesh.cells[0] * mesh.cells[1]) << (2 * mesh.refine);
@@ -43,16 +49,18 @@ fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
         let wrong = format!("{subdivide} parts are too many; expected at most {MOST_PARTS}");
         return Err(doc.fault("output.subdivide", wrong));
     }
-    Ok(Some(Snapshots { every, subdivide: subdivide as usize }))
+    let stresses = doc.optional_truth("output.stresses")?.unwrap_or(false);
+    Ok(Some(Snapshots { every, subdivide: subdivide as usize, stresses }))
 }
 
 fn probe(doc: &Document, table: &str, places: &PlaceReader, balls: &[Ball]) -> Result<Probe> {
-    doc.allow(table, &["name", "at", "point", "ball"])?;
+    doc.allow(table, &["name", "at", "point", "ball", "quantity"])?;
     let name = probe_name(doc, &format!("{table}.name"))?;
     let key = format!("{table}.ball");
     let Some(number) = doc.optional_count(&key, "the number of a ball, from 0,", 0)? else {
         let (at, point) = places.read(doc, table)?;
-        return Ok(Probe { name, at, point, ball: None });
+        let quantity = doc.optional_choice(&format!("{table}.quantity"))?;
+        return Ok(Probe { name, at, point, ball: None, quantity: quantity.unwrap_or_default() });
     };
     for place in ["at", "point"] {
         doc.forbid(
@@ -64,7 +72,15 @@ fn probe(doc: &Document, table: &str, places: &PlaceReader, balls: &[Ball]) -> R
     let ball = balls.get(number).ok_or_else(|| {
         doc.fault(&key, format!("{number} is no ball; the scene has {} of them, counted from 0", balls.len()))
     })?;
-    Ok(Probe { name, at: ball.at, point: None, ball: Some(number) })
+    let key = format!("{table}.quantity");
+    let quantity = match doc.get(&key) {
+        Some(_) => {
+            doc.one_of(&key, &ProbeQuantity::OF_BALLS.map(ProbeQuantity::name)).map(ProbeQuantity::named)?
+        }
+        None => None,
+    };
+    let quantity = quantity.unwrap_or_default();
+    Ok(Probe { name, at: ball.at, point: None, ball: Some(number), quantity })
 }
 
 /// Reads a name that is valid as a column of the history.

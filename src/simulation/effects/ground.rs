@@ -85,6 +85,25 @@ impl<P: Partition> BuildContext<'_, P> {
         Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(of).collect()))
     }
 
+    /// Returns the slope along x (0) or y (1) at a scene's probe over the engine's dofs, and this
+    /// process's part of its values for given shapes. Collective.
+    pub fn slope(&self, probe: &scene::Probe, along: usize, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
+        let spot = self.spot(&format!("probe \"{}\"", probe.name), probe.at)?;
+        let of = |_| Probe::of_derivative(self.mesh, probe.at.into(), |of| of.gradient[along]);
+        self.framed(self.comm().all_ok(spot.map(of).transpose())?.as_ref(), shapes)
+    }
+
+    /// Returns this process's part of a sum over all deflections and slopes, three per node, over
+    /// the engine's dofs and for given shapes. Collective.
+    pub fn framed(&self, of_shape: Option<&Probe>, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
+        let mut local = vec![0.0; self.space.dofs()];
+        if let Some(of_shape) = of_shape {
+            of_shape.within(self.space).push(1.0, &mut local);
+        }
+        let of = |shape: &&[f64]| of_shape.map_or(0.0, |of_shape| of_shape.deflection(shape));
+        Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(of).collect()))
+    }
+
     /// Returns deflection and slopes of a formula of x and y at all nodes, three values per node.
     pub(super) fn shape_of(&self, given: &FieldInput) -> Result<Vec<f64>> {
         let mut shape = Vec::with_capacity(PER_NODE * self.mesh.nodes.len());

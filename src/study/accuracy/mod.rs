@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Native;
 use crate::mesh::Point;
 use crate::modes;
-use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, Scene, Study};
+use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, ProbeQuantity, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
 use measuring::{Measurement, PATIENCE, Reference, limit, mesh_and_space, record, take, take_at_once};
 use norms::Metric;
@@ -303,12 +303,13 @@ impl Setting<'_> {
     }
 }
 
-/// Returns the scene, with default probes if it has none.
+/// Returns the scene with the probes of deflections, or with default ones if it has none.
 ///
 /// These are the corners, the middles of the edges and the centre of the rectangle. On a mesh from
 /// a file they are the nodes nearest to those points of the bounding rectangle.
 fn watched(scene: &Scene) -> Result<Scene> {
     let mut scene = scene.clone();
+    scene.output.probes.retain(|probe| probe.quantity == ProbeQuantity::Deflection);
     if scene.output.probes.is_empty() {
         let mesh = simulation::mesh(&scene)?;
         let extremes = |of: fn(&Point) -> f64| {
@@ -326,7 +327,8 @@ fn watched(scene: &Scene) -> Result<Scene> {
             let away = |node: &&Point| (**node - at).norm();
             let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&at);
             let at = if scene.file.is_some() { *node } else { at };
-            Probe { name: format!("{} {}", up.0, across.0), at: [at.x, at.y], point: None, ball: None }
+            let name = format!("{} {}", up.0, across.0);
+            Probe { name, at: [at.x, at.y], point: None, ball: None, quantity: ProbeQuantity::Deflection }
         };
         let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
         scene.output.probes = pairs.map(probe).collect();

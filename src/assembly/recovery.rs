@@ -1,0 +1,245 @@
+//! Recovery of continuous curvatures from those of the elements.
+//!
+//! The curvatures of an element are linear on each of its pieces and jump between them; they
+//! converge with the size h of the cells only. At a node, an affine function fitted to them over
+//! the cells around it is more accurate (O. C. Zienkiewicz and J. Z. Zhu, *The superconvergent
+//! patch recovery and a posteriori error estimates*, International Journal for Numerical Methods in
+//! Engineering 33, 1992). The least squares are weighted by area, at the three points of a rule of
+//! degree 2 on each piece. Between the nodes of a cell the recovered curvature is linear on each
+//! piece.
+//!
+//! Only the cells of one part of the plate take part in a fit, since curvatures jump where
+//! thickness or material do. A node between parts has one recovered curvature per part.
+
+use super::CellArrays;
+use crate::dof_map::PER_NODE;
+use crate::element::{Element, quadrature, with_element};
+use crate::error::Result;
+use crate::mesh::{Mesh, Point};
+use crate::partition::Partition;
+use nalgebra::{Matrix3, Vector2, Vector3};
+use std::collections::{BTreeMap, HashMap};
+use std::rc::Rc;
+
+/// Node of the mesh as seen from one part of the plate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct RecoverySite {
+    /// Number of the node.
+    pub node: usize,
+    /// Number of the part.
+    pub part: usize,
+}
+
+/// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
+/// weights per dof.
+pub type CurvatureRow = Vec<(usize, [f64; 3])>;
+
+/// Recovery of curvatures at the nodes of each part of the plate.
+#[derive(Clone, Debug)]
+pub struct Recovery {
+    sites: Vec<RecoverySite>,
+    /// Sites of the nodes of each cell.
+    of_cells: Vec<Vec<usize>>,
+    /// This rank's share of the curvatures at each site, over all dofs, three per node.
+    rows: Vec<CurvatureRow>,
+}
+
+/// Action on a cell, one of its sites, the vector from the site to the cell's first node, in m, and
+/// the samples of the cell.
+type ActOnSite<'a> = dyn FnMut(usize, usize, Vector2<f64>, &[Sample]) + 'a;
+
+/// Point at which a cell's curvatures enter a fit.
+struct Sample {
+    /// Position relative to the first node of the cell, in m.
+    offset: Vector2<f64>,
+    /// Weight, an area in m^2.
+    weight: f64,
+    /// Curvatures of each basis function.
+    curvatures: Vec<[f64; 3]>,
+}
+
+impl Recovery {
+    /// Prepares the recovery for cells that belong to `parts` parts. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of communication.
+    pub fn new<P: Partition>(
+        mesh: &Mesh,
+        cells: &[CellArrays],
+        part_of: &dyn Fn(usize) -> usize,
+        parts: usize,
+        partition: &P,
+    ) -> Result<Recovery> {
+        let (sites, of_cells) = sites(mesh, part_of);
+        let mut samples: HashMap<usize, Rc<[Sample]>> = HashMap::new();
+        for (number, cell) in cells.iter().enumerate() {
+            if let std::collections::hash_map::Entry::Vacant(new) = samples.entry(cell.class) {
+                new.insert(with_element!(&mesh.element(number)?, element => of_element(element)));
+            }
+        }
+        let around = |act: &mut ActOnSite| {
+            for (number, own) in of_cells.iter().enumerate() {
+                let nodes = mesh.cells[number].nodes();
+                for (&site, &node) in own.iter().zip(nodes) {
+                    let from = mesh.nodes[nodes[0]] - mesh.nodes[node];
+                    act(number, site, from, &samples[&cells[number].class]);
+                }
+            }
+        };
+        let mut squares = vec![[0.0; 6]; sites.len()];
+        around(&mut |_, site, from, samples| {
+            for Sample { offset, weight, .. } in samples {
+                let d = from + offset;
+                let terms = [1.0, d.x, d.y, d.x * d.x, d.x * d.y, d.y * d.y];
+                squares[site].iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
+            }
+        });
+        sum_over_ranks(&sites, parts, partition, &mut squares)?;
+        let fits: Vec<Vector3<f64>> = squares.iter().map(value_at_origin).collect();
+        let mut rows = vec![BTreeMap::<usize, [f64; 3]>::new(); sites.len()];
+        around(&mut |number, site, from, samples| {
+            for Sample { offset, weight, curvatures } in samples {
+                let d = from + offset;
+                let share = weight * fits[site].dot(&Vector3::new(1.0, d.x, d.y));
+                let dofs = mesh.cells[number]
+                    .nodes()
+                    .iter()
+                    .flat_map(|node| (0..PER_NODE).map(move |k| PER_NODE * node + k));
+                for (dof, curvature) in dofs.zip(curvatures) {
+                    let row = rows[site].entry(dof).or_default();
+                    row.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
+                }
+            }
+        });
+        let rows = rows.into_iter().map(|row| row.into_iter().collect()).collect();
+        Ok(Recovery { sites, of_cells, rows })
+    }
+
+    /// Returns the sites.
+    pub fn sites(&self) -> &[RecoverySite] {
+        &self.sites
+    }
+
+    /// Returns the sites of the nodes of a cell.
+    pub fn of_cell(&self, cell: usize) -> &[usize] {
+        &self.of_cells[cell]
+    }
+
+    /// Returns this rank's share of the curvatures at each site, over all dofs of its nodes, three
+    /// per node.
+    pub fn rows(&self) -> &[CurvatureRow] {
+        &self.rows
+    }
+
+    /// Sums values at the sites over the ranks that have them. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of communication.
+    pub fn sum<P: Partition>(&self, parts: usize, partition: &P, values: &mut [[f64; 3]]) -> Result<()> {
+        sum_over_ranks(&self.sites, parts, partition, values)
+    }
+}
+
+/// Returns the sites of a mesh, and those of the nodes of each cell.
+fn sites(mesh: &Mesh, part_of: &dyn Fn(usize) -> usize) -> (Vec<RecoverySite>, Vec<Vec<usize>>) {
+    let (mut sites, mut numbers) = (Vec::new(), HashMap::new());
+    let mut number = |site: RecoverySite| {
+        *numbers.entry(site).or_insert_with(|| {
+            sites.push(site);
+            sites.len() - 1
+        })
+    };
+    let of_cell = |(cell, of): (usize, &crate::mesh::Cell)| {
+        let part = part_of(cell);
+        of.nodes().iter().map(|&node| number(RecoverySite { node, part })).collect()
+    };
+    let of_cells = mesh.cells.iter().enumerate().map(of_cell).collect();
+    (sites, of_cells)
+}
+
+/// Sums values at sites over the ranks that have them. Collective.
+///
+/// # Errors
+/// Returns the errors of communication.
+pub fn sum_over_ranks<P: Partition, const N: usize>(
+    sites: &[RecoverySite],
+    parts: usize,
+    partition: &P,
+    values: &mut [[f64; N]],
+) -> Result<()> {
+    if !P::DIVIDES {
+        return Ok(());
+    }
+    let nodes = sites.iter().map(|site| site.node + 1).max().unwrap_or(0);
+    for part in 0..parts {
+        for entry in 0..N {
+            let of_part = || sites.iter().enumerate().filter(|(_, site)| site.part == part);
+            let mut of_nodes = vec![0.0; nodes];
+            of_part().for_each(|(number, site)| of_nodes[site.node] = values[number][entry]);
+            let sums = partition.sum_at_nodes(&of_nodes)?;
+            of_part().for_each(|(number, site)| values[number][entry] = sums[site.node]);
+        }
+    }
+    Ok(())
+}
+
+/// Returns the sample points of an element.
+fn of_element<const N: usize>(element: &Element<N>) -> Rc<[Sample]> {
+    let mut samples = Vec::new();
+    for (number, piece) in element.pieces.iter().enumerate() {
+        for (barycentric, weight) in quadrature::DEGREE_2 {
+            let hessian = piece.basis(barycentric).hessian;
+            samples.push(Sample {
+                offset: element.point(number, barycentric) - element.origin,
+                weight: weight * piece.area(),
+                curvatures: (0..N).map(|i| [0, 1, 2].map(|row| hessian[(row, i)])).collect(),
+            });
+        }
+    }
+    samples.into()
+}
+
+/// Returns the vector g for which g . (sum of weight (1, x, y) value) is the value at the origin of
+/// the affine function fitted to the values. `sums` are the sums of the weights times 1, x, y, x^2,
+/// x y and y^2.
+fn value_at_origin(sums: &[f64; 6]) -> Vector3<f64> {
+    let [one, x, y, xx, xy, yy] = *sums;
+    // Lengths are measured by their root mean square, so that the matrix is well conditioned.
+    let scale = ((xx + yy) / one).sqrt();
+    let (x, y, square) = (x / scale, y / scale, scale * scale);
+    let (xx, xy, yy) = (xx / square, xy / square, yy / square);
+    let matrix = Matrix3::new(one, x, y, x, xx, xy, y, xy, yy);
+    let fit = matrix.cholesky().map(|factor| factor.solve(&Vector3::x()));
+    // A single flat cell may leave the slopes undetermined; the mean remains.
+    let fit = fit.filter(|fit| fit.iter().all(|g| g.is_finite()));
+    fit.map_or(Vector3::new(1.0 / one, 0.0, 0.0), |g| Vector3::new(g.x, g.y / scale, g.z / scale))
+}
+
+/// Returns the weights of a cell's vertices in the value, at a point of the cell, of the function
+/// that is linear on each piece of the cell.
+///
+/// The value at the centre of a quadrilateral, where its diagonals cross, is the mean of those
+/// interpolated along the diagonals, and that of a triangle is the mean of its vertices.
+pub fn vertex_weights(element: &crate::element::AnyElement, at: Point) -> Vec<f64> {
+    fn of<const N: usize>(element: &Element<N>, at: Point) -> Vec<f64> {
+        let (piece, [u, v, w]) = element.locate(at);
+        let count = N / PER_NODE;
+        let mut weights = vec![0.0; count];
+        weights[piece] += u;
+        weights[(piece + 1) % count] += v;
+        if count == 3 {
+            weights.iter_mut().for_each(|weight| *weight += w / 3.0);
+            return weights;
+        }
+        let vertex = |i: usize| element.pieces[i].vertices[0];
+        let centre = element.pieces[0].vertices[2];
+        for start in 0..2 {
+            let side = vertex(start + 2) - vertex(start);
+            let along = (centre - vertex(start)).dot(&side) / side.norm_squared();
+            weights[start] += 0.5 * w * (1.0 - along);
+            weights[start + 2] += 0.5 * w * along;
+        }
+        weights
+    }
+    with_element!(element, element => of(element, at))
+}
