@@ -372,6 +372,12 @@ pub trait Scheme {
     /// Returns the displacement `$U^n$`, in m, one entry per dof.
     fn displacement(&self) -> &[f64];
 
+    /// Returns the displacement `$U^n$` of one dof, in m, with the bits of
+    /// [`Scheme::displacement`]. It is cheap also for a scheme whose steps compute no displacement.
+    fn displacement_of(&self, dof: usize) -> f64 {
+        self.displacement()[dof]
+    }
+
     /// Returns the rate of U at the present instant, in m/s, one entry per displacement dof. The
     /// product of M with it is the momentum of the scheme, whose change is the impulse of loads,
     /// damping and [`StepRecord::impulses`]. The call does not change later steps. Collective.
@@ -421,6 +427,12 @@ pub trait Scheme {
 
     /// Returns the number of numeric factorisations so far; of diagonalisations for a modal scheme.
     fn factorisations(&self) -> u64;
+
+    /// Returns the wall time that steps since the last call took for what is computed once per run,
+    /// in s: the compliance of nodes that come near their obstacles, for the modal mass.
+    fn take_compliance_seconds(&mut self) -> f64 {
+        0.0
+    }
 
     /// Returns the relaxation statistics; `None` for a scheme that does not relax its steps.
     fn relaxation(&self) -> Option<RelaxationStatistics> {

@@ -303,8 +303,11 @@ impl<E: Engine> Model<E> {
         accelerations: &Accelerations,
         values: &mut [f64],
     ) -> Result<()> {
-        let u = scheme.displacement();
-        let mut own: Vec<f64> = self.probes.iter().map(|probe| probe.deflection(u)).collect();
+        let value = |probe: &Probe| {
+            let parts = probe.weights().iter().map(|&(dof, weight)| weight * scheme.displacement_of(dof));
+            parts.sum()
+        };
+        let mut own: Vec<f64> = self.probes.iter().map(value).collect();
         for (motion, lift) in &self.frame.0 {
             let moved = motion.at(Point::origin(), scheme.time())?;
             axpy(moved, lift, &mut own);

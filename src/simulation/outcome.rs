@@ -68,6 +68,9 @@ pub struct Seconds {
 pub struct BlockSeconds {
     /// Time for the steps of the scheme, in s.
     pub advance: f64,
+    /// Time for the compliance of nodes that come near their obstacles, for the modal mass, in s:
+    /// once per run and node, and no part of the steps.
+    pub compliance: f64,
     /// Time for events, the check of each step and the contacts of nodes, in s.
     pub contacts: f64,
     /// Time for energies, probes, the rows of the history and extremes of the stress, in s.
@@ -81,7 +84,7 @@ pub struct BlockSeconds {
 impl BlockSeconds {
     /// Returns the time for all blocks, in s.
     pub fn total(self) -> f64 {
-        self.advance + self.contacts + self.rows + self.fields + self.checkpoints
+        self.advance + self.compliance + self.contacts + self.rows + self.fields + self.checkpoints
     }
 }
 

@@ -276,6 +276,7 @@ impl<E: Engine> TimeLoop<'_, E> {
     fn advance(&mut self) -> Result<()> {
         let advanced = self.scheme.advance().map_err(|error| locate(error, self.model));
         self.monitor.clock.lap(|blocks| &mut blocks.advance);
+        self.monitor.clock.shift_to_compliance(self.scheme.take_compliance_seconds());
         advanced
     }
 
@@ -334,6 +335,12 @@ impl BlockClock {
         let now = Instant::now();
         *block(&mut self.seconds) += (now - self.read).as_secs_f64();
         self.read = now;
+    }
+
+    /// Counts a part of the steps (s) as work on the compliance.
+    fn shift_to_compliance(&mut self, part: f64) {
+        self.seconds.advance -= part;
+        self.seconds.compliance += part;
     }
 }
 

@@ -135,6 +135,26 @@ fn a_free_plate_on_a_moving_floor_balances_momentum_and_energy() {
 }
 
 #[test]
+fn the_displacement_of_one_dof_has_the_bits_of_that_of_all() {
+    let wave = "load = { pressure = '2000 * sin(5*x - 200*t)' }\n";
+    let (scene, model) = modal(&format!("{PAPER_FALL}{wave}"), 40, 2e-5);
+    let mut scheme = model.scheme(&scene).unwrap();
+    let mut touched = 0;
+    while scheme.time() < 0.06 {
+        scheme.advance().unwrap();
+        let touches = scheme.reaction().iter().any(|r| *r != 0.0);
+        if touches || scheme.step().is_multiple_of(100) {
+            touched += usize::from(touches);
+            let dofs = 0..model.system.engine.dofs();
+            let single: Vec<u64> = dofs.map(|dof| scheme.displacement_of(dof).to_bits()).collect();
+            let all = scheme.displacement().iter().map(|u| u.to_bits());
+            assert!(all.eq(single), "step {}", scheme.step());
+        }
+    }
+    assert!(touched > 20, "{touched} steps in contact");
+}
+
+#[test]
 fn no_node_of_the_mesh_penetrates() {
     // All nodes are evaluated after each step, while the certificates let most of them alone. The
     // obstacles are met by the edge, by many nodes, while they move, and along a ridge.

@@ -13,12 +13,14 @@
 //! S = K + s M_r, followed each time by the projection:
 //! `$h \leftarrow P (h + S^{-1} (b - K h))$` with `$P = 1 - \Phi \Phi^T M_r$`. Each round leaves
 //! the share `$s / (s + w^2)$` of the error, where w is the lowest frequency beyond the modes, and
-//! corrects the rounding of the factor. The difference of the whole compliance and that of the
-//! modes would lose up to half of the digits instead.
+//! corrects the rounding of the factor. How much a round leaves is measured at the start, so that
+//! the number of rounds is the same for all forces. The difference of the whole compliance and that
+//! of the modes would lose up to half of the digits instead.
 
 use super::saddle_point::SaddlePointSolver;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::linalg::random::golden_vector;
 use crate::linalg::vectors::{axpy, dot, subtract};
 use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
 use crate::scheme::System;
@@ -29,20 +31,22 @@ use std::rc::Rc;
 /// Shift s of a mechanism, relative to the square of the highest kept frequency.
 const SHIFT: f64 = 1e-3;
 
-/// Relative size of the next increment at which the iteration ends, the share of the last one above
-/// which an increment is rounding, and the largest number of rounds. Five rounds reach the end with
-/// rigid motions, two or three without.
-const SETTLED: f64 = 1e-15;
-const STALLED: f64 = 0.25;
+/// Relative accuracy of the displacements, and the largest number of rounds. One or two rounds
+/// reach it, and four with rigid motions.
+const ACCURACY: f64 = 1e-11;
 const MAX_ROUNDS: usize = 8;
 
 /// Solver for velocities of modes; see the [module page](self).
 pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
-    system: &'s System<E>,
-    modes: Rc<MassModes>,
+    pub system: &'s System<E>,
+    pub modes: Rc<MassModes>,
+    /// Shift s, in (rad/s)^2.
+    pub shift: f64,
     /// Number of dofs of all ranks.
     dofs: usize,
     factor: RefCell<E::Factor>,
+    /// Number of rounds of the iteration.
+    rounds: usize,
 }
 
 impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
@@ -60,64 +64,88 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
         let is_mechanism = squares.first().is_some_and(|square| *square == 0.0);
         let highest = squares.last().copied().unwrap_or(0.0);
         let consistent = Form::Cells(consistent.clone());
+        let shift = if is_mechanism { SHIFT * highest } else { 0.0 };
         let sum = match is_mechanism {
-            true => stiffness + &consistent * (SHIFT * highest),
+            true => stiffness + &consistent * shift,
             false => stiffness.into(),
         };
-        Ok(ModalSaddlePoint {
+        let mut saddle = ModalSaddlePoint {
             system,
             modes: modes.clone(),
+            shift,
             dofs: engine.comm().all_reduce_sum(engine.dofs()),
             factor: engine.factor(&sum, &[])?.into(),
-        })
+            rounds: 1,
+        };
+        saddle.rounds = saddle.rounds_needed()?;
+        Ok(saddle)
     }
 
     /// Returns the part h of the displacements under forces (n x k) that the modes leave.
     /// Collective.
     pub fn rest(&self, forces: &Mat<f64>) -> Result<Mat<f64>> {
-        let System { engine, stiffness, .. } = self.system;
-        let (modes, comm) = (&self.modes, engine.comm());
-        let mut h = Mat::<f64>::zeros(forces.nrows(), forces.ncols());
+        let comm = self.system.engine.comm();
         if comm.all_reduce_max(forces.norm_max()) == 0.0 {
-            return Ok(h);
+            return Ok(Mat::zeros(forces.nrows(), forces.ncols()));
         }
-        let along = summed(comm, modes.shapes.transpose() * forces);
-        let b = forces - &modes.momenta * along;
-        if comm.all_reduce_max(b.norm_max()) == 0.0 {
-            return Ok(h);
+        let along = summed(comm, self.modes.shapes.transpose() * forces);
+        self.rest_along(forces, &along)
+    }
+
+    /// Returns the displacements of [`Self::rest`], given the modal forces `$\Phi^T f$` (m x k).
+    /// Collective.
+    pub fn rest_along(&self, forces: &Mat<f64>, along: &Mat<f64>) -> Result<Mat<f64>> {
+        let b = forces - &self.modes.momenta * along;
+        let mut h = self.round(b.clone())?;
+        for _ in 1..self.rounds {
+            let mut residual = b.clone();
+            self.subtract_forces(&h, &mut residual)?;
+            h += self.round(residual)?;
         }
-        let mut factor = self.factor.borrow_mut();
-        let mut product = vec![0.0; b.nrows()];
-        let mut last = 1.0;
-        for round in 0..MAX_ROUNDS {
-            let mut increment = b.clone();
-            if round > 0 {
-                for j in 0..h.ncols() {
-                    engine.multiply(stiffness, h.col_as_slice(j), &mut product)?;
-                    subtract(&product, increment.col_as_slice_mut(j));
-                }
-            }
-            factor.solve_columns(&mut increment)?;
-            self.remove_modes(&mut increment);
-            h += &increment;
-            let square = |of: &Mat<f64>, j: usize| dot(of.col_as_slice(j), of.col_as_slice(j));
-            let own: Vec<[f64; 2]> = (0..h.ncols()).map(|j| [square(&increment, j), square(&h, j)]).collect();
-            let sums = comm.all_reduce_sum_slice(&own);
-            let change = sums.iter().map(|[change, whole]| (change / whole).sqrt()).fold(0.0, f64::max);
-            // The next change is about as much smaller as this one.
-            if change * change <= SETTLED * last || round > 0 && change > STALLED * last {
-                break;
-            }
-            last = change;
-        }
-        self.remove_modes(&mut h);
         Ok(h)
+    }
+
+    /// Returns P S^-1 b. Collective.
+    fn round(&self, mut b: Mat<f64>) -> Result<Mat<f64>> {
+        self.factor.borrow_mut().solve_columns(&mut b)?;
+        self.remove_modes(&mut b);
+        Ok(b)
+    }
+
+    /// Returns the number of rounds that lead to displacements of the wanted accuracy, from the
+    /// share of the error that a round leaves under pseudo-random forces. Collective.
+    fn rounds_needed(&self) -> Result<usize> {
+        let comm = self.system.engine.comm();
+        let force = golden_vector(self.system.engine.dofs());
+        let mut b = Mat::from_fn(force.len(), 1, |i, _| force[i]);
+        let along = summed(comm, self.modes.shapes.transpose() * &b);
+        b -= &self.modes.momenta * along;
+        let h = self.round(b.clone())?;
+        self.subtract_forces(&h, &mut b)?;
+        let square = |of: &Mat<f64>| dot(of.col_as_slice(0), of.col_as_slice(0));
+        let [left, whole] = comm.all_reduce_sum([square(&self.round(b)?), square(&h)]);
+        let measured = if whole == 0.0 { 0.0 } else { (left / whole).sqrt() };
+        let share = if self.shift > 0.0 { SHIFT.max(measured) } else { measured };
+        let enough = |rounds: &usize| share.powi(*rounds as i32) <= ACCURACY;
+        Ok((1..MAX_ROUNDS).find(enough).unwrap_or(MAX_ROUNDS))
+    }
+
+    /// Subtracts the forces K h of displacements (n x k).
+    fn subtract_forces(&self, h: &Mat<f64>, forces: &mut Mat<f64>) -> Result<()> {
+        let System { engine, stiffness, .. } = self.system;
+        let mut product = vec![0.0; h.nrows()];
+        for j in 0..h.ncols() {
+            engine.multiply(stiffness, h.col_as_slice(j), &mut product)?;
+            subtract(&product, forces.col_as_slice_mut(j));
+        }
+        Ok(())
     }
 
     /// Projects displacements (n x k) on those that no mode carries, h <- P h. Collective.
     fn remove_modes(&self, h: &mut Mat<f64>) {
-        let along = summed(self.system.engine.comm(), self.modes.momenta.transpose() * &*h);
-        *h -= &self.modes.shapes * along;
+        // In this order the product does not rearrange the long matrix of the momenta.
+        let along = (h.transpose() * &self.modes.momenta).transpose().to_owned();
+        *h -= &self.modes.shapes * summed(self.system.engine.comm(), along);
     }
 }
 

@@ -10,6 +10,7 @@ use crate::linalg::Engine;
 use crate::vi::ComplianceSolver;
 use faer::Mat;
 use std::rc::Rc;
+use std::time::Instant;
 
 impl<E: Engine> ModalConserving<'_, E> {
     /// Evaluates the nodes of a tier and of all smaller ones at the present state.
@@ -23,8 +24,10 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Adds candidates, ascending numbers of bounds. Collective.
     pub(super) fn add_candidates(&mut self, near: Vec<usize>) -> Result<()> {
+        let clock = Instant::now();
         let old = self.model.candidates.clone();
-        self.model.extend(self.system, &self.all, &self.loads.limits, &self.saddle, &near)?;
+        self.model.extend(&self.saddle, &self.all, &self.loads.limits, &self.reach.shapes, &near)?;
+        self.compliance_seconds += clock.elapsed().as_secs_f64();
         let candidates = self.model.candidates.clone();
         let shapes = &self.reach.shapes;
         self.rows = Mat::from_fn(shapes.nrows(), candidates.len(), |k, i| shapes[(k, candidates[i])]);
@@ -43,10 +46,10 @@ impl<E: Engine> ModalConserving<'_, E> {
             state.extend(&self.model, &self.rows, &old);
         }
         self.contact = extended(&self.contact, &candidates, &old);
-        self.shown_contact = extended(&self.shown_contact, &candidates, &old);
+        self.shown.contact = extended(&self.shown.contact, &candidates, &old);
         let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
         self.mean = candidates.iter().map(known).collect();
-        self.shown = self.now.clone();
+        self.shown.state = self.now.clone();
         Ok(())
     }
 }

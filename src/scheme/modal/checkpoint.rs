@@ -3,9 +3,9 @@
 //! Where the modes have changed (see [`super::coordinates`]), the certificates for the nodes that
 //! are no candidates are renewed. The numbers of the candidates stay.
 
-use super::ModalConserving;
 use super::contact_model::ContactModel;
 use super::coordinates::Coordinates;
+use super::{Balance, ModalConserving};
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
@@ -16,7 +16,8 @@ impl<E: Engine> ModalConserving<'_, E> {
     /// Saves or restores the scheme. Collective.
     pub(super) fn save_or_restore(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        for value in [&mut self.start, &mut self.work, &mut self.offset, &mut self.span, &mut self.ahead] {
+        let Balance { start, work, offset } = &mut self.balance;
+        for value in [start, work, offset, &mut self.span, &mut self.ahead] {
             archive.value(value)?;
         }
         archive.value(&mut self.length)?;
@@ -34,7 +35,7 @@ impl<E: Engine> ModalConserving<'_, E> {
         let mut is_listed = self.is_listed;
         archive.value(&mut is_listed)?;
         self.contact.archive(&self.model.compliance, archive)?;
-        self.shown_contact.archive(&self.model.compliance, archive)?;
+        self.shown.contact.archive(&self.model.compliance, archive)?;
         Approach::archive(&mut self.free, archive)?;
         if !archive.saves() {
             self.complete(is_listed, are_same)?;

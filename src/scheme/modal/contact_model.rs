@@ -4,7 +4,6 @@ use super::all_bounds::AllBounds;
 use super::limits::Limits;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::scheme::System;
 use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::exact::reduction::remains;
 use crate::scheme::exact::saddle_point::SaddlePointSolver;
@@ -22,14 +21,13 @@ pub(super) struct ContactModel {
     /// Largest finite magnitude of the candidates' bounds at rest, in m, or the size of the bounded
     /// motions if that is larger.
     pub magnitude: f64,
-    /// Displacements H per unit reaction, one column per candidate with one entry per dof of this
+    /// Displacements H per unit reaction, one vector per candidate with one entry per dof of this
     /// rank, in m/N.
-    pub flexibility: Mat<f64>,
-    /// Values of H at all bounds, and the compliance R at the candidates.
-    pub at_bounds: Mat<f64>,
+    pub flexibility: Vec<Vec<f64>>,
+    /// Values of H at all bounds, one vector per candidate.
+    pub at_bounds: Vec<Vec<f64>>,
+    /// Compliance R at the candidates, in m/N.
     pub compliance: Mat<f64>,
-    /// Compliance of modes and rest together.
-    whole: Mat<f64>,
 }
 
 impl ContactModel {
@@ -39,63 +37,54 @@ impl ContactModel {
             candidates: Vec::new(),
             own: Vec::new(),
             magnitude,
-            flexibility: Mat::new(),
-            at_bounds: Mat::new(),
+            flexibility: Vec::new(),
+            at_bounds: Vec::new(),
             compliance: Mat::new(),
-            whole: Mat::new(),
         }
     }
 
-    /// Adds candidates, ascending numbers of bounds with given limits at rest. Collective.
+    /// Adds candidates, ascending numbers of bounds, given the limits at rest of all bounds and the
+    /// mode shapes there, in columns. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Usage`] where so many modes leave the candidates no compliance of
     /// their own, and the errors of the engine.
     pub fn extend<E: Engine>(
         &mut self,
-        system: &System<E>,
+        saddle: &ModalSaddlePoint<E>,
         all: &AllBounds,
         limits: &Limits,
-        saddle: &ModalSaddlePoint<E>,
+        shapes: &Mat<f64>,
         more: &[usize],
     ) -> Result<()> {
-        let (dofs, comm) = (system.engine.dofs(), system.engine.comm());
-        let forces = Mat::from_fn(dofs, more.len(), |i, j| f64::from(all.dof(more[j]) == Some(i)));
-        let whole = all.rows(comm, &saddle.unconstrained(forces.clone())?);
-        let flexibility = saddle.rest(&forces)?;
-        let at_bounds = all.rows(comm, &flexibility);
-
-        let known = self.candidates.len();
-        let numbers: Vec<usize> = self.candidates.iter().chain(more).copied().collect();
-        // Columns in the order of the candidates: the known ones, then the new ones.
-        let mut order: Vec<usize> = (0..numbers.len()).collect();
-        order.sort_unstable_by_key(|&k| numbers[k]);
-        self.candidates = order.iter().map(|&k| numbers[k]).collect();
+        let engine = &saddle.system.engine;
+        let forces = Mat::from_fn(engine.dofs(), more.len(), |i, j| f64::from(all.dof(more[j]) == Some(i)));
+        let along = Mat::from_fn(shapes.nrows(), more.len(), |k, j| shapes[(k, more[j])]);
+        let flexibility = saddle.rest_along(&forces, &along)?;
+        let at_bounds = all.rows(engine.comm(), &flexibility);
+        for (k, &number) in more.iter().enumerate() {
+            let at = self.candidates.partition_point(|known| *known < number);
+            self.candidates.insert(at, number);
+            self.flexibility.insert(at, flexibility.col_as_slice(k).to_vec());
+            self.at_bounds.insert(at, at_bounds.col_as_slice(k).to_vec());
+        }
         self.list_own(all);
         self.note_magnitude(limits);
-        let joined = |old: &Mat<f64>, new: &Mat<f64>| {
-            let mut all = Mat::zeros(new.nrows(), order.len());
-            for (j, &k) in order.iter().enumerate() {
-                let column =
-                    k.checked_sub(known).map_or_else(|| old.col_as_slice(k), |k| new.col_as_slice(k));
-                all.col_as_slice_mut(j).copy_from_slice(column);
-            }
-            all
-        };
-        self.flexibility = joined(&self.flexibility, &flexibility);
-        self.at_bounds = joined(&self.at_bounds, &at_bounds);
         let (candidates, at_bounds) = (&self.candidates, &self.at_bounds);
-        self.whole = Mat::from_fn(order.len(), order.len(), |i, j| {
-            match [order[i].checked_sub(known), order[j].checked_sub(known)] {
-                [_, Some(k)] => whole[(candidates[i], k)],
-                [Some(k), _] => whole[(candidates[j], k)],
-                [None, None] => self.whole[(order[i], order[j])],
-            }
+        self.compliance = Mat::from_fn(candidates.len(), candidates.len(), |i, j| {
+            0.5 * (at_bounds[j][candidates[i]] + at_bounds[i][candidates[j]])
         });
-        self.compliance = Mat::from_fn(order.len(), order.len(), |i, j| {
-            0.5 * (at_bounds[(candidates[i], j)] + at_bounds[(candidates[j], i)])
+        let whole = self.whole(shapes, &saddle.modes.squares, saddle.shift);
+        if remains(&self.compliance, &whole) { Ok(()) } else { Err(saddle.rigid_contact()) }
+    }
+
+    /// Returns the compliance of modes and rest together, in m/N. Where there are rigid motions, it
+    /// is that of K + s M with the shift s, in (rad/s)^2.
+    fn whole(&self, shapes: &Mat<f64>, squares: &[f64], shift: f64) -> Mat<f64> {
+        let rows = Mat::from_fn(self.candidates.len(), squares.len(), |i, k| {
+            shapes[(k, self.candidates[i])] / (squares[k] + shift).sqrt()
         });
-        if remains(&self.compliance, &self.whole) { Ok(()) } else { Err(saddle.rigid_contact()) }
+        &rows * rows.transpose() + &self.compliance
     }
 
     /// Lists the candidates of this rank.

@@ -153,6 +153,12 @@ impl ModalLoads {
         }
     }
 
+    /// Returns the terms of the response at one dof, in m, in the order of [`Self::add_response`].
+    pub fn response_at(&self, data: &ModalData, dof: usize) -> impl Iterator<Item = f64> {
+        let loads = data.factors.iter().enumerate().map(move |(k, factor)| factor * self.responses[(dof, k)]);
+        loads.chain(data.wave.get(dof).copied())
+    }
+
     /// Returns the elastic energy of the response to the loads, in J.
     pub fn elastic(&self, data: &ModalData) -> f64 {
         let factors = || data.factors.iter().enumerate();

@@ -4,9 +4,9 @@
 //! long as the modes move freely under constant data. Until its end the steps need no deflections
 //! of candidates and no contact problem.
 
-use super::forecast::Forecast;
+use super::forecast::{Forecast, distance};
 use super::products::{dots, norm};
-use super::reach::{ROUNDING, Reach, distance};
+use super::reach::{ROUNDING, Reach};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;

@@ -8,6 +8,7 @@
 //! approximated by its position of rest `$h / w^2$`, with the error A. The third derivative of a
 //! rigid motion is at most `$c\,|h - c\,\dot q|$`.
 
+use super::limits::Limits;
 use super::products::sum;
 use super::rotation::Rotation;
 use std::f64::consts::SQRT_2;
@@ -86,6 +87,14 @@ pub(super) fn least([constant, slope, square]: [f64; 3], end: f64) -> f64 {
         return ends.min(constant - 0.25 * slope * slope / square);
     }
     ends
+}
+
+/// Returns the least distance of a bounded dof from its obstacles between 0 and `end`, in m, for
+/// given coefficients of 1, t and t^2 of its deflection.
+#[inline(always)]
+pub(super) fn distance([y, rate, curve]: [f64; 3], limits: &Limits, bound: usize, end: f64) -> f64 {
+    let below = least([y - limits.lower[bound], rate, curve], end);
+    below.min(least([limits.upper[bound] - y, -rate, -curve], end))
 }
 
 #[cfg(test)]

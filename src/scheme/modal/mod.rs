@@ -58,12 +58,15 @@ mod coordinates;
 mod data;
 mod flight;
 mod forecast;
+mod groups;
+mod increments;
 mod limits;
 mod products;
 mod reach;
 mod relaxation;
 mod rotation;
 mod scheme;
+mod shown;
 mod state;
 mod stepping;
 
@@ -82,17 +85,19 @@ use contact_model::ContactModel;
 use data::ModalLoads;
 use faer::Mat;
 use flight::Flight;
+use increments::Increments;
 use limits::Limits;
 use pulp::Arch;
 use reach::Reach;
 use rotation::Rotation;
+use shown::Shown;
 use state::State;
-use std::cell::OnceCell;
 use std::f64::consts::TAU;
 use std::rc::Rc;
 
 /// Longest part of a step, in periods of the fastest mode.
 const PART: f64 = 0.1;
+
 /// Conserving scheme for the modal mass; see the [module page](self).
 pub struct ModalConserving<'s, E: Engine> {
     system: &'s System<E>,
@@ -118,37 +123,36 @@ pub struct ModalConserving<'s, E: Engine> {
     grown: Vec<Vec<usize>>,
     now: State,
     before: State,
-    /// Work space for increments of q, q' and the deflections.
-    dq: Vec<f64>,
-    dv: Vec<f64>,
-    dy: Vec<f64>,
-    /// Change of the bounds over a step, and the bounds at the present gamma; used only where they
-    /// change in time.
-    change: Limits,
+    increments: Increments,
+    /// Bounds at the present gamma; used only where they change in time.
     present: Limits,
-    /// Energy at the start besides that of the constant load, and its change since by work, in J.
-    start: f64,
-    work: f64,
-    /// Difference of the reported total energy and the scheme's own at the start, in J.
-    offset: f64,
+    balance: Balance,
     /// Time between the two states, and from the grid instant to the later one, in s.
     span: f64,
     ahead: f64,
     /// Whether there were reactions between the two states, and their means, in N.
     presses: bool,
     mean: Vec<f64>,
-    /// State at the grid instant, and the solver for its reactions.
-    shown: State,
-    shown_contact: ComplianceSolver,
-    limits: Bounds,
-    shape: OnceCell<Vec<f64>>,
+    shown: Shown,
     /// Last states before contact, one entry per bound of this rank.
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
+    /// Wall time for the compliance of candidates that steps have added, in s.
+    compliance_seconds: f64,
     record: StepRecord,
     /// Whether the record lists candidates.
     is_listed: bool,
     arch: Arch,
+}
+
+/// Balance of energy, in J.
+#[derive(Default)]
+struct Balance {
+    /// Energy at the start besides that of the constant load, and its change since by work.
+    start: f64,
+    work: f64,
+    /// Difference of the reported total energy and the scheme's own at the start.
+    offset: f64,
 }
 
 impl<'s, E: Engine> ModalConserving<'s, E> {
@@ -168,55 +172,34 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let loads = ModalLoads::new(system, &modes, &saddle, &all)?;
         let shapes = all.shapes(comm, &modes)?;
         let decays = decays(system, &modes);
-        let (bounds, count) = (&system.bounds, modes.squares.len());
-        let mut now = State {
-            q: vec![0.0; count],
-            v: vec![0.0; count],
-            is_settled: true,
-            y: Vec::new(),
-            x: Vec::new(),
-            reaction: Vec::new(),
-            frame_rates: system.drive.rates(0.0)?,
+        let now = State {
             data: loads.at(system, &modes, &saddle, &[], 0.0)?.into(),
+            ..State::at_start(system, modes.count(), &start)?
         };
-        system.engine.project(&system.mass, &start.displacement, &mut now.q)?;
-        system.engine.project(&system.mass, &start.velocity, &mut now.v)?;
-        let before = |&dof: &usize| Approach {
-            time: 0.0,
-            deflection: start.displacement[dof],
-            velocity: start.velocity[dof],
-        };
+        let bounds = &system.bounds;
         let fastest = modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU);
-        let parts = (dt * fastest / PART).ceil().max(1.0);
-        let part = dt / parts;
+        let part = dt / (dt * fastest / PART).ceil().max(1.0);
         let mut scheme = ModalConserving {
             is_damped: decays.iter().any(|decay| *decay > 0.0),
             rotation: Rotation::new(&modes.squares, &decays, part),
             other: Rotation::new(&modes.squares, &decays, part),
             length: part,
             contact: ComplianceSolver::new(0),
-            shown_contact: ComplianceSolver::new(0),
             reach: Reach::new(shapes, [&modes.squares, &decays], part, !system.drive.varies()),
             flight: Flight::default(),
             rows: Mat::new(),
             grown: Vec::new(),
-            dq: vec![0.0; count],
-            dv: vec![0.0; count],
-            dy: Vec::new(),
-            change: Limits::default(),
+            increments: Increments::new(modes.count()),
             present: Limits::default(),
-            start: 0.0,
-            work: 0.0,
-            offset: 0.0,
+            balance: Balance::default(),
             span: 0.0,
             ahead: 0.0,
             presses: false,
             mean: Vec::new(),
-            shown: now.clone(),
-            limits: bounds.clone(),
-            shape: OnceCell::new(),
-            free: bounds.dofs.iter().map(before).collect(),
+            shown: Shown::new(now.clone(), bounds.clone()),
+            free: approaches(bounds, &start),
             relaxation: RelaxationStatistics::default(),
+            compliance_seconds: 0.0,
             record: StepRecord { candidates: Some(Vec::new()), ..StepRecord::new(dt, bounds.len()) },
             is_listed: false,
             before: now.clone(),
@@ -230,29 +213,46 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             decays,
             arch: Arch::new(),
         };
+        scheme.record.admissible = bounds.dofs.iter().map(|&dof| start.displacement[dof]).collect();
+        scheme.begin()?;
+        Ok(scheme)
+    }
+
+    /// Finds candidates, reactions and energies of the initial state.
+    fn begin(&mut self) -> Result<()> {
         // Reactions lift further nodes, or press them.
         loop {
-            let near = scheme.check_reach(0).near;
+            let near = self.check_reach(0).near;
             if near.is_empty() {
                 break;
             }
-            scheme.add_candidates(near)?;
-            scheme.settle();
+            self.add_candidates(near)?;
+            self.settle();
         }
-        let State { q, reaction, data, .. } = &scheme.now;
-        let [kinetic, elastic] = scheme.now.energies(&scheme.modes.squares);
-        scheme.start = kinetic + elastic;
-        let rest = scheme.loads.elastic(data) + dot(reaction, &data.near.shift);
-        scheme.offset = rest - scheme.loads.work(data, q, &scheme.model.candidates, reaction);
-        scheme.before = scheme.now.clone();
-        scheme.record.admissible = bounds.dofs.iter().map(|&dof| start.displacement[dof]).collect();
-        scheme.list_candidates();
-        scheme.show();
-        for &(k, i) in &scheme.model.own {
-            scheme.record.reaction[i] = scheme.now.reaction[k];
+        self.compliance_seconds = 0.0;
+        let State { q, reaction, data, .. } = &self.now;
+        let [kinetic, elastic] = self.now.energies(&self.modes.squares);
+        let rest = self.loads.elastic(data) + dot(reaction, &data.near.shift);
+        let offset = rest - self.loads.work(data, q, &self.model.candidates, reaction);
+        self.balance = Balance { start: kinetic + elastic, work: 0.0, offset };
+        self.before = self.now.clone();
+        self.list_candidates();
+        self.show();
+        for &(k, i) in &self.model.own {
+            self.record.reaction[i] = self.now.reaction[k];
         }
-        Ok(scheme)
+        Ok(())
     }
+}
+
+/// Returns the initial states of all bounds.
+fn approaches(bounds: &Bounds, start: &Start) -> Vec<Approach> {
+    let at = |&dof: &usize| Approach {
+        time: 0.0,
+        deflection: start.displacement[dof],
+        velocity: start.velocity[dof],
+    };
+    bounds.dofs.iter().map(at).collect()
 }
 
 /// Returns the decay rates of the modes, in 1/s: those of Rayleigh damping, and of single modes

@@ -25,7 +25,8 @@
 //! steps become candidates.
 
 use super::contact_model::ContactModel;
-use super::forecast::{Forecast, least};
+use super::forecast::{Forecast, distance};
+use super::groups::Groups;
 use super::limits::Limits;
 use super::products::{dot, dots, norm, sum};
 use super::state::State;
@@ -48,6 +49,8 @@ const SMALLEST: usize = 32;
 const LARGE: usize = 4096;
 /// Share of the radius that the error of a forecast may take.
 const SHARE: f64 = 0.5;
+/// Number of nodes per group of all nodes from which on a tier is evaluated by groups.
+const GROUPED: usize = 2;
 /// Rounding errors of a deflection, relative to that of all modes together.
 pub(super) const ROUNDING: f64 = 1e-12;
 
@@ -57,6 +60,7 @@ pub(super) struct Reach {
     /// Mode shapes at all bounds, one column each, with their norms.
     pub shapes: Mat<f64>,
     pub sizes: Vec<f64>,
+    groups: Groups,
     /// Largest displacement per reaction of any candidate, divided by the norm, one entry per
     /// bound.
     flexibilities: Vec<f64>,
@@ -72,7 +76,7 @@ pub(super) struct Reach {
     tiers: Vec<Tier>,
     /// Earliest end of a certificate, if none needs a test before.
     until: Option<f64>,
-    /// Work space: least distance divided by the norm, one entry per bound.
+    /// Work space: least distance divided by the norm, or a lower bound of it, one entry per bound.
     slacks: Vec<f64>,
     arch: Arch,
 }
@@ -123,8 +127,10 @@ impl Reach {
     pub fn new(shapes: Mat<f64>, [squares, decays]: [&[f64]; 2], step: f64, is_constant: bool) -> Reach {
         let count = shapes.ncols();
         let horizon = |level: usize| SHORTEST * step * f64::exp2(level as f64);
+        let sizes: Vec<f64> = (0..count).map(|i| shapes.col(i).norm_l2()).collect();
         Reach {
-            sizes: (0..count).map(|i| shapes.col(i).norm_l2()).collect(),
+            groups: Groups::new(&shapes, &sizes, squares),
+            sizes,
             shapes,
             flexibilities: vec![0.0; count],
             forecasts: (0..LEVELS).map(|level| Forecast::new(squares, decays, horizon(level))).collect(),
@@ -238,6 +244,8 @@ impl Reach {
         let rounding = ROUNDING * norm(&state.q);
         let errors: Vec<f64> =
             self.forecasts.iter().map(|of| (of.error(&state.v, pull) + rounding) / SHARE).collect();
+        let near_time = NEAR * self.step;
+        let near = (0.5 * check.acceleration * near_time * near_time).max(errors[0]);
         tier.level = self.next_level(tier.level, tier.since);
         loop {
             tier.reaction.clear();
@@ -245,7 +253,8 @@ impl Reach {
                 tier.reaction.extend_from_slice(&state.reaction);
             }
             self.forecasts[tier.level].motion(&state.q, &state.v, pull, &mut tier.motion);
-            self.evaluate(tier, check);
+            // Only nodes that may come near need their own slacks.
+            self.evaluate(tier, check, if tier.level == 0 { near } else { f64::NEG_INFINITY });
             tier.radius = self.divide(tier.start, inner);
             if tier.radius >= errors[tier.level] || tier.level == 0 {
                 break;
@@ -255,8 +264,6 @@ impl Reach {
             tier.level = shorter.unwrap_or(tier.level.saturating_sub(2));
         }
         if tier.level == 0 {
-            let near_time = NEAR * self.step;
-            let near = (0.5 * check.acceleration * near_time * near_time).max(errors[0]);
             self.find_near(tier, inner, near, check, finding);
         }
         tier.since = self.elapsed;
@@ -280,9 +287,11 @@ impl Reach {
         longer.min(level + 1).min(LEVELS - 1)
     }
 
-    /// Computes the slacks of the nodes of a tier over its horizon.
-    fn evaluate(&mut self, tier: &Tier, check: &Check) {
-        let Reach { shapes, slacks, sizes, .. } = self;
+    /// Computes the slacks of the nodes of a tier over its horizon; for the nodes of a large tier,
+    /// lower bounds of them, unless these do not exceed `enough`.
+    fn evaluate(&mut self, tier: &Tier, check: &Check, enough: f64) {
+        let Reach { nodes, shapes, slacks, sizes, groups, flexibilities, .. } = self;
+        let nodes = &nodes[tier.start..];
         let end = self.forecasts[tier.level].seconds;
         let motion = tier.motion.each_ref().map(|of| &**of);
         let limits = &check.state.data.all;
@@ -291,12 +300,23 @@ impl Reach {
             .iter()
             .enumerate()
             .filter(|(_, r)| **r != 0.0)
-            .map(|(k, r)| (*r, check.model.at_bounds.col_as_slice(k)))
+            .map(|(k, r)| (*r, &*check.model.at_bounds[k]))
             .collect();
+        let pressure: f64 = acting.iter().map(|(r, _)| r.abs()).sum();
+        let by_groups = nodes.len() >= GROUPED * groups.count();
         self.arch.dispatch(
             #[inline(always)]
             || {
-                for &i in &self.nodes[tier.start..] {
+                if by_groups {
+                    groups.evaluate(motion, limits, end);
+                }
+                for &i in nodes {
+                    if by_groups {
+                        slacks[i] = groups.slack(i) - flexibilities[i] * pressure;
+                    }
+                    if by_groups && slacks[i] > enough {
+                        continue;
+                    }
                     let mut y = dots(shapes.col_as_slice(i), motion);
                     y[0] += limits.shift[i];
                     y[0] += acting.iter().map(|(r, column)| r * column[i]).sum::<f64>();
@@ -334,7 +354,7 @@ impl Reach {
             finding.near.push(i);
             let mut y = limits.shift[i] + dot(self.shapes.col_as_slice(i), &state.q);
             for (k, r) in state.reaction.iter().enumerate() {
-                y += r * model.at_bounds[(i, k)];
+                y += r * model.at_bounds[k][i];
             }
             finding.is_late |= y < limits.lower[i] || y > limits.upper[i];
         }
@@ -353,7 +373,7 @@ impl Reach {
         }
         self.nodes.retain(|i| !is_near(i));
         for k in near.iter().filter_map(|i| model.candidates.binary_search(i).ok()) {
-            let column = model.at_bounds.col_as_slice(k);
+            let column = &model.at_bounds[k];
             for &i in &self.nodes {
                 let flexibility = column[i].abs() / self.sizes[i];
                 self.flexibilities[i] = self.flexibilities[i].max(flexibility);
@@ -385,12 +405,4 @@ impl Reach {
         archive.value(&mut self.until)?;
         archive.value(&mut self.tiers)
     }
-}
-
-/// Returns the least distance of a bounded dof from its obstacles between 0 and `end`, in m, for
-/// given coefficients of 1, t and t^2 of its deflection.
-#[inline(always)]
-pub(super) fn distance([y, rate, curve]: [f64; 3], limits: &Limits, bound: usize, end: f64) -> f64 {
-    let below = least([y - limits.lower[bound], rate, curve], end);
-    below.min(least([limits.upper[bound] - y, -rate, -curve], end))
 }

@@ -1,10 +1,11 @@
 //! Relaxed steps in contact.
 
-use super::ModalConserving;
 use super::data::ModalData;
+use super::increments::Increments;
 use super::limits::Limits;
 use super::products::{energy, sum};
 use super::state::State;
+use super::{Balance, ModalConserving};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{waxpby, waxpy};
@@ -90,9 +91,10 @@ impl<E: Engine> ModalConserving<'_, E> {
     ) -> Result<Option<(f64, f64)>> {
         let (now, before) = (&self.now, &self.before);
         waxpby(0.5, &before.reaction, 0.5, &now.reaction, &mut self.mean);
-        waxpy(-1.0, &before.v, &now.v, &mut self.dv);
-        self.dy.resize(now.y.len(), 0.0);
-        waxpy(-1.0, &before.y, &now.y, &mut self.dy);
+        let Increments { v: dv, y: dy, .. } = &mut self.increments;
+        waxpy(-1.0, &before.v, &now.v, dv);
+        dy.resize(now.y.len(), 0.0);
+        waxpy(-1.0, &before.y, &now.y, dy);
         let plain = is_last.then(|| self.now.clone());
         let taken = self.relax(next, exchanged)?;
         Ok(match (taken, plain) {
@@ -113,14 +115,15 @@ impl<E: Engine> ModalConserving<'_, E> {
     ) -> Result<Option<(f64, f64)>> {
         let obstacles = next.map_or(0.0, |next| self.obstacle_work(next));
         let (energy, size) = self.excess(received + obstacles - dissipated);
+        let increments = &self.increments;
         let mut step = ContactStep {
             contact: &mut self.contact,
             compliance: &self.model.compliance,
             now: &mut self.now,
             y: &self.before.y,
-            dy: &self.dy,
+            dy: &increments.y,
             from: &self.before.data.near,
-            change: next.map(|_| &self.change),
+            change: next.map(|_| &increments.limits),
             present: &mut self.present,
             gamma: 1.0,
             energy,
@@ -133,8 +136,8 @@ impl<E: Engine> ModalConserving<'_, E> {
             false => root(&mut step, RANGE)?,
         };
         let Some(gamma) = gamma else { return Ok(None) };
-        waxpy(gamma, &self.dq, &self.before.q, &mut self.now.q);
-        waxpy(gamma, &self.dv, &self.before.v, &mut self.now.v);
+        waxpy(gamma, &self.increments.q, &self.before.q, &mut self.now.q);
+        waxpy(gamma, &self.increments.v, &self.before.v, &mut self.now.v);
         if let Some(next) = next {
             self.now.data = ModalData::between(&self.before.data, next, gamma).into();
         }
@@ -147,20 +150,21 @@ impl<E: Engine> ModalConserving<'_, E> {
     fn excess(&self, gain: f64) -> ([f64; 3], f64) {
         let squares = &self.modes.squares;
         let State { q, v, .. } = &self.before;
-        let (dq, dv) = (&self.dq, &self.dv);
+        let Increments { q: dq, v: dv, .. } = &self.increments;
         let constant = energy(squares, q, v);
         let linear = sum(squares.len(), |k| v[k] * dv[k] + squares[k] * q[k] * dq[k]);
-        let target = self.start + self.work - self.relaxation.dissipated;
-        ([constant - target, linear - gain, energy(squares, dq, dv)], self.start.abs() + constant)
+        let Balance { start, work, .. } = self.balance;
+        let target = start + work - self.relaxation.dissipated;
+        ([constant - target, linear - gain, energy(squares, dq, dv)], start.abs() + constant)
     }
 
     /// Computes the change of the bounds over the whole step. Returns the work of the mean
     /// reactions on the obstacles, in J.
     fn obstacle_work(&mut self, next: &ModalData) -> f64 {
         let from = &self.before.data.near;
-        self.change.difference(from, &next.near);
+        self.increments.limits.difference(from, &next.near);
         self.present.clone_from(from);
-        let Limits { shift, lower, upper } = &self.change;
+        let Limits { shift, lower, upper } = &self.increments.limits;
         let pressed = |r: f64, i: usize| if r > 0.0 { lower[i] - shift[i] } else { upper[i] - shift[i] };
         self.mean.iter().enumerate().filter(|(_, r)| **r != 0.0).map(|(i, r)| r * pressed(*r, i)).sum()
     }

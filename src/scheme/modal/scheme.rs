@@ -4,6 +4,7 @@ use super::ModalConserving;
 use super::data::ModalData;
 use super::limits::Limits;
 use super::products::dot;
+use super::shown::Shown;
 use super::state::State;
 use crate::archive::Archive;
 use crate::energy::Energies;
@@ -60,7 +61,7 @@ impl<E: Engine> ModalConserving<'_, E> {
             return;
         }
         let is_between = self.ahead > 0.0;
-        let shown = if is_between { &mut self.shown } else { &mut self.now };
+        let shown = if is_between { &mut self.shown.state } else { &mut self.now };
         if !shown.is_settled {
             shown.settle_free(&self.rows);
         }
@@ -72,19 +73,19 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Returns the state at the grid instant.
     fn shown(&self) -> &State {
-        if self.ahead > 0.0 { &self.shown } else { &self.now }
+        if self.ahead > 0.0 { &self.shown.state } else { &self.now }
     }
 
     /// Computes the state at the grid instant.
     pub(super) fn show(&mut self) {
-        self.shape.take();
+        self.shown.shape.take();
         if self.ahead > 0.0 {
             self.interpolate();
         }
         if self.system.drive.varies() {
-            let data = if self.ahead > 0.0 { &self.shown.data } else { &self.now.data };
-            self.all.restrict(&data.all.lower, &mut self.limits.lower);
-            self.all.restrict(&data.all.upper, &mut self.limits.upper);
+            let data = self.shown().data.clone();
+            self.all.restrict(&data.all.lower, &mut self.shown.limits.lower);
+            self.all.restrict(&data.all.upper, &mut self.shown.limits.upper);
         }
         self.end_record();
     }
@@ -97,7 +98,8 @@ impl<E: Engine> ModalConserving<'_, E> {
         let [of_before, of_now] = [left * left * (1.0 + 2.0 * share), right * right * (1.0 + 2.0 * left)];
         let [of_rate_before, of_rate_now] =
             [share * left * left * self.span, -left * share * share * self.span];
-        let (shown, before, now) = (&mut self.shown, &self.before, &self.now);
+        let (before, now) = (&self.before, &self.now);
+        let Shown { state: shown, contact, .. } = &mut self.shown;
         for k in 0..now.q.len() {
             shown.q[k] = of_before * before.q[k]
                 + of_now * now.q[k]
@@ -114,7 +116,7 @@ impl<E: Engine> ModalConserving<'_, E> {
         let State { y, x, reaction, data, .. } = shown;
         let Limits { lower, upper, .. } = &data.near;
         let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
-        self.shown_contact.solve(problem, x, reaction);
+        contact.solve(problem, x, reaction);
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
@@ -124,12 +126,28 @@ impl<E: Engine> ModalConserving<'_, E> {
         self.modes.add_shapes(q, &mut u);
         self.loads.add_response(data, &mut u);
         for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            axpy(*r, self.model.flexibility.col_as_slice(i), &mut u);
+            axpy(*r, &self.model.flexibility[i], &mut u);
         }
         if *is_settled {
             self.model.own.iter().for_each(|&(k, i)| u[self.system.bounds.dofs[i]] = x[k]);
         }
         u
+    }
+
+    /// Returns the displacement of one dof, in m, by the sums of [`Self::shape`] in their order.
+    fn shape_at(&self, dof: usize) -> f64 {
+        let State { q, x, reaction, data, is_settled, .. } = self.shown();
+        let ModalConserving { system, model, loads, modes, .. } = self;
+        let mut own = model.own.iter().filter(|_| *is_settled);
+        if let Some(&(k, _)) = own.find(|(_, i)| system.bounds.dofs[*i] == dof) {
+            return x[k];
+        }
+        let mut rows = self.shown.dof_rows.borrow_mut();
+        let row = rows.entry(dof).or_insert_with(|| modes.shapes.row(dof).iter().copied().collect());
+        let inertial = q.iter().zip(row).map(|(q, shape)| q * *shape);
+        let acting = reaction.iter().enumerate().filter(|(_, r)| **r != 0.0);
+        let pressed = acting.map(|(i, r)| r * model.flexibility[i][dof]);
+        inertial.chain(loads.response_at(data, dof)).chain(pressed).fold(0.0, |sum, term| sum + term)
     }
 }
 
@@ -166,7 +184,11 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn displacement(&self) -> &[f64] {
-        self.shape.get_or_init(|| self.shape())
+        self.shown.shape.get_or_init(|| self.shape())
+    }
+
+    fn displacement_of(&self, dof: usize) -> f64 {
+        self.shown.shape.get().map_or_else(|| self.shape_at(dof), |shape| shape[dof])
     }
 
     /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
@@ -175,7 +197,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         let mut rates = vec![0.0; self.system.engine.dofs()];
         let v = &self.shown().v;
         self.modes.add_shapes(v, &mut rates);
-        let contact = if self.ahead > 0.0 { &self.shown_contact } else { &self.contact };
+        let contact = if self.ahead > 0.0 { &self.shown.contact } else { &self.contact };
         let active = contact.active();
         if active.is_empty() || self.record.step == 0 {
             return Ok(rates);
@@ -192,7 +214,7 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         let mut forces = Mat::from_fn(active.len(), 1, |k, _| missing(active[k]));
         contact.solve_active(&mut forces);
         for (k, &i) in active.iter().enumerate() {
-            axpy(forces[(k, 0)], self.model.flexibility.col_as_slice(i), &mut rates);
+            axpy(forces[(k, 0)], &self.model.flexibility[i], &mut rates);
         }
         Ok(rates)
     }
@@ -202,14 +224,14 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn limits(&self) -> &Bounds {
-        &self.limits
+        &self.shown.limits
     }
 
     /// Returns the energies of the state at or just after the instant.
     fn energies(&self) -> Result<Energies> {
         let State { reaction, data, .. } = &self.now;
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
-        let total = self.offset + kinetic + elastic - self.work;
+        let total = self.balance.offset + kinetic + elastic - self.balance.work;
         let elastic = elastic + self.loads.elastic(data) + dot(reaction, &data.near.shift);
         Ok(Energies { kinetic, elastic, work: kinetic + elastic - total })
     }
@@ -224,6 +246,10 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
 
     fn factorisations(&self) -> u64 {
         self.contact.factorisations
+    }
+
+    fn take_compliance_seconds(&mut self) -> f64 {
+        std::mem::take(&mut self.compliance_seconds)
     }
 
     fn relaxation(&self) -> Option<RelaxationStatistics> {

@@ -9,6 +9,7 @@ use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
+use crate::scheme::{Start, System};
 use faer::Mat;
 use pulp::Arch;
 use std::rc::Rc;
@@ -32,6 +33,16 @@ pub(super) struct State {
 }
 
 impl State {
+    /// Creates the initial state of a number of modes, settled and without candidates and data.
+    /// Collective.
+    pub fn at_start<E: Engine>(system: &System<E>, modes: usize, start: &Start) -> Result<State> {
+        let (mut q, mut v) = (vec![0.0; modes], vec![0.0; modes]);
+        system.engine.project(&system.mass, &start.displacement, &mut q)?;
+        system.engine.project(&system.mass, &start.velocity, &mut v)?;
+        let frame_rates = system.drive.rates(0.0)?;
+        Ok(State { q, v, is_settled: true, frame_rates, ..State::default() })
+    }
+
     /// Computes the deflections of new candidates, without reactions so far.
     pub fn extend(&mut self, model: &ContactModel, rows: &Mat<f64>, old: &[usize]) {
         let mut reaction = vec![0.0; model.candidates.len()];

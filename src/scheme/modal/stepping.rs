@@ -2,6 +2,7 @@
 
 use super::ModalConserving;
 use super::data::ModalData;
+use super::increments::Increments;
 use super::limits::Limits;
 use super::products::{dot, energy};
 use super::reach::Finding;
@@ -60,7 +61,7 @@ impl<E: Engine> ModalConserving<'_, E> {
             axpy(*rate - uniform, supports.col_as_slice(k), v);
             *rate = uniform;
         }
-        self.work += 0.5 * (dot(v, v) - kinetic);
+        self.balance.work += 0.5 * (dot(v, v) - kinetic);
         self.now.frame_rates.clone_from(frame_rates);
     }
 
@@ -85,7 +86,8 @@ impl<E: Engine> ModalConserving<'_, E> {
     /// Moves the modes exactly over a step, from the position before it and the present velocity.
     /// Returns the energies received from the loads and dissipated by damping, in J.
     fn rotate(&mut self, next: Option<&Rc<ModalData>>, seconds: f64) -> [f64; 2] {
-        let ModalConserving { rotation, other, decays, modes, before, now, dq, dv, is_damped, .. } = self;
+        let ModalConserving { rotation, other, decays, modes, before, now, increments, is_damped, .. } = self;
+        let Increments { q: dq, v: dv, .. } = increments;
         let squares = &modes.squares;
         if seconds != rotation.seconds && seconds != other.seconds {
             other.set(squares, decays, seconds);
@@ -182,7 +184,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Adds an accepted step to the work and the statistics.
     fn note_step(&mut self, gamma: f64, [received, dissipated]: [f64; 2], obstacles: f64) {
-        self.work += gamma * (received + obstacles);
+        self.balance.work += gamma * (received + obstacles);
         let relaxation = &mut self.relaxation;
         relaxation.dissipated += gamma * dissipated;
         relaxation.states += 1;
