@@ -207,6 +207,19 @@ impl DofMap {
         [hold.deflection > 0.0, x, y]
     }
 
+    /// Returns the part of the forces at w, w_x and w_y of a node that its constraints bear.
+    pub fn borne(hold: &NodeConstraint, force: [f64; PER_NODE]) -> [f64; PER_NODE] {
+        let [w, along_x, along_y] = force;
+        let deflection = if hold.deflection > 0.0 { w } else { 0.0 };
+        match hold.slope() {
+            Slope::Axes([x, y]) => [deflection, if x { along_x } else { 0.0 }, if y { along_y } else { 0.0 }],
+            Slope::Askew([x, y]) => {
+                let free = along_x * x + along_y * y;
+                [deflection, along_x - free * x, along_y - free * y]
+            }
+        }
+    }
+
     fn numbered(holds: &[NodeConstraint], tips: &[usize], leave_out: bool, extra: usize) -> DofMap {
         let mut tips_at = vec![Vec::new(); if tips.is_empty() { 0 } else { holds.len() }];
         tips.iter().enumerate().for_each(|(tip, &node)| tips_at[node].push(tip));

@@ -10,9 +10,10 @@ use crate::output::contacts::{self, Contacts};
 use crate::output::events::{self, Events};
 use crate::output::history::History;
 use crate::output::progress::{Progress, State};
+use crate::output::reactions::{self, Reactions};
 use crate::output::vtu::{self, Contents, Series};
 use crate::output::{extremes, plot, remove, summary, sweep, write_atomic};
-use crate::simulation::{Contact, Envelope, NodeEvent, Observer, Row, RunState, Snapshot};
+use crate::simulation::{Contact, Envelope, NodeEvent, NodeReaction, Observer, Row, RunState, Snapshot};
 
 /// Observer that writes a run's rows, contacts and checkpoints and reports progress to the
 /// terminal. Of several ranks only one writes these; each writes its own fields.
@@ -34,6 +35,8 @@ pub(super) struct Files {
     contacts: Option<Contacts>,
     /// Events file, for event-driven schemes.
     events: Option<Events>,
+    /// Reactions file, for scenes with named supports.
+    reactions: Option<Reactions>,
     progress: Progress,
 }
 
@@ -45,25 +48,30 @@ impl Files {
         remove(&folder.join(summary::FILE))?;
         plot::clear(folder)?;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
-        let history = History::create(folder, &probes)?;
+        let history = History::create(folder, &probes, &scene.force_columns())?;
         vtu::clear(folder)?;
         contacts::clear(folder)?;
         let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
         events::clear(folder)?;
         let finds_events = scene.time.scheme.capabilities().is_event_driven;
         let events = if finds_events { Some(Events::create(folder)?) } else { None };
+        reactions::clear(folder)?;
+        let has_names = scene.supports.iter().any(|support| support.name.is_some());
+        let reactions = if has_names { Some(Reactions::create(folder)?) } else { None };
         let progress = Progress::new(0..scene.time.steps(), 0.0..scene.time.end, voice.is_silent());
-        Ok(Files { history, contacts, events, progress })
+        Ok(Files { history, contacts, events, reactions, progress })
     }
 
     /// Truncates the files to their lengths at a checkpoint.
     fn resume(Job { scene, folder, voice, .. }: &Job, from: &Checkpoint) -> Result<Files> {
-        let Outputs { history, contacts, events, .. } = from.outputs;
+        let Outputs { history, contacts, events, reactions, .. } = from.outputs;
         let RunState { step, time, .. } = from.pause;
+        let columns = [scene.output.probes.len(), scene.force_columns().len()];
         Ok(Files {
-            history: History::resume(folder, scene.output.probes.len(), history)?,
+            history: History::resume(folder, columns, history)?,
             contacts: contacts.map(|length| Contacts::resume(folder, length)).transpose()?,
             events: events.map(|length| Events::resume(folder, length)).transpose()?,
+            reactions: reactions.map(|length| Reactions::resume(folder, length)).transpose()?,
             progress: Progress::new(step..scene.time.steps(), time..scene.time.end, voice.is_silent()),
         })
     }
@@ -74,6 +82,7 @@ impl Files {
             history: self.history.position()?,
             contacts: self.contacts.as_mut().map(Contacts::position).transpose()?,
             events: self.events.as_mut().map(Events::position).transpose()?,
+            reactions: self.reactions.as_mut().map(Reactions::position).transpose()?,
             snapshots: fields.snapshots().to_vec(),
         })
     }
@@ -84,7 +93,8 @@ impl Files {
         self.progress.finish();
         self.history.finish()?;
         self.contacts.map_or(Ok(()), Contacts::finish)?;
-        self.events.map_or(Ok(()), Events::finish)
+        self.events.map_or(Ok(()), Events::finish)?;
+        self.reactions.map_or(Ok(()), Reactions::finish)
     }
 }
 
@@ -146,6 +156,14 @@ impl Observer for Recorder<'_> {
     fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
         let file = self.files.as_mut().and_then(|files| files.contacts.as_mut());
         file.map_or(Ok(()), |file| file.push(ended))
+    }
+
+    fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
+        let file = self.files.as_mut().and_then(|files| files.reactions.as_mut());
+        let Some(file) = file else { return Ok(()) };
+        let names: Vec<String> =
+            self.job.scene.supports.iter().filter_map(|support| support.name.clone()).collect();
+        file.push(step, time, &names, rows)
     }
 
     fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {

@@ -21,7 +21,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Version of the format, increased whenever the data of a checkpoint or their order change.
-const FORMAT: u32 = 5;
+const FORMAT: u32 = 6;
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";
@@ -86,6 +86,8 @@ pub struct Outputs {
     pub contacts: Option<u64>,
     /// Length of `events.csv`, in bytes, if the file exists.
     pub events: Option<u64>,
+    /// Length of `reactions.csv`, in bytes, if the file exists.
+    pub reactions: Option<u64>,
     /// Times (s) and files of the snapshots.
     pub snapshots: Vec<(f64, String)>,
 }

@@ -5,7 +5,7 @@
 //! without a lock only marks a run that was interrupted there.
 
 use super::checkpoint::{self, Identity};
-use super::{contacts, events, extremes, history, plot, summary, vtu};
+use super::{contacts, events, extremes, history, plot, reactions, summary, vtu};
 use crate::error::{Error, Result};
 use crate::motion;
 use serde::{Deserialize, Serialize};
@@ -21,11 +21,12 @@ use std::time::Duration;
 const LOCK: &str = ".lock";
 
 /// Names of files and folders that runs and plots write, except checkpoints.
-const RESULTS: [&str; 11] = [
+const RESULTS: [&str; 12] = [
     history::FILE,
     checkpoint::STATE,
     motion::FILE,
     contacts::FILE,
+    reactions::FILE,
     events::FILE,
     summary::FILE,
     extremes::FILE,

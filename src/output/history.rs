@@ -20,12 +20,17 @@ pub const FILE: &str = "history.csv";
 #[derive(Debug)]
 pub struct History {
     lines: Lines,
-    probes: usize,
+    /// Numbers of columns of probes, and of forces.
+    columns: [usize; 2],
 }
 
 impl History {
     /// Creates `history.csv` in `folder`, which is created if necessary.
-    pub fn create(folder: &Path, probes: &[String]) -> Result<Self> {
+    ///
+    /// # Errors
+    /// Returns [`Error::Scene`] for a name of a probe that cannot head a column, and [`Error::Io`]
+    /// where the file cannot be written.
+    pub fn create(folder: &Path, probes: &[String], forces: &[String]) -> Result<Self> {
         for (i, name) in probes.iter().enumerate() {
             if name.is_empty() || name.contains([',', '"']) || name.contains(char::is_control) {
                 return Err(Error::Scene(format!(
@@ -39,13 +44,16 @@ impl History {
                 )));
             }
         }
-        let names: Vec<&str> = COLUMNS.into_iter().chain(probes.iter().map(String::as_str)).collect();
-        Ok(History { lines: Lines::create(folder, FILE, &names.join(","))?, probes: probes.len() })
+        let named = probes.iter().chain(forces).map(String::as_str);
+        let names: Vec<&str> = COLUMNS.into_iter().chain(named).collect();
+        let columns = [probes.len(), forces.len()];
+        Ok(History { lines: Lines::create(folder, FILE, &names.join(","))?, columns })
     }
 
-    /// Continues after the first `length` bytes of the file.
-    pub fn resume(folder: &Path, probes: usize, length: u64) -> Result<Self> {
-        Ok(History { lines: Lines::resume(folder, FILE, length)?, probes })
+    /// Continues after the first `length` bytes of the file; `columns` are the numbers of columns
+    /// of probes and of forces.
+    pub fn resume(folder: &Path, columns: [usize; 2], length: u64) -> Result<Self> {
+        Ok(History { lines: Lines::resume(folder, FILE, length)?, columns })
     }
 
     /// Writes everything to the disk and returns the length of the file in bytes.
@@ -57,9 +65,10 @@ impl History {
     ///
     /// # Panics
     ///
-    /// Panics where the row has more or fewer probes than the header.
+    /// Panics where the row has more or fewer probes or forces than the header.
     pub fn push(&mut self, row: &Row) -> Result<()> {
-        assert_eq!(row.probes.len(), self.probes, "a row needs one value per probe");
+        let columns = [row.probes.len(), row.forces.len()];
+        assert_eq!(columns, self.columns, "a row needs one value per probe and force");
         self.lines.push(|line| {
             integer(line, row.step);
             for value in [row.time, row.energy, row.kinetic, row.elastic, row.work] {
@@ -72,7 +81,7 @@ impl History {
             number(line, row.contact_force);
             line.push(',');
             integer(line, row.vi_iterations);
-            for &value in std::iter::once(&row.kkt).chain(row.probes) {
+            for &value in std::iter::once(&row.kkt).chain(row.probes).chain(row.forces) {
                 line.push(',');
                 number(line, value);
             }
@@ -123,8 +132,25 @@ impl Table {
 
     /// Returns name and deflection (m) of each probe.
     pub fn probes(&self) -> impl Iterator<Item = (&str, &[f64])> {
-        let columns = self.names.iter().zip(&self.columns).skip(COLUMNS.len());
+        let columns = self.names.iter().zip(&self.columns).take(self.first_force()).skip(COLUMNS.len());
         columns.map(|(name, values)| (name.as_str(), values.as_slice()))
+    }
+
+    /// Returns name and force (N) of each named support and obstacle.
+    pub fn forces(&self) -> impl Iterator<Item = (&str, &[f64])> {
+        let columns = self.names.iter().zip(&self.columns).skip(self.first_force());
+        columns.filter_map(|(name, values)| Some((name.strip_prefix("force_")?, values.as_slice())))
+    }
+
+    /// Returns the index of the first column of a force, which is followed by the impulse of the
+    /// same support or obstacle.
+    fn first_force(&self) -> usize {
+        let is_force = |pair: &[String]| match pair[0].strip_prefix("force_") {
+            Some(name) => pair[1].strip_prefix("impulse_") == Some(name),
+            None => false,
+        };
+        let found = self.names[COLUMNS.len()..].windows(2).position(is_force);
+        found.map_or(self.names.len(), |at| COLUMNS.len() + at)
     }
 }
 

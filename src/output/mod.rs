@@ -4,6 +4,7 @@
 //!
 //! - [`history`] for `history.csv`, written as the run advances, and its reader,
 //! - [`contacts`] for `contacts.csv`,
+//! - [`reactions`] for `reactions.csv`,
 //! - [`events`] for `events.csv`,
 //! - [`checkpoint`] for `checkpoint-*.bin`,
 //! - [`kept_modes`] for natural modes kept between runs,
@@ -25,6 +26,7 @@ pub mod kept_modes;
 pub mod matrix_market;
 pub mod plot;
 pub mod progress;
+pub mod reactions;
 pub mod summary;
 pub mod text;
 pub mod vtu;

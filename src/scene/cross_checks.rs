@@ -1,18 +1,44 @@
 //! Checks that need several tables of a scene, once all of them are read.
 
 use super::document::{Document, quote};
-use super::{EngineName, Initial, Mass, Obstacle, Probe, ProbeQuantity, Scene, SchemeSpec, Side, StartFrom};
+use super::{
+    EngineName, FORCE_COLUMNS, Initial, Mass, Obstacle, Probe, ProbeQuantity, Scene, SchemeSpec, Side,
+    StartFrom,
+};
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 
 /// Refuses what the tables of a scene contradict in each other; the first fault found wins.
 pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
+    check_names(doc, scene)?;
     check_start(doc, scene)?;
     check_from(doc, scene)?;
     check_jumps(doc, scene)?;
     check_accelerations(doc, scene)?;
     check_scheme(doc, scene)
+}
+
+/// Refuses names of supports and obstacles that occur twice, or whose columns are those of probes.
+fn check_names(doc: &Document, scene: &Scene) -> Result<()> {
+    let supports = scene.supports.iter().enumerate().map(|(k, of)| (format!("support.{k}.name"), &of.name));
+    let obstacles = scene.obstacles.iter().enumerate();
+    let named = supports.chain(obstacles.map(|(k, of)| (format!("obstacle.{k}.name"), &of.name)));
+    let mut known: Vec<(String, &String)> = Vec::new();
+    for (key, name) in named {
+        let Some(name) = name else { continue };
+        if let Some((first, _)) = known.iter().find(|(_, other)| *other == name) {
+            let wrong = format!("{} is already {first}; expected unique names", quote(name));
+            return Err(doc.fault(&key, wrong));
+        }
+        let columns = FORCE_COLUMNS.map(|of| format!("{of}_{name}"));
+        if let Some(probe) = scene.output.probes.iter().find(|probe| columns.contains(&probe.name)) {
+            let wrong = format!("its column {} is the name of a probe", quote(&probe.name));
+            return Err(doc.fault(&key, format!("{wrong}; expected another name")));
+        }
+        known.push((key, name));
+    }
+    Ok(())
 }
 
 /// Refuses a flat start beyond an obstacle.

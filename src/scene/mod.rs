@@ -58,8 +58,9 @@ use serde::{Serialize, Serializer};
 use std::path::Path;
 pub use study::{Horizon, Study};
 pub use tables::{
-    Compliance, Damping, ElasticEdge, EngineName, Force, Grid, HISTORY_COLUMNS, Initial, Load, MeshFile,
-    Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver, StartFrom, Support, SupportLocation,
+    Compliance, Damping, ElasticEdge, EngineName, FORCE_COLUMNS, Force, Grid, HISTORY_COLUMNS, Initial, Load,
+    MeshFile, Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver, StartFrom, Support,
+    SupportLocation,
 };
 pub use time::{Mass, Time};
 
@@ -118,6 +119,18 @@ impl Scene {
     /// Returns the study of the scene, or the default one.
     pub fn study(&self) -> Study {
         self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
+    }
+
+    /// Returns the columns of `history.csv` for named supports, then for named obstacles, in the
+    /// order of the scene.
+    pub fn force_columns(&self) -> Vec<String> {
+        let columns = |name: &String, count: usize| {
+            FORCE_COLUMNS[..count].iter().map(|of| format!("{of}_{name}")).collect::<Vec<_>>()
+        };
+        let supports = self.supports.iter().filter_map(|support| support.name.as_ref());
+        let obstacles = self.obstacles.iter().filter_map(|obstacle| obstacle.name.as_ref());
+        let of_supports = supports.flat_map(|name| columns(name, 4));
+        of_supports.chain(obstacles.flat_map(|name| columns(name, 2))).collect()
     }
 
     /// Returns the FNV-1a hash of the scene and of the values in its tables, in 16 hexadecimal

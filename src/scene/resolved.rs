@@ -28,10 +28,9 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
         section("[[support]]", &self::support(support, found));
     }
     for obstacle in &scene.obstacles {
-        let mut rows = vec![
-            ("side", word(obstacle.side), "below | above"),
-            ("height", given(&obstacle.height, found), "m"),
-        ];
+        let mut rows = name(obstacle.name.as_ref());
+        rows.push(("side", word(obstacle.side), "below | above"));
+        rows.push(("height", given(&obstacle.height, found), "m"));
         rows.extend(region(&obstacle.region));
         rows.extend(compliance(obstacle.compliance, &obstacle.region));
         section("[[obstacle]]", &rows);
@@ -130,16 +129,20 @@ fn mesh(scene: &Scene, found: bool) -> Vec<Row> {
     rows
 }
 
+fn name(name: Option<&String>) -> Vec<Row> {
+    name.map(|name| ("name", string(name), "")).into_iter().collect()
+}
+
 fn support(support: &Support, found: bool) -> Vec<Row> {
-    let mut rows = match &support.stand {
+    let mut rows = name(support.name.as_ref());
+    match &support.stand {
         SupportLocation::Edge { edge, part } => {
-            let mut rows = vec![("edge", string(edge), "left | right | bottom | top | a physical curve")];
+            rows.push(("edge", string(edge), "left | right | bottom | top | a physical curve"));
             rows.extend(part.as_ref().map(|part| ("where", string(&part.to_string()), "")));
-            rows
         }
-        SupportLocation::At(at) => vec![("at", numbers(at), "m")],
-        SupportLocation::Point(name) => vec![("point", string(name), "")],
-    };
+        SupportLocation::At(at) => rows.push(("at", numbers(at), "m")),
+        SupportLocation::Point(name) => rows.push(("point", string(name), "")),
+    }
     let kind = support.elastic.map_or(support.kind, |_| SupportKind::Elastic);
     rows.push(("kind", word(kind), "clamped | simply_supported | guided | elastic"));
     if let Some(ElasticEdge { stiffness, rotation }) = support.elastic {

@@ -11,6 +11,7 @@ use crate::motion::Motion;
 use crate::plate::Plate;
 use crate::vi::ContactSolver;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::sync::Arc;
 
 /// Plate: a rectangle on `[0, length] x [0, width]` unless a file gives its shape.
@@ -95,8 +96,10 @@ impl Grid {
 }
 
 /// Support of the plate.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub struct Support {
+    /// Name, under which its reactions are reported.
+    pub name: Option<String>,
     /// Location.
     pub stand: SupportLocation,
     /// Constrained dofs; springs are constrained only where they do not yield.
@@ -114,6 +117,16 @@ pub struct ElasticEdge {
     pub stiffness: Option<f64>,
     /// Stiffness against rotation about the edge, in N m/rad per metre; 0 where it is free.
     pub rotation: f64,
+}
+
+impl fmt::Debug for Support {
+    /// Formats what the support does, which its name does not change.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Support { name: _, stand, kind, elastic, motion } = self;
+        let mut fields = f.debug_struct("Support");
+        fields.field("stand", stand).field("kind", kind).field("elastic", elastic);
+        fields.field("motion", motion).finish()
+    }
 }
 
 /// Location of a support.
@@ -135,6 +148,8 @@ pub enum SupportLocation {
 /// Obstacle: rigid, so that the plate cannot cross it, or a compliant stop that yields.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Obstacle {
+    /// Name, under which its forces are reported.
+    pub name: Option<String>,
     /// Side of the plate on which the obstacle lies.
     pub side: Side,
     /// Height in m.
@@ -267,6 +282,9 @@ pub const HISTORY_COLUMNS: [&str; 10] = [
     "vi_iterations",
     "kkt",
 ];
+
+/// Beginnings of the columns of a named support or obstacle; the moments are those of a support.
+pub const FORCE_COLUMNS: [&str; 4] = ["force", "impulse", "moment_x", "moment_y"];
 
 /// Output settings.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,14 +7,16 @@
 //! (paper, equation 6) gives
 //!
 //! ```math
-//! dp = \Delta t\, (v + \tfrac12 dv), \qquad dv = -\Delta t\, C^{-1} \nabla \varphi(p + \tfrac12 dp) .
+//! dp = \Delta t\, (v + \tfrac12 dv), \qquad dv = -\Delta t\, C^{-1} \nabla \varphi(p + \tfrac12
+//! dp) .
 //! ```
 //!
 //! While the active bounds do not change, `$\varphi$` is quadratic along dp and the step conserves
 //! E exactly. Where they change it does not, and the scheme then takes the relaxed step
 //!
 //! ```math
-//! (p, v) \to (p + \gamma\, dp,\; v + \gamma\, dv), \quad t \to t + \gamma \Delta t, \qquad E(p + \gamma\, dp, v + \gamma\, dv) = E_0
+//! (p, v) \to (p + \gamma\, dp,\; v + \gamma\, dv), \quad t \to t + \gamma \Delta t, \qquad E(p +
+//! \gamma\, dp, v + \gamma\, dv) = E_0
 //! ```
 //!
 //! (relaxation after Ketcheson, SIAM J. Numer. Anal. 57, 2019; here for a potential that is only
@@ -26,7 +28,8 @@
 //! `$m - p = \tfrac12 \Delta t\, w$`,
 //!
 //! ```math
-//! \varphi(p) \ge \varphi(m) - \nabla\varphi(m) \cdot (m - p) = \varphi(m) + \tfrac12 w \cdot C\, dv, \qquad
+//! \varphi(p) \ge \varphi(m) - \nabla\varphi(m) \cdot (m - p) = \varphi(m) + \tfrac12 w \cdot C\,
+//! dv, \qquad
 //!    \tfrac12 |v|_C^2 = \tfrac12 |w|_C^2 - \tfrac12 w \cdot C\, dv + \tfrac18 |dv|_C^2 ,
 //! ```
 //!
@@ -130,7 +133,7 @@ use super::midpoint::MidpointRule;
 use super::potential::Line;
 use super::relaxation::{RelaxedStep, root};
 use super::state::{State, SupportVelocities, change_frame};
-use super::{Approach, Potential, Scheme, Start, StepRecord, System};
+use super::{Approach, Potential, Scheme, Start, StepBalance, StepRecord, System};
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
@@ -217,6 +220,8 @@ pub struct Conserving<'s, E: Engine> {
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
     record: StepRecord,
+    /// Balances of the last step of any length and of the last interval of the grid, if kept.
+    balances: Option<[StepBalance; 2]>,
 }
 
 impl<'s, E: Engine + 'static> Conserving<'s, E>
@@ -279,6 +284,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             free,
             relaxation: RelaxationStatistics::default(),
             record,
+            balances: None,
         };
         scheme.add_rule(dt)?;
         scheme.rules[0].begin(&start.velocity, &scheme.now)?;
@@ -293,10 +299,21 @@ impl<'s, E: Engine> Conserving<'s, E> {
         Ok(())
     }
 
-    /// Adds the impulses of the reactions of the last step over a duration, in s.
+    /// Adds the impulses of the reactions of the last step over a duration, in s, and its part of
+    /// the balance.
     fn add_impulses(&mut self, seconds: f64) {
         let reactions = &self.rules[self.last].driver.reaction;
         axpy(seconds, reactions, &mut self.record.impulses);
+        if let Some([last, mean]) = &mut self.balances {
+            mean.add(seconds / self.record.dt, last);
+        }
+    }
+
+    /// Keeps the balance of the last step, from the state before it at `time` (s).
+    fn keep_last_balance(&mut self, time: f64) -> Result<()> {
+        let Some([last, _]) = &mut self.balances else { return Ok(()) };
+        *last = self.rules[self.last].balance(&self.before.u, time)?;
+        Ok(())
     }
 
     /// Advances from the present state, at `time` (s), to the next.
@@ -393,6 +410,10 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.record.begin_step();
         self.record.report = Default::default();
         let dt = self.record.dt;
+        let frame_rates = if self.balances.is_some() { self.support_rates()? } else { Vec::new() };
+        if let Some([_, mean]) = &mut self.balances {
+            *mean = StepBalance::zero(self.system);
+        }
         let covered = self.ahead.min(dt);
         self.add_impulses(covered);
         self.ahead -= dt;
@@ -400,6 +421,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         while self.ahead < 0.0 {
             let time = self.time() + self.ahead;
             self.step_on(time)?;
+            self.keep_last_balance(time)?;
             self.add_impulses(self.span.min(-self.ahead));
             let rule = &self.rules[self.last];
             for (i, &dof) in bounds.dofs.iter().enumerate() {
@@ -423,6 +445,10 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         let beyond: Vec<f64> =
             drive.places(self.time())?.iter().zip(&self.limits.places).map(|(s, frame)| frame - s).collect();
         drive.add_shapes(beyond.into_iter(), &mut self.u);
+        if let Some([_, mean]) = &mut self.balances {
+            let to = &self.rules[self.last].instants.frame_rates;
+            mean.change_frame(dt, [&frame_rates, to], &self.support_velocities);
+        }
         Ok(())
     }
 
@@ -482,8 +508,28 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.free[bound]
     }
 
+    /// Keeps the balance at the start, that of U(p).
+    fn keep_balance(&mut self) -> Result<()> {
+        let mut start = StepBalance::at_start(self.system, &self.now)?;
+        self.potential.set_acceleration(&mut start);
+        self.balances = Some([start.clone(), start]);
+        Ok(())
+    }
+
+    /// Returns the mean balance over the last dt, in which the record begins with step 1.
+    fn balance(&mut self) -> Result<StepBalance> {
+        Ok(self.balances.clone().map_or_else(StepBalance::default, |[_, mean]| mean))
+    }
+
+    fn has_mean_reactions(&self) -> bool {
+        true
+    }
+
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
+        for balance in self.balances.iter_mut().flatten() {
+            balance.archive(archive)?;
+        }
         for value in [&mut self.start, &mut self.work, &mut self.span, &mut self.ahead] {
             archive.value(value)?;
         }

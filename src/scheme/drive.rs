@@ -112,6 +112,14 @@ impl ModalDamping {
         project(engine, &self.momenta, rate)
     }
 
+    /// Adds the displacements whose inertia is the modal damping force of given modal velocities,
+    /// in m/s^2, to `decay`.
+    pub(super) fn add_decay(&self, velocities: &[f64], decay: &mut [f64]) {
+        for ((rate, shape), v) in self.rates.iter().zip(&self.shapes).zip(velocities) {
+            axpy(rate * v, shape, decay);
+        }
+    }
+
     /// Subtracts the modal damping force of given modal velocities from `force`.
     pub(super) fn subtract_damping(&self, velocities: impl Iterator<Item = f64>, force: &mut [f64]) {
         for ((rate, momentum), v) in self.rates.iter().zip(&self.momenta).zip(velocities) {

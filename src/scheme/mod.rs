@@ -22,6 +22,7 @@
 //! Damping, time-dependent loads and moving obstacles extend the paper: see each scheme, and
 //! [`TimeDependence`].
 
+mod balance;
 mod conjugate_gradients;
 pub mod conserving;
 mod drive;
@@ -36,6 +37,7 @@ mod relaxation;
 mod state;
 mod step_driver;
 
+pub use balance::StepBalance;
 pub use conserving::{Conserving, RelaxationStatistics};
 pub use drive::{BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, SupportMotion, TimeDependence};
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
@@ -416,6 +418,28 @@ pub trait Scheme {
 
     /// Returns the state of a bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
+
+    /// Makes the scheme keep what [`Scheme::balance`] returns. It is called before the first step
+    /// and before a state is restored, and changes no step.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn keep_balance(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    /// Returns the balance of forces that [`StepRecord::reaction`] belongs to, after a call of
+    /// [`Scheme::keep_balance`]. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn balance(&mut self) -> Result<StepBalance>;
+
+    /// Returns whether reactions are means over the step that led to the present instant, rather
+    /// than those of the instant.
+    fn has_mean_reactions(&self) -> bool {
+        false
+    }
 
     /// Saves everything that later steps depend on to an archive, exactly, or restores it into a
     /// scheme at its start.

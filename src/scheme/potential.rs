@@ -5,13 +5,15 @@
 //! every instant:
 //!
 //! ```math
-//! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad U(p) \text{ its minimiser}.
+//! \varphi(p) = \min \{ \tfrac12 U^T K U - F^T U \;:\; B U = C p,\; l \le G U \le u \}, \qquad
+//! U(p) \text{ its minimiser}.
 //! ```
 //!
 //! The semi-discrete impact problem (paper, equation 5) is then the ordinary differential equation
 //!
 //! ```math
-//! C \ddot p = -\nabla \varphi(p), \qquad \nabla \varphi(p) = C \lambda \text{ where } K U - F - G^T r = B^T \lambda .
+//! C \ddot p = -\nabla \varphi(p), \qquad \nabla \varphi(p) = C \lambda \text{ where } K U - F -
+//! G^T r = B^T \lambda .
 //! ```
 //!
 //! - *U(p) is unique*, since K is positive definite on the kernel of B.
@@ -50,10 +52,10 @@
 
 mod rate;
 
-use super::System;
 use super::drive::InstantData;
 use super::midpoint::MidpointRule;
 use super::state::{State, SupportVelocities};
+use super::{StepBalance, System};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -280,6 +282,12 @@ impl<'s, E: Engine> Potential<'s, E> {
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
         Ok(report)
+    }
+
+    /// Sets the acceleration of a balance to that of the last solution, `$-\lambda$`, which
+    /// contains the damping.
+    pub(super) fn set_acceleration(&self, balance: &mut StepBalance) {
+        copy_scaled(-1.0, &self.multiplier, &mut balance.acceleration);
     }
 
     /// Returns the line of states along a solved midpoint step that starts at `time` (s).

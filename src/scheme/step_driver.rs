@@ -50,6 +50,8 @@ pub(super) struct StepDriver<'s, E: Engine> {
     bounds: Bounds,
     /// Modal velocities of the last step, present after the first step with modal damping.
     modal_velocities: Option<Vec<f64>>,
+    /// Modal velocities that the damping of the last step acted on.
+    pub damped: Option<Vec<f64>>,
     /// Unknown x, in m, one entry per dof.
     pub x: Vec<f64>,
     /// Reactions r, in N, one entry per bound.
@@ -82,6 +84,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             b: vec![0.0; engine.dofs()],
             bounds: bounds.clone(),
             modal_velocities: None,
+            damped: None,
             x: vec![0.0; engine.dofs()],
             reaction: vec![0.0; bounds.len()],
             admissible: vec![0.0; bounds.len()],
@@ -118,8 +121,10 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let Some(modal) = &self.system.drive.modal else { return Ok(()) };
         let now = formulas.modal_velocities(modal)?;
         let before = self.modal_velocities.as_ref().unwrap_or(&now);
-        let extrapolated = now.iter().zip(before).map(|(now, before)| 1.5 * now - 0.5 * before);
-        modal.subtract_damping(extrapolated, &mut self.b);
+        let extrapolated: Vec<f64> =
+            now.iter().zip(before).map(|(now, before)| 1.5 * now - 0.5 * before).collect();
+        modal.subtract_damping(extrapolated.iter().copied(), &mut self.b);
+        self.damped = Some(extrapolated);
         self.modal_velocities = Some(now);
         Ok(())
     }
@@ -148,6 +153,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// solver.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.modal_velocities)?;
+        archive.value(&mut self.damped)?;
         self.solver.archive(&self.system.engine, &self.matrix, &self.system.bounds, archive)
     }
 

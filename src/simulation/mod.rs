@@ -7,7 +7,9 @@ mod dof_coordinates;
 mod effects;
 mod extremes;
 mod fields;
+mod forces;
 mod meshing;
+mod named_forces;
 mod observer;
 mod opposite;
 mod outcome;
@@ -33,6 +35,7 @@ use extremes::StressSites;
 pub use extremes::{Envelope, Extremes, StressPeak};
 pub use fields::{Fields, Lattice, Snapshot};
 pub use meshing::{mesh, mesh_and_made};
+pub use named_forces::{HardestImpact, NamedForce, NodeReaction, ObstacleForce, SupportForce};
 pub use observer::{NodeEvent, Observer, Row};
 pub use opposite::opposite;
 pub(crate) use outcome::note_contact;
@@ -57,7 +60,7 @@ use crate::scene::{ContactSolver, EngineName, Mass, Scene};
 use crate::scheme::{Scheme, Start, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
-use effects::{BuildContext, Effects, OfCells};
+use effects::{Attribution, BuildContext, Effects, OfCells, Reactions};
 use plate_assembly::PlateAssembly;
 use readings::{Accelerations, Readings, SupportFrame};
 use std::time::Instant;
@@ -82,6 +85,10 @@ pub struct Model<E: Engine = Native> {
     pub sites: Vec<DeflectionDof>,
     /// Positions of the dofs and velocities of this process.
     pub places: DofCoordinates,
+    /// Obstacles behind the bounds, if any of them has a name.
+    attribution: Option<Attribution>,
+    /// Reactions of the supports, if any of them has a name.
+    reactions: Option<Reactions>,
     /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
     /// Stresses at the nodes, if the scene asks for their extremes.
@@ -212,7 +219,7 @@ fn compose<E: OfCells, P: Partition>(
     engine: E,
     ground: &BuildContext<P>,
 ) -> Result<Model<E>> {
-    let Effects { system, start, lifts, sites, places, mechanism, warnings, seconds } =
+    let Effects { system, start, lifts, sites, places, attribution, reactions, mechanism, warnings, seconds } =
         effects::compose(engine, ground)?;
     let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
     let probes = ground.scene.output.probes.iter().map(|probe| ground.probe(probe, &shapes));
@@ -236,6 +243,8 @@ fn compose<E: OfCells, P: Partition>(
         readings,
         sites,
         places,
+        attribution,
+        reactions,
         fields,
         extremes,
         mechanism,
@@ -284,6 +293,22 @@ impl<E: Engine> Model<E> {
         solver: &'m SolverFactory<E>,
     ) -> Result<Box<dyn Scheme + 'm>> {
         scene.time.scheme.start(&self.system, scene.time.step, self.start.clone(), solver)
+    }
+
+    /// Returns force (N) and moments about the axes x and y through its centroid (N m) of each
+    /// named support at the present step of a scheme that keeps its balance. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine and of the loads.
+    pub fn support_forces(&self, scheme: &mut dyn Scheme) -> Result<Vec<[f64; 3]>> {
+        let Some(reactions) = &self.reactions else { return Ok(Vec::new()) };
+        Ok(self.sum_reactions(reactions, &reactions.at_nodes(&self.system, &scheme.balance()?)?))
+    }
+
+    /// Returns force and moments of each named support, given this process's part of the forces at
+    /// its nodes. Collective.
+    fn sum_reactions(&self, reactions: &Reactions, at_nodes: &[f64]) -> Vec<[f64; 3]> {
+        self.system.engine.comm().all_reduce_sum_slice(&reactions.sums(at_nodes))
     }
 
     /// Returns the largest von Mises stress of a displacement at an instant (s); `None` unless the

@@ -1,6 +1,6 @@
 //! Receivers of the results of a run.
 
-use super::{Contact, Envelope, RunState, Snapshot};
+use super::{Contact, Envelope, NodeReaction, RunState, Snapshot};
 use crate::error::Result;
 use crate::motion::Motion;
 use crate::scheme::{Event, Scheme};
@@ -30,6 +30,9 @@ pub struct Row<'r> {
     pub kkt: f64,
     /// Quantities at the probes, such as the deflections in m.
     pub probes: &'r [f64],
+    /// Forces and impulses by name, in the order of
+    /// [`Scene::force_columns`](crate::scene::Scene::force_columns).
+    pub forces: &'r [f64],
 }
 
 /// Receiver of the results of a run.
@@ -46,6 +49,17 @@ pub trait Observer {
     /// Returns the same errors as [`Observer::row`].
     fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
         let _ = ended;
+        Ok(())
+    }
+
+    /// Receives force and moments at each node of the named supports at a step and its time (s), in
+    /// the order of the supports; with each snapshot, or at the start where there are none, and at
+    /// the end. All processes receive the nodes of all.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Observer::row`].
+    fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
+        let _ = (step, time, rows);
         Ok(())
     }
 

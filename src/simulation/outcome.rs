@@ -1,6 +1,6 @@
 //! Summary of a run: its impacts, contacts and energies.
 
-use super::{DeflectionDof, Extremes, Model, NodeEvent, Observer};
+use super::{DeflectionDof, Extremes, Model, NamedForce, NodeEvent, Observer};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
@@ -9,6 +9,7 @@ use crate::obstacle::Bounds;
 use crate::scene::Scene;
 use crate::scheme::{Event, EventStatistics, RelaxationStatistics, Scheme, System};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// First impact on an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -120,6 +121,9 @@ pub struct Outcome {
     pub contacts: Vec<[f64; 2]>,
     /// Number of contacts of single nodes, i.e. of rows of contacts.csv.
     pub node_contacts: u64,
+    /// Forces by named support and obstacle.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub forces: BTreeMap<String, NamedForce>,
     /// Largest relative KKT residual of all steps.
     pub worst_kkt: f64,
     /// Largest violation of a bound in all steps, in m.
@@ -155,6 +159,7 @@ impl Outcome {
             first_impact: None,
             contacts: Vec::new(),
             node_contacts: 0,
+            forces: BTreeMap::new(),
             worst_kkt: 0.0,
             worst_penetration: 0.0,
             relaxation: None,
@@ -244,7 +249,7 @@ impl Outcome {
         if nodes > 0 {
             self.most_contact_nodes = self.most_contact_nodes.max(nodes);
             if self.first_impact.is_none() {
-                self.first_impact = first_impact(model, scheme, scene.time.step)?;
+                self.first_impact = first_impact(model, scheme, scene.time.step, &|_| true)?;
             }
             note_contact(&mut self.contacts, scene, scheme.time());
         }
@@ -266,11 +271,19 @@ fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64
     }
 }
 
-/// Returns the impact that comes first among the bounds met in this step, if node and obstacle move
-/// uniformly. Collective.
-fn first_impact<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, step: f64) -> Result<Option<Impact>> {
+/// Returns the impact that comes first among the bounds met in this step that are `chosen`, if node
+/// and obstacle move uniformly. Collective.
+pub(super) fn first_impact<E: Engine>(
+    model: &Model<E>,
+    scheme: &dyn Scheme,
+    step: f64,
+    chosen: &dyn Fn(usize) -> bool,
+) -> Result<Option<Impact>> {
     let System { engine, drive, .. } = &model.system;
-    let touched = || scheme.reaction().iter().enumerate().filter(|(_, r)| **r != 0.0);
+    let touched = || {
+        let reactions = scheme.reaction().iter().enumerate();
+        reactions.filter(|(bound, r)| **r != 0.0 && chosen(*bound))
+    };
     // Bounds at the earliest instant before contact of any of these nodes, and one step later.
     let times = touched().map(|(bound, _)| scheme.approach(bound).time);
     let before =

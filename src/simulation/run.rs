@@ -69,6 +69,9 @@ fn run_from<E: Engine>(
     from: Option<Archive>,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
+    if model.reactions.is_some() {
+        scheme.keep_balance()?;
+    }
     let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
     let mut monitor = RunMonitor::new(scene, model, scheme.as_ref())?;
     if let Some(mut archive) = from {
@@ -76,6 +79,7 @@ fn run_from<E: Engine>(
         outcome.join_contacts(scene);
     }
     let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut monitor, observer);
+    outcome.forces = monitor.forces.summary(scheme.time());
     outcome.factorisations = scheme.factorisations();
     outcome.relaxation = scheme.relaxation();
     outcome.tally = scheme.event_statistics();

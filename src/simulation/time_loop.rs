@@ -2,6 +2,7 @@
 
 use super::contacts::ContactRecorder;
 use super::extremes::{Extremes, StressPeaks};
+use super::forces::ForceRecorder;
 use super::readings::Accelerations;
 use super::step_check::{advice, check_residual};
 use super::{BlockSeconds, Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
@@ -75,12 +76,13 @@ pub(super) fn time_loop<E: Engine>(
 
         let contact = run.record_events()?;
         run.check_step(now)?;
-        run.follow_contacts(&contact);
+        run.follow_contacts(&contact)?;
         run.monitor.clock.lap(|blocks| &mut blocks.contacts);
         run.follow_accelerations()?;
         run.follow_stresses()?;
         run.row(now, &contact)?;
         run.fields(now)?;
+        run.reactions(now)?;
         run.observer.step(now.step, contact.nodes);
         if now.is_last {
             run.envelope();
@@ -136,10 +138,12 @@ impl<E: Engine> TimeLoop<'_, E> {
         check_residual(now.step, now.time, report.kkt, self.scene.solver.tolerance)
     }
 
-    /// Extends, begins and ends the contacts of this process's nodes.
-    fn follow_contacts(&mut self, contact: &StepContact) {
-        let step = self.scene.time.step;
-        self.monitor.contacts.note(&self.model.sites, step, self.scheme, &contact.events);
+    /// Extends, begins and ends the contacts of this process's nodes, and records the forces of
+    /// named supports and obstacles.
+    fn follow_contacts(&mut self, contact: &StepContact) -> Result<()> {
+        let TimeLoop { scene, model, scheme, monitor, .. } = self;
+        monitor.contacts.note(&model.sites, scene.time.step, *scheme, &contact.events);
+        monitor.forces.note(scene, model, *scheme, &contact.events)
     }
 
     /// Takes the velocities of this step at the probes that record accelerations.
@@ -195,6 +199,7 @@ impl<E: Engine> TimeLoop<'_, E> {
             vi_iterations: self.monitor.iterations,
             kkt: self.monitor.kkt,
             probes: &self.probes,
+            forces: &self.monitor.forces.take_columns(),
         };
         if self.observed.is_ok() {
             self.observed = self.observer.row(&row);
@@ -239,6 +244,19 @@ impl<E: Engine> TimeLoop<'_, E> {
             self.observed = self.observer.fields_complete(now.step, now.time);
         }
         self.monitor.clock.lap(|blocks| &mut blocks.fields);
+        Ok(())
+    }
+
+    /// Passes the reactions along named supports to the observer where they are due: with each
+    /// snapshot, or at the start where there are none, and at the end.
+    fn reactions(&mut self, StepTime { step, time, is_last }: StepTime) -> Result<()> {
+        let is_due = self.scene.output.fields.map_or(step == 0, |asked| step.is_multiple_of(asked.every));
+        if !is_due && !is_last {
+            return Ok(());
+        }
+        if let Some(rows) = self.monitor.forces.at_nodes(self.model)? {
+            self.tell(|observer| observer.reactions(step, time, &rows));
+        }
         Ok(())
     }
 
@@ -309,6 +327,7 @@ pub(super) struct RunMonitor {
     accelerations: Accelerations,
     /// Largest stresses so far, if the scene asks for them.
     peaks: Option<StressPeaks>,
+    pub(super) forces: ForceRecorder,
     /// Whether the present step has been recorded.
     noted: bool,
     clock: BlockClock,
@@ -355,6 +374,7 @@ impl RunMonitor {
             contacts: ContactRecorder::default(),
             accelerations: Accelerations::new(scene),
             peaks: model.extremes.as_ref().map(StressPeaks::new),
+            forces: ForceRecorder::new(scene, model),
             noted: false,
             clock: BlockClock::start(BlockSeconds::default()),
         })
@@ -390,6 +410,7 @@ impl RunMonitor {
         if let Some((sites, peaks)) = model.extremes.as_ref().zip(self.peaks.as_mut()) {
             peaks.archive(sites, model.system.engine.comm(), archive)?;
         }
+        self.forces.archive(archive)?;
         // A last state has no times, so that equal runs leave equal bytes.
         outcome.seconds.blocks = if self.noted { self.seconds() } else { BlockSeconds::default() };
         outcome.archive(archive)?;

@@ -57,6 +57,7 @@ fn row(step: u64, value: f64, probes: &[f64]) -> Row<'_> {
         vi_iterations: 3,
         kkt: value,
         probes,
+        forces: &[],
     }
 }
 
@@ -64,7 +65,7 @@ fn row(step: u64, value: f64, probes: &[f64]) -> Row<'_> {
 fn the_header_is_the_documented_one() {
     let folder = Folder::new("header");
     let run = folder.0.join("runs/deep");
-    let history = History::create(&run, &names(&["corner", "middle"])).unwrap();
+    let history = History::create(&run, &names(&["corner", "middle"]), &[]).unwrap();
     let header =
         "step,time,energy,kinetic,elastic,work,contact_nodes,contact_force,vi_iterations,kkt,corner,middle\n";
     assert_eq!(fs::read_to_string(run.join("history.csv")).unwrap(), header, "before any row");
@@ -79,7 +80,7 @@ fn numbers_read_back_bit_for_bit() {
     values.extend([f64::INFINITY, f64::NEG_INFINITY, std::f64::consts::PI, 0.2076]);
     // These values have every exponent, with all bits of the mantissa in use.
     values.extend((0..2047).map(|exponent: u64| f64::from_bits(exponent << 52 | 0x000A_BCDE_F012_3457)));
-    let mut history = History::create(&folder.0, &names(&["tip"])).unwrap();
+    let mut history = History::create(&folder.0, &names(&["tip"]), &[]).unwrap();
     for (step, &value) in values.iter().enumerate() {
         history.push(&row(step as u64, value, &[value])).unwrap();
     }
@@ -102,7 +103,7 @@ fn numbers_read_back_bit_for_bit() {
 #[test]
 fn numbers_are_short() {
     let folder = Folder::new("short");
-    let mut history = History::create(&folder.0, &[]).unwrap();
+    let mut history = History::create(&folder.0, &[], &[]).unwrap();
     history
         .push(&Row { energy: 813.25, kinetic: 1.5e-9, elastic: 2.5e7, work: -0.001, ..row(7, 0.0, &[]) })
         .unwrap();
@@ -114,7 +115,7 @@ fn numbers_are_short() {
 #[test]
 fn a_dropped_history_keeps_its_rows() {
     let folder = Folder::new("dropped");
-    let mut history = History::create(&folder.0, &[]).unwrap();
+    let mut history = History::create(&folder.0, &[], &[]).unwrap();
     for step in 0..10 {
         history.push(&row(step, 1.0, &[])).unwrap();
     }
@@ -125,7 +126,7 @@ fn a_dropped_history_keeps_its_rows() {
 #[test]
 fn rows_reach_the_file_whole_and_within_a_second_or_so() {
     let folder = Folder::new("flushed");
-    let mut history = History::create(&folder.0, &[]).unwrap();
+    let mut history = History::create(&folder.0, &[], &[]).unwrap();
     for step in 0..5000 {
         history.push(&row(step, 1.0 / 3.0, &[])).unwrap();
     }
@@ -140,7 +141,7 @@ fn rows_reach_the_file_whole_and_within_a_second_or_so() {
 fn probe_names_that_would_spoil_the_header_are_refused() {
     let folder = Folder::new("names");
     for bad in [&["a,b"][..], &["say \"a\""], &["two\nlines"], &[""], &["time"], &["a", "a"]] {
-        let error = History::create(&folder.0, &names(bad)).unwrap_err();
+        let error = History::create(&folder.0, &names(bad), &[]).unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().starts_with("probe name"), "{error}");
     }
     assert!(folder.names().is_empty(), "nothing is written");
@@ -153,7 +154,7 @@ fn errors_name_the_path() {
     let shown = run.display().to_string();
     let table = history_of(&folder.0.join("good"), &["tip"], 3, |_| (1.0, vec![0.0]));
     for error in [
-        History::create(&run, &[]).unwrap_err(),
+        History::create(&run, &[], &[]).unwrap_err(),
         history::read(&run).unwrap_err(),
         write_json(&run.join("summary.json"), &1).unwrap_err(),
         plot::run::history(&table, "", &[]).write_svg(&run.join("history.svg")).unwrap_err(),
@@ -216,7 +217,7 @@ fn summaries_are_whole_or_not_there() {
 
 /// Writes and reads back a history whose energies and probes are functions of time from 0 to 1.
 fn history_of(folder: &Path, probes: &[&str], rows: u64, f: impl Fn(f64) -> (f64, Vec<f64>)) -> Table {
-    let mut history = History::create(folder, &names(probes)).unwrap();
+    let mut history = History::create(folder, &names(probes), &[]).unwrap();
     for step in 0..rows {
         let time = step as f64 / rows as f64;
         let (energy, probes) = f(time);

@@ -376,3 +376,35 @@ fn stresses() {
         assert_eq!(native["surface"], peak["surface"]);
     }
 }
+
+/// Forces of named supports and obstacles on three ranks, with springs and masses at held nodes.
+#[test]
+fn forces_by_name() {
+    let scene = format!(
+        r#"
+        {PAPER_PLATE}
+        mesh = {{ element = "hct", cells = [6, 3] }}
+        support = [{{ name = "clamp", edge = "left", kind = "clamped", motion = "2e-3*sin(2*pi*5.5*t)" }}, {{ name = "rest", edge = "right", where = "y < 0.3", kind = "simply_supported", motion = "2e-3*sin(2*pi*5.5*t)" }}]
+        obstacle = [{{ name = "stop", side = "below", height = -0.0015, where = "x > 0.5" }}]
+        spring = [{{ at = [0.05, 0.02], stiffness = 1e4 }}]
+        load = {{ gravity = 0.1, pressure = "-3000*exp(-(x - 3*t)^2)" }}
+        time = {{ scheme = "newmark", mass = "singular", step = 5e-4, end = 0.1 }}
+        output = {{ every = 4 }}
+        "#
+    );
+    let folder = folder("names", &scene);
+    let (native, three) = (rows(&folder, 0), rows(&folder, 3));
+    assert_eq!((native.len(), native[0].len()), (three.len(), 20));
+    assert!(native.iter().any(|row| row[18] > 0.0), "the stop pushes");
+    // The moments of the edges about x come last in size.
+    for column in [10, 11, 13, 14, 15, 17, 18, 19] {
+        let largest = native.iter().fold(0.0, |m: f64, row| row[column].abs().max(m));
+        for (a, b) in native.iter().zip(&three) {
+            let error = (a[column] - b[column]).abs();
+            assert!(error <= 1e-8 * largest, "t = {}, column {column}: {error:e} of {largest:e}", a[1]);
+        }
+    }
+    let lines =
+        |out: &str| std::fs::read_to_string(folder.join(out).join("reactions.csv")).unwrap().lines().count();
+    assert_eq!(lines("on-0"), lines("on-3"));
+}

@@ -86,6 +86,7 @@ probes = [{ name = "corner", at = [1.2, 0] }, { name = "côté # libre", at = [0
 
 fn support(edge: &str, kind: SupportKind) -> Support {
     Support {
+        name: None,
         stand: SupportLocation::Edge { edge: edge.into(), part: None },
         kind,
         elastic: None,
@@ -173,7 +174,7 @@ fn every_key_is_read() {
     let height = FieldInput::constant("obstacle.0.height", -0.1);
     assert_eq!(
         scene.obstacles[0],
-        Obstacle { side: Side::Below, height, region: Region::All, compliance: None }
+        Obstacle { name: None, side: Side::Below, height, region: Region::All, compliance: None }
     );
     assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod balance;
 mod bouncing_ball;
 mod conserving;
 mod damping;

@@ -1,6 +1,7 @@
 //! Translation of a document into a scene: one file per table, its keys in the order of the
 //! file.
 
+mod column;
 mod initial;
 mod loads;
 mod mesh;

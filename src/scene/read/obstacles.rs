@@ -1,5 +1,6 @@
 //! Tables `[[obstacle]]`: heights, and the regions that can touch them.
 
+use super::column;
 use super::quantities::{AREA_DAMPING, AREA_STOP, HEIGHT, LINE_DAMPING, LINE_STOP, POINT_DAMPING, SPRING};
 use super::region;
 use crate::error::Result;
@@ -12,11 +13,13 @@ pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
     let mut obstacles: Vec<Obstacle> = Vec::new();
     for index in 0..doc.entries("obstacle", "expected tables [[obstacle]] with side and height")? {
         let table = format!("obstacle.{index}");
-        let keys = ["side", "height", "where", "group", "at", "point", "line", "stiffness", "damping"];
+        let keys =
+            ["name", "side", "height", "where", "group", "at", "point", "line", "stiffness", "damping"];
         doc.allow(&table, &keys)?;
         let (side, height) = (format!("{table}.side"), format!("{table}.height"));
-        let region = region::read(doc, &table, &keys[2..7])?;
+        let region = region::read(doc, &table, &keys[3..8])?;
         let obstacle = Obstacle {
+            name: column::optional(doc, &format!("{table}.name"))?,
             side: doc.choice(&side)?,
             height: doc.needed(&height, &HEIGHT, Names::XYT)?,
             compliance: compliance(doc, &table, units(&region))?,

@@ -1,9 +1,10 @@
 //! Table `[output]`: rows, snapshots, checkpoints and probes.
 
+use super::column;
 use super::region::PlaceReader;
 use crate::error::Result;
 use crate::scene::document::{Document, quote};
-use crate::scene::{Ball, Grid, HISTORY_COLUMNS, Output, Probe, ProbeQuantity, Snapshots};
+use crate::scene::{Ball, Grid, Output, Probe, ProbeQuantity, Snapshots};
 
 /// Limit on the parts into which snapshots divide an edge.
 const MOST_PARTS: u64 = 64;
@@ -55,7 +56,7 @@ fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
 
 fn probe(doc: &Document, table: &str, places: &PlaceReader, balls: &[Ball]) -> Result<Probe> {
     doc.allow(table, &["name", "at", "point", "ball", "quantity"])?;
-    let name = probe_name(doc, &format!("{table}.name"))?;
+    let name = column::needed(doc, &format!("{table}.name"))?;
     let key = format!("{table}.ball");
     let Some(number) = doc.optional_count(&key, "the number of a ball, from 0,", 0)? else {
         let (at, point) = places.read(doc, table)?;
@@ -81,20 +82,4 @@ fn probe(doc: &Document, table: &str, places: &PlaceReader, balls: &[Ball]) -> R
     };
     let quantity = quantity.unwrap_or_default();
     Ok(Probe { name, at: ball.at, point: None, ball: Some(number), quantity })
-}
-
-/// Reads a name that is valid as a column of the history.
-fn probe_name(doc: &Document, key: &str) -> Result<String> {
-    let expected = "expected a name without commas, quotes and control characters";
-    let name = doc.optional_text(key, expected)?.ok_or_else(|| doc.missing(key, expected))?;
-    if HISTORY_COLUMNS.contains(&name) {
-        return Err(
-            doc.fault(key, format!("{} is a column of history.csv; expected another name", quote(name)))
-        );
-    }
-    let is_bad = |c: char| matches!(c, ',' | '"' | '\'') || c.is_control();
-    if name.trim().is_empty() || name.contains(is_bad) {
-        return Err(doc.fault(key, format!("{} cannot head a column; {expected}", quote(name))));
-    }
-    Ok(name.to_owned())
 }

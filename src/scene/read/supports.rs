@@ -1,5 +1,6 @@
 //! Tables `[[support]]`: edges and points that are held, at rest or in motion.
 
+use super::column;
 use super::quantities::{DEFLECTION, EDGE_ROTATION, EDGE_SPRING};
 use super::region::{name, point};
 use crate::error::Result;
@@ -15,7 +16,10 @@ pub(super) fn read(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
     let mut supports: Vec<Support> = Vec::new();
     for index in 0..doc.entries("support", "expected tables [[support]] with edge and kind")? {
         let table = format!("support.{index}");
-        doc.allow(&table, &["edge", "where", "at", "point", "kind", "stiffness", "rotation", "motion"])?;
+        doc.allow(
+            &table,
+            &["name", "edge", "where", "at", "point", "kind", "stiffness", "rotation", "motion"],
+        )?;
         let (kind, elastic) = hold(doc, &table)?;
         let key = format!("{table}.motion");
         if !kind.holds_deflection() {
@@ -23,7 +27,13 @@ pub(super) fn read(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
             doc.forbid(&key, format!("contradicts kind = \"{kind}\", which leaves the plate free to move"))?;
         }
         let stand = location(doc, &table, has_file)?;
-        let support = Support { stand, kind, elastic, motion: motion(doc, &key)? };
+        let support = Support {
+            name: column::optional(doc, &format!("{table}.name"))?,
+            stand,
+            kind,
+            elastic,
+            motion: motion(doc, &key)?,
+        };
         let whole = |support: &Support| matches!(support.stand, SupportLocation::Edge { part: None, .. });
         if let Some(first) =
             supports.iter().position(|earlier| earlier.stand == support.stand && whole(&support))

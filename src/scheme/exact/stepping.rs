@@ -11,7 +11,7 @@ use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::scheme::{Approach, Event, EventStatistics, Scheme, StepRecord};
+use crate::scheme::{Approach, Event, EventStatistics, Scheme, StepBalance, StepRecord};
 use crate::vi::BoundStatus;
 use faer::Mat;
 
@@ -250,6 +250,16 @@ impl<E: Engine> Scheme for Exact<'_, E> {
 
     fn approach(&self, bound: usize) -> Approach {
         self.touches[bound]
+    }
+
+    /// Returns the balance at the instant.
+    fn balance(&mut self) -> Result<StepBalance> {
+        let Shape { displacement, acceleration, .. } = self.shape();
+        Ok(StepBalance {
+            displacement: displacement.clone(),
+            acceleration: acceleration.clone(),
+            ..StepBalance::zero(self.system)
+        })
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {

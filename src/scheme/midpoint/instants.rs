@@ -5,7 +5,8 @@
 //! the set of nodes in contact does not change: the energy grows by
 //!
 //! ```math
-//! \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V, \qquad V = 2 x / \Delta t,
+//! \tfrac12 (F^n + F^{n+1}) \cdot (U^{n+1} - U^n) + r \cdot (l^{n+1} - l^n) - \Delta t\, V^T D V,
+//! \qquad V = 2 x / \Delta t,
 //! ```
 //!
 //! with l the obstacles in contact; the first two terms add up to the work in
@@ -26,9 +27,9 @@ use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::scheme::System;
 use crate::scheme::drive::InstantData;
 use crate::scheme::state::{State, SupportVelocities, change_frame};
+use crate::scheme::{StepBalance, System};
 use std::rc::Rc;
 
 /// Time-dependent data of one step, and the frame in which it is taken.
@@ -94,6 +95,14 @@ impl<'s, E: Engine> StepInstants<'s, E> {
     /// Returns the bounds on the midpoint, in m.
     pub fn limits(&self) -> &Bounds {
         self.mean.bounds(&self.system.bounds)
+    }
+
+    /// Sets the parts of the balance of a step from an instant (s) that depend on time, but for the
+    /// support accelerations.
+    pub fn balance(&self, time: f64, balance: &mut StepBalance) {
+        balance.loads = vec![(time, 0.5), (time + self.dt, 0.5)];
+        balance.places.copy_from_slice(&self.mean.places);
+        balance.support_rates.copy_from_slice(&self.frame_rates);
     }
 
     /// Adds the time-dependent part of the midpoint load to `force`, in N.

@@ -5,10 +5,10 @@ use super::instants::StepInstants;
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::copy_scaled;
-use crate::scheme::System;
+use crate::linalg::vectors::{copy_scaled, waxpby, waxpy};
 use crate::scheme::state::{State, SupportVelocities};
 use crate::scheme::step_driver::StepDriver;
+use crate::scheme::{StepBalance, System};
 use crate::vi::Solver;
 use std::rc::Rc;
 
@@ -57,6 +57,27 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// as long as no step was taken.
     pub fn mean_rate(&self) -> Vec<f64> {
         self.driver.x.iter().map(|x| 2.0 / self.dt * x).collect()
+    }
+
+    /// Returns the balance of the last step, from a displacement (m) at an instant (s) on: that of
+    /// the midpoint, without the change of the support frame.
+    pub fn balance(&self, from: &[f64], time: f64) -> Result<StepBalance> {
+        let system @ System { damping, drive, .. } = self.driver.system;
+        let mut balance = StepBalance::zero(system);
+        let of_x = 1.0 + 2.0 * damping.stiffness / self.dt;
+        waxpy(of_x, &self.driver.x, from, &mut balance.displacement);
+        waxpby(
+            1.0 / self.dt,
+            &self.dv,
+            2.0 * damping.mass / self.dt,
+            &self.half_dp,
+            &mut balance.acceleration,
+        );
+        if let (Some(modal), Some(damped)) = (&drive.modal, &self.driver.damped) {
+            balance.add_modal_damping(system, modal, damped)?;
+        }
+        self.instants.balance(time, &mut balance);
+        Ok(balance)
     }
 
     /// Saves or restores the last solution and the solver.

@@ -21,7 +21,7 @@ use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::scheme::state::{State, SupportVelocities};
-use crate::scheme::{Approach, Potential, Scheme, Start, StepRecord, System};
+use crate::scheme::{Approach, Potential, Scheme, Start, StepBalance, StepRecord, System};
 use crate::vi::{Condensed, Solver};
 use std::rc::Rc;
 
@@ -62,6 +62,8 @@ pub struct Midpoint<'s, E: Engine> {
     /// per bound.
     midpoints: [Vec<f64>; 3],
     record: StepRecord,
+    /// Balance of the last step, if it is kept.
+    balance: Option<StepBalance>,
 }
 
 impl<'s, E: Engine + 'static> Midpoint<'s, E>
@@ -128,6 +130,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
             work: 0.0,
             midpoints,
             record,
+            balance: None,
         })
     }
 }
@@ -158,6 +161,11 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.work += rule.work(now, next)?;
         std::mem::swap(now, next);
         self.work += now.follow_supports(self.system, &self.support_velocities, record.time())?;
+        if let Some(balance) = &mut self.balance {
+            // The state before the step is in `next` now.
+            *balance = rule.balance(&next.u, time)?;
+            balance.change_frame(rule.dt, [&next.frame_rates, &now.frame_rates], &self.support_velocities);
+        }
         Ok(())
     }
 
@@ -218,8 +226,28 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         Approach { time, deflection: last[bound], velocity: (last[bound] - before[bound]) / dt }
     }
 
+    /// Keeps the balance at the start: that of [`Massless::Equilibrium`] at `$U^0$`, or of the
+    /// plate at rest there.
+    fn keep_balance(&mut self) -> Result<()> {
+        let balance = self.balance.insert(StepBalance::at_start(self.system, &self.now)?);
+        if let Some(potential) = &self.potential {
+            potential.set_acceleration(balance);
+        }
+        Ok(())
+    }
+
+    /// Returns the balance at the middle of the step.
+    fn balance(&mut self) -> Result<StepBalance> {
+        Ok(self.balance.clone().unwrap_or_default())
+    }
+
+    fn has_mean_reactions(&self) -> bool {
+        true
+    }
+
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
+        self.balance.as_mut().map_or(Ok(()), |balance| balance.archive(archive))?;
         archive.value(&mut self.work)?;
         self.now.archive(archive)?;
         for vector in &mut self.midpoints {

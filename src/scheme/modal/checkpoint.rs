@@ -23,10 +23,11 @@ impl<E: Engine> ModalConserving<'_, E> {
         archive.value(&mut self.length)?;
         archive.value(&mut self.relaxation)?;
         self.archive_candidates(archive)?;
-        let ModalConserving { system, modes, all, now, before, .. } = self;
+        let ModalConserving { system, modes, all, now, before, mean_balance, .. } = self;
         let coordinates = Coordinates::new(system, modes, all);
         now.archive(archive, &coordinates)?;
         before.archive(archive, &coordinates)?;
+        mean_balance.as_mut().map_or(Ok(()), |balance| balance.archive(archive, &coordinates))?;
         let are_same = coordinates.are_same();
         self.reach.archive(archive)?;
         self.flight.archive(archive)?;

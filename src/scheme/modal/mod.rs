@@ -50,6 +50,7 @@
 //! after it. Impulses and mean reactions are those of [`super::conserving`].
 
 mod all_bounds;
+mod balance;
 mod candidates;
 mod checkpoint;
 mod compliance;
@@ -61,6 +62,7 @@ mod forecast;
 mod groups;
 mod increments;
 mod limits;
+mod mean_balance;
 mod products;
 mod reach;
 mod relaxation;
@@ -87,6 +89,7 @@ use faer::Mat;
 use flight::Flight;
 use increments::Increments;
 use limits::Limits;
+use mean_balance::MeanBalance;
 use pulp::Arch;
 use reach::Reach;
 use rotation::Rotation;
@@ -142,6 +145,8 @@ pub struct ModalConserving<'s, E: Engine> {
     record: StepRecord,
     /// Whether the record lists candidates.
     is_listed: bool,
+    /// Mean balance of forces, if it is kept.
+    mean_balance: Option<MeanBalance>,
     arch: Arch,
 }
 
@@ -202,6 +207,7 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             compliance_seconds: 0.0,
             record: StepRecord { candidates: Some(Vec::new()), ..StepRecord::new(dt, bounds.len()) },
             is_listed: false,
+            mean_balance: None,
             before: now.clone(),
             now,
             system,

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::obstacle::Bounds;
-use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepRecord};
+use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepBalance, StepRecord};
 use crate::vi::{BoundStatus, ComplianceProblem, StepReport};
 use faer::Mat;
 use std::rc::Rc;
@@ -28,6 +28,9 @@ impl<E: Engine> ModalConserving<'_, E> {
             for &(k, i) in &self.model.own {
                 self.record.impulses[i] += seconds * self.mean[k];
             }
+        }
+        if let Some(balance) = &mut self.mean_balance {
+            balance.add(seconds / self.record.dt);
         }
     }
 
@@ -72,7 +75,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     }
 
     /// Returns the state at the grid instant.
-    fn shown(&self) -> &State {
+    pub(super) fn shown(&self) -> &State {
         if self.ahead > 0.0 { &self.shown.state } else { &self.now }
     }
 
@@ -154,6 +157,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 impl<E: Engine> Scheme for ModalConserving<'_, E> {
     fn advance(&mut self) -> Result<()> {
         self.begin_record();
+        self.begin_mean();
         let dt = self.record.dt;
         self.add_impulses(self.ahead.min(dt));
         self.ahead -= dt;
@@ -238,6 +242,20 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
 
     fn approach(&self, bound: usize) -> Approach {
         self.free[bound]
+    }
+
+    fn keep_balance(&mut self) -> Result<()> {
+        self.begin_balance();
+        Ok(())
+    }
+
+    /// Returns the mean balance over the last dt; at the start that of the instant.
+    fn balance(&mut self) -> Result<StepBalance> {
+        self.mean_balance()
+    }
+
+    fn has_mean_reactions(&self) -> bool {
+        true
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {

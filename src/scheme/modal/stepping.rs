@@ -148,6 +148,7 @@ impl<E: Engine> ModalConserving<'_, E> {
                 continue;
             }
             self.presses = touches;
+            self.keep_data(time, seconds, gamma);
             self.note_step(gamma, exchanged, obstacles);
             if touches {
                 self.flight.end();

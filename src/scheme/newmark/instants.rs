@@ -137,8 +137,27 @@ impl CentralInstants {
         instants.map(move |(now, (prev, next))| now + beta * (next - 2.0 * now + prev))
     }
 
+    /// Returns the instants (s) of the load of step n, with their weights. At the start the
+    /// extrapolated load leaves that of the instant alone.
+    pub fn times(&self, n: u64) -> Vec<(f64, f64)> {
+        let NewmarkParameters { beta, step, .. } = self.parameters;
+        let at = |n: u64| n as f64 * step;
+        match n {
+            0 => vec![(0.0, 1.0)],
+            n => vec![(at(n - 1), beta), (at(n), 1.0 - 2.0 * beta), (at(n + 1), beta)],
+        }
+    }
+
+    /// Returns the beta-averages of the support places, in m, one entry per motion.
+    pub fn mean_places(&self) -> Vec<f64> {
+        let beta = self.parameters.beta;
+        let [prev, now, next] = [&self.prev, &self.now, &self.next].map(|instant| &instant.places);
+        let instants = now.iter().zip(prev.iter().zip(next));
+        instants.map(|(now, (prev, next))| now + beta * (next - 2.0 * now + prev)).collect()
+    }
+
     /// Returns second differences of the support places over dt^2, in m/s^2, one entry per motion.
-    fn accelerations(&self) -> Vec<f64> {
+    pub fn accelerations(&self) -> Vec<f64> {
         let dt = self.parameters.step;
         let [prev, now, next] = [&self.prev, &self.now, &self.next].map(|instant| &instant.places);
         let instants = now.iter().zip(prev.iter().zip(next));

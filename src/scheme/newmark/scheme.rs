@@ -10,7 +10,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::sum;
 use crate::obstacle::Bounds;
 use crate::scheme::step_driver::{Formulas, StepDriver};
-use crate::scheme::{Approach, Scheme, Start, StepRecord, System};
+use crate::scheme::{Approach, Scheme, Start, StepBalance, StepRecord, System};
 use crate::vi::{Condensed, Solver};
 
 impl<'s, E: Engine + 'static> Newmark<'s, E>
@@ -72,7 +72,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// Returns the discrete invariant of beta = 1/2 between n and n + 1, in J:
     ///
     /// ```math
-    /// H = \frac12 \Bigl|\frac{U^{n+1} - U^n}{\Delta t}\Bigr|_M^2 + \frac14 \bigl(|U^{n+1}|_K^2 + |U^n|_K^2\bigr) - \frac12 F \cdot (U^{n+1} + U^n) - W_n - \frac12 w_n ,
+    /// H = \frac12 \Bigl|\frac{U^{n+1} - U^n}{\Delta t}\Bigr|_M^2 + \frac14 \bigl(|U^{n+1}|_K^2 +
+    /// |U^n|_K^2\bigr) - \frac12 F \cdot (U^{n+1} + U^n) - W_n - \frac12 w_n ,
     /// ```
     ///
     /// with the constant load F and the work `$W_n$`, `$w_n$` of time-dependent data. H is constant
@@ -145,6 +146,34 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         // U^{-1} is a ghost value, not a displacement that occurred.
         let velocity = if self.record.step == 0 { v0[bound] } else { d_n[dof] / self.record.dt };
         Approach { time: self.record.time(), deflection: u_n[dof], velocity }
+    }
+
+    /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant
+    /// n.
+    fn balance(&mut self) -> Result<StepBalance> {
+        let Levels { system, parameters, u_n, d_n, d_next, instants, .. } = &self.levels;
+        let NewmarkParameters { beta, step: dt, .. } = *parameters;
+        let System { engine, mass, damping, drive, .. } = system;
+        let is_start = self.record.step == 0;
+        let mut balance = StepBalance::zero(system);
+        let mut inertia = vec![0.0; u_n.len()];
+        for (i, (d, e)) in d_n.iter().zip(d_next).enumerate() {
+            // The unknown and the damped rate of the first step are those of `start`.
+            let (x, rate) = if is_start { (2.0 * e, e / dt) } else { (e - d, (d + e) / (2.0 * dt)) };
+            balance.displacement[i] = u_n[i] + (beta * x + damping.stiffness * rate);
+            inertia[i] = (e - d) / (dt * dt) + damping.mass * rate;
+        }
+        engine.project(mass, &inertia, &mut balance.acceleration)?;
+        if let (Some(modal), Some(damped)) = (&drive.modal, &self.driver.damped) {
+            balance.add_modal_damping(system, modal, damped)?;
+        }
+        if let Some(instants) = instants {
+            balance.loads = instants.times(self.record.step);
+            balance.places = instants.mean_places();
+            balance.support_rates = instants.support_rates();
+            balance.support_accelerations = instants.accelerations();
+        }
+        Ok(balance)
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {

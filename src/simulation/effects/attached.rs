@@ -18,6 +18,7 @@ use crate::partition::Partition;
 use crate::scene;
 use crate::simulation::refinement::seen;
 use crate::simulation::regions::cells_in;
+use std::rc::Rc;
 
 /// Attachments of this process's part of the plate.
 pub(super) struct Attached<'s> {
@@ -72,6 +73,21 @@ impl<'s> Attached<'s> {
     pub fn require_held_parts<P: Partition>(&self, ground: &BuildContext<P>) -> Result<()> {
         let on_foundation = self.foundations.iter().map(|(cell, _)| *cell);
         parts::require_held(ground, &self.springs, &self.edges.holds, on_foundation)
+    }
+
+    /// Returns the springs.
+    pub fn springs(&self) -> &[LumpedMass] {
+        &self.springs
+    }
+
+    /// Returns the masses fixed on the plate, then the balls.
+    pub fn masses(&self) -> &[LumpedMass] {
+        &self.masses
+    }
+
+    /// Returns the matrices of foundations and elastic edges, each with its cell.
+    pub fn bed_matrices(&self) -> impl Iterator<Item = (usize, Rc<[f64]>)> {
+        self.beds().map(|(cell, block)| (*cell, block.matrix.clone()))
     }
 
     /// Returns the contributions of foundations and elastic edges to K, each with its cell.

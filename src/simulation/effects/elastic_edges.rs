@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::linalg::ElementMatrix;
 use crate::mesh::Mesh;
 use crate::partition::Partition;
+use crate::scene;
 use crate::simulation::regions::supports;
 
 /// Springs along edges.
@@ -28,15 +29,25 @@ impl ElasticEdges {
         }
         let mut sides = Vec::new();
         for (support, (place, _)) in scene.supports.iter().zip(supports(scene, mesh, ground.comm())?) {
-            if let (Some(of), Place::Edges(edge)) = (support.elastic, place) {
-                let springs = EdgeSprings { stiffness: of.stiffness.unwrap_or(0.0), rotation: of.rotation };
-                sides.extend(own_sides(mesh, edge, ground.comm()).into_iter().map(|side| (side, springs)));
-            }
+            sides.extend(springs_of(ground, support, &place));
         }
         let holds = sides.iter().flat_map(|(side, springs)| constraints(mesh, *side, *springs)).collect();
         let blocks = ground.comm().all_ok(assembly::edge_springs(mesh, cells, sides))?;
         Ok(ElasticEdges { blocks, holds })
     }
+}
+
+/// Returns the sides of this process with the springs of a support, none unless it is elastic.
+/// Collective.
+pub(super) fn springs_of<P: Partition>(
+    ground: &BuildContext<P>,
+    support: &scene::Support,
+    place: &Place,
+) -> Vec<([usize; 2], EdgeSprings)> {
+    let (Some(of), Place::Edges(edge)) = (support.elastic, place) else { return Vec::new() };
+    let springs = EdgeSprings { stiffness: of.stiffness.unwrap_or(0.0), rotation: of.rotation };
+    let sides = own_sides(ground.mesh, edge.clone(), ground.comm());
+    sides.into_iter().map(|side| (side, springs)).collect()
 }
 
 /// Returns the sides of this process that no process before it has: a side inside the plate may lie

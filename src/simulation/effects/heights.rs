@@ -9,7 +9,7 @@ use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::{self, FieldInput, Side};
+use crate::scene::{self, FieldInput, Scene, Side};
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::nodes_in;
 
@@ -63,11 +63,26 @@ pub(super) fn sites<P: Partition>(
 }
 
 /// Obstacle with the bounds that it affects, and their positions.
-struct Opposite {
-    side: Side,
-    height: FieldInput,
-    bounds: Vec<usize>,
-    points: Vec<Point>,
+#[derive(Clone)]
+pub(super) struct Opposite {
+    pub side: Side,
+    pub height: FieldInput,
+    pub bounds: Vec<usize>,
+    pub points: Vec<Point>,
+}
+
+/// Returns each obstacle with the bounds of this process that it affects, given its dofs.
+pub(super) fn opposites<'o>(
+    scene: &'o Scene,
+    opposite: &'o [Vec<usize>],
+    bounded: &'o [DeflectionDof],
+) -> impl Iterator<Item = Opposite> + 'o {
+    let bound_of = |dof: &usize| bounded.binary_search_by_key(dof, |site| site.dof).ok();
+    scene.obstacles.iter().zip(opposite).map(move |(obstacle, opposite)| {
+        let bounds: Vec<usize> = opposite.iter().filter_map(bound_of).collect();
+        let points = bounds.iter().map(|&bound| bounded[bound].at.into()).collect();
+        Opposite { side: obstacle.side, height: obstacle.height.clone(), bounds, points }
+    })
 }
 
 /// Bounds from the obstacles at the bounded dofs of this process.
@@ -107,12 +122,8 @@ impl<C: Communicator> Heights<C> {
         }
         let mut moving = Vec::new();
         let mut found = Ok(());
-        for (obstacle, opposite) in scene.obstacles.iter().zip(opposite) {
-            let bound_of = |dof: &usize| bounded.binary_search_by_key(dof, |site| site.dof).ok();
-            let bounds: Vec<usize> = opposite.iter().filter_map(bound_of).collect();
-            let points = bounds.iter().map(|&bound| bounded[bound].at.into()).collect();
-            let opposite = Opposite { side: obstacle.side, height: obstacle.height.clone(), bounds, points };
-            if obstacle.height.changes() {
+        for opposite in opposites(scene, opposite, bounded) {
+            if opposite.height.changes() {
                 found = found.and_then(|()| opposite.refuse_jumps(&scene.time));
                 moving.push(opposite);
             } else {

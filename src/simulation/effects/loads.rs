@@ -18,6 +18,15 @@ use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
+/// Loads on the dofs of this process's part of the mesh.
+pub(super) struct LocalLoads<P: Partition> {
+    /// Constant part of the load, in N.
+    pub constant: Vec<f64>,
+    /// Products of a factor g(t) and a load vector (N).
+    pub terms: Vec<(FieldInput, Vec<f64>)>,
+    wave: Option<Wave<P>>,
+}
+
 /// Loads on the engine's dofs.
 pub(super) struct Loads<P: Partition> {
     /// Constant part of the load, in N; `None` where it is zero.
@@ -247,26 +256,26 @@ pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached
     Ok(totals)
 }
 
-impl<P: Partition> Loads<P> {
+impl<P: Partition> LocalLoads<P> {
     /// Integrates the loads that can be integrated in advance. Collective.
-    pub fn new(ground: &BuildContext<P>, attached: &Attached) -> Result<Loads<P>> {
-        let BuildContext { scene, cells, space, partition, .. } = ground;
+    pub fn new(ground: &BuildContext<P>, attached: &Attached) -> Result<LocalLoads<P>> {
+        let BuildContext { scene, cells, space, .. } = ground;
         let dofs = space.dofs();
-        let mut loads = Loads { constant: None, terms: Vec::new(), wave: None };
+        let mut loads = LocalLoads { constant: vec![0.0; dofs], terms: Vec::new(), wave: None };
         let Some(load) = &scene.load else { return Ok(loads) };
-        let mut constant = vec![0.0; dofs];
+        let constant = &mut loads.constant;
         if load.gravity != 0.0 {
-            vectors::add(&assembly::weight(cells, dofs, load.gravity), &mut constant);
-            attached.add_weight(load.gravity, &mut constant);
+            vectors::add(&assembly::weight(cells, dofs, load.gravity), constant);
+            attached.add_weight(load.gravity, constant);
         }
         if !load.pressure.changes() {
-            vectors::add(&ground.pressed(&load.pressure)?, &mut constant);
+            vectors::add(&ground.pressed(&load.pressure)?, constant);
         } else if let Some(terms) = load.pressure.terms() {
             for [time, place] in terms {
                 let load = ground.pressed(&place)?;
                 match time.number() {
-                    Some(factor) => axpy(factor, &load, &mut constant),
-                    None => loads.terms.push((time, partition.add_up(&load)?)),
+                    Some(factor) => axpy(factor, &load, constant),
+                    None => loads.terms.push((time, load)),
                 }
             }
         } else {
@@ -278,14 +287,33 @@ impl<P: Partition> Loads<P> {
                 spot.free.push(1.0, &mut unit);
             }
             match force.value.number() {
-                Some(value) => axpy(value, &unit, &mut constant),
-                None => loads.terms.push((force.value.clone(), partition.add_up(&unit)?)),
+                Some(value) => axpy(value, &unit, constant),
+                None => loads.terms.push((force.value.clone(), unit)),
             }
         }
+        Ok(loads)
+    }
+
+    /// Returns the load of changing distribution at an instant (s), in N; `None` if there is none.
+    /// Collective.
+    pub fn wave(&self, t: f64) -> Result<Option<Vec<f64>>> {
+        self.wave.as_ref().map(|wave| wave.load(t)).transpose()
+    }
+}
+
+impl<P: Partition> Loads<P> {
+    /// Integrates the loads that can be integrated in advance. Collective.
+    pub fn new(ground: &BuildContext<P>, attached: &Attached) -> Result<Loads<P>> {
+        let LocalLoads { constant, terms, wave } = LocalLoads::new(ground, attached)?;
+        if ground.scene.load.is_none() {
+            return Ok(Loads { constant: None, terms: Vec::new(), wave });
+        }
+        let partition = ground.partition;
+        let add_up = |(factor, load): (FieldInput, Vec<f64>)| Ok((factor, partition.add_up(&load)?));
+        let terms = terms.into_iter().map(add_up).collect::<Result<_>>()?;
         let constant = partition.add_up(&constant)?;
         let loaded = ground.comm().all_reduce_any(constant.iter().any(|f| f.abs() > 0.0));
-        loads.constant = loaded.then_some(constant);
-        Ok(loads)
+        Ok(Loads { constant: loaded.then_some(constant), terms, wave })
     }
 
     /// Adds the time-dependent loads at an instant (s) to `load`, in N. Collective.

@@ -7,6 +7,7 @@
 //! and Penzien, *Dynamics of Structures*, section 26-1).
 
 mod attached;
+mod attribution;
 mod bearing;
 mod elastic_edges;
 mod ground;
@@ -17,15 +18,18 @@ mod lumps;
 mod motion;
 mod of_cells;
 mod parts;
+mod reactions;
 mod start;
 mod statics;
 mod stop_springs;
 mod units;
 
+pub(super) use attribution::Attribution;
 pub(super) use ground::BuildContext;
 pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 pub(super) use of_cells::OfCells;
+pub(super) use reactions::{Reactions, Wrench};
 
 use super::{DeflectionDof, DofCoordinates, phase};
 use crate::communicator::Communicator;
@@ -64,6 +68,10 @@ pub(super) struct Effects<E: Engine> {
     /// Deflections of the engine's dofs; the bounded ones come first, in the order of the bounds.
     pub sites: Vec<DeflectionDof>,
     pub places: DofCoordinates,
+    /// Obstacles behind the bounds, if any of them has a name.
+    pub attribution: Option<Attribution>,
+    /// Reactions of the supports, if any of them has a name.
+    pub reactions: Option<Reactions>,
     /// Rigid motions that nothing restrains, in words.
     pub mechanism: Option<&'static str>,
     /// Warnings on the scene, one sentence each; the same on every process.
@@ -188,6 +196,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let opposite = heights::opposite(ground)?;
     let (sites, bounded) = heights::sites(ground, &opposite, &attached.balls);
     let heights = Heights::new(ground, &opposite, &sites[..bounded], &lifts)?;
+    let is_named = scene.obstacles.iter().any(|obstacle| obstacle.name.is_some());
+    let attribution = is_named.then(|| Attribution::new(ground, &opposite, &sites[..bounded])).transpose()?;
     let dofs = system.engine.dofs();
     let moving = |lift: &Lift| lift.moving(ground, &attached, &sites[..bounded], dofs);
     system.drive.supports = lifts.iter().map(moving).collect::<Result<_>>()?;
@@ -208,5 +218,6 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     if heights.vary() && ground.comm().all_reduce_any(bounded > 0) {
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
-    Ok(Effects { system, start, lifts, sites, places, mechanism, warnings, seconds })
+    let reactions = Reactions::new(ground, &system, &attached, &lifts)?;
+    Ok(Effects { system, start, lifts, sites, places, attribution, reactions, mechanism, warnings, seconds })
 }

@@ -25,7 +25,7 @@ pub(in crate::simulation) struct Lift {
     pub motion: Rc<FieldInput>,
     pub shape: Vec<f64>,
     /// Whether the plate moves rigidly; otherwise its shape is in equilibrium.
-    is_rigid: bool,
+    pub(super) is_rigid: bool,
 }
 
 /// Returns each support motion with its lift. Collective.

@@ -1,0 +1,117 @@
+//! Balance of forces of a step, from which the forces at held dofs follow.
+//!
+//! The equation that a scheme solves over the free dofs,
+//!
+//! ```math
+//! M a + K u - F = G^T r ,
+//! ```
+//!
+//! holds for a configuration u, an acceleration a and a load F of its own: means over the step, or
+//! those of an instant. The same products in the rows of the held dofs are the reactions of the
+//! supports. With the fields that the scheme really used, the forces on the whole plate therefore
+//! add up to the change of its momentum, to rounding, at any step.
+
+use super::System;
+use super::drive::ModalDamping;
+use super::state::{State, SupportVelocities};
+use crate::archive::{Archive, VectorKind};
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::linalg::vectors::{add, axpy};
+
+/// Fields of the balance of forces of a step, `$M a + K u - F = G^T r$` over the free dofs.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct StepBalance {
+    /// Displacement u that K acts on, relative to the supports, in m, one entry per dof. Damping by
+    /// the stiffness adds beta times its rate.
+    pub displacement: Vec<f64>,
+    /// Acceleration a that M acts on, relative to the supports, in m/s^2, one entry per velocity
+    /// dof. Damping by the mass adds alpha times the velocity; damping of modes its decay.
+    pub acceleration: Vec<f64>,
+    /// Instants (s) of the time-dependent loads, and their weights.
+    pub loads: Vec<(f64, f64)>,
+    /// Places of the supports, in m, one entry per motion.
+    pub places: Vec<f64>,
+    /// Velocities of the supports during the step, in m/s, one entry per motion.
+    pub support_rates: Vec<f64>,
+    /// Accelerations of the supports, in m/s^2, one entry per motion.
+    pub support_accelerations: Vec<f64>,
+}
+
+impl StepBalance {
+    /// Creates a balance whose fields are zero.
+    pub(super) fn zero<E: Engine>(system: &System<E>) -> StepBalance {
+        let motions = vec![0.0; system.drive.supports.len()];
+        StepBalance {
+            displacement: vec![0.0; system.engine.dofs()],
+            acceleration: vec![0.0; system.engine.velocities(&system.mass)],
+            loads: Vec::new(),
+            places: motions.clone(),
+            support_rates: motions.clone(),
+            support_accelerations: motions,
+        }
+    }
+
+    /// Creates the balance of a state at rest at the start.
+    pub(super) fn at_start<E: Engine>(system: &System<E>, start: &State) -> Result<StepBalance> {
+        let mut balance = StepBalance::zero(system);
+        balance.displacement.copy_from_slice(&start.u);
+        balance.loads.push((0.0, 1.0));
+        balance.places.copy_from_slice(&start.instant.places);
+        balance.support_rates = system.drive.rates(0.0)?;
+        Ok(balance)
+    }
+
+    /// Adds the change of the support frame from one velocity to another (m/s, one entry per
+    /// motion) over a duration, in s.
+    pub(super) fn change_frame(
+        &mut self,
+        seconds: f64,
+        [from, to]: [&[f64]; 2],
+        velocities: &SupportVelocities,
+    ) {
+        let motions = velocities.iter().zip(&mut self.support_accelerations);
+        for ((velocity, acceleration), (from, to)) in motions.zip(from.iter().zip(to)) {
+            let change = (to - from) / seconds;
+            *acceleration += change;
+            axpy(-change, velocity, &mut self.acceleration);
+        }
+    }
+
+    /// Adds another balance times a weight.
+    pub(super) fn add(&mut self, weight: f64, other: &StepBalance) {
+        axpy(weight, &other.displacement, &mut self.displacement);
+        axpy(weight, &other.acceleration, &mut self.acceleration);
+        self.loads.extend(other.loads.iter().map(|(time, share)| (*time, weight * share)));
+        axpy(weight, &other.places, &mut self.places);
+        axpy(weight, &other.support_rates, &mut self.support_rates);
+        axpy(weight, &other.support_accelerations, &mut self.support_accelerations);
+    }
+
+    /// Adds the damping of single modes with these modal velocities, in the coordinates of
+    /// [`ModalDamping`].
+    pub(super) fn add_modal_damping<E: Engine>(
+        &mut self,
+        system: &System<E>,
+        modal: &ModalDamping,
+        velocities: &[f64],
+    ) -> Result<()> {
+        let mut decay = vec![0.0; self.displacement.len()];
+        modal.add_decay(velocities, &mut decay);
+        let mut projected = vec![0.0; self.acceleration.len()];
+        system.engine.project(&system.mass, &decay, &mut projected)?;
+        add(&projected, &mut self.acceleration);
+        Ok(())
+    }
+
+    /// Saves or restores the balance.
+    pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.vector(VectorKind::Dofs, &mut self.displacement)?;
+        archive.vector(VectorKind::Velocities, &mut self.acceleration)?;
+        archive.value(&mut self.loads)?;
+        for vector in [&mut self.places, &mut self.support_rates, &mut self.support_accelerations] {
+            archive.value(vector)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,98 @@
+//! Attribution of the reactions at bounds to the obstacles that exert them.
+//!
+//! A reaction upwards comes from the nearest obstacle below the node, a reaction downwards from the
+//! nearest above it. Which obstacle is nearest changes in time only where several are opposite to
+//! one node and some of them move; it is then determined at the instant of the reaction. Of
+//! obstacles at equal height the first in the scene counts. The tips of a compliant stop are
+//! bounded by that stop alone.
+
+use super::ground::BuildContext;
+use super::heights::{Opposite, opposites};
+use crate::communicator::Communicator;
+use crate::error::Result;
+use crate::partition::Partition;
+use crate::scene::Side;
+use crate::simulation::DeflectionDof;
+
+/// Obstacles behind the bounds of this process.
+#[derive(Clone)]
+pub(in crate::simulation) struct Attribution {
+    /// Index of the nearest obstacle below and above, one entry per bound; `None` where there is
+    /// none, as at the gap of a ball.
+    nearest: Vec<[Option<usize>; 2]>,
+    /// All obstacles with the bounds that they affect, where the nearest changes in time on any
+    /// process; empty otherwise.
+    contested: Vec<(usize, Opposite)>,
+}
+
+impl Attribution {
+    /// Determines the obstacles at the first instant. Collective.
+    pub fn new<P: Partition>(
+        ground: &BuildContext<P>,
+        opposite: &[Vec<usize>],
+        bounded: &[DeflectionDof],
+    ) -> Result<Attribution> {
+        let all: Vec<(usize, Opposite)> = opposites(ground.scene, opposite, bounded).enumerate().collect();
+        let mut counts = vec![[0; 2]; bounded.len()];
+        let mut moves = vec![[false; 2]; bounded.len()];
+        for (_, of) in &all {
+            for &bound in &of.bounds {
+                counts[bound][side(of.side)] += 1;
+                moves[bound][side(of.side)] |= of.height.changes();
+            }
+        }
+        let counts = counts.as_flattened().iter().zip(moves.as_flattened());
+        let is_contested = counts.into_iter().any(|(count, moves)| *count > 1 && *moves);
+        let is_contested = ground.comm().all_reduce_any(is_contested);
+        let mut attribution = Attribution { nearest: Vec::new(), contested: all };
+        ground.comm().all_ok(attribution.find(0.0, bounded.len()))?;
+        if !is_contested {
+            attribution.contested.clear();
+        }
+        Ok(attribution)
+    }
+
+    /// Determines the nearest obstacles at an instant (s). Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the heights.
+    pub fn set(&mut self, time: f64, comm: &impl Communicator) -> Result<()> {
+        if self.contested.is_empty() {
+            return Ok(());
+        }
+        let bounds = self.nearest.len();
+        comm.all_ok(self.find(time, bounds))
+    }
+
+    fn find(&mut self, time: f64, bounds: usize) -> Result<()> {
+        let mut best = vec![[f64::NEG_INFINITY, f64::INFINITY]; bounds];
+        self.nearest.clear();
+        self.nearest.resize(bounds, [None; 2]);
+        for (obstacle, of) in &self.contested {
+            let mut heights = vec![0.0; of.points.len()];
+            of.height.values(&of.points, time, &mut heights)?;
+            for (&bound, height) in of.bounds.iter().zip(heights) {
+                let side = side(of.side);
+                let is_nearer = match of.side {
+                    Side::Below => height > best[bound][side],
+                    Side::Above => height < best[bound][side],
+                };
+                if is_nearer || self.nearest[bound][side].is_none() {
+                    (best[bound][side], self.nearest[bound][side]) = (height, Some(*obstacle));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the index of the obstacle that exerts a reaction (N, or an impulse in N s) at a
+    /// bound; `None` for the reaction of a ball.
+    pub fn obstacle(&self, bound: usize, reaction: f64) -> Option<usize> {
+        self.nearest[bound][usize::from(reaction < 0.0)]
+    }
+}
+
+/// Returns the position of a side in the pairs of this file.
+fn side(side: Side) -> usize {
+    usize::from(side == Side::Above)
+}
