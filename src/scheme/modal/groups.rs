@@ -36,8 +36,11 @@ pub(super) struct Groups {
     of: Vec<usize>,
     /// Mean rows of the mode shapes, one column per group.
     centres: Mat<f64>,
-    /// Bounds of the slacks in the last motion, one entry per group.
-    slacks: Vec<f64>,
+    /// Largest |W p| and length (s) of the present motion.
+    most: f64,
+    end: f64,
+    /// Bounds of the slacks in that motion, one entry per group; `None` for those not computed yet.
+    slacks: Vec<Option<f64>>,
 }
 
 /// Group of bounded dofs.
@@ -78,31 +81,44 @@ impl Groups {
             let size = group.iter().map(|&i| sizes[i]).fold(0.0, f64::max);
             groups.push(Group { members: range, spread, size });
         }
-        let slacks = vec![0.0; groups.len()];
-        Groups { inverse, members, groups, of, centres, slacks }
+        let slacks = vec![None; groups.len()];
+        Groups { inverse, members, groups, of, centres, most: 0.0, end: 0.0, slacks }
     }
 
-    /// Returns the number of groups.
-    pub fn count(&self) -> usize {
-        self.groups.len()
-    }
-
-    /// Computes bounds of the slacks between 0 and `end` (s), for given coefficients of 1, t and
-    /// t^2 of the modes, without reactions. No dof has less slack, unless the bound is negative.
+    /// Begins a motion with given coefficients of 1, t and t^2 of the modes, between 0 and `end`
+    /// (s), without reactions.
     #[inline(always)]
-    pub fn evaluate(&mut self, motion: [&[f64]; 3], limits: &Limits, end: f64) {
-        let most = self.largest_root_of_energy(motion, end);
-        for (g, group) in self.groups.iter().enumerate() {
-            let members = &self.members[group.members.clone()];
-            let lower = members.iter().map(|&i| limits.lower[i] - limits.shift[i]);
-            let upper = members.iter().map(|&i| limits.upper[i] - limits.shift[i]);
-            let lower = lower.fold(f64::NEG_INFINITY, f64::max);
-            let upper = upper.fold(f64::INFINITY, f64::min);
-            let [y, rate, curve] = dots(self.centres.col_as_slice(g), motion);
-            let below = least([y - lower, rate, curve], end);
-            let above = least([upper - y, -rate, -curve], end);
-            self.slacks[g] = (below.min(above) - group.spread * most) / group.size;
+    pub fn begin(&mut self, motion: [&[f64]; 3], end: f64) {
+        self.slacks.fill(None);
+        self.most = self.largest_root_of_energy(motion, end);
+        self.end = end;
+    }
+
+    /// Returns a bound of the slack of a bounded dof in the motion that began. No dof of its group
+    /// has less slack, unless the bound is negative.
+    #[inline(always)]
+    pub fn slack(&mut self, bound: usize, motion: [&[f64]; 3], limits: &Limits) -> f64 {
+        let g = self.of[bound];
+        if let Some(slack) = self.slacks[g] {
+            return slack;
         }
+        let slack = self.slack_of(g, motion, limits);
+        self.slacks[g] = Some(slack);
+        slack
+    }
+
+    #[inline(always)]
+    fn slack_of(&self, g: usize, motion: [&[f64]; 3], limits: &Limits) -> f64 {
+        let group = &self.groups[g];
+        let members = &self.members[group.members.clone()];
+        let lower = members.iter().map(|&i| limits.lower[i] - limits.shift[i]);
+        let upper = members.iter().map(|&i| limits.upper[i] - limits.shift[i]);
+        let lower = lower.fold(f64::NEG_INFINITY, f64::max);
+        let upper = upper.fold(f64::INFINITY, f64::min);
+        let [y, rate, curve] = dots(self.centres.col_as_slice(g), motion);
+        let below = least([y - lower, rate, curve], self.end);
+        let above = least([upper - y, -rate, -curve], self.end);
+        (below.min(above) - group.spread * self.most) / group.size
     }
 
     /// Returns a bound of |W p| between 0 and `end`: the largest value at the three control points
@@ -115,12 +131,6 @@ impl Groups {
             sum(a.len(), |k| point(k).powi(2)).sqrt()
         };
         points.map(size).into_iter().fold(0.0, f64::max)
-    }
-
-    /// Returns the bound of the slack of a bounded dof in the last motion.
-    #[inline(always)]
-    pub fn slack(&self, bound: usize) -> f64 {
-        self.slacks[self.of[bound]]
     }
 }
 
@@ -175,7 +185,7 @@ mod tests {
         let squares: Vec<f64> = (0..12).map(|k| (30.0 * k as f64).powi(2)).collect();
         let sizes: Vec<f64> = (0..400).map(|i| norm(shapes.col_as_slice(i))).collect();
         let mut groups = Groups::new(&shapes, &sizes, &squares);
-        assert!(groups.count() >= 400 / LARGEST && groups.groups.iter().all(|group| group.size > 0.0));
+        assert!(groups.groups.len() >= 400 / LARGEST && groups.groups.iter().all(|group| group.size > 0.0));
         let lower: Vec<f64> = (0..400).map(|i| -1.0 - 0.3 * place(i)[0]).collect();
         let shift: Vec<f64> = (0..400).map(|i| 1e-2 * place(i)[1]).collect();
         let limits = Limits { shift, lower, upper: vec![2.0; 400] };
@@ -185,13 +195,14 @@ mod tests {
             let motion =
                 [0.5, 20.0, 300.0].map(|scale| (0..12).map(|k| of_mode(k, scale)).collect::<Vec<_>>());
             let motion = motion.each_ref().map(|of| &**of);
-            groups.evaluate(motion, &limits, 0.02);
+            groups.begin(motion, 0.02);
             for i in 0..400 {
                 let mut y = dots(shapes.col_as_slice(i), motion);
                 y[0] += limits.shift[i];
                 let slack = distance(y, &limits, i, 0.02) / sizes[i];
-                assert!(groups.slack(i) <= slack.max(0.0), "{i}: {} > {slack}", groups.slack(i));
-                close += usize::from(groups.slack(i) > slack - 0.3);
+                let bound = groups.slack(i, motion, &limits);
+                assert!(bound <= slack.max(0.0), "{i}: {bound} > {slack}");
+                close += usize::from(bound > slack - 0.3);
             }
         }
         assert!(close > 4000, "{close} of 8000");

@@ -22,7 +22,8 @@
 //! many operations as there are modes. Beyond the radius or the horizon, a new check of the tier
 //! and of all smaller ones follows. Horizons double, as long as twice the error e remains below the
 //! radius. At the shortest horizon, nodes that would keep the radius below the change of the next
-//! steps become candidates.
+//! steps become candidates. Tiers of many nodes are evaluated by [groups](super::groups) of
+//! neighbours, whose bounds take the place of the distances.
 
 use super::contact_model::ContactModel;
 use super::forecast::{Forecast, distance};
@@ -49,8 +50,8 @@ const SMALLEST: usize = 32;
 const LARGE: usize = 4096;
 /// Share of the radius that the error of a forecast may take.
 const SHARE: f64 = 0.5;
-/// Number of nodes per group of all nodes from which on a tier is evaluated by groups.
-const GROUPED: usize = 2;
+/// Number of nodes from which on a tier is evaluated by groups.
+const GROUPED: usize = 1024;
 /// Rounding errors of a deflection, relative to that of all modes together.
 pub(super) const ROUNDING: f64 = 1e-12;
 
@@ -303,16 +304,16 @@ impl Reach {
             .map(|(k, r)| (*r, &*check.model.at_bounds[k]))
             .collect();
         let pressure: f64 = acting.iter().map(|(r, _)| r.abs()).sum();
-        let by_groups = nodes.len() >= GROUPED * groups.count();
+        let by_groups = nodes.len() >= GROUPED;
         self.arch.dispatch(
             #[inline(always)]
             || {
                 if by_groups {
-                    groups.evaluate(motion, limits, end);
+                    groups.begin(motion, end);
                 }
                 for &i in nodes {
                     if by_groups {
-                        slacks[i] = groups.slack(i) - flexibilities[i] * pressure;
+                        slacks[i] = groups.slack(i, motion, limits) - flexibilities[i] * pressure;
                     }
                     if by_groups && slacks[i] > enough {
                         continue;
