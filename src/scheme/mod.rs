@@ -10,6 +10,7 @@
 //! | `system.bounds` | K^h, G, alpha | admissible deflections at the nodes |
 //! | `system.load` | F | constant load; `system.drive` has its time-dependent parts |
 //! | `system.damping` | - | Rayleigh damping alpha M + beta K |
+//! | `system.drive.dashpots` | - | damping C of compliant stops, whose tips are dofs without mass |
 //! | `e`, `beta`, `dt` | e, beta, Delta t | coefficient of restitution, Newmark parameter, time step |
 //! | `u`, `v` | U^n, V^n | displacement, velocity |
 //! | `d` | U^n - U^{n-1} | displacement increment of a step |

@@ -1,7 +1,7 @@
 //! The compliance of the massless rest and the figures of the modal mass, compared with all modes
 //! of dense matrices.
 
-use crate::common::models::{PAPER_FALL, PAPER_PLATE};
+use crate::common::models::{PAPER_FALL, PAPER_PLATE, PAPER_START};
 use crate::modal::modal_scene;
 use faer::{Mat, Side};
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -98,6 +98,34 @@ fn the_compliance_of_a_free_plate_is_that_of_its_other_modes() {
         let all = AllModes::of(&model(20));
         for kept in [4, 20, 60] {
             assert_compliance(&model(kept), &all, kept, element);
+        }
+    }
+}
+
+/// A compliant stop adds its own flexibility 1/k to the compliance of its node, whatever its
+/// stiffness. Along the free edge, the two end nodes have half a cell each.
+#[test]
+fn a_compliant_stop_adds_its_flexibility() {
+    let compliance = |stiffness: &str| {
+        let line = "side = \"below\", height = -0.1, line = [[1.2, 0], [1.2, 0.4]]";
+        let tables = format!("{PAPER_START}obstacle = [{{ {line}{stiffness} }}]");
+        let model = Model::new(&modal_scene(&tables, "fvs", [10, 4], 40, 1e-3)).unwrap();
+        let mut sites = model.sites[..5].to_vec();
+        sites.sort_by(|a, b| a.at[1].total_cmp(&b.at[1]));
+        let dofs: Vec<usize> = sites.iter().map(|site| site.dof).collect();
+        ContactCompliance::new(&model.system, &dofs).unwrap().compliance
+    };
+    let rigid = compliance("");
+    for stiffness in [1e3, 1e8, 1e12] {
+        let stops = compliance(&format!(", stiffness = {stiffness:e}"));
+        for i in 0..5 {
+            for j in 0..5 {
+                let length = if i == 0 || i == 4 { 0.05 } else { 0.1 };
+                let own = if i == j { 1.0 / (stiffness * length) } else { 0.0 };
+                let (found, expected) = (stops[(i, j)], rigid[(i, j)] + own);
+                let error = (found - expected).abs() / (rigid[(2, 2)] + own);
+                assert!(error <= 1e-10, "{stiffness:e}, {i}, {j}: {found:e}, {expected:e}");
+            }
         }
     }
 }
