@@ -4,6 +4,7 @@
 //! mesh computes its element matrices only a few times.
 
 mod edge;
+mod border;
 mod foundation;
 mod local;
 mod pressure;

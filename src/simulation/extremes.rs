@@ -7,9 +7,10 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::partition::Partition;
-use crate::plate::Sections;
+use crate::plate::{Section, Sections};
 use crate::scheme::Scheme;
 use crate::stress::{Moments, PlateSurface};
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
@@ -96,14 +97,19 @@ impl StressSites {
         let sections = recovery.sites().iter().zip(&cell_of);
         let sections = sections.map(|(site, &cell)| body.section(cell, mesh.nodes[site.node]));
         let sections: Vec<_> = ground.comm().all_ok(sections.collect::<Result<_>>())?;
-        let stress = |site: usize, curvature: [f64; 3]| {
-            let section = &sections[site];
-            let Moments { xx, yy, xy } = Moments::of_curvature(section, curvature);
-            [xx, yy, xy].map(|moment| section.stress_per_moment() * moment)
+        let stress = |section: &Section| {
+            let column = |k: usize| {
+                let mut curvature = [0.0; 3];
+                curvature[k] = 1.0;
+                let Moments { xx, yy, xy } = Moments::of_curvature(section, curvature);
+                Vector3::new(xx, yy, xy) * section.stress_per_moment()
+            };
+            Matrix3::from_columns(&[0, 1, 2].map(column))
         };
+        let maps = sections.iter().map(stress).collect();
         let place = |site: &crate::assembly::RecoverySite| (mesh.nodes[site.node].coords.into(), site.part);
         Ok(StressSites {
-            stresses: SiteValues::new(ground, lifts, curvatures, stress),
+            stresses: SiteValues::new(ground, lifts, curvatures, maps)?,
             places: recovery.sites().iter().map(place).collect(),
             cells,
         })

@@ -2,16 +2,15 @@
 
 use super::effects::{BuildContext, Lift};
 use super::plate_assembly::PlateAssembly;
-use crate::assembly::{self, Probe, Recovery};
+use crate::assembly::{self, CurvatureRow, Probe, Recovery};
 use crate::communicator::Communicator;
-use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::axpy;
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::scene::{FieldInput, ProbeQuantity, Scene};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
@@ -78,8 +77,11 @@ impl<'s> PlateCurvatures<'s> {
         }
         let section = from_numbers(comm.all_reduce_sum(comm.all_ok(found)?));
         assembly::sum_over_ranks(self.recovery.sites(), self.parts, partition, &mut shares)?;
+        let shares: Vec<f64> = shares.into_iter().map(|[share]| share).collect();
+        let weights = self.recovery.weights_of_fits(&shares, partition)?;
         let mut row: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
-        for ([share], of) in shares.iter().zip(self.recovery.rows()).filter(|([share], _)| *share != 0.0) {
+        let fits = weights.iter().zip(self.recovery.rows());
+        for (share, of) in fits.filter(|(share, _)| **share != 0.0) {
             for (dof, curvature) in of {
                 let sums = row.entry(*dof).or_default();
                 sums.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
@@ -108,79 +110,81 @@ fn from_numbers(numbers: [f64; 11]) -> Section {
     Section { bending, density: numbers[9], thickness: numbers[10] }
 }
 
-/// Returns the curvatures of a shape (three values per node) in one row of a recovery.
-pub(super) fn curvature_of(row: &[(usize, [f64; 3])], shape: &[f64]) -> [f64; 3] {
-    debug_assert!(shape.len().is_multiple_of(PER_NODE));
-    let mut sums = [0.0; 3];
-    for (dof, weights) in row {
-        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * shape[*dof]);
-    }
-    sums
-}
-
 /// Quantities with three components at the sites of a recovery, linear in the curvatures: the
 /// curvatures themselves, or the stresses.
 pub(super) struct SiteValues {
-    /// First entry of each site, and the end of the last one.
+    /// First entry of each fit of the recovery, and the end of the last one.
     starts: Vec<usize>,
-    /// Dofs of this rank's cells with three weights each, site by site.
+    /// Dofs of this rank's cells with three weights each, fit by fit.
     entries: Vec<(u32, [f64; 3])>,
-    /// Support motions with this rank's share of the values that they cause, per metre.
+    /// Curvatures at the sites from this rank's shares of the fits. Collective.
+    curvatures: CurvaturesOfFits,
+    /// Matrix that maps the curvatures to the values at each site.
+    maps: Vec<Matrix3<f64>>,
+    /// Support motions with the values that they cause, per metre.
     lifts: Vec<(Rc<FieldInput>, Vec<[f64; 3]>)>,
-    /// Sum over the ranks that share the sites; `None` on a single process.
-    sum: Option<SumOverRanks>,
 }
 
-/// Sum of values at sites over the ranks that share them. Collective.
-type SumOverRanks = Box<dyn Fn(&mut [[f64; 3]]) -> Result<()>>;
+type CurvaturesOfFits = Box<dyn Fn(&mut [[f64; 3]]) -> Result<Vec<[f64; 3]>>>;
 
 impl SiteValues {
-    /// Prepares the values `of(site, curvature)`, linear in the curvature (w_xx, w_xy, w_yy).
+    /// Prepares the values at the sites from matrices that map the curvature (w_xx, w_xy, w_yy) to
+    /// them. Collective.
     pub fn new<P: Partition>(
         ground: &BuildContext<P>,
         lifts: &[Lift],
         curvatures: &PlateCurvatures,
-        of: impl Fn(usize, [f64; 3]) -> [f64; 3],
-    ) -> SiteValues {
-        let PlateCurvatures { recovery, parts, .. } = curvatures;
+        maps: Vec<Matrix3<f64>>,
+    ) -> Result<SiteValues> {
+        let rows = curvatures.recovery.rows();
         let (mut starts, mut entries) = (vec![0], Vec::new());
-        for (site, row) in recovery.rows().iter().enumerate() {
+        for row in rows {
             for &(of_shape, weights) in row {
                 if let Some((dof, factor)) = ground.space.dof(of_shape) {
-                    entries.push((dof as u32, of(site, weights.map(|weight| factor * weight))));
+                    entries.push((dof as u32, weights.map(|weight| factor * weight)));
                 }
             }
             starts.push(entries.len());
         }
+        let (recovery, partition) = (curvatures.recovery.clone(), ground.partition.clone());
+        let complete = move |fits: &mut [[f64; 3]]| recovery.curvatures(fits, &partition);
+        let curvatures: CurvaturesOfFits = Box::new(complete);
         let lifted = |Lift { motion, shape, .. }: &Lift| {
-            let rows = recovery.rows().iter().enumerate();
-            (motion.clone(), rows.map(|(site, row)| of(site, curvature_of(row, shape))).collect())
+            let of = |row: &CurvatureRow| sum(row.iter().map(|(dof, weights)| (weights, shape[*dof])));
+            let mut fits: Vec<[f64; 3]> = rows.iter().map(of).collect();
+            Ok((motion.clone(), mapped(&maps, curvatures(&mut fits)?)))
         };
-        let (sites, parts, partition) = (recovery.sites().to_vec(), *parts, ground.partition.clone());
-        let sum = move |values: &mut [[f64; 3]]| assembly::sum_over_ranks(&sites, parts, &partition, values);
-        let sum = P::DIVIDES.then(|| Box::new(sum) as SumOverRanks);
-        SiteValues { starts, entries, lifts: lifts.iter().map(lifted).collect(), sum }
+        let lifts = lifts.iter().map(lifted).collect::<Result<_>>()?;
+        Ok(SiteValues { starts, entries, curvatures, maps, lifts })
     }
 
     /// Returns the values for displacements over the dofs of this rank's cells at an instant (s).
     /// Collective.
     pub fn at(&self, u: &[f64], time: f64) -> Result<Vec<[f64; 3]>> {
-        let of_site = |ends: &[usize]| {
-            let mut sums = [0.0; 3];
-            for (dof, weights) in &self.entries[ends[0]..ends[1]] {
-                let value = u[*dof as usize];
-                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
-            }
-            sums
+        let of_fit = |ends: &[usize]| {
+            let own = &self.entries[ends[0]..ends[1]];
+            sum(own.iter().map(|(dof, weights)| (weights, u[*dof as usize])))
         };
-        let mut values: Vec<[f64; 3]> = self.starts.windows(2).map(of_site).collect();
+        let mut fits: Vec<[f64; 3]> = self.starts.windows(2).map(of_fit).collect();
+        let mut values = mapped(&self.maps, (self.curvatures)(&mut fits)?);
         for (motion, lift) in &self.lifts {
             let moved = motion.at(Point::origin(), time)?;
             axpy(moved, lift.as_flattened(), values.as_flattened_mut());
         }
-        if let Some(sum) = &self.sum {
-            sum(&mut values)?;
-        }
         Ok(values)
     }
+}
+
+/// Returns the products of matrices with triples.
+fn mapped(maps: &[Matrix3<f64>], values: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
+    maps.iter().zip(values).map(|(map, value)| (map * Vector3::from(value)).into()).collect()
+}
+
+/// Returns the sum of triples of weights times values.
+fn sum<'w>(terms: impl Iterator<Item = (&'w [f64; 3], f64)>) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for (weights, value) in terms {
+        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
+    }
+    sums
 }

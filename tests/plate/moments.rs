@@ -17,11 +17,13 @@ type Curvature = [f64; 3];
 /// Returns the recovered curvature at each node of a plate of one part.
 fn recovered(plate: &Matrices, shape: &[f64]) -> Vec<Curvature> {
     let recovery = Recovery::new(&plate.mesh, &plate.cells, &|_| 0, 1, &WholeMesh).unwrap();
+    let fit = |row: &assembly::CurvatureRow| {
+        [0, 1, 2].map(|k| row.iter().map(|(dof, weights)| weights[k] * shape[*dof]).sum())
+    };
+    let mut fits: Vec<Curvature> = recovery.rows().iter().map(fit).collect();
+    let curvatures = recovery.curvatures(&mut fits, &WholeMesh).unwrap();
     let mut at_nodes = vec![[f64::NAN; 3]; plate.mesh.nodes.len()];
-    for (site, row) in recovery.sites().iter().zip(recovery.rows()) {
-        at_nodes[site.node] =
-            [0, 1, 2].map(|k| row.iter().map(|(dof, weights)| weights[k] * shape[*dof]).sum());
-    }
+    recovery.sites().iter().zip(curvatures).for_each(|(site, of)| at_nodes[site.node] = of);
     at_nodes
 }
 
@@ -78,27 +80,27 @@ fn gmsh_square(refinements: usize) -> Mesh {
 fn recovered_curvatures_converge_faster_than_the_elements_own() {
     type Meshes = fn(usize) -> Mesh;
     let cases: [(&str, Meshes, [f64; 2], f64); 6] = [
-        ("hct", |n| Mesh::rectangle(1.0, 1.0, [n; 2], Hct, Right).unwrap(), [1.5, 2.1], 5e-3),
+        ("hct", |n| Mesh::rectangle(1.0, 1.0, [n; 2], Hct, Right).unwrap(), [1.5, 2.5], 5e-3),
         (
             "hct alternating",
             |n| Mesh::rectangle(1.0, 1.0, [n; 2], Hct, Alternating).unwrap(),
-            [1.4, 2.1],
+            [1.4, 2.5],
             6e-3,
         ),
-        ("fvs", |n| Mesh::rectangle(1.0, 1.0, [n; 2], Fvs, Right).unwrap(), [1.7, 2.1], 4e-3),
+        ("fvs", |n| Mesh::rectangle(1.0, 1.0, [n; 2], Fvs, Right).unwrap(), [1.7, 2.5], 4e-3),
         (
             "hct jittered",
             |n| jittered(Mesh::rectangle(1.0, 1.0, [n; 2], Hct, Alternating).unwrap(), n),
-            [1.2, 2.1],
+            [1.2, 2.5],
             8e-3,
         ),
         (
             "fvs jittered",
             |n| jittered(Mesh::rectangle(1.0, 1.0, [n; 2], Fvs, Right).unwrap(), n),
-            [1.5, 2.1],
+            [1.5, 2.5],
             5e-3,
         ),
-        ("gmsh", |n| gmsh_square(n.ilog2() as usize - 3), [1.4, 2.1], 7e-3),
+        ("gmsh", |n| gmsh_square(n.ilog2() as usize - 3), [1.4, 2.5], 7e-3),
     ];
     let exact = |p: Point| {
         let ([sx, cx], [sy, cy]) =
@@ -217,7 +219,7 @@ fn at_rest(supports: &str, element: &str, n: usize, wanted: &[(&str, [f64; 2])])
     ))
 }
 
-/// The errors of published moments at single points halve at least with each refinement, and are
+/// The errors of published moments at single points shrink 1.6 times at least with each refinement, and are
 /// below the cap at 32 x 32. Clamped square: R. L. Taylor and S. Govindjee, *Solution of clamped
 /// rectangular plate problems*, Communications in Numerical Methods in Engineering 20, 2004.
 #[test]
@@ -228,11 +230,11 @@ fn published_moments_of_the_square() {
     assert!((centre - 0.0479).abs() < 5e-5 && (corner + 0.0325).abs() < 5e-5, "{centre}, {corner}");
     let cases = [
         (&simply, "moment_xx", [0.5, 0.5], centre, 3e-3),
-        (&simply, "moment_xy", [0.0, 0.0], corner, 1e-2),
+        (&simply, "moment_xy", [0.0, 0.0], corner, 1.6e-2),
         (&simply, "moment_max", [0.5, 0.5], centre, 3e-3),
         (&clamped, "moment_xx", [0.5, 0.5], 0.0229051, 7e-3),
-        (&clamped, "moment_xx", [0.0, 0.5], -0.0513338, 8e-2),
-        (&clamped, "moment_min", [0.5, 0.0], -0.0513338, 8e-2),
+        (&clamped, "moment_xx", [0.0, 0.5], -0.0513338, 3.5e-2),
+        (&clamped, "moment_min", [0.5, 0.0], -0.0513338, 3.5e-2),
     ];
     for (supports, quantity, at, expected, cap) in cases {
         for element in ["hct", "fvs"] {
@@ -241,7 +243,7 @@ fn published_moments_of_the_square() {
                 let value = at_rest(supports, element, n, &[(quantity, at)])[0];
                 let error = (value / expected - 1.0).abs();
                 println!("{quantity} {at:?} {element} {n}: {value:.6} {error:.1e}");
-                assert!(error < before / 1.8, "{quantity} {at:?} {element} {n}: {error:e} after {before:e}");
+                assert!(error < before / 1.6, "{quantity} {at:?} {element} {n}: {error:e} after {before:e}");
                 before = error;
             }
             assert!(before < cap, "{quantity} {at:?} {element}: {before:e}");
