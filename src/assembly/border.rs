@@ -1,6 +1,6 @@
 //! Nodes on the border of a part of the plate, and the inner nodes beside them.
 
-use super::recovery::{RecoverySite, sum_over_ranks};
+use super::sites::{RecoverySite, sum_over_ranks};
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;

@@ -11,6 +11,7 @@ mod pressure;
 mod probe;
 mod products;
 mod recovery;
+mod sites;
 
 pub use edge::{EdgeSprings, edge_springs};
 pub use foundation::foundation;
@@ -18,7 +19,8 @@ pub use local::Local;
 pub use pressure::Pressure;
 pub use probe::Probe;
 pub use products::{consistent_momenta, forces, singular_momenta, squares};
-pub use recovery::{CurvatureRow, Recovery, RecoverySite, sum_over_ranks, vertex_weights};
+pub use recovery::{CurvatureRow, Recovery, vertex_weights};
+pub use sites::{RecoverySite, sum_over_ranks};
 
 use crate::dof_map::DofMap;
 use crate::element::adaptive::Triangle;

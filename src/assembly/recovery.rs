@@ -14,6 +14,7 @@
 
 use super::CellArrays;
 use super::border;
+use super::sites::{RecoverySite, sum_over_ranks};
 use crate::dof_map::PER_NODE;
 use crate::element::{Element, quadrature, with_element};
 use crate::error::Result;
@@ -22,15 +23,6 @@ use crate::partition::Partition;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
-
-/// Node of the mesh as seen from one part of the plate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct RecoverySite {
-    /// Number of the node.
-    pub node: usize,
-    /// Number of the part.
-    pub part: usize,
-}
 
 /// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
 /// weights per dof.
@@ -221,32 +213,6 @@ fn sites(mesh: &Mesh, part_of: &dyn Fn(usize) -> usize) -> (Vec<RecoverySite>, V
     };
     let of_cells = mesh.cells.iter().enumerate().map(of_cell).collect();
     (sites, of_cells)
-}
-
-/// Sums values at sites over the ranks that have them. Collective.
-///
-/// # Errors
-/// Returns the errors of communication.
-pub fn sum_over_ranks<P: Partition, const N: usize>(
-    sites: &[RecoverySite],
-    parts: usize,
-    partition: &P,
-    values: &mut [[f64; N]],
-) -> Result<()> {
-    if !P::DIVIDES {
-        return Ok(());
-    }
-    let nodes = sites.iter().map(|site| site.node + 1).max().unwrap_or(0);
-    for part in 0..parts {
-        for entry in 0..N {
-            let of_part = || sites.iter().enumerate().filter(|(_, site)| site.part == part);
-            let mut of_nodes = vec![0.0; nodes];
-            of_part().for_each(|(number, site)| of_nodes[site.node] = values[number][entry]);
-            let sums = partition.sum_at_nodes(&of_nodes)?;
-            of_part().for_each(|(number, site)| values[number][entry] = sums[site.node]);
-        }
-    }
-    Ok(())
 }
 
 /// Returns the sample points of an element.

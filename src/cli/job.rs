@@ -1,7 +1,7 @@
 //! Run to make: its description before it begins, and its summary, plot and report at the end.
 
 use super::cache::CacheArgs;
-use super::plot::obstacles;
+use super::plot::{obstacles, quantity};
 use super::printing::{OutputMode, print};
 use super::report::report;
 use crate::error::Result;
@@ -84,8 +84,9 @@ fn effects(scene: &Scene) -> String {
 
 /// Draws `plots/history.svg` from `history.csv`; `rebond plot` draws the other plots.
 fn draw(folder: &Path, scene: &Scene, opposite: &BTreeMap<String, Vec<f64>>) -> Result<()> {
-    let obstacles = serde_json::to_value(scene).map(|scene| obstacles(&scene, opposite)).unwrap_or_default();
-    let table = history::read(folder)?;
+    let resolved = serde_json::to_value(scene).unwrap_or_default();
+    let obstacles = obstacles(&resolved, opposite);
+    let table = history::read(folder)?.with_quantities(|name| quantity(&resolved, name));
     plot::run::history(&table, &scene.title, &obstacles)
         .write_svg(&folder.join(plot::FOLDER).join("history.svg"))
 }

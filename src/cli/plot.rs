@@ -4,7 +4,8 @@ use super::printing::print;
 use crate::error::{Error, Result};
 use crate::output::plot::{Obstacle, perspective, run};
 use crate::output::vtu::{self, Surface};
-use crate::output::{contacts, history};
+use crate::output::{contacts, extremes, history};
+use crate::scene::ProbeQuantity;
 use clap::Args;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -26,7 +27,7 @@ impl Plot {
         let title = scene["title"].as_str().unwrap_or_default();
         let opposite = serde_json::from_value(summary["opposite"].clone()).unwrap_or_default();
         let obstacles = obstacles(scene, &opposite);
-        let table = history::read(folder)?;
+        let table = history::read(folder)?.with_quantities(|name| quantity(scene, name));
         let index = vtu::read_index(folder)?;
         let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
         let snapshots: Vec<(f64, Surface)> =
@@ -48,16 +49,24 @@ impl Plot {
             Some(_) => absent.push("no contacts: nothing touched"),
             None => absent.push("no contacts: the scene has neither obstacles nor balls"),
         }
-        if table.probes().next().is_some() {
+        if table.deflections().next().is_some() {
             figures.push(("phase", run::phase(&table, title, &opposite)));
             figures.push(("spectrum", run::spectrum(&table, title)));
         } else {
-            absent.push("no phase portraits and spectra: the scene has no probes (output.probes)");
+            absent.push(
+                "no phase portraits and spectra: the scene has no probes of deflections (output.probes)",
+            );
         }
         if snapshots.is_empty() {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");
         } else {
+            if snapshots.iter().all(|(_, surface)| !surface.von_mises.is_empty()) {
+                figures.push(("stresses", perspective::stresses(snapshots.clone(), title)));
+            }
             figures.push(("snapshots", perspective::snapshots(snapshots, title)));
+        }
+        if let Some(path) = extremes::find(folder) {
+            figures.push(("extremes", perspective::envelope(vtu::read(&path)?, title)));
         }
         let mut report = String::new();
         for (name, figure) in figures {
@@ -77,6 +86,14 @@ impl Plot {
         serde_json::from_str(&text)
             .map_err(|why| Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, why)))
     }
+}
+
+/// Returns the quantity of a probe of a resolved scene.
+pub(super) fn quantity(scene: &Value, probe: &str) -> ProbeQuantity {
+    let probes = scene["output"]["probes"].as_array();
+    let found = probes.into_iter().flatten().find(|of| of["name"] == probe);
+    let named = found.and_then(|of| of["quantity"].as_str()).and_then(ProbeQuantity::named);
+    named.unwrap_or_default()
 }
 
 /// Returns the obstacles of a resolved scene that have one constant height, without repetition.

@@ -3,6 +3,7 @@
 use super::Lines;
 use crate::error::{Error, Result};
 pub use crate::scene::HISTORY_COLUMNS as COLUMNS;
+use crate::scene::ProbeQuantity;
 pub use crate::simulation::Row;
 use std::fmt::Write as _;
 use std::fs::File;
@@ -116,6 +117,8 @@ pub(super) fn number(line: &mut String, value: f64) {
 pub struct Table {
     names: Vec<String>,
     columns: Vec<Vec<f64>>,
+    /// Quantity of each probe.
+    quantities: Vec<ProbeQuantity>,
 }
 
 impl Table {
@@ -130,7 +133,39 @@ impl Table {
         Some(&self.columns[index])
     }
 
-    /// Returns name and deflection (m) of each probe.
+    /// Sets the quantity of each probe from its name; by default all are deflections.
+    pub fn with_quantities(mut self, of: impl Fn(&str) -> ProbeQuantity) -> Table {
+        self.quantities = self.names.iter().skip(COLUMNS.len()).map(|name| of(name)).collect();
+        self
+    }
+
+    /// Returns number, name and values of each probe of a deflection (m).
+    pub fn deflections(&self) -> impl Iterator<Item = (usize, &str, &[f64])> {
+        self.probes_of(ProbeQuantity::Deflection.axis())
+    }
+
+    /// Returns number, name and values of each probe whose quantity has a certain name and unit.
+    pub fn probes_of(
+        &self,
+        axis: (&'static str, &'static str),
+    ) -> impl Iterator<Item = (usize, &str, &[f64])> {
+        let probes = self.probes().enumerate().zip(&self.quantities);
+        let of = move |(_, quantity): &(_, &ProbeQuantity)| quantity.axis() == axis;
+        probes.filter(of).map(|((number, (name, values)), _)| (number, name, values))
+    }
+
+    /// Returns the names and units of the probes' quantities, each once, in the order of the probes.
+    pub fn axes(&self) -> Vec<(&'static str, &'static str)> {
+        let mut axes = Vec::new();
+        for axis in self.quantities.iter().map(|quantity| quantity.axis()) {
+            if !axes.contains(&axis) {
+                axes.push(axis);
+            }
+        }
+        axes
+    }
+
+    /// Returns name and values of each probe.
     pub fn probes(&self) -> impl Iterator<Item = (&str, &[f64])> {
         let columns = self.names.iter().zip(&self.columns).take(self.first_force()).skip(COLUMNS.len());
         columns.map(|(name, values)| (name.as_str(), values.as_slice()))
@@ -198,7 +233,8 @@ fn parse(mut file: impl BufRead) -> io::Result<Table> {
             column.push(value.map_err(|_| malformed(number, &format!("{name} is not a number: {text:?}")))?);
         }
     }
-    Ok(Table { names, columns })
+    let quantities = vec![ProbeQuantity::Deflection; names.len() - COLUMNS.len()];
+    Ok(Table { names, columns, quantities })
 }
 
 pub(super) fn malformed(line: usize, what: &str) -> io::Error {

@@ -306,7 +306,7 @@ pub fn read_index(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
         .collect()
 }
 
-/// Reads a snapshot that this program wrote: a `.vtu`, or the pieces of a `.pvtu`.
+/// Reads a snapshot or an envelope that this program wrote: a `.vtu`, or the pieces of a `.pvtu`.
 ///
 /// # Errors
 /// Returns [`Error::Io`] where a file cannot be read or has another format.
@@ -360,14 +360,19 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
     let begins = std::iter::once(0).chain(ends.iter().copied());
     let cells = begins.zip(&ends).map(|(begin, &end)| corners.get(begin..end).map(<[usize]>::to_vec));
     let position: Vec<f64> = floats("position")?.ok_or("no points")?;
+    let von_mises = floats("von_mises")?.unwrap_or_default();
+    let cells: Vec<Vec<usize>> = cells.collect::<Option<_>>().ok_or("cells that do not fit")?;
+    // The envelope of the stress lies flat, on the cells of the mesh themselves.
+    let is_envelope = array("deflection")?.is_none() && !von_mises.is_empty();
+    let flat = || is_envelope.then(|| vec![0.0; von_mises.len()]);
     let surface = Surface {
         points: position.chunks_exact(3).map(|p| [p[0], p[1]]).collect(),
-        cells: cells.collect::<Option<_>>().ok_or("cells that do not fit")?,
-        deflection: floats("deflection")?.ok_or("no deflection")?,
+        deflection: floats("deflection")?.or_else(flat).ok_or("no deflection")?,
         reaction: floats("reaction")?.unwrap_or_default(),
         obstacles: [floats("floor")?.unwrap_or_default(), floats("ceiling")?.unwrap_or_default()],
-        parents: integers("cell")?,
-        von_mises: floats("von_mises")?.unwrap_or_default(),
+        parents: if is_envelope { (0..cells.len()).collect() } else { integers("cell")? },
+        von_mises,
+        cells,
     };
     let points = surface.points.len();
     let [floor, ceiling] = &surface.obstacles;

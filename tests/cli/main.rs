@@ -13,5 +13,6 @@ mod limits;
 mod output;
 mod overwriting;
 mod resume;
+mod stresses;
 mod study;
 mod study_modal;

@@ -35,8 +35,48 @@ pub fn chosen<T>(all: &[T]) -> Vec<&T> {
     (0..count).map(|i| &all[if count > 1 { i * (all.len() - 1) / (count - 1) } else { 0 }]).collect()
 }
 
+/// Quantity that colours a surface.
+#[derive(Clone, Copy, PartialEq)]
+enum ColorBy {
+    Deflection,
+    VonMises,
+    /// Largest von Mises stress of a run, which belongs to no instant.
+    Envelope,
+}
+
+impl ColorBy {
+    fn values(self, surface: &Surface) -> &[f64] {
+        match self {
+            ColorBy::Deflection => &surface.deflection,
+            ColorBy::VonMises | ColorBy::Envelope => &surface.von_mises,
+        }
+    }
+
+    fn label(self) -> &'static str {
+        match self {
+            ColorBy::Deflection => "deflection (m)",
+            ColorBy::VonMises => "von Mises stress (Pa)",
+            ColorBy::Envelope => "largest von Mises stress (Pa)",
+        }
+    }
+}
+
 /// Draws snapshots (time in s, surface) side by side at one scale, coloured by deflection.
 pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
+    colored(snapshots, title, ColorBy::Deflection)
+}
+
+/// Draws snapshots like [`snapshots`], coloured by von Mises stress.
+pub fn stresses(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
+    colored(snapshots, title, ColorBy::VonMises)
+}
+
+/// Draws the envelope of the von Mises stress of a run on the flat plate.
+pub fn envelope(surface: Surface, title: &str) -> Figure {
+    colored(vec![(0.0, surface)], title, ColorBy::Envelope)
+}
+
+fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
     let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
     let range = |values: &mut dyn Iterator<Item = f64>| {
@@ -55,7 +95,8 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
     let size = sides.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
     let heights = snapshots.iter().flat_map(|(_, surface)| surface.obstacles.iter().flatten().copied());
     let heights = range(&mut heights.chain([low, high, 0.0]));
-    let scale = exaggeration(RELIEF * size / (heights[1] - heights[0]));
+    let relief = heights[1] - heights[0];
+    let scale = if relief > 0.0 { exaggeration(RELIEF * size / relief) } else { 1.0 };
 
     let view = View { sides, size, scale };
     let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
@@ -70,10 +111,10 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
     }
 
     // A value much smaller than the others is a rounding error.
+    let [low, high] = range(&mut snapshots.iter().flat_map(|(_, surface)| by.values(surface).to_vec()));
     let end = |w: f64| short(if w.abs() < 1e-4 * (high - low) { 0.0 } else { w });
     let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
-    let label =
-        if scale == 1.0 { "deflection (m)".to_owned() } else { format!("deflection (m), drawn ×{scale}") };
+    let label = if scale == 1.0 { by.label().to_owned() } else { format!("{}, drawn ×{scale}", by.label()) };
     let mut figure =
         Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(end), color: depth });
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
@@ -89,7 +130,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
             floor.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), 1.0));
             for face in view.sorted(&surface) {
                 let corners: Vec<_> = face.iter().map(|&point| at(surface.place(point))).collect();
-                let mean = face.iter().map(|&p| surface.deflection[p]).sum::<f64>() / face.len() as f64;
+                let mean = face.iter().map(|&p| by.values(&surface)[p]).sum::<f64>() / face.len() as f64;
                 let color = depth(share(mean));
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
             }
@@ -99,6 +140,7 @@ pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
             ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), HIDDEN));
             ceiling.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), -1.0));
             let text = format!("t = {} s", crate::output::text::significant(time));
+            let text = if by == ColorBy::Envelope { String::new() } else { text };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };
         figure = figure.panel(Panel::drawing(draw).height(height));
@@ -323,6 +365,7 @@ fn coarsened(surface: Surface) -> Surface {
         numbers.insert((i, j), coarse.points.len());
         coarse.points.push([left + dx * i as f64, front + dy * j as f64]);
         coarse.deflection.push(surface.deflection[point]);
+        coarse.von_mises.extend(surface.von_mises.get(point));
         for (coarse, fine) in coarse.obstacles.iter_mut().zip(&surface.obstacles) {
             coarse.extend(fine.get(point));
         }
@@ -337,11 +380,13 @@ fn coarsened(surface: Surface) -> Surface {
         }
     }
     // Points in contact keep their positions.
-    for (&at, (&w, &r)) in surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction)) {
+    let points = surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction));
+    for (number, (&at, (&w, &r))) in points.enumerate() {
         coarse.reaction.resize(coarse.points.len(), 0.0);
         if r != 0.0 {
             coarse.points.push(at);
             coarse.deflection.push(w);
+            coarse.von_mises.extend(surface.von_mises.get(number));
             coarse.reaction.push(r);
             coarse.obstacles.iter_mut().for_each(|heights| heights.push(f64::NAN));
         }

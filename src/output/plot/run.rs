@@ -4,6 +4,7 @@ use super::paper::blend;
 use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
+use crate::scene::ProbeQuantity;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::collections::BTreeMap;
@@ -15,25 +16,27 @@ const MOST_BARS: f64 = 10_000.0;
 /// Least initial energy, relative to the largest, to which energies are related.
 const LEAST_START: f64 = 0.05;
 
-/// Plots the deflection of the probes with the obstacles, and the energies relative to their start.
+/// Plots the deflections at the probes with the obstacles, their other quantities, and the energies
+/// relative to their start.
 ///
 /// Without probes there are the energies alone.
 pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     let times = column(table, "time");
-    let probes = table.probes().enumerate();
-    let deflections = Panel::new(time(table), Axis::linear("deflection", "m"))
-        .curves(probes.map(|(index, (name, values))| Curve::of(name, times, values).style(index)))
-        .obstacles(obstacles)
-        .without_x_labels();
+    let quantity = |axis: (&'static str, &'static str)| {
+        let probes = table.probes_of(axis);
+        let panel = Panel::new(time(table), Axis::linear(axis.0, axis.1))
+            .curves(probes.map(|(index, name, values)| Curve::of(name, times, values).style(index)))
+            .without_x_labels();
+        if axis == ProbeQuantity::Deflection.axis() { panel.obstacles(obstacles) } else { panel }
+    };
     let start = start(table);
     let axis = match start {
         Some(start) => Axis::linear("energy / initial", "").per(start),
         None => Axis::linear("energy", "J"),
     };
     let energies = Panel::new(time(table), axis.with([0.0])).height(66.0).curves(energies(table));
-    let figure = Figure::new(title);
-    let figure = if table.probes().next().is_some() { figure.panel(deflections) } else { figure };
-    figure.panel(energies)
+    let panels = table.axes().into_iter().map(quantity);
+    panels.fold(Figure::new(title), Figure::panel).panel(energies)
 }
 
 /// Plots the energies, the change of their sum since the start, and the force of the obstacles.
@@ -147,12 +150,12 @@ fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
     of_node.into_values().flatten().collect()
 }
 
-/// Plots velocity over deflection of each probe, with the heights (m) of the obstacles it faces.
+/// Plots velocity over deflection of each probe of a deflection, with the heights (m) of the obstacles it faces.
 ///
 /// `opposite` has these heights by name of the probe.
 pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) -> Figure {
     let times = column(table, "time");
-    let panel = |(index, (name, values)): (usize, (&str, &[f64]))| {
+    let panel = |(index, name, values): (usize, &str, &[f64])| {
         let rate = |i: usize| {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(values.len() - 1));
             (values[b] - values[a]) / (times[b] - times[a])
@@ -167,7 +170,7 @@ pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) 
             .filter(|(height, _)| height.abs() <= 3.0 * span)
             .fold(panel, |panel, (height, remark)| panel.rule_at_x(height, remark))
     };
-    panels(Figure::new(title), table.probes().enumerate().take(MOST_PROBES).map(panel).collect())
+    panels(Figure::new(title), table.deflections().take(MOST_PROBES).map(panel).collect())
 }
 
 /// Arranges one panel in a column, several in two columns as wide as a page.
@@ -181,8 +184,8 @@ pub fn spectrum(table: &Table, title: &str) -> Figure {
     let times = column(table, "time");
     let uniform = uniform(times);
     let spectra: Vec<(&str, Vec<[f64; 2]>)> = table
-        .probes()
-        .map(|(name, values)| (name, amplitudes(&times[..uniform], &values[..uniform])))
+        .deflections()
+        .map(|(_, name, values)| (name, amplitudes(&times[..uniform], &values[..uniform])))
         .collect();
     let largest = spectra.iter().flat_map(|(_, points)| points).map(|p| p[1]).fold(0.0, f64::max);
     let last = spectra.iter().filter_map(|(_, points)| points.last()).map(|p| p[0]).fold(0.0, f64::max);

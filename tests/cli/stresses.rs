@@ -1,0 +1,43 @@
+//! Stresses in the files and pictures of a run.
+
+use crate::common::command::{self, rebond, succeeds, summary};
+use crate::common::models::PAPER_PLATE;
+use rebond::output::{extremes, vtu};
+
+/// The envelope has the largest stress of the summary, no snapshot exceeds it, and the pictures
+/// are drawn, with a panel per quantity of the probes.
+#[test]
+fn envelope_snapshots_and_pictures() {
+    let scene = format!(
+        "{PAPER_PLATE}
+        mesh = {{ element = \"hct\", cells = [6, 2] }}
+        part = [{{ where = \"x > 0.6\", thickness = 0.008 }}]
+        support = [{{ edge = \"left\", kind = \"clamped\" }}]
+        initial = {{ static_pressure = 3000 }}
+        time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 0.1 }}
+        output = {{ fields_every = 20, subdivide = 1, stresses = true, extremes = true, probes = [{{ name = \"tip\", at = [1.2, 0] }}, {{ name = \"root\", at = [0, 0.2], quantity = \"von_mises_top\" }}] }}"
+    );
+    let folder = command::folder("stresses", &scene);
+    succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--out", "run"]));
+    let run = folder.join("run");
+    let largest = |path: &std::path::Path| {
+        vtu::read(path).unwrap().von_mises.into_iter().fold(f64::NEG_INFINITY, f64::max)
+    };
+    let envelope = largest(&extremes::find(&run).unwrap());
+    assert_eq!(summary(&run)["extremes"]["von_mises"]["value"], envelope);
+    let index = vtu::read_index(&run).unwrap();
+    assert_eq!(index.len(), 6);
+    let snapshots = index.iter().map(|(_, path)| largest(path)).fold(0.0, f64::max);
+    assert!(
+        snapshots <= envelope * (1.0 + 1e-12) && snapshots > 0.5 * envelope,
+        "{snapshots:e}, {envelope:e}"
+    );
+    succeeds(&rebond(&folder, &["plot", "run"]));
+    for name in ["stresses.svg", "extremes.svg", "snapshots.svg", "phase.svg"] {
+        assert!(run.join("plots").join(name).is_file(), "{name}");
+    }
+    let history = std::fs::read_to_string(run.join("plots/history.svg")).unwrap();
+    assert!(history.contains("deflection") && history.contains("stress"), "a panel per quantity");
+    let told = succeeds(&rebond(&folder, &["inspect", "fall.toml"]));
+    assert!(told.contains("largest von Mises stress, start"));
+}
