@@ -154,7 +154,7 @@ impl Table {
         probes.filter(of).map(|((number, (name, values)), _)| (number, name, values))
     }
 
-    /// Returns the names and units of the probes' quantities, each once, in the order of the probes.
+    /// Returns the names and units of the probes' quantities, each once, in the probes' order.
     pub fn axes(&self) -> Vec<(&'static str, &'static str)> {
         let mut axes = Vec::new();
         for axis in self.quantities.iter().map(|quantity| quantity.axis()) {

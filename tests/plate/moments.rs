@@ -219,9 +219,10 @@ fn at_rest(supports: &str, element: &str, n: usize, wanted: &[(&str, [f64; 2])])
     ))
 }
 
-/// The errors of published moments at single points shrink 1.6 times at least with each refinement, and are
-/// below the cap at 32 x 32. Clamped square: R. L. Taylor and S. Govindjee, *Solution of clamped
-/// rectangular plate problems*, Communications in Numerical Methods in Engineering 20, 2004.
+/// The errors of published moments at single points shrink 1.6 times at least with each
+/// refinement, and are below the cap at 32 x 32. Clamped square: R. L. Taylor and S. Govindjee,
+/// *Solution of clamped rectangular plate problems*, Communications in Numerical Methods in
+/// Engineering 20, 2004.
 #[test]
 fn published_moments_of_the_square() {
     let simply = scenes::all_round("simply_supported");

@@ -150,7 +150,8 @@ fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
     of_node.into_values().flatten().collect()
 }
 
-/// Plots velocity over deflection of each probe of a deflection, with the heights (m) of the obstacles it faces.
+/// Plots velocity over deflection of each probe of a deflection, with the heights (m) of the
+/// obstacles it faces.
 ///
 /// `opposite` has these heights by name of the probe.
 pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) -> Figure {
