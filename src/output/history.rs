@@ -157,7 +157,7 @@ impl Table {
     /// Returns the names and units of the probes' quantities, each once, in the probes' order.
     pub fn axes(&self) -> Vec<(&'static str, &'static str)> {
         let mut axes = Vec::new();
-        for axis in self.quantities.iter().map(|quantity| quantity.axis()) {
+        for axis in self.probes().zip(&self.quantities).map(|(_, quantity)| quantity.axis()) {
             if !axes.contains(&axis) {
                 axes.push(axis);
             }
