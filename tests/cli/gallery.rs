@@ -3,6 +3,7 @@
 
 use crate::common::command;
 use crate::common::command::{rebond, succeeds};
+use rebond::mesh::Mesh;
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
@@ -148,6 +149,7 @@ fn every_scene_is_told_and_pinned() {
         "strip",
         "struck",
         "switch",
+        "valve",
         "vibrating",
     ];
     let mut found = Vec::new();
@@ -299,6 +301,43 @@ fn snubbers_catch_an_instrument_as_a_single_mass() {
     assert_near(run.column("centre").into_iter().fold(0.0, f64::min), deepest, 2e-3);
     assert_near(run.column("contact_force").into_iter().fold(0.0, f64::max), most, 5e-3);
     assert_near(run.at(0.02, "centre"), x, 0.01);
+}
+
+/// Bending makes the plate of the valve a little softer than a rigid disc on its seat. The disc and
+/// its seat have the areas of the mesh.
+#[test]
+fn a_valve_meets_its_seat_as_a_rigid_disc() {
+    let mesh = Mesh::load_gmsh(format!("{GALLERY}/disc.msh")).unwrap();
+    let (mut whole, mut ring) = (0.0, 0.0);
+    for cell in 0..mesh.cells.len() {
+        let [a, b, c] = mesh.vertices(cell)[..] else { panic!("a triangle") };
+        let area = 0.01 * 0.5 * (b - a).perp(&(c - a)).abs();
+        whole += area;
+        ring += if mesh.centroid(cell).coords.norm() > 0.165 { area } else { 0.0 };
+    }
+    let (mass, stop, damping, gas) = (7800.0 * 2e-3 * whole, 5e9 * ring, 1e5 * ring, 5e3 * whole);
+    let speed = (2.0 * gas / mass * 2e-3_f64).sqrt();
+    let (step, mut x, mut v, mut most, mut impulse) = (1e-8, 0.0, -speed, 0.0_f64, 0.0);
+    loop {
+        let force = -stop * x - damping * v;
+        if force < 0.0 {
+            break;
+        }
+        v += step * (force - gas) / mass;
+        x += step * v;
+        impulse += step * force;
+        most = most.max(force);
+    }
+    let run = run("valve", &["time.end=0.005"]);
+    let [time, velocity] = run.first_impact();
+    assert_near(time, mass * speed / gas, 1e-3);
+    assert_near(velocity, -speed, 1e-3);
+    let seat = &run.summary["forces"]["seat"];
+    assert_near(seat["peak"].as_f64().unwrap(), most, 0.02);
+    assert_near(seat["impulse"].as_f64().unwrap(), impulse, 0.01);
+    assert_eq!(seat["impacts"], 1);
+    let largest = &run.summary["extremes"]["von_mises"];
+    assert!((1.5e7..2.5e7).contains(&largest["value"].as_f64().unwrap()), "{largest}");
 }
 
 /// The tip of the beam meets the contact where its modes say, and rests on it with the force of a
