@@ -24,7 +24,7 @@ const WATCH: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(2)];
 const NOTHING: f64 = 0.02;
 
 /// Name of a scene, its content, and whether its effects are absent.
-const SCENES: [(&str, &str, bool); 14] = [
+const SCENES: [(&str, &str, bool); 15] = [
     ("bare", "", true),
     ("bare, again", "", true),
     ("no load", "load = { pressure = 0, gravity = 0 }", true),
@@ -37,6 +37,7 @@ const SCENES: [(&str, &str, bool); 14] = [
     ("obstacle out of reach", "obstacle = [{ side = \"below\", height = -1e3 }]", false),
     ("stop out of reach", "obstacle = [{ side = \"below\", height = -1e3, at = [1.2, 0] }]", false),
     ("contact", "obstacle = [{ side = \"below\", height = -0.2 }]\nload.pressure = -14600", false),
+    ("named support", "support = [{ name = \"clamp\", edge = \"left\", kind = \"clamped\" }]", false),
     (
         "compliant stops out of reach",
         "obstacle = [{ side = \"below\", height = -1e3, stiffness = 1e8 }]",
@@ -81,10 +82,16 @@ fn main() {
         let mut least = [f64::INFINITY; SCENES.len()];
         let clock = Instant::now();
         while clock.elapsed() < watch {
-            for (scheme, least) in schemes.iter_mut().zip(&mut least) {
+            for ((scheme, model), (least, (_, more, _))) in
+                schemes.iter_mut().zip(&models).zip(least.iter_mut().zip(SCENES))
+            {
+                let is_named = more.contains("name");
                 let turn = Instant::now();
                 for _ in 0..STEPS {
                     scheme.advance().expect("a sound step");
+                    if is_named {
+                        model.support_forces(scheme.as_mut()).expect("sound forces");
+                    }
                 }
                 *least = least.min(turn.elapsed().as_secs_f64());
             }

@@ -13,13 +13,15 @@ use std::collections::BTreeMap;
 const MOST_PROBES: usize = 4;
 /// Approximate limit on the bars of a contact map.
 const MOST_BARS: f64 = 10_000.0;
+/// Height of the panel of forces, in points.
+const FORCES: f64 = 90.0;
 /// Least initial energy, relative to the largest, to which energies are related.
 const LEAST_START: f64 = 0.05;
 
-/// Plots the deflections at the probes with the obstacles, their other quantities, and the energies
-/// relative to their start.
+/// Plots the deflections at the probes with the obstacles, their other quantities, the forces of
+/// named supports and obstacles, and the energies relative to their start.
 ///
-/// Without probes there are the energies alone.
+/// Panels without curves are left out.
 pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     let times = column(table, "time");
     let quantity = |axis: (&'static str, &'static str)| {
@@ -36,7 +38,14 @@ pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     };
     let energies = Panel::new(time(table), axis.with([0.0])).height(66.0).curves(energies(table));
     let panels = table.axes().into_iter().map(quantity);
-    panels.fold(Figure::new(title), Figure::panel).panel(energies)
+    let figure = panels.fold(Figure::new(title), Figure::panel);
+    if table.forces().next().is_none() {
+        return figure.panel(energies);
+    }
+    let curves = table.forces().enumerate();
+    let curves = curves.map(|(index, (name, values))| Curve::of(name, times, values).style(index));
+    let forces = Panel::new(time(table), Axis::linear("force", "N").with([0.0]));
+    figure.panel(forces.height(FORCES).curves(curves).without_x_labels()).panel(energies)
 }
 
 /// Plots the energies, the change of their sum since the start, and the force of the obstacles.
