@@ -180,8 +180,8 @@ fn a_damped_stop_does_not_pull() {
 ///
 /// The strip has the same bending stiffness and mass per length; it is narrow, so that nothing
 /// bends across it. code_aster has -1.85334e-6 m at 0.1315 s and -4.63284e-3 m/s at 0.1566 s with
-/// ten elements and steps of 1e-4 s; a finer beam has -1.8439e-6 m, and is deepest at 0.0781 s, with
-/// -1.2785e-4 m.
+/// ten elements and steps of 1e-4 s; a finer beam has -1.8439e-6 m, and is deepest at 0.0781 s,
+/// with -1.2785e-4 m.
 fn cantilever(cells: usize, time: &str) -> Vec<crate::common::scenes::Instant> {
     run(&format!(
         r#"
