@@ -2,7 +2,7 @@
 
 use super::printing::print;
 use crate::error::{Error, Result};
-use crate::output::plot::{Obstacle, perspective, run};
+use crate::output::plot::{Obstacle, forces, perspective, run};
 use crate::output::vtu::{self, Surface};
 use crate::output::{contacts, extremes, history};
 use crate::scene::ProbeQuantity;
@@ -41,6 +41,7 @@ impl Plot {
             ("history", run::history(&table, title, &obstacles)),
             ("energy", run::energy(&table, title)),
         ];
+        figures.extend(forces::over_gap(&table, scene, title, &opposite).map(|figure| ("forces", figure)));
         let mut absent = Vec::new();
         match contacts::read(folder)? {
             Some(contacts) if !contacts.is_empty() => {

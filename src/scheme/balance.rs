@@ -52,6 +52,19 @@ impl StepBalance {
         }
     }
 
+    /// Creates the balance of a displacement u (m, one entry per dof) at rest under the loads of
+    /// the first instant, on supports at rest.
+    ///
+    /// # Errors
+    /// Returns the errors of the support motions.
+    pub fn at_rest<E: Engine>(system: &System<E>, u: &[f64]) -> Result<StepBalance> {
+        let mut balance = StepBalance::zero(system);
+        balance.displacement.copy_from_slice(u);
+        balance.loads.push((0.0, 1.0));
+        balance.places = system.drive.places(0.0)?;
+        Ok(balance)
+    }
+
     /// Creates the balance of a state at rest at the start.
     pub(super) fn at_start<E: Engine>(system: &System<E>, start: &State) -> Result<StepBalance> {
         let mut balance = StepBalance::zero(system);

@@ -57,7 +57,7 @@ use crate::mesh::{Mesh, Point};
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
 use crate::scene::{ContactSolver, EngineName, Mass, Scene};
-use crate::scheme::{Scheme, Start, System};
+use crate::scheme::{Scheme, Start, StepBalance, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use effects::{Attribution, BuildContext, Effects, OfCells, Reactions};
@@ -303,6 +303,18 @@ impl<E: Engine> Model<E> {
     pub fn support_forces(&self, scheme: &mut dyn Scheme) -> Result<Vec<[f64; 3]>> {
         let Some(reactions) = &self.reactions else { return Ok(Vec::new()) };
         Ok(self.sum_reactions(reactions, &reactions.at_nodes(&self.system, &scheme.balance()?)?))
+    }
+
+    /// Returns force (N) and moments about the axes x and y through its centroid (N m) of each
+    /// named support, with the plate held at rest in its start by the loads of the first instant.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine, of the loads and of the support motions.
+    pub fn static_reactions(&self) -> Result<Vec<[f64; 3]>> {
+        let Some(reactions) = &self.reactions else { return Ok(Vec::new()) };
+        let balance = StepBalance::at_rest(&self.system, &self.start.displacement)?;
+        Ok(self.sum_reactions(reactions, &reactions.at_nodes(&self.system, &balance)?))
     }
 
     /// Returns force and moments of each named support, given this process's part of the forces at

@@ -5,6 +5,7 @@ use super::frequencies::{
 };
 use super::infsup::{self, InfSup};
 use super::modal_figures::{self, ModalFigures};
+use super::static_reactions::{StaticReaction, static_reactions};
 use super::warnings;
 use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
@@ -65,6 +66,9 @@ pub struct Inspection {
     /// Largest von Mises stress of the initial deflection; `None` where there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub largest_stress: Option<StressPeak>,
+    /// Reactions of the supports in the static start; empty without one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reactions: Vec<StaticReaction>,
     /// Frequencies with the consistent mass M_r.
     pub consistent: Frequencies,
     /// Frequencies with the singular mass M: that of the scene's modes, or of cells.
@@ -208,6 +212,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
         largest_stress,
+        reactions: if no_start { Vec::new() } else { static_reactions(scene)? },
         consistent,
         singular,
         inf_sup,
@@ -373,6 +378,11 @@ impl fmt::Display for Inspection {
         if let Some(StressPeak { value, at: [x, y], .. }) = self.largest_stress {
             report.number("largest von Mises stress, start", value, "Pa");
             report.text("  at", format!("({}, {}) m", significant(x), significant(y)));
+        }
+        for StaticReaction { support, force, moments } in &self.reactions {
+            let [x, y] = moments.map(|moment| format!("{} N m", significant(moment)));
+            let of = format!("{} N; about x and y through its centroid: {x}, {y}", significant(*force));
+            report.text(format!("{support}, start"), of);
         }
         for (name, Frequencies { lowest, highest }) in
             [("consistent", &self.consistent), (self.singular_name(), &self.singular)]

@@ -11,10 +11,12 @@ mod inspect;
 mod matrices;
 mod modal_figures;
 pub mod stability;
+mod static_reactions;
 mod warnings;
 
 pub use frequencies::{Frequencies, advised_step, energy_step};
 pub use inspect::{Check, Deflection, Inspection, check, inspect};
 pub use matrices::{MATRICES, matrices_are_of, write_matrices};
 pub use modal_figures::{ContactFigures, ModalFigures};
+pub use static_reactions::StaticReaction;
 pub use warnings::{MOST_DOFS, warnings, warnings_apart};

@@ -2,7 +2,7 @@
 
 use crate::common::plates::close;
 use rebond::scene::{Scene, SchemeSpec};
-use rebond::study::{self, Frequencies, advised_step, energy_step};
+use rebond::study::{self, Frequencies, StaticReaction, advised_step, energy_step};
 
 fn scene(figure: u32, overrides: &[&str]) -> Scene {
     let path = format!("{}/scenes/csma2013/fig{figure}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -38,6 +38,31 @@ fn the_plate_of_the_paper() {
     );
     let json = serde_json::to_value(&inspection).unwrap();
     assert_eq!(json["inf_sup"]["raw"], inspection.inf_sup.raw.unwrap());
+}
+
+/// The clamp bears 14600 Pa on 1.2 m x 0.4 m, with an arm of half the length; the loads of an
+/// equilibrium likewise. Elastic edges share the load of a plate that leans on them evenly.
+#[test]
+fn supports_react_to_the_load_of_the_start() {
+    let force = 14600.0 * 1.2 * 0.4;
+    let own = scene(4, &["support.0.name=clamp"]);
+    let gravity = ["initial.static_pressure=0", "initial.equilibrium=true", "load.pressure=14600"];
+    for (scene, name) in [(own, "clamp"), (scene(4, &gravity), "support_1")] {
+        let inspection = study::inspect(&scene).unwrap();
+        let [StaticReaction { support, force: found, moments }] = &inspection.reactions[..] else { panic!() };
+        assert_eq!(support, name);
+        close("force", *found, -force, 1e-11);
+        close("moment", moments[1], 0.6 * force, 1e-11);
+        assert_eq!(moments[0], 0.0);
+        assert!(inspection.to_string().contains("-7008 N"), "{inspection}");
+    }
+    let elastic = "support=[{ edge = \"left\", kind = \"elastic\", stiffness = 1e6 }, { edge = \"right\", kind = \"elastic\", stiffness = 1e6 }]";
+    let inspection = study::inspect(&scene(4, &[elastic])).unwrap();
+    assert_eq!(inspection.reactions.len(), 2);
+    inspection.reactions.iter().for_each(|of| close(&of.support, of.force, -0.5 * force, 1e-9));
+    // A plate that starts from a deflection has no static load.
+    let thrown = scene(4, &["initial.static_pressure=0", "initial.deflection=0.1*x^2"]);
+    assert!(study::inspect(&thrown).unwrap().reactions.is_empty());
 }
 
 #[test]

@@ -13,6 +13,7 @@ fn envelope_snapshots_and_pictures() {
         mesh = {{ element = \"hct\", cells = [6, 2] }}
         part = [{{ where = \"x > 0.6\", thickness = 0.008 }}]
         support = [{{ edge = \"left\", kind = \"clamped\" }}]
+        obstacle = [{{ name = \"stop\", side = \"below\", height = -0.01, at = [1.2, 0], stiffness = 1e5 }}]
         initial = {{ static_pressure = 3000 }}
         time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 0.1 }}
         output = {{ fields_every = 20, subdivide = 1, stresses = true, extremes = true, probes = [{{ name = \"tip\", at = [1.2, 0] }}, {{ name = \"root\", at = [0, 0.2], quantity = \"von_mises_top\" }}] }}"
@@ -33,7 +34,7 @@ fn envelope_snapshots_and_pictures() {
         "{snapshots:e}, {envelope:e}"
     );
     succeeds(&rebond(&folder, &["plot", "run"]));
-    for name in ["stresses.svg", "extremes.svg", "snapshots.svg", "phase.svg"] {
+    for name in ["stresses.svg", "forces.svg", "extremes.svg", "snapshots.svg", "phase.svg"] {
         assert!(run.join("plots").join(name).is_file(), "{name}");
     }
     let history = std::fs::read_to_string(run.join("plots/history.svg")).unwrap();

@@ -18,6 +18,7 @@
 //! ```
 
 mod axis;
+pub mod forces;
 mod layout;
 mod panel;
 mod paper;
@@ -38,7 +39,8 @@ pub use paper::{Color, Pen};
 pub const FOLDER: &str = "plots";
 
 /// Names of a run's plots, without their extensions.
-pub const PICTURES: [&str; 6] = ["history", "energy", "contacts", "phase", "spectrum", "snapshots"];
+pub const PICTURES: [&str; 9] =
+    ["history", "energy", "contacts", "phase", "spectrum", "forces", "snapshots", "stresses", "extremes"];
 
 /// Removes the plots of a run from its folder.
 ///

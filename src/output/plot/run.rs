@@ -184,7 +184,7 @@ pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) 
 }
 
 /// Arranges one panel in a column, several in two columns as wide as a page.
-fn panels(figure: Figure, panels: Vec<Panel>) -> Figure {
+pub(super) fn panels(figure: Figure, panels: Vec<Panel>) -> Figure {
     let figure = if panels.len() > 1 { figure.page().columns(2) } else { figure };
     panels.into_iter().fold(figure, Figure::panel)
 }
