@@ -6,7 +6,8 @@ use rebond::motion::Motion;
 use rebond::output::checkpoint::{Checkpoint, Identity, Outputs};
 use rebond::scene::Scene;
 use rebond::simulation::{
-    self, Contact, Envelope, Model, NodeEvent, Observer, Outcome, Row, RunState, Seconds, Snapshot,
+    self, Contact, Envelope, Model, NodeEvent, NodeReaction, Observer, Outcome, Row, RunState, Seconds,
+    Snapshot,
 };
 use std::path::PathBuf;
 
@@ -50,6 +51,10 @@ impl Observer for Diary {
 
     fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
         self.note(self.step, format!("{ended:?}"))
+    }
+
+    fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
+        self.note(step, format!("{time:?} {rows:?}"))
     }
 
     fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
@@ -266,6 +271,23 @@ fn stresses_and_accelerations_go_on() {
     ];
     goes_on(&[&stresses[..], &modal, &[&quantities]].concat());
     goes_on_to_a_later_end(&[&stresses[..], &["time.mass=consistent", &quantities]].concat());
+}
+
+/// Reactions of supports, forces and impacts of obstacles, and stops that yield, some with the
+/// memory of a dashpot.
+#[test]
+fn forces_and_compliant_stops_go_on() {
+    let named = ["support.0.name=clamp", "obstacle.0.name=floor", "obstacle.1.name=stop"];
+    let yields = ["obstacle.1.stiffness=1e7", "obstacle.0.line=[[1.2, 0], [1.2, 0.4]]"];
+    let moving = ["support.0.motion='0.003 * sin(50 * t)'", "load.pressure='-500*sin(90*t)'"];
+    let damped = "obstacle.1.damping=2e3";
+    goes_on(&[&named[..], &yields, &moving, &[damped, "time.restitution=0.5"]].concat());
+    goes_on(&[&named[..], &yields, &[damped, "time.scheme=midpoint", "time.massless=reflected"]].concat());
+    goes_on(&[&named[..], &yields, &moving, &["time.scheme=conserving"]].concat());
+    goes_on(&[&named[..], &yields, &["time.scheme=exact"]].concat());
+    let modal = ["time.scheme=conserving", "time.mass=modal", "time.modes=8"];
+    goes_on(&[&named[..], &yields, &moving, &modal].concat());
+    goes_on_to_a_later_end(&[&named[..], &yields, &moving, &modal].concat());
 }
 
 /// More nodes touch at once than the dense problem of contact admits, so active dofs are held in

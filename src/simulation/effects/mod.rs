@@ -12,6 +12,7 @@ mod bearing;
 mod elastic_edges;
 mod ground;
 mod heights;
+mod held_loads;
 mod inertia;
 mod loads;
 mod lumps;

@@ -11,6 +11,7 @@
 use super::attached::Attached;
 use super::elastic_edges::springs_of;
 use super::ground::BuildContext;
+use super::held_loads::HeldLoads;
 use super::loads::LocalLoads;
 use super::lumps::LumpedMass;
 use super::motion::Lift;
@@ -22,22 +23,14 @@ use crate::linalg::vectors::{axpy, dot};
 use crate::linalg::{ElementMatrix, Engine, Form};
 use crate::mesh::Point;
 use crate::partition::Partition;
-use crate::scene::{FieldInput, SupportKind};
+use crate::scene::SupportKind;
 use crate::scheme::{StepBalance, System};
 use crate::simulation::regions::supports;
-use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// Number of instants whose wave loads are kept: those of one step of any scheme.
-const KEPT_INSTANTS: usize = 4;
-
 /// Function that sums values at the nodes over all processes. Collective.
 type NodeSum = dyn Fn(&[f64]) -> Result<Vec<f64>>;
-
-/// Function that returns the load of changing distribution at an instant (s), in N, over all dofs
-/// of the mesh; `None` if there is none. Collective.
-type WaveOfTime = dyn Fn(f64) -> Result<Option<Vec<f64>>>;
 
 /// Force, in N, and moments about x and y, in N m.
 pub(in crate::simulation) type Wrench = [f64; 3];
@@ -84,14 +77,6 @@ struct HeldLift {
     on_edges: Vec<f64>,
     /// Whether damping by the stiffness acts on the motion too: its shape bends the plate.
     is_damped: bool,
-}
-
-/// Loads at the held dofs.
-struct HeldLoads {
-    constant: Vec<f64>,
-    terms: Vec<(FieldInput, Vec<f64>)>,
-    wave: Box<WaveOfTime>,
-    known: RefCell<Vec<(u64, Vec<f64>)>>,
 }
 
 /// Reactions of the named supports of a scene, on this process's part of the mesh.
@@ -153,7 +138,7 @@ impl Reactions {
             masses: slots.lumps(attached.masses(), mesh.cells.len()),
             modes: Vec::new(),
             lifts: Vec::new(),
-            loads: HeldLoads::new(loads, &nodes),
+            loads: HeldLoads::new(loads, nodes.iter().map(|held| held.node).collect()),
             sum_at_nodes: Box::new(move |values| by_partition.sum_at_nodes(values)),
             count: mesh.nodes.len(),
             nodes,
@@ -201,7 +186,7 @@ impl Reactions {
             axpy(self.stretch(k, damping.stiffness, balance), &lift.force, &mut force);
             axpy(balance.support_accelerations[k], &lift.momentum, &mut force);
         }
-        self.loads.subtract(&balance.loads, &self.nodes, &mut force)?;
+        self.loads.subtract(&balance.loads, &mut force)?;
         for (node, force) in self.nodes.iter().zip(force.as_chunks_mut::<PER_NODE>().0) {
             *force = node.hold.as_ref().map_or([0.0; PER_NODE], |hold| DofMap::borne(hold, *force));
         }
@@ -356,51 +341,6 @@ impl HeldCell {
         let product: Vec<f64> = matrix.chunks_exact(values.len()).map(|row| dot(row, values)).collect();
         self.add(&product, force);
     }
-}
-
-impl HeldLoads {
-    fn new<P: Partition>(loads: LocalLoads<P>, nodes: &[HeldNode]) -> HeldLoads {
-        let terms = loads.terms.iter().map(|(factor, load)| (factor.clone(), at_held(nodes, load)));
-        HeldLoads {
-            constant: at_held(nodes, &loads.constant),
-            terms: terms.collect(),
-            wave: Box::new(move |t| loads.wave(t)),
-            known: RefCell::default(),
-        }
-    }
-
-    /// Subtracts the constant load, and those in time at instants (s) with their weights.
-    /// Collective.
-    fn subtract(&self, instants: &[(f64, f64)], nodes: &[HeldNode], force: &mut [f64]) -> Result<()> {
-        axpy(-1.0, &self.constant, force);
-        for (time, weight) in instants {
-            for (factor, load) in &self.terms {
-                axpy(-weight * factor.at(Point::origin(), *time)?, load, force);
-            }
-            if let Some(wave) = self.wave_at(*time, nodes)? {
-                axpy(-weight, &wave, force);
-            }
-        }
-        Ok(())
-    }
-
-    /// Returns the load of changing distribution at an instant (s). Collective.
-    fn wave_at(&self, time: f64, nodes: &[HeldNode]) -> Result<Option<Vec<f64>>> {
-        let mut known = self.known.borrow_mut();
-        if let Some((_, wave)) = known.iter().find(|(of, _)| *of == time.to_bits()) {
-            return Ok(Some(wave.clone()));
-        }
-        let Some(wave) = (self.wave)(time)? else { return Ok(None) };
-        let wave = at_held(nodes, &wave);
-        known.truncate(KEPT_INSTANTS - 1);
-        known.insert(0, (time.to_bits(), wave.clone()));
-        Ok(Some(wave))
-    }
-}
-
-/// Returns the entries at the held nodes of a vector over all dofs of the mesh.
-fn at_held(nodes: &[HeldNode], of_mesh: &[f64]) -> Vec<f64> {
-    nodes.iter().flat_map(|held| &of_mesh[PER_NODE * held.node..][..PER_NODE]).copied().collect()
 }
 
 /// Position of each node among the held ones.
