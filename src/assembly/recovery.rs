@@ -48,8 +48,8 @@ pub struct Recovery {
     sums: Vec<(bool, Vec<(usize, f64)>)>,
 }
 
-/// Action on a cell, one of its sites, the vector from the site to the cell's first node, in m, and
-/// the samples of the cell.
+/// Function that is called for each site of each cell. Its arguments are the cell, the site, the
+/// vector from the site to the cell's first node (m), and the samples of the cell.
 type ActOnSite<'a> = dyn FnMut(usize, usize, Vector2<f64>, &[Sample]) + 'a;
 
 /// Point at which a cell's curvatures enter a fit.

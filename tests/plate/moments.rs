@@ -322,7 +322,7 @@ fn moments_are_continuous_between_parts_and_stresses_jump() {
     }
 }
 
-/// The recovery of a rigid motion is nothing, and a node between two parts has a site in each.
+/// A rigid motion has no recovered curvature, and a node between two parts has one per part.
 #[test]
 fn sites_of_parts() {
     let plate = Matrices::square(4, Fvs, &[]);

@@ -268,7 +268,6 @@ fn the_conserving_scheme_keeps_the_energy_of_plate_and_stops() {
 }
 
 #[test]
-#[ignore = "two minutes"]
 fn the_conserving_scheme_keeps_the_energy_for_two_seconds() {
     for cells in [[10, 4], [20, 8]] {
         for mass in ["singular", "modal"] {
