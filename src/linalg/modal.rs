@@ -22,6 +22,8 @@ pub struct MassModes {
     pub shapes: Mat<f64>,
     /// Products of the consistent mass and the mode shapes, in columns.
     pub momenta: Mat<f64>,
+    /// Hash of all that determines the modes, where they are kept between runs.
+    pub key: Option<u128>,
 }
 
 impl MassModes {

@@ -1,7 +1,8 @@
 //! Modes kept between runs.
 //!
 //! The modes of a fine mesh cost more than many runs with the modal mass. A [`BasisStore`], such as
-//! a folder, keeps them: a basis that is read has the bits of the one that was computed. Without
+//! a folder, keeps them: a basis that is read has the bits of the one that was computed. The store
+//! also keeps the [compliance](super::kept_columns) of the rest of the displacement. Without
 //! [`keep_in`] nothing is kept.
 //!
 //! The name of a basis is a hash of 128 bits of all data that it depends on: the contributions of
@@ -23,19 +24,47 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// same matrices give.
 const FORMAT: u32 = 2;
 
-/// Place where bases are kept, by name. Its failures never stop a computation.
+/// What is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum KeptKind {
+    /// Basis of modes.
+    Modes,
+    /// Displacements per unit force at single dofs, without those of the modes.
+    Compliance,
+}
+
+impl KeptKind {
+    /// Returns the name of the kind, in files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            KeptKind::Modes => "modes",
+            KeptKind::Compliance => "compliance",
+        }
+    }
+}
+
+/// Numbers of modes or displacements, and of their dofs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct KeptSize {
+    /// Number of modes or displacements.
+    pub columns: usize,
+    /// Number of dofs of each.
+    pub dofs: usize,
+}
+
+/// Place where bases are kept, by kind and name. Its failures never stop a computation.
 pub trait BasisStore: Send + Sync {
-    /// Returns the bytes of a basis; `None` where there is none.
-    fn read(&self, name: &str) -> Option<Vec<u8>>;
+    /// Returns the kept bytes; `None` where there are none.
+    fn read(&self, kind: KeptKind, name: &str) -> Option<Vec<u8>>;
 
-    /// Keeps the bytes of a computed basis.
-    fn write(&self, name: &str, basis: &ModalBasis, bytes: &[u8]);
+    /// Keeps the bytes of a result.
+    fn write(&self, kind: KeptKind, name: &str, size: KeptSize, bytes: &[u8]);
 
-    /// Learns that bytes were those of a basis, which is used.
-    fn accept(&self, name: &str, basis: &ModalBasis, bytes: &[u8]);
+    /// Learns that bytes were those of a result, which is used.
+    fn accept(&self, kind: KeptKind, name: &str, size: KeptSize, bytes: &[u8]);
 
-    /// Learns that bytes are damaged; the basis is computed and written again.
-    fn reject(&self, name: &str);
+    /// Learns that bytes are damaged; the result is computed and written again.
+    fn reject(&self, kind: KeptKind, name: &str);
 }
 
 /// Store of the process: studies build their models in several threads.
@@ -47,8 +76,14 @@ pub fn keep_in(store: Option<Arc<dyn BasisStore>>) {
     *STORE.write().unwrap_or_else(PoisonError::into_inner) = store;
 }
 
+/// Returns the store of the process.
+pub(super) fn store() -> Option<Arc<dyn BasisStore>> {
+    STORE.read().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
 /// Returns the modes of [`lowest_basis`] from the store of the process, if it has them and the
-/// engine [repeats](Engine::REPEATS) its results.
+/// engine [repeats](Engine::REPEATS) its results; and the hash of all that determines them, where
+/// there is such a store.
 ///
 /// # Errors
 /// Returns the errors of [`lowest_basis`].
@@ -58,14 +93,13 @@ pub(crate) fn kept_basis<E: Engine>(
     mass: &Form,
     range: ModeRange,
     mechanism: bool,
-) -> Result<ModalBasis> {
-    let store = STORE.read().unwrap_or_else(PoisonError::into_inner).clone();
+) -> Result<(ModalBasis, Option<u128>)> {
     let compute = || lowest_basis(engine, stiffness, mass, range, mechanism);
-    match store.filter(|_| E::REPEATS) {
-        None => compute(),
+    match store().filter(|_| E::REPEATS) {
+        None => Ok((compute()?, None)),
         Some(store) => {
             let key = key(engine, [stiffness, mass], range, mechanism)?;
-            basis_of(&*store, key, compute)
+            Ok((basis_of(&*store, key, compute)?, Some(key)))
         }
     }
 }
@@ -76,19 +110,25 @@ fn basis_of(
     key: u128,
     compute: impl FnOnce() -> Result<ModalBasis>,
 ) -> Result<ModalBasis> {
-    let name = format!("{key:032x}");
-    if let Some(bytes) = store.read(&name) {
+    let name = file_name(key);
+    let size = |basis: &ModalBasis| KeptSize { columns: basis.squares.len(), dofs: basis.shapes.nrows() };
+    if let Some(bytes) = store.read(KeptKind::Modes, &name) {
         match from_bytes(&bytes, key) {
             Some(basis) => {
-                store.accept(&name, &basis, &bytes);
+                store.accept(KeptKind::Modes, &name, size(&basis), &bytes);
                 return Ok(basis);
             }
-            None => store.reject(&name),
+            None => store.reject(KeptKind::Modes, &name),
         }
     }
     let basis = compute()?;
-    store.write(&name, &basis, &to_bytes(&basis, key));
+    store.write(KeptKind::Modes, &name, size(&basis), &to_bytes(&basis, key));
     Ok(basis)
+}
+
+/// Returns the name of what a hash determines.
+pub(super) fn file_name(key: u128) -> String {
+    format!("{key:032x}")
 }
 
 /// Returns the hash of everything that determines the bits of a basis.
@@ -208,20 +248,20 @@ mod tests {
     }
 
     impl BasisStore for Shelf {
-        fn read(&self, name: &str) -> Option<Vec<u8>> {
+        fn read(&self, _: KeptKind, name: &str) -> Option<Vec<u8>> {
             self.files.lock().unwrap().get(name).cloned()
         }
 
-        fn write(&self, name: &str, _: &ModalBasis, bytes: &[u8]) {
+        fn write(&self, _: KeptKind, name: &str, _: KeptSize, bytes: &[u8]) {
             self.files.lock().unwrap().insert(name.into(), bytes.into());
             self.counts.lock().unwrap()[0] += 1;
         }
 
-        fn accept(&self, _: &str, _: &ModalBasis, _: &[u8]) {
+        fn accept(&self, _: KeptKind, _: &str, _: KeptSize, _: &[u8]) {
             self.counts.lock().unwrap()[1] += 1;
         }
 
-        fn reject(&self, _: &str) {
+        fn reject(&self, _: KeptKind, _: &str) {
             self.counts.lock().unwrap()[2] += 1;
         }
     }

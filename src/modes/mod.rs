@@ -12,12 +12,14 @@ mod basis;
 mod blocks;
 mod inverse;
 mod kept;
+mod kept_columns;
 mod krylov;
 pub(crate) mod lanczos;
 
 pub use basis::{ModalBasis, ModeRange, lowest_basis};
 pub(crate) use kept::kept_basis;
-pub use kept::{BasisStore, keep_in};
+pub use kept::{BasisStore, KeptKind, KeptSize, keep_in};
+pub(crate) use kept_columns::KeptColumns;
 
 use crate::error::{Error, Result};
 use crate::linalg::random::random_vector;

@@ -1,13 +1,14 @@
-//! Files `modes-*.bin` of a cache folder: natural modes kept between runs.
+//! Files `modes-*.bin` and `compliance-*.bin` of a cache folder: natural modes, and the compliance
+//! that they leave, kept between runs.
 //!
 //! A file is written completely or not at all, so that several processes may share the folder.
 //! When its files exceed a limit, those that were not used for the longest time are removed. A file
-//! that cannot be read or written is a matter for a warning: the modes are computed then.
+//! that cannot be read or written is a matter for a warning: its content is computed then.
 
 use super::text::grouped;
 use super::write_atomic;
 use crate::error::Error;
-use crate::modes::{BasisStore, ModalBasis};
+use crate::modes::{BasisStore, KeptKind, KeptSize};
 use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -39,8 +40,8 @@ impl KeptModes {
         std::mem::take(&mut *self.lines.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(format!("modes-{name}.bin"))
+    fn path(&self, kind: KeptKind, name: &str) -> PathBuf {
+        self.folder.join(format!("{}-{name}.bin", kind.name()))
     }
 
     fn say(&self, line: String) {
@@ -50,8 +51,12 @@ impl KeptModes {
         }
     }
 
-    fn warn(&self, what: &str, why: &Error) {
-        self.say(format!("warning: modes are not {what} the cache: {why}"));
+    fn warn(&self, kind: KeptKind, what: &str, why: &Error) {
+        let (name, verb) = match kind {
+            KeptKind::Modes => (kind.name(), "are"),
+            KeptKind::Compliance => (kind.name(), "is"),
+        };
+        self.say(format!("warning: {name} {verb} not {what} the cache: {why}"));
     }
 
     /// Removes files that were not used for the longest time until the others leave room for a
@@ -78,63 +83,69 @@ impl KeptModes {
     }
 }
 
-/// Returns whether a name is that of kept modes, or of a temporary file for them.
+/// Returns whether a name is that of a kept file, or of a temporary file for one.
 fn is_ours(name: &str) -> bool {
-    let is_temporary = name.starts_with(".modes-") && name.ends_with(".tmp");
-    is_temporary || (name.starts_with("modes-") && name.ends_with(".bin"))
+    let (name, end) = name.strip_prefix('.').map_or((name, ".bin"), |hidden| (hidden, ".tmp"));
+    let kinds = [KeptKind::Modes, KeptKind::Compliance];
+    name.ends_with(end) && kinds.iter().any(|kind| name.starts_with(&format!("{}-", kind.name())))
 }
 
 /// Returns a text such as `modes: 200 of 7 920 dofs, read from FILE (25 MB)`.
-fn told(basis: &ModalBasis, what: &str, path: &Path, bytes: &[u8]) -> String {
-    let size = match bytes.len() as f64 / 1e3 {
-        size if size < 1e3 => format!("{size:.0} kB"),
-        size => format!("{:.0} MB", size / 1e3),
+fn told(kind: KeptKind, size: KeptSize, what: &str, path: &Path, bytes: &[u8]) -> String {
+    let length = match bytes.len() as f64 / 1e3 {
+        length if length < 1e3 => format!("{length:.0} kB"),
+        length => format!("{:.0} MB", length / 1e3),
     };
     format!(
-        "modes: {} of {} dofs, {what} {} ({size})",
-        grouped(basis.squares.len() as u64),
-        grouped(basis.shapes.nrows() as u64),
+        "{}: {} of {} dofs, {what} {} ({length})",
+        kind.name(),
+        grouped(size.columns as u64),
+        grouped(size.dofs as u64),
         path.display(),
     )
 }
 
 impl BasisStore for KeptModes {
-    fn read(&self, name: &str) -> Option<Vec<u8>> {
-        let path = self.path(name);
+    fn read(&self, kind: KeptKind, name: &str) -> Option<Vec<u8>> {
+        let path = self.path(kind, name);
         match fs::read(&path) {
             Ok(bytes) => Some(bytes),
             Err(why) if matches!(why.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => None,
             Err(why) => {
-                self.warn("read from", &Error::io(&path)(why));
+                self.warn(kind, "read from", &Error::io(&path)(why));
                 None
             }
         }
     }
 
-    fn write(&self, name: &str, basis: &ModalBasis, bytes: &[u8]) {
-        let (path, size) = (self.path(name), bytes.len() as u64);
-        if size > self.limit {
-            return self.say(told(basis, "more than the limit of the cache for", &path, bytes));
+    fn write(&self, kind: KeptKind, name: &str, size: KeptSize, bytes: &[u8]) {
+        let (path, length) = (self.path(kind, name), bytes.len() as u64);
+        if length > self.limit {
+            return self.say(told(kind, size, "more than the limit of the cache for", &path, bytes));
         }
         let _alone = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
-        self.make_room(size);
+        self.make_room(length);
         let created = fs::create_dir_all(&self.folder).map_err(Error::io(&self.folder));
         match created.and_then(|()| write_atomic(&path, bytes)) {
-            Ok(()) => self.say(told(basis, "kept in", &path, bytes)),
-            Err(why) => self.warn("written to", &why),
+            Ok(()) => self.say(told(kind, size, "kept in", &path, bytes)),
+            Err(why) => self.warn(kind, "written to", &why),
         }
     }
 
-    fn accept(&self, name: &str, basis: &ModalBasis, bytes: &[u8]) {
-        let path = self.path(name);
+    fn accept(&self, kind: KeptKind, name: &str, size: KeptSize, bytes: &[u8]) {
+        let path = self.path(kind, name);
         // A folder that others own may still be read.
         let _ =
             File::options().append(true).open(&path).and_then(|file| file.set_modified(SystemTime::now()));
-        self.say(told(basis, "read from", &path, bytes));
+        self.say(told(kind, size, "read from", &path, bytes));
     }
 
-    fn reject(&self, name: &str) {
-        let path = self.path(name);
-        self.say(format!("warning: {}: damaged; the modes are computed and written again", path.display()));
+    fn reject(&self, kind: KeptKind, name: &str) {
+        let what = match kind {
+            KeptKind::Modes => "the modes are",
+            KeptKind::Compliance => "the compliance is",
+        };
+        let path = self.path(kind, name);
+        self.say(format!("warning: {}: damaged; {what} computed and written again", path.display()));
     }
 }

@@ -1,4 +1,4 @@
-//! Natural modes kept between runs.
+//! Natural modes, and the compliance that they leave, kept between runs.
 
 use crate::common::command::{self, succeeds, text};
 use crate::common::models::literal;
@@ -38,12 +38,18 @@ fn run(folder: &Path, out: &str, more: &[&str]) -> String {
     text(&output.stderr)
 }
 
-/// Returns the kept files, sorted.
-fn kept(folder: &Path) -> Vec<PathBuf> {
+/// Returns the kept files of a kind, sorted.
+fn kept_of(folder: &Path, kind: &str) -> Vec<PathBuf> {
     let Ok(entries) = fs::read_dir(folder.join("kept")) else { return Vec::new() };
-    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    let is_of_kind = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().starts_with(kind);
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).filter(is_of_kind).collect();
     files.sort();
     files
+}
+
+/// Returns the files of kept modes, sorted.
+fn kept(folder: &Path) -> Vec<PathBuf> {
+    kept_of(folder, "modes-")
 }
 
 /// Asserts that two runs have the same results to the byte.
@@ -139,6 +145,51 @@ fn damaged_modes_are_ignored_with_a_warning_and_written_again() {
     }
 }
 
+/// A run up to 0.03 s comes near no obstacle, one to the end touches with the tip, and one over a
+/// high obstacle with further nodes.
+#[test]
+fn the_compliance_of_nodes_in_reach_is_kept_and_extended() {
+    let folder = folder("compliance");
+    let high = ["--set", "obstacle=[{ side = \"below\", height = -0.05 }]"];
+    let without = [&high[..], &["--no-cache"]].concat();
+    run(&folder, "tip-without", &["--no-cache"]);
+    run(&folder, "high-without", &without);
+    run(&folder, "short", &["--set", "time.end=0.03"]);
+    assert!(kept_of(&folder, "compliance-").is_empty());
+
+    let first = run(&folder, "tip", &[]);
+    let [file] = &kept_of(&folder, "compliance-")[..] else { panic!("{first}") };
+    assert!(first.contains("compliance: 3 of 54 dofs, kept in "), "{first}");
+    assert!(first.contains(file.to_str().unwrap()), "{first}");
+    let known = fs::read(file).unwrap();
+    let second = run(&folder, "again", &[]);
+    assert!(second.contains("compliance: 3 of 54 dofs, read from "), "{second}");
+    assert!(!second.contains("kept in") && fs::read(file).unwrap() == known, "{second}");
+    let more = run(&folder, "high", &high);
+    assert!(more.contains("compliance: 3 of 54 dofs, read from "), "{more}");
+    assert!(more.contains(" of 54 dofs, kept in ") && fs::read(file).unwrap().len() > known.len(), "{more}");
+    let all = fs::read(file).unwrap();
+    let last = run(&folder, "tip-of-more", &[]);
+    assert!(last.contains("compliance: ") && !last.contains("compliance: 3 of"), "{last}");
+    let exact = run(&folder, "exact", &["--set", "time.scheme=exact"]);
+    assert!(exact.contains("compliance: ") && !exact.contains("kept in"), "{exact}");
+    assert!(fs::read(file).unwrap() == all);
+    run(&folder, "exact-without", &["--set", "time.scheme=exact", "--no-cache"]);
+    for name in ["tip", "again", "tip-of-more"] {
+        assert_same(&folder, "tip-without", name);
+    }
+    assert_same(&folder, "high-without", "high");
+    assert_same(&folder, "exact-without", "exact");
+
+    let mut damaged = all.clone();
+    damaged[all.len() / 2] ^= 1;
+    fs::write(file, &damaged).unwrap();
+    let said = run(&folder, "damaged", &high);
+    assert!(said.contains("damaged; the compliance is computed and written again"), "{said}");
+    assert!(fs::read(file).unwrap() == all, "{said}");
+    assert_same(&folder, "high-without", "damaged");
+}
+
 /// The superuser may write anywhere, so a file takes the place of the folder.
 #[test]
 fn a_place_that_cannot_be_written_gives_a_warning() {
@@ -146,6 +197,7 @@ fn a_place_that_cannot_be_written_gives_a_warning() {
     fs::write(folder.join("kept"), "no folder").unwrap();
     let said = run(&folder, "first", &[]);
     assert!(said.contains("warning: modes are not written to the cache: "), "{said}");
+    assert!(said.contains("warning: compliance is not written to the cache: "), "{said}");
     assert_eq!(fs::read(folder.join("kept")).unwrap(), b"no folder");
 }
 

@@ -23,6 +23,7 @@ use crate::error::{Error, Result};
 use crate::linalg::random::golden_vector;
 use crate::linalg::vectors::{axpy, dot, subtract};
 use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
+use crate::modes::KeptColumns;
 use crate::scheme::System;
 use faer::Mat;
 use std::cell::RefCell;
@@ -36,6 +37,11 @@ const SHIFT: f64 = 1e-3;
 const ACCURACY: f64 = 1e-11;
 const MAX_ROUNDS: usize = 8;
 
+/// Number of unit forces that are solved for together on an engine that
+/// [repeats](Engine::REPEATS) its results. With blocks of one width the bits of a displacement do
+/// not depend on the other forces, so that it may be kept for runs in which other nodes touch.
+const WIDTH: usize = 8;
+
 /// Solver for velocities of modes; see the [module page](self).
 pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
     pub system: &'s System<E>,
@@ -47,6 +53,8 @@ pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
     factor: RefCell<E::Factor>,
     /// Number of rounds of the iteration.
     rounds: usize,
+    /// Displacements per unit force, kept between runs.
+    kept: RefCell<KeptColumns>,
 }
 
 impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
@@ -76,6 +84,7 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
             dofs: engine.comm().all_reduce_sum(engine.dofs()),
             factor: engine.factor(&sum, &[])?.into(),
             rounds: 1,
+            kept: KeptColumns::new(modes.key, engine.dofs(), 2 * modes.count()).into(),
         };
         saddle.rounds = saddle.rounds_needed()?;
         Ok(saddle)
@@ -90,6 +99,34 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
         }
         let along = summed(comm, self.modes.shapes.transpose() * forces);
         self.rest_along(forces, &along)
+    }
+
+    /// Returns the displacements of [`Self::rest`] per unit force at some dofs, `None` for those of
+    /// other ranks, given the modal forces (m x k). Collective.
+    pub fn rest_of_units(&self, dofs: &[Option<usize>], along: &Mat<f64>) -> Result<Vec<Rc<[f64]>>> {
+        let rows = self.system.engine.dofs();
+        if !E::REPEATS {
+            let forces = Mat::from_fn(rows, dofs.len(), |i, j| f64::from(dofs[j] == Some(i)));
+            let h = self.rest_along(&forces, along)?;
+            return Ok((0..h.ncols()).map(|j| h.col_as_slice(j).into()).collect());
+        }
+        let mut kept = self.kept.borrow_mut();
+        let mut columns: Vec<Option<Rc<[f64]>>> = dofs.iter().map(|dof| kept.get((*dof)?)).collect();
+        let missing: Vec<usize> = (0..dofs.len()).filter(|&j| columns[j].is_none()).collect();
+        for part in missing.chunks(WIDTH) {
+            let (mut forces, mut modal) = (Mat::zeros(rows, WIDTH), Mat::zeros(along.nrows(), WIDTH));
+            for (k, &j) in part.iter().enumerate() {
+                dofs[j].into_iter().for_each(|dof| forces[(dof, k)] = 1.0);
+                modal.col_mut(k).copy_from(along.col(j));
+            }
+            let h = self.rest_along(&forces, &modal)?;
+            for (k, &j) in part.iter().enumerate() {
+                let column: Rc<[f64]> = h.col_as_slice(k).into();
+                dofs[j].into_iter().for_each(|dof| kept.add(dof, &column));
+                columns[j] = Some(column);
+            }
+        }
+        Ok(columns.into_iter().flatten().collect())
     }
 
     /// Returns the displacements of [`Self::rest`], given the modal forces `$\Phi^T f$` (m x k).
@@ -187,6 +224,14 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
             }
         }
         Ok((u, acceleration))
+    }
+
+    fn flexibility(&self, unit_forces: Mat<f64>, dofs: &[usize], _positions: usize) -> Result<Mat<f64>> {
+        let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
+        let shapes = &self.modes.shapes;
+        let along = Mat::from_fn(shapes.ncols(), dofs.len(), |k, j| shapes[(dofs[j], k)]);
+        let columns = self.rest_of_units(&own, &along)?;
+        Ok(Mat::from_fn(unit_forces.nrows(), dofs.len(), |i, j| columns[j][i]))
     }
 
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>> {

@@ -112,9 +112,10 @@ impl ReducedModel {
     ) -> Result<()> {
         let System { engine, bounds, .. } = system;
         let dofs = engine.dofs();
-        let unit_forces = Mat::from_fn(dofs, more.len(), |i, j| f64::from(bounds.dofs[more[j]] == i));
+        let at: Vec<usize> = more.iter().map(|&of| bounds.dofs[of]).collect();
+        let unit_forces = Mat::from_fn(dofs, more.len(), |i, j| f64::from(at[j] == i));
         let unconstrained = saddle.unconstrained(unit_forces.clone())?;
-        let (flexibility, _) = saddle.solve(unit_forces, Mat::zeros(self.basis.size(), more.len()))?;
+        let flexibility = saddle.flexibility(unit_forces, &at, self.basis.size())?;
         let known = self.candidates.iter().enumerate().map(|(k, &of)| (of, Column::Known(k)));
         let new = more.iter().enumerate().map(|(k, &of)| (of, Column::New(k)));
         let mut columns: Vec<(usize, Column)> = known.chain(new).collect();

@@ -37,6 +37,12 @@ pub(in crate::scheme) trait SaddlePointSolver {
     /// Returns U and a for forces (n x k) and positions (N x k).
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)>;
 
+    /// Returns the displacements (n x k) per unit force at k of n dofs, at N positions of zero.
+    fn flexibility(&self, unit_forces: Mat<f64>, _dofs: &[usize], positions: usize) -> Result<Mat<f64>> {
+        let none = Mat::zeros(positions, unit_forces.ncols());
+        Ok(self.solve(unit_forces, none)?.0)
+    }
+
     /// Returns displacements (n x k) under forces (n x k) without the constraint B U = z, those of
     /// K + s M where K is singular.
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>>;

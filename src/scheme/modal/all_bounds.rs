@@ -93,11 +93,14 @@ impl AllBounds {
     pub fn rows(&self, comm: &impl Communicator, vectors: &Mat<f64>) -> Mat<f64> {
         let mut rows = Mat::zeros(self.count, vectors.ncols());
         for j in 0..vectors.ncols() {
-            let vector = vectors.col_as_slice(j);
-            let own = self.dofs.iter().map(|&dof| vector[dof]).collect();
-            rows.col_as_slice_mut(j).copy_from_slice(&self.gather(comm, own));
+            rows.col_as_slice_mut(j).copy_from_slice(&self.values(comm, vectors.col_as_slice(j)));
         }
         rows
+    }
+
+    /// Returns the values of a vector of dofs at all bounds. Collective.
+    pub fn values(&self, comm: &impl Communicator, vector: &[f64]) -> Vec<f64> {
+        self.gather(comm, self.dofs.iter().map(|&dof| vector[dof]).collect())
     }
 
     /// Returns the mode shapes at all bounds, one column per bound. Collective.

@@ -42,9 +42,10 @@ impl ContactCompliance {
             return Err(Error::Usage("this compliance needs time.mass = \"modal\"".into()));
         };
         let saddle = ModalSaddlePoint::new(system, consistent, modes)?;
-        let forces = Mat::from_fn(system.engine.dofs(), dofs.len(), |i, j| f64::from(dofs[j] == i));
-        let responses = saddle.rest(&forces)?;
-        let mean = |i: usize, j: usize| 0.5 * (responses[(dofs[i], j)] + responses[(dofs[j], i)]);
+        let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
+        let along = Mat::from_fn(modes.count(), dofs.len(), |k, j| modes.shapes[(dofs[j], k)]);
+        let responses = saddle.rest_of_units(&own, &along)?;
+        let mean = |i: usize, j: usize| 0.5 * (responses[j][dofs[i]] + responses[i][dofs[j]]);
         Ok(ContactCompliance {
             compliance: Mat::from_fn(dofs.len(), dofs.len(), mean),
             shapes: Mat::from_fn(dofs.len(), modes.count(), |i, k| modes.shapes[(dofs[i], k)]),

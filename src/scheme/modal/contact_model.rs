@@ -8,6 +8,7 @@ use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::exact::reduction::remains;
 use crate::scheme::exact::saddle_point::SaddlePointSolver;
 use faer::Mat;
+use std::rc::Rc;
 
 /// Candidates for contact and the displacements that their reactions cause. All but those
 /// displacements are the same on every rank.
@@ -23,7 +24,7 @@ pub(super) struct ContactModel {
     pub magnitude: f64,
     /// Displacements H per unit reaction, one vector per candidate with one entry per dof of this
     /// rank, in m/N.
-    pub flexibility: Vec<Vec<f64>>,
+    pub flexibility: Vec<Rc<[f64]>>,
     /// Values of H at all bounds, one vector per candidate.
     pub at_bounds: Vec<Vec<f64>>,
     /// Compliance R at the candidates, in m/N.
@@ -58,15 +59,14 @@ impl ContactModel {
         more: &[usize],
     ) -> Result<()> {
         let engine = &saddle.system.engine;
-        let forces = Mat::from_fn(engine.dofs(), more.len(), |i, j| f64::from(all.dof(more[j]) == Some(i)));
+        let dofs: Vec<Option<usize>> = more.iter().map(|&number| all.dof(number)).collect();
         let along = Mat::from_fn(shapes.nrows(), more.len(), |k, j| shapes[(k, more[j])]);
-        let flexibility = saddle.rest_along(&forces, &along)?;
-        let at_bounds = all.rows(engine.comm(), &flexibility);
-        for (k, &number) in more.iter().enumerate() {
+        let flexibility = saddle.rest_of_units(&dofs, &along)?;
+        for (column, &number) in flexibility.into_iter().zip(more) {
             let at = self.candidates.partition_point(|known| *known < number);
             self.candidates.insert(at, number);
-            self.flexibility.insert(at, flexibility.col_as_slice(k).to_vec());
-            self.at_bounds.insert(at, at_bounds.col_as_slice(k).to_vec());
+            self.at_bounds.insert(at, all.values(engine.comm(), &column));
+            self.flexibility.insert(at, column);
         }
         self.list_own(all);
         self.note_magnitude(limits);

@@ -48,7 +48,7 @@ pub(super) fn modal_mass<E: Engine>(
         return too_many("modes", count);
     }
     let range = range.unwrap_or(default);
-    let ModalBasis { squares, shapes, momenta, next, .. } =
+    let (ModalBasis { squares, shapes, momenta, next, .. }, key) =
         modes::kept_basis(engine, stiffness, &mass, range, mechanism)?;
     if matches!(range, ModeRange::UpTo(_)) && squares.len() > dofs / REFUSED {
         return too_many("up_to", squares.len());
@@ -61,7 +61,7 @@ pub(super) fn modal_mass<E: Engine>(
         )));
     }
     let doubt = divided_group(&squares, next);
-    Ok((Form::Modal { consistent, modes: MassModes { squares, shapes, momenta }.into() }, doubt))
+    Ok((Form::Modal { consistent, modes: MassModes { squares, shapes, momenta, key }.into() }, doubt))
 }
 
 /// Returns a warning where the next mode has the frequency of the last ones.
