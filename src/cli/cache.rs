@@ -14,7 +14,7 @@ const VARIABLE: &str = "REBOND_CACHE";
 /// Whether natural modes are kept between runs.
 #[derive(Debug, Clone, Copy, Args)]
 pub(super) struct CacheArgs {
-    /// Neither read nor keep natural modes and compliance in $REBOND_CACHE (default: ~/.cache/rebond)
+    /// Neither read nor keep modes and compliance in $REBOND_CACHE (default: ~/.cache/rebond)
     #[arg(long)]
     no_cache: bool,
 }

@@ -24,7 +24,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// same matrices give.
 const FORMAT: u32 = 2;
 
-/// What is kept.
+/// Kind of a kept file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum KeptKind {
     /// Basis of modes.
