@@ -4,6 +4,7 @@
 //! All scenes take turns of a few steps, so that other work on the machine slows them alike; the
 //! shortest of many turns counts. Set-up, output and PETSc are not covered.
 
+use rebond::linalg::Engine;
 use rebond::scene::Scene;
 use rebond::simulation::Model;
 use std::time::{Duration, Instant};
@@ -51,19 +52,54 @@ const SCENES: [(&str, &str, bool); 15] = [
 ];
 
 fn scene(mesh: &str, more: &str) -> Scene {
+    parsed(&scene_text("fvs", mesh, more))
+}
+
+fn parsed(text: &str) -> Scene {
+    Scene::from_str(text, "bench", &[]).expect("a valid scene")
+}
+
+fn scene_text(element: &str, mesh: &str, more: &str) -> String {
     let support = if more.contains("support") { "" } else { CLAMPED };
     let pressure = if more.contains("-0.2") { -14600.0 } else { 1.0 };
-    let text = format!(
+    format!(
         r#"
         {PAPER_PLATE}
-        mesh = {{ element = "fvs", cells = {mesh} }}
+        mesh = {{ element = "{element}", cells = {mesh} }}
         initial = {{ static_pressure = {pressure:?} }}
         {support}
         {more}
         time = {{ scheme = "newmark", mass = "singular", step = 1e-5, end = 1 }}
         "#
-    );
-    Scene::from_str(&text, "bench", &[]).expect("a valid scene")
+    )
+}
+
+/// Prints the time of the stresses at all nodes at one instant, in units of a product with K.
+fn print_stress_costs(watch: Duration) {
+    println!("\n{:<24}{:>14}   (time of a product with the stiffness matrix = 1)", "", "extremes");
+    for (element, cells) in [("fvs", [10, 4]), ("hct", [10, 4]), ("fvs", [64, 64]), ("hct", [64, 64])] {
+        let mesh = format!("{cells:?}");
+        let more = "output = { extremes = true }";
+        let text = scene_text(element, &mesh, more);
+        let model = Model::new(&parsed(&text)).expect("a sound model");
+        let (system, u) = (&model.system, &model.start.displacement);
+        let mut force = vec![0.0; u.len()];
+        let [mut product, mut stress] = [f64::INFINITY; 2];
+        let clock = Instant::now();
+        while clock.elapsed() < watch {
+            let turn = Instant::now();
+            for _ in 0..STEPS {
+                system.engine.multiply(&system.stiffness, u, &mut force).expect("a product");
+            }
+            product = product.min(turn.elapsed().as_secs_f64());
+            let turn = Instant::now();
+            for _ in 0..STEPS {
+                model.largest_stress(u, 0.0).expect("a stress");
+            }
+            stress = stress.min(turn.elapsed().as_secs_f64());
+        }
+        println!("{:<24}{:>14.2}", format!("{element} {}x{}", cells[0], cells[1]), stress / product);
+    }
 }
 
 fn main() {
@@ -112,6 +148,7 @@ fn main() {
     );
     // The bare plate is measured twice; the difference shows the noise of the machine.
     let noise = columns.iter().map(|column| (column[1] - 1.0).abs()).fold(0.0, f64::max);
+    print_stress_costs(watch / 5);
     if noise > 0.5 * NOTHING {
         println!("the machine is too busy to judge: the same scene twice differs by {:.1} %", 100.0 * noise);
     } else {

@@ -66,9 +66,14 @@ impl Moments {
     /// Returns the moment whose stress is the von Mises stress, which is the same at both surfaces:
     /// `$\sqrt{M_{xx}^2 - M_{xx} M_{yy} + M_{yy}^2 + 3 M_{xy}^2}$`.
     pub fn von_mises(&self) -> f64 {
+        self.von_mises_square().sqrt()
+    }
+
+    /// Returns the square of [`Moments::von_mises`].
+    pub fn von_mises_square(&self) -> f64 {
         let Moments { xx, yy, xy } = *self;
         // This form is a sum of squares, which rounding cannot make negative.
-        (0.25 * (xx + yy).powi(2) + 0.75 * (xx - yy).powi(2) + 3.0 * xy * xy).sqrt()
+        0.25 * (xx + yy).powi(2) + 0.75 * (xx - yy).powi(2) + 3.0 * xy * xy
     }
 
     /// Returns the surface at which the principal stress of larger magnitude is tensile, and the

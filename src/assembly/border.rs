@@ -4,16 +4,39 @@ use super::sites::{RecoverySite, sum_over_ranks};
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Fits that a recovery needs, each a site and the number of a fit (value, derivatives along x and
-/// y), and the fits whose weighted sum is the curvature at each site, with whether ranks share it.
-pub(super) type Sums = (Vec<(usize, usize)>, Vec<(bool, Vec<(usize, f64)>)>);
+/// Site and number of a fit: value (0), derivative along x (1) or y (2).
+pub(super) type Fit = (usize, usize);
+
+/// Fits whose weighted sum is the curvature at each site.
+#[derive(Clone, Debug)]
+pub(super) struct SiteSums {
+    /// Indices of fits and their weights, site by site.
+    terms: Vec<(usize, f64)>,
+    /// First term of each site, and the end of the last one.
+    starts: Vec<usize>,
+    /// Whether a site lies on the border of its part, so that other ranks may add to its sum.
+    is_shared: Vec<bool>,
+}
+
+impl SiteSums {
+    /// Returns the indices and weights of the fits of a site.
+    pub fn terms(&self, site: usize) -> &[(usize, f64)] {
+        &self.terms[self.starts[site]..self.starts[site + 1]]
+    }
+
+    /// Returns whether a site lies on the border of its part.
+    pub fn is_shared(&self, site: usize) -> bool {
+        self.is_shared[site]
+    }
+}
 
 /// Part of a full turn that the angles of the cells around an inner node reach.
 const TURN: f64 = 1.0 - 1e-6;
 
-/// Returns the fits that the curvatures at the sites of a mesh need. Collective.
+/// Returns the fits that the curvatures at the sites of a mesh need, by number and site, and their
+/// sums. Collective.
 ///
 /// # Errors
 /// Returns the errors of communication.
@@ -23,7 +46,7 @@ pub(super) fn sums<P: Partition>(
     of_cells: &[Vec<usize>],
     parts: usize,
     partition: &P,
-) -> Result<Sums> {
+) -> Result<(Vec<Fit>, SiteSums)> {
     let mut turns = vec![[0.0]; sites.len()];
     for (cell, own) in of_cells.iter().enumerate() {
         let vertices = mesh.vertices(cell);
@@ -47,30 +70,29 @@ pub(super) fn sums<P: Partition>(
     let mut needed = vec![[0.0]; sites.len()];
     pairs.iter().flatten().for_each(|(inner, _)| needed[*inner][0] = 1.0);
     sum_over_ranks(sites, parts, partition, &mut needed)?;
-    let (mut fits, mut numbers) = (Vec::new(), HashMap::new());
-    let mut number = |fit: (usize, usize)| {
-        *numbers.entry(fit).or_insert_with(|| {
-            fits.push(fit);
-            fits.len() - 1
-        })
-    };
-    let mut sums = Vec::with_capacity(sites.len());
+    let is_alone = |site: usize| is_inner(site) || counts[site][0] == 0.0;
+    // A site without inner neighbours keeps its own fit.
+    let own = (0..sites.len()).filter(|&site| is_alone(site)).map(|site| (0, site));
+    let inner = (0..sites.len()).filter(|&site| needed[site][0] > 0.0);
+    let fits: BTreeSet<(usize, usize)> =
+        own.chain(inner.flat_map(|site| (0..3).map(move |which| (which, site)))).collect();
+    let number_of: HashMap<(usize, usize), usize> = fits.iter().copied().zip(0..).collect();
+    let mut sums = SiteSums { terms: Vec::new(), starts: vec![0], is_shared: Vec::new() };
     for (site, of) in sites.iter().enumerate() {
-        // A site without inner neighbours keeps its own fit.
-        if is_inner(site) || counts[site][0] == 0.0 {
-            sums.push((false, vec![(number((site, 0)), 1.0)]));
-            (1..3).filter(|_| needed[site][0] > 0.0).for_each(|which| _ = number((site, which)));
-            continue;
+        sums.is_shared.push(!is_alone(site));
+        if is_alone(site) {
+            sums.terms.push((number_of[&(0, site)], 1.0));
+        } else {
+            for (&inner, count) in &pairs[site] {
+                let weight = count / counts[site][0];
+                let away = mesh.nodes[of.node] - mesh.nodes[sites[inner].node];
+                let weights = [weight, weight * away.x, weight * away.y];
+                sums.terms.extend((0..3).map(|which| (number_of[&(which, inner)], weights[which])));
+            }
         }
-        let mut terms = Vec::new();
-        for (&inner, count) in &pairs[site] {
-            let weight = count / counts[site][0];
-            let away = mesh.nodes[of.node] - mesh.nodes[sites[inner].node];
-            let weights = [weight, weight * away.x, weight * away.y];
-            (0..3).for_each(|which| terms.push((number((inner, which)), weights[which])));
-        }
-        sums.push((true, terms));
+        sums.starts.push(sums.terms.len());
     }
+    let fits = fits.into_iter().map(|(which, site)| (site, which)).collect();
     Ok((fits, sums))
 }
 

@@ -10,16 +10,19 @@ mod local;
 mod pressure;
 mod probe;
 mod products;
+mod patches;
 mod recovery;
+mod samples;
 mod sites;
 
 pub use edge::{EdgeSprings, edge_springs};
 pub use foundation::foundation;
 pub use local::Local;
+pub use patches::CurvatureRow;
 pub use pressure::Pressure;
 pub use probe::Probe;
 pub use products::{consistent_momenta, forces, singular_momenta, squares};
-pub use recovery::{CurvatureRow, Recovery, vertex_weights};
+pub use recovery::{Recovery, vertex_weights};
 pub use sites::{RecoverySite, sum_over_ranks};
 
 use crate::dof_map::DofMap;

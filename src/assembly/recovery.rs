@@ -13,20 +13,16 @@
 //! thickness or material do. A node between parts has one recovered curvature per part.
 
 use super::CellArrays;
-use super::border;
+use super::border::{self, SiteSums};
+use super::patches::{Corners, CurvatureRow, Patches, SitePatch};
+use super::samples::{ClassSamples, Sample, of_element};
 use super::sites::{RecoverySite, sum_over_ranks};
 use crate::dof_map::PER_NODE;
-use crate::element::{Element, quadrature, with_element};
+use crate::element::{Element, with_element};
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
-use nalgebra::{Matrix3, Vector2, Vector3};
-use std::collections::{BTreeMap, HashMap};
-use std::rc::Rc;
-
-/// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
-/// weights per dof.
-pub type CurvatureRow = Vec<(usize, [f64; 3])>;
+use std::collections::{BTreeSet, HashMap};
 
 /// Recovery of curvatures at the nodes of each part of the plate.
 ///
@@ -41,25 +37,10 @@ pub struct Recovery {
     parts: usize,
     /// Needed fits: site and number of the fit.
     fits: Vec<(usize, usize)>,
-    /// This rank's share of each fit, over all dofs, three per node.
-    rows: Vec<CurvatureRow>,
-    /// Fits whose weighted sum is the curvature at each site; `true` where the site lies on the
-    /// border of its part and other ranks may add to the sum.
-    sums: Vec<(bool, Vec<(usize, f64)>)>,
-}
-
-/// Function that is called for each site of each cell. Its arguments are the cell, the site, the
-/// vector from the site to the cell's first node (m), and the samples of the cell.
-type ActOnSite<'a> = dyn FnMut(usize, usize, Vector2<f64>, &[Sample]) + 'a;
-
-/// Point at which a cell's curvatures enter a fit.
-struct Sample {
-    /// Position relative to the first node of the cell, in m.
-    offset: Vector2<f64>,
-    /// Weight, an area in m^2.
-    weight: f64,
-    /// Curvatures of each basis function.
-    curvatures: Vec<[f64; 3]>,
+    /// Weights of the dofs of this rank's cells in each fit.
+    patches: Patches,
+    /// Fits whose weighted sum is the curvature at each site.
+    sums: SiteSums,
 }
 
 impl Recovery {
@@ -75,56 +56,36 @@ impl Recovery {
         partition: &P,
     ) -> Result<Recovery> {
         let (sites, of_cells) = sites(mesh, part_of);
-        let mut samples: HashMap<usize, Rc<[Sample]>> = HashMap::new();
+        let mut samples: HashMap<usize, ClassSamples> = HashMap::new();
         for (number, cell) in cells.iter().enumerate() {
             if let std::collections::hash_map::Entry::Vacant(new) = samples.entry(cell.class) {
                 new.insert(with_element!(&mesh.element(number)?, element => of_element(element)));
             }
         }
-        let around = |act: &mut ActOnSite| {
-            for (number, own) in of_cells.iter().enumerate() {
-                let nodes = mesh.cells[number].nodes();
-                for (&site, &node) in own.iter().zip(nodes) {
-                    let from = mesh.nodes[nodes[0]] - mesh.nodes[node];
-                    act(number, site, from, &samples[&cells[number].class]);
-                }
-            }
-        };
-        let mut squares = vec![[0.0; 6]; sites.len()];
-        around(&mut |_, site, from, samples| {
-            for Sample { offset, weight, .. } in samples {
-                let d = from + offset;
-                let terms = [1.0, d.x, d.y, d.x * d.x, d.x * d.y, d.y * d.y];
-                squares[site].iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
-            }
-        });
-        sum_over_ranks(&sites, parts, partition, &mut squares)?;
-        let affine: Vec<Matrix3<f64>> = squares.iter().map(affine_fit).collect();
-        let (fits, sums) = border::sums(mesh, &sites, &of_cells, parts, partition)?;
-        let mut number_of = HashMap::new();
-        for (number, (site, which)) in fits.iter().enumerate() {
-            number_of.insert((*site, *which), number);
+        let mut corners: Vec<Corners> = vec![Vec::new(); sites.len()];
+        for (number, own) in of_cells.iter().enumerate() {
+            own.iter().enumerate().for_each(|(corner, &site)| corners[site].push((number, corner)));
         }
-        let mut rows = vec![BTreeMap::<usize, [f64; 3]>::new(); fits.len()];
-        around(&mut |number, site, from, samples| {
-            let wanted = [0, 1, 2].map(|which| number_of.get(&(site, which)));
-            let nodes = mesh.cells[number].nodes();
-            for Sample { offset, weight, curvatures } in samples {
-                let d = from + offset;
-                let shares = affine[site] * Vector3::new(1.0, d.x, d.y) * *weight;
-                for (fit, share) in
-                    wanted.iter().zip(shares.iter()).filter_map(|(fit, share)| Some(((*fit)?, share)))
-                {
-                    let dofs = nodes.iter().flat_map(|node| (0..PER_NODE).map(move |k| PER_NODE * node + k));
-                    for (dof, curvature) in dofs.zip(curvatures) {
-                        let row = rows[*fit].entry(dof).or_default();
-                        row.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
-                    }
+        let squares = |corners: &Corners| {
+            let mut sums = [0.0; 6];
+            for (number, corner) in corners {
+                let of_class = &samples[&cells[*number].class];
+                for Sample { offset, weight, .. } in &of_class.samples {
+                    let d = offset - of_class.corners[*corner];
+                    let terms = [1.0, d.x, d.y, d.x * d.x, d.x * d.y, d.y * d.y];
+                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
                 }
             }
-        });
-        let rows = rows.into_iter().map(|row| row.into_iter().collect()).collect();
-        Ok(Recovery { sites, of_cells, parts, fits, rows, sums })
+            sums
+        };
+        let mut squares: Vec<[f64; 6]> = corners.iter().map(squares).collect();
+        sum_over_ranks(&sites, parts, partition, &mut squares)?;
+        let (fits, sums) = border::sums(mesh, &sites, &of_cells, parts, partition)?;
+        let patch = |(corners, squares)| SitePatch { corners, squares };
+        let of_sites: Vec<SitePatch> = corners.iter().zip(squares).map(patch).collect();
+        let cell = |number: usize| (mesh.cells[number].nodes(), cells[number].class);
+        let patches = Patches::new(&fits, &of_sites, &cell, &samples);
+        Ok(Recovery { sites, of_cells, parts, fits, patches, sums })
     }
 
     /// Returns the sites.
@@ -137,9 +98,15 @@ impl Recovery {
         &self.of_cells[cell]
     }
 
-    /// Returns this rank's share of each fit, over all dofs of its nodes, three per node.
-    pub fn rows(&self) -> &[CurvatureRow] {
-        &self.rows
+    /// Returns the weights in a fit of the dofs of this rank's cells, three dofs per node.
+    pub fn row(&self, fit: usize) -> CurvatureRow {
+        self.patches.row(fit)
+    }
+
+    /// Returns this rank's share of each fit for a deflection given by w, w_x and w_y at all nodes
+    /// of this rank's cells.
+    pub fn fits(&self, nodal: [&[f64]; PER_NODE]) -> Vec<[f64; 3]> {
+        self.patches.fits(nodal)
     }
 
     /// Returns the curvatures at the sites from this rank's shares of the fits. Collective.
@@ -157,21 +124,22 @@ impl Recovery {
                 fit.copy_from_slice(&of_sites[*site][3 * which..][..3]);
             }
         }
-        let of_site = |(_, terms): &(bool, Vec<(usize, f64)>)| {
-            let mut sums = [0.0; 3];
-            for (fit, weight) in terms {
+        let mut curvatures = vec![[0.0; 3]; self.sites.len()];
+        for (site, sums) in curvatures.iter_mut().enumerate() {
+            for (fit, weight) in self.sums.terms(site) {
                 sums.iter_mut().zip(fits[*fit]).for_each(|(sum, value)| *sum += weight * value);
             }
-            sums
-        };
-        let mut curvatures: Vec<[f64; 3]> = self.sums.iter().map(of_site).collect();
+        }
         if P::DIVIDES {
-            let is_shared =
-                |(of, curvature): (&(bool, _), &[f64; 3])| if of.0 { *curvature } else { [0.0; 3] };
-            let mut shared: Vec<[f64; 3]> = self.sums.iter().zip(&curvatures).map(is_shared).collect();
+            let shared = |(site, curvature): (usize, &[f64; 3])| {
+                if self.sums.is_shared(site) { *curvature } else { [0.0; 3] }
+            };
+            let mut shared: Vec<[f64; 3]> = curvatures.iter().enumerate().map(shared).collect();
             sum_over_ranks(&self.sites, self.parts, partition, &mut shared)?;
-            let pairs = curvatures.iter_mut().zip(shared).zip(&self.sums);
-            pairs.filter(|(_, of)| of.0).for_each(|((curvature, shared), _)| *curvature = shared);
+            let pairs = curvatures.iter_mut().zip(shared).enumerate();
+            pairs
+                .filter(|(site, _)| self.sums.is_shared(*site))
+                .for_each(|(_, (curvature, shared))| *curvature = shared);
         }
         Ok(curvatures)
     }
@@ -183,70 +151,34 @@ impl Recovery {
     /// Returns the errors of communication.
     pub fn weights_of_fits<P: Partition>(&self, weights: &[f64], partition: &P) -> Result<Vec<f64>> {
         let mut of_sites = vec![[0.0; 3]; self.sites.len()];
-        for ((weight, (is_shared, terms)), _) in weights.iter().zip(&self.sums).zip(&self.sites) {
-            for (fit, share) in terms.iter().filter(|_| *is_shared && *weight != 0.0) {
+        let weighted = || weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0);
+        for (site, weight) in weighted().filter(|(site, _)| self.sums.is_shared(*site)) {
+            for (fit, share) in self.sums.terms(site) {
                 let (site, which) = self.fits[*fit];
                 of_sites[site][which] += weight * share;
             }
         }
         sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
         let mut of_fits: Vec<f64> = self.fits.iter().map(|(site, which)| of_sites[*site][*which]).collect();
-        for (weight, (is_shared, terms)) in weights.iter().zip(&self.sums) {
-            terms.iter().filter(|_| !is_shared).for_each(|(fit, share)| of_fits[*fit] += weight * share);
+        for (site, weight) in weighted().filter(|(site, _)| !self.sums.is_shared(*site)) {
+            self.sums.terms(site).iter().for_each(|(fit, share)| of_fits[*fit] += weight * share);
         }
         Ok(of_fits)
     }
 }
 
-/// Returns the sites of a mesh, and those of the nodes of each cell.
+/// Returns the sites of a mesh, by part and node, and those of the nodes of each cell.
 fn sites(mesh: &Mesh, part_of: &dyn Fn(usize) -> usize) -> (Vec<RecoverySite>, Vec<Vec<usize>>) {
-    let (mut sites, mut numbers) = (Vec::new(), HashMap::new());
-    let mut number = |site: RecoverySite| {
-        *numbers.entry(site).or_insert_with(|| {
-            sites.push(site);
-            sites.len() - 1
-        })
-    };
-    let of_cell = |(cell, of): (usize, &crate::mesh::Cell)| {
+    let site = |cell: usize| {
         let part = part_of(cell);
-        of.nodes().iter().map(|&node| number(RecoverySite { node, part })).collect()
+        mesh.cells[cell].nodes().iter().map(move |&node| RecoverySite { part, node })
     };
-    let of_cells = mesh.cells.iter().enumerate().map(of_cell).collect();
+    let all: BTreeSet<RecoverySite> = (0..mesh.cells.len()).flat_map(site).collect();
+    let sites: Vec<RecoverySite> = all.into_iter().collect();
+    let numbers: HashMap<RecoverySite, usize> = sites.iter().copied().zip(0..).collect();
+    let of_cells =
+        (0..mesh.cells.len()).map(|cell| site(cell).map(|site| numbers[&site]).collect()).collect();
     (sites, of_cells)
-}
-
-/// Returns the sample points of an element.
-fn of_element<const N: usize>(element: &Element<N>) -> Rc<[Sample]> {
-    let mut samples = Vec::new();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for (barycentric, weight) in quadrature::DEGREE_2 {
-            let hessian = piece.basis(barycentric).hessian;
-            samples.push(Sample {
-                offset: element.point(number, barycentric) - element.origin,
-                weight: weight * piece.area(),
-                curvatures: (0..N).map(|i| [0, 1, 2].map(|row| hessian[(row, i)])).collect(),
-            });
-        }
-    }
-    samples.into()
-}
-
-/// Returns the matrix that turns the sums of weight (1, x, y) value into the value at the origin
-/// and the derivatives along x and y of the affine function fitted to the values. `sums` are the
-/// sums of the weights times 1, x, y, x^2, x y and y^2.
-fn affine_fit(sums: &[f64; 6]) -> Matrix3<f64> {
-    let [one, x, y, xx, xy, yy] = *sums;
-    // Lengths are measured by their root mean square, so that the matrix is well conditioned.
-    let scale = ((xx + yy) / one).sqrt();
-    let (x, y, square) = (x / scale, y / scale, scale * scale);
-    let (xx, xy, yy) = (xx / square, xy / square, yy / square);
-    let matrix = Matrix3::new(one, x, y, x, xx, xy, y, xy, yy);
-    let fit = matrix.cholesky().map(|factor| factor.inverse());
-    // A single flat cell may leave the slopes undetermined; the mean remains.
-    let fit = fit.filter(|fit| fit.iter().all(|entry| entry.is_finite()));
-    let fit = fit.unwrap_or_else(|| Matrix3::from_diagonal(&Vector3::new(1.0 / one, 0.0, 0.0)));
-    let lengths = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0 / scale, 1.0 / scale));
-    lengths * fit * lengths
 }
 
 /// Returns the weights of a cell's vertices in the value, at a point of the cell, of the function

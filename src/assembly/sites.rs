@@ -5,12 +5,12 @@ use crate::error::Result;
 use crate::partition::Partition;
 
 /// Node of the mesh as seen from one part of the plate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RecoverySite {
-    /// Number of the node.
-    pub node: usize,
     /// Number of the part.
     pub part: usize,
+    /// Number of the node.
+    pub node: usize,
 }
 
 /// Sums values at sites over the ranks that have them. Collective.

@@ -2,8 +2,9 @@
 
 use super::effects::{BuildContext, Lift};
 use super::plate_assembly::PlateAssembly;
-use crate::assembly::{self, CurvatureRow, Probe, Recovery};
+use crate::assembly::{self, Probe, Recovery};
 use crate::communicator::Communicator;
+use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::axpy;
 use crate::mesh::Point;
@@ -80,10 +81,9 @@ impl<'s> PlateCurvatures<'s> {
         let shares: Vec<f64> = shares.into_iter().map(|[share]| share).collect();
         let weights = self.recovery.weights_of_fits(&shares, partition)?;
         let mut row: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
-        let fits = weights.iter().zip(self.recovery.rows());
-        for (share, of) in fits.filter(|(share, _)| **share != 0.0) {
-            for (dof, curvature) in of {
-                let sums = row.entry(*dof).or_default();
+        for (fit, share) in weights.iter().enumerate().filter(|(_, share)| **share != 0.0) {
+            for (dof, curvature) in self.recovery.row(fit) {
+                let sums = row.entry(dof).or_default();
                 sums.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
             }
         }
@@ -113,19 +113,20 @@ fn from_numbers(numbers: [f64; 11]) -> Section {
 /// Quantities with three components at the sites of a recovery, linear in the curvatures: the
 /// curvatures themselves, or the stresses.
 pub(super) struct SiteValues {
-    /// First entry of each fit of the recovery, and the end of the last one.
-    starts: Vec<usize>,
-    /// Dofs of this rank's cells with three weights each, fit by fit.
-    entries: Vec<(u32, [f64; 3])>,
-    /// Curvatures at the sites from this rank's shares of the fits. Collective.
-    curvatures: CurvaturesOfFits,
+    /// Number of nodes of this rank.
+    nodes: usize,
+    /// Deflections and slopes that supports leave free: the node of each, its dof and the factor of
+    /// the dof; first w at all nodes, then w_x, then w_y.
+    free: [Vec<(u32, u32, f64)>; PER_NODE],
+    /// Curvatures at the sites from w, w_x and w_y at the nodes. Collective.
+    curvatures: CurvaturesOfNodes,
     /// Matrix that maps the curvatures to the values at each site.
     maps: Vec<Matrix3<f64>>,
     /// Support motions with the values that they cause, per metre.
     lifts: Vec<(Rc<FieldInput>, Vec<[f64; 3]>)>,
 }
 
-type CurvaturesOfFits = Box<dyn Fn(&mut [[f64; 3]]) -> Result<Vec<[f64; 3]>>>;
+type CurvaturesOfNodes = Box<dyn Fn([&[f64]; PER_NODE]) -> Result<Vec<[f64; 3]>>>;
 
 impl SiteValues {
     /// Prepares the values at the sites from matrices that map the curvature (w_xx, w_xy, w_yy) to
@@ -136,37 +137,38 @@ impl SiteValues {
         curvatures: &PlateCurvatures,
         maps: Vec<Matrix3<f64>>,
     ) -> Result<SiteValues> {
-        let rows = curvatures.recovery.rows();
-        let (mut starts, mut entries) = (vec![0], Vec::new());
-        for row in rows {
-            for &(of_shape, weights) in row {
-                if let Some((dof, factor)) = ground.space.dof(of_shape) {
-                    entries.push((dof as u32, weights.map(|weight| factor * weight)));
-                }
-            }
-            starts.push(entries.len());
-        }
+        let nodes = ground.mesh.nodes.len();
+        let free = [0, 1, 2].map(|k| {
+            let dof = |node| {
+                let (dof, factor) = ground.space.dof(PER_NODE * node + k)?;
+                Some((node as u32, dof as u32, factor))
+            };
+            (0..nodes).filter_map(dof).collect()
+        });
         let (recovery, partition) = (curvatures.recovery.clone(), ground.partition.clone());
-        let complete = move |fits: &mut [[f64; 3]]| recovery.curvatures(fits, &partition);
-        let curvatures: CurvaturesOfFits = Box::new(complete);
+        let of_nodes =
+            move |nodal: [&[f64]; PER_NODE]| recovery.curvatures(&mut recovery.fits(nodal), &partition);
+        let curvatures: CurvaturesOfNodes = Box::new(of_nodes);
         let lifted = |Lift { motion, shape, .. }: &Lift| {
-            let of = |row: &CurvatureRow| sum(row.iter().map(|(dof, weights)| (weights, shape[*dof])));
-            let mut fits: Vec<[f64; 3]> = rows.iter().map(of).collect();
-            Ok((motion.clone(), mapped(&maps, curvatures(&mut fits)?)))
+            let nodal =
+                [0, 1, 2].map(|k| shape.iter().skip(k).step_by(PER_NODE).copied().collect::<Vec<_>>());
+            Ok((motion.clone(), mapped(&maps, curvatures(nodal.each_ref().map(Vec::as_slice))?)))
         };
         let lifts = lifts.iter().map(lifted).collect::<Result<_>>()?;
-        Ok(SiteValues { starts, entries, curvatures, maps, lifts })
+        Ok(SiteValues { nodes, free, curvatures, maps, lifts })
     }
 
     /// Returns the values for displacements over the dofs of this rank's cells at an instant (s).
     /// Collective.
     pub fn at(&self, u: &[f64], time: f64) -> Result<Vec<[f64; 3]>> {
-        let of_fit = |ends: &[usize]| {
-            let own = &self.entries[ends[0]..ends[1]];
-            sum(own.iter().map(|(dof, weights)| (weights, u[*dof as usize])))
-        };
-        let mut fits: Vec<[f64; 3]> = self.starts.windows(2).map(of_fit).collect();
-        let mut values = mapped(&self.maps, (self.curvatures)(&mut fits)?);
+        let nodal = self.free.each_ref().map(|free| {
+            let mut values = vec![0.0; self.nodes];
+            for (node, dof, factor) in free {
+                values[*node as usize] = factor * u[*dof as usize];
+            }
+            values
+        });
+        let mut values = mapped(&self.maps, (self.curvatures)(nodal.each_ref().map(Vec::as_slice))?);
         for (motion, lift) in &self.lifts {
             let moved = motion.at(Point::origin(), time)?;
             axpy(moved, lift.as_flattened(), values.as_flattened_mut());
@@ -178,13 +180,4 @@ impl SiteValues {
 /// Returns the products of matrices with triples.
 fn mapped(maps: &[Matrix3<f64>], values: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     maps.iter().zip(values).map(|(map, value)| (map * Vector3::from(value)).into()).collect()
-}
-
-/// Returns the sum of triples of weights times values.
-fn sum<'w>(terms: impl Iterator<Item = (&'w [f64; 3], f64)>) -> [f64; 3] {
-    let mut sums = [0.0; 3];
-    for (weights, value) in terms {
-        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
-    }
-    sums
 }

@@ -14,13 +14,16 @@ use std::f64::consts::PI;
 
 type Curvature = [f64; 3];
 
+/// Returns the fits of a recovery for values and slopes, three per node.
+fn fits(recovery: &Recovery, shape: &[f64]) -> Vec<Curvature> {
+    let nodal = [0, 1, 2].map(|k| shape.iter().skip(k).step_by(3).copied().collect::<Vec<_>>());
+    recovery.fits([&nodal[0], &nodal[1], &nodal[2]])
+}
+
 /// Returns the recovered curvature at each node of a plate of one part.
 fn recovered(plate: &Matrices, shape: &[f64]) -> Vec<Curvature> {
     let recovery = Recovery::new(&plate.mesh, &plate.cells, &|_| 0, 1, &WholeMesh).unwrap();
-    let fit = |row: &assembly::CurvatureRow| {
-        [0, 1, 2].map(|k| row.iter().map(|(dof, weights)| weights[k] * shape[*dof]).sum())
-    };
-    let mut fits: Vec<Curvature> = recovery.rows().iter().map(fit).collect();
+    let mut fits = fits(&recovery, shape);
     let curvatures = recovery.curvatures(&mut fits, &WholeMesh).unwrap();
     let mut at_nodes = vec![[f64::NAN; 3]; plate.mesh.nodes.len()];
     recovery.sites().iter().zip(curvatures).for_each(|(site, of)| at_nodes[site.node] = of);
@@ -331,11 +334,13 @@ fn sites_of_parts() {
     assert_eq!(recovery.sites().len(), 25 + 5);
     let rigid: Vec<f64> =
         plate.mesh.nodes.iter().flat_map(|p| [1.0 + 0.5 * p.x - 0.25 * p.y, 0.5, -0.25]).collect();
-    for row in recovery.rows() {
-        for k in 0..3 {
-            let sum: f64 = row.iter().map(|(dof, weights)| weights[k] * rigid[*dof]).sum();
-            assert!(sum.abs() < 1e-11, "{sum:e}");
-        }
+    for (number, fit) in fits(&recovery, &rigid).into_iter().enumerate() {
+        assert!(fit.iter().all(|sum| sum.abs() < 1e-11), "{fit:?}");
+        // The weights of a fit give the same sums as the fits themselves.
+        let one: Vec<f64> = (0..rigid.len()).map(|dof| (dof % 7) as f64).collect();
+        let row = recovery.row(number);
+        let sums = [0, 1, 2].map(|k| row.iter().map(|(dof, weights)| weights[k] * one[*dof]).sum::<f64>());
+        assert!(distance(sums, fits(&recovery, &one)[number]) < 1e-9 * distance(sums, [0.0; 3]).max(1.0));
     }
     let weights = assembly::vertex_weights(&plate.mesh.element(0).unwrap(), Point::new(0.1, 0.2));
     assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-14);

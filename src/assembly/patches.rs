@@ -1,0 +1,250 @@
+//! Weights of the dofs around the sites of a recovery in its fits.
+//!
+//! The *patch* of a site consists of the cells around it. Sites with congruent patches share one
+//! set of weights, so that on a regular mesh all weights stay in the processor's cache, and those
+//! whose nodes follow each other are summed side by side.
+
+use super::samples::ClassSamples;
+use crate::dof_map::PER_NODE;
+use nalgebra::{Matrix3, Vector3};
+use pulp::Arch;
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
+/// weights per dof.
+pub type CurvatureRow = Vec<(usize, [f64; 3])>;
+
+/// Weights of the three dofs of a node in the curvatures w_xx, w_xy and w_yy. The fourth entry is 0
+/// and fills a register.
+type NodeWeights = [[f64; 4]; PER_NODE];
+
+/// Cells around a site: the number of each cell and which of its corners the site is.
+pub(super) type Corners = Vec<(usize, usize)>;
+
+/// Weights of the dofs of this rank's cells in the fits of a recovery.
+#[derive(Clone, Debug)]
+pub(super) struct Patches {
+    /// Weights of each node of each distinct patch, one list per fit that differs from all others.
+    weights: Vec<Vec<NodeWeights>>,
+    /// List of weights of each fit, and the place in `nodes` where its nodes begin.
+    fits: Vec<(usize, usize)>,
+    /// Nodes of the fits' patches, one after the other.
+    nodes: Vec<u32>,
+    /// Rows of fits: consecutive fits with the same weights, in which each node of a fit follows
+    /// that of the fit before.
+    rows: Vec<Range<usize>>,
+    arch: Arch,
+}
+
+/// Number of fits of a row that are summed side by side.
+const SIDE_BY_SIDE: usize = 8;
+
+/// Identity of the weights of a fit: which fit, the sums of its least squares to the bit, the class
+/// and corner of each cell of the patch, and the number within the patch of each cell's nodes.
+type Key = (usize, [u64; 6], Vec<(usize, usize)>, Vec<usize>);
+
+/// Site with what its fits depend on.
+pub(super) struct SitePatch<'p> {
+    pub corners: &'p Corners,
+    /// Sums of the least squares, see [`affine_fit`].
+    pub squares: [f64; 6],
+}
+
+impl Patches {
+    /// Collects the weights of fits, each a site and the number of the fit, from the sites, the
+    /// nodes and class of each cell, and the samples of the classes.
+    pub fn new<'p>(
+        fits: &[(usize, usize)],
+        sites: &[SitePatch],
+        cell: &dyn Fn(usize) -> (&'p [usize], usize),
+        samples: &HashMap<usize, ClassSamples>,
+    ) -> Patches {
+        let mut patches = Patches {
+            weights: Vec::new(),
+            fits: Vec::new(),
+            nodes: Vec::new(),
+            rows: Vec::new(),
+            arch: Arch::new(),
+        };
+        let mut known: HashMap<Key, usize> = HashMap::new();
+        for &(site, which) in fits {
+            let SitePatch { corners, squares } = &sites[site];
+            let (nodes, places) = nodes_of(corners, cell);
+            let classes: Vec<_> = corners.iter().map(|&(number, corner)| (cell(number).1, corner)).collect();
+            let key = (which, squares.map(f64::to_bits), classes, places);
+            let next = known.len();
+            let number = *known.entry(key).or_insert_with_key(|(_, _, classes, places)| {
+                let row = affine_fit(squares).row(which).transpose();
+                patches.weights.push(weights_of(row, classes, places, samples));
+                next
+            });
+            patches.fits.push((number, patches.nodes.len()));
+            patches.nodes.extend(nodes.into_iter().map(|node| node as u32));
+        }
+        patches.rows = patches.rows();
+        patches
+    }
+
+    /// Returns the rows of all fits.
+    fn rows(&self) -> Vec<Range<usize>> {
+        let mut rows: Vec<Range<usize>> = Vec::new();
+        for fit in 0..self.fits.len() {
+            match rows.last_mut().filter(|row| self.follows(row.end - 1, fit)) {
+                Some(row) => row.end += 1,
+                None => rows.push(fit..fit + 1),
+            }
+        }
+        rows
+    }
+
+    /// Returns whether a fit has the weights of another one and the nodes that follow its nodes.
+    fn follows(&self, before: usize, fit: usize) -> bool {
+        let pairs = || self.fit(before).1.iter().zip(self.fit(fit).1);
+        self.fits[before].0 == self.fits[fit].0 && pairs().all(|(a, b)| a + 1 == *b)
+    }
+
+    /// Returns the weights of a fit and the nodes that they belong to.
+    fn fit(&self, fit: usize) -> (&[NodeWeights], &[u32]) {
+        let (number, start) = self.fits[fit];
+        let weights = &self.weights[number];
+        (weights, &self.nodes[start..][..weights.len()])
+    }
+
+    /// Returns the weights of a fit over all dofs, three per node.
+    pub fn row(&self, fit: usize) -> CurvatureRow {
+        let (weights, nodes) = self.fit(fit);
+        let of_node = |(node, weights): (&u32, &NodeWeights)| {
+            let first = PER_NODE * *node as usize;
+            let weights = *weights;
+            (0..PER_NODE).map(move |k| (first + k, [weights[k][0], weights[k][1], weights[k][2]]))
+        };
+        nodes.iter().zip(weights).flat_map(of_node).collect()
+    }
+
+    /// Returns this rank's share of each fit for a deflection given by w, w_x and w_y at all nodes
+    /// of this rank's cells.
+    pub fn fits(&self, nodal: [&[f64]; PER_NODE]) -> Vec<[f64; 3]> {
+        let mut sums = vec![[0.0; 3]; self.fits.len()];
+        self.arch.dispatch(|| {
+            for row in &self.rows {
+                let (weights, nodes) = self.fit(row.start);
+                let (chunks, rest) = sums[row.clone()].as_chunks_mut::<SIDE_BY_SIDE>();
+                for (number, sums) in chunks.iter_mut().enumerate() {
+                    *sums = sums_side_by_side(weights, nodes, SIDE_BY_SIDE * number, nodal);
+                }
+                for (offset, sums) in (SIDE_BY_SIDE * chunks.len()..).zip(rest) {
+                    *sums = weighted_sum(weights, nodes, offset, nodal);
+                }
+            }
+        });
+        sums
+    }
+}
+
+/// Returns the sums of the weights times the values at the nodes that lie `offset` behind those
+/// given.
+#[inline(always)]
+fn weighted_sum(
+    weights: &[NodeWeights],
+    nodes: &[u32],
+    offset: usize,
+    nodal: [&[f64]; PER_NODE],
+) -> [f64; 3] {
+    // One sum per dof of a node, since each addition would have to wait for the last one otherwise.
+    let mut sums: NodeWeights = Default::default();
+    for (weights, &node) in weights.iter().zip(nodes) {
+        for ((sums, weights), values) in sums.iter_mut().zip(weights).zip(nodal) {
+            let value = values[node as usize + offset];
+            for (sum, weight) in sums.iter_mut().zip(weights) {
+                *sum += weight * value;
+            }
+        }
+    }
+    let [w, w_x, w_y] = sums;
+    [0, 1, 2].map(|k| w[k] + w_x[k] + w_y[k])
+}
+
+/// Returns the sums of several fits of a row, of which the first one's nodes lie `offset` behind
+/// those given.
+#[inline(always)]
+fn sums_side_by_side(
+    weights: &[NodeWeights],
+    nodes: &[u32],
+    offset: usize,
+    nodal: [&[f64]; PER_NODE],
+) -> [[f64; 3]; SIDE_BY_SIDE] {
+    let mut sums = [[0.0; SIDE_BY_SIDE]; 3];
+    for (weights, &node) in weights.iter().zip(nodes) {
+        for (weights, values) in weights.iter().zip(nodal) {
+            let values = &values[node as usize + offset..][..SIDE_BY_SIDE];
+            for (sums, weight) in sums.iter_mut().zip(weights) {
+                for (sum, value) in sums.iter_mut().zip(values) {
+                    *sum += weight * value;
+                }
+            }
+        }
+    }
+    std::array::from_fn(|fit| [sums[0][fit], sums[1][fit], sums[2][fit]])
+}
+
+/// Returns the nodes of a patch, each once, and the number among them of each node of each cell.
+fn nodes_of<'p>(corners: &Corners, cell: &dyn Fn(usize) -> (&'p [usize], usize)) -> (Vec<usize>, Vec<usize>) {
+    let (mut nodes, mut places) = (Vec::new(), Vec::new());
+    for &(number, _) in corners {
+        for &node in cell(number).0 {
+            let place = nodes.iter().position(|&known| known == node).unwrap_or_else(|| {
+                nodes.push(node);
+                nodes.len() - 1
+            });
+            places.push(place);
+        }
+    }
+    (nodes, places)
+}
+
+/// Returns the weights of the nodes of a patch in the fit with a row of the affine fit, given the
+/// class and corner of each cell and the number within the patch of each cell's nodes.
+fn weights_of(
+    row: Vector3<f64>,
+    classes: &[(usize, usize)],
+    places: &[usize],
+    samples: &HashMap<usize, ClassSamples>,
+) -> Vec<NodeWeights> {
+    let count = places.iter().max().map_or(0, |most| most + 1);
+    let mut weights = vec![NodeWeights::default(); count];
+    let mut rest = places;
+    for (class, corner) in classes {
+        let ClassSamples { corners, samples } = &samples[class];
+        let (own, others) = rest.split_at(corners.len());
+        rest = others;
+        for sample in samples {
+            let d = sample.offset - corners[*corner];
+            let share = row.dot(&Vector3::new(1.0, d.x, d.y)) * sample.weight;
+            for (place, curvatures) in own.iter().zip(sample.curvatures.as_chunks::<PER_NODE>().0) {
+                for (sums, curvature) in weights[*place].iter_mut().zip(curvatures) {
+                    sums.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
+                }
+            }
+        }
+    }
+    weights
+}
+
+/// Returns the matrix that turns the sums of weight (1, x, y) value into the value at the origin
+/// and the derivatives along x and y of the affine function fitted to the values. `sums` are the
+/// sums of the weights times 1, x, y, x^2, x y and y^2.
+fn affine_fit(sums: &[f64; 6]) -> Matrix3<f64> {
+    let [one, x, y, xx, xy, yy] = *sums;
+    // Lengths are measured by their root mean square, so that the matrix is well conditioned.
+    let scale = ((xx + yy) / one).sqrt();
+    let (x, y, square) = (x / scale, y / scale, scale * scale);
+    let (xx, xy, yy) = (xx / square, xy / square, yy / square);
+    let matrix = Matrix3::new(one, x, y, x, xx, xy, y, xy, yy);
+    let fit = matrix.cholesky().map(|factor| factor.inverse());
+    // A single flat cell may leave the slopes undetermined; the mean remains.
+    let fit = fit.filter(|fit| fit.iter().all(|entry| entry.is_finite()));
+    let fit = fit.unwrap_or_else(|| Matrix3::from_diagonal(&Vector3::new(1.0 / one, 0.0, 0.0)));
+    let lengths = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0 / scale, 1.0 / scale));
+    lengths * fit * lengths
+}
