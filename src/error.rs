@@ -109,6 +109,9 @@ pub enum Error {
         /// Time of the last step, in s.
         time: f64,
     },
+    /// Command of many runs that was interrupted between them. The message tells how to go on.
+    #[error("{0}")]
+    Stopped(String),
     /// File or folder that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
@@ -136,7 +139,7 @@ impl Error {
             | Error::Petsc(_) => 3,
             Error::Io { .. } | Error::Checkpoint(_) => 4,
             Error::EnergyGuard { .. } => 5,
-            Error::Interrupted { .. } => 130,
+            Error::Interrupted { .. } | Error::Stopped(_) => 130,
             Error::Elsewhere { code, .. } => *code,
         }
     }

@@ -35,6 +35,7 @@
 //! | [`simulation`] | the model, the main loop and its observers |
 //! | [`output`] | csv, json, vtu, svg, png, progress |
 //! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
+//! | [`sweep`] | many runs over one or two keys of a scene |
 //! | [`cli`] | the command |
 //!
 //! Readers of the paper find its parts here:
@@ -115,6 +116,7 @@ pub mod scene;
 pub mod simulation;
 pub mod output;
 pub mod study;
+pub mod sweep;
 pub mod cli;
 
 pub use error::{Error, Result};

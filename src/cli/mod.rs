@@ -21,6 +21,7 @@ mod set_up;
 mod signal;
 mod stability;
 mod study;
+mod sweep;
 
 use crate::error::Result;
 use crate::memory;
@@ -51,6 +52,8 @@ enum Command {
     /// Measure what accuracy costs in time: errors against seconds for schemes, masses, steps and
     /// meshes
     Study(Box<study::Study>),
+    /// Make many runs over one or two keys: response curves, bifurcation diagrams, maps
+    Sweep(Box<sweep::SweepArgs>),
     /// Try every method on hard scenes, and judge its energy, residual and penetration
     Stability(stability::Stable),
     /// The six figures of CSMA 2013, and a verdict on each of the paper's claims
@@ -73,6 +76,7 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Inspect(inspect) => inspect.execute(),
         Command::Compare(compare) => compare.execute(),
         Command::Study(study) => study.execute(),
+        Command::Sweep(sweep) => sweep.execute(),
         Command::Stability(stability) => stability.execute(),
         Command::Figures(figures) => figures.execute(),
         Command::Plot(plot) => plot.execute(),

@@ -6,22 +6,26 @@ use crate::output::plot::{Obstacle, forces, perspective, run};
 use crate::output::vtu::{self, Surface};
 use crate::output::{contacts, extremes, history};
 use crate::scene::ProbeQuantity;
+use crate::sweep::{self, SweepReport};
 use clap::Args;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Draw a run: history, energies, contacts, phase portraits, spectra and snapshots, as SVG and PNG.
 #[derive(Debug, Args)]
 pub struct Plot {
-    /// Run folder
+    /// Folder of a run or of a sweep
     folder: PathBuf,
 }
 
 impl Plot {
     pub(super) fn execute(&self) -> Result<()> {
         let folder = &self.folder;
+        if folder.join(sweep::JSON).is_file() {
+            return draw_sweep(folder);
+        }
         let summary = self.summary()?;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
@@ -87,6 +91,13 @@ impl Plot {
         serde_json::from_str(&text)
             .map_err(|why| Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, why)))
     }
+}
+
+/// Draws the pictures of a sweep.
+fn draw_sweep(folder: &Path) -> Result<()> {
+    let names = sweep::draw(&SweepReport::read(folder)?, folder)?;
+    let line = |name: &str| format!("{}.svg, .png\n", folder.join("plots").join(name).display());
+    print(&names.into_iter().map(line).collect::<String>())
 }
 
 /// Returns the quantity of a probe of a resolved scene.

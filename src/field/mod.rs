@@ -4,7 +4,7 @@
 //! |---|---|
 //! | operators, loosest first | `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, signs, `^` |
 //! | functions | `sin cos tan asin acos atan atan2 sinh cosh tanh exp ln log10 sqrt abs sign floor ceil round step heaviside hypot pow mod min max clamp if` |
-//! | constants | `pi`, `e` |
+//! | constants | `pi`, `e`, and the [`Parameters`] of a scene |
 //!
 //! A power binds more tightly than a sign, and associates to the right: `-x^2` is `-(x^2)`, `2^3^2`
 //! is `2^9`. A product needs its `*`: `2x` is an error, and `1e-3*x` a number times x. Angles are
@@ -42,6 +42,7 @@ mod code;
 mod enclosure;
 mod jet;
 mod names;
+mod parameters;
 mod parse;
 mod print;
 mod sampling;
@@ -62,7 +63,9 @@ pub use enclosure::{Enclosure, Interval};
 pub use jet::Derivatives;
 use names::Name;
 pub use names::Names;
+pub use parameters::Parameters;
 use parse::Kind;
+pub use parse::check_parameter;
 pub use sampling::{Missed, WINDOW};
 pub use table::{Interpolation, Overshoot, Table};
 
@@ -115,11 +118,16 @@ pub struct Term {
 impl Field {
     /// Parses a formula of these variables whose value is a number.
     pub fn parse(text: &str, names: Names) -> Result<Field, ParseError> {
-        Field::read(text, names, Kind::Number)
+        Field::parse_with(text, names, Parameters::NONE)
     }
 
-    fn read(text: &str, names: Names, kind: Kind) -> Result<Field, ParseError> {
-        let folded = code::fold(parse::parse(text, names, kind)?);
+    /// Works as [`Field::parse`], with parameters that the formula may use too.
+    pub fn parse_with(text: &str, names: Names, parameters: &Parameters) -> Result<Field, ParseError> {
+        Field::read(text, names, parameters, Kind::Number)
+    }
+
+    fn read(text: &str, names: Names, parameters: &Parameters, kind: Kind) -> Result<Field, ParseError> {
+        let folded = code::fold(parse::parse(text, names, parameters, kind)?);
         for (instruction, span) in &folded {
             if let Instruction::Constant(value) = instruction
                 && !value.is_finite()
@@ -142,6 +150,20 @@ impl Field {
             [Instruction::Constant(value)] => Some(value),
             _ => None,
         }
+    }
+
+    /// Returns the field whose clock starts at an instant (s) of this one.
+    pub fn from_time(&self, start: f64) -> Field {
+        let mut later = Field { code: Vec::new(), spans: Vec::new(), ..self.clone() };
+        for (instruction, span) in self.code.iter().zip(&self.spans) {
+            let shift = [Instruction::Constant(start), Instruction::Binary(Binary::Add)];
+            let shift = if *instruction == Instruction::Variable(Name::T) { &shift[..] } else { &[] };
+            for part in std::iter::once(instruction).chain(shift) {
+                later.code.push(*part);
+                later.spans.push(span.clone());
+            }
+        }
+        later
     }
 
     /// Returns whether the value may depend on any of these variables.
@@ -353,7 +375,12 @@ pub struct Condition(Field);
 impl Condition {
     /// Parses a condition on these variables.
     pub fn parse(text: &str, names: Names) -> Result<Condition, ParseError> {
-        Field::read(text, names, Kind::Condition).map(Condition)
+        Condition::parse_with(text, names, Parameters::NONE)
+    }
+
+    /// Works as [`Condition::parse`], with parameters that the condition may use too.
+    pub fn parse_with(text: &str, names: Names, parameters: &Parameters) -> Result<Condition, ParseError> {
+        Field::read(text, names, parameters, Kind::Condition).map(Condition)
     }
 
     /// Returns whether the condition holds at a point (m) and a time (s). An error is returned

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::code::{Binary, Instruction, Unary};
 use super::names::{Name, Names};
+use super::parameters::Parameters;
 use super::{ParseError, cut};
 use crate::error::suggestion;
 
@@ -85,6 +86,7 @@ pub(super) const FUNCTIONS: [(&str, Function); 28] = [
     ("if", Function::If),
 ];
 
+/// Constants by name.
 const CONSTANTS: [(&str, f64); 2] = [("pi", std::f64::consts::PI), ("e", std::f64::consts::E)];
 
 /// Binding powers of operators: to the left, and the least accepted to the right.
@@ -149,6 +151,7 @@ enum Token<'a> {
 struct Parser<'a> {
     text: &'a str,
     names: Names,
+    parameters: &'a Parameters,
     /// Next token and its position.
     token: Token<'a>,
     span: Range<usize>,
@@ -165,14 +168,19 @@ struct Part {
     start: usize,
 }
 
-/// Returns the code of a formula of these variables, without constant folding.
-pub(super) fn parse(text: &str, names: Names, kind: Kind) -> Result<Spanned, ParseError> {
+/// Returns the code of a formula of these variables and parameters, without constant folding.
+pub(super) fn parse(
+    text: &str,
+    names: Names,
+    parameters: &Parameters,
+    kind: Kind,
+) -> Result<Spanned, ParseError> {
     if text.len() > LONGEST {
         let wrong = format!("{} bytes are too many; expected at most {LONGEST}", text.len());
         return Err(ParseError::new(text, 0, wrong));
     }
     let mut parser =
-        Parser { text, names, token: Token::End, span: 0..0, end: 0, depth: 0, code: Vec::new() };
+        Parser { text, names, parameters, token: Token::End, span: 0..0, end: 0, depth: 0, code: Vec::new() };
     parser.advance()?;
     let part = parser.expression(0)?;
     parser.expect_end()?;
@@ -325,11 +333,13 @@ impl<'a> Parser<'a> {
         if let Some(name) = self.names.iter().find(|name| name.word() == word) {
             return Ok(self.emit(Instruction::Variable(name), start, Kind::Number));
         }
+        if let Some(value) = self.parameters.get(word) {
+            return Ok(self.emit(Instruction::Constant(value), start, Kind::Number));
+        }
         if FUNCTIONS.iter().any(|(name, _)| *name == word) {
             return self.fault(start, format!("{word} is a function; expected ( after it"));
         }
-        let expected = self.names.iter().map(Name::word).chain(CONSTANTS.map(|(name, _)| name));
-        let expected: Vec<&str> = expected.collect();
+        let expected = self.values();
         let (known, last) = expected.split_at(expected.len() - 1);
         let expected = format!("expected {} or {}", known.join(", "), last[0]);
         if Name::ALL.iter().any(|name| name.word() == word) {
@@ -342,8 +352,7 @@ impl<'a> Parser<'a> {
     /// Parses a function call after its name, at the parenthesis.
     fn call(&mut self, word: &str, start: usize) -> Result<Part, ParseError> {
         let Some((_, function)) = FUNCTIONS.iter().find(|(name, _)| *name == word) else {
-            let is_value = CONSTANTS.iter().any(|(name, _)| *name == word)
-                || Name::ALL.iter().any(|name| name.word() == word);
+            let is_value = self.values().contains(&word) || Name::ALL.iter().any(|name| name.word() == word);
             let wrong = match is_value {
                 true => "is no function; a product is written with *".to_owned(),
                 false => format!("is no function{}", self.hint(word)),
@@ -440,9 +449,16 @@ impl<'a> Parser<'a> {
         if word == "log" {
             return " (did you mean ln or log10?)".to_owned();
         }
-        let names = self.names.iter().map(Name::word).chain(CONSTANTS.map(|(name, _)| name));
-        let names: Vec<&str> = names.chain(FUNCTIONS.map(|(name, _)| name)).collect();
+        let names = [self.values(), FUNCTIONS.map(|(name, _)| name).to_vec()].concat();
         suggestion(word, &names)
+    }
+
+    /// Returns the names of variables, parameters and constants.
+    fn values(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = self.names.iter().map(Name::word).collect();
+        names.extend(self.parameters.names());
+        names.extend(CONSTANTS.map(|(name, _)| name));
+        names
     }
 
     fn emit(&mut self, instruction: Instruction, start: usize, kind: Kind) -> Part {
@@ -469,4 +485,27 @@ fn number_length(text: &str) -> usize {
         }
     }
     length
+}
+
+/// Refuses names of parameters that a formula would read as something else, in words.
+///
+/// # Errors
+/// Returns the reason and what was expected.
+pub fn check_parameter(name: &str) -> Result<(), String> {
+    let starts = name.starts_with(|c: char| c.is_alphabetic() || c == '_');
+    if !starts || !name.chars().all(|c| c.is_alphabetic() || c.is_ascii_digit() || c == '_') {
+        return Err("expected a name of letters, digits and _ that does not begin with a digit".into());
+    }
+    let taken = if Name::ALL.iter().any(|variable| variable.word() == name) {
+        "a variable of formulas"
+    } else if CONSTANTS.iter().any(|(constant, _)| *constant == name) {
+        "a constant of formulas"
+    } else if FUNCTIONS.iter().any(|(function, _)| *function == name) {
+        "a function of formulas"
+    } else if name == "not" || INFIX.iter().any(|(operator, ..)| *operator == name) {
+        "an operator of formulas"
+    } else {
+        return Ok(());
+    };
+    Err(format!("{name} is {taken}; expected another name"))
 }

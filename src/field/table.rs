@@ -89,6 +89,11 @@ impl Table {
         Ok(Table { times, values, pieces })
     }
 
+    /// Returns the table whose clock starts at an instant (s) of this one.
+    pub fn from_time(&self, start: f64) -> Table {
+        Table { times: self.times.iter().map(|time| time - start).collect(), ..self.clone() }
+    }
+
     /// Returns the value at a time (s).
     pub fn value(&self, t: f64) -> f64 {
         self.jet(t).value

@@ -2,16 +2,20 @@
 
 use super::attachments::Attachments;
 use super::study::Study;
+use super::sweep::SweepSpec;
 use super::tables::{
     Damping, Grid, Initial, Load, MeshFile, Obstacle, Output, Part, PlateSpec, Solver, Support,
 };
 use super::time::Time;
+use crate::field::Parameters;
 
 /// Simulation input, validated and with every default filled in, in SI units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     /// Title, one line of text; by default the name of the file without its extension.
     pub title: String,
+    /// Numbers that every formula may use.
+    pub parameters: Parameters,
     /// Plate.
     pub plate: PlateSpec,
     /// Parts of the plate with another thickness or material; the last one wins where they overlap.
@@ -40,4 +44,6 @@ pub struct Scene {
     pub output: Output,
     /// Runs that `rebond study` compares, where the scene says so.
     pub study: Option<Study>,
+    /// Runs that `rebond sweep` makes, where the scene says so.
+    pub sweep: Option<SweepSpec>,
 }

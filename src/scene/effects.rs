@@ -81,6 +81,19 @@ impl Scene {
         loads.chain(heights).chain(self.motions())
     }
 
+    /// Returns the scene whose clock starts at an instant (s) of this one.
+    pub fn from_time(&self, start: f64) -> Scene {
+        let mut later = self.clone();
+        let loads = later.load.iter_mut().flat_map(|load| {
+            std::iter::once(&mut load.pressure).chain(load.forces.iter_mut().map(|force| &mut force.value))
+        });
+        let heights = later.obstacles.iter_mut().map(|obstacle| &mut obstacle.height);
+        let motions = later.supports.iter_mut().filter_map(|support| support.motion.as_mut());
+        let changing = loads.chain(heights).chain(motions).filter(|given| given.changes());
+        changing.for_each(|given| *given = given.from_time(start));
+        later
+    }
+
     /// Returns the motions of the supports.
     pub fn motions(&self) -> impl Iterator<Item = &FieldInput> {
         self.supports.iter().filter_map(|support| support.motion.as_ref())

@@ -59,6 +59,16 @@ impl FieldInput {
         self.number() == Some(0.0)
     }
 
+    /// Returns the field whose clock starts at an instant (s) of this one.
+    pub fn from_time(&self, start: f64) -> FieldInput {
+        let mut later = self.clone();
+        match &mut later.value {
+            Value::Formula(field) => *field = field.from_time(start),
+            Value::Table { table, .. } => *table = table.from_time(start),
+        }
+        later
+    }
+
     /// Returns whether the field may change with time.
     pub fn changes(&self) -> bool {
         match &self.value {

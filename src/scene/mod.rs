@@ -34,6 +34,7 @@ mod quantity;
 mod read;
 mod resolved;
 mod study;
+mod sweep;
 mod tables;
 mod time;
 mod toml_text;
@@ -57,6 +58,7 @@ pub use quantity::{ProbeQuantity, StressComponent};
 use serde::{Serialize, Serializer};
 use std::path::Path;
 pub use study::{Horizon, Study};
+pub use sweep::{SweepOrder, SweepSpec, SweptKey};
 pub use tables::{
     Compliance, Damping, ElasticEdge, EngineName, FORCE_COLUMNS, Force, Grid, HISTORY_COLUMNS, Initial, Load,
     MeshFile, Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver, StartFrom, Support,

@@ -1,10 +1,10 @@
 //! Resolved scene as TOML, aligned and commented, and its hash.
 
-use super::toml_text::{Row, given, number, numbers, place, region, section, string, word, words};
+use super::toml_text::{Row, formula, given, number, numbers, place, region, section, string, word, words};
 use super::{
     Compliance, ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate,
     PlateSpec, Probe, ProbeQuantity, Region, Scene, SchemeName, Solver, StartFrom, Study, Support,
-    SupportKind, SupportLocation, Time, Value,
+    SupportKind, SupportLocation, SweepSpec, Time, Value,
 };
 use crate::modes::ModeRange;
 use crate::plate::Orthotropy;
@@ -13,6 +13,12 @@ use crate::scheme::registry::OptionValue;
 /// Formats the scene as TOML, with files by the path where they were found, or as written.
 pub(super) fn text(scene: &Scene, found: bool) -> String {
     let mut text = format!("title = {}\n", string(&scene.title));
+    if scene.parameters.iter().next().is_some() {
+        text += "\n[parameters]\n";
+        text.extend(
+            scene.parameters.iter().map(|(name, value)| format!("{} = {}\n", key(name), number(value))),
+        );
+    }
     let mut section = |header: &str, rows: &[Row]| section(&mut text, header, rows);
     section("[plate]", &plate(&scene.plate, found));
     for part in &scene.parts {
@@ -63,6 +69,9 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
     text += &probes(&scene.output);
     if let Some(of) = &scene.study {
         self::section(&mut text, "[study]", &study(of));
+    }
+    if let Some(of) = &scene.sweep {
+        self::section(&mut text, "[sweep]", &sweep(of));
     }
     text
 }
@@ -289,5 +298,29 @@ fn study(study: &Study) -> Vec<Row> {
     }
     rows.push(("until", word(study.until), "first_impact | second_impact | end: what ranks the runs"));
     rows.push(("repeat", study.repeat.to_string(), "timed repetitions"));
+    rows
+}
+
+/// Formats a key of a table, quoted where it is no plain word of TOML.
+fn key(name: &str) -> String {
+    if name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') { name.to_owned() } else { string(name) }
+}
+
+fn sweep(sweep: &SweepSpec) -> Vec<Row> {
+    let over: Vec<String> = sweep.over.iter().map(|of| string(&format!("{}={}", of.name, of.text))).collect();
+    // A formula of the parameters stays one, since its value changes with them.
+    let period = sweep.period.to_string();
+    let period = if period.parse::<f64>().is_ok() { formula(&sweep.period) } else { string(&period) };
+    let mut rows = vec![
+        ("over", format!("[{}]", over.join(", ")), ""),
+        ("direction", word(sweep.direction), "apart | up | down | up_and_down"),
+        ("period", period, "s, of the drive"),
+        ("periods", sweep.periods.to_string(), "of each run"),
+        ("settle", sweep.settle.to_string(), "periods before the measured ones"),
+        ("tolerance", number(sweep.tolerance), "of equal points, relative to the range of the motion"),
+    ];
+    if sweep.lyapunov {
+        rows.push(("lyapunov", sweep.lyapunov.to_string(), "largest Lyapunov exponent"));
+    }
     rows
 }

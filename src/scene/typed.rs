@@ -6,7 +6,7 @@ use std::path::Path;
 use super::document::{Document, Value, cut, quote, spell};
 use super::{self as scene, FieldInput};
 use crate::error::{Error, Result, suggestion};
-use crate::field::{Condition, Field, Names, Table};
+use crate::field::{Condition, Field, Names, Parameters, Table, check_parameter};
 
 /// Physical quantity: its name with unit, and the range of its values.
 pub(super) struct Quantity {
@@ -156,7 +156,8 @@ impl Document<'_> {
     }
 
     fn formula(&self, key: &str, text: &str, names: Names, quantity: &Quantity) -> Result<Field> {
-        let field = Field::parse(text, names).map_err(|fault| self.fault(key, fault))?;
+        let field =
+            Field::parse_with(text, names, &self.parameters()?).map_err(|fault| self.fault(key, fault))?;
         match field.constant() {
             Some(number) if !(quantity.range.holds)(number) => {
                 let wrong = format!("{} {}; {}", spell(number), quantity.range.fault, quantity.expected());
@@ -166,6 +167,22 @@ impl Document<'_> {
             Some(0.0) => Ok(0.0.into()),
             _ => Ok(field),
         }
+    }
+
+    /// Reads the parameters that all formulas may use, in alphabetical order.
+    pub fn parameters(&self) -> Result<Parameters> {
+        let table = "parameters";
+        let mut parameters = Parameters::default();
+        let Some(node) = self.get(table) else { return Ok(parameters) };
+        let Value::Table(entries) = &node.value else {
+            return Err(self.found(table, &node.value, "expected a table of names and numbers"));
+        };
+        for (name, (place, _)) in entries {
+            let key = format!("{table}.{}", cut(name));
+            check_parameter(name).map_err(|wrong| self.fault_at(*place, &key, wrong))?;
+            parameters.set(name, self.number(&key, &Quantity::new("a number", Range::ANY))?);
+        }
+        Ok(parameters)
     }
 
     /// Reads a table of values over time.
@@ -195,7 +212,7 @@ impl Document<'_> {
     pub fn condition(&self, key: &str) -> Result<Condition> {
         let expected = "expected a condition on x and y, such as \"x > 0.5 and y < 0.2\"";
         let text = self.optional_text(key, expected)?.ok_or_else(|| self.missing(key, expected))?;
-        Condition::parse(text, Names::XY).map_err(|fault| self.fault(key, fault))
+        Condition::parse_with(text, Names::XY, &self.parameters()?).map_err(|fault| self.fault(key, fault))
     }
 
     /// Reads one of these words.

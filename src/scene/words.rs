@@ -3,6 +3,7 @@
 use super::typed::Choice;
 use super::{
     ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, SchemeName, Side, SupportKind,
+    SweepOrder,
 };
 use crate::field::Interpolation;
 use std::fmt;
@@ -48,6 +49,11 @@ impl Choice for Horizon {
         &[("first_impact", Self::FirstImpact), ("second_impact", Self::SecondImpact), ("end", Self::End)];
 }
 
+impl Choice for SweepOrder {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("apart", Self::Apart), ("up", Self::Up), ("down", Self::Down), ("up_and_down", Self::UpAndDown)];
+}
+
 /// Implements `Choice` with the names of a registry.
 macro_rules! named_by_registry {
     ($name:ty, $variant:ident => $word:expr) => {
@@ -81,4 +87,4 @@ macro_rules! shown_as_words {
     };
 }
 
-shown_as_words!(ElementKind, SchemeName, Mass, EngineName, ContactSolver);
+shown_as_words!(ElementKind, SchemeName, Mass, EngineName, ContactSolver, SweepOrder);

@@ -21,6 +21,7 @@ mod refinement;
 mod regions;
 mod run;
 mod step_check;
+mod step_monitor;
 mod stops;
 mod stress_fields;
 mod stresses;
@@ -45,6 +46,7 @@ pub use phase::on_phase;
 pub(crate) use phase::phase;
 pub use run::{resume, run, run_scheme};
 pub(crate) use step_check::{advice, check_residual};
+pub use step_monitor::StepMonitor;
 pub use stress_fields::SnapshotStresses;
 
 use crate::assembly::{self, Probe};

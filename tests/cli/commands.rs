@@ -375,33 +375,6 @@ fn a_run_starts_from_another_ones_end() {
     assert_fails(&run("wrong", &["initial.from=first"]), 2, &["first/end.motion: damaged"]);
 }
 
-/// The script reports its requirements in one line.
-#[test]
-fn a_bifurcation_diagram_without_a_program_says_so() {
-    let folder = folder("bifurcation");
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/bifurcation.py");
-    let run = |more: &[&str]| {
-        let arguments = ["fall.toml", "load.pressure={}", "0", "1", "1"];
-        Command::new("python3").arg(script).args(arguments).args(more).current_dir(&folder).output()
-    };
-    let Ok(output) = run(&["--rebond", "no/such/program"]) else { return };
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(!said.contains("Traceback") && said.contains("no/such/program"), "{said}");
-    let with = ["--rebond", env!("CARGO_BIN_EXE_rebond"), "--set", "time.end=0.01"];
-    for (more, words) in [
-        (&["--probe", "tip"][..], "the scene has corner"),
-        (&["--set", "output.probes=[]"], "none at all"),
-        (&["--skip", "1"], "leaves no row"),
-    ] {
-        let output = run(&[&with[..], more].concat()).unwrap();
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && !said.contains("Traceback") && said.contains(words), "{said}");
-    }
-    command::succeeds(&run(&with).unwrap());
-    assert!(folder.join("runs/bifurcation.svg").exists());
-}
-
 /// The output of a run grows with the number of rows and of impacts, not with the number of steps.
 #[test]
 #[ignore = "minutes"]

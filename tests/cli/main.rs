@@ -16,3 +16,4 @@ mod resume;
 mod stresses;
 mod study;
 mod study_modal;
+mod sweep;

@@ -11,6 +11,7 @@ mod field;
 mod files;
 mod in_time;
 mod motion;
+mod parameters;
 mod patches;
 mod points;
 mod reading;

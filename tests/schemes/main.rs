@@ -20,4 +20,5 @@ mod period_three_bar;
 mod splitting;
 mod stops;
 mod stresses;
+mod sweeps;
 mod work;

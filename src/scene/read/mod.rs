@@ -13,6 +13,7 @@ pub(super) mod region;
 mod solver;
 mod study;
 mod supports;
+mod sweep;
 mod time;
 
 use std::path::Path;
@@ -24,14 +25,15 @@ use region::PlaceReader;
 
 /// Names of a scene's tables before and after those of attachments.
 const TABLES: [&[&str]; 2] = [
-    &["title", "plate", "part", "mesh", "support", "obstacle", "load"],
-    &["damping", "initial", "time", "solver", "output", "study"],
+    &["title", "parameters", "plate", "part", "mesh", "support", "obstacle", "load"],
+    &["damping", "initial", "time", "solver", "output", "study", "sweep"],
 ];
 
 /// Reads the whole scene; `engine` is the default.
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
     doc.allow("", &[TABLES[0], &attachments::TABLES, TABLES[1]].concat())?;
     let title = title(doc, file_name)?;
+    let parameters = doc.parameters()?;
     let file = mesh::read_file(doc)?;
     let plate = plate::read(doc, file.is_some())?;
     let (mesh, time, solver) =
@@ -40,6 +42,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
     let attachments = attachments::read(doc, &places)?;
     let scene = Scene {
         title,
+        parameters,
         parts: plate::read_parts(doc, &plate)?,
         supports: supports::read(doc, file.is_some())?,
         obstacles: obstacles::read(doc)?,
@@ -49,6 +52,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         output: output::read(doc, &places, &mesh, &attachments.balls)?,
         attachments,
         study: study::read(doc, &mesh, &time, &solver)?,
+        sweep: sweep::read(doc)?,
         plate,
         mesh,
         file,

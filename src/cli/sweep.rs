@@ -1,0 +1,198 @@
+//! Command `rebond sweep`.
+
+use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::printing::{command_line, print};
+use super::{launch, signal};
+use crate::error::{Error, Result};
+use crate::output::checkpoint::Identity;
+use crate::output::claim::RunLock;
+use crate::scene::{EngineName, Scene};
+use crate::sweep::{self, CarriedState, SweepRecord, SweepReport, SweepRow, SweepStore};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::path::{Path, PathBuf};
+
+/// Make many runs over one or two keys.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Folder of sweep.csv, sweep.json and plots; default: sweeps/ and the scene file's name
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace what the folder holds of another sweep
+    #[arg(long)]
+    overwrite: bool,
+    /// Number of simultaneous runs, or of simultaneous rows of runs that carry their state on
+    #[arg(long, value_name = "N", default_value = "1")]
+    jobs: std::num::NonZeroUsize,
+    #[command(flatten)]
+    of: Settings,
+}
+
+/// Keys of `[sweep]`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "What to sweep, instead of the scene's [sweep]")]
+struct Settings {
+    /// Key or parameter with its values: load.pressure=90..250:161, or a=1,2,5; twice for a map
+    #[arg(long, value_name = "KEY=VALUES")]
+    over: Vec<String>,
+    /// Start each run where that of the value before ended
+    #[arg(long, conflicts_with_all = ["down", "up_and_down"])]
+    up: bool,
+    /// Start each run where that of the value after ended
+    #[arg(long, conflicts_with = "up_and_down")]
+    down: bool,
+    /// All values up, then all values down
+    #[arg(long)]
+    up_and_down: bool,
+    /// Period of the drive in s: a number, or a formula of the parameters such as 1/frequency
+    #[arg(long, value_name = "SECONDS")]
+    period: Option<String>,
+    /// Periods of each run
+    #[arg(long, value_name = "N")]
+    periods: Option<u64>,
+    /// Periods of each run before the measured ones
+    #[arg(long, value_name = "N")]
+    settle: Option<u64>,
+    /// Distance of equal points of a section, relative to the range of the motion
+    #[arg(long, value_name = "NUMBER")]
+    tolerance: Option<f64>,
+    /// Measure the largest Lyapunov exponent too, at twice the time
+    #[arg(long)]
+    lyapunov: bool,
+}
+
+impl Settings {
+    /// Returns the settings as overrides, so that they are checked like keys of the scene.
+    fn overrides(&self) -> Vec<String> {
+        let over: Vec<String> = self.over.iter().map(|over| format!("{over:?}")).collect();
+        let direction = [(self.up, "up"), (self.down, "down"), (self.up_and_down, "up_and_down")];
+        let direction = direction.into_iter().find(|(is_on, _)| *is_on).map(|(_, word)| word);
+        [
+            (!over.is_empty()).then(|| format!("sweep.over=[{}]", over.join(", "))),
+            direction.map(|word| format!("sweep.direction={word:?}")),
+            self.period.as_ref().map(|period| format!("sweep.period={period}")),
+            self.periods.map(|periods| format!("sweep.periods={periods}")),
+            self.settle.map(|settle| format!("sweep.settle={settle}")),
+            self.tolerance.map(|tolerance| format!("sweep.tolerance={tolerance:?}")),
+            self.lyapunov.then(|| "sweep.lyapunov=true".to_owned()),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+impl SweepArgs {
+    pub(super) fn execute(&self) -> Result<()> {
+        launch::one_process("sweep runs")?;
+        refuse_petsc_options(&self.scene.petsc)?;
+        let settings = self.of.overrides();
+        let load =
+            |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
+        let scene = load(&[])?;
+        let Some(of) = &scene.sweep else {
+            let wrong =
+                "has no [sweep]; expected --over with --period, such as --over 'load.pressure=90..250:161'";
+            return Err(Error::Usage(format!("{}: it {wrong}", self.scene.scene.display())));
+        };
+        if scene.solver.engine != EngineName::Native {
+            let wrong = "sweep runs on the native engine; expected --engine native";
+            return Err(Error::Usage(wrong.into()));
+        }
+        let groups = sweep::groups(of);
+        if let Some(first) = groups.first().and_then(|runs| runs.first()) {
+            // A key that does not exist ends the sweep before its first run.
+            sweep::scene_at(of, &load, &first.values)?;
+        }
+        let folder = self.folder();
+        let _lock = RunLock::new(&folder, &Identity::of(&scene)?)?;
+        let store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
+        signal::listen()?;
+        let cache = self.scene.open_cache();
+        let runs = groups.iter().map(Vec::len).sum();
+        let mut files = SweepProgress::new(store, runs, self.scene.voice.is_silent());
+        let rows = sweep::conduct(of, &load, &mut files, self.jobs.get(), &|| signal::signal_received());
+        files.line.finish_and_clear();
+        drop(cache);
+        self.finish(&scene, &folder, files.store, rows)
+    }
+
+    /// Writes table, report and pictures of all runs, or the table of those that are done.
+    fn finish(
+        &self,
+        scene: &Scene,
+        folder: &Path,
+        mut store: SweepStore,
+        rows: Result<Vec<SweepRow>>,
+    ) -> Result<()> {
+        let is_complete = rows.is_ok();
+        let report = SweepReport::new(scene, command_line(), store.rows());
+        report.write(folder)?;
+        rows?;
+        let pictures = sweep::draw(&report, folder)?;
+        if is_complete {
+            store.clear_states()?;
+        }
+        let (quiet, json) = (self.scene.voice.quiet, self.scene.voice.json);
+        let shown = folder.display();
+        let mut text =
+            format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
+        text += &format!("{shown}/{}, {}\n", sweep::CSV, sweep::JSON);
+        text.extend(pictures.iter().map(|name| format!("{shown}/plots/{name}.svg, .png\n")));
+        match (json, quiet) {
+            (true, _) => print(&super::printing::json(&report)?),
+            (false, false) => print(&text),
+            (false, true) => Ok(()),
+        }
+    }
+
+    fn folder(&self) -> PathBuf {
+        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
+        self.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem()))
+    }
+}
+
+/// Store of the rows that shows the progress on the terminal.
+struct SweepProgress {
+    store: SweepStore,
+    line: ProgressBar,
+}
+
+impl SweepProgress {
+    fn new(store: SweepStore, runs: usize, quiet: bool) -> SweepProgress {
+        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let style = ProgressStyle::with_template("{pos}/{len} runs  {elapsed}, {eta} left  {wide_msg}")
+            .expect("the template is well-formed");
+        let line = ProgressBar::with_draw_target(Some(runs as u64), target).with_style(style);
+        let known = store.count();
+        if known > 0 && !quiet {
+            eprintln!("going on: {known} of {runs} runs are known");
+        }
+        line.set_position(known as u64);
+        line.reset_eta();
+        SweepProgress { store, line }
+    }
+}
+
+impl SweepRecord for SweepProgress {
+    fn known(&self, index: usize) -> Option<SweepRow> {
+        self.store.known(index)
+    }
+
+    fn state(&self, group: usize) -> Option<CarriedState> {
+        self.store.state(group)
+    }
+
+    fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()> {
+        self.store.done(group, row, state)?;
+        let values: Vec<String> = row.values.iter().map(|value| format!("{value}")).collect();
+        if let Some(why) = &row.failure {
+            self.line.suspend(|| eprintln!("failed at {}: {why}", values.join(", ")));
+        }
+        self.line.set_message(values.join(", "));
+        self.line.inc(1);
+        Ok(())
+    }
+}

@@ -1,0 +1,57 @@
+//! Checks and readings of a scheme that is stepped without the main loop.
+
+use super::outcome::first_impact;
+use super::readings::Accelerations;
+use super::step_check::{advice, check_residual};
+use super::{Impact, Model};
+use crate::energy::Guard;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::scene::Scene;
+use crate::scheme::Scheme;
+
+/// Number of steps between checks of the energy.
+const GUARD_EVERY: u64 = 100;
+
+/// Checks of every step, as in a run, and readings of the probes.
+pub struct StepMonitor<'m, E: Engine> {
+    scene: &'m Scene,
+    model: &'m Model<E>,
+    guard: Guard,
+    accelerations: Accelerations,
+}
+
+impl<'m, E: Engine> StepMonitor<'m, E> {
+    /// Starts to monitor a scheme of a model.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn new(scene: &'m Scene, model: &'m Model<E>, scheme: &dyn Scheme) -> Result<StepMonitor<'m, E>> {
+        let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
+        let guard = Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene));
+        Ok(StepMonitor { scene, model, guard, accelerations: Accelerations::new(scene) })
+    }
+
+    /// Checks residual and energy of the step just made, and reads the probes. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors with which a run stops.
+    pub fn note(&mut self, scheme: &mut dyn Scheme, probes: &mut [f64]) -> Result<()> {
+        let (step, time, kkt) = (scheme.step(), scheme.time(), scheme.step_report().kkt);
+        check_residual(step, time, kkt, self.scene.solver.tolerance)?;
+        if step.is_multiple_of(GUARD_EVERY) {
+            self.guard.check(step, time, scheme.energies()?)?;
+        }
+        let Model { readings, system, frame, .. } = self.model;
+        self.accelerations.note(readings, system, frame, scheme)?;
+        self.model.probe(scheme, &self.accelerations, probes)
+    }
+
+    /// Returns the earliest impact of the step just made. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of obstacles and support motions.
+    pub fn impact(&self, scheme: &dyn Scheme) -> Result<Option<Impact>> {
+        first_impact(self.model, scheme, self.scene.time.step, &|_| true)
+    }
+}

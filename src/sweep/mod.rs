@@ -1,0 +1,24 @@
+//! Sweeps: many runs of one scene over one or two of its keys.
+//!
+//! Every run lasts whole periods of the drive and is measured over the periods after the settling
+//! ones: its section once per period, extremes, forces, impacts, the number of periods after which
+//! it repeats, and the rate at which neighbouring motions part. Runs start as the scene says, or
+//! each where the one before ended, which follows an attractor up and down and so finds hysteresis.
+//! `docs/sweeps.md` defines every measure and tells how to read the pictures.
+
+mod conduct;
+pub mod lyapunov;
+mod measures;
+mod one_run;
+mod pictures;
+mod plan;
+mod report;
+mod store;
+
+pub use conduct::{Loader, SweepRecord, conduct, scene_at};
+pub use measures::{Measures, ProbeMeasures, repetition};
+pub use one_run::CarriedState;
+pub use pictures::{PICTURES, draw};
+pub use plan::{Direction, PlannedRun, groups};
+pub use report::{CSV, JSON, ProbeHead, SweepReport, SweepRow};
+pub use store::SweepStore;

@@ -1,0 +1,228 @@
+//! Pictures of a sweep: bifurcation diagram and response curves over one key, maps over two.
+
+use super::measures::{Measures, ProbeMeasures};
+use super::plan::Direction;
+use super::report::{ProbeHead, SweepReport, SweepRow};
+use crate::error::Result;
+use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Names of the pictures, without their extensions.
+pub const PICTURES: [&str; 3] = ["bifurcation", "response", "map"];
+
+/// Largest number of probes with a panel of their own.
+const MOST_PROBES: usize = 4;
+
+/// Numbers of points of a diagram that differ, across and upwards.
+const GRAIN: [f64; 2] = [1600.0, 800.0];
+
+/// Directions with their names and styles.
+const DIRECTIONS: [(Direction, &str); 3] =
+    [(Direction::Apart, ""), (Direction::Up, "up"), (Direction::Down, "down")];
+
+/// Draws the pictures of a sweep into its folder, and returns their names.
+///
+/// # Errors
+/// Returns [`Error::Io`](crate::Error::Io) where a file cannot be written.
+pub fn draw(report: &SweepReport, folder: &Path) -> Result<Vec<&'static str>> {
+    let mut figures = Vec::new();
+    if report.keys.len() == 1 {
+        if !report.probes.is_empty() {
+            figures.push((PICTURES[0], bifurcation(report)));
+        }
+        figures.push((PICTURES[1], response(report)));
+    } else {
+        figures.push((PICTURES[2], map(report)));
+    }
+    let mut names = Vec::new();
+    for (name, figure) in figures {
+        figure.note(&report.command).write(&folder.join(FOLDER).join(name))?;
+        names.push(name);
+    }
+    Ok(names)
+}
+
+/// Returns the runs of a direction that did not fail.
+fn runs_of(report: &SweepReport, direction: Direction) -> impl Iterator<Item = (&SweepRow, &Measures)> {
+    let of_direction = move |row: &&SweepRow| row.direction == direction;
+    let runs = report.rows.iter().filter(of_direction);
+    runs.filter_map(|row| Some((row, row.measures.as_ref()?)))
+}
+
+/// Returns the directions that occur, each with its name and its place in the palette.
+fn directions(report: &SweepReport) -> impl Iterator<Item = (Direction, &'static str, usize)> {
+    let named = DIRECTIONS.into_iter().filter(|(of, _)| report.rows.iter().any(|row| row.direction == *of));
+    named.map(|(of, name)| (of, name, usize::from(of == Direction::Down)))
+}
+
+/// Returns the axis of the swept values.
+fn key_axis(report: &SweepReport, key: usize) -> Axis {
+    let name = report.keys.get(key).cloned().unwrap_or_default();
+    Axis::linear(name, "").with(report.rows.iter().map(|row| row.values[key])).tight()
+}
+
+/// Plots the section of each probe over the swept key.
+fn bifurcation(report: &SweepReport) -> Figure {
+    let panel = |(index, probe): (usize, &ProbeHead)| {
+        let panel = Panel::new(key_axis(report, 0), Axis::linear(label(report, probe), &*probe.unit));
+        let curves = directions(report).map(|(direction, name, color)| {
+            let points = runs_of(report, direction)
+                .flat_map(|(row, of)| of.probes[index].section.iter().map(|value| [row.values[0], *value]));
+            Curve::new(name, distinct(points.collect())).palette(color).marks(0).size(0.22).scattered()
+        });
+        panel.height(if report.probes.len() == 1 { 150.0 } else { 110.0 }).curves(curves)
+    };
+    let panels = report.probes.iter().take(MOST_PROBES).enumerate().map(panel);
+    panels.fold(Figure::new(format!("{}: once per period", report.title)), Figure::panel)
+}
+
+/// Returns the label of a probe's axis.
+fn label(report: &SweepReport, probe: &ProbeHead) -> String {
+    if report.probes.len() == 1 {
+        probe.quantity.clone()
+    } else {
+        format!("{} {}", probe.name, probe.quantity)
+    }
+}
+
+/// Returns one of all points that a picture shows at the same place.
+fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let grain: Vec<[f64; 2]> = (0..2)
+        .map(|axis| {
+            let values = points.iter().map(|point| point[axis]);
+            let low = values.clone().fold(f64::INFINITY, f64::min);
+            let high = values.fold(f64::NEG_INFINITY, f64::max);
+            [low, GRAIN[axis] / (high - low).max(f64::MIN_POSITIVE)]
+        })
+        .collect();
+    let mut seen = BTreeSet::new();
+    points.retain(|point| {
+        let place = [0, 1].map(|axis| ((point[axis] - grain[axis][0]) * grain[axis][1]).round() as i64);
+        seen.insert(place)
+    });
+    points
+}
+
+/// Plots half the range of each probe, the peak force and the exponent over the swept key.
+fn response(report: &SweepReport) -> Figure {
+    let curves = |of: &dyn Fn(&Measures) -> f64| {
+        let curve = |(direction, name, color): (Direction, &'static str, usize)| {
+            let points: Vec<[f64; 2]> =
+                runs_of(report, direction).map(|(row, measures)| [row.values[0], of(measures)]).collect();
+            // A single run is no line.
+            let curve = Curve::new(name, points).palette(color).dashes(color).width(0.8);
+            curve.marks(color).size(0.35)
+        };
+        directions(report).map(curve).collect::<Vec<Curve>>()
+    };
+    let mut panels: Vec<Panel> = Vec::new();
+    for (index, probe) in report.probes.iter().take(MOST_PROBES).enumerate() {
+        let axis =
+            Axis::linear(format!("{}: half the range", label(report, probe)), &*probe.unit).with([0.0]);
+        panels
+            .push(Panel::new(key_axis(report, 0), axis).curves(curves(&|of| half_range(&of.probes[index]))));
+    }
+    if report.has_contact {
+        let axis = Axis::linear("peak force", "N").with([0.0]);
+        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|of| of.peak_force)));
+        let axis = Axis::linear("impact velocity", "m/s").with([0.0]);
+        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|of| of.impact_velocity)));
+    }
+    let has_exponent =
+        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|of| of.lyapunov.is_some());
+    if has_exponent {
+        let axis = Axis::linear("Lyapunov exponent", "1/s").with([0.0]);
+        panels.push(
+            Panel::new(key_axis(report, 0), axis).curves(curves(&|of| of.lyapunov.unwrap_or(f64::NAN))),
+        );
+    }
+    let last = panels.len().saturating_sub(1);
+    let panels = panels.into_iter().enumerate();
+    let panels = panels.map(|(index, panel)| if index < last { panel.without_x_labels() } else { panel });
+    panels.fold(Figure::new(&report.title), |figure, panel| figure.panel(panel.height(80.0)))
+}
+
+fn half_range(probe: &ProbeMeasures) -> f64 {
+    0.5 * (probe.max - probe.min)
+}
+
+/// Quantity of a map: its name, its unit, and its value; `None` where it has none.
+type Quantity<'q> = (String, &'q str, Box<dyn Fn(&Measures) -> Option<f64> + 'q>);
+
+/// Plots measures over both keys, one panel per measure and direction.
+fn map(report: &SweepReport) -> Figure {
+    let mut quantities: Vec<Quantity> = Vec::new();
+    if let Some(probe) = report.probes.first() {
+        let name = format!("half the range of {}", probe.name);
+        quantities.push((name, &probe.unit, Box::new(|of| of.probes.first().map(half_range))));
+    }
+    if report.has_contact {
+        quantities.push(("impact velocity".into(), "m/s", Box::new(|of| Some(of.impact_velocity))));
+        quantities.push(("peak force".into(), "N", Box::new(|of| Some(of.peak_force))));
+    }
+    let has_exponent =
+        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|of| of.lyapunov.is_some());
+    if has_exponent {
+        quantities.push(("Lyapunov exponent".into(), "1/s", Box::new(|of| of.lyapunov)));
+    }
+    let mut figure = Figure::new(&report.title);
+    for (name, unit, value) in &quantities {
+        for (direction, sense, _) in directions(report) {
+            let sense = if sense.is_empty() { String::new() } else { format!(", {sense}") };
+            let heading = format!("{name}{sense} ({unit})");
+            figure = figure.panel(map_panel(report, direction, &heading, &**value));
+        }
+    }
+    figure
+}
+
+/// Plots one measure over both keys; failed runs stay white.
+fn map_panel(
+    report: &SweepReport,
+    direction: Direction,
+    heading: &str,
+    value: &dyn Fn(&Measures) -> Option<f64>,
+) -> Panel {
+    let cells: Vec<([f64; 2], f64)> = runs_of(report, direction)
+        .filter_map(|(row, of)| Some(([row.values[0], row.values[1]], value(of)?)))
+        .collect();
+    let low = cells.iter().map(|cell| cell.1).fold(f64::INFINITY, f64::min);
+    let high = cells.iter().map(|cell| cell.1).fold(f64::NEG_INFINITY, f64::max);
+    let edges = [0, 1].map(|key| edges(report.rows.iter().map(|row| row.values[key]).collect()));
+    let bars = cells.iter().filter_map(|(at, value)| {
+        let [x, y] = [0, 1].map(|key| edges[key].iter().find(|of| of.0 == at[key]).map(|of| of.1));
+        let share = if high > low { (value - low) / (high - low) } else { 0.0 };
+        Some(Bar { x: x?, y: y?, color: shade(share) })
+    });
+    let axis = |key: usize| {
+        let ends = edges[key].iter().flat_map(|of| of.1);
+        Axis::linear(report.keys[key].clone(), "").with(ends).tight()
+    };
+    Panel::new(axis(0), axis(1)).height(130.0).bars(bars).ramp(Ramp {
+        label: heading.to_owned(),
+        ends: [low, high].map(|end| if end.is_finite() { format!("{end:.3e}") } else { String::new() }),
+        color: shade,
+    })
+}
+
+/// Returns different values, each with the ends of its cell, half-way to its neighbours.
+fn edges(mut values: Vec<f64>) -> Vec<(f64, [f64; 2])> {
+    values.sort_by(f64::total_cmp);
+    values.dedup();
+    let last = values.len() - 1;
+    let between = |i: usize| 0.5 * (values[i] + values[i + 1]);
+    let cell = |i: usize| {
+        let low = if i > 0 { between(i - 1) } else { values[0] - 0.5 * (values[last.min(1)] - values[0]) };
+        let high =
+            if i < last { between(i) } else { values[i] + 0.5 * (values[i] - values[i.saturating_sub(1)]) };
+        (values[i], [low, high])
+    };
+    (0..values.len()).map(cell).collect()
+}
+
+/// Returns the colour of a share from 0, pale yellow, to 1, dark blue.
+fn shade(share: f64) -> Color {
+    let mix = |from: f64, to: f64| (from + share.clamp(0.0, 1.0) * (to - from)).round() as u8;
+    Color(mix(255.0, 8.0), mix(247.0, 48.0), mix(188.0, 107.0))
+}

@@ -1,0 +1,155 @@
+//! Folder of a sweep: every finished run is there at once, so that a sweep that was killed goes on.
+//!
+//! `rows.jsonl` has a line with the hash of the scene, and one line per finished run. The state
+//! from which the next run of a group starts is in `state-N.bin`, until the sweep is complete.
+
+use super::conduct::SweepRecord;
+use super::one_run::CarriedState;
+use super::report::{CSV, JSON, SweepRow};
+use crate::archive;
+use crate::error::{Error, Result};
+use crate::output::claim::refuse_foreign;
+use crate::output::{plot, remove, write_atomic};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Name of the file of finished runs.
+const ROWS: &str = "rows.jsonl";
+
+/// Finished runs of a sweep in its folder.
+pub struct SweepStore {
+    folder: PathBuf,
+    file: File,
+    known: BTreeMap<usize, SweepRow>,
+    /// Last states, by group, each with the index of the run that ended with it.
+    states: BTreeMap<usize, (usize, CarriedState)>,
+}
+
+impl SweepStore {
+    /// Opens the folder of a sweep of the scene with this hash; `overwrite` forgets what it holds.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] for a folder with files that no sweep writes, or with the sweep of
+    /// another scene, and [`Error::Io`] where it cannot be read or written.
+    pub fn open(folder: &Path, hash: &str, overwrite: bool) -> Result<SweepStore> {
+        let is_state = |name: &str| name.starts_with("state-") && name.ends_with(".bin");
+        let is_own = |name: &str| [ROWS, JSON, CSV, plot::FOLDER, ".lock"].contains(&name) || is_state(name);
+        refuse_foreign(folder, "sweep", "--out", is_own)?;
+        let path = folder.join(ROWS);
+        let text = match fs::read_to_string(&path) {
+            Ok(text) if !overwrite => text,
+            Err(why) if why.kind() != ErrorKind::NotFound => return Err(Error::io(path)(why)),
+            _ => String::new(),
+        };
+        let mut lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+        let head = json!({ "scene": hash }).to_string();
+        if lines.next().is_some_and(|first| first.trim_end() != head) {
+            return Err(Error::Usage(format!(
+                "{} holds the sweep of another scene, or with other values: --out DIR names another folder, --overwrite \
+                 replaces it",
+                folder.display()
+            )));
+        }
+        let rows = lines.filter_map(|line| serde_json::from_str::<SweepRow>(line).ok());
+        let mut store = SweepStore {
+            known: rows.map(|row| (row.index, row)).collect(),
+            states: BTreeMap::new(),
+            file: File::options().create(true).append(true).open(&path).map_err(Error::io(&path))?,
+            folder: folder.to_owned(),
+        };
+        store.start_file(&head)?;
+        if overwrite {
+            store.clear_states()?;
+        }
+        store.read_states()?;
+        Ok(store)
+    }
+
+    /// Returns the number of runs that are known.
+    pub fn count(&self) -> usize {
+        self.known.len()
+    }
+
+    /// Writes the file anew from the known runs, without lines that a kill cut off.
+    fn start_file(&mut self, head: &str) -> Result<()> {
+        let path = self.folder.join(ROWS);
+        let rows = self.known.values().map(line);
+        let text: String = std::iter::once(head.to_owned() + "\n").chain(rows).collect();
+        write_atomic(&path, text.as_bytes())?;
+        self.file = File::options().append(true).open(&path).map_err(Error::io(&path))?;
+        Ok(())
+    }
+
+    /// Returns the paths of the states by group.
+    fn state_paths(&self) -> Vec<(usize, PathBuf)> {
+        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        let of_name = |path: PathBuf| {
+            let name = path.file_name()?.to_str()?.strip_prefix("state-")?.strip_suffix(".bin")?;
+            Some((name.parse().ok()?, path))
+        };
+        entries.filter_map(|entry| of_name(entry.path())).collect()
+    }
+
+    /// Reads the states of the groups. A state without its row was written just before a kill.
+    fn read_states(&mut self) -> Result<()> {
+        for (group, path) in self.state_paths() {
+            let bytes = fs::read(&path).map_err(Error::io(&path))?;
+            let saved: (SweepRowBytes, CarriedState) = archive::from_bytes(&bytes)?;
+            if let Ok(row) = serde_json::from_slice::<SweepRow>(&saved.0) {
+                self.states.insert(group, (row.index, saved.1));
+                if self.known.insert(row.index, row.clone()).is_none() {
+                    self.append(&row)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn append(&mut self, row: &SweepRow) -> Result<()> {
+        let written = self.file.write_all(line(row).as_bytes());
+        written.map_err(Error::io(self.folder.join(ROWS)))
+    }
+
+    /// Removes the states, which a complete sweep does not need.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] where a file cannot be removed.
+    pub fn clear_states(&mut self) -> Result<()> {
+        self.states.clear();
+        self.state_paths().iter().try_for_each(|(_, path)| remove(path))
+    }
+
+    /// Returns the rows that are known, in the order of the plan.
+    pub fn rows(&self) -> Vec<SweepRow> {
+        self.known.values().cloned().collect()
+    }
+}
+
+/// Row as JSON, which keeps its optional entries.
+type SweepRowBytes = Vec<u8>;
+
+fn line(row: &SweepRow) -> String {
+    serde_json::to_string(row).unwrap_or_default() + "\n"
+}
+
+impl SweepRecord for SweepStore {
+    fn known(&self, index: usize) -> Option<SweepRow> {
+        self.known.get(&index).cloned()
+    }
+
+    fn state(&self, group: usize) -> Option<CarriedState> {
+        self.states.get(&group).map(|(_, state)| state.clone())
+    }
+
+    fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()> {
+        if let (Some(state), Some(_)) = (state, &row.measures) {
+            let bytes = archive::to_bytes(&(line(row).into_bytes(), state))?;
+            write_atomic(&self.folder.join(format!("state-{group}.bin")), &bytes)?;
+        }
+        self.known.insert(row.index, row.clone());
+        self.append(row)
+    }
+}

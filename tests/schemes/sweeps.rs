@@ -1,0 +1,280 @@
+//! Sweeps, compared with closed forms: the response of a damped plate, grazing, hysteresis at a
+//! hardening stop, and Lyapunov exponents and periods of maps and motions where they are known.
+
+use crate::common::models::UNIT;
+use crate::common::scenes::close;
+use rebond::linalg::{Engine, Form, Native};
+use rebond::scene::Scene;
+use rebond::simulation::Model;
+use rebond::sweep::lyapunov::{Exponent, Neighbours};
+use rebond::sweep::{CarriedState, Direction, Measures, SweepRecord, SweepRow, conduct, repetition};
+use std::f64::consts::{LN_2, PI, TAU};
+
+/// Record that knows nothing from before.
+struct Fresh;
+
+impl SweepRecord for Fresh {
+    fn known(&self, _: usize) -> Option<SweepRow> {
+        None
+    }
+
+    fn state(&self, _: usize) -> Option<CarriedState> {
+        None
+    }
+
+    fn done(&mut self, _: usize, _: &SweepRow, _: Option<&CarriedState>) -> rebond::Result<()> {
+        Ok(())
+    }
+}
+
+/// Returns values, direction and measures of the runs of a sweep.
+fn sweep(text: &str) -> Vec<(f64, Direction, Measures)> {
+    let load = |settings: &[String]| Scene::from_str(text, "sweep.toml", settings);
+    let scene = load(&[]).unwrap();
+    let rows = conduct(scene.sweep.as_ref().unwrap(), &load, &mut Fresh, 2, &|| false).unwrap();
+    let measured = |row: SweepRow| {
+        let why = row.failure.unwrap_or_default();
+        (row.values[0], row.direction, row.measures.unwrap_or_else(|| panic!("{why}")))
+    };
+    rows.into_iter().map(measured).collect()
+}
+
+/// Damping rate (1/s) and load (Pa) of [`heave`].
+const DECAY: f64 = 0.05;
+const LOAD: f64 = 0.1;
+
+/// Returns the scene of a free plate of 1 kg/m2 on a bed of 1 N/m3 under an even pressure, which
+/// moves like a single mass: u'' + 0.05 u' + u = 0.1 sin(w t) between its obstacles.
+fn heave(obstacles: &str, sweep: &str) -> String {
+    [
+        UNIT,
+        &format!("parameters = {{ w = 1.09, p = {LOAD} }}\n"),
+        "mesh = { element = \"fvs\", cells = [1, 1] }\nfoundation = [{ stiffness = 1 }]\n",
+        &format!("load = {{ pressure = \"p*sin(w*t)\" }}\ndamping = {{ mass = {DECAY} }}\n"),
+        "time = { scheme = \"newmark\", mass = \"singular\", step = 0.04, end = 1 }\n",
+        "output = { probes = [{ name = \"u\", at = [0, 0] }] }\n",
+        obstacles,
+        sweep,
+    ]
+    .concat()
+}
+
+/// Returns the amplitude of the single mass without obstacles under 1 Pa.
+fn linear(w: f64) -> f64 {
+    1.0 / (1.0 - w * w).hypot(DECAY * w)
+}
+
+/// Loads that grow slowly to just under the value at which the plate grazes its stop meet nothing,
+/// and one just over it hits.
+#[test]
+fn a_single_mass_grazes_its_stop_at_the_load_of_its_amplitude() {
+    let grazing = 0.8 / linear(1.3);
+    // No transient motion overshoots its load by more than the step of the load.
+    let loads: Vec<f64> =
+        [0.45, 0.7, 0.84, 0.91, 0.95, 0.97, 0.98, 1.02].iter().map(|share| share * grazing).collect();
+    let over = loads.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    let rows = sweep(
+        &heave(
+            "obstacle = [{ side = \"below\", height = -0.8 }]\n",
+            &format!(
+                "sweep = {{ over = [\"p={over}\"], direction = \"up\", period = \"2*pi/w\", periods = 70, settle = 66 }}\n"
+            ),
+        )
+        .replace("w = 1.09", "w = 1.3"),
+    );
+    let (.., hit) = rows.last().unwrap();
+    assert!(hit.impacts > 0.0 && hit.peak_force > 0.0 && hit.impact_velocity > 0.0, "{hit:?}");
+    for (p, _, free) in &rows[..rows.len() - 1] {
+        assert_eq!((free.impacts, free.peak_force, free.impulse, free.period), (0.0, 0.0, 0.0, Some(1)));
+        close("amplitude", free.probes[0].amplitude, p * linear(1.3), 5e-3);
+        // Without contact damping takes what the load gives.
+        close("energy", free.work, PI * DECAY * 1.3 * (p * linear(1.3)).powi(2), 1e-2);
+        close("balance", free.loss, free.work, 1e-2);
+    }
+}
+
+/// Between compliant stops that double the stiffness, two motions exist over an interval of
+/// frequencies: the one without contact from w^2 = 1.1 on, where its amplitude falls below the gap,
+/// and one through the stops up to about 1.14, by harmonic balance of the stops. Up and down each
+/// follow theirs.
+#[test]
+fn a_hardening_stop_has_two_motions_that_the_directions_find() {
+    let stop = |side: &str, height: f64| format!("{{ side = \"{side}\", height = {height}, stiffness = 1 }}");
+    let rows = sweep(&heave(
+        &format!("obstacle = [{}, {}]\n", stop("below", -1.0), stop("above", 1.0)),
+        "sweep = { over = [\"w=1.01..1.19:10\"], direction = \"up_and_down\", period = \"2*pi/w\", periods = 56, settle = 50 }\n",
+    ));
+    assert_eq!(rows.len(), 20);
+    let amplitude = |direction: Direction, w: f64| {
+        let near = |row: &&(f64, Direction, Measures)| row.1 == direction && (row.0 - w).abs() < 1e-9;
+        rows.iter().find(near).unwrap().2.probes[0].amplitude
+    };
+    for w in [1.07, 1.09] {
+        let (up, down) = (amplitude(Direction::Up, w), amplitude(Direction::Down, w));
+        assert!(up > 1.2 && down < 1.0, "{w}: {up} {down}");
+        close("without contact", down, LOAD * linear(w), 1e-2);
+        // Harmonic balance: (1 - w^2 + N(A)) A and the damping balance the load.
+        let share = 1.0 / up;
+        let stiff = 1.0 - 2.0 / PI * (share.asin() + share * (1.0 - share * share).sqrt());
+        let load = up * (1.0 - w * w + stiff).hypot(DECAY * w);
+        close("harmonic balance", load, LOAD, 0.1);
+    }
+    // Outside the interval both directions show the one motion there is.
+    for w in [1.01, 1.17, 1.19] {
+        close("one motion", amplitude(Direction::Up, w), amplitude(Direction::Down, w), 1e-2);
+    }
+}
+
+/// The response of a damped cantilever is that of its matrices: amplitude and phase to 1e-4.
+#[test]
+fn a_linear_response_is_that_of_the_matrices() {
+    let text = [
+        UNIT,
+        "support = [{ edge = \"left\", kind = \"clamped\" }]\nmesh = { element = \"fvs\", cells = [2, 1] }\n",
+        "parameters = { w = 3.0 }\nload = { pressure = \"(1 + x)*sin(w*t)\" }\n",
+        "damping = { mass = 1.0, stiffness = 0.01 }\n",
+        "time = { scheme = \"newmark\", mass = \"consistent\", step = 0.0015, end = 1.5 }\n",
+        "output = { probes = [{ name = \"tip\", at = [1, 1] }] }\n",
+        "sweep = { over = [\"w=2,3.2,5,8\"], period = \"2*pi/w\", periods = 26, settle = 25 }\n",
+    ]
+    .concat();
+    let model = Model::new(&Scene::from_str(&text, "sweep.toml", &[]).unwrap()).unwrap();
+    let system = &model.system;
+    let n = system.engine.dofs();
+    let quarter = 0.25 * TAU / 3.0;
+    let mut load = vec![0.0; n];
+    for term in &system.drive.terms {
+        let factor = (term.factor)(quarter).unwrap();
+        load.iter_mut().zip(&term.load).for_each(|(sum, f)| *sum += factor * f);
+    }
+    let [stiffness, mass] = [&system.stiffness, &system.mass].map(|form| matrix(&system.engine, form));
+    for (w, _, measures) in sweep(&text) {
+        let damping: Vec<f64> = mass.iter().zip(&stiffness).map(|(m, k)| m + 0.01 * k).collect();
+        let u = response([&stiffness, &mass, &damping], &load, w);
+        let tip: [f64; 2] = [0, 1].map(|part| {
+            model.probes[0].weights().iter().map(|&(dof, weight)| weight * u[part * n + dof]).sum()
+        });
+        let (amplitude, phase) = (tip[0].hypot(tip[1]), tip[1].atan2(tip[0]));
+        let found = &measures.probes[0];
+        close("amplitude", found.amplitude, amplitude, 1e-4);
+        assert!((found.phase - phase).abs() < 1e-4, "{w}: {} {phase}", found.phase);
+        assert_eq!((measures.impacts, measures.impact_velocity), (0.0, 0.0));
+        close("energy balance", measures.work, measures.loss, 1e-3);
+    }
+}
+
+/// Returns a form as a dense matrix, stored by rows.
+fn matrix(engine: &Native, form: &Form) -> Vec<f64> {
+    let n = engine.dofs();
+    let mut matrix = vec![0.0; n * n];
+    let mut unit = vec![0.0; n];
+    for (dof, row) in matrix.chunks_exact_mut(n).enumerate() {
+        unit[dof] = 1.0;
+        engine.multiply(form, &unit, row).unwrap();
+        unit[dof] = 0.0;
+    }
+    matrix
+}
+
+/// Returns the factors of sin(w t) and then of cos(w t) in the steady motion under F sin(w t), with
+/// the matrices K, M and D.
+fn response([k, m, d]: [&[f64]; 3], load: &[f64], w: f64) -> Vec<f64> {
+    let n = load.len();
+    let mut a = faer::Mat::<f64>::zeros(2 * n, 2 * n);
+    let mut b = faer::Mat::<f64>::zeros(2 * n, 1);
+    for i in 0..n {
+        b[(i, 0)] = load[i];
+        for j in 0..n {
+            let (stiff, damped) = (k[i * n + j] - w * w * m[i * n + j], w * d[i * n + j]);
+            (a[(i, j)], a[(i, n + j)]) = (stiff, -damped);
+            (a[(n + i, j)], a[(n + i, n + j)]) = (damped, stiff);
+        }
+    }
+    let x = faer::linalg::solvers::Solve::solve(&a.partial_piv_lu(), &b);
+    (0..2 * n).map(|i| x[(i, 0)]).collect()
+}
+
+/// Two neighbouring orbits of a map on the unit interval.
+struct Orbits {
+    map: fn(f64) -> f64,
+    at: [f64; 2],
+}
+
+impl Neighbours for Orbits {
+    fn distance(&mut self) -> rebond::Result<f64> {
+        Ok((self.at[1] - self.at[0]).abs())
+    }
+
+    fn rescale(&mut self, ratio: f64) -> rebond::Result<()> {
+        let [first, second] = self.at;
+        let apart = ratio * (second - first);
+        // Both orbits stay within the interval.
+        let inside = (0.0..=1.0).contains(&(first + apart));
+        self.at[1] = if inside { first + apart } else { first - apart };
+        Ok(())
+    }
+}
+
+/// Returns the exponent per iteration of a map.
+fn exponent(map: fn(f64) -> f64, iterations: u64) -> f64 {
+    let mut orbits = Orbits { map, at: [0.3123, 0.3123 + 1e-9] };
+    let mut exponent = Exponent::new(&mut orbits, iterations).unwrap();
+    for _ in 0..iterations {
+        orbits.at = orbits.at.map(orbits.map);
+        exponent.note(&mut orbits).unwrap();
+    }
+    exponent.per_period().unwrap()
+}
+
+/// The logistic map has the exponent ln 2 at r = 4. At r = 3.2 its orbit a, b of period 2 has half
+/// the logarithm of r^2 (1 - 2 a) (1 - 2 b) = 4 + 2 r - r^2.
+#[test]
+fn exponents_of_maps_are_the_known_ones() {
+    let chaotic = exponent(|x| 4.0 * x * (1.0 - x), 200_000);
+    assert!((chaotic - LN_2).abs() < 5e-3, "{chaotic}");
+    let periodic = exponent(|x| 3.2 * x * (1.0 - x), 10_000);
+    let product: f64 = 4.0 + 2.0 * 3.2 - 3.2 * 3.2;
+    assert!((periodic - 0.5 * product.ln()).abs() < 1e-3, "{periodic}");
+}
+
+/// The logistic map doubles its period at r = 3 and at 1 + sqrt(6), has period 3 from 1 + sqrt(8)
+/// on, and no period at 4.
+#[test]
+fn periods_of_a_map_are_the_known_ones() {
+    let section = |r: f64| {
+        let mut x = 0.3123;
+        (0..20_000).for_each(|_| x = r * x * (1.0 - x));
+        let next = |_| {
+            x = r * x * (1.0 - x);
+            x
+        };
+        (0..200).map(next).collect::<Vec<f64>>()
+    };
+    let doubled = 1.0 + 6.0_f64.sqrt();
+    let window = 1.0 + 8.0_f64.sqrt();
+    for (r, period) in [
+        (2.98, Some(1)),
+        (3.02, Some(2)),
+        (doubled - 0.02, Some(2)),
+        (doubled + 0.02, Some(4)),
+        (window + 0.005, Some(3)),
+        (4.0, None),
+    ] {
+        assert_eq!(repetition(&[(&section(r), 1.0)], 1e-3), period, "{r}");
+    }
+    // Two probes repeat together: with periods 2 and 3 after 6.
+    let [two, three] = [2, 3].map(|period| (0..60).map(|i| f64::from(i % period)).collect::<Vec<f64>>());
+    assert_eq!(repetition(&[(&two, 1.0), (&three, 1.0)], 1e-3), Some(6));
+}
+
+/// Neighbours of the damped motion of a single mass approach it at half its damping rate.
+#[test]
+fn the_exponent_of_a_damped_motion_is_minus_its_decay_rate() {
+    let rows = sweep(&heave(
+        "",
+        "sweep = { over = [\"p=0.1,0.2\"], period = \"2*pi/w\", periods = 120, settle = 20, lyapunov = true }\n",
+    ));
+    for (.., measures) in rows {
+        close("exponent", measures.lyapunov.unwrap(), -0.5 * DECAY, 1e-2);
+    }
+}
