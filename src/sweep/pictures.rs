@@ -69,7 +69,7 @@ fn bifurcation(report: &SweepReport) -> Figure {
         let curves = directions(report).map(|(direction, name, color)| {
             let points = runs_of(report, direction)
                 .flat_map(|(row, of)| of.probes[index].section.iter().map(|value| [row.values[0], *value]));
-            Curve::new(name, distinct(points.collect())).palette(color).marks(0).size(0.22).scattered()
+            Curve::new(name, distinct(points.collect())).palette(color).marks(0).size(0.12).scattered()
         });
         panel.height(if report.probes.len() == 1 { 150.0 } else { 110.0 }).curves(curves)
     };

@@ -119,6 +119,28 @@ fn a_killed_sweep_goes_on() {
     assert_eq!(table(&folder, "cut"), table(&folder, "whole"));
 }
 
+/// A sweep that is asked to stop says how to go on, and leaves the table of the runs that are done.
+#[cfg(unix)]
+#[test]
+fn a_stopped_sweep_says_how_to_go_on() {
+    let folder = folder("stopped");
+    let arguments = ["sweep", "fall.toml", "--quiet", "--over", "a=50..350:2000", "--periods", "12"];
+    let mut job = Command::new(env!("CARGO_BIN_EXE_rebond"))
+        .args(arguments)
+        .current_dir(&folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let rows = folder.join("sweeps/fall/rows.jsonl");
+    let known = || fs::read_to_string(&rows).map_or(0, |text| text.lines().count());
+    while known() < 2 && job.try_wait().unwrap().is_none() {
+        sleep(Duration::from_millis(2));
+    }
+    Command::new("kill").args(["-INT", &job.id().to_string()]).status().unwrap();
+    assert_fails(&job.wait_with_output().unwrap(), 130, &["interrupted: ", "of 2000 runs", "goes on"]);
+    assert_eq!(table(&folder, "sweeps/fall").lines().count(), known());
+}
+
 #[test]
 fn a_folder_belongs_to_one_sweep() {
     let folder = folder("owner");
