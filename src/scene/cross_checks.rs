@@ -123,6 +123,14 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let what = "takes only what does not change with time";
         return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
     }
+    let is_modal = scene.time.mass == Mass::Modal;
+    if let Some(key) = scene.stop_damping()
+        && is_modal
+    {
+        let wrong = "time.mass = \"modal\" follows plates whose stops have no damping of their own";
+        let others = "0, or time.mass = \"singular\" with time.scheme = \"newmark\" or \"midpoint\"";
+        return Err(doc.fault(&key, format!("{wrong}; expected {others}")));
+    }
     if let Some(key) = scene.stop_damping()
         && !able.takes_stop_damping
     {
@@ -133,7 +141,10 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let wrong = "lets the massless tips of compliant stops oscillate more and more";
         return Err(doc.fault("time.beta", format!("0.25 {wrong}; expected more than 0.25, such as 0.5")));
     }
-    let is_modal = scene.time.mass == Mass::Modal;
+    if let (SchemeSpec::Newmark { beta: 0.25, .. }, true) = (scene.time.scheme, is_modal) {
+        let wrong = "lets the massless rest of time.mass = \"modal\" oscillate more and more";
+        return Err(doc.fault("time.beta", format!("0.25 {wrong}; expected more than 0.25, such as 0.5")));
+    }
     // Modes with inertia of their own each take their own damping, unless they follow events.
     if !(able.takes_any_damping || is_modal && able.takes_time_dependence) {
         for (key, is_on) in [

@@ -44,7 +44,7 @@ pub use drive::{BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, Suppo
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
-pub use modal::{ContactCompliance, ModalConserving};
+pub use modal::{ContactCompliance, ModalScheme};
 pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};

@@ -5,10 +5,10 @@
 //! [`SchemeSpec`] with a row of [`Capabilities`] here, and the reading of its options in a scene.
 
 use super::{
-    Conserving, Exact, Massless, Midpoint, ModalConserving, Newmark, NewmarkParameters, Scheme, Start,
-    System, exact,
+    Conserving, Exact, Massless, Midpoint, ModalScheme, Newmark, NewmarkParameters, Scheme, Start, System,
+    exact,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form};
 use crate::vi::SolverFactory;
 use serde::{Deserialize, Serialize};
@@ -36,8 +36,6 @@ pub struct Capabilities {
     pub options: &'static [&'static str],
     /// Reason why the scheme refuses the consistent mass; `None` where it takes either mass.
     pub needs_singular_mass: Option<&'static str>,
-    /// Whether the scheme takes the singular mass of the lowest modes.
-    pub takes_modal_mass: bool,
     /// Whether contact with the consistent mass is stable at short enough steps.
     pub bounces_with_consistent_mass: bool,
     /// Whether damping by the stiffness and of single modes is possible, besides that by the mass,
@@ -62,7 +60,6 @@ const NEWMARK: Capabilities = Capabilities {
     name: "newmark",
     options: &["beta", "restitution"],
     needs_singular_mass: None,
-    takes_modal_mass: false,
     bounces_with_consistent_mass: true,
     takes_any_damping: true,
     takes_stop_damping: true,
@@ -88,7 +85,6 @@ const CONSERVING: Capabilities = Capabilities {
     needs_singular_mass: Some(
         "with this mass velocities jump at impacts, and nothing says what energy is left",
     ),
-    takes_modal_mass: true,
     takes_any_damping: false,
     takes_stop_damping: false,
     keeps_energy: true,
@@ -100,7 +96,6 @@ const EXACT: Capabilities = Capabilities {
     name: "exact",
     options: &[],
     needs_singular_mass: Some("with this mass an impact has no law of its own to follow"),
-    takes_modal_mass: true,
     takes_any_damping: false,
     takes_stop_damping: false,
     takes_time_dependence: false,
@@ -306,20 +301,27 @@ impl SchemeSpec {
         solver: &'m SolverFactory<E>,
     ) -> Result<Box<dyn Scheme + 'm>> {
         let System { engine, bounds, .. } = system;
+        let is_modal = matches!(system.mass, Form::Modal { .. });
         Ok(match self {
             SchemeSpec::Newmark { beta, restitution } => {
                 let parameters = NewmarkParameters { beta, restitution, step: dt };
+                if is_modal {
+                    return Ok(Box::new(ModalScheme::newmark(system, parameters, start)?));
+                }
                 let solver = solver(engine, &Newmark::matrix(system, parameters), bounds.len())?;
                 Box::new(Newmark::with_solver(system, parameters, start, solver)?)
             }
+            SchemeSpec::Midpoint { massless: Massless::Reflected } if is_modal => {
+                let why = "time.massless = \"reflected\" contradicts time.mass = \"modal\"";
+                return Err(Error::Usage(format!("{why}; expected \"equilibrium\"")));
+            }
+            SchemeSpec::Midpoint { .. } if is_modal => Box::new(ModalScheme::midpoint(system, dt, start)?),
             SchemeSpec::Midpoint { massless } => {
                 let solver = solver(engine, &Midpoint::matrix(system, dt), bounds.len())?;
                 Box::new(Midpoint::with_solver(system, dt, massless, start, solver)?)
             }
-            SchemeSpec::Conserving => match system.mass {
-                Form::Modal { .. } => Box::new(ModalConserving::new(system, dt, start)?),
-                _ => Box::new(Conserving::with_solver(system, dt, start, solver)?),
-            },
+            SchemeSpec::Conserving if is_modal => Box::new(ModalScheme::conserving(system, dt, start)?),
+            SchemeSpec::Conserving => Box::new(Conserving::with_solver(system, dt, start, solver)?),
             SchemeSpec::Exact => Box::new(Exact::new(system, dt, start)?),
         })
     }

@@ -5,7 +5,7 @@ use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, Form};
 use crate::output::text::{Report, significant};
 use crate::scene::Scene;
-use crate::scheme::{ContactCompliance, ModalConserving, Scheme, StepRecord};
+use crate::scheme::{ContactCompliance, ModalScheme, Scheme, StepRecord};
 use crate::simulation::Model;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -102,7 +102,7 @@ fn touching(scene: &Scene, model: &Model) -> Result<Vec<usize>> {
         return Ok(Vec::new());
     }
     let steps = (first.min(scene.time.end) / step).ceil().min(MOST_STEPS) as u64;
-    let mut scheme = ModalConserving::new(system, step, start.clone())?;
+    let mut scheme = ModalScheme::conserving(system, step, start.clone())?;
     let mut touching = BTreeSet::new();
     let add = |touching: &mut BTreeSet<usize>, record: &StepRecord| {
         let touches = record.candidates().filter(|&bound| record.reaction[bound] != 0.0);

@@ -145,13 +145,14 @@ pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
         let schemes = SchemeSpec::representatives(mass != Mass::Consistent);
         schemes.into_iter().map(move |scheme| Method { scheme, mass, modes: None, engine, vi })
     });
-    let takes_mass =
-        |method: &Method| method.mass != Mass::Modal || method.scheme.capabilities().takes_modal_mass;
+    // With the modal mass the others are there for comparison.
+    let is_advised =
+        |method: &Method| method.mass != Mass::Modal || method.scheme.capabilities().keeps_energy;
     let serves = |method: &Method| {
         let is_distributed = method.scheme.capabilities().is_distributed && method.mass != Mass::Modal;
         engine == EngineName::Native || is_distributed
     };
-    all.filter(takes_mass).filter(serves).collect()
+    all.filter(is_advised).filter(serves).collect()
 }
 
 /// Returns all elements in the order of the tables, the last of the registry first.

@@ -216,6 +216,9 @@ fn exact_goes_on() {
     let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8"];
     goes_on(&split);
     goes_on(&[&split[..], &["time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]].concat());
+    for scheme in ["time.scheme=newmark", "time.scheme=midpoint"] {
+        goes_on(&[scheme, "time.mass=modal", "time.modes=8"]);
+    }
     // Enough nodes for several tiers of the certificates.
     goes_on(&[&split[..], &["mesh.cells=[16, 8]"]].concat());
 }
@@ -247,6 +250,9 @@ fn what_changes_with_time_goes_on() {
     goes_on(&[&changes[..], &["time.scheme=conserving", "time.step=5e-4", "time.end=0.2"]].concat());
     let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8", "mesh.cells=[12, 6]"];
     goes_on(&[&changes[..], &split].concat());
+    for scheme in ["time.scheme=newmark", "time.scheme=midpoint"] {
+        goes_on(&[&changes[..], &split[1..], &[scheme]].concat());
+    }
 }
 
 /// Extremes of the stress, stresses in snapshots, and accelerations, which are differences of

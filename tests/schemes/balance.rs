@@ -14,7 +14,7 @@ use rebond::scheme::{Scheme, SchemeSpec, StepBalance};
 use rebond::simulation::{self, Model, NamedForce, NodeReaction, Observer, Row};
 
 /// Scheme, mass and parameters of every kind.
-const METHODS: [(&str, &str, &str); 9] = [
+const METHODS: [(&str, &str, &str); 11] = [
     ("newmark", "singular", ", restitution = 0.5"),
     ("newmark", "consistent", ", beta = 0.3, restitution = 0.3"),
     ("midpoint", "singular", ""),
@@ -24,6 +24,8 @@ const METHODS: [(&str, &str, &str); 9] = [
     ("exact", "singular", ""),
     ("conserving", "modal", ", modes = 9"),
     ("exact", "modal", ", modes = 9"),
+    ("newmark", "modal", ", modes = 9, beta = 0.3, restitution = 0.3"),
+    ("midpoint", "modal", ", modes = 9"),
 ];
 
 /// Relative rounding error of a balance.

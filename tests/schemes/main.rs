@@ -14,6 +14,7 @@ mod impulses;
 mod kinks;
 mod modal;
 mod modal_compliance;
+mod modal_implicit;
 mod modal_limits;
 mod moving;
 mod period_three_bar;

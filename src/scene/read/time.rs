@@ -84,7 +84,7 @@ fn modes(doc: &Document) -> Result<Option<ModeRange>> {
 /// Reads the scheme with its options, which no other scheme takes.
 fn scheme(doc: &Document) -> Result<SchemeSpec> {
     let name: SchemeName = doc.choice("time.scheme")?;
-    let Capabilities { options, needs_singular_mass, takes_modal_mass, .. } = name.capabilities();
+    let Capabilities { options, needs_singular_mass, .. } = name.capabilities();
     for of in SchemeName::ALL.into_iter().filter(|of| *of != name) {
         for key in of.capabilities().options {
             let (name, of) = (name.word(), of.word());
@@ -101,13 +101,6 @@ fn scheme(doc: &Document) -> Result<SchemeSpec> {
         restitution: number("restitution", &RESTITUTION, 0.0)?,
         massless: if options.contains(&"massless") { massless(doc)? } else { Massless::Reflected },
     });
-    if !takes_modal_mass && doc.choice::<Mass>("time.mass")? == Mass::Modal {
-        let name = name.word();
-        let wrong = format!("\"modal\" contradicts time.scheme = \"{name}\", which moves all dofs in steps");
-        let expected =
-            "expected \"singular\" or \"consistent\", or time.scheme = \"conserving\" or \"exact\"";
-        return Err(doc.fault("time.mass", format!("{wrong}; {expected}")));
-    }
     match needs_singular_mass {
         Some(why) if doc.choice::<Mass>("time.mass")? == Mass::Consistent => {
             let name = name.word();
@@ -122,6 +115,16 @@ fn scheme(doc: &Document) -> Result<SchemeSpec> {
 /// Reads the treatment of the massless part, whose default depends on mass and damping.
 fn massless(doc: &Document) -> Result<Massless> {
     let mass: Mass = doc.choice("time.mass")?;
+    if mass == Mass::Modal {
+        return match doc.optional_choice("time.massless")? {
+            Some(Massless::Reflected) => {
+                let wrong =
+                    "\"reflected\" contradicts time.mass = \"modal\", whose massless rest is in equilibrium";
+                Err(doc.fault("time.massless", format!("{wrong}; expected \"equilibrium\"")))
+            }
+            _ => Ok(Massless::Equilibrium),
+        };
+    }
     let damped = doc.optional_number("damping.stiffness", &STIFFNESS_DAMPING)?.is_some_and(|beta| beta > 0.0);
     let has_dashpots = has_dashpots(doc, "obstacle")? || has_dashpots(doc, "ball")?;
     let own = if damped || has_dashpots { Massless::Reflected } else { mass.massless() };
@@ -129,12 +132,8 @@ fn massless(doc: &Document) -> Result<Massless> {
     if (own, massless) == (Massless::Reflected, Massless::Equilibrium) {
         let why = match mass {
             Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
-            Mass::Singular | Mass::Modal if has_dashpots => {
-                "the damping of a stop, under which the massless part is in no equilibrium"
-            }
-            Mass::Singular | Mass::Modal => {
-                "damping.stiffness, under which the massless part is in no equilibrium"
-            }
+            _ if has_dashpots => "the damping of a stop, under which the massless part is in no equilibrium",
+            _ => "damping.stiffness, under which the massless part is in no equilibrium",
         };
         let wrong = format!("\"equilibrium\" contradicts {why}; expected \"reflected\"");
         return Err(doc.fault("time.massless", wrong));

@@ -11,8 +11,9 @@
 //! and the rest follows loads and reactions. Rigid motions have no restoring force, and their mean
 //! displacement does not count. The balance then holds at every free dof.
 
-use super::ModalConserving;
+use super::ModalScheme;
 use super::data::ModalData;
+use super::implicit::Implicit;
 use super::mean_balance::MeanBalance;
 use super::state::kick;
 use crate::communicator::Communicator;
@@ -21,7 +22,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::scheme::{Scheme, StepBalance};
 
-impl<E: Engine> ModalConserving<'_, E> {
+impl<E: Engine> ModalScheme<'_, E> {
     /// Begins to keep the balance.
     pub(super) fn begin_balance(&mut self) {
         let data = (*self.now.data).clone();
@@ -47,6 +48,41 @@ impl<E: Engine> ModalConserving<'_, E> {
         if self.system.drive.varies() {
             balance.last = ModalData::between(&self.before.data, &self.now.data, 0.5 / gamma);
         }
+    }
+
+    /// Returns the balance of the equation of the Newmark step from the present instant.
+    pub(super) fn newmark_balance(&self, beta: f64) -> StepBalance {
+        let mut result = StepBalance::zero(self.system);
+        let Some(Implicit { next, reaction, .. }) = &self.implicit else { return result };
+        let (before, now, dt) = (&self.before, &self.now, self.record.dt);
+        let is_start = self.record.step == 0;
+        let mut place = now.q.clone();
+        for (k, place) in place.iter_mut().enumerate() {
+            let difference = (next.q[k] - now.q[k]) - (now.q[k] - before.q[k]);
+            // The unknown and the damped rate of the first step are those of its own equation.
+            let (x, rate) = match is_start {
+                true => (2.0 * (next.q[k] - now.q[k]), (next.q[k] - now.q[k]) / dt),
+                false => (difference, now.v[k]),
+            };
+            *place += beta * x;
+            result.acceleration[k] = difference / (dt * dt) + self.decays[k] * rate;
+        }
+        let ends = ModalData::between(&before.data, &next.data, 0.5);
+        let mean = ModalData::between(&now.data, &ends, 2.0 * beta);
+        self.modes.add_shapes(&place, &mut result.displacement);
+        self.loads.add_response(&mean, &mut result.displacement);
+        for (k, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            axpy(*r, &self.model.flexibility[k], &mut result.displacement);
+        }
+        let time = self.record.time();
+        result.loads = match is_start {
+            true => vec![(0.0, 1.0)],
+            false => vec![(time - dt, beta), (time, 1.0 - 2.0 * beta), (time + dt, beta)],
+        };
+        result.places = mean.places;
+        result.support_rates.clone_from(&now.frame_rates);
+        result.support_accelerations = self.support_accelerations();
+        result
     }
 
     /// Returns the mean balance over the last step of the grid. Collective.

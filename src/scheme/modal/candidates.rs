@@ -1,6 +1,6 @@
 //! Candidates for contact of the modal mass, which join as they come near.
 
-use super::ModalConserving;
+use super::ModalScheme;
 use super::data::ModalData;
 use super::products::norm;
 use super::reach::{Check, Finding};
@@ -12,7 +12,7 @@ use faer::Mat;
 use std::rc::Rc;
 use std::time::Instant;
 
-impl<E: Engine> ModalConserving<'_, E> {
+impl<E: Engine> ModalScheme<'_, E> {
     /// Evaluates the nodes of a tier and of all smaller ones at the present state.
     pub(super) fn check_reach(&mut self, tier: usize) -> Finding {
         let pull = self.now.pull(&self.modes.squares);
@@ -45,6 +45,7 @@ impl<E: Engine> ModalConserving<'_, E> {
         for state in [&mut self.now, &mut self.before] {
             state.extend(&self.model, &self.rows, &old);
         }
+        self.extend_implicit(&selected, &old);
         self.contact = extended(&self.contact, &candidates, &old);
         self.shown.contact = extended(&self.shown.contact, &candidates, &old);
         let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
@@ -52,10 +53,26 @@ impl<E: Engine> ModalConserving<'_, E> {
         self.shown.state = self.now.clone();
         Ok(())
     }
+
+    /// Extends the implicit rule, with data as they are `selected` for the present candidates.
+    fn extend_implicit(&mut self, selected: &dyn Fn(&Rc<ModalData>) -> Rc<ModalData>, old: &[usize]) {
+        let is_newmark = self.newmark_parameters().is_some();
+        let ModalScheme { implicit, model, rows, before, now, .. } = self;
+        let Some(implicit) = implicit else { return };
+        implicit.extend(model, rows, old);
+        // The first levels are not there yet while the start looks for candidates.
+        if is_newmark && !implicit.next.q.is_empty() {
+            implicit.next.data = selected(&implicit.next.data);
+            implicit.next.extend(model, rows, old);
+            for level in [before, now, &mut implicit.next] {
+                level.respond(model, rows);
+            }
+        }
+    }
 }
 
 /// Returns a contact solver for more candidates, those that are new without contact.
-fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> ComplianceSolver {
+pub(super) fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> ComplianceSolver {
     let mut more = ComplianceSolver::new(candidates.len());
     more.factorisations = solver.factorisations;
     for (of, side) in old.iter().zip(&solver.sides) {

@@ -1,18 +1,18 @@
-//! Saving and restoring the conserving scheme for the modal mass, on any number of ranks.
+//! Saving and restoring the schemes for the modal mass, on any number of ranks.
 //!
 //! Where the modes have changed (see [`super::coordinates`]), the certificates for the nodes that
 //! are no candidates are renewed. The numbers of the candidates stay.
 
 use super::contact_model::ContactModel;
 use super::coordinates::Coordinates;
-use super::{Balance, ModalConserving};
+use super::{Balance, ModalScheme};
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::scheme::Approach;
 use faer::Mat;
 
-impl<E: Engine> ModalConserving<'_, E> {
+impl<E: Engine> ModalScheme<'_, E> {
     /// Saves or restores the scheme. Collective.
     pub(super) fn save_or_restore(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
@@ -23,10 +23,11 @@ impl<E: Engine> ModalConserving<'_, E> {
         archive.value(&mut self.length)?;
         archive.value(&mut self.relaxation)?;
         self.archive_candidates(archive)?;
-        let ModalConserving { system, modes, all, now, before, mean_balance, .. } = self;
+        let ModalScheme { system, modes, all, now, before, implicit, mean_balance, .. } = self;
         let coordinates = Coordinates::new(system, modes, all);
         now.archive(archive, &coordinates)?;
         before.archive(archive, &coordinates)?;
+        implicit.as_mut().map_or(Ok(()), |implicit| implicit.archive(archive, &coordinates))?;
         mean_balance.as_mut().map_or(Ok(()), |balance| balance.archive(archive, &coordinates))?;
         let are_same = coordinates.are_same();
         self.reach.archive(archive)?;
@@ -69,6 +70,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     fn complete(&mut self, is_listed: bool, are_same: bool) -> Result<()> {
         if !self.system.drive.varies() {
             self.before.data = self.now.data.clone();
+            self.implicit.iter_mut().for_each(|implicit| implicit.next.data = self.now.data.clone());
         }
         if !are_same {
             self.reach.renew_all();
@@ -83,6 +85,9 @@ impl<E: Engine> ModalConserving<'_, E> {
         let record = self.record.clone();
         self.show();
         self.record = record;
+        if self.newmark_parameters().is_some() {
+            self.show_newmark();
+        }
         if is_listed {
             self.list_candidates();
         }

@@ -143,6 +143,11 @@ impl ModalLoads {
         Ok(data)
     }
 
+    /// Returns the modal force of the constant load.
+    pub fn constant_force(&self) -> &[f64] {
+        self.forces.col_as_slice(0)
+    }
+
     /// Adds the response of the rest of the displacement to the loads of an instant to `u`, in m.
     pub fn add_response(&self, data: &ModalData, u: &mut [f64]) {
         for (k, factor) in data.factors.iter().enumerate() {
@@ -172,7 +177,7 @@ impl ModalLoads {
         let responses = data.factors.iter().enumerate().map(|(k, factor)| factor * self.energies[(0, k)]);
         let shift = self.shifts.col_as_slice(0);
         let reactions: f64 = candidates.iter().zip(reaction).map(|(&i, r)| shift[i] * r).sum();
-        dot(self.forces.col_as_slice(0), q) + reactions + responses.sum::<f64>()
+        dot(self.constant_force(), q) + reactions + responses.sum::<f64>()
     }
 }
 

@@ -1,5 +1,6 @@
-//! Conserving scheme for the modal mass: exact rotation of the modes between kicks of the contact
-//! forces, with a relaxation that keeps the energy.
+//! Schemes for the modal mass that move the modes in steps. The conserving scheme rotates the modes
+//! exactly between kicks of the contact forces, with a relaxation that keeps the energy; the
+//! [midpoint rule](midpoint) and the [Newmark scheme](newmark) take [implicit] steps.
 //!
 //! With the [mass of the lowest modes](crate::linalg::MassModes) a displacement splits into modes q
 //! and a massless rest, which follows at once. The bounded deflections are
@@ -60,9 +61,12 @@ mod data;
 mod flight;
 mod forecast;
 mod groups;
+mod implicit;
 mod increments;
 mod limits;
 mod mean_balance;
+mod midpoint;
+mod newmark;
 mod products;
 mod reach;
 mod relaxation;
@@ -75,7 +79,7 @@ mod stepping;
 pub use compliance::ContactCompliance;
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;
-use super::{Approach, RelaxationStatistics, Start, StepRecord, System};
+use super::{Approach, NewmarkParameters, RelaxationStatistics, Start, StepRecord, System};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
@@ -87,6 +91,7 @@ use contact_model::ContactModel;
 use data::ModalLoads;
 use faer::Mat;
 use flight::Flight;
+use implicit::{Implicit, Rule};
 use increments::Increments;
 use limits::Limits;
 use mean_balance::MeanBalance;
@@ -101,8 +106,8 @@ use std::rc::Rc;
 /// Longest part of a step, in periods of the fastest mode.
 const PART: f64 = 0.1;
 
-/// Conserving scheme for the modal mass; see the [module page](self).
-pub struct ModalConserving<'s, E: Engine> {
+/// Scheme for the modal mass; see the [module page](self).
+pub struct ModalScheme<'s, E: Engine> {
     system: &'s System<E>,
     modes: Rc<MassModes>,
     saddle: ModalSaddlePoint<'s, E>,
@@ -112,6 +117,8 @@ pub struct ModalConserving<'s, E: Engine> {
     /// Decay rates of the modes, in 1/s.
     decays: Vec<f64>,
     is_damped: bool,
+    /// Implicit rule in place of the exact motion.
+    implicit: Option<Implicit>,
     /// Exact motion over a part of a step, and over the last step of another length.
     rotation: Rotation,
     other: Rotation,
@@ -153,20 +160,58 @@ pub struct ModalConserving<'s, E: Engine> {
 /// Balance of energy, in J.
 #[derive(Default)]
 struct Balance {
-    /// Energy at the start besides that of the constant load, and its change since by work.
+    /// Energy at the start besides that of the constant load, and its change since by work. For the
+    /// Newmark scheme the former is the work of the constant load on the initial position.
     start: f64,
     work: f64,
     /// Difference of the reported total energy and the scheme's own at the start.
     offset: f64,
 }
 
-impl<'s, E: Engine> ModalConserving<'s, E> {
-    /// Starts the scheme with steps of `dt` seconds.
+impl<'s, E: Engine> ModalScheme<'s, E> {
+    /// Starts the conserving scheme with steps of `dt` seconds.
     ///
     /// # Errors
     /// Returns [`Error::Usage`] for a mass that is not modal, or too many modes for the compliance
     /// of the contact, and the errors of the engine.
-    pub fn new(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalConserving<'s, E>> {
+    pub fn conserving(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalScheme<'s, E>> {
+        ModalScheme::with_rule(system, dt, start, None)
+    }
+
+    /// Starts the midpoint rule with steps of `dt` seconds.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`ModalScheme::conserving`].
+    pub fn midpoint(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalScheme<'s, E>> {
+        ModalScheme::with_rule(system, dt, start, Some(Rule::Midpoint))
+    }
+
+    /// Starts the Newmark scheme.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`ModalScheme::conserving`], and [`Error::Usage`] for beta = 1/4,
+    /// with which the massless rest oscillates more and more.
+    pub fn newmark(
+        system: &'s System<E>,
+        parameters: NewmarkParameters,
+        start: Start,
+    ) -> Result<ModalScheme<'s, E>> {
+        let NewmarkParameters { beta, restitution, step } = parameters;
+        if beta <= 0.25 {
+            return Err(Error::Usage(format!(
+                "time.beta = {beta} lets the massless rest oscillate more and more; expected more than 0.25"
+            )));
+        }
+        ModalScheme::with_rule(system, step, start, Some(Rule::Newmark { beta, restitution }))
+    }
+
+    /// Starts the scheme with an implicit rule, or with the conserving one.
+    fn with_rule(
+        system: &'s System<E>,
+        dt: f64,
+        start: Start,
+        rule: Option<Rule>,
+    ) -> Result<ModalScheme<'s, E>> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
@@ -184,7 +229,8 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         let bounds = &system.bounds;
         let fastest = modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU);
         let part = dt / (dt * fastest / PART).ceil().max(1.0);
-        let mut scheme = ModalConserving {
+        let mut scheme = ModalScheme {
+            implicit: rule.map(|rule| Implicit::new(rule, dt, &modes.squares, &decays)),
             is_damped: decays.iter().any(|decay| *decay > 0.0),
             rotation: Rotation::new(&modes.squares, &decays, part),
             other: Rotation::new(&modes.squares, &decays, part),
@@ -221,6 +267,10 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
         };
         scheme.record.admissible = bounds.dofs.iter().map(|&dof| start.displacement[dof]).collect();
         scheme.begin()?;
+        if scheme.newmark_parameters().is_some() {
+            scheme.begin_newmark()?;
+        }
+        scheme.compliance_seconds = 0.0;
         Ok(scheme)
     }
 
@@ -235,7 +285,6 @@ impl<'s, E: Engine> ModalConserving<'s, E> {
             self.add_candidates(near)?;
             self.settle();
         }
-        self.compliance_seconds = 0.0;
         let State { q, reaction, data, .. } = &self.now;
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
         let rest = self.loads.elastic(data) + dot(reaction, &data.near.shift);

@@ -5,7 +5,7 @@ use super::increments::Increments;
 use super::limits::Limits;
 use super::products::{energy, sum};
 use super::state::State;
-use super::{Balance, ModalConserving};
+use super::{Balance, ModalScheme};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{waxpby, waxpy};
@@ -79,7 +79,7 @@ impl RelaxedStep for ContactStep<'_> {
     }
 }
 
-impl<E: Engine> ModalConserving<'_, E> {
+impl<E: Engine> ModalScheme<'_, E> {
     /// Relaxes a step in contact so that it keeps the energy. Returns gamma and the work of the
     /// obstacles over the whole step (J); `None` if no gamma in range does, unless this is the last
     /// trial.
@@ -160,7 +160,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Computes the change of the bounds over the whole step. Returns the work of the mean
     /// reactions on the obstacles, in J.
-    fn obstacle_work(&mut self, next: &ModalData) -> f64 {
+    pub(super) fn obstacle_work(&mut self, next: &ModalData) -> f64 {
         let from = &self.before.data.near;
         self.increments.limits.difference(from, &next.near);
         self.present.clone_from(from);

@@ -1,7 +1,8 @@
-//! Conserving scheme for the modal mass on the grid of the output.
+//! Schemes for the modal mass on the grid of the output.
 
-use super::ModalConserving;
+use super::ModalScheme;
 use super::data::ModalData;
+use super::implicit::Rule;
 use super::limits::Limits;
 use super::products::dot;
 use super::shown::Shown;
@@ -20,7 +21,7 @@ use std::rc::Rc;
 /// Relative difference of times that is rounding.
 const SAME_TIME: f64 = 1e-9;
 
-impl<E: Engine> ModalConserving<'_, E> {
+impl<E: Engine> ModalScheme<'_, E> {
     /// Adds the impulses of the reactions of the last step over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
         if self.presses {
@@ -43,7 +44,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     }
 
     /// Begins the record of a step. Only listed candidates have had reactions.
-    fn begin_record(&mut self) {
+    pub(super) fn begin_record(&mut self) {
         let StepRecord { step, reaction, impulses, candidates, report, .. } = &mut self.record;
         *step += 1;
         *report = StepReport::default();
@@ -140,7 +141,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     /// Returns the displacement of one dof, in m, by the sums of [`Self::shape`] in their order.
     fn shape_at(&self, dof: usize) -> f64 {
         let State { q, x, reaction, data, is_settled, .. } = self.shown();
-        let ModalConserving { system, model, loads, modes, .. } = self;
+        let ModalScheme { system, model, loads, modes, .. } = self;
         let mut own = model.own.iter().filter(|_| *is_settled);
         if let Some(&(k, _)) = own.find(|(_, i)| system.bounds.dofs[*i] == dof) {
             return x[k];
@@ -152,11 +153,9 @@ impl<E: Engine> ModalConserving<'_, E> {
         let pressed = acting.map(|(i, r)| r * model.flexibility[i][dof]);
         inertial.chain(loads.response_at(data, dof)).chain(pressed).fold(0.0, |sum, term| sum + term)
     }
-}
 
-impl<E: Engine> Scheme for ModalConserving<'_, E> {
-    fn advance(&mut self) -> Result<()> {
-        self.begin_record();
+    /// Advances the conserving scheme to the next instant of the grid.
+    fn advance_exactly(&mut self) -> Result<()> {
         self.begin_mean();
         let dt = self.record.dt;
         self.add_impulses(self.ahead.min(dt));
@@ -180,9 +179,26 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         self.show();
         Ok(())
     }
+}
 
+impl<E: Engine> Scheme for ModalScheme<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.begin_record();
+        match self.implicit.as_ref().map(|implicit| implicit.rule) {
+            None => self.advance_exactly(),
+            Some(Rule::Midpoint) => {
+                self.begin_mean();
+                self.midpoint_step(self.record.time())?;
+                self.add_impulses(self.record.dt);
+                self.show();
+                Ok(())
+            }
+            Some(Rule::Newmark { .. }) => self.newmark_step(),
+        }
+    }
     /// Returns the record of the last step. Its bounded configuration is that of the reported
-    /// state, and its reactions are the mean over the last dt; at the start they are those at rest.
+    /// state, and its reactions are the mean over the last dt; at the start they are those at rest. For the Newmark scheme both are
+    /// those of the step from the instant.
     fn record(&self) -> &StepRecord {
         &self.record
     }
@@ -195,9 +211,12 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         self.shown.shape.get().map_or_else(|| self.shape_at(dof), |shape| shape[dof])
     }
 
-    /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
-    /// in m/s.
+    /// Returns the rate of the displacement, with the nodes in contact following their obstacles, or
+    /// the central one of the Newmark scheme, in m/s.
     fn velocity(&mut self) -> Result<Vec<f64>> {
+        if self.newmark_parameters().is_some() {
+            return Ok(self.central_velocity());
+        }
         let mut rates = vec![0.0; self.system.engine.dofs()];
         let v = &self.shown().v;
         self.modes.add_shapes(v, &mut rates);
@@ -240,6 +259,13 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         Ok(Energies { kinetic, elastic, work: kinetic + elastic - total })
     }
 
+    fn invariant(&self) -> Result<f64> {
+        match &self.implicit {
+            Some(implicit) if self.newmark_parameters().is_some() => Ok(self.newmark_invariant(implicit)),
+            _ => Ok(self.energies()?.total()),
+        }
+    }
+
     fn approach(&self, bound: usize) -> Approach {
         self.free[bound]
     }
@@ -249,13 +275,17 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
         Ok(())
     }
 
-    /// Returns the mean balance over the last dt; at the start that of the instant.
+    /// Returns the mean balance over the last dt; at the start, and for the Newmark scheme, that of
+    /// the instant.
     fn balance(&mut self) -> Result<StepBalance> {
-        self.mean_balance()
+        match self.newmark_parameters() {
+            Some([beta, _]) => Ok(self.newmark_balance(beta)),
+            None => self.mean_balance(),
+        }
     }
 
     fn has_mean_reactions(&self) -> bool {
-        true
+        self.newmark_parameters().is_none()
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
@@ -263,7 +293,8 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn factorisations(&self) -> u64 {
-        self.contact.factorisations
+        let implicit = self.implicit.as_ref().map_or(0, |implicit| implicit.contact.factorisations);
+        self.contact.factorisations + implicit
     }
 
     fn take_compliance_seconds(&mut self) -> f64 {
@@ -271,6 +302,6 @@ impl<E: Engine> Scheme for ModalConserving<'_, E> {
     }
 
     fn relaxation(&self) -> Option<RelaxationStatistics> {
-        Some(self.relaxation)
+        self.implicit.is_none().then_some(self.relaxation)
     }
 }

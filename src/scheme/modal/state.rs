@@ -52,13 +52,19 @@ impl State {
             }
         }
         self.reaction = reaction;
-        self.settle_free(rows);
-        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            axpy(*r, model.compliance.col_as_slice(k), &mut self.x);
-        }
+        self.respond(model, rows);
         let Limits { lower, upper, .. } = &self.data.near;
         for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
             self.x[k] = if *r > 0.0 { lower[k] } else { upper[k] };
+        }
+    }
+
+    /// Computes the deflections of the candidates without and with the reactions, whether or not
+    /// these hold the bounds.
+    pub fn respond(&mut self, model: &ContactModel, rows: &Mat<f64>) {
+        self.settle_free(rows);
+        for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+            axpy(*r, model.compliance.col_as_slice(k), &mut self.x);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Steps of the conserving scheme for the modal mass, from state to state.
 
-use super::ModalConserving;
+use super::ModalScheme;
 use super::data::ModalData;
 use super::increments::Increments;
 use super::limits::Limits;
@@ -19,7 +19,7 @@ use std::rc::Rc;
 /// may exist.
 const ALL_HALVINGS: usize = 40;
 
-impl<E: Engine> ModalConserving<'_, E> {
+impl<E: Engine> ModalScheme<'_, E> {
     /// Computes the bounded deflections and reactions of the present q.
     pub(super) fn settle(&mut self) {
         self.now.settle_free(&self.rows);
@@ -27,7 +27,13 @@ impl<E: Engine> ModalConserving<'_, E> {
         let Limits { lower, upper, .. } = &data.near;
         let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
         self.contact.solve(problem, x, reaction);
-        self.note_answer();
+        self.note_answer(answer(&self.contact));
+    }
+
+    /// Records iterations and residual of the contact problem of an implicit step.
+    pub(super) fn note_implicit(&mut self) {
+        let solved = self.implicit.as_ref().and_then(|implicit| answer(&implicit.contact));
+        self.note_answer(solved);
     }
 
     /// Returns whether no candidate can touch within `seconds` from the present state.
@@ -35,16 +41,13 @@ impl<E: Engine> ModalConserving<'_, E> {
         if self.system.drive.varies() || self.now.touches() {
             return false;
         }
-        let ModalConserving { now, flight, reach, model, modes, .. } = self;
+        let ModalScheme { now, flight, reach, model, modes, .. } = self;
         flight.lasts(seconds, reach, &model.candidates, now, || now.pull(&modes.squares))
     }
 
-    /// Records iterations and residual of the last contact problem.
-    fn note_answer(&mut self) {
-        let ComplianceSolver { iterations, residual, .. } = self.contact;
-        if self.contact.active().is_empty() {
-            return;
-        }
+    /// Records iterations and residual of a contact problem; `None` without contact.
+    fn note_answer(&mut self, answer: Option<(u32, f64)>) {
+        let Some((iterations, residual)) = answer else { return };
         let scale = self.now.y.iter().fold(self.model.magnitude, |m, y| m.max(y.abs()));
         let kkt = if residual == 0.0 { 0.0 } else { residual / scale };
         self.record.report = self.record.report.and(StepReport { iterations, kkt, retries: 0 });
@@ -52,7 +55,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Measures the rates of the modes before the step in the frame that moves uniformly to the
     /// support places at its end. The change of kinetic energy counts as work.
-    fn follow_supports(&mut self, next: &ModalData, seconds: f64) {
+    pub(super) fn follow_supports(&mut self, next: &ModalData, seconds: f64) {
         let supports = &self.loads.support_momenta;
         let State { v, frame_rates, data, .. } = &mut self.before;
         let kinetic = dot(v, v);
@@ -86,7 +89,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     /// Moves the modes exactly over a step, from the position before it and the present velocity.
     /// Returns the energies received from the loads and dissipated by damping, in J.
     fn rotate(&mut self, next: Option<&Rc<ModalData>>, seconds: f64) -> [f64; 2] {
-        let ModalConserving { rotation, other, decays, modes, before, now, increments, is_damped, .. } = self;
+        let ModalScheme { rotation, other, decays, modes, before, now, increments, is_damped, .. } = self;
         let Increments { q: dq, v: dv, .. } = increments;
         let squares = &modes.squares;
         if seconds != rotation.seconds && seconds != other.seconds {
@@ -161,7 +164,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Returns the loads, obstacles and supports at the end of a step, at an instant (s); `None`
     /// where they are constant.
-    fn data_at(&self, time: f64) -> Result<Option<Rc<ModalData>>> {
+    pub(super) fn data_at(&self, time: f64) -> Result<Option<Rc<ModalData>>> {
         if !self.system.drive.varies() {
             return Ok(None);
         }
@@ -171,7 +174,7 @@ impl<E: Engine> ModalConserving<'_, E> {
 
     /// Adds the nodes that come near as candidates. Returns whether some of them are beyond their
     /// obstacle, so that the step must be repeated.
-    fn comes_late(&mut self, touches: bool) -> Result<bool> {
+    pub(super) fn comes_late(&mut self, touches: bool) -> Result<bool> {
         let Some(tier) = self.reach.advance(&self.now, self.span, !touches) else { return Ok(false) };
         let Finding { near, is_late } = self.check_reach(tier);
         if !near.is_empty() {
@@ -195,7 +198,7 @@ impl<E: Engine> ModalConserving<'_, E> {
     }
 
     /// Keeps the last state before contact of nodes that begin to touch.
-    fn note_approaches(&mut self, time: f64) {
+    pub(super) fn note_approaches(&mut self, time: f64) {
         let State { x, v, reaction, .. } = &self.before;
         for &(k, i) in &self.model.own {
             if reaction[k] == 0.0 && self.now.reaction[k] != 0.0 {
@@ -204,4 +207,9 @@ impl<E: Engine> ModalConserving<'_, E> {
             }
         }
     }
+}
+
+/// Returns iterations and residual of the last contact problem; `None` where nothing touches.
+fn answer(contact: &ComplianceSolver) -> Option<(u32, f64)> {
+    (!contact.active().is_empty()).then_some((contact.iterations, contact.residual))
 }

@@ -320,7 +320,6 @@ fn serves(scheme: SchemeName, mass: Mass, obstacles: bool) -> Result<(), &'stati
         Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
             Err("unstable in contact at every step with the consistent mass")
         }
-        Mass::Modal if !scheme.takes_modal_mass => Err("it moves all dofs in steps"),
         _ => Ok(()),
     }
 }
