@@ -106,44 +106,56 @@ fn undamped_modes_have_the_known_discrete_frequency() {
     }
 }
 
-/// Returns the largest error of the corner before and during the first impact, against the exact
-/// motion of the same modes, and the energy that the run has lost.
-fn errors(scheme: &str, step: f64) -> [f64; 3] {
+/// Number of intervals of 4e-4 s in which motions are compared, and of those before the first
+/// touch at 0.0548 s.
+const COMPARED: usize = 160;
+const FLIGHT: usize = 136;
+
+/// Returns the exact deflection of the corner, in m, at the end of each interval.
+fn exact_corner() -> Vec<f64> {
+    let model = Model::new(&modal(PAPER_FALL, "\"exact\"", 4e-4)).unwrap();
+    let mut exact = Exact::new(&model.system, 4e-4, model.start.clone()).unwrap();
+    let mut at = || {
+        exact.advance().unwrap();
+        corners(&model, &exact)[0]
+    };
+    (0..COMPARED).map(|_| at()).collect()
+}
+
+/// Returns the largest error of the corner before and during the first impact, in m, against the
+/// exact motion of the same modes, and the share of the energy that the run has lost.
+fn errors(scheme: &str, step: f64, exact: &[f64]) -> [f64; 3] {
     let scene = modal(PAPER_FALL, scheme, step);
     let model = Model::new(&scene).unwrap();
     let every = (4e-4 / step).round() as u32;
-    let mut exact = Exact::new(&model.system, 4e-4, model.start.clone()).unwrap();
     let mut scheme = model.scheme(&scene).unwrap();
     let energy = scheme.energies().unwrap().total();
     let mut errors = [0.0f64; 3];
-    for n in 1..=160 {
-        exact.advance().unwrap();
+    for (n, there) in exact.iter().enumerate() {
         for _ in 0..every {
             scheme.advance().unwrap();
         }
-        let [there, here] = [&exact as &dyn Scheme, &*scheme].map(|of| corners(&model, of)[0]);
-        let phase = usize::from(n > 136);
-        errors[phase] = errors[phase].max((there - here).abs());
+        let phase = usize::from(n >= FLIGHT);
+        errors[phase] = errors[phase].max((there - corners(&model, &*scheme)[0]).abs());
     }
     errors[2] = 1.0 - scheme.energies().unwrap().total() / energy;
     errors
 }
 
-/// The first touch is at 0.0548 s, and the first impact lasts to 0.07 s.
+/// The order in flight is that of steps which resolve all modes.
 #[test]
 fn short_steps_approach_the_exact_motion() {
+    let exact = exact_corner();
     for scheme in
         ["\"newmark\"", "\"newmark\", restitution = 0.5", "\"newmark\", restitution = 1", "\"midpoint\""]
     {
-        let all = [4e-5, 2e-5, 1e-5, 5e-6].map(|step| errors(scheme, step));
+        let all = [2e-5, 1e-5, 5e-6].map(|step| errors(scheme, step, &exact));
         println!("{scheme}: {all:?}");
-        for two in all.windows(2) {
-            let order = (two[0][0] / two[1][0]).log2();
-            assert!((1.9..2.1).contains(&order), "{scheme}: order {order} in flight");
-        }
-        let order = (all[0][1] / all[3][1]).log2() / 3.0;
+        let order = (all[1][0] / all[2][0]).log2();
+        assert!((1.9..2.2).contains(&order), "{scheme}: order {order} in flight");
+        let order = (all[0][1] / all[2][1]).log2() / 2.0;
         assert!(order >= 0.8, "{scheme}: order {order} in the impact");
-        assert!(all[3][2].abs() <= 2e-2, "{scheme}: loses {:e}", all[3][2]);
+        assert!(all[2][2].abs() <= 1e-2, "{scheme}: loses {:e}", all[2][2]);
         if scheme == "\"newmark\"" {
             assert!(all.iter().all(|of| of[2] >= -1e-3), "{all:?}");
         }
@@ -169,7 +181,7 @@ fn energies_balance_with_work() {
             let first = scheme.invariant().unwrap();
             let scale = scheme.energies().unwrap().elastic;
             let (mut drift, mut rise, mut touched) = (0.0f64, 0.0f64, false);
-            for _ in 0..1000 {
+            for _ in 0..1300 {
                 scheme.advance().unwrap();
                 let change = (scheme.invariant().unwrap() - first) / scale;
                 (drift, rise) = (drift.max(change.abs()), rise.max(change));

@@ -1,13 +1,13 @@
 //! Candidates for contact of the modal mass, which join as they come near.
 
 use super::ModalScheme;
+use super::contact_model::extended;
 use super::data::ModalData;
 use super::products::norm;
 use super::reach::{Check, Finding};
 use super::state::kick;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::vi::ComplianceSolver;
 use faer::Mat;
 use std::rc::Rc;
 use std::time::Instant;
@@ -69,16 +69,4 @@ impl<E: Engine> ModalScheme<'_, E> {
             }
         }
     }
-}
-
-/// Returns a contact solver for more candidates, those that are new without contact.
-pub(super) fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> ComplianceSolver {
-    let mut more = ComplianceSolver::new(candidates.len());
-    more.factorisations = solver.factorisations;
-    for (of, side) in old.iter().zip(&solver.sides) {
-        if let Ok(k) = candidates.binary_search(of) {
-            more.sides[k] = *side;
-        }
-    }
-    more
 }

@@ -7,6 +7,7 @@ use crate::linalg::Engine;
 use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::exact::reduction::remains;
 use crate::scheme::exact::saddle_point::SaddlePointSolver;
+use crate::vi::ComplianceSolver;
 use faer::Mat;
 use std::rc::Rc;
 
@@ -100,4 +101,16 @@ impl ContactModel {
         let finite = self.candidates.iter().flat_map(both).filter(|bound| bound.is_finite());
         self.magnitude = finite.fold(self.magnitude, f64::max);
     }
+}
+
+/// Returns a contact solver for more candidates, those that are new without contact.
+pub(super) fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> ComplianceSolver {
+    let mut more = ComplianceSolver::new(candidates.len());
+    more.factorisations = solver.factorisations;
+    for (of, side) in old.iter().zip(&solver.sides) {
+        if let Ok(k) = candidates.binary_search(of) {
+            more.sides[k] = *side;
+        }
+    }
+    more
 }

@@ -14,8 +14,7 @@
 //! [`newmark`](super::newmark) tell the formulas. Since they move the modes otherwise than freely,
 //! the certificates of [`super::reach`] are tested after each step.
 
-use super::candidates::extended;
-use super::contact_model::ContactModel;
+use super::contact_model::{ContactModel, extended};
 use super::coordinates::Coordinates;
 use super::limits::Limits;
 use super::state::State;
@@ -27,7 +26,7 @@ use faer::Mat;
 
 /// Formulas of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Rule {
+pub(super) enum StepRule {
     /// Midpoint rule.
     Midpoint,
     /// Newmark scheme with beta and the coefficient of restitution e.
@@ -36,7 +35,7 @@ pub(super) enum Rule {
 
 /// Implicit rule with its matrices and the answer to the last step.
 pub(super) struct Implicit {
-    pub rule: Rule,
+    pub rule: StepRule,
     /// Inverse of the step matrix on the modes.
     pub inverse: Vec<f64>,
     /// Weight 1 / b of the compliance of the rest.
@@ -58,10 +57,10 @@ pub(super) struct Implicit {
 impl Implicit {
     /// Prepares steps of `dt` seconds, for modes of given squared frequencies ((rad/s)^2) and decay
     /// rates (1/s).
-    pub fn new(rule: Rule, dt: f64, squares: &[f64], decays: &[f64]) -> Implicit {
+    pub fn new(rule: StepRule, dt: f64, squares: &[f64], decays: &[f64]) -> Implicit {
         let (of_mass, of_stiffness, of_rate) = match rule {
-            Rule::Midpoint => (4.0 / (dt * dt), 1.0, 2.0 / dt),
-            Rule::Newmark { beta, .. } => (1.0 / (dt * dt), beta, 0.5 / dt),
+            StepRule::Midpoint => (4.0 / (dt * dt), 1.0, 2.0 / dt),
+            StepRule::Newmark { beta, .. } => (1.0 / (dt * dt), beta, 0.5 / dt),
         };
         let inverse = |(square, decay)| 1.0 / (of_mass + of_stiffness * square + of_rate * decay);
         Implicit {
@@ -113,7 +112,7 @@ impl Implicit {
     pub fn archive<E: Engine>(&mut self, archive: &mut Archive, modal: &Coordinates<E>) -> Result<()> {
         archive.value(&mut self.reaction)?;
         archive.value(&mut self.work)?;
-        if let Rule::Newmark { .. } = self.rule {
+        if let StepRule::Newmark { .. } = self.rule {
             self.next.archive(archive, modal)?;
         }
         self.contact.archive(&self.compliance, archive)

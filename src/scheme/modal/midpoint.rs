@@ -29,11 +29,11 @@ impl<E: Engine> ModalScheme<'_, E> {
             self.now.settle_free(&self.rows);
         }
         std::mem::swap(&mut self.now, &mut self.before);
-        let next = self.data_at(end)?;
-        if let Some(next) = &next {
-            self.follow_supports(next, dt);
-        }
         let gain = loop {
+            let next = self.data_at(end)?;
+            if let Some(next) = &next {
+                self.follow_supports(next, dt);
+            }
             let gain = self.solve_midpoint(next.as_ref());
             self.note_implicit();
             self.settle();
@@ -42,7 +42,9 @@ impl<E: Engine> ModalScheme<'_, E> {
                 break gain;
             }
         };
-        let obstacles = next.as_ref().map_or(0.0, |next| self.obstacle_work(next));
+        // Nodes may have joined since the step was solved.
+        let data = self.now.data.clone();
+        let obstacles = if self.system.drive.varies() { self.obstacle_work(&data) } else { 0.0 };
         self.balance.work += gain + obstacles;
         self.presses = self.mean.iter().any(|r| *r != 0.0);
         self.keep_data(end - dt, dt, 1.0);

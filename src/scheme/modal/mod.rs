@@ -1,6 +1,6 @@
 //! Schemes for the modal mass that move the modes in steps. The conserving scheme rotates the modes
 //! exactly between kicks of the contact forces, with a relaxation that keeps the energy; the
-//! [midpoint rule](midpoint) and the [Newmark scheme](newmark) take [implicit] steps.
+//! midpoint rule and the Newmark scheme take implicit steps.
 //!
 //! With the [mass of the lowest modes](crate::linalg::MassModes) a displacement splits into modes q
 //! and a massless rest, which follows at once. The bounded deflections are
@@ -91,7 +91,7 @@ use contact_model::ContactModel;
 use data::ModalLoads;
 use faer::Mat;
 use flight::Flight;
-use implicit::{Implicit, Rule};
+use implicit::{Implicit, StepRule};
 use increments::Increments;
 use limits::Limits;
 use mean_balance::MeanBalance;
@@ -183,7 +183,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
     /// # Errors
     /// Returns the same errors as [`ModalScheme::conserving`].
     pub fn midpoint(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalScheme<'s, E>> {
-        ModalScheme::with_rule(system, dt, start, Some(Rule::Midpoint))
+        ModalScheme::with_rule(system, dt, start, Some(StepRule::Midpoint))
     }
 
     /// Starts the Newmark scheme.
@@ -202,7 +202,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
                 "time.beta = {beta} lets the massless rest oscillate more and more; expected more than 0.25"
             )));
         }
-        ModalScheme::with_rule(system, step, start, Some(Rule::Newmark { beta, restitution }))
+        ModalScheme::with_rule(system, step, start, Some(StepRule::Newmark { beta, restitution }))
     }
 
     /// Starts the scheme with an implicit rule, or with the conserving one.
@@ -210,7 +210,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         system: &'s System<E>,
         dt: f64,
         start: Start,
-        rule: Option<Rule>,
+        rule: Option<StepRule>,
     ) -> Result<ModalScheme<'s, E>> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));

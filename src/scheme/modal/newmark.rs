@@ -24,7 +24,7 @@
 
 use super::ModalScheme;
 use super::data::ModalData;
-use super::implicit::{Implicit, Rule};
+use super::implicit::{Implicit, StepRule};
 use super::limits::Limits;
 use super::products::{dot, norm};
 use super::reach::{Check, Finding};
@@ -38,8 +38,8 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Returns the parameters beta and e of the Newmark scheme; `None` for another scheme.
     pub(super) fn newmark_parameters(&self) -> Option<[f64; 2]> {
         match self.implicit.as_ref()?.rule {
-            Rule::Newmark { beta, restitution } => Some([beta, restitution]),
-            Rule::Midpoint => None,
+            StepRule::Newmark { beta, restitution } => Some([beta, restitution]),
+            StepRule::Midpoint => None,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::ModalScheme;
 use super::data::ModalData;
-use super::implicit::Rule;
+use super::implicit::StepRule;
 use super::limits::Limits;
 use super::products::dot;
 use super::shown::Shown;
@@ -186,19 +186,20 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
         self.begin_record();
         match self.implicit.as_ref().map(|implicit| implicit.rule) {
             None => self.advance_exactly(),
-            Some(Rule::Midpoint) => {
+            Some(StepRule::Midpoint) => {
                 self.begin_mean();
                 self.midpoint_step(self.record.time())?;
                 self.add_impulses(self.record.dt);
                 self.show();
                 Ok(())
             }
-            Some(Rule::Newmark { .. }) => self.newmark_step(),
+            Some(StepRule::Newmark { .. }) => self.newmark_step(),
         }
     }
+
     /// Returns the record of the last step. Its bounded configuration is that of the reported
-    /// state, and its reactions are the mean over the last dt; at the start they are those at rest. For the Newmark scheme both are
-    /// those of the step from the instant.
+    /// state, and its reactions are the mean over the last dt; at the start they are those at rest.
+    /// For the Newmark scheme both are those of the step from the instant.
     fn record(&self) -> &StepRecord {
         &self.record
     }
@@ -211,8 +212,8 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
         self.shown.shape.get().map_or_else(|| self.shape_at(dof), |shape| shape[dof])
     }
 
-    /// Returns the rate of the displacement, with the nodes in contact following their obstacles, or
-    /// the central one of the Newmark scheme, in m/s.
+    /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
+    /// in m/s; the central velocity for the Newmark scheme.
     fn velocity(&mut self) -> Result<Vec<f64>> {
         if self.newmark_parameters().is_some() {
             return Ok(self.central_velocity());
