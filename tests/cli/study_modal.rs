@@ -89,15 +89,14 @@ fn a_plan_has_the_modes_that_make_sense() {
     ]);
     let plan = Plan::new(&all, &all.study()).unwrap();
     let dropped: Vec<&str> = plan.dropped.iter().map(|dropped| dropped.what.as_str()).collect();
-    let expected =
-        ["newmark modal", "fvs 5x2, m=40", "fvs 24x14, exact singular", "24x14 newmark", "m=10 8e-5"];
-    assert_eq!(dropped, expected);
+    assert_eq!(dropped, ["fvs 5x2, m=40", "fvs 24x14, exact singular", "24x14 newmark", "m=10 8e-5"]);
     let cases: Vec<String> = plan.cases.iter().map(ToString::to_string).collect();
     assert_eq!(
         cases,
         [
             "fvs 5x2, newmark e=0 singular, 8e-5 s",
             "fvs 5x2, newmark e=0 singular, 2e-5 s",
+            "fvs 5x2, newmark e=0 modal m=10, 2e-5 s",
             "fvs 5x2, conserving singular, 8e-5 s",
             "fvs 5x2, conserving singular, 2e-5 s",
             "fvs 5x2, conserving modal m=10, 2e-5 s",
