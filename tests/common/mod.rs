@@ -5,6 +5,7 @@
 pub mod clock;
 pub mod command;
 pub mod models;
+pub mod momentum;
 pub mod plates;
 #[cfg(feature = "petsc")]
 pub mod ranks;

@@ -360,7 +360,7 @@ fn goes_on(cases: &[(usize, &str)]) {
             let run = ["run", "fall.toml", "--quiet", "--engine", "petsc", "--out", out, "--set", &scheme];
             let output = [
                 "--set",
-                "output={ every = 7, fields_every = 200, checkpoint_every = 21, \
+                "output={ every = 7, fields_every = 200, checkpoint_every = 21, extremes = true, \
                 probes = [{ name = 'corner', at = [1.2, 0.0] }, { name = 'inside', at = [0.7, 0.15] }] }",
             ];
             [&run[..], &output, &["--set", "time.end=0.03"], &SAME_EACH_TIME].concat()
@@ -380,13 +380,20 @@ fn goes_on(cases: &[(usize, &str)]) {
         succeeds(&on(&folder, ranks, &["resume", "same", "--quiet"]));
         let mut files = vec!["history.csv".to_owned(), "contacts.csv".into(), "fields.pvd".into()];
         files.extend((0..ranks).map(|rank| format!("fields/step-000000300-{rank}.vtu")));
+        files.extend((0..ranks).map(|rank| format!("fields/extremes-{rank}.vtu")));
         for file in files {
             let read = |run: &str| std::fs::read(folder.join(run).join(&file)).unwrap();
             assert!(read("same") == read("whole"), "{ranks} ranks, {scheme}: {file}");
         }
+        let peak = |run: &str| summary(&folder.join(run))["extremes"]["von_mises"].clone();
+        assert_eq!(peak("same"), peak("whole"));
         for (run, ranks) in [("fewer", ranks - 1), ("more", ranks + 1)] {
             succeeds(&on(&folder, ranks, &["resume", run, "--quiet"]));
             assert_agree(&history(&folder.join(run)), &whole, &format!("{scheme} on {ranks} ranks"));
+            let (one, other) = (peak("whole"), peak(run));
+            let [a, b] = [&one, &other].map(|of| of["value"].as_f64().unwrap());
+            assert!(a > 0.0 && (a - b).abs() <= 1e-7 * a, "{scheme} on {ranks} ranks: {one}, {other}");
+            assert_eq!(one["time"], other["time"], "{scheme} on {ranks} ranks");
         }
     }
 }

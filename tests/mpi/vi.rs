@@ -127,6 +127,38 @@ fn a_small_mesh_on_four_ranks() {
     }
 }
 
+/// Compliant stops on a line and at a point, with damping, and a compliant ball.
+#[test]
+fn they_agree_on_compliant_stops() {
+    let folder = folder("stops");
+    let stops = [
+        "--set",
+        "obstacle=[{ name = 'pad', side = 'below', height = -0.2085, line = [[1.2, 0], [1.2, 0.4]], stiffness = 1e7, damping = 1e3 }, \
+         { name = 'post', side = 'below', height = -0.075, at = [0.6, 0.2], stiffness = 1e9 }]",
+        "--set",
+        "ball=[{ at = [0.9, 0.15], mass = 0.3, height = 0.01, velocity = -4, stiffness = 1e6 }]",
+        "--set",
+        "time.end=0.01",
+    ];
+    let (native, summary) = result(&folder, "native", 0, &stops);
+    assert!(summary["contact_steps"].as_u64().unwrap() > 20, "{summary}");
+    assert!(["pad", "post"].iter().all(|of| summary["forces"][of]["peak"].as_f64().unwrap() > 0.0));
+    for (name, arguments) in SOLVERS {
+        let all = [&["--engine", "petsc"], &stops[..], arguments].concat();
+        let (rows, summary) = result(&folder, name, 2, &all);
+        assert_eq!(rows.len(), native.len());
+        for column in [2, 7, 10, 11, 12, 13, 14, 15] {
+            let largest = native.iter().fold(0.0, |m: f64, row| row[column].abs().max(m));
+            for (a, b) in rows.iter().zip(&native) {
+                let error = (a[column] - b[column]).abs();
+                assert!(error <= 1e-7 * largest, "{name}, column {column}: {error:e} of {largest:e}");
+            }
+        }
+        assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10, "{name}: {summary}");
+        assert_eq!(summary["retries"], 0, "{name}");
+    }
+}
+
 /// Two obstacles leave no gap or almost none: every scheme, element and solver is tested.
 #[test]
 fn narrow_gaps_hold_with_every_scheme() {

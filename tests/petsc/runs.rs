@@ -1,7 +1,8 @@
 //! Runs on several ranks, which agree with one process, and end together when one rank fails.
 
 use super::handles::close;
-use crate::common::models::{PAPER_FALL, literal};
+use crate::common::models::{PAPER_FALL, UNIT, literal};
+use crate::common::momentum::{Acting, Upward};
 use crate::common::ranks::{Case, case};
 use rebond::communicator::Communicator;
 use rebond::linalg::Engine;
@@ -16,6 +17,7 @@ use rebond::{Error, Result};
 
 pub const CASES: &[Case] = &[
     case("what_changes_with_time", &[1, 2], what_changes_with_time),
+    case("forces_add_up_in_motion", &[3], forces_add_up_in_motion),
     case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone),
 ];
 
@@ -87,6 +89,66 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
             contacts += u32::from(expected.reaction().iter().any(|r| *r != 0.0));
         }
         assert!(contacts > 0);
+    }
+    Ok(())
+}
+
+/// The forces of supports and obstacles, the load and the damping add up to the change of momentum
+/// of the whole plate at every step, on rigid and compliant stops and on moving supports.
+fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    // Scheme, mass, parameters, motion of the supports (m), drag (1/s) and damping of the stop.
+    let motion = "0.01*sin(25*t)";
+    let cases = [
+        ("newmark", "singular", ", restitution = 0.5", motion, 2.0, 3e-3),
+        ("newmark", "consistent", ", beta = 0.3", motion, 2.0, 3e-3),
+        ("midpoint", "singular", "", motion, 2.0, 0.0),
+        ("midpoint", "consistent", ", massless = \"reflected\"", motion, 2.0, 3e-3),
+        ("conserving", "singular", "", motion, 2.0, 0.0),
+        // The modal mass leaves the rest of the plate without the inertia of its supports.
+        ("conserving", "modal", ", modes = 9", "", 2.0, 0.0),
+    ];
+    for (number, (scheme, mass, more, motion, drag, damping)) in cases.into_iter().enumerate() {
+        let element = ["fvs", "hct"][number % 2];
+        let motion = if motion.is_empty() { String::new() } else { format!(", motion = \"{motion}\"") };
+        let text = format!(
+            r#"
+            {UNIT}
+            mesh = {{ element = "{element}", cells = [4, 4] }}
+            support = [
+                {{ name = "clamp", edge = "left", kind = "clamped"{motion} }},
+                {{ name = "roll", edge = "bottom", where = "x < 0.6", kind = "simply_supported"{motion} }},
+            ]
+            obstacle = [
+                {{ name = "floor", side = "below", height = -0.02 }},
+                {{ name = "post", side = "below", height = "-0.01 - 0.02*t", at = [1, 1] }},
+                {{ name = "rubber", side = "above", height = 0.01, line = [[1, 0.2], [1, 0.9]], stiffness = 300, damping = {damping:?} }},
+            ]
+            load = {{ gravity = 0.25, pressure = "-0.5*cos(9*t)" }}
+            damping = {{ mass = {drag:?} }}
+            initial = {{ velocity = "-3*x*y" }}
+            time = {{ scheme = "{scheme}", mass = "{mass}", step = 1.3e-3, end = 0.13{more} }}
+            output = {{ every = 1 }}
+            solver = {{ engine = "petsc" }}
+            "#
+        );
+        let scene = Scene::from_str(&text, "thrown", &[])?;
+        let model = Model::distributed(&scene, &context)?;
+        let (pressure, place) = (|t: f64| -0.5 * (9.0 * t).cos(), |t: f64| 0.01 * (25.0 * t).sin());
+        // Loads in time are apart from the constant weight.
+        let weight = model.system.load.as_deref().expect("a weight");
+        let acting = Acting { constant: -0.25, pressure: &pressure, place: &place, drag };
+        let (upward, solver) = (Upward::new(&model, weight, 0.25, 1.0), model.solver(&scene));
+        let started = model.scheme_with(&scene, &*solver)?;
+        // Both stops and the floor touch; no obstacle pulls.
+        let (mut up, mut down) = (0, 0);
+        for row in upward.check(&scene, started, &acting, &mut |_| {})? {
+            let [floor, _, post, _, rubber, _] = row[8..] else { panic!("{row:?}") };
+            assert!(floor >= 0.0 && post >= 0.0 && rubber <= 0.0, "{row:?}");
+            up += u32::from(floor > 0.0 && post > 0.0);
+            down += u32::from(rubber < 0.0);
+        }
+        assert!(up > 0 && down > 0, "{scheme}, {mass}: {up}, {down}");
     }
     Ok(())
 }

@@ -3,14 +3,13 @@
 
 use crate::common::largest;
 use crate::common::models::{STRIP, UNIT};
+use crate::common::momentum::{self, Acting, ROUNDING, STILL, Upward};
 use crate::common::scenes::{close, grid, scene};
 use rebond::Result;
-use rebond::assembly;
-use rebond::dof_map::DofMap;
 use rebond::linalg::vectors::{axpy, dot};
 use rebond::linalg::{Engine, Form};
 use rebond::scene::Scene;
-use rebond::scheme::{Scheme, SchemeSpec, StepBalance};
+use rebond::scheme::{Scheme, StepBalance};
 use rebond::simulation::{self, Model, NamedForce, NodeReaction, Observer, Row};
 
 /// Scheme, mass and parameters of every kind.
@@ -27,9 +26,6 @@ const METHODS: [(&str, &str, &str); 11] = [
     ("newmark", "modal", ", modes = 9, beta = 0.3, restitution = 0.3"),
     ("midpoint", "modal", ", modes = 9"),
 ];
-
-/// Relative rounding error of a balance.
-const ROUNDING: f64 = 1e-10;
 
 fn time((scheme, mass, more): (&str, &str, &str), step: f64, steps: u32) -> String {
     let end = step * f64::from(steps);
@@ -76,135 +72,28 @@ fn residual(model: &Model, scheme: &dyn Scheme, balance: &StepBalance) -> f64 {
     largest(&force) / scale.max(f64::MIN_POSITIVE)
 }
 
-/// Every row of a run: step, and force and impulse by column.
-#[derive(Default)]
-struct Rows(Vec<Vec<f64>>);
-
-impl Observer for Rows {
-    fn row(&mut self, row: &Row) -> Result<()> {
-        self.0.push(row.forces.to_vec());
-        Ok(())
-    }
-}
-
 fn force_rows(scene: &Scene, model: &Model) -> Vec<Vec<f64>> {
-    let mut rows = Rows::default();
-    let (_, ended) = simulation::run(scene, model, &simulation::condensed, &mut rows).unwrap();
-    ended.unwrap();
-    rows.0
+    momentum::force_rows(scene, model, &simulation::condensed).unwrap()
 }
 
-/// Total upward momentum of the plate for a rate over the free dofs and support velocities.
-struct Upward<'m> {
-    model: &'m Model,
-    mesh: rebond::mesh::Mesh,
-    space: DofMap,
-    cells: Vec<assembly::CellArrays>,
-}
-
-impl<'m> Upward<'m> {
-    fn new(scene: &Scene, model: &'m Model) -> Upward<'m> {
-        let mesh = simulation::mesh(scene).unwrap();
-        let space = simulation::space(scene, &mesh).unwrap();
-        let all = DofMap::unsupported(&mesh);
-        let cells = assembly::cells(&mesh, &all, &simulation::sections(scene, &mesh).unwrap()).unwrap();
-        Upward { model, mesh, space, cells }
-    }
-
-    /// Returns the momentum over all dofs of the mesh, in kg m/s. With the modal mass only the
-    /// modes carry inertia.
-    fn momentum(&self, rate: &[f64], supports: &[f64]) -> f64 {
-        let mut shape = match &self.model.system.mass {
-            Form::Modal { modes, .. } => {
-                let mut v = vec![0.0; modes.count()];
-                self.model.system.engine.project(&self.model.system.mass, rate, &mut v).unwrap();
-                let mut of_modes = vec![0.0; rate.len()];
-                v.iter().enumerate().for_each(|(k, v)| axpy(*v, modes.shapes.col_as_slice(k), &mut of_modes));
-                self.space.shape(&of_modes)
-            }
-            _ => self.space.shape(rate),
-        };
-        // All supports of these scenes move together.
-        for rate in supports {
-            shape.iter_mut().step_by(3).for_each(|v| *v += rate);
-        }
-        let mut momentum = vec![0.0; shape.len()];
-        match self.model.system.mass {
-            Form::SingularMassCells(_) => {
-                assembly::singular_momenta(&self.mesh, &self.cells, &shape, &mut momentum);
-            }
-            _ => assembly::consistent_momenta(&self.mesh, &self.cells, &shape, &mut momentum),
-        }
-        momentum.iter().step_by(3).sum()
-    }
-
-    /// Returns the momentum of a scheme at its instant.
-    fn of(&self, scheme: &mut dyn Scheme) -> f64 {
-        let rate = scheme.velocity().unwrap();
-        let rates = scheme.support_rates().unwrap();
-        self.momentum(&rate, &rates)
-    }
-}
-
-/// Asserts the balance at the free dofs and of the whole plate at every step. The load is that of a
-/// pressure (Pa) on the plate of 1 m2, as a function of time; `drag` is the damping by the mass.
-fn check(text: &str, pressure: impl Fn(f64) -> f64, drag: f64) -> f64 {
+/// Asserts the balance at the free dofs and of the whole plate at every step. The plate
+/// has 1 m2 and 1 kg.
+fn check(text: &str, acting: &Acting) {
     let scene = scene(text);
     let model = Model::new(&scene).unwrap_or_else(|error| panic!("{error}\n{text}"));
-    let upward = Upward::new(&scene, &model);
-    let rows = force_rows(&scene, &model);
-    let columns = scene.force_columns();
-    let sum = |row: &[f64], of: &str| -> f64 {
-        columns.iter().zip(row).filter(|(name, _)| name.starts_with(of)).map(|(_, value)| value).sum()
-    };
-    let step = scene.time.step;
-    let newmark = text.contains("newmark");
-    let beta = if let SchemeSpec::Newmark { beta, .. } = scene.time.scheme { beta } else { 0.0 };
-    let mut scheme = model.scheme(&scene).unwrap();
-    scheme.keep_balance().unwrap();
-    let (mut before, mut place) = (upward.of(scheme.as_mut()), scheme.displacement().to_vec());
-    let mut central = {
-        let rate = scheme.velocity().unwrap();
-        upward.momentum(&rate, &[])
-    };
-    let (mut scale, mut worst) = (before.abs(), 0.0_f64);
+    let weighed = Scene::from_str(text, "weighed", &["load={ gravity = 1 }".to_owned()]).unwrap();
+    let weight = Model::new(&weighed).unwrap().system.load.unwrap();
     let is_at_rest = text.contains("equilibrium");
-    for (n, row) in rows.iter().enumerate() {
-        if n > 0 {
-            scheme.advance().unwrap();
-        }
-        let balance = scheme.balance().unwrap();
+    let mut at = |scheme: &mut dyn Scheme| {
         // Without a step the reflected midpoint rule knows no acceleration.
-        if n > 0 || is_at_rest || !text.contains("reflected") {
-            let residual = residual(&model, scheme.as_ref(), &balance);
-            assert!(residual <= ROUNDING, "step {n}: residual {residual:e}\n{text}");
+        if scheme.step() > 0 || is_at_rest || !text.contains("reflected") {
+            let balance = scheme.balance().unwrap();
+            let residual = residual(&model, scheme, &balance);
+            assert!(residual <= ROUNDING, "step {}: residual {residual:e}\n{text}", scheme.step());
         }
-        if n == 0 {
-            continue;
-        }
-        let time = scheme.time();
-        let load = |t: f64| match t {
-            t if !newmark || t <= 0.0 => pressure(t),
-            t => beta * (pressure(t + step) + pressure(t - step)) + (1.0 - 2.0 * beta) * pressure(t),
-        };
-        let now = upward.of(scheme.as_mut());
-        let chord: Vec<f64> =
-            scheme.displacement().iter().zip(&place).map(|(to, from)| (to - from) / step).collect();
-        let mean = upward.momentum(&chord, &[]);
-        let rate = scheme.velocity().unwrap();
-        let last = std::mem::replace(&mut central, upward.momentum(&rate, &[]));
-        let from = if n == 1 { mean } else { last };
-        let lost = drag * step * if newmark { 0.5 * (from + central) } else { mean };
-        let pushed = 0.5 * step * (load(time - step) + load(time));
-        let given = sum(row, "impulse");
-        scale = scale.max(now.abs()).max(given.abs()).max(pushed.abs());
-        let error = (now - before) - (given + pushed - lost);
-        worst = worst.max(error.abs() / scale);
-        assert!(error.abs() <= ROUNDING * scale, "step {n}: {error:e} of {scale:e} N s\n{text}");
-        before = now;
-        place.copy_from_slice(scheme.displacement());
-    }
-    worst
+    };
+    let scheme = model.scheme(&scene).unwrap();
+    Upward::new(&model, &weight, 1.0, 1.0).check(&scene, scheme, acting, &mut at).unwrap();
 }
 
 /// Supports of the test scenes: a clamped edge, and a point or an edge that shares a corner with
@@ -224,18 +113,26 @@ const STOPS: &str = "obstacle = [{ name = \"floor\", side = \"below\", height = 
 fn forces_add_up_to_the_change_of_momentum_in_contact() {
     for method in METHODS {
         for (element, drag) in [("fvs", 0.0), ("hct", 2.0)] {
+            let in_time = method.0 != "exact";
+            let load = if in_time {
+                "load = { gravity = 0.5, pressure = \"0.6*cos(40*t)\" }"
+            } else {
+                "load.gravity = 0.5"
+            };
             let text = format!(
-                "{UNIT}{}{}{STOPS}load.pressure = -0.5\ninitial.velocity = \"-3*x*y\"\ndamping.mass = {drag:?}\n\
+                "{UNIT}{}{}{STOPS}{load}\ninitial.velocity = \"-3*x*y\"\ndamping.mass = {drag:?}\n\
                  {}output.every = 1\n",
                 grid(element, 3, 3),
                 held(""),
                 time(method, 1.3e-3, 150),
             );
             // The trapezoidal impulse of an event-driven scheme is not that of its motion.
-            if method.0 == "exact" {
-                free_dofs(&text);
-            } else {
-                println!("{method:?}, {element}: {:.1e}", check(&text, |_| -0.5, drag));
+            match in_time {
+                true => check(
+                    &text,
+                    &Acting { constant: -0.5, pressure: &|t| 0.6 * (40.0 * t).cos(), drag, ..STILL },
+                ),
+                false => free_dofs(&text),
             }
         }
     }
@@ -274,7 +171,8 @@ fn forces_add_up_on_moving_supports_and_under_loads_in_time() {
             if method.1 == "modal" {
                 free_dofs(&text);
             } else {
-                println!("{method:?}: {:.1e}", check(&text, |t| (30.0 * t).sin() * 2.0, drag));
+                let (pressure, place) = (|t: f64| 2.0 * (30.0 * t).sin(), |t: f64| 0.01 * (25.0 * t).sin());
+                check(&text, &Acting { constant: 0.0, pressure: &pressure, place: &place, drag });
             }
         }
     }
@@ -424,5 +322,8 @@ fn an_elastic_edge_bears_what_its_springs_bear() {
         assert!(bed > 0.05 && hinge > 0.05, "{row:?}");
         close("sum", clamp + bed + hinge, 1.0, 1e-10);
     }
-    check(&text.replace("initial.equilibrium = true", "initial.velocity = \"x\""), |_| -1.0, 0.0);
+    check(
+        &text.replace("initial.equilibrium = true", "initial.velocity = \"x\""),
+        &Acting { constant: -1.0, ..STILL },
+    );
 }

@@ -10,6 +10,7 @@ mod damping;
 mod energy;
 mod exact;
 mod forced;
+mod forces;
 mod impulses;
 mod kinks;
 mod modal;

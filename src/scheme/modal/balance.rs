@@ -26,7 +26,9 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Begins to keep the balance.
     pub(super) fn begin_balance(&mut self) {
         let data = (*self.now.data).clone();
-        self.mean_balance = Some(MeanBalance { last: data.clone(), mean: data, ..MeanBalance::default() });
+        let held = vec![(0.0, 1.0)];
+        self.mean_balance =
+            Some(MeanBalance { last: data.clone(), mean: data, held, ..MeanBalance::default() });
     }
 
     /// Begins a step of the grid.
@@ -44,8 +46,8 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// instant (s) on.
     pub(super) fn keep_data(&mut self, time: f64, seconds: f64, gamma: f64) {
         let Some(balance) = &mut self.mean_balance else { return };
-        balance.ends = [time, time + seconds];
         if self.system.drive.varies() {
+            balance.keep_loads(time + seconds, gamma);
             balance.last = ModalData::between(&self.before.data, &self.now.data, 0.5 / gamma);
         }
     }
