@@ -57,7 +57,7 @@ pub fn edge_springs(
 }
 
 /// Returns the first cell at each side, which is given by its nodes in ascending order.
-fn cells_at_sides(mesh: &Mesh) -> HashMap<[usize; 2], usize> {
+pub fn cells_at_sides(mesh: &Mesh) -> HashMap<[usize; 2], usize> {
     let mut cell_at = HashMap::new();
     for (number, cell) in mesh.cells.iter().enumerate() {
         for [a, b] in cell.edges() {

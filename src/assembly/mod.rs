@@ -3,8 +3,9 @@
 //! Congruent cells (translates of one another) share one set of local arrays, so that a regular
 //! mesh computes its element matrices only a few times.
 
-mod edge;
+mod beam;
 mod border;
+mod edge;
 mod foundation;
 mod local;
 mod pressure;
@@ -15,7 +16,8 @@ mod recovery;
 mod samples;
 mod sites;
 
-pub use edge::{EdgeSprings, edge_springs};
+pub use beam::{BeamPiece, BeamStiffness, beams, line_in_cells};
+pub use edge::{EdgeSprings, cells_at_sides, edge_springs};
 pub use foundation::foundation;
 pub use local::Local;
 pub use patches::CurvatureRow;

@@ -42,7 +42,19 @@ impl Probe {
     /// Returns the errors of [`Probe::new`].
     pub fn of_derivative(mesh: &Mesh, point: Point, of: impl Fn(&BasisFunction) -> f64) -> Result<Probe> {
         let outside = || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
-        let cell = mesh.locate(point).ok_or_else(outside)?;
+        Probe::in_cell(mesh, mesh.locate(point).ok_or_else(outside)?, point, of)
+    }
+
+    /// Creates a linear function like [`Probe::of_derivative`] at a point of a cell.
+    ///
+    /// # Errors
+    /// Returns [`Error::Mesh`] for a cell that cannot carry its element.
+    pub fn in_cell(
+        mesh: &Mesh,
+        cell: usize,
+        point: Point,
+        of: impl Fn(&BasisFunction) -> f64,
+    ) -> Result<Probe> {
         let values: Vec<f64> = mesh.element(cell)?.basis_at(point).iter().map(of).collect();
         let zero = ROUNDING * values.iter().fold(0.0, |m: f64, value| m.max(value.abs()));
         let nodes = mesh.cells[cell].nodes();

@@ -7,10 +7,12 @@
 use super::document::Document;
 use super::given::{FieldInput, Region};
 use super::read::obstacles;
-use super::read::quantities::{FOUNDATION, HEIGHT, MASS, POINT_DAMPING, SPRING, VELOCITY};
+use super::read::quantities::{
+    BENDING, FOUNDATION, HEIGHT, LINE_MASS, MASS, POINT_DAMPING, SPRING, TORSION, VELOCITY,
+};
 use super::read::region::{self, PlaceReader};
 use super::tables::{Compliance, Side};
-use super::toml_text::{self, Row, given, number, place, word};
+use super::toml_text::{self, Row, given, number, numbers, place, string, word};
 use crate::error::Result;
 use crate::field::Names;
 
@@ -23,6 +25,8 @@ pub struct Attachments {
     pub springs: Vec<Spring>,
     /// Masses fixed on the plate.
     pub masses: Vec<PointMass>,
+    /// Beams along lines of the plate.
+    pub ribs: Vec<Rib>,
     /// Rigid bodies that move freely up and down and hit the plate.
     pub balls: Vec<Ball>,
 }
@@ -58,6 +62,28 @@ pub struct PointMass {
     pub mass: f64,
 }
 
+/// Beam along a line of the plate, with its axis in the mid-plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rib {
+    /// Line along which it runs.
+    pub path: RibPath,
+    /// Bending stiffness EI in N m2.
+    pub bending: f64,
+    /// Torsional stiffness GJ in N m2.
+    pub torsion: f64,
+    /// Mass per length in kg/m.
+    pub mass: f64,
+}
+
+/// Line along which a rib runs.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RibPath {
+    /// Straight line between two points, in m.
+    Line([[f64; 2]; 2]),
+    /// Edge of the plate or physical curve.
+    Edge(String),
+}
+
 /// Body that moves up and down and touches the plate at one point, without adhesion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ball {
@@ -78,15 +104,16 @@ pub struct Ball {
 }
 
 /// Names of the tables.
-pub(super) const TABLES: [&str; 4] = ["foundation", "spring", "mass", "ball"];
+pub(super) const TABLES: [&str; 5] = ["foundation", "spring", "mass", "rib", "ball"];
 
 impl Attachments {
     /// Returns each effect of attachments, and whether the scene has it.
-    pub(super) fn effects(&self) -> [(bool, &'static str); 4] {
+    pub(super) fn effects(&self) -> [(bool, &'static str); 5] {
         [
             (!self.foundations.is_empty(), "elastic foundation"),
             (!self.springs.is_empty(), "springs"),
             (!self.masses.is_empty(), "added masses"),
+            (!self.ribs.is_empty(), "ribs"),
             (!self.balls.is_empty(), "balls"),
         ]
     }
@@ -116,6 +143,19 @@ impl Attachments {
             let mass = ("mass", number(of.mass), "kg");
             ("[[mass]]", vec![place(&of.at, of.point.as_deref()), mass])
         };
+        let rib = |of: &Rib| {
+            let path = match &of.path {
+                RibPath::Line([from, to]) => ("line", format!("[{}, {}]", numbers(from), numbers(to)), "m"),
+                RibPath::Edge(edge) => ("edge", string(edge), ""),
+            };
+            let rows = vec![
+                path,
+                ("bending", number(of.bending), "N m2"),
+                ("torsion", number(of.torsion), "N m2"),
+                ("mass", number(of.mass), "kg/m"),
+            ];
+            ("[[rib]]", rows)
+        };
         let ball = |of: &Ball| {
             let mut rows = vec![
                 place(&of.at, of.point.as_deref()),
@@ -133,7 +173,8 @@ impl Attachments {
         let foundations = self.foundations.iter().map(foundation);
         let springs = self.springs.iter().map(spring);
         let masses = self.masses.iter().map(mass);
-        foundations.chain(springs).chain(masses).chain(self.balls.iter().map(ball)).collect()
+        let ribs = self.ribs.iter().map(rib);
+        foundations.chain(springs).chain(masses).chain(ribs).chain(self.balls.iter().map(ball)).collect()
     }
 }
 
@@ -144,6 +185,7 @@ pub(super) fn read(doc: &Document, places: &PlaceReader) -> Result<Attachments> 
         foundations: read_foundations(doc)?,
         springs: read_springs(doc, places)?,
         masses: read_masses(doc, places)?,
+        ribs: read_ribs(doc, places)?,
     })
 }
 
@@ -185,6 +227,33 @@ fn read_masses(doc: &Document, places: &PlaceReader) -> Result<Vec<PointMass>> {
     read_tables(doc, "mass", "at and mass", &["at", "point", "mass"], |table| {
         let (at, point) = places.read(doc, table)?;
         Ok(PointMass { at, point, mass: doc.number(&format!("{table}.mass"), &MASS)? })
+    })
+}
+
+fn read_ribs(doc: &Document, places: &PlaceReader) -> Result<Vec<Rib>> {
+    let keys = ["line", "edge", "bending", "torsion", "mass"];
+    read_tables(doc, "rib", "line or edge, and bending", &keys, |table| {
+        let key = |name: &str| format!("{table}.{name}");
+        let (line, edge) = (key("line"), key("edge"));
+        let path = if doc.get(&edge).is_some() {
+            doc.forbid(&line, format!("contradicts {edge}; expected only one of line, edge"))?;
+            RibPath::Edge(region::name(doc, &edge, "expected the name of an edge")?)
+        } else {
+            let expected = "expected [[x, y], [x, y]] in m, or edge = \"...\"";
+            doc.pair(&line, expected)?;
+            let ends =
+                [places.on_plate(doc, &format!("{line}.0"))?, places.on_plate(doc, &format!("{line}.1"))?];
+            if ends[0] == ends[1] {
+                return Err(doc.fault(&line, format!("both ends are {:?}; {expected}", ends[0])));
+            }
+            RibPath::Line(ends)
+        };
+        Ok(Rib {
+            path,
+            bending: doc.number(&key("bending"), &BENDING)?,
+            torsion: doc.optional_number(&key("torsion"), &TORSION)?.unwrap_or(0.0),
+            mass: doc.optional_number(&key("mass"), &LINE_MASS)?.unwrap_or(0.0),
+        })
     })
 }
 

@@ -50,7 +50,7 @@ pub use crate::mesh::Diagonal;
 pub use crate::plate::Plate;
 pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
 pub use crate::vi::ContactSolver;
-pub use attachments::{Attachments, Ball, Foundation, PointMass, Spring};
+pub use attachments::{Attachments, Ball, Foundation, PointMass, Rib, RibPath, Spring};
 pub use contents::Scene;
 use document::Document;
 pub use given::{FieldInput, Region, Still, Value};

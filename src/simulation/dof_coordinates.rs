@@ -47,7 +47,7 @@ impl DofCoordinates {
     pub(super) fn new<P: Partition>(
         ground: &BuildContext<P>,
         count: usize,
-        carried: impl Iterator<Item = [f64; 2]>,
+        carried: impl Iterator<Item = [f64; 3]>,
     ) -> DofCoordinates {
         let BuildContext { scene, mesh, space, partition, .. } = *ground;
         let mut dofs = vec![[0.0; 3]; count];
@@ -78,9 +78,7 @@ impl DofCoordinates {
             [mean(0), mean(1), 0.0]
         };
         let velocities = match scene.time.mass {
-            Mass::Singular => {
-                (0..mesh.cells.len()).map(centre).chain(carried.map(|[x, y]| [x, y, 1.0])).collect()
-            }
+            Mass::Singular => (0..mesh.cells.len()).map(centre).chain(carried).collect(),
             Mass::Consistent | Mass::Modal => dofs.clone(),
         };
         DofCoordinates { dofs, velocities }

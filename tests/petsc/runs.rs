@@ -125,6 +125,7 @@ fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
                 {{ name = "rubber", side = "above", height = 0.01, line = [[1, 0.2], [1, 0.9]], stiffness = 300, damping = {damping:?} }},
             ]
             load = {{ gravity = 0.25, pressure = "-0.5*cos(9*t)" }}
+            rib = [{{ line = [[0, 0.2], [0.9, 0.2]], bending = 0.1, mass = 0.5 }}]
             damping = {{ mass = {drag:?} }}
             initial = {{ velocity = "-3*x*y" }}
             time = {{ scheme = "{scheme}", mass = "{mass}", step = 1.3e-3, end = 0.13{more} }}
@@ -135,10 +136,11 @@ fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
         let scene = Scene::from_str(&text, "thrown", &[])?;
         let model = Model::distributed(&scene, &context)?;
         let (pressure, place) = (|t: f64| -0.5 * (9.0 * t).cos(), |t: f64| 0.01 * (25.0 * t).sin());
+        let mass_of_all = 1.0 + 0.9 * 0.5;
         // Loads in time are apart from the constant weight.
         let weight = model.system.load.as_deref().expect("a weight");
-        let acting = Acting { constant: -0.25, pressure: &pressure, place: &place, drag };
-        let (upward, solver) = (Upward::new(&model, weight, 0.25, 1.0), model.solver(&scene));
+        let acting = Acting { constant: -0.25 * mass_of_all, pressure: &pressure, place: &place, drag };
+        let (upward, solver) = (Upward::new(&model, weight, 0.25, mass_of_all), model.solver(&scene));
         let started = model.scheme_with(&scene, &*solver)?;
         // Both stops and the floor touch; no obstacle pulls.
         let (mut up, mut down) = (0, 0);

@@ -14,4 +14,5 @@ mod mixed_cells;
 mod modes;
 mod moments;
 mod obstacle_plate;
+mod ribs;
 mod statics;

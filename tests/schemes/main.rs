@@ -5,6 +5,7 @@ mod common;
 
 mod balance;
 mod bouncing_ball;
+mod cantilever;
 mod conserving;
 mod damping;
 mod energy;

@@ -21,6 +21,11 @@ pub(in crate::scene) const SPRING: Quantity = Quantity::new("a stiffness in N/m"
 pub(in crate::scene) const EDGE_SPRING: Quantity = Quantity::new("a stiffness in N/m2", Range::NOT_NEGATIVE);
 pub(in crate::scene) const EDGE_ROTATION: Quantity =
     Quantity::new("a stiffness against rotation in N m/rad/m", Range::NOT_NEGATIVE);
+pub(in crate::scene) const BENDING: Quantity = Quantity::new("a bending stiffness in N m2", Range::POSITIVE);
+pub(in crate::scene) const TORSION: Quantity =
+    Quantity::new("a torsional stiffness in N m2", Range::NOT_NEGATIVE);
+pub(in crate::scene) const LINE_MASS: Quantity =
+    Quantity::new("a mass per length in kg/m", Range::NOT_NEGATIVE);
 pub(in crate::scene) const FOUNDATION: Quantity = Quantity::new("a stiffness in N/m3", Range::NOT_NEGATIVE);
 pub(in crate::scene) const LINE_STOP: Quantity = Quantity::new("a stiffness in N/m2", Range::POSITIVE);
 pub(in crate::scene) const AREA_STOP: Quantity = Quantity::new("a stiffness in N/m3", Range::POSITIVE);

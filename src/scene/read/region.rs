@@ -75,6 +75,11 @@ impl<'p> PlaceReader<'p> {
         PlaceReader { plate, file, points: OnceCell::new() }
     }
 
+    /// Reads a point of the plate, in m.
+    pub(in crate::scene) fn on_plate(&self, doc: &Document, key: &str) -> Result<[f64; 2]> {
+        point_on(doc, key, self.plate)
+    }
+
     /// Returns the coordinates of a table's `at`, or of the single node of its `point` with its
     /// name.
     pub(in crate::scene) fn read(&self, doc: &Document, table: &str) -> Result<([f64; 2], Option<String>)> {

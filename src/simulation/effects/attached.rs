@@ -5,17 +5,18 @@ use super::elastic_edges::ElasticEdges;
 use super::ground::{BuildContext, PointEvaluation};
 use super::lumps::{AttachedBall, LumpedMass};
 use super::parts;
+use super::ribs::{self, Ribs};
 use super::stop_springs::StopSprings;
 use crate::assembly::{self, CellArrays, Probe};
 use crate::communicator::Communicator;
-use crate::dof_map::{PER_NODE, Rigid};
+use crate::dof_map::Rigid;
 use crate::element::adaptive::{self, Integrand, Rules};
 use crate::error::{Error, Result};
 use crate::linalg::{BARE, ElementMatrix, SingularMassCell};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene;
+use crate::scene::{self, Mass};
 use crate::simulation::refinement::seen;
 use crate::simulation::regions::cells_in;
 use std::rc::Rc;
@@ -25,6 +26,7 @@ pub(super) struct Attached<'s> {
     /// Contributions of the foundations to K, each with its cell.
     foundations: Vec<(usize, ElementMatrix)>,
     edges: ElasticEdges,
+    ribs: Ribs,
     springs: Vec<LumpedMass>,
     /// Masses fixed on the plate, then balls; `spot.free` gives their deflection in terms of the
     /// dofs.
@@ -34,6 +36,8 @@ pub(super) struct Attached<'s> {
     pub stops: StopSprings,
     /// First class number that is not used by the cells of a matrix.
     first_class: usize,
+    /// Whether the singular mass is that of the scene.
+    is_singular: bool,
 }
 
 impl<'s> Attached<'s> {
@@ -62,10 +66,11 @@ impl<'s> Attached<'s> {
                 balls.push(AttachedBall { number, ball, spot, gap, tip: ground.ball_tip(number) });
             }
         }
-        let first_class = BARE + 3 * ground.cells.len();
+        let first_class = BARE + 4 * ground.cells.len();
         let (foundations, edges) = (foundations(ground)?, ElasticEdges::new(ground)?);
+        let (ribs, is_singular) = (Ribs::new(ground)?, scene.time.mass == Mass::Singular);
         let stops = StopSprings::new(ground, &balls, first_class + springs.len() + balls.len());
-        Ok(Attached { foundations, edges, springs, masses, balls, stops, first_class })
+        Ok(Attached { foundations, edges, ribs, springs, masses, balls, stops, first_class, is_singular })
     }
 
     /// Returns an error where the mesh has several parts and one of them is not held by itself.
@@ -80,26 +85,37 @@ impl<'s> Attached<'s> {
         &self.springs
     }
 
-    /// Returns the masses fixed on the plate, then the balls.
-    pub fn masses(&self) -> &[LumpedMass] {
-        &self.masses
+    /// Returns the masses fixed on the plate, then the balls, then the masses of the ribs, as the
+    /// scene's mass has them.
+    pub fn masses(&self) -> impl Iterator<Item = &LumpedMass> {
+        self.with_ribs(self.is_singular)
     }
 
-    /// Returns the matrices of foundations and elastic edges, each with its cell.
+    /// Returns all masses, with those of the ribs for the singular or for the consistent mass.
+    fn with_ribs(&self, is_singular: bool) -> impl Iterator<Item = &LumpedMass> {
+        self.masses.iter().chain(if is_singular { &self.ribs.means } else { &self.ribs.points })
+    }
+
+    /// Returns the matrices of foundations, elastic edges and ribs, each with its cell.
     pub fn bed_matrices(&self) -> impl Iterator<Item = (usize, Rc<[f64]>)> {
         self.beds().map(|(cell, block)| (*cell, block.matrix.clone()))
     }
 
     /// Returns the contributions of foundations and elastic edges to K, each with its cell.
-    fn beds(&self) -> impl Iterator<Item = &(usize, ElementMatrix)> {
+    fn grounded(&self) -> impl Iterator<Item = &(usize, ElementMatrix)> {
         self.foundations.iter().chain(&self.edges.blocks)
     }
 
-    /// Returns K of plate, foundations, elastic edges, springs and stops.
+    /// Returns the contributions of foundations, elastic edges and ribs to K, each with its cell.
+    fn beds(&self) -> impl Iterator<Item = &(usize, ElementMatrix)> {
+        self.grounded().chain(&self.ribs.blocks)
+    }
+
+    /// Returns K of plate, foundations, elastic edges, ribs, springs and stops.
     pub fn stiffness(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::stiffness(cells);
         blocks.extend(self.beds().map(|(_, block)| block.clone()));
-        blocks.extend(self.forms(&self.springs));
+        blocks.extend(self.forms(self.springs.iter()));
         blocks.extend(self.stops.stiffness());
         blocks
     }
@@ -117,7 +133,7 @@ impl<'s> Attached<'s> {
     /// Returns `$M_r$` of the plate and its masses.
     pub fn consistent_mass(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::consistent_mass(cells);
-        blocks.extend(self.forms(&self.masses));
+        blocks.extend(self.forms(self.with_ribs(false)));
         blocks
     }
 
@@ -125,44 +141,52 @@ impl<'s> Attached<'s> {
     pub fn singular_mass(&self, cells: &[CellArrays]) -> Vec<SingularMassCell> {
         let mut rows = assembly::singular_mass(cells);
         let row = |(k, mass): (usize, &LumpedMass)| mass.spot.free.rider(mass.amount, self.first_class + k);
-        rows.extend(self.masses.iter().enumerate().map(row));
+        rows.extend(self.with_ribs(true).enumerate().map(row));
         rows
     }
 
-    fn forms<'l>(&'l self, lumps: &'l [LumpedMass]) -> impl Iterator<Item = ElementMatrix> + 'l {
-        let form = |(k, lump): (usize, &LumpedMass)| lump.spot.free.spring(lump.amount, self.first_class + k);
-        lumps.iter().enumerate().map(form)
+    fn forms<'l>(
+        &'l self,
+        lumps: impl Iterator<Item = &'l LumpedMass> + 'l,
+    ) -> impl Iterator<Item = ElementMatrix> + 'l {
+        let form =
+            |(k, lump): (usize, &'l LumpedMass)| lump.spot.free.spring(lump.amount, self.first_class + k);
+        lumps.enumerate().map(form)
     }
 
-    /// Adds the weight of masses and balls to `load` for a gravity (m/s^2), downward.
+    /// Adds the weight of masses, balls and ribs to `load` for a gravity (m/s^2), downward.
     pub fn add_weight(&self, gravity: f64, load: &mut [f64]) {
-        self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
+        self.with_ribs(false).for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
     }
 
     /// Adds the forces of foundations, elastic edges and springs under a shape (three values per
     /// node) to `force`, in N.
     pub fn add_forces<P: Partition>(&self, ground: &BuildContext<P>, shape: &[f64], force: &mut [f64]) {
-        for (cell, block) in self.beds() {
-            let nodes = ground.mesh.cells[*cell].nodes();
-            let values = nodes.iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]);
-            let values: Vec<f64> = values.copied().collect();
-            ground.cells[*cell].add_product(&block.matrix, &values, force);
-        }
+        ribs::add_forces(self.grounded(), ground, shape, force);
         for LumpedMass { amount, spot, .. } in &self.springs {
             spot.free.push(amount * spot.of_shape.deflection(shape), force);
         }
     }
 
-    /// Adds the momenta of masses and balls for a velocity of this shape to `momentum`.
+    /// Adds the forces of the ribs under a shape (three values per node) to `force`, in N: a rigid
+    /// shape has none.
+    pub fn add_rib_forces<P: Partition>(&self, ground: &BuildContext<P>, shape: &[f64], force: &mut [f64]) {
+        self.ribs.add_forces(ground, shape, force);
+    }
+
+    /// Adds the momenta of masses, balls and ribs for a velocity of this shape to `momentum`.
     pub fn add_momenta(&self, shape: &[f64], momentum: &mut [f64]) {
-        for LumpedMass { amount, spot, .. } in &self.masses {
+        for LumpedMass { amount, spot, .. } in self.masses() {
             spot.free.push(amount * spot.of_shape.deflection(shape), momentum);
         }
     }
 
-    /// Returns the positions of masses and balls, in m, in the order of their rows of B.
-    pub fn carried(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.masses.iter().map(|mass| mass.at.into())
+    /// Returns the positions of masses, balls and ribs, in m, in the order of their rows of B, each
+    /// with a number that tells it from others at the same place.
+    pub fn carried(&self) -> impl Iterator<Item = [f64; 3]> {
+        let masses = self.masses.iter().map(|mass| [mass.at.x, mass.at.y, 1.0]);
+        let ribs = self.ribs.means.iter().zip(&self.ribs.rib_of_mean);
+        masses.chain(ribs.map(|(mass, rib)| [mass.at.x, mass.at.y, 2.0 + *rib as f64]))
     }
 
     /// Returns the rigid motions that nothing restrains, in words. Collective.
@@ -180,6 +204,7 @@ impl<'s> Attached<'s> {
     /// its centre line. Collective.
     pub fn refuse_weightless<P: Partition>(&self, ground: &BuildContext<P>) -> Result<()> {
         let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
+        let fixed = fixed.chain(self.ribs.means.iter().map(|mass| mass.at));
         let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
         match self.held(ground, &fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
             None => Ok(()),

@@ -20,6 +20,7 @@ mod motion;
 mod of_cells;
 mod parts;
 mod reactions;
+mod ribs;
 mod start;
 mod statics;
 mod stop_springs;

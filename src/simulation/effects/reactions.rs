@@ -88,6 +88,7 @@ pub(in crate::simulation) struct Reactions {
     /// Cells at the elastic edges of named supports.
     edges: Vec<HeldCell>,
     springs: Vec<HeldLump>,
+    /// Masses, balls and masses of the ribs.
     masses: Vec<HeldLump>,
     /// Inertia of each mode of the modal mass at the held dofs; empty for other masses.
     modes: Vec<Vec<f64>>,
@@ -134,7 +135,7 @@ impl Reactions {
             centroids,
             cells: slots.cells(ground, &unheld),
             edges: edges(ground, &whole, &nodes)?,
-            springs: slots.lumps(attached.springs(), 0),
+            springs: slots.lumps(attached.springs().iter(), 0),
             masses: slots.lumps(attached.masses(), mesh.cells.len()),
             modes: Vec::new(),
             lifts: Vec::new(),
@@ -285,9 +286,9 @@ impl Reactions {
         };
         let (mut force, on_edges) = (self.elastic(values), self.on_edges(values));
         // Lumps in the order of the attachments.
-        let at = |of: &[LumpedMass], k: usize| of[k].spot.of_shape.deflection(&lift.shape);
-        let mut springs = 0..;
-        push(&self.springs, |_| springs.next().map_or(0.0, |k| at(attached.springs(), k)), &mut force);
+        let at = |of: Option<&LumpedMass>| of.map_or(0.0, |of| of.spot.of_shape.deflection(&lift.shape));
+        let mut springs = attached.springs().iter();
+        push(&self.springs, |_| at(springs.next()), &mut force);
         let mut momentum = vec![0.0; force.len()];
         for cell in &self.cells {
             let local = &cell.arrays.local;
@@ -300,8 +301,8 @@ impl Reactions {
                 cell.add_product(&local.mass, &values, &mut momentum);
             }
         }
-        let mut masses = 0..;
-        push(&self.masses, |_| masses.next().map_or(0.0, |k| at(attached.masses(), k)), &mut momentum);
+        let mut masses = attached.masses();
+        push(&self.masses, |_| at(masses.next()), &mut momentum);
         HeldLift { force, momentum, on_edges, is_damped: !lift.is_rigid }
     }
 }
@@ -381,15 +382,15 @@ impl Slots {
     }
 
     /// Returns all lumps with their shares at held dofs; `first` is the velocity of the first.
-    fn lumps(&self, lumps: &[LumpedMass], first: usize) -> Vec<HeldLump> {
-        let lump = |(k, LumpedMass { amount, spot, .. }): (usize, &LumpedMass)| {
+    fn lumps<'l>(&self, lumps: impl Iterator<Item = &'l LumpedMass>, first: usize) -> Vec<HeldLump> {
+        let lump = |(k, LumpedMass { amount, spot, .. }): (usize, &'l LumpedMass)| {
             let held = spot.of_shape.weights().iter().filter_map(|(dof, weight)| {
                 Some((PER_NODE * self.0[dof / PER_NODE]? + dof % PER_NODE, *weight))
             });
             let shares = held.fold(Probe::default(), |probe, (dof, weight)| probe.with(dof, weight));
             HeldLump { amount: *amount, free: spot.free.clone(), velocity: first + k, shares }
         };
-        lumps.iter().enumerate().map(lump).collect()
+        lumps.enumerate().map(lump).collect()
     }
 }
 

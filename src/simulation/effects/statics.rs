@@ -47,6 +47,7 @@ impl<P: Partition> Statics<'_, P> {
         let mut force = vec![0.0; space.dofs()];
         assembly::forces(mesh, cells, shape, &mut force);
         self.attached.add_forces(self.ground, shape, &mut force);
+        self.attached.add_rib_forces(self.ground, shape, &mut force);
         partition.add_up(&force)
     }
 }

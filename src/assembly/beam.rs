@@ -1,0 +1,188 @@
+//! Beams along lines of the plate: their pieces in the cells, their stiffness and their mass.
+//!
+//! A beam follows the deflection w of the plate. With s along the line and n across it, its elastic
+//! and kinetic energies are
+//!
+//! ```math
+//! \tfrac12 \int EI\, w_{ss}^2 + GJ\, w_{sn}^2\, ds, \qquad \tfrac12 \int \rho A\, \dot w^2\, ds .
+//! ```
+//!
+//! On each sub-cell w is a cubic, and the Gauss rules are exact on the pieces of the line there.
+
+use super::{CellArrays, Probe};
+use crate::dof_map::PER_NODE;
+use crate::element::BasisFunction;
+use crate::error::Result;
+use crate::geometry;
+use crate::linalg::{BARE, ElementMatrix};
+use crate::mesh::{Mesh, Point};
+use nalgebra::Vector2;
+use std::collections::BTreeMap;
+
+/// Straight piece of a beam within a sub-cell.
+#[derive(Debug, Clone, Copy)]
+pub struct BeamPiece {
+    /// Index of the cell.
+    pub cell: usize,
+    /// Ends, in m.
+    pub ends: [Point; 2],
+}
+
+/// Stiffness of a beam against bending and against torsion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BeamStiffness {
+    /// EI, in N m2.
+    pub bending: f64,
+    /// GJ, in N m2.
+    pub torsion: f64,
+}
+
+/// Gauss rule on [-1, 1]: points and weights.
+type GaussRule = &'static [(f64, f64)];
+
+/// Rule that is exact up to degree 3: squares of second derivatives, and deflections.
+const CUBIC: GaussRule = &[(-0.577_350_269_189_625_8, 1.0), (0.577_350_269_189_625_8, 1.0)];
+
+/// Rule that is exact up to degree 7: squares of deflections.
+const SEPTIC: GaussRule = &[
+    (-0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+    (-0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
+    (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
+    (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+];
+
+/// Distance from a sub-cell, relative to its longest side, up to which a line counts as within it.
+const WITHIN: f64 = 1e-10;
+
+impl BeamPiece {
+    /// Returns the length of the piece, in m.
+    pub fn length(&self) -> f64 {
+        (self.ends[1] - self.ends[0]).norm()
+    }
+
+    /// Returns the points of a Gauss rule with their weights, in m.
+    fn points(&self, rule: GaussRule) -> impl Iterator<Item = (Point, f64)> {
+        let (half, middle) =
+            (0.5 * (self.ends[1] - self.ends[0]), nalgebra::center(&self.ends[0], &self.ends[1]));
+        rule.iter().map(move |(place, weight)| (middle + half * *place, weight * half.norm()))
+    }
+
+    /// Returns the points of the rule that integrates the squared deflection, with weights in m and
+    /// the deflection at each.
+    ///
+    /// # Errors
+    /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
+    pub fn deflections(&self, mesh: &Mesh) -> Result<Vec<(Point, f64, Probe)>> {
+        let at = |(point, weight)| Ok((point, weight, Probe::in_cell(mesh, self.cell, point, value)?));
+        self.points(SEPTIC).map(at).collect()
+    }
+
+    /// Adds the integral of the deflection to `sums`, one entry per deflection and slope of all
+    /// nodes.
+    ///
+    /// # Errors
+    /// Returns the errors of [`BeamPiece::deflections`].
+    pub fn add_integral(&self, mesh: &Mesh, sums: &mut BTreeMap<usize, f64>) -> Result<()> {
+        for (point, weight) in self.points(CUBIC) {
+            for (dof, share) in Probe::in_cell(mesh, self.cell, point, value)?.weights() {
+                *sums.entry(*dof).or_insert(0.0) += weight * share;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the stiffness of the piece to a matrix over the cell's dofs, stored by rows.
+    fn add_stiffness(&self, mesh: &Mesh, of: BeamStiffness, matrix: &mut [f64]) -> Result<()> {
+        let element = mesh.element(self.cell)?;
+        let along = (self.ends[1] - self.ends[0]).normalize();
+        let bend = |of: &BasisFunction| {
+            let [xx, xy, yy] = of.hessian;
+            along.x * along.x * xx + 2.0 * along.x * along.y * xy + along.y * along.y * yy
+        };
+        let twist = |of: &BasisFunction| {
+            let [xx, xy, yy] = of.hessian;
+            along.x * along.y * (yy - xx) + (along.x * along.x - along.y * along.y) * xy
+        };
+        for (point, weight) in self.points(CUBIC) {
+            let basis = element.basis_at(point);
+            let bent: Vec<f64> = basis.iter().map(bend).collect();
+            let twisted: Vec<f64> = basis.iter().map(twist).collect();
+            for (stiffness, values) in [(of.bending, bent), (of.torsion, twisted)] {
+                for (i, row) in matrix.chunks_exact_mut(values.len()).enumerate() {
+                    let scale = weight * stiffness * values[i];
+                    row.iter_mut().zip(&values).for_each(|(entry, value)| *entry += scale * value);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn value(of: &BasisFunction) -> f64 {
+    of.value
+}
+
+/// Returns the contributions of beams to the stiffness, each with its cell.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
+pub fn beams(
+    mesh: &Mesh,
+    cells: &[CellArrays],
+    pieces: &[(BeamPiece, BeamStiffness)],
+) -> Result<Vec<(usize, ElementMatrix)>> {
+    let mut sums: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    for (piece, stiffness) in pieces {
+        let size = PER_NODE * mesh.cells[piece.cell].nodes().len();
+        let sum = sums.entry(piece.cell).or_insert_with(|| vec![0.0; size * size]);
+        piece.add_stiffness(mesh, *stiffness, sum)?;
+    }
+    // Each block is a class of its own, numbered after those of the elastic edges.
+    let block = |(cell, matrix): (usize, Vec<f64>)| {
+        let class = BARE + 3 * cells.len() + cell;
+        (cell, ElementMatrix { class, ..cells[cell].block(&matrix.into(), None) })
+    };
+    Ok(sums.into_iter().map(block).collect())
+}
+
+/// Returns the parts of a line within the sub-cells, each with its cell, as shares of the length.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
+pub fn line_in_cells(mesh: &Mesh, [from, to]: [Point; 2]) -> Result<Vec<(usize, [f64; 2])>> {
+    let mut parts = Vec::new();
+    let along = to - from;
+    for cell in 0..mesh.cells.len() {
+        let vertices = mesh.vertices(cell);
+        let slack = WITHIN * geometry::longest_edge(&vertices) * along.norm();
+        let beside = |sign: f64| vertices.iter().all(|vertex| sign * along.perp(&(vertex - from)) > slack);
+        if beside(1.0) || beside(-1.0) {
+            continue;
+        }
+        let pieces = mesh.element(cell)?.pieces();
+        parts.extend(pieces.iter().filter_map(|piece| Some((cell, clip(piece, from, along)?))));
+    }
+    Ok(parts)
+}
+
+/// Returns the part of a line within a triangle, as shares of its length.
+fn clip(vertices: &[Point; 3], from: Point, along: Vector2<f64>) -> Option<[f64; 2]> {
+    let size = geometry::longest_edge(vertices);
+    let (mut first, mut last) = (0.0_f64, 1.0_f64);
+    for (start, side) in geometry::sides(vertices) {
+        // The distance from the side, positive within, is at + share * rate.
+        let side = side.normalize();
+        let (at, rate) = (side.perp(&(from - start)) + WITHIN * size, side.perp(&along));
+        // A line along the side is within or not, whatever rounding makes of its slope.
+        if rate.abs() <= WITHIN * size {
+            if at.max(at + rate) < 0.0 {
+                return None;
+            }
+        } else if rate > 0.0 {
+            first = first.max(-at / rate);
+        } else {
+            last = last.min(-at / rate);
+        }
+    }
+    (first < last).then_some([first, last])
+}
