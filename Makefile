@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lints-native documentation test-long stability bench table accuracy clean
+.PHONY: help setup run test lints-native documentation test-long stability report bench table accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -70,6 +70,9 @@ stability: setup ## recompute the tables of docs/stability.md, natively and on P
 	@$(CARGO_RUN) -- stability > docs/stability/table.txt
 	$(call say,PETSc with each contact solver)
 	@for with in petsc petsc:snes petsc:tao; do $(CARGO_RUN) -- stability --with $$with || exit; echo; done > docs/stability/petsc.txt
+
+report: setup ## write the report of the paper's plate, and check it in headless Chromium
+	@scripts/check_report.sh
 
 bench: setup ## time assembly, factorisation, a step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
 	$(call say,benchmarks)

@@ -83,6 +83,8 @@ FAULTS = [
      "an_impact_throws_at_another_obstacle"),
     ("an absolute tolerance", "src/vi/active_set.rs", "BoundStatus::Lower if reaction[i] < -rounding",
      "BoundStatus::Lower if reaction[i] < -({if} { 1e-3 } else { rounding })", "hard", "powers_of_four"),
+    ("values of a report one quantum low", "src/output/report/blob.rs", "((value - low) / quantum)",
+     "((value - low) / quantum - {if} { 1.0 } else { 0.0 })", "cli", "the_numbers_of_a_report"),
 ]
 
 

@@ -33,7 +33,7 @@
 //! | [`scheme`] | Newmark, midpoint, conserving and exact schemes, static equilibrium |
 //! | [`scene`] | validated scenes from TOML |
 //! | [`simulation`] | the model, the main loop and its observers |
-//! | [`output`] | csv, json, vtu, svg, png, progress |
+//! | [`output`] | csv, json, vtu, svg, png, html, progress |
 //! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
 //! | [`sweep`] | many runs over one or two keys of a scene |
 //! | [`cli`] | the command |

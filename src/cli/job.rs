@@ -1,9 +1,9 @@
 //! Run to make: its description before it begins, and its summary, plot and report at the end.
 
 use super::cache::CacheArgs;
-use super::plot::{obstacles, quantity};
 use super::printing::{OutputMode, print};
 use super::report::report;
+use super::run_folder::{obstacles, quantity};
 use crate::error::Result;
 use crate::output::checkpoint::{Checkpoint, Identity};
 use crate::output::{history, plot, summary};

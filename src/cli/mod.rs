@@ -15,8 +15,10 @@ mod printing;
 mod ranks;
 mod recorder;
 mod report;
+mod report_page;
 mod resume;
 mod run;
+mod run_folder;
 mod set_up;
 mod signal;
 mod stability;
@@ -61,6 +63,9 @@ enum Command {
     /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and
     /// PNG
     Plot(plot::Plot),
+    /// Write a run folder's report.html: one page with the moving plate, charts and contacts, which
+    /// needs no network
+    Report(report_page::ReportPage),
 }
 
 /// Executes the command.
@@ -80,5 +85,6 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Stability(stability) => stability.execute(),
         Command::Figures(figures) => figures.execute(),
         Command::Plot(plot) => plot.execute(),
+        Command::Report(report) => report.execute(),
     }
 }

@@ -12,7 +12,7 @@ use crate::output::history::History;
 use crate::output::progress::{Progress, State};
 use crate::output::reactions::{self, Reactions};
 use crate::output::vtu::{self, Contents, Series};
-use crate::output::{extremes, plot, remove, summary, sweep, write_atomic};
+use crate::output::{extremes, plot, remove, report, summary, sweep, write_atomic};
 use crate::simulation::{Contact, Envelope, NodeEvent, NodeReaction, Observer, Row, RunState, Snapshot};
 
 /// Observer that writes a run's rows, contacts and checkpoints and reports progress to the
@@ -47,6 +47,7 @@ impl Files {
         checkpoint::clear_state(folder)?;
         remove(&folder.join(summary::FILE))?;
         plot::clear(folder)?;
+        remove(&folder.join(report::FILE))?;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes, &scene.force_columns())?;
         vtu::clear(folder)?;

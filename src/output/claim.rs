@@ -5,7 +5,7 @@
 //! without a lock only marks a run that was interrupted there.
 
 use super::checkpoint::{self, Identity};
-use super::{contacts, events, extremes, history, plot, reactions, summary, vtu};
+use super::{contacts, events, extremes, history, plot, reactions, report, summary, vtu};
 use crate::error::{Error, Result};
 use crate::motion;
 use serde::{Deserialize, Serialize};
@@ -20,8 +20,8 @@ use std::time::Duration;
 /// Name of the lock file.
 const LOCK: &str = ".lock";
 
-/// Names of files and folders that runs and plots write, except checkpoints.
-const RESULTS: [&str; 12] = [
+/// Names of files and folders that runs, plots and reports write, except checkpoints.
+const RESULTS: [&str; 13] = [
     history::FILE,
     checkpoint::STATE,
     motion::FILE,
@@ -34,6 +34,7 @@ const RESULTS: [&str; 12] = [
     vtu::FILE,
     vtu::FOLDER,
     plot::FOLDER,
+    report::FILE,
 ];
 
 /// Content of the lock file.

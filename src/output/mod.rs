@@ -12,6 +12,7 @@
 //! - [`vtu`] for `fields.pvd` and its snapshots,
 //! - [`summary`] for `summary.json`,
 //! - [`plot`] for `plots/*.svg` and `.png`,
+//! - [`report`] for `report.html`,
 //! - [`matrix_market`] for `*.mtx`,
 //! - [`progress`] for the progress line on a terminal,
 //! - [`text`] for the report that ends a run.
@@ -27,6 +28,7 @@ pub mod matrix_market;
 pub mod plot;
 pub mod progress;
 pub mod reactions;
+pub mod report;
 pub mod summary;
 pub mod text;
 pub mod vtu;

@@ -12,6 +12,7 @@ mod interrupted;
 mod limits;
 mod output;
 mod overwriting;
+mod report;
 mod resume;
 mod stresses;
 mod study;

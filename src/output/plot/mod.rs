@@ -18,6 +18,7 @@
 //! ```
 
 mod axis;
+pub mod coarse;
 pub mod forces;
 mod layout;
 mod panel;

@@ -1,16 +1,14 @@
 //! Perspective view of the deformed plate between its obstacles.
 
 use super::axis::is_near;
+use super::coarse::coarsened;
 use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp, short};
 use crate::output::vtu::Surface;
-use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Largest number of snapshots in a figure.
 const MOST: usize = 6;
-/// Number of faces above which a surface is drawn on a coarser grid with about as many.
-const MOST_FACES: usize = 3000;
 /// Viewing direction: rotation about the vertical and elevation, in radians.
 const TURN: f64 = -0.60;
 const RISE: f64 = 0.42;
@@ -21,6 +19,7 @@ const RELIEF: f64 = 0.3;
 
 const OUTLINE: Pen = Pen::solid(Color::GREY, 0.5);
 const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
+const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
 const REMARK: Type = Type::new(6.5);
 /// Height of the line with the time, in points.
 const BAND: f64 = 10.0;
@@ -77,6 +76,7 @@ pub fn envelope(surface: Surface, title: &str) -> Figure {
 }
 
 fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
+    let held = held(&snapshots);
     let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
     let range = |values: &mut dyn Iterator<Item = f64>| {
@@ -95,8 +95,7 @@ fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
     let size = sides.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
     let heights = snapshots.iter().flat_map(|(_, surface)| surface.obstacles.iter().flatten().copied());
     let heights = range(&mut heights.chain([low, high, 0.0]));
-    let relief = heights[1] - heights[0];
-    let scale = if relief > 0.0 { exaggeration(RELIEF * size / relief) } else { 1.0 };
+    let scale = relief_scale(heights[0], heights[1], size);
 
     let view = View { sides, size, scale };
     let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
@@ -118,6 +117,7 @@ fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
     let mut figure =
         Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(end), color: depth });
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
+        let held = held.clone();
         let height = (108.0 * window.height() / window.width()).clamp(20.0, 120.0) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
@@ -128,6 +128,8 @@ fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
             }
             floor.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), OUTLINE));
             floor.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), 1.0));
+            // The plate covers the inner half of these lines.
+            held.iter().for_each(|edge| paper.polyline(&edge.map(|[x, y]| at([x, y, 0.0])), HELD));
             for face in view.sorted(&surface) {
                 let corners: Vec<_> = face.iter().map(|&point| at(surface.place(point))).collect();
                 let mean = face.iter().map(|&p| by.values(&surface)[p]).sum::<f64>() / face.len() as f64;
@@ -146,6 +148,18 @@ fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
         figure = figure.panel(Panel::drawing(draw).height(height));
     }
     figure
+}
+
+/// Returns the edges of the plate's border that stay at zero in all snapshots while others move.
+fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
+    let Some((_, first)) = snapshots.first() else { return Vec::new() };
+    let is_zero = |(_, surface): &(f64, Surface), point: usize| surface.deflection.get(point) == Some(&0.0);
+    if snapshots.iter().all(|(_, surface)| surface.deflection.iter().all(|w| *w == 0.0)) {
+        return Vec::new();
+    }
+    let is_held = |point: &usize| snapshots.iter().all(|snapshot| is_zero(snapshot, *point));
+    let border = first.boundary(&first.cells.iter().collect::<Vec<_>>()).into_iter();
+    border.filter(|side| side.iter().all(is_held)).map(|side| side.map(|point| first.points[point])).collect()
 }
 
 /// Draws an obstacle at single points as a peg that stands below the plate or hangs above it.
@@ -189,6 +203,12 @@ impl Wall {
             faces: faces.into_iter().map(|face| face.iter().map(|&point| place(point)).collect()).collect(),
         }
     }
+}
+
+/// Returns the scale at which heights between two bounds (m) are visible on a plate of that size
+/// (m).
+pub fn relief_scale(low: f64, high: f64, size: f64) -> f64 {
+    if high > low { exaggeration(RELIEF * size / (high - low)) } else { 1.0 }
 }
 
 /// Returns the largest of 1, 2, 5, 10, ... that does not exceed a number.
@@ -297,99 +317,4 @@ impl Window {
             0.5 * (frame.top + frame.bottom) - scale * (up - middle[1]),
         ]
     }
-}
-
-/// Replaces the faces of a fine surface by one face per cell of the mesh.
-fn merged(mut surface: Surface) -> Surface {
-    // A corner of a cell is a corner of only one of its small cells.
-    let mut corners: BTreeMap<usize, BTreeMap<usize, usize>> = BTreeMap::new();
-    for (face, &parent) in surface.cells.iter().zip(&surface.parents) {
-        let of_parent = corners.entry(parent).or_default();
-        face.iter().for_each(|&point| *of_parent.entry(point).or_default() += 1);
-    }
-    surface.parents = corners.keys().copied().collect();
-    let points = &surface.points;
-    let around = |faces: BTreeMap<usize, usize>| {
-        let mut face: Vec<usize> =
-            faces.into_iter().filter(|(_, faces)| *faces == 1).map(|(point, _)| point).collect();
-        let middle =
-            [0, 1].map(|axis| face.iter().map(|&p| points[p][axis]).sum::<f64>() / face.len() as f64);
-        let angle = |point: usize| (points[point][1] - middle[1]).atan2(points[point][0] - middle[0]);
-        face.sort_by(|&a, &b| angle(a).total_cmp(&angle(b)));
-        face
-    };
-    surface.cells = corners.into_values().map(around).collect();
-    let mut is_corner = vec![false; surface.points.len()];
-    surface.cells.iter().flatten().for_each(|&point| is_corner[point] = true);
-    for heights in &mut surface.obstacles {
-        let others = heights.iter_mut().zip(&is_corner).filter(|(_, is_corner)| !**is_corner);
-        others.for_each(|(height, _)| *height = f64::NAN);
-    }
-    surface
-}
-
-/// Reduces the faces of a fine surface to those of the mesh, or to those of a grid.
-///
-/// The grid serves where the mesh has too many faces as well; its points take the nearest values.
-fn coarsened(surface: Surface) -> Surface {
-    if surface.cells.len() <= MOST_FACES {
-        return surface;
-    }
-    let cells = surface.parents.iter().collect::<HashSet<_>>().len();
-    if cells <= MOST_FACES {
-        return merged(surface);
-    }
-    let ends = |axis: usize| {
-        let values = surface.points.iter().map(|point| point[axis]);
-        values
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
-    };
-    let [[left, right], [front, back]] = [ends(0), ends(1)];
-    let spacing = ((right - left) * (back - front) / MOST_FACES as f64).sqrt();
-    let parts = |length: f64| (length / spacing).round().max(1.0) as usize;
-    let [nx, ny] = [parts(right - left), parts(back - front)];
-    let [dx, dy] = [(right - left) / nx as f64, (back - front) / ny as f64];
-    // The map has the distance to the nearest point, and that point, by position in the grid.
-    let mut nearest: HashMap<(usize, usize), (f64, usize)> = HashMap::new();
-    for (number, &[x, y]) in surface.points.iter().enumerate() {
-        let [i, j] = [(x - left) / dx, (y - front) / dy];
-        let distance = (i - i.round()).hypot(j - j.round());
-        let best = nearest.entry((i.round() as usize, j.round() as usize)).or_insert((distance, number));
-        if distance < best.0 {
-            *best = (distance, number);
-        }
-    }
-    let mut coarse = Surface::default();
-    let mut numbers = HashMap::new();
-    for (&(i, j), &(_, point)) in &nearest {
-        numbers.insert((i, j), coarse.points.len());
-        coarse.points.push([left + dx * i as f64, front + dy * j as f64]);
-        coarse.deflection.push(surface.deflection[point]);
-        coarse.von_mises.extend(surface.von_mises.get(point));
-        for (coarse, fine) in coarse.obstacles.iter_mut().zip(&surface.obstacles) {
-            coarse.extend(fine.get(point));
-        }
-    }
-    for j in 0..ny {
-        for i in 0..nx {
-            let corners =
-                [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|at| numbers.get(&at).copied());
-            if let [Some(a), Some(b), Some(c), Some(d)] = corners {
-                coarse.cells.push(vec![a, b, c, d]);
-            }
-        }
-    }
-    // Points in contact keep their positions.
-    let points = surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction));
-    for (number, (&at, (&w, &r))) in points.enumerate() {
-        coarse.reaction.resize(coarse.points.len(), 0.0);
-        if r != 0.0 {
-            coarse.points.push(at);
-            coarse.deflection.push(w);
-            coarse.von_mises.extend(surface.von_mises.get(number));
-            coarse.reaction.push(r);
-            coarse.obstacles.iter_mut().for_each(|heights| heights.push(f64::NAN));
-        }
-    }
-    coarse
 }

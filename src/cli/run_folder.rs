@@ -1,0 +1,170 @@
+//! Folder of a finished run, read for pictures and for the report.
+
+use crate::error::{Error, Result};
+use crate::output::contacts::Contact;
+use crate::output::history::Table;
+use crate::output::plot::{Figure, Obstacle, forces, perspective, run};
+use crate::output::vtu::{self, Surface};
+use crate::output::{checkpoint, contacts, extremes, history, summary};
+use crate::scene::ProbeQuantity;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Files of a run.
+pub(super) struct RunFolder {
+    pub folder: PathBuf,
+    pub summary: Value,
+    pub table: Table,
+    /// Contacts of nodes; `None` where the scene has neither obstacles nor balls.
+    pub contacts: Option<Vec<Contact>>,
+    /// Times (s) and files of the snapshots.
+    pub snapshots: Vec<(f64, PathBuf)>,
+    /// Heights of the obstacles at each probe, in m.
+    opposite: BTreeMap<String, Vec<f64>>,
+}
+
+/// Pictures of a run by name, and remarks on those that it lacks.
+pub(super) struct RunPictures {
+    pub figures: Vec<(&'static str, Figure)>,
+    pub absent: Vec<&'static str>,
+}
+
+impl RunFolder {
+    /// Reads the files of a folder, except the snapshots themselves.
+    pub fn read(folder: &Path) -> Result<RunFolder> {
+        let summary = read_summary(folder)?;
+        let table = history::read(folder)?.with_quantities(|name| quantity(&summary["scene"], name));
+        if table.rows() == 0 {
+            return Err(invalid(&folder.join(history::FILE), "no rows"));
+        }
+        Ok(RunFolder {
+            folder: folder.to_owned(),
+            opposite: serde_json::from_value(summary["opposite"].clone()).unwrap_or_default(),
+            contacts: contacts::read(folder)?,
+            snapshots: vtu::read_index(folder)?,
+            summary,
+            table,
+        })
+    }
+
+    /// Returns the obstacles of constant height.
+    pub fn obstacles(&self) -> Vec<Obstacle> {
+        obstacles(&self.summary["scene"], &self.opposite)
+    }
+
+    /// Draws all pictures.
+    pub fn pictures(&self) -> Result<RunPictures> {
+        let RunFolder { folder, summary, table, contacts, opposite, .. } = self;
+        let scene = &summary["scene"];
+        let title = scene["title"].as_str().unwrap_or_default();
+        let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
+        let snapshots: Vec<(f64, Surface)> =
+            perspective::chosen(&self.snapshots).into_iter().map(read).collect::<Result<_>>()?;
+        let outline = match snapshots.first() {
+            Some((_, surface)) => surface.outline(),
+            None => rectangle(scene),
+        };
+
+        let mut figures = vec![
+            ("history", run::history(table, title, &self.obstacles())),
+            ("energy", run::energy(table, title)),
+        ];
+        figures.extend(forces::over_gap(table, scene, title, opposite).map(|figure| ("forces", figure)));
+        let mut absent = Vec::new();
+        match contacts {
+            Some(contacts) if !contacts.is_empty() => {
+                figures.push(("contacts", run::contacts(contacts, table, title, outline)));
+            }
+            Some(_) => absent.push("no contacts: nothing touched"),
+            None => absent.push("no contacts: the scene has neither obstacles nor balls"),
+        }
+        if table.deflections().next().is_some() {
+            figures.push(("phase", run::phase(table, title, opposite)));
+            figures.push(("spectrum", run::spectrum(table, title)));
+        } else {
+            absent.push(
+                "no phase portraits and spectra: the scene has no probes of deflections (output.probes)",
+            );
+        }
+        if snapshots.is_empty() {
+            absent.push("no snapshots: the run wrote no fields (output.fields_every)");
+        } else {
+            if snapshots.iter().all(|(_, surface)| !surface.von_mises.is_empty()) {
+                figures.push(("stresses", perspective::stresses(snapshots.clone(), title)));
+            }
+            figures.push(("snapshots", perspective::snapshots(snapshots, title)));
+        }
+        if let Some(path) = extremes::find(folder) {
+            figures.push(("extremes", perspective::envelope(vtu::read(&path)?, title)));
+        }
+        Ok(RunPictures { figures, absent })
+    }
+}
+
+/// Reads `summary.json`, and tells what a folder without one is.
+fn read_summary(folder: &Path) -> Result<Value> {
+    let path = folder.join(summary::FILE);
+    let text = match fs::read_to_string(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound && folder.is_dir() => {
+            let shown = folder.display();
+            let what = if checkpoint::any(folder)? {
+                format!("not there, the run is unfinished: `rebond resume {shown}` goes on with it")
+            } else if folder.join(history::FILE).exists() {
+                "not there, the run is unfinished: `rebond run` makes it anew".to_owned()
+            } else {
+                "not there, the folder holds no run".to_owned()
+            };
+            return Err(Error::io(path)(io::Error::new(io::ErrorKind::NotFound, what)));
+        }
+        text => text.map_err(Error::io(&path))?,
+    };
+    let summary: Value = serde_json::from_str(&text).map_err(|why| invalid(&path, &why.to_string()))?;
+    if summary["program"] != env!("CARGO_PKG_NAME") || !summary["scene"].is_object() {
+        return Err(invalid(&path, "not the summary of a run of rebond"));
+    }
+    Ok(summary)
+}
+
+fn invalid(path: &Path, what: &str) -> Error {
+    Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()))
+}
+
+/// Returns the sides of a resolved scene's rectangle, in m; none where a file gives the mesh.
+fn rectangle(scene: &Value) -> Vec<[[f64; 2]; 2]> {
+    let side = |name| scene["plate"][name].as_f64().filter(|side| *side > 0.0);
+    let (Some(length), Some(width)) = (side("length"), side("width")) else { return Vec::new() };
+    let corners = [[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]];
+    (0..4).map(|i| [corners[i], corners[(i + 1) % 4]]).collect()
+}
+
+/// Returns the quantity of a probe of a resolved scene.
+pub(super) fn quantity(scene: &Value, probe: &str) -> ProbeQuantity {
+    let probes = scene["output"]["probes"].as_array();
+    let found = probes.into_iter().flatten().find(|of| of["name"] == probe);
+    let named = found.and_then(|of| of["quantity"].as_str()).and_then(ProbeQuantity::named);
+    named.unwrap_or_default()
+}
+
+/// Returns the obstacles of a resolved scene that have one constant height, without repetition.
+///
+/// Obstacles that face a part of the plate count if some probe faces them.
+pub(super) fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Obstacle> {
+    let mut obstacles = Vec::new();
+    for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
+        let Some(height) = obstacle["height"].as_f64() else { continue };
+        let is_part = ["where", "group", "at", "line"].iter().any(|key| !obstacle[key].is_null());
+        let obstacle = match (is_part, obstacle["side"] == "below") {
+            (true, _) => Obstacle::Part(height),
+            (false, true) => Obstacle::Below(height),
+            (false, false) => Obstacle::Above(height),
+        };
+        let is_seen = !is_part || opposite.values().flatten().any(|of| *of == height);
+        if is_seen && !obstacles.contains(&obstacle) {
+            obstacles.push(obstacle);
+        }
+    }
+    obstacles
+}

@@ -1,0 +1,256 @@
+//! Snapshots of a run as frames of the page: one fixed set of points, and fields over them.
+
+use super::blob::PageData;
+use crate::error::{Error, Result};
+use crate::output::plot::coarse;
+use crate::output::vtu::{self, Surface};
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, HashMap};
+use std::io;
+use std::path::PathBuf;
+
+/// Largest number of frames of a page.
+pub const MOST_FRAMES: usize = 300;
+/// Number of frames that even the finest surface has, if the run has as many snapshots.
+const LEAST_FRAMES: usize = 60;
+/// Approximate limit on the values of all fields in all frames.
+const MOST_VALUES: usize = 700_000;
+
+/// Frames of a run.
+#[derive(Debug)]
+pub struct Frames {
+    /// Times of the frames, in s.
+    pub times: Vec<f64>,
+    /// Number of snapshots of the run, of which the frames are some.
+    pub snapshots: usize,
+    /// Number of points of a snapshot.
+    pub points_of_snapshot: usize,
+    /// Points, faces and mesh lines.
+    shown: ShownPoints,
+    deflection: Vec<Vec<f64>>,
+    von_mises: Vec<Vec<f64>>,
+    obstacles: [Vec<Vec<f64>>; 2],
+    /// Points in contact, by frame.
+    touching: Vec<Vec<u32>>,
+}
+
+impl Frames {
+    /// Reads snapshots (times in s, files); `None` without any.
+    ///
+    /// Snapshots are left out, evenly, where there are too many for a page of moderate size.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] where a file cannot be read, or where snapshots differ in their mesh.
+    pub fn read(index: &[(f64, PathBuf)]) -> Result<Option<Frames>> {
+        let Some((_, path)) = index.first() else { return Ok(None) };
+        let first = vtu::read(path)?;
+        let shown = ShownPoints::of(&first);
+        let fields = if first.von_mises.is_empty() { 1 } else { 2 };
+        let most = MOST_VALUES / (fields * shown.points.len().max(1));
+        let most = most.clamp(LEAST_FRAMES, MOST_FRAMES).min(index.len());
+        let mut frames = Frames {
+            times: Vec::new(),
+            snapshots: index.len(),
+            points_of_snapshot: first.points.len(),
+            shown,
+            deflection: Vec::new(),
+            von_mises: Vec::new(),
+            obstacles: [Vec::new(), Vec::new()],
+            touching: Vec::new(),
+        };
+        for i in 0..most {
+            let (time, path) = &index[if most > 1 { i * (index.len() - 1) / (most - 1) } else { 0 }];
+            let surface = vtu::read(path)?;
+            let same = |a: &[f64], b: &[f64]| a.is_empty() == b.is_empty();
+            if surface.points != first.points || !same(&surface.von_mises, &first.von_mises) {
+                let what = format!("other points or arrays than {}", index[0].1.display());
+                return Err(Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what)));
+            }
+            frames.times.push(*time);
+            frames.add(&surface);
+        }
+        Ok(Some(frames))
+    }
+
+    fn add(&mut self, surface: &Surface) {
+        let points = &self.shown.points;
+        let taken = |values: &[f64]| points.iter().map(|&point| values[point]).collect::<Vec<f64>>();
+        self.deflection.push(taken(&surface.deflection));
+        if !surface.von_mises.is_empty() {
+            self.von_mises.push(taken(&surface.von_mises));
+        }
+        for (frames, heights) in self.obstacles.iter_mut().zip(&surface.obstacles) {
+            if heights.iter().any(|height| height.is_finite()) {
+                frames.push(taken(heights));
+            }
+        }
+        let touched = surface.reaction.iter().enumerate().filter(|(_, reaction)| **reaction != 0.0);
+        let touched: Vec<usize> = touched.map(|(point, _)| point).collect();
+        let mut touching: Vec<u32> =
+            touched.into_iter().map(|point| self.shown.nearest(surface, point)).collect();
+        touching.sort_unstable();
+        touching.dedup();
+        self.touching.push(touching);
+    }
+
+    /// Returns the number of points of a frame.
+    pub fn points(&self) -> usize {
+        self.shown.points.len()
+    }
+
+    /// Returns the least and greatest deflection, in m, and the largest extent of the plate, in m.
+    pub fn extent(&self) -> ([f64; 2], f64) {
+        let ends = |values: &mut dyn Iterator<Item = f64>| {
+            values
+                .filter(|value| value.is_finite())
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+                    [low.min(value), high.max(value)]
+                })
+        };
+        let size = [0, 1].map(|axis| {
+            let [low, high] = ends(&mut self.shown.places.iter().map(|place| place[axis]));
+            high - low
+        });
+        (ends(&mut self.deflection.iter().flatten().copied()), size[0].max(size[1]))
+    }
+
+    /// Adds the arrays of the frames, and returns what colours can show, with unit and quantum.
+    pub fn store(&self, data: &mut PageData) -> Value {
+        let ShownPoints { places, faces, edges, .. } = &self.shown;
+        data.doubles("frame_times", &self.times);
+        data.floats("x", places.iter().map(|place| place[0]));
+        data.floats("y", places.iter().map(|place| place[1]));
+        let fan = |face: &Vec<u32>| {
+            (1..face.len().saturating_sub(1))
+                .flat_map(|i| [face[0], face[i], face[i + 1]])
+                .collect::<Vec<_>>()
+        };
+        data.indices("triangles", &faces.iter().flat_map(fan).collect::<Vec<u32>>());
+        data.indices("edges", &edges.iter().flatten().copied().collect::<Vec<u32>>());
+        data.indices("held", &self.held());
+        let ends = self.touching.iter().scan(0, |end, points| {
+            *end += points.len() as u32;
+            Some(*end)
+        });
+        data.indices("touch_ends", &ends.collect::<Vec<u32>>());
+        data.indices("touch", &self.touching.concat());
+
+        let quantum = data.levels("deflection", &self.deflection);
+        let mut colors =
+            vec![json!({ "name": "deflection", "label": "deflection", "unit": "m", "quantum": quantum })];
+        for (name, heights) in ["floor", "ceiling"].into_iter().zip(&self.obstacles) {
+            let Some(first) = heights.first() else { continue };
+            if heights.len() != self.times.len() {
+                continue; // an obstacle without a height in some frame has none at all
+            }
+            let same = |other: &Vec<f64>| other.iter().zip(first).all(|(a, b)| a.to_bits() == b.to_bits());
+            let is_still = heights.iter().all(same);
+            data.levels(name, if is_still { &heights[..1] } else { heights });
+        }
+        if self.obstacles.iter().any(|heights| !heights.is_empty()) {
+            colors.push(json!({ "name": "gap", "label": "gap to the nearest obstacle", "unit": "m" }));
+        }
+        if !self.von_mises.is_empty() {
+            let quantum = data.levels("von_mises", &self.von_mises);
+            let label = "von Mises stress";
+            colors.push(json!({ "name": "von_mises", "label": label, "unit": "Pa", "quantum": quantum }));
+        }
+        colors.into()
+    }
+
+    /// Returns the ends of the border's edges that stay at zero while other points move.
+    fn held(&self) -> Vec<u32> {
+        let is_held = |point: u32| self.deflection.iter().all(|frame| frame[point as usize] == 0.0);
+        if self.deflection.iter().flatten().all(|w| *w == 0.0) {
+            return Vec::new();
+        }
+        let border = self.shown.border.iter();
+        border.filter(|ends| ends.iter().all(|&end| is_held(end))).flatten().copied().collect()
+    }
+}
+
+/// Points of a snapshot that a page shows, and the faces between them.
+#[derive(Debug)]
+struct ShownPoints {
+    /// Numbers of the points in the snapshot.
+    points: Vec<usize>,
+    /// Coordinates of the points, in m.
+    places: Vec<[f64; 2]>,
+    faces: Vec<Vec<u32>>,
+    /// Lines between cells of the mesh, and the border.
+    edges: Vec<[u32; 2]>,
+    border: Vec<[u32; 2]>,
+    /// Index of the shown point for points of the snapshot that were asked for.
+    shown: HashMap<usize, u32>,
+}
+
+impl ShownPoints {
+    /// Chooses all points, those of the mesh, or those of a grid, as in the pictures of snapshots.
+    fn of(surface: &Surface) -> ShownPoints {
+        // The deflection carries the number of each point through the choice.
+        let numbers = (0..surface.points.len()).map(|number| number as f64).collect();
+        let bare = Surface {
+            points: surface.points.clone(),
+            cells: surface.cells.clone(),
+            parents: surface.parents.clone(),
+            deflection: numbers,
+            ..Surface::default()
+        };
+        let coarse = coarse::coarsened(bare);
+        let number = |point: usize| coarse.deflection[point] as usize;
+        let mut points: Vec<usize> = coarse.cells.iter().flatten().map(|&point| number(point)).collect();
+        points.sort_unstable();
+        points.dedup();
+        sort_by_place(&mut points, &surface.points);
+        let shown: HashMap<usize, u32> =
+            points.iter().enumerate().map(|(i, &point)| (point, i as u32)).collect();
+        let face = |cell: &Vec<usize>| cell.iter().map(|&point| shown[&number(point)]).collect();
+        let faces: Vec<Vec<u32>> = coarse.cells.iter().map(face).collect();
+        let (edges, border) = lines(&faces, &coarse.parents);
+        let places = points.iter().map(|&point| surface.points[point]).collect();
+        ShownPoints { places, points, faces, edges, border, shown }
+    }
+
+    /// Returns the shown point that is nearest to a point of the snapshot.
+    fn nearest(&mut self, surface: &Surface, point: usize) -> u32 {
+        let places = &self.places;
+        *self.shown.entry(point).or_insert_with(|| {
+            let [x, y] = surface.points[point];
+            let distance = |place: &[f64; 2]| (place[0] - x).hypot(place[1] - y);
+            let order = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
+            places.iter().map(distance).enumerate().min_by(order).map_or(0, |(i, _)| i as u32)
+        })
+    }
+}
+
+/// Sorts points by strips of the plate, since differences between neighbours take few bytes.
+fn sort_by_place(points: &mut [usize], places: &[[f64; 2]]) {
+    let ends = |axis: usize| {
+        let values = points.iter().map(|&point| places[point][axis]);
+        values
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    let [[left, right], [front, back]] = [ends(0), ends(1)];
+    let strip = 0.7 * ((right - left) * (back - front) / points.len() as f64).sqrt();
+    let row = |point: usize| if strip > 0.0 { ((places[point][1] - front) / strip).round() } else { 0.0 };
+    points.sort_by(|&a, &b| row(a).total_cmp(&row(b)).then(places[a][0].total_cmp(&places[b][0])));
+}
+
+/// Returns the sides between faces of different cells of the mesh with the border, and the border.
+///
+/// Without `parents` the faces are no cells of a mesh, and there is the border only.
+fn lines(faces: &[Vec<u32>], parents: &[usize]) -> (Vec<[u32; 2]>, Vec<[u32; 2]>) {
+    let mut sides: BTreeMap<[u32; 2], (usize, usize, bool)> = BTreeMap::new();
+    for (number, face) in faces.iter().enumerate() {
+        let parent = parents.get(number).copied().unwrap_or_default();
+        for (i, &a) in face.iter().enumerate() {
+            let b = face[(i + 1) % face.len()];
+            let side = sides.entry([a.min(b), a.max(b)]).or_insert((0, parent, false));
+            *side = (side.0 + 1, side.1, side.2 || side.1 != parent);
+        }
+    }
+    let border = sides.iter().filter(|(_, (count, ..))| *count == 1);
+    let border: Vec<[u32; 2]> = border.map(|(side, _)| *side).collect();
+    let edges = sides.iter().filter(|(_, (count, _, differ))| *count == 1 || *differ);
+    (edges.map(|(side, _)| *side).collect(), border)
+}

@@ -1,0 +1,313 @@
+//! Sections of the page as HTML.
+
+use super::contents::ReportContents;
+use crate::output::text::{grouped, significant};
+use serde_json::Value;
+
+/// Largest number of contacts in the table.
+const MOST_CONTACTS: usize = 400;
+/// Parts of a scene that the page tells in its first section, with their titles.
+const PARTS: [(&str, &str); 10] = [
+    ("plate", "Plate"),
+    ("part", "Parts"),
+    ("mesh", "Mesh"),
+    ("support", "Supports"),
+    ("obstacle", "Obstacles"),
+    ("load", "Loads"),
+    ("initial", "Start"),
+    ("damping", "Damping"),
+    ("time", "Time"),
+    ("solver", "Solver"),
+];
+
+/// Escapes a text for HTML and its attributes.
+pub(super) fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => safe += "&amp;",
+            '<' => safe += "&lt;",
+            '>' => safe += "&gt;",
+            '"' => safe += "&quot;",
+            c => safe.push(c),
+        }
+    }
+    safe
+}
+
+/// Returns the title, the effects and the parts of the scene.
+pub(super) fn scene(summary: &Value) -> String {
+    let scene = &summary["scene"];
+    let title = scene["title"].as_str().filter(|title| !title.is_empty()).unwrap_or("Run of rebond");
+    let status = summary["status"].as_str().unwrap_or("unknown");
+    let state = if status == "done" { String::new() } else { format!(", ended early: {}", escaped(status)) };
+    let version = escaped(summary["version"].as_str().unwrap_or_default());
+    let mut html = format!(
+        "<header><h1>{}</h1>\n<p class=\"soft\">Report of a run by rebond {version}{state}</p></header>\n<main>\n\
+         <section aria-labelledby=\"h-scene\"><h2 id=\"h-scene\">The scene</h2>\n",
+        escaped(title)
+    );
+    let effects: Vec<&str> = texts(&summary["effects"]).collect();
+    if effects.is_empty() {
+        html += "<p>No effects: the plate vibrates freely.</p>\n";
+    } else {
+        html += "<ul class=\"effects\" aria-label=\"Effects that are on\">";
+        effects.iter().for_each(|effect| html += &format!("<li>{}</li>", escaped(effect)));
+        html += "</ul>\n";
+    }
+    html += "<dl class=\"scene\">\n";
+    for (key, title) in PARTS {
+        let words = described(&scene[key]);
+        if !words.is_empty() {
+            html += &format!("<dt>{title}</dt><dd>{}</dd>\n", escaped(&words));
+        }
+    }
+    // Further tables, such as springs, keep their own names.
+    let known = |key: &str| PARTS.iter().any(|(part, _)| *part == key) || ["title", "output"].contains(&key);
+    for (key, value) in scene.as_object().into_iter().flatten().filter(|(key, _)| !known(key)) {
+        let words = described(value);
+        html += &format!("<dt>{}</dt><dd>{}</dd>\n", escaped(&key.replace('_', " ")), escaped(&words));
+    }
+    html + "</dl></section>\n"
+}
+
+fn texts(list: &Value) -> impl Iterator<Item = &str> {
+    list.as_array().into_iter().flatten().filter_map(Value::as_str)
+}
+
+/// Returns a value of a scene in words; several tables are separated by semicolons.
+fn described(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), significant),
+        Value::Bool(yes) => if *yes { "yes" } else { "no" }.to_owned(),
+        Value::Array(list) if list.iter().any(Value::is_object) => {
+            list.iter().map(described).collect::<Vec<_>>().join("; ")
+        }
+        Value::Array(list) => format!("({})", list.iter().map(described).collect::<Vec<_>>().join(", ")),
+        Value::Object(table) => {
+            let part = |(key, value): (&String, &Value)| {
+                let unit = if value.is_number() { unit(key) } else { "" };
+                format!("{} {}{unit}", key.replace('_', " "), described(value))
+            };
+            table.iter().map(part).collect::<Vec<_>>().join(", ")
+        }
+    }
+}
+
+/// Returns the unit of a key whose unit does not depend on other keys.
+fn unit(key: &str) -> &'static str {
+    match key {
+        "length" | "width" | "thickness" | "height" => " m",
+        "youngs_modulus" | "pressure" | "static_pressure" => " Pa",
+        "density" => " kg/m³",
+        "velocity" => " m/s",
+        "step" | "end" => " s",
+        _ => "",
+    }
+}
+
+/// Returns the key numbers and the warnings of a run.
+pub(super) fn numbers(summary: &Value) -> String {
+    let mut cards: Vec<(String, String)> = Vec::new();
+    let mut card = |title: &str, value: Option<String>| {
+        cards.extend(value.map(|value| (title.to_owned(), value)));
+    };
+    let count = |key: &str| summary[key].as_u64().map(grouped);
+    let of = |value: &Value, unit: &str| value.as_f64().map(|value| format!("{} {unit}", significant(value)));
+    let energy = |key: &str| of(&summary["energy"][key], "J");
+    card("degrees of freedom", count("dofs"));
+    card("steps", count("steps"));
+    card("steps in contact", count("contact_steps").filter(|_| summary["bounded_dofs"] != 0));
+    let impact = &summary["first_impact"];
+    card("first impact", of(&impact["time"], "s"));
+    card("velocity of the first impact", of(&impact["velocity"], "m/s"));
+    card("place of the first impact", impact["at"].is_array().then(|| described(&impact["at"]) + " m"));
+    card(
+        "contacts of the plate",
+        summary["contacts"].as_array().filter(|_| impact.is_object()).map(|c| c.len().to_string()),
+    );
+    card("most nodes in contact", count("most_contact_nodes").filter(|_| impact.is_object()));
+    card("energy at the start", energy("start"));
+    card("energy at the end", energy("end"));
+    for (name, forces) in summary["forces"].as_object().into_iter().flatten() {
+        let shown = [of(&forces["peak"], "N"), of(&forces["impulse"], "N s")];
+        card(
+            &format!("{name}: peak force, impulse"),
+            Some(shown.into_iter().flatten().collect::<Vec<_>>().join(", ")),
+        );
+    }
+    card("largest von Mises stress", of(&summary["extremes"]["von_mises"]["value"], "Pa"));
+    card("worst KKT residual", of(&summary["worst_kkt"], ""));
+    card("worst penetration", of(&summary["worst_penetration"], "m").filter(|_| impact.is_object()));
+    card("time of the steps", of(&summary["seconds"]["stepping"], "s"));
+
+    let mut html = String::from(
+        "<section aria-labelledby=\"h-numbers\"><h2 id=\"h-numbers\">Key numbers</h2>\n<dl class=\"numbers\">\n",
+    );
+    for (title, value) in cards {
+        html += &format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(value.trim_end()));
+    }
+    html += "</dl>\n";
+    let warnings: Vec<&str> = texts(&summary["warnings"]).collect();
+    if warnings.is_empty() {
+        html += "<p class=\"soft\">The run gave no warnings.</p>\n";
+    }
+    warnings
+        .iter()
+        .for_each(|text| html += &format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text)));
+    html + "</section>\n"
+}
+
+/// Returns the view of the moving plate, or how to get one; `colors` describes its quantities.
+pub(super) fn view(contents: &ReportContents, colors: &Value) -> String {
+    let open = |class: &str| {
+        format!("<section{class} aria-labelledby=\"h-motion\"><h2 id=\"h-motion\">The motion</h2>\n")
+    };
+    let Some(frames) = contents.frames else {
+        let steps = contents.summary["steps"].as_u64().unwrap_or(0);
+        return format!(
+            "{}<p>This run wrote no snapshots, so that there is no moving view. \
+             <code>rebond run scene.toml --set output.fields_every={}</code> writes about 300 of them.</p></section>\n",
+            open(""),
+            (steps / 300).max(1)
+        );
+    };
+    let (shown, all) = (frames.times.len(), frames.snapshots);
+    let mut note = match shown == all {
+        true => format!("All {all} snapshots of the run"),
+        false => format!("{shown} of the {all} snapshots of the run"),
+    };
+    if frames.points() < frames.points_of_snapshot {
+        note += &format!(", at {} of their {} points", frames.points(), frames.points_of_snapshot);
+    }
+    for color in colors.as_array().into_iter().flatten() {
+        let Some(quantum) = color["quantum"].as_f64() else { continue };
+        let [label, unit] = ["label", "unit"].map(|key| color[key].as_str().unwrap_or_default());
+        note += &format!(", {label} in steps of {quantum:.1e} {unit}");
+    }
+    format!(
+        "{}{VIEW}<p class=\"soft\">{note}; between snapshots the page interpolates. {LEGEND}</p></section>\n",
+        open(" class=\"live\"")
+    )
+}
+
+/// Returns what is said where the moving parts cannot be shown.
+pub(super) fn trouble() -> &'static str {
+    "<p id=\"trouble\" class=\"warning\" role=\"alert\" hidden></p>\n\
+     <noscript><p class=\"warning\">Without JavaScript the page shows still pictures only.</p></noscript>\n"
+}
+
+const LEGEND: &str = "Orange points are in contact, thick dark edges do not move, grey surfaces are obstacles. \
+    Drag to turn, pinch to zoom, also by the wheel after a click on the view; keys: arrows turn, + and − zoom, Home \
+    resets, space plays, comma and full stop go to the snapshot before and after.";
+
+const VIEW: &str = r#"<div class="stage">
+<canvas id="view" tabindex="0" role="img" aria-label="Moving view of the plate in perspective. Arrows turn it, plus and minus zoom, space plays."></canvas>
+<div class="legend"><span id="low"></span><span class="ramp"></span><span id="high"></span></div>
+<div class="controls">
+<button type="button" id="play">Play</button>
+<button type="button" id="before" aria-label="Snapshot before">◀</button>
+<button type="button" id="after" aria-label="Snapshot after">▶</button>
+<label class="long"><span id="now"></span><input type="range" id="time" min="0" step="any" value="0" aria-label="Time"></label>
+</div>
+<div class="controls">
+<label>Colour<select id="color"></select></label>
+<label>Deflections drawn<select id="scale"></select></label>
+<label>Speed<select id="speed"></select></label>
+<label>View<select id="look"><option value="oblique">oblique</option><option value="side">from the front</option><option value="end">from the side</option><option value="top">from above</option></select></label>
+<button type="button" id="nearer" aria-label="Nearer">+</button>
+<button type="button" id="farther" aria-label="Farther">−</button>
+</div></div>
+"#;
+
+/// Returns the place of the charts, with a note on the rows left out.
+pub(super) fn charts(shown: usize, rows: usize) -> String {
+    let note = match shown == rows {
+        true => format!("All {} rows of history.csv.", grouped(rows as u64)),
+        false => format!(
+            "{} of the {} rows of history.csv: among neighbours those with the least and greatest value of a curve.",
+            grouped(shown as u64),
+            grouped(rows as u64)
+        ),
+    };
+    format!(
+        "<section class=\"live\" aria-labelledby=\"h-series\"><h2 id=\"h-series\">Over time</h2>\n\
+         <div id=\"charts\"></div>\n<p><button type=\"button\" id=\"all\">Show all times</button></p>\n\
+         <p class=\"soft\">{note} Drag across a chart to zoom all of them, click to show that instant above.</p></section>\n"
+    )
+}
+
+/// Returns the table of contacts.
+pub(super) fn contacts(contents: &ReportContents) -> String {
+    let mut html =
+        String::from("<section aria-labelledby=\"h-contacts\"><h2 id=\"h-contacts\">Contacts</h2>\n");
+    let contacts = match contents.contacts {
+        None => return html + "<p>The scene has neither obstacles nor balls.</p></section>\n",
+        Some([]) => return html + "<p>Nothing touched.</p></section>\n",
+        Some(contacts) => contacts,
+    };
+    if contacts.len() > MOST_CONTACTS {
+        let all = grouped(contacts.len() as u64);
+        html += &format!(
+            "<p>The first {MOST_CONTACTS} of {all} contacts of nodes; contacts.csv has the others.</p>\n"
+        );
+    }
+    html += "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"h-contacts\"><table class=\"sortable\">\
+        <thead><tr><th scope=\"col\">begin (s)</th><th scope=\"col\">end (s)</th><th scope=\"col\">node</th>\
+        <th scope=\"col\">x (m)</th><th scope=\"col\">y (m)</th><th scope=\"col\">impulse (N s)</th></tr></thead><tbody>\n";
+    for contact in contacts.iter().take(MOST_CONTACTS) {
+        let cell = |value: f64| format!("<td data-v=\"{value}\">{}</td>", significant(value));
+        let [x, y] = contact.at.map(cell);
+        html += &format!(
+            "<tr><td data-v=\"{}\"><a href=\"#t={0}\">{}</a></td>{}<td>{}</td>{x}{y}{}</tr>\n",
+            contact.begin,
+            significant(contact.begin),
+            cell(contact.end),
+            contact.node,
+            cell(contact.impulse)
+        );
+    }
+    html + "</tbody></table></div></section>\n"
+}
+
+/// Returns the resolved scene and how to run it again.
+pub(super) fn again(summary: &Value, scene: &str) -> String {
+    let mut files = Vec::new();
+    named_files(&summary["scene"], &mut files);
+    let beside = match files.is_empty() {
+        true => String::new(),
+        false => {
+            format!(" It names other files, which must be at their places: {}.", escaped(&files.join(", ")))
+        }
+    };
+    let version = escaped(summary["version"].as_str().unwrap_or_default());
+    let hash = escaped(summary["scene_hash"].as_str().unwrap_or_default());
+    format!(
+        "<section aria-labelledby=\"h-again\"><h2 id=\"h-again\">How to run it again</h2>\n\
+         <p>The scene below has every default filled in (rebond {version}, scene {hash}). Save it as \
+         <code>scene.toml</code>, and run:{beside}</p>\n\
+         <pre>rebond run scene.toml --out runs/again\nrebond report runs/again</pre>\n\
+         <p class=\"live\"><button type=\"button\" id=\"save\">Save scene.toml</button></p>\n\
+         <details><summary>The resolved scene</summary><pre id=\"scene-text\">{}</pre></details></section>\n",
+        escaped(scene)
+    )
+}
+
+/// Collects the names of meshes and tables in a scene.
+fn named_files(value: &Value, files: &mut Vec<String>) {
+    match value {
+        Value::Object(table) => {
+            for (key, value) in table {
+                let file = value.as_str().filter(|_| ["file", "table", "from"].contains(&key.as_str()));
+                match file {
+                    Some(file) => files.push(file.to_owned()),
+                    None => named_files(value, files),
+                }
+            }
+        }
+        Value::Array(list) => list.iter().for_each(|value| named_files(value, files)),
+        _ => {}
+    }
+}

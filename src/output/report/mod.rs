@@ -1,0 +1,116 @@
+//! `report.html`: a run in one page that needs no network.
+//!
+//! The page tells the scene and the key numbers, shows the plate in motion beside its time series,
+//! and lists the contacts. All its parts are in the one file: the script and the style of the
+//! folder `page`, the numbers ([`blob`]), and the pictures of `rebond plot`. A policy in its head
+//! forbids it any access to a network.
+
+pub mod blob;
+mod contents;
+mod frames;
+mod html;
+mod picture;
+mod series;
+
+pub use contents::ReportContents;
+pub use frames::{Frames, MOST_FRAMES};
+pub use picture::InlinePicture;
+
+use crate::output::plot::perspective;
+use blob::PageData;
+use serde_json::{Value, json};
+use std::io;
+
+/// Name of the file in the run folder.
+pub const FILE: &str = "report.html";
+
+/// Script and style of the page; `page/build.mjs` makes them.
+const SCRIPT: &str = include_str!("page/bundle.js");
+const STYLE: &str = include_str!("page/bundle.css");
+
+/// Scales by which deflections can be drawn larger than they are.
+const SCALES: [f64; 16] =
+    [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 1e5, 1e6, 1e7];
+
+/// Returns the page of a run.
+///
+/// # Errors
+/// Returns an error where the numbers cannot be compressed or the scene has no form in TOML.
+pub fn page(contents: &ReportContents) -> io::Result<String> {
+    let ReportContents { summary, table, .. } = contents;
+    let mut data = PageData::default();
+    let (charts, rows) = series::store(table, contents.heights, &mut data);
+    let mut meta = json!({ "charts": charts });
+    if let Some(frames) = contents.frames {
+        let ([low, high], size) = frames.extent();
+        let drawn = perspective::relief_scale(low.min(0.0), high.max(0.0), size);
+        let scales = SCALES.iter().filter(|scale| **scale <= (10.0 * drawn).max(10.0));
+        meta["scale"] = json!(drawn);
+        meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
+        meta["colors"] = frames.store(&mut data);
+    }
+    let (arrays, numbers) = data.finish()?;
+    meta["arrays"] = arrays;
+    let title = html::escaped(summary["scene"]["title"].as_str().unwrap_or("Run of rebond"));
+    let body = [
+        html::scene(summary),
+        html::numbers(summary),
+        html::trouble().to_owned(),
+        html::view(contents, &meta["colors"]),
+        html::charts(rows, table.rows()),
+        html::contacts(contents),
+        pictures(contents.pictures),
+        html::again(summary, &scene_text(&summary["scene"])?),
+    ]
+    .concat();
+    // A text in a script ends at "</script>", whatever it means.
+    let meta = meta.to_string().replace('<', "\\u003c");
+    Ok(format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; \
+         style-src 'unsafe-inline'; img-src data:\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"generator\" content=\"rebond {}\">\n<link rel=\"icon\" href=\"data:,\">\n\
+         <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{body}</main>\n\
+         <script type=\"application/json\" id=\"meta\">{meta}</script>\n\
+         <script type=\"text/plain\" id=\"data\">{numbers}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+        env!("CARGO_PKG_VERSION")
+    ))
+}
+
+fn pictures(pictures: &[InlinePicture]) -> String {
+    let (figures, left_out) = picture::figures(pictures);
+    let others = match left_out.is_empty() {
+        true => String::new(),
+        false => format!(
+            "<p class=\"soft\">Left out for their size, in the folder plots after <code>rebond plot</code>: {}.</p>\n",
+            left_out.join(", ")
+        ),
+    };
+    format!(
+        "<section aria-labelledby=\"h-pictures\"><h2 id=\"h-pictures\">Pictures</h2>\n\
+         <details class=\"pictures\" open><summary>Still pictures of the run</summary>\n{figures}{others}</details></section>\n"
+    )
+}
+
+/// Returns a resolved scene as the text of a scene file.
+fn scene_text(scene: &Value) -> io::Result<String> {
+    let invalid =
+        |why: &dyn std::fmt::Display| io::Error::new(io::ErrorKind::InvalidData, format!("scene: {why}"));
+    let mut scene = scene.clone();
+    drop_nulls(&mut scene);
+    let value = toml::Value::try_from(scene).map_err(|why| invalid(&why))?;
+    toml::to_string(&value).map_err(|why| invalid(&why))
+}
+
+/// Removes entries without a value, which TOML does not know.
+fn drop_nulls(value: &mut Value) {
+    match value {
+        Value::Object(table) => {
+            table.retain(|_, value| !value.is_null());
+            table.values_mut().for_each(drop_nulls);
+        }
+        Value::Array(list) => list.iter_mut().for_each(drop_nulls),
+        _ => {}
+    }
+}

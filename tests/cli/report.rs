@@ -1,0 +1,266 @@
+//! The page of a run: whole, small, without a network, and with the numbers of the run's files.
+
+use crate::common::command::{assert_fails, folder, rebond, succeeds, text};
+use crate::common::models::literal;
+use base64::Engine as _;
+use rebond::output::{history, vtu};
+use serde_json::Value;
+use std::collections::HashMap;
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+const SCENE: &str = concat!(
+    "title = \"a <short> fall & \\\"more\\\" </script>\"\n",
+    literal!(PAPER_FALL),
+    r#"
+mesh = { element = "hct", cells = [4, 2] }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 0.08 }
+
+[output]
+every = 2
+fields_every = 20
+subdivide = 3
+stresses = true
+probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "speed", at = [1.2, 0.0], quantity = "velocity" }]
+"#
+);
+const RUN: [&str; 6] = ["run", "fall.toml", "--quiet", "--overwrite", "--out", "run"];
+
+/// Returns the text between two marks of a page.
+fn between<'p>(page: &'p str, begin: &str, end: &str) -> &'p str {
+    let rest = page.split_once(begin).unwrap_or_else(|| panic!("no {begin}")).1;
+    rest.split_once(end).unwrap().0
+}
+
+fn meta(page: &str) -> Value {
+    serde_json::from_str(between(page, "id=\"meta\">", "</script>")).unwrap()
+}
+
+/// Decodes the arrays of a page as its script does; the frames of a field follow each other.
+fn arrays(page: &str) -> HashMap<String, Vec<f64>> {
+    let packed = between(page, "id=\"data\">", "</script>");
+    let packed = base64::engine::general_purpose::STANDARD.decode(packed).unwrap();
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(packed.as_slice()).read_to_end(&mut bytes).unwrap();
+    let (mut at, mut arrays) = (0, HashMap::new());
+    for array in meta(page)["arrays"].as_array().unwrap() {
+        let count = array["count"].as_u64().unwrap() as usize;
+        let kind = array["kind"].as_str().unwrap();
+        let size = HashMap::from([("f64", 8), ("f32", 4), ("u32", 4), ("levels", 2)])[kind];
+        let number = |i: usize| (0..size).map(|byte| bytes[at + byte * count + i]).collect::<Vec<u8>>();
+        let numbers = (0..count).map(number);
+        let values: Vec<f64> = match kind {
+            "f64" => numbers.map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect(),
+            "f32" => numbers.map(|b| f32::from_le_bytes(b.try_into().unwrap()).into()).collect(),
+            "u32" => numbers.map(|b| u32::from_le_bytes(b.try_into().unwrap()).into()).collect(),
+            _ => values(numbers.map(|b| u16::from_le_bytes(b.try_into().unwrap())).collect(), array),
+        };
+        at += size * count;
+        arrays.insert(array["name"].as_str().unwrap().to_owned(), values);
+    }
+    assert_eq!(at, bytes.len());
+    arrays
+}
+
+/// Returns the values of levels, stored as differences to the neighbour and to the frame before.
+fn values(stored: Vec<u16>, array: &Value) -> Vec<f64> {
+    let points = stored.len() / array["frames"].as_u64().unwrap() as usize;
+    let (low, quantum) = (array["low"].as_f64().unwrap(), array["quantum"].as_f64().unwrap());
+    let mut levels: Vec<i64> = Vec::new();
+    for (i, &stored) in stored.iter().enumerate() {
+        let signed = if stored % 2 == 0 { i64::from(stored / 2) } else { -i64::from(stored / 2) - 1 };
+        let level = |back: usize, is_there: bool| if is_there { levels[i - back] } else { 0 };
+        let (is_inside, is_later) = (i % points > 0, i >= points);
+        let corner = level(points + 1, is_inside && is_later);
+        levels.push((signed + level(1, is_inside) + level(points, is_later) - corner).rem_euclid(1 << 16));
+    }
+    let value = |level: i64| if level == 0 { f64::NAN } else { low + (level - 1) as f64 * quantum };
+    levels.into_iter().map(value).collect()
+}
+
+/// Returns the number in the snapshot of each point of the page.
+fn order(points: &[[f64; 2]], x: &[f64], y: &[f64]) -> Vec<usize> {
+    let near = |[a, b]: &[f64; 2], i: usize| (a - x[i]).abs() + (b - y[i]).abs() < 1e-6;
+    (0..x.len()).map(|i| points.iter().position(|point| near(point, i)).unwrap()).collect()
+}
+
+/// Makes a run and its report, and returns the page.
+fn page(folder: &Path) -> String {
+    succeeds(&rebond(folder, &RUN));
+    succeeds(&rebond(folder, &["report", "run"]));
+    fs::read_to_string(folder.join("run/report.html")).unwrap()
+}
+
+#[test]
+fn a_report_is_one_page_without_a_network() {
+    let folder = folder("report-page", SCENE);
+    let page = page(&folder);
+    assert!(page.len() < 700_000, "{} bytes", page.len());
+    for section in ["scene", "numbers", "motion", "series", "contacts", "pictures", "again"] {
+        assert!(page.contains(&format!("<h2 id=\"h-{section}\">")), "{section}");
+    }
+    assert!(page.contains("default-src 'none'"));
+    for outside in ["http://", "https://", " src=", "@import", "<iframe", "<object", "import(", "fetch("] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    let links = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap());
+    assert!(links.clone().count() > 3);
+    assert!(links.into_iter().all(|link| link.starts_with("#t=") || link == "data:,"));
+    // A title cannot end a script, nor open an element.
+    assert_eq!(page.matches("</script>").count(), 3);
+    assert!(page.contains("<h1>a &lt;short&gt; fall &amp; &quot;more&quot; &lt;/script&gt;</h1>"));
+    assert!(page.contains("<li>contact below</li>") && page.contains("name=\"viewport\""));
+    // Pictures have names of their own.
+    let mut names: Vec<&str> =
+        page.split("<clipPath id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let count = names.len();
+    names.sort_unstable();
+    names.dedup();
+    assert!(count > 3 && names.len() == count);
+    assert!(page.matches("<svg viewBox=").count() >= 3);
+}
+
+#[test]
+fn the_numbers_of_a_report_are_those_of_the_run() {
+    let folder = folder("report-numbers", SCENE);
+    let page = page(&folder);
+    let run = folder.join("run");
+    let (meta, arrays) = (meta(&page), arrays(&page));
+
+    let index = vtu::read_index(&run).unwrap();
+    assert_eq!(arrays["frame_times"], index.iter().map(|(time, _)| *time).collect::<Vec<f64>>());
+    let quantum = |name: &str| {
+        let mut described = meta["arrays"].as_array().unwrap().iter();
+        described.find(|array| array["name"] == name).unwrap()["quantum"].as_f64().unwrap()
+    };
+    assert!(quantum("deflection") < 1e-5 && quantum("von_mises") > 0.0);
+    let (mut ends, mut touching) = (0, 0);
+    for (frame, (_, path)) in index.iter().enumerate() {
+        let surface = vtu::read(path).unwrap();
+        let points = surface.points.len();
+        // The page has the points in another order, rounded to seven digits.
+        let order = order(&surface.points, &arrays["x"], &arrays["y"]);
+        for (name, exact) in [("deflection", &surface.deflection), ("von_mises", &surface.von_mises)] {
+            let shown = &arrays[name][frame * points..(frame + 1) * points];
+            let far = shown.iter().zip(&order).map(|(a, &p)| (a - exact[p]).abs()).fold(0.0, f64::max);
+            assert!(far <= 0.5001 * quantum(name), "{name}, frame {frame}: {far}");
+        }
+        assert_eq!(arrays["floor"][..points], surface.obstacles[0], "at rest, and constant");
+        let end = arrays["touch_ends"][frame] as usize;
+        let touched: Vec<f64> =
+            (0..points).filter(|&p| surface.reaction[order[p]] != 0.0).map(|p| p as f64).collect();
+        assert_eq!(arrays["touch"][ends..end], touched);
+        touching += end - ends;
+        ends = end;
+    }
+    assert!(touching > 0);
+    // The clamped edge is the only one held.
+    let held = &arrays["held"];
+    assert!(held.len() == 2 * 2 * 3 && held.iter().all(|&point| arrays["x"][point as usize] == 0.0));
+    assert_eq!(arrays["triangles"].len(), 3 * 2 * 4 * 2 * 9);
+
+    let table = history::read(&run).unwrap();
+    assert_eq!(arrays["row_times"], table.column("time").unwrap());
+    let charts = meta["charts"].as_array().unwrap();
+    let titles: Vec<&str> = charts.iter().map(|chart| chart["title"].as_str().unwrap()).collect();
+    let change = "change of the energy since the start";
+    assert_eq!(titles, ["deflection", "velocity", "energy", change, "force on the plate, upward"]);
+    let curve =
+        |chart: usize, column: usize| &arrays[charts[chart]["columns"][column]["array"].as_str().unwrap()];
+    for (shown, name) in [(curve(0, 0), "corner"), (curve(1, 0), "speed"), (curve(2, 0), "energy")] {
+        let exact = table.column(name).unwrap();
+        let far = shown.iter().zip(exact).filter(|(a, b)| (*a - *b).abs() > 1e-7 * b.abs());
+        assert_eq!((shown.len(), far.count()), (exact.len(), 0), "{name}");
+    }
+    assert_eq!(charts[0]["rules"], serde_json::json!([-0.1]));
+}
+
+/// The scene on the page is a scene, with the same hash, and so the same run.
+#[test]
+fn the_scene_of_a_report_runs_again() {
+    let folder = folder("report-again", SCENE);
+    let page = page(&folder);
+    let scene = between(&page, "<pre id=\"scene-text\">", "</pre>");
+    let scene = scene.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", "\"").replace("&amp;", "&");
+    fs::write(folder.join("again.toml"), scene).unwrap();
+    succeeds(&rebond(&folder, &["run", "again.toml", "--quiet", "--out", "again"]));
+    let history = |run: &str| fs::read(folder.join(run).join("history.csv")).unwrap();
+    assert!(history("run") == history("again"));
+}
+
+#[test]
+fn many_rows_and_snapshots_are_thinned_and_peaks_stay() {
+    let folder = folder("report-many", SCENE);
+    let more = ["--set", "output.every=1", "--set", "output.fields_every=20", "--set", "time.step=5e-6"];
+    let small =
+        ["--set", "mesh.cells=[2, 1]", "--set", "output.stresses=false", "--set", "output.subdivide=1"];
+    succeeds(&rebond(&folder, &[&RUN[..], &more, &small, &["--set", "time.end=0.06"]].concat()));
+    let said = succeeds(&rebond(&folder, &["report", "run"]));
+    assert!(said.contains("300 of 601 snapshots"), "{said}");
+    let page = fs::read_to_string(folder.join("run/report.html")).unwrap();
+    assert!(page.contains("300 of the 601 snapshots of the run") && page.contains("of the 12 001 rows"));
+    let (meta, arrays) = (meta(&page), arrays(&page));
+    assert_eq!(arrays["frame_times"].len(), 300);
+    let table = history::read(&folder.join("run")).unwrap();
+    assert!(arrays["row_times"].len() < 9000);
+    let force = meta["charts"][4]["columns"][0]["array"].as_str().unwrap();
+    let peak = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
+    let exact = peak(table.column("contact_force").unwrap());
+    assert!(exact > 0.0 && (peak(&arrays[force]) / exact - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
+    let scene = SCENE.replace("fields_every = 20\nsubdivide = 3\n", "").replace("stresses = true\n", "");
+    let scene = scene.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
+    let folder = folder("report-bare", &scene);
+    let page = page(&folder);
+    assert!(page.contains("--set output.fields_every=2</code>") && !page.contains("<canvas"));
+    assert!(page.contains("The scene has neither obstacles nor balls."));
+}
+
+#[test]
+fn other_folders_are_refused_in_one_line() {
+    let folder = folder("report-bad", SCENE);
+    let report = |run: &str| rebond(&folder, &["report", run]);
+    assert_fails(&report("nowhere"), 4, &["nowhere/summary.json"]);
+    fs::create_dir(folder.join("empty")).unwrap();
+    assert_fails(&report("empty"), 4, &["empty/summary.json", "holds no run"]);
+    succeeds(&rebond(&folder, &RUN));
+    let summary = folder.join("run/summary.json");
+    let whole = fs::read(&summary).unwrap();
+    for (broken, words) in [
+        (&whole[..whole.len() / 2], "EOF"),
+        (b"{}", "not the summary of a run"),
+        (b"{\"program\":\"other\",\"scene\":{}}", "not the summary of a run"),
+    ] {
+        fs::write(&summary, broken).unwrap();
+        assert_fails(&report("run"), 4, &["summary.json", words]);
+    }
+    fs::remove_file(&summary).unwrap();
+    assert_fails(&report("run"), 4, &["summary.json", "the run is unfinished"]);
+    fs::write(&summary, &whole).unwrap();
+
+    let snapshot = folder.join("run/fields/step-000000020.vtu");
+    let bytes = fs::read(&snapshot).unwrap();
+    fs::write(&snapshot, &bytes[..bytes.len() / 2]).unwrap();
+    assert_fails(&report("run"), 4, &["step-000000020.vtu", "cut short"]);
+    fs::write(&snapshot, bytes).unwrap();
+    let history = fs::read_to_string(folder.join("run/history.csv")).unwrap();
+    fs::write(folder.join("run/history.csv"), history.lines().next().unwrap().to_owned() + "\n").unwrap();
+    assert_fails(&report("run"), 4, &["history.csv", "no rows"]);
+    assert!(!folder.join("run/report.html").exists());
+}
+
+/// A new run removes the page of the run before, and does not take it for a foreign file.
+#[test]
+fn a_run_removes_the_report_of_an_earlier_one() {
+    let folder = folder("report-stale", SCENE);
+    page(&folder);
+    let other = ["--set", "time.end=0.01"];
+    let refused = rebond(&folder, &[&RUN[..3], &["--out", "run"], &other].concat());
+    assert!(text(&refused.stderr).contains("another scene"));
+    succeeds(&rebond(&folder, &[&RUN[..], &other].concat()));
+    assert!(!folder.join("run/report.html").exists());
+}
