@@ -4,7 +4,7 @@ use super::measures::{Measures, ProbeMeasures};
 use super::plan::Direction;
 use super::report::{ProbeHead, SweepReport, SweepRow};
 use crate::error::Result;
-use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp};
+use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp, short};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -201,7 +201,7 @@ fn map_panel(
     };
     Panel::new(axis(0), axis(1)).height(130.0).bars(bars).ramp(Ramp {
         label: heading.to_owned(),
-        ends: [low, high].map(|end| if end.is_finite() { format!("{end:.3e}") } else { String::new() }),
+        ends: [low, high].map(|end| if end.is_finite() { short(end) } else { String::new() }),
         color: shade,
     })
 }

@@ -92,7 +92,7 @@ fn bad_values_are_refused_by_name() {
         (
             &damped,
             "scheme = \"conserving\", mass = \"modal\"",
-            "obstacle.0.damping: time.scheme = \"conserving\" follows plates",
+            "obstacle.0.damping: time.mass = \"modal\" follows plates",
         ),
         (
             &damped,

@@ -53,7 +53,7 @@ pub fn clear(folder: &Path) -> Result<()> {
 }
 
 /// Formats two significant digits.
-fn short(value: f64) -> String {
+pub fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
