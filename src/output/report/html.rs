@@ -7,12 +7,18 @@ use serde_json::Value;
 /// Largest number of contacts in the table.
 const MOST_CONTACTS: usize = 400;
 /// Parts of a scene that the page tells in its first section, with their titles.
-const PARTS: [(&str, &str); 10] = [
+const PARTS: [(&str, &str); 16] = [
+    ("parameters", "Parameters"),
     ("plate", "Plate"),
     ("part", "Parts"),
     ("mesh", "Mesh"),
     ("support", "Supports"),
     ("obstacle", "Obstacles"),
+    ("foundation", "Foundations"),
+    ("spring", "Springs"),
+    ("mass", "Masses"),
+    ("rib", "Ribs"),
+    ("ball", "Balls"),
     ("load", "Loads"),
     ("initial", "Start"),
     ("damping", "Damping"),
