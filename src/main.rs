@@ -1,11 +1,10 @@
 //! The `rebond` command.
 
-use clap::Parser;
 use rebond::cli::{Cli, execute, launch};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::read(std::env::args_os()) {
         Ok(cli) => cli,
         Err(why) => {
             launch::wait_turn();

@@ -1,6 +1,7 @@
 //! Commands `rebond check` and `rebond inspect`.
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::help;
 use super::launch;
 use super::set_up::SetUpTold;
 use crate::error::{Error, Result};
@@ -12,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Validate a scene.
 #[derive(Debug, Args)]
+#[command(after_help = help::CHECK)]
 pub struct Check {
     #[command(flatten)]
     scene: SceneArgs,
@@ -19,6 +21,7 @@ pub struct Check {
 
 /// Inspect a scene's matrices.
 #[derive(Debug, Args)]
+#[command(after_help = help::INSPECT)]
 pub struct Inspect {
     #[command(flatten)]
     scene: SceneArgs,

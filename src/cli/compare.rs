@@ -1,6 +1,7 @@
 //! Command `rebond compare`.
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::help;
 use super::launch;
 #[cfg(feature = "petsc")]
 use super::ranks::{PATIENCE, ended};
@@ -18,6 +19,7 @@ use std::rc::Rc;
 
 /// Compare engines and contact solvers.
 #[derive(Debug, Args)]
+#[command(after_help = help::COMPARE)]
 pub struct Compare {
     #[command(flatten)]
     scene: SceneArgs,

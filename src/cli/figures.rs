@@ -1,5 +1,6 @@
 //! Command `rebond figures`.
 
+use super::help;
 use super::launch;
 use super::printing::{command_line, json, print};
 use crate::error::Result;
@@ -11,6 +12,7 @@ use std::path::PathBuf;
 
 /// Draw the paper's figures and judge its claims.
 #[derive(Debug, Args)]
+#[command(after_help = help::FIGURES)]
 pub struct Figures {
     /// Folder of the figures
     #[arg(long, value_name = "DIR", default_value = "figures")]

@@ -6,9 +6,11 @@ mod check;
 mod compare;
 mod figures;
 mod hard_scenes;
+mod help;
 pub mod launch;
 mod execution;
 mod job;
+mod new_scene;
 mod plot;
 mod printing;
 #[cfg(feature = "petsc")]
@@ -20,6 +22,7 @@ mod resume;
 mod run;
 mod run_folder;
 mod set_up;
+mod shell;
 mod signal;
 mod stability;
 mod study;
@@ -27,11 +30,12 @@ mod sweep;
 
 use crate::error::Result;
 use crate::memory;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::ffi::OsString;
 
 /// Thin elastic plates that vibrate and hit rigid obstacles.
 #[derive(Debug, Parser)]
-#[command(name = "rebond", version, about, arg_required_else_help = true)]
+#[command(name = "rebond", version, about, arg_required_else_help = true, after_help = help::PROGRAM)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -66,6 +70,27 @@ enum Command {
     /// Write a run folder's report.html: one page with the moving plate, charts and contacts, which
     /// needs no network
     Report(report_page::ReportPage),
+    /// Write a commented scene to begin with: a falling plate, a Gmsh mesh, a shaker, ...
+    New(new_scene::NewScene),
+    /// Print the JSON schema of scenes, by which editors complete and check them
+    Schema(shell::Schema),
+    /// Print completions for a shell
+    Completions(shell::Completions),
+    /// Print a manual page, or write all of them
+    Man(shell::ManPages),
+}
+
+impl Cli {
+    /// Reads the command line, the name of the program first.
+    ///
+    /// # Errors
+    /// Returns clap's error, also for `--help` and `--version`, whose text it then is.
+    pub fn read<W: Into<OsString> + Clone>(
+        words: impl IntoIterator<Item = W>,
+    ) -> std::result::Result<Cli, clap::Error> {
+        let command = Cli::command().long_version(shell::version());
+        Cli::from_arg_matches(&command.try_get_matches_from(words)?)
+    }
 }
 
 /// Executes the command.
@@ -86,5 +111,53 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Figures(figures) => figures.execute(),
         Command::Plot(plot) => plot.execute(),
         Command::Report(report) => report.execute(),
+        Command::New(new) => new.execute(),
+        Command::Schema(schema) => schema.execute(),
+        Command::Completions(completions) => completions.execute(),
+        Command::Man(man) => man.execute(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Splits a line of a shell into words, without its comment.
+    fn words(line: &str) -> Vec<String> {
+        let (mut words, mut quote, mut is_open) = (Vec::new(), None, false);
+        for c in line.chars() {
+            match (quote, c) {
+                (Some(open), c) if c == open => quote = None,
+                (None, '\'' | '"') => quote = Some(c),
+                (None, '#') if !is_open => break,
+                (None, '|' | '>') => break,
+                (None, ' ') => is_open = false,
+                _ => {
+                    if !is_open {
+                        words.push(String::new());
+                        is_open = true;
+                    }
+                    words.last_mut().expect("one was added").push(c);
+                }
+            }
+        }
+        words
+    }
+
+    #[test]
+    fn the_parser_takes_every_example_of_the_help() {
+        let program = Cli::command();
+        for command in std::iter::once(&program).chain(program.get_subcommands()) {
+            let help =
+                command.get_after_help().unwrap_or_else(|| panic!("{}", command.get_name())).to_string();
+            let lines: Vec<&str> = help.lines().filter(|line| line.starts_with("  ")).collect();
+            assert!(!lines.is_empty(), "{help}");
+            for line in lines {
+                let words = words(line.trim().trim_start_matches("mpirun -n 2 "));
+                assert_eq!(words[0], "rebond", "{line}");
+                assert!(words[1] == command.get_name() || command.get_name() == "rebond", "{line}");
+                Cli::read(&words).unwrap_or_else(|why| panic!("{line}\n{why}"));
+            }
+        }
     }
 }

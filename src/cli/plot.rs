@@ -1,5 +1,6 @@
 //! Command `rebond plot`.
 
+use super::help;
 use super::printing::print;
 use super::run_folder::{RunFolder, RunPictures};
 use crate::error::Result;
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// Draw a run: history, energies, contacts, phase portraits, spectra and snapshots, as SVG and PNG.
 #[derive(Debug, Args)]
+#[command(after_help = help::PLOT)]
 pub struct Plot {
     /// Folder of a run or of a sweep
     folder: PathBuf,

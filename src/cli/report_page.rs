@@ -1,5 +1,6 @@
 //! Command `rebond report`.
 
+use super::help;
 use super::printing::print;
 use super::run_folder::RunFolder;
 use crate::error::{Error, Result};
@@ -15,6 +16,7 @@ use std::path::PathBuf;
 /// The page tells the scene and its key numbers, shows the plate in motion beside its time series,
 /// and lists the contacts. The view needs snapshots: set output.fields_every for the run.
 #[derive(Debug, Args)]
+#[command(after_help = help::REPORT)]
 pub struct ReportPage {
     /// Run folder
     folder: PathBuf,

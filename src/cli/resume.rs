@@ -1,6 +1,7 @@
 //! Command `rebond resume`.
 
 use super::cache::CacheArgs;
+use super::help;
 use super::job::Job;
 use super::launch;
 use super::printing::OutputMode;
@@ -14,6 +15,7 @@ use std::path::PathBuf;
 
 /// Resume a run.
 #[derive(Debug, Args)]
+#[command(after_help = help::RESUME)]
 pub struct Resume {
     /// Run folder with checkpoint-*.bin; with --until also with end.state
     #[arg(value_name = "DIR")]

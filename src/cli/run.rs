@@ -1,6 +1,7 @@
 //! Command `rebond run`.
 
 use super::arguments::SceneArgs;
+use super::help;
 use super::job::Job;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// Simulate a scene.
 #[derive(Debug, Args)]
+#[command(after_help = help::RUN)]
 pub struct Run {
     #[command(flatten)]
     scene: SceneArgs,

@@ -2,6 +2,7 @@
 
 use super::cache::CacheArgs;
 use super::hard_scenes::HardScenes;
+use super::help;
 use super::launch;
 use super::printing::{json, print};
 use crate::error::{Error, Result};
@@ -20,6 +21,7 @@ use std::path::{Path, PathBuf};
 
 /// Try every method on hard scenes.
 #[derive(Debug, Args)]
+#[command(after_help = help::STABILITY)]
 pub struct Stable {
     /// Scene files, or folders of them; default: the hard scenes that come with the program
     #[arg(value_name = "SCENES")]

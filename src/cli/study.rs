@@ -1,6 +1,7 @@
 //! Command `rebond study`.
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::help;
 use super::launch;
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
@@ -26,6 +27,7 @@ use std::time::Duration;
 /// Measure what accuracy costs in time.
 // Studies open no cache of modes: the measured set-up of each run computes its own.
 #[derive(Debug, Args)]
+#[command(after_help = help::STUDY)]
 pub struct Study {
     #[command(flatten)]
     scene: SceneArgs,

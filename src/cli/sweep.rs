@@ -1,6 +1,7 @@
 //! Command `rebond sweep`.
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
+use super::help;
 use super::printing::{command_line, print};
 use super::{launch, signal};
 use crate::error::{Error, Result};
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Make many runs over one or two keys.
 #[derive(Debug, Args)]
+#[command(after_help = help::SWEEP)]
 pub struct SweepArgs {
     #[command(flatten)]
     scene: SceneArgs,

@@ -191,6 +191,11 @@ impl Context {
 
     /// Returns the version of the PETSc library: major, minor, patch.
     pub fn version(&self) -> [i32; 3] {
+        Context::library_version()
+    }
+
+    /// Returns the version of the PETSc library, which need not have been started.
+    pub fn library_version() -> [i32; 3] {
         let mut version = [0; 3];
         let [major, minor, patch] = &mut version;
         // This call cannot fail: it copies three constants.

@@ -6,11 +6,12 @@
 
 use super::document::Document;
 use super::given::{FieldInput, Region};
+use super::keys::{TableKey, TableKeys, ValueKind, key, words};
 use super::read::obstacles;
 use super::read::quantities::{
     BENDING, FOUNDATION, HEIGHT, LINE_MASS, MASS, POINT_DAMPING, SPRING, TORSION, VELOCITY,
 };
-use super::read::region::{self, PlaceReader};
+use super::read::region::{self, AT, AT_OR_POINT, GROUP, LINE, POINT, PlaceReader, WHERE};
 use super::tables::{Compliance, Side};
 use super::toml_text::{self, Row, given, number, numbers, place, string, word};
 use crate::error::Result;
@@ -103,8 +104,63 @@ pub struct Ball {
     pub compliance: Option<Compliance>,
 }
 
-/// Names of the tables.
-pub(super) const TABLES: [&str; 5] = ["foundation", "spring", "mass", "rib", "ball"];
+/// Tables of a scene.
+pub(super) const TABLES: &[TableKey] = &[
+    key("foundation", ValueKind::Tables(&FOUNDATIONS), "elastic (Winkler) foundations"),
+    key("spring", ValueKind::Tables(&SPRINGS), "springs between the plate and the ground"),
+    key("mass", ValueKind::Tables(&MASSES), "point masses on the plate"),
+    key("rib", ValueKind::Tables(&RIBS), "beams along lines and edges of the plate"),
+    key("ball", ValueKind::Tables(&BALLS), "bodies that fly and hit the plate"),
+];
+
+static FOUNDATIONS: TableKeys = TableKeys {
+    groups: &[&[
+        key("stiffness", ValueKind::Field(&FOUNDATION, Names::XY), "N/m3, a number or a formula of x and y"),
+        WHERE,
+        GROUP,
+    ]],
+    needed: &["stiffness"],
+    one_of: &[],
+};
+
+static SPRINGS: TableKeys = TableKeys {
+    groups: &[&[AT, POINT, key("stiffness", ValueKind::Number(&SPRING), "N/m")]],
+    needed: &["stiffness"],
+    one_of: AT_OR_POINT,
+};
+
+static MASSES: TableKeys = TableKeys {
+    groups: &[&[AT, POINT, key("mass", ValueKind::Number(&MASS), "kg")]],
+    needed: &["mass"],
+    one_of: AT_OR_POINT,
+};
+
+static RIBS: TableKeys = TableKeys {
+    groups: &[&[
+        LINE,
+        key("edge", ValueKind::Text, "left, right, bottom, top, or a physical curve of mesh.file"),
+        key("bending", ValueKind::Number(&BENDING), "N m2, bending stiffness EI"),
+        key("torsion", ValueKind::Number(&TORSION), "N m2, torsional stiffness GJ; default 0"),
+        key("mass", ValueKind::Number(&LINE_MASS), "kg/m; default 0"),
+    ]],
+    needed: &["bending"],
+    one_of: &[&["line"], &["edge"]],
+};
+
+static BALLS: TableKeys = TableKeys {
+    groups: &[&[
+        AT,
+        POINT,
+        key("side", ValueKind::Word(words::<Side>), "side of the plate on which the ball is; default above"),
+        key("mass", ValueKind::Number(&MASS), "kg"),
+        key("height", ValueKind::Number(&HEIGHT), "m, of the point of the ball that touches"),
+        key("velocity", ValueKind::Number(&VELOCITY), "m/s, upward; default 0"),
+        key("stiffness", ValueKind::Number(&SPRING), "N/m of a compliant contact point; default rigid"),
+        key("damping", ValueKind::Number(&POINT_DAMPING), "N s/m beside a stiffness; default 0"),
+    ]],
+    needed: &["mass", "height"],
+    one_of: AT_OR_POINT,
+};
 
 impl Attachments {
     /// Returns each effect of attachments, and whether the scene has it.
@@ -195,7 +251,7 @@ fn read_tables<T>(
     doc: &Document,
     name: &str,
     needs: &str,
-    keys: &[&str],
+    keys: &TableKeys,
     read: impl Fn(&str) -> Result<T>,
 ) -> Result<Vec<T>> {
     let table = |index: usize| {
@@ -208,7 +264,7 @@ fn read_tables<T>(
 }
 
 fn read_foundations(doc: &Document) -> Result<Vec<Foundation>> {
-    read_tables(doc, "foundation", "stiffness", &["stiffness", "where", "group"], |table| {
+    read_tables(doc, "foundation", "stiffness", &FOUNDATIONS, |table| {
         Ok(Foundation {
             stiffness: doc.needed(&format!("{table}.stiffness"), &FOUNDATION, Names::XY)?,
             region: region::read(doc, table, &["where", "group"])?,
@@ -217,22 +273,21 @@ fn read_foundations(doc: &Document) -> Result<Vec<Foundation>> {
 }
 
 fn read_springs(doc: &Document, places: &PlaceReader) -> Result<Vec<Spring>> {
-    read_tables(doc, "spring", "at and stiffness", &["at", "point", "stiffness"], |table| {
+    read_tables(doc, "spring", "at and stiffness", &SPRINGS, |table| {
         let (at, point) = places.read(doc, table)?;
         Ok(Spring { at, point, stiffness: doc.number(&format!("{table}.stiffness"), &SPRING)? })
     })
 }
 
 fn read_masses(doc: &Document, places: &PlaceReader) -> Result<Vec<PointMass>> {
-    read_tables(doc, "mass", "at and mass", &["at", "point", "mass"], |table| {
+    read_tables(doc, "mass", "at and mass", &MASSES, |table| {
         let (at, point) = places.read(doc, table)?;
         Ok(PointMass { at, point, mass: doc.number(&format!("{table}.mass"), &MASS)? })
     })
 }
 
 fn read_ribs(doc: &Document, places: &PlaceReader) -> Result<Vec<Rib>> {
-    let keys = ["line", "edge", "bending", "torsion", "mass"];
-    read_tables(doc, "rib", "line or edge, and bending", &keys, |table| {
+    read_tables(doc, "rib", "line or edge, and bending", &RIBS, |table| {
         let key = |name: &str| format!("{table}.{name}");
         let (line, edge) = (key("line"), key("edge"));
         let path = if doc.get(&edge).is_some() {
@@ -258,8 +313,7 @@ fn read_ribs(doc: &Document, places: &PlaceReader) -> Result<Vec<Rib>> {
 }
 
 fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Ball>> {
-    let keys = ["at", "point", "side", "mass", "height", "velocity", "stiffness", "damping"];
-    read_tables(doc, "ball", "at, mass and height", &keys, |table| {
+    read_tables(doc, "ball", "at, mass and height", &BALLS, |table| {
         let key = |name: &str| format!("{table}.{name}");
         let (at, point) = places.read(doc, table)?;
         Ok(Ball {

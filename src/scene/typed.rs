@@ -4,64 +4,41 @@ use std::fmt::Display;
 use std::path::Path;
 
 use super::document::{Document, Value, cut, quote, spell};
+pub(super) use super::keys::{Choice, Quantity, Range};
+use super::keys::{TableKeys, ValueKind, key, words};
 use super::{self as scene, FieldInput};
 use crate::error::{Error, Result, suggestion};
-use crate::field::{Condition, Field, Names, Parameters, Table, check_parameter};
+use crate::field::{Condition, Field, Interpolation, Names, Parameters, Table, check_parameter};
 
-/// Physical quantity: its name with unit, and the range of its values.
-pub(super) struct Quantity {
-    pub what: &'static str,
-    pub range: Range,
-}
+/// Value of a parameter.
+pub(super) const PARAMETER: Quantity = Quantity::new("a number", Range::ANY);
 
-/// Range of a number.
-pub(super) struct Range {
-    limits: &'static str,
-    fault: &'static str,
-    holds: fn(f64) -> bool,
-}
+/// Factor on the values of a table of time.
+const FACTOR: Quantity = Quantity::new("a factor", Range::ANY);
 
-impl Range {
-    pub const ANY: Range = Range { limits: "", fault: "", holds: |_| true };
-    pub const POSITIVE: Range =
-        Range { limits: " greater than 0", fault: "is not positive", holds: |value| value > 0.0 };
-
-    pub const NOT_NEGATIVE: Range = Range::new(" of at least 0", "is negative", |value| value >= 0.0);
-
-    /// Creates a range; `limits` completes the expectation and `fault` describes a violation.
-    pub const fn new(limits: &'static str, fault: &'static str, holds: fn(f64) -> bool) -> Self {
-        Range { limits, fault, holds }
-    }
-}
-
-impl Quantity {
-    pub const fn new(what: &'static str, range: Range) -> Self {
-        Quantity { what, range }
-    }
-
-    fn expected(&self) -> String {
-        format!("expected {}{}", self.what, self.range.limits)
-    }
-}
-
-/// Enum whose variants have names in a scene.
-pub(super) trait Choice: Copy + PartialEq + 'static {
-    /// All variants with their words.
-    const WORDS: &'static [(&'static str, Self)];
-
-    /// Returns the word of this variant.
-    fn word(self) -> &'static str {
-        Self::WORDS.iter().find(|(_, case)| *case == self).map_or("", |(word, _)| word)
-    }
-}
+/// Keys of a field that is a table of values over time.
+pub(super) static OVER_TIME: TableKeys = TableKeys {
+    groups: &[&[
+        key("table", ValueKind::Text, "CSV file with rows time,value, beside the scene"),
+        key("interpolation", ValueKind::Word(words::<Interpolation>), "between the rows"),
+        key(
+            "times",
+            ValueKind::Field(&FACTOR, Names::XY),
+            "factor on the values, where the key takes formulas of x and y such a formula too; default 1",
+        ),
+    ]],
+    needed: &["table", "interpolation"],
+    one_of: &[],
+};
 
 impl Document<'_> {
-    /// Refuses a table with keys other than these; an absent table passes.
-    pub fn allow(&self, table: &str, keys: &[&str]) -> Result<()> {
+    /// Refuses a table with keys other than its own; an absent table passes.
+    pub fn allow(&self, table: &str, of: &TableKeys) -> Result<()> {
         let Some(node) = self.get(table) else { return Ok(()) };
         let Value::Table(entries) = &node.value else {
             return Err(self.found(table, &node.value, "expected a table"));
         };
+        let keys = &of.names()[..];
         let unknown = entries.iter().filter(|(key, _)| !keys.contains(&key.as_str()));
         let Some((key, (place, _))) = unknown.min_by_key(|(_, (place, _))| *place) else { return Ok(()) };
         let full = if table.is_empty() { cut(key) } else { format!("{table}.{}", cut(key)) };
@@ -180,7 +157,7 @@ impl Document<'_> {
         for (name, (place, _)) in entries {
             let key = format!("{table}.{}", cut(name));
             check_parameter(name).map_err(|wrong| self.fault_at(*place, &key, wrong))?;
-            parameters.set(name, self.number(&key, &Quantity::new("a number", Range::ANY))?);
+            parameters.set(name, self.number(&key, &PARAMETER)?);
         }
         Ok(parameters)
     }
@@ -188,17 +165,16 @@ impl Document<'_> {
     /// Reads a table of values over time.
     fn table(&self, key: &str, names: Names) -> Result<scene::Value> {
         let of = |name: &str| format!("{key}.{name}");
-        self.allow(key, &["table", "interpolation", "times"])?;
+        self.allow(key, &OVER_TIME)?;
         let expected = "expected the name of a CSV file with rows of time,value";
         let file = self.optional_text(&of("table"), expected)?;
         let file = file.ok_or_else(|| self.missing(&of("table"), expected))?.to_owned();
         let interpolation = self.choice(&of("interpolation"))?;
-        let factor = Quantity::new("a factor", Range::ANY);
         let place = if names.meets(Names::XY) { Names::XY } else { Names::NONE };
         let shape = match self.get(&of("times")).map(|node| &node.value) {
             None => 1.0.into(),
-            Some(Value::Text(text)) => self.formula(&of("times"), text, place, &factor)?,
-            Some(_) => self.number(&of("times"), &factor)?.into(),
+            Some(Value::Text(text)) => self.formula(&of("times"), text, place, &FACTOR)?,
+            Some(_) => self.number(&of("times"), &FACTOR)?.into(),
         };
         let path = self.beside(&file);
         let table = Table::read(Path::new(&path), interpolation).map_err(|error| match error {

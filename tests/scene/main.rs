@@ -15,5 +15,6 @@ mod parameters;
 mod patches;
 mod points;
 mod reading;
+mod schema;
 mod stops;
 mod supports;

@@ -9,11 +9,24 @@ use crate::error::{Error, Result};
 use crate::field::Names;
 use crate::motion::{self, Motion};
 use crate::scene::document::{Document, quote};
+use crate::scene::keys::{TableKeys, ValueKind, key};
 use crate::scene::{FieldInput, Initial, StartFrom};
+
+pub(super) static INITIAL: TableKeys = TableKeys::optional(&[&[
+    key(
+        "static_pressure",
+        ValueKind::Field(&PRESSURE, Names::XY),
+        "Pa: start at rest from the equilibrium under this pressure; default 0",
+    ),
+    key("equilibrium", ValueKind::Truth, "true: start from the equilibrium under [load] at t = 0"),
+    key("deflection", ValueKind::Field(&DEFLECTION, Names::XY), "m: start from this deflection instead"),
+    key("velocity", ValueKind::Field(&VELOCITY, Names::XY), "m/s, upward; default 0"),
+    key("from", ValueKind::Text, "folder of a finished run, whose last state is the start"),
+]]);
 
 pub(super) fn read(doc: &Document) -> Result<Initial> {
     let others = ["static_pressure", "equilibrium", "deflection", "velocity"];
-    doc.allow("initial", &[&others[..], &["from"]].concat())?;
+    doc.allow("initial", &INITIAL)?;
     let from = from_run(doc)?;
     if from.is_some() {
         for name in others {

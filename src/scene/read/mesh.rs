@@ -5,10 +5,42 @@ use super::region::name;
 use crate::element::{CellShape, ElementByShape, ElementKind};
 use crate::error::{Error, Result};
 use crate::scene::document::Document;
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::{Diagonal, Grid, MeshFile};
 
 /// Limit on the rectangles of a mesh after refinement.
 const MOST_RECTANGLES: u64 = 4_000_000;
+
+pub(super) static MESH: TableKeys = TableKeys {
+    groups: &[&[
+        key(
+            "element",
+            ValueKind::Word(words::<ElementKind>),
+            "finite element: quadrilaterals (fvs) or triangles (hct)",
+        ),
+        key("cells", ValueKind::Pair(&ValueKind::Count(1)), "numbers of rectangles along x and y"),
+        key(
+            "diagonal",
+            ValueKind::Word(words::<Diagonal>),
+            "with triangles: cut of each rectangle; default right, /",
+        ),
+        key("refine", ValueKind::Count(0), "number of uniform refinements; default 0"),
+        key(
+            "file",
+            ValueKind::Text,
+            "Gmsh mesh (2.2 or 4.1) in place of element, cells and the plate's sides",
+        ),
+        key(
+            "scale",
+            ValueKind::Number(&SCALE),
+            "with file: factor from its coordinates to metres, 1e-3 for millimetres",
+        ),
+        key("merge", ValueKind::Number(&MERGE), "with file: distance in m below which nodes are merged"),
+        key("parts", ValueKind::Count(1), "with file: number of disconnected parts; default 1"),
+    ]],
+    needed: &[],
+    one_of: &[&["file"], &["element", "cells"]],
+};
 
 pub(super) fn read_file(doc: &Document) -> Result<Option<MeshFile>> {
     if doc.get("mesh.file").is_none() {
@@ -23,7 +55,7 @@ pub(super) fn read_file(doc: &Document) -> Result<Option<MeshFile>> {
 }
 
 pub(super) fn read(doc: &Document, has_file: bool) -> Result<Grid> {
-    doc.allow("mesh", &["element", "cells", "diagonal", "refine", "file", "scale", "merge", "parts"])?;
+    doc.allow("mesh", &MESH)?;
     if !has_file {
         for key in ["mesh.scale", "mesh.merge", "mesh.parts"] {
             doc.forbid(key, "has no use without mesh.file")?;

@@ -19,19 +19,63 @@ mod time;
 use std::path::Path;
 
 use super::document::{Document, quote};
+use super::keys::{TableKeys, ValueKind, key};
+use super::typed::PARAMETER;
 use super::{EngineName, Scene, attachments, cross_checks};
 use crate::error::Result;
 use region::PlaceReader;
 
-/// Names of a scene's tables before and after those of attachments.
-const TABLES: [&[&str]; 2] = [
-    &["title", "parameters", "plate", "part", "mesh", "support", "obstacle", "load"],
-    &["damping", "initial", "time", "solver", "output", "study", "sweep"],
-];
+/// Tables of a scene.
+pub(super) static SCENE: TableKeys = TableKeys {
+    groups: &[
+        &[
+            key("title", ValueKind::Text, "one line of text; default: the name of the file"),
+            key(
+                "parameters",
+                ValueKind::Names(&PARAMETER),
+                "numbers with names, for all formulas of the scene",
+            ),
+            key("plate", ValueKind::Table(&plate::PLATE), "sides, thickness and material"),
+            key(
+                "part",
+                ValueKind::Tables(&plate::PART),
+                "parts of the plate with another thickness or material",
+            ),
+            key("mesh", ValueKind::Table(&mesh::MESH), "rectangles, or a Gmsh file"),
+            key(
+                "support",
+                ValueKind::Tables(&supports::SUPPORT),
+                "edges and points that are held; all others are free",
+            ),
+            key("obstacle", ValueKind::Tables(&obstacles::OBSTACLE), "rigid obstacles and compliant stops"),
+            key("load", ValueKind::Table(&loads::LOAD), "pressure, gravity and point forces"),
+        ],
+        attachments::TABLES,
+        &[
+            key(
+                "damping",
+                ValueKind::Table(&plate::DAMPING),
+                "Rayleigh's coefficients, and damping of single modes",
+            ),
+            key(
+                "initial",
+                ValueKind::Table(&initial::INITIAL),
+                "deflection and velocity at the start; default: at rest and flat",
+            ),
+            key("time", ValueKind::Table(&time::TIME), "scheme, mass, step and end"),
+            key("solver", ValueKind::Table(&solver::SOLVER), "linear algebra, contact solver, tolerances"),
+            key("output", ValueKind::Table(&output::OUTPUT), "what a run writes"),
+            key("study", ValueKind::Table(&study::STUDY), "runs of rebond study"),
+            key("sweep", ValueKind::Table(&sweep::SWEEP), "runs of rebond sweep"),
+        ],
+    ],
+    needed: &["plate", "mesh", "time"],
+    one_of: &[],
+};
 
 /// Reads the whole scene; `engine` is the default.
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
-    doc.allow("", &[TABLES[0], &attachments::TABLES, TABLES[1]].concat())?;
+    doc.allow("", &SCENE)?;
     let title = title(doc, file_name)?;
     let parameters = doc.parameters()?;
     let file = mesh::read_file(doc)?;

@@ -2,22 +2,45 @@
 
 use super::column;
 use super::quantities::{AREA_DAMPING, AREA_STOP, HEIGHT, LINE_DAMPING, LINE_STOP, POINT_DAMPING, SPRING};
-use super::region;
+use super::region::{self, AT, GROUP, LINE, POINT, WHERE};
 use crate::error::Result;
 use crate::field::Names;
 use crate::scene::document::Document;
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::typed::Quantity;
 use crate::scene::{Compliance, Obstacle, Region, Side};
+
+pub(super) static OBSTACLE: TableKeys = TableKeys {
+    groups: &[&[
+        key("name", ValueKind::Text, "name under which its forces are reported"),
+        key("side", ValueKind::Word(words::<Side>), "side of the plate on which the obstacle lies"),
+        key("height", ValueKind::Field(&HEIGHT, Names::XYT), "m: a number, a formula of x, y, t, or a table"),
+        WHERE,
+        GROUP,
+        AT,
+        POINT,
+        LINE,
+        key(
+            "stiffness",
+            ValueKind::Number(&AREA_STOP),
+            "compliant stop: N/m at a point, N/m2 along a line, N/m3 otherwise; default rigid",
+        ),
+        key("damping", ValueKind::Number(&AREA_DAMPING), "compliant stop: N s/m, N s/m2, N s/m3; default 0"),
+    ]],
+    needed: &["side", "height"],
+    one_of: &[],
+};
+
+/// Keys of the part of the plate that an obstacle faces.
+const FACED: [&str; 5] = [WHERE.name, GROUP.name, AT.name, POINT.name, LINE.name];
 
 pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
     let mut obstacles: Vec<Obstacle> = Vec::new();
     for index in 0..doc.entries("obstacle", "expected tables [[obstacle]] with side and height")? {
         let table = format!("obstacle.{index}");
-        let keys =
-            ["name", "side", "height", "where", "group", "at", "point", "line", "stiffness", "damping"];
-        doc.allow(&table, &keys)?;
+        doc.allow(&table, &OBSTACLE)?;
         let (side, height) = (format!("{table}.side"), format!("{table}.height"));
-        let region = region::read(doc, &table, &keys[3..8])?;
+        let region = region::read(doc, &table, &FACED)?;
         let obstacle = Obstacle {
             name: column::optional(doc, &format!("{table}.name"))?,
             side: doc.choice(&side)?,

@@ -1,19 +1,43 @@
 //! Table `[output]`: rows, snapshots, checkpoints and probes.
 
 use super::column;
-use super::region::PlaceReader;
+use super::region::{AT, POINT, PlaceReader};
 use crate::error::Result;
 use crate::scene::document::{Document, quote};
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::{Ball, Grid, Output, Probe, ProbeQuantity, Snapshots};
 
 /// Limit on the parts into which snapshots divide an edge.
 const MOST_PARTS: u64 = 64;
 
+pub(super) static OUTPUT: TableKeys = TableKeys::optional(&[&[
+    key("every", ValueKind::Count(1), "steps between rows of history.csv; default 1"),
+    key("fields_every", ValueKind::Count(1), "steps between snapshots; default: none"),
+    key("subdivide", ValueKind::Count(1), "with fields_every: parts of each edge in snapshots, at most 64"),
+    key("stresses", ValueKind::Truth, "with fields_every: snapshots have moments and stresses too"),
+    key("extremes", ValueKind::Truth, "true: the largest von Mises stress of all steps"),
+    key(
+        "checkpoint_every",
+        ValueKind::Count(1),
+        "steps between checkpoints; default: only where a run is interrupted",
+    ),
+    key("probes", ValueKind::Array(&ValueKind::Table(&PROBE)), "points recorded in columns of history.csv"),
+]]);
+
+static PROBE: TableKeys = TableKeys {
+    groups: &[&[
+        key("name", ValueKind::Text, "name of the column"),
+        AT,
+        POINT,
+        key("ball", ValueKind::Count(0), "number of a ball, from 0, in place of a point of the plate"),
+        key("quantity", ValueKind::Word(words::<ProbeQuantity>), "default deflection"),
+    ]],
+    needed: &["name"],
+    one_of: &[&["at"], &["point"], &["ball"]],
+};
+
 pub(super) fn read(doc: &Document, places: &PlaceReader, mesh: &Grid, balls: &[Ball]) -> Result<Output> {
-    doc.allow(
-        "output",
-        &["every", "fields_every", "subdivide", "stresses", "extremes", "checkpoint_every", "probes"],
-    )?;
+    doc.allow("output", &OUTPUT)?;
     let every = doc.optional_count("output.every", "a number of steps", 1)?.unwrap_or(1);
     let mut probes: Vec<Probe> = Vec::new();
     for index in 0..doc.entries("output.probes", "expected an array of { name = \"...\", at = [x, y] }")? {
@@ -55,7 +79,7 @@ fn snapshots(doc: &Document, mesh: &Grid) -> Result<Option<Snapshots>> {
 }
 
 fn probe(doc: &Document, table: &str, places: &PlaceReader, balls: &[Ball]) -> Result<Probe> {
-    doc.allow(table, &["name", "at", "point", "ball", "quantity"])?;
+    doc.allow(table, &PROBE)?;
     let name = column::needed(doc, &format!("{table}.name"))?;
     let key = format!("{table}.ball");
     let Some(number) = doc.optional_count(&key, "the number of a ball, from 0,", 0)? else {

@@ -10,22 +10,69 @@ use crate::field::Names;
 use crate::mesh::Point;
 use crate::plate::Orthotropy;
 use crate::scene::document::Document;
+use crate::scene::keys::{TableKey, TableKeys, ValueKind, key};
 use crate::scene::typed::Quantity;
 use crate::scene::{Damping, FieldInput, Part, Plate, PlateSpec, Region};
 
 /// Keys of thickness and material.
-const MATERIAL: [&str; 7] = [
-    "thickness",
-    "youngs_modulus",
-    "poissons_ratio",
-    "density",
-    "youngs_modulus_across",
-    "shear_modulus",
-    "grain",
+const MATERIAL: &[TableKey] = &[
+    key("thickness", ValueKind::Field(&THICKNESS, Names::XY), "m, a number or a formula of x and y"),
+    key("youngs_modulus", ValueKind::Number(&YOUNGS_MODULUS), "Pa; along the grain, if there is one"),
+    key(
+        "poissons_ratio",
+        ValueKind::Number(&POISSONS_RATIO),
+        "Poisson's ratio; nu_12 of an orthotropic plate",
+    ),
+    key("density", ValueKind::Number(&DENSITY), "kg/m3"),
+    key(
+        "youngs_modulus_across",
+        ValueKind::Number(&YOUNGS_MODULUS),
+        "Pa, E_2; it makes the plate orthotropic",
+    ),
+    key("shear_modulus", ValueKind::Number(&SHEAR_MODULUS), "Pa, G_12; an orthotropic plate needs it"),
+    key("grain", ValueKind::Number(&GRAIN), "degrees from x, counter-clockwise; default 0"),
 ];
 
+pub(super) static PLATE: TableKeys = TableKeys {
+    groups: &[
+        &[
+            key("length", ValueKind::Number(&LENGTH), "m, along x; not with mesh.file"),
+            key("width", ValueKind::Number(&WIDTH), "m, along y; not with mesh.file"),
+        ],
+        MATERIAL,
+    ],
+    needed: &["thickness", "youngs_modulus", "poissons_ratio", "density"],
+    one_of: &[],
+};
+
+pub(super) static PART: TableKeys = TableKeys {
+    groups: &[
+        &[
+            key(
+                "where",
+                ValueKind::Condition,
+                "condition on x, y; the part has the cells whose centre satisfies it",
+            ),
+            key("group", ValueKind::Text, "physical surface of mesh.file"),
+        ],
+        MATERIAL,
+    ],
+    needed: &[],
+    one_of: &[&["where"], &["group"]],
+};
+
+pub(super) static DAMPING: TableKeys = TableKeys::optional(&[&[
+    key("mass", ValueKind::Number(&MASS_DAMPING), "1/s, Rayleigh's alpha; default 0"),
+    key("stiffness", ValueKind::Number(&STIFFNESS_DAMPING), "s, Rayleigh's beta; default 0"),
+    key(
+        "modal",
+        ValueKind::Array(&ValueKind::Number(&RATIO)),
+        "damping ratios of the lowest modes, in ascending order",
+    ),
+]]);
+
 pub(super) fn read(doc: &Document, has_file: bool) -> Result<PlateSpec> {
-    doc.allow("plate", &[&["length", "width"], &MATERIAL[..]].concat())?;
+    doc.allow("plate", &PLATE)?;
     let side = |key: &str, quantity| {
         if has_file {
             doc.forbid(key, "contradicts mesh.file, which gives the plate its shape")?;
@@ -94,7 +141,7 @@ fn orthotropy(doc: &Document, table: &str, base: Option<Orthotropy>) -> Result<O
 pub(super) fn read_parts(doc: &Document, plate: &PlateSpec) -> Result<Vec<Part>> {
     let part = |index: usize| {
         let table = format!("part.{index}");
-        doc.allow(&table, &[&["where", "group"], &MATERIAL[..]].concat())?;
+        doc.allow(&table, &PART)?;
         let region = region::read(doc, &table, &["where", "group"])?;
         if region == Region::All {
             return Err(doc.missing(&table, "expected where = \"...\" or group = \"...\""));
@@ -108,7 +155,7 @@ pub(super) fn read_parts(doc: &Document, plate: &PlateSpec) -> Result<Vec<Part>>
 }
 
 pub(super) fn read_damping(doc: &Document) -> Result<Option<Damping>> {
-    doc.allow("damping", &["mass", "stiffness", "modal"])?;
+    doc.allow("damping", &DAMPING)?;
     if doc.get("damping").is_none() {
         return Ok(None);
     }

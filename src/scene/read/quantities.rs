@@ -8,7 +8,12 @@ pub(in crate::scene) const THICKNESS: Quantity = Quantity::new("a thickness in m
 pub(in crate::scene) const YOUNGS_MODULUS: Quantity = Quantity::new("Young's modulus in Pa", Range::POSITIVE);
 pub(in crate::scene) const POISSONS_RATIO: Quantity = Quantity::new(
     "Poisson's ratio",
-    Range::new(" greater than -1 and less than 0.5", "is out of range", |nu| -1.0 < nu && nu < 0.5),
+    Range::new(
+        " greater than -1 and less than 0.5",
+        "is out of range",
+        |nu| -1.0 < nu && nu < 0.5,
+        &[("exclusiveMinimum", -1.0), ("exclusiveMaximum", 0.5)],
+    ),
 );
 pub(in crate::scene) const DENSITY: Quantity = Quantity::new("a density in kg/m3", Range::POSITIVE);
 pub(in crate::scene) const SHEAR_MODULUS: Quantity = Quantity::new("a shear modulus in Pa", Range::POSITIVE);
@@ -39,23 +44,35 @@ pub(in crate::scene) const HEIGHT: Quantity = Quantity::new("a height in m", Ran
 pub(in crate::scene) const PRESSURE: Quantity = Quantity::new("a pressure in Pa", Range::ANY);
 pub(in crate::scene) const VELOCITY: Quantity = Quantity::new("a velocity in m/s", Range::ANY);
 pub(in crate::scene) const FREQUENCY: Quantity = Quantity::new("a frequency in Hz", Range::POSITIVE);
-pub(in crate::scene) const BETA: Quantity =
-    Quantity::new("Newmark's beta", Range::new(" of at least 0.25", "is too small", |beta| beta >= 0.25));
+pub(in crate::scene) const BETA: Quantity = Quantity::new(
+    "Newmark's beta",
+    Range::new(" of at least 0.25", "is too small", |beta| beta >= 0.25, &[("minimum", 0.25)]),
+);
 pub(in crate::scene) const RESTITUTION: Quantity = Quantity::new(
     "a restitution coefficient",
-    Range::new(" from 0 to 1", "is out of range", |e| (0.0..=1.0).contains(&e)),
+    Range::new(
+        " from 0 to 1",
+        "is out of range",
+        |e| (0.0..=1.0).contains(&e),
+        &[("minimum", 0.0), ("maximum", 1.0)],
+    ),
 );
 pub(in crate::scene) const STEP: Quantity = Quantity::new("a time step in s", Range::POSITIVE);
 pub(in crate::scene) const END: Quantity = Quantity::new("an end time in s", Range::POSITIVE);
 pub(in crate::scene) const INSTANT: Quantity = Quantity::new("an instant in s", Range::NOT_NEGATIVE);
 pub(in crate::scene) const TOLERANCE: Quantity = Quantity::new(
     "a relative KKT residual",
-    Range::new(" greater than 0 and less than 1", "is out of range", |tolerance| {
-        0.0 < tolerance && tolerance < 1.0
-    }),
+    Range::new(
+        " greater than 0 and less than 1",
+        "is out of range",
+        |tolerance| 0.0 < tolerance && tolerance < 1.0,
+        &[("exclusiveMinimum", 0.0), ("exclusiveMaximum", 1.0)],
+    ),
 );
-pub(in crate::scene) const ENERGY_GUARD: Quantity =
-    Quantity::new("a ratio of energies", Range::new(" greater than 1", "is too small", |ratio| ratio > 1.0));
+pub(in crate::scene) const ENERGY_GUARD: Quantity = Quantity::new(
+    "a ratio of energies",
+    Range::new(" greater than 1", "is too small", |ratio| ratio > 1.0, &[("exclusiveMinimum", 1.0)]),
+);
 pub(in crate::scene) const SCALE: Quantity =
     Quantity::new("a factor that makes coordinates metres", Range::POSITIVE);
 pub(in crate::scene) const MERGE: Quantity = Quantity::new("a distance in m", Range::POSITIVE);

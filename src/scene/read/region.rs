@@ -7,7 +7,33 @@ use super::quantities::COORDINATE;
 use crate::error::Result;
 use crate::mesh::Point;
 use crate::scene::document::{Document, quote};
+use crate::scene::keys::{TableKey, ValueKind, key};
 use crate::scene::{MeshFile, PlateSpec, Region};
+
+const COORDINATES: ValueKind = ValueKind::Pair(&ValueKind::Number(&COORDINATE));
+
+/// Key of a place by its coordinates.
+pub(in crate::scene) const AT: TableKey = key("at", COORDINATES, "[x, y] in m");
+
+/// Key of a place by its name.
+pub(in crate::scene) const POINT: TableKey = key("point", ValueKind::Text, "physical point of mesh.file");
+
+/// Key of a line segment.
+pub(in crate::scene) const LINE: TableKey =
+    key("line", ValueKind::Pair(&COORDINATES), "[[x, y], [x, y]] in m, a line segment");
+
+/// Key of a part of the plate by a condition.
+pub(in crate::scene) const WHERE: TableKey = key(
+    "where",
+    ValueKind::Condition,
+    "condition on x, y, such as \"x > 0.5 and y < 0.2\"; default: all of it",
+);
+
+/// Key of a part of the plate by its name.
+pub(in crate::scene) const GROUP: TableKey = key("group", ValueKind::Text, "physical surface of mesh.file");
+
+/// Alternatives of a place.
+pub(in crate::scene) const AT_OR_POINT: &[&[&str]] = &[&["at"], &["point"]];
 
 /// Reads the region that one of `keys` names (`where`, `group`, `at`, `point`, `line`).
 ///

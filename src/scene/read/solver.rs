@@ -3,11 +3,31 @@
 use super::quantities::{ENERGY_GUARD, TOLERANCE};
 use crate::error::Result;
 use crate::scene::document::Document;
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::{ContactSolver, EngineName, Solver};
+
+pub(super) static SOLVER: TableKeys = TableKeys::optional(&[&[
+    key(
+        "engine",
+        ValueKind::Word(words::<EngineName>),
+        "linear algebra; default: native on one process, petsc on several",
+    ),
+    key("vi", ValueKind::Word(words::<ContactSolver>), "contact solver; default condensed"),
+    key(
+        "tolerance",
+        ValueKind::Number(&TOLERANCE),
+        "relative KKT residual that every step must meet; default 1e-10",
+    ),
+    key(
+        "energy_guard",
+        ValueKind::Number(&ENERGY_GUARD),
+        "ratio to the initial energy at which a run is stopped; default 100",
+    ),
+]]);
 
 /// Reads the table; `engine` is the default.
 pub(super) fn read(doc: &Document, engine: EngineName) -> Result<Solver> {
-    doc.allow("solver", &["engine", "vi", "tolerance", "energy_guard"])?;
+    doc.allow("solver", &SOLVER)?;
     Ok(Solver {
         engine: doc.optional_choice("solver.engine")?.unwrap_or(engine),
         vi: doc.optional_choice("solver.vi")?.unwrap_or(ContactSolver::Condensed),

@@ -4,14 +4,51 @@ use super::mesh;
 use super::quantities::{INSTANT, RESTITUTION, STEP};
 use crate::error::Result;
 use crate::scene::document::Document;
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::study::finer;
-use crate::scene::{Grid, Mass, Solver, Study, Time};
+use crate::scene::{
+    ContactSolver, ElementKind, EngineName, Grid, Horizon, Mass, SchemeName, Solver, Study, Time,
+};
+
+const CELLS: ValueKind = ValueKind::Pair(&ValueKind::Count(1));
+
+pub(super) static STUDY: TableKeys = TableKeys::optional(&[&[
+    key("schemes", ValueKind::List(&ValueKind::Word(words::<SchemeName>)), "time schemes"),
+    key("masses", ValueKind::List(&ValueKind::Word(words::<Mass>)), "masses"),
+    key(
+        "restitutions",
+        ValueKind::List(&ValueKind::Number(&RESTITUTION)),
+        "restitution coefficients of Newmark's scheme",
+    ),
+    key("steps", ValueKind::List(&ValueKind::Number(&STEP)), "time steps in s, with a short common multiple"),
+    key("elements", ValueKind::List(&ValueKind::Word(words::<ElementKind>)), "elements"),
+    key("cells", ValueKind::List(&CELLS), "meshes, [nx, ny] each"),
+    key("refinements", ValueKind::List(&ValueKind::Count(0)), "numbers of uniform refinements"),
+    key("engines", ValueKind::List(&ValueKind::Word(words::<EngineName>)), "engines"),
+    key("vi", ValueKind::List(&ValueKind::Word(words::<ContactSolver>)), "contact solvers"),
+    key("reference_cells", CELLS, "mesh that measures the error in space"),
+    key(
+        "reference_refine",
+        ValueKind::Count(0),
+        "with mesh.file: refinements of the mesh that measures the error in space",
+    ),
+    key("at", ValueKind::List(&ValueKind::Number(&INSTANT)), "instants in s at which errors are reported"),
+    key("until", ValueKind::Word(words::<Horizon>), "horizon over which the runs are ranked"),
+    key("repeat", ValueKind::Count(1), "number of timed repetitions"),
+    key("modes", ValueKind::List(&ValueKind::Count(1)), "numbers of modes, with \"modal\" among the masses"),
+    key(
+        "reference_mass",
+        ValueKind::Word(words::<Mass>),
+        "mass of the motion on the reference mesh: singular or modal",
+    ),
+    key("reference_modes", ValueKind::Count(1), "number of its modes; default: twice the largest of modes"),
+    key("limits", ValueKind::Truth, "false: measure the whole error of each run only"),
+    key("floor", ValueKind::Truth, "true: measure by how much the best runs differ"),
+    key("skip", ValueKind::List(&ValueKind::Text), "runs that are left out, by words of their names"),
+]]);
 
 pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) -> Result<Option<Study>> {
-    let keys = ["schemes", "masses", "restitutions", "steps", "elements", "cells", "refinements", "engines"];
-    let others = ["vi", "reference_cells", "reference_refine", "at", "until", "repeat"];
-    let of_modes = ["modes", "reference_mass", "reference_modes", "limits", "floor", "skip"];
-    doc.allow("study", &[&keys[..], &others, &of_modes].concat())?;
+    doc.allow("study", &STUDY)?;
     if doc.get("study").is_none() {
         return Ok(None);
     }
@@ -67,7 +104,7 @@ pub(super) fn read(doc: &Document, grid: &Grid, time: &Time, solver: &Solver) ->
         reference_modes,
         limits: doc.optional_truth("study.limits")?.unwrap_or(usual.limits),
         floor: doc.optional_truth("study.floor")?.unwrap_or(usual.floor),
-        skip: doc.list("study.skip", |key| words(doc, key))?.unwrap_or(usual.skip),
+        skip: doc.list("study.skip", |key| words_of_run(doc, key))?.unwrap_or(usual.skip),
         at: doc.list("study.at", |key| instant(doc, key, time))?.unwrap_or(usual.at),
         until: doc.optional_choice("study.until")?.unwrap_or(usual.until),
         repeat: doc
@@ -118,7 +155,7 @@ fn reference_mass(doc: &Document, modes: &[usize]) -> Result<(Mass, usize)> {
 }
 
 /// Reads words of runs.
-fn words(doc: &Document, key: &str) -> Result<String> {
+fn words_of_run(doc: &Document, key: &str) -> Result<String> {
     let expected = "expected words of a run's name, such as \"80x32 newmark 2e-6\"";
     match doc.optional_text(key, expected)? {
         Some(words) if !words.trim().is_empty() => Ok(words.to_owned()),

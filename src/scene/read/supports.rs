@@ -2,24 +2,46 @@
 
 use super::column;
 use super::quantities::{DEFLECTION, EDGE_ROTATION, EDGE_SPRING};
-use super::region::{name, point};
+use super::region::{AT, POINT, WHERE, name, point};
 use crate::error::Result;
 use crate::field::Names;
 use crate::scene::document::Document;
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::typed::Choice;
 use crate::scene::{ElasticEdge, FieldInput, Support, SupportKind, SupportLocation};
 
 /// Names of the edges of a rectangle.
 const EDGES: [&str; 4] = ["left", "right", "bottom", "top"];
 
+pub(super) static SUPPORT: TableKeys = TableKeys {
+    groups: &[&[
+        key("name", ValueKind::Text, "name under which its reactions are reported"),
+        key("edge", ValueKind::Text, "left, right, bottom, top, or a physical curve of mesh.file"),
+        WHERE,
+        AT,
+        POINT,
+        key(
+            "kind",
+            ValueKind::Word(words::<SupportKind>),
+            "what is held: deflection and slope, deflection, slope, or springs",
+        ),
+        key("stiffness", ValueKind::Number(&EDGE_SPRING), "elastic: N/m2; default: the edge cannot deflect"),
+        key("rotation", ValueKind::Number(&EDGE_ROTATION), "elastic: N m/rad per metre; default 0"),
+        key(
+            "motion",
+            ValueKind::Field(&DEFLECTION, Names::T),
+            "m, upward: a formula of t without jumps, or a table; default 0",
+        ),
+    ]],
+    needed: &["kind"],
+    one_of: &[&["edge"], &["at"], &["point"]],
+};
+
 pub(super) fn read(doc: &Document, has_file: bool) -> Result<Vec<Support>> {
     let mut supports: Vec<Support> = Vec::new();
     for index in 0..doc.entries("support", "expected tables [[support]] with edge and kind")? {
         let table = format!("support.{index}");
-        doc.allow(
-            &table,
-            &["name", "edge", "where", "at", "point", "kind", "stiffness", "rotation", "motion"],
-        )?;
+        doc.allow(&table, &SUPPORT)?;
         let (kind, elastic) = hold(doc, &table)?;
         let key = format!("{table}.motion");
         if !kind.holds_deflection() {

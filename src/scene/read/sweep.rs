@@ -3,6 +3,7 @@
 use crate::error::{Result, suggestion};
 use crate::field::Names;
 use crate::scene::document::{Document, quote};
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::typed::{Quantity, Range};
 use crate::scene::{SweepOrder, SweepSpec, SweptKey, Value};
 
@@ -21,8 +22,42 @@ const DISTANCE: Quantity = Quantity::new("a distance relative to the range of th
 const EXPECTED: &str =
     "expected KEY=FROM..TO:COUNT or KEY=VALUE,VALUE,..., such as \"load.pressure=90..250:161\"";
 
+pub(super) static SWEEP: TableKeys = TableKeys {
+    groups: &[&[
+        key(
+            "over",
+            ValueKind::List(&ValueKind::Text),
+            "one or two texts KEY=FROM..TO:COUNT or KEY=VALUE,VALUE,...",
+        ),
+        key(
+            "direction",
+            ValueKind::Word(words::<SweepOrder>),
+            "where each run starts; default apart: as the scene says",
+        ),
+        key(
+            "period",
+            ValueKind::Field(&PERIOD, Names::NONE),
+            "s, period of the drive: a number, or a formula of the parameters",
+        ),
+        key("periods", ValueKind::Count(1), "periods of each run; default 200"),
+        key(
+            "settle",
+            ValueKind::Count(0),
+            "periods of each run before the measured ones; default half of them",
+        ),
+        key(
+            "tolerance",
+            ValueKind::Number(&DISTANCE),
+            "distance of equal points of a section, relative to the range; default 1e-3",
+        ),
+        key("lyapunov", ValueKind::Truth, "true: measure the largest Lyapunov exponent too"),
+    ]],
+    needed: &["over", "period"],
+    one_of: &[],
+};
+
 pub(super) fn read(doc: &Document) -> Result<Option<SweepSpec>> {
-    doc.allow("sweep", &["over", "direction", "period", "periods", "settle", "tolerance", "lyapunov"])?;
+    doc.allow("sweep", &SWEEP)?;
     if doc.get("sweep").is_none() {
         return Ok(None);
     }

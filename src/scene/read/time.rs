@@ -4,6 +4,7 @@ use super::quantities::{BETA, END, FREQUENCY, POINT_DAMPING, RESTITUTION, STEP, 
 use crate::error::Result;
 use crate::modes::ModeRange;
 use crate::scene::document::{Document, spell};
+use crate::scene::keys::{TableKeys, ValueKind, key, words};
 use crate::scene::typed::Choice;
 use crate::scene::{Mass, Massless, SchemeName, SchemeSpec, Time};
 use crate::scheme::registry::{Capabilities, SchemeOptions};
@@ -14,11 +15,36 @@ const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
 /// Relative distance of the end from a whole number of steps that rounding of decimals explains.
 const WHOLE: f64 = 1e-9;
 
+pub(super) static TIME: TableKeys = TableKeys {
+    groups: &[&[
+        key(
+            "scheme",
+            ValueKind::Word(words::<SchemeName>),
+            "time scheme; conserving keeps the energy at any step",
+        ),
+        key(
+            "mass",
+            ValueKind::Word(words::<Mass>),
+            "mass matrix; modal: only the lowest modes carry inertia",
+        ),
+        key("modes", ValueKind::Count(1), "modal: number of modes; default 200, or a third of the dofs"),
+        key(
+            "up_to",
+            ValueKind::Number(&FREQUENCY),
+            "modal: all modes up to this frequency in Hz, in place of modes",
+        ),
+        key("beta", ValueKind::Number(&BETA), "newmark: default 0.5"),
+        key("restitution", ValueKind::Number(&RESTITUTION), "newmark: the paper's e, 0 to 1; default 0"),
+        key("massless", ValueKind::Word(words::<Massless>), "midpoint: treatment of the massless part"),
+        key("step", ValueKind::Number(&STEP), "s"),
+        key("end", ValueKind::Number(&END), "s, a whole number of steps"),
+    ]],
+    needed: &["scheme", "mass", "step", "end"],
+    one_of: &[],
+};
+
 pub(super) fn read(doc: &Document) -> Result<Time> {
-    doc.allow(
-        "time",
-        &["scheme", "mass", "modes", "up_to", "beta", "restitution", "massless", "step", "end"],
-    )?;
+    doc.allow("time", &TIME)?;
     let time = Time {
         scheme: scheme(doc)?,
         mass: doc.choice("time.mass")?,

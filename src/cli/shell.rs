@@ -1,0 +1,106 @@
+//! Commands `rebond completions`, `rebond man` and `rebond schema`, and the text of `--version`.
+
+use super::printing::{json, print};
+use super::{Cli, help};
+use crate::error::{Error, Result, suggestion};
+use crate::output::write_atomic;
+#[cfg(feature = "petsc")]
+use crate::petsc::Context;
+use crate::scene;
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+use std::path::PathBuf;
+
+/// Print completions for a shell.
+#[derive(Debug, Args)]
+#[command(after_help = help::COMPLETIONS)]
+pub struct Completions {
+    /// Shell
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+/// Print a manual page, or write all of them.
+#[derive(Debug, Args)]
+#[command(after_help = help::MAN)]
+pub struct ManPages {
+    /// Command whose page is printed; default: that of the program
+    command: Option<String>,
+    /// Folder into which all pages are written instead
+    #[arg(long, value_name = "DIR", conflicts_with = "command")]
+    out: Option<PathBuf>,
+}
+
+/// Print the JSON schema of scenes.
+#[derive(Debug, Args)]
+#[command(after_help = help::SCHEMA)]
+pub struct Schema {}
+
+impl Completions {
+    pub(super) fn execute(&self) -> Result<()> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), env!("CARGO_PKG_NAME"), &mut script);
+        print(&String::from_utf8_lossy(&script))
+    }
+}
+
+impl ManPages {
+    pub(super) fn execute(&self) -> Result<()> {
+        let mut program = Cli::command();
+        // Each subcommand gets its whole name, such as `rebond run`.
+        program.build();
+        let commands = || program.get_subcommands().filter(|command| command.get_name() != "help");
+        if let Some(folder) = &self.out {
+            std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
+            let mut written = String::new();
+            for command in std::iter::once(&program).chain(commands()) {
+                let name = command.get_display_name().unwrap_or(command.get_name());
+                let path = folder.join(format!("{name}.1"));
+                write_atomic(&path, page(command)?.as_bytes())?;
+                written += &format!("{}\n", path.display());
+            }
+            return print(&written);
+        }
+        let Some(name) = &self.command else { return print(&page(&program)?) };
+        match commands().find(|command| command.get_name() == name) {
+            Some(command) => print(&page(command)?),
+            None => {
+                let known: Vec<&str> = commands().map(clap::Command::get_name).collect();
+                let expected = format!("expected one of {}{}", known.join(", "), suggestion(name, &known));
+                Err(Error::Usage(format!("{name:?} is no command; {expected}")))
+            }
+        }
+    }
+}
+
+/// Returns the manual page of a command.
+fn page(command: &clap::Command) -> Result<String> {
+    let mut page = Vec::new();
+    let name = command.get_display_name().unwrap_or(command.get_name()).to_owned();
+    let command = command.clone().name(name);
+    clap_mangen::Man::new(command).render(&mut page).map_err(Error::io("manual page"))?;
+    Ok(String::from_utf8_lossy(&page).into_owned())
+}
+
+impl Schema {
+    #[allow(clippy::unused_self)]
+    pub(super) fn execute(&self) -> Result<()> {
+        print(&json(&scene::schema())?)
+    }
+}
+
+/// Returns the version of the program, and those of the libraries that it was built with.
+pub(super) fn version() -> String {
+    let own = env!("CARGO_PKG_VERSION");
+    #[cfg(feature = "petsc")]
+    {
+        let [major, minor, patch] = Context::library_version();
+        // MPI answers before it is started. Its answer has one line, or several.
+        let mpi = mpi::environment::library_version().unwrap_or_default();
+        let mpi = mpi.lines().next().unwrap_or_default();
+        let mpi = mpi.split(", package").next().unwrap_or(mpi).trim_matches(['\0', ' ']).to_owned();
+        format!("{own}\nfeatures: petsc\nengines: native, petsc\nPETSc {major}.{minor}.{patch}\n{mpi}")
+    }
+    #[cfg(not(feature = "petsc"))]
+    format!("{own}\nfeatures: none (built without petsc)\nengines: native")
+}

@@ -1,0 +1,133 @@
+//! The first steps: a new scene, the help, completions, manual pages, the schema, the version.
+
+use crate::common::command::{self, assert_fails, rebond, succeeds, text};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const KINDS: [&str; 6] = ["plate", "gmsh", "shaker", "stop", "ball", "modal"];
+
+fn folder(test: &str) -> PathBuf {
+    command::folder(&format!("beginning-{test}"), "")
+}
+
+/// Every kind runs as it is, within the limits of its scene, and meets its obstacle.
+#[test]
+fn every_new_scene_runs_unchanged() {
+    let folder = folder("runs");
+    std::thread::scope(|scope| {
+        for kind in KINDS {
+            let folder = &folder;
+            scope.spawn(move || {
+                let said = succeeds(&rebond(folder, &["new", kind]));
+                assert!(said.contains(&format!("rebond run {kind}.toml")), "{said}");
+                let scene = fs::read_to_string(folder.join(format!("{kind}.toml"))).unwrap();
+                let comments = scene.lines().filter(|line| line.contains("# ")).count();
+                assert!(comments > 10, "{kind}: {comments} comments");
+                let output = rebond(folder, &["run", &format!("{kind}.toml"), "--no-cache"]);
+                succeeds(&output);
+                assert!(!text(&output.stderr).contains("warning"), "{kind}: {}", text(&output.stderr));
+                let summary = command::summary(&folder.join("runs").join(kind));
+                assert_eq!(summary["status"], "done", "{kind}");
+                assert!(summary["first_impact"]["time"].as_f64() > Some(0.0), "{kind}");
+                assert!(summary["worst_kkt"].as_f64() < Some(1e-10), "{kind}");
+            });
+        }
+    });
+}
+
+#[test]
+fn the_help_lists_every_kind() {
+    let help = succeeds(&rebond(&folder("kinds"), &["new", "--help"]));
+    for kind in KINDS {
+        assert!(help.contains(&format!("- {kind}:")), "{kind}: {help}");
+    }
+}
+
+#[test]
+fn nothing_is_overwritten_unasked() {
+    let folder = folder("overwrite");
+    let new = |arguments: &[&str]| rebond(&folder, &[&["new"], arguments].concat());
+    fs::write(folder.join("plate.toml"), "mine").unwrap();
+    assert_fails(&new(&[]), 2, &["plate.toml is there already", "--out", "--overwrite"]);
+    assert_eq!(fs::read_to_string(folder.join("plate.toml")).unwrap(), "mine");
+    // A file beside the scene counts too, and nothing of the scene is written then.
+    fs::write(folder.join("bracket.msh"), "mine").unwrap();
+    assert_fails(&new(&["gmsh"]), 2, &["bracket.msh is there already"]);
+    assert!(!folder.join("gmsh.toml").exists());
+    assert_fails(&new(&["--out", ".."]), 2, &["..", "names no file"]);
+
+    succeeds(&new(&["--overwrite"]));
+    assert!(fs::read_to_string(folder.join("plate.toml")).unwrap().contains("[plate]"));
+    succeeds(&new(&["--out", "rig/first.toml"]));
+    let own = fs::read_to_string(folder.join("rig/first.toml")).unwrap();
+    assert!(
+        own.contains("rebond run first.toml") && own.contains("runs/first") && !own.contains("plate.toml")
+    );
+    assert_fails(&new(&["--out", "plate.toml/first.toml"]), 4, &["plate.toml"]);
+    assert_eq!(new(&["spaceship"]).status.code(), Some(2));
+}
+
+#[test]
+fn the_version_names_the_engines() {
+    let folder = folder("version");
+    let said = succeeds(&rebond(&folder, &["--version"]));
+    let lines: Vec<&str> = said.lines().collect();
+    assert_eq!(lines[0], concat!("rebond ", env!("CARGO_PKG_VERSION")));
+    if cfg!(feature = "petsc") {
+        assert_eq!(lines[1..3], ["features: petsc", "engines: native, petsc"]);
+        let number = lines[3].strip_prefix("PETSc ").unwrap();
+        assert_eq!(number.split('.').filter(|part| part.parse::<u32>().is_ok()).count(), 3, "{said}");
+        assert!(lines[4].contains("MPI") || lines[4].contains("MPICH"), "{said}");
+    } else {
+        assert_eq!(lines[2], "engines: native");
+    }
+    assert_eq!(lines.len(), if cfg!(feature = "petsc") { 5 } else { 3 });
+    let short = succeeds(&rebond(&folder, &["-V"]));
+    assert_eq!(short, concat!("rebond ", env!("CARGO_PKG_VERSION"), "\n"));
+}
+
+/// Bash takes the completions, and they know commands and options.
+#[test]
+fn completions_are_scripts() {
+    let folder = folder("completions");
+    for shell in ["bash", "zsh", "fish"] {
+        let script = succeeds(&rebond(&folder, &["completions", shell]));
+        for word in ["rebond", "sweep", "inspect", "overwrite"] {
+            assert!(script.contains(word), "{shell}: {word}");
+        }
+        fs::write(folder.join(shell), script).unwrap();
+    }
+    let complete = "source ./bash && COMP_WORDS=(rebond sw) COMP_CWORD=1 && _rebond rebond sw rebond && echo ${COMPREPLY[@]}";
+    let bash = std::process::Command::new("bash").current_dir(&folder).args(["-c", complete]).output();
+    assert_eq!(succeeds(&bash.unwrap()), "sweep\n");
+    assert_eq!(rebond(&folder, &["completions", "dos"]).status.code(), Some(2));
+}
+
+#[test]
+fn every_command_has_a_manual_page() {
+    let folder = folder("man");
+    let said = succeeds(&rebond(&folder, &["man", "--out", "pages"]));
+    let pages: Vec<&str> = said.lines().collect();
+    assert!(pages.contains(&"pages/rebond.1") && pages.contains(&"pages/rebond-sweep.1"), "{said}");
+    let help = succeeds(&rebond(&folder, &["--help"]));
+    let commands =
+        help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let names = commands.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    let count = names.filter(|line| line.split_whitespace().next() != Some("help")).count();
+    assert_eq!(pages.len(), count + 1, "{said}{help}");
+    for page in pages {
+        let text = fs::read_to_string(folder.join(page)).unwrap();
+        assert!(text.contains(".TH rebond") && text.contains(".SH SYNOPSIS"), "{page}: {text}");
+    }
+    let page = succeeds(&rebond(&folder, &["man", "run"]));
+    assert_eq!(page, fs::read_to_string(folder.join("pages/rebond-run.1")).unwrap());
+    assert!(page.contains("rebond run plate.toml"), "{page}");
+    assert_fails(&rebond(&folder, &["man", "rum"]), 2, &["\"rum\"", "did you mean", "run"]);
+}
+
+#[test]
+fn the_schema_is_printed_as_it_is_kept() {
+    let printed = succeeds(&rebond(&folder("schema"), &["schema"]));
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/scene.schema.json");
+    assert_eq!(printed, fs::read_to_string(kept).unwrap());
+}
