@@ -113,8 +113,8 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Report(report) => report.execute(),
         Command::New(new) => new.execute(),
         Command::Schema(schema) => schema.execute(),
-        Command::Completions(completions) => completions.execute(),
-        Command::Man(man) => man.execute(),
+        Command::Completions(completions) => completions.execute(Cli::command()),
+        Command::Man(man) => man.execute(Cli::command()),
     }
 }
 

@@ -1,13 +1,13 @@
 //! Commands `rebond completions`, `rebond man` and `rebond schema`, and the text of `--version`.
 
+use super::help;
 use super::printing::{json, print};
-use super::{Cli, help};
 use crate::error::{Error, Result, suggestion};
 use crate::output::write_atomic;
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene;
-use clap::{Args, CommandFactory};
+use clap::Args;
 use clap_complete::Shell;
 use std::path::PathBuf;
 
@@ -37,16 +37,15 @@ pub struct ManPages {
 pub struct Schema {}
 
 impl Completions {
-    pub(super) fn execute(&self) -> Result<()> {
+    pub(super) fn execute(&self, mut program: clap::Command) -> Result<()> {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::command(), env!("CARGO_PKG_NAME"), &mut script);
+        clap_complete::generate(self.shell, &mut program, env!("CARGO_PKG_NAME"), &mut script);
         print(&String::from_utf8_lossy(&script))
     }
 }
 
 impl ManPages {
-    pub(super) fn execute(&self) -> Result<()> {
-        let mut program = Cli::command();
+    pub(super) fn execute(&self, mut program: clap::Command) -> Result<()> {
         // Each subcommand gets its whole name, such as `rebond run`.
         program.build();
         let commands = || program.get_subcommands().filter(|command| command.get_name() != "help");

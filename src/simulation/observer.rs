@@ -35,7 +35,7 @@ pub struct Row<'r> {
     pub forces: &'r [f64],
 }
 
-/// Receiver of the results of a run.
+/// Receiver of the results of a run; a closure that takes a [`Row`] is one.
 pub trait Observer {
     /// Receives a row of the history, every `output.every` steps and at the end.
     ///
@@ -148,6 +148,12 @@ pub trait Observer {
     /// Receives the end of a step. The call is frequent and must be cheap.
     fn step(&mut self, step: u64, contact_nodes: usize) {
         let _ = (step, contact_nodes);
+    }
+}
+
+impl<F: FnMut(&Row) -> Result<()>> Observer for F {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self(row)
     }
 }
 

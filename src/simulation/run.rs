@@ -1,7 +1,7 @@
 //! Runs of a model: from the start, or from the state of an interrupted run.
 
 use super::time_loop::{RunMonitor, time_loop};
-use super::{Model, Observer, Outcome, RunState, phase};
+use super::{Model, Observer, Outcome, RunState, condensed, phase};
 use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
@@ -24,6 +24,19 @@ pub fn run<E: Engine>(
     phase("factorisation");
     let scheme = model.scheme_with(scene, solver)?;
     run_scheme(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
+}
+
+impl<E: Engine + 'static> Model<E>
+where
+    E::Factor: 'static,
+{
+    /// Runs the model with the condensed contact solver, like [`run`].
+    ///
+    /// # Errors
+    /// Returns an error where the run cannot start.
+    pub fn run(&self, scene: &Scene, observer: &mut dyn Observer) -> Result<(Outcome, Result<()>)> {
+        run(scene, self, &condensed, observer)
+    }
 }
 
 /// Runs a model like [`run`], from a paused run of the same scene. The resumed run is bitwise
