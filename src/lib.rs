@@ -124,3 +124,7 @@ pub use error::{Error, Result};
 #[doc = include_str!("../README.md")]
 #[cfg(doctest)]
 struct Readme;
+
+#[doc = include_str!("../docs/how-to.md")]
+#[cfg(doctest)]
+struct HowTo;

@@ -76,6 +76,11 @@ pub(super) const REPORT: &str = "\
 Example:
   rebond report runs/plate";
 
+pub(super) const ANIMATE: &str = "\
+Examples:
+  rebond animate runs/plate
+  rebond animate runs/plate --duration 10 --width 1280 --out slides/plate.png";
+
 pub(super) const NEW: &str = "\
 Examples:
   rebond new                  # plate.toml

@@ -1,5 +1,6 @@
 //! Command line: translates arguments into calls.
 
+mod animate;
 mod arguments;
 mod cache;
 mod check;
@@ -70,6 +71,8 @@ enum Command {
     /// Write a run folder's report.html: one page with the moving plate, charts and contacts, which
     /// needs no network
     Report(report_page::ReportPage),
+    /// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show
+    Animate(animate::Animate),
     /// Write a commented scene to begin with: a falling plate, a Gmsh mesh, a shaker, ...
     New(new_scene::NewScene),
     /// Print the JSON schema of scenes, by which editors complete and check them
@@ -111,6 +114,7 @@ pub fn execute(cli: &Cli) -> Result<()> {
         Command::Figures(figures) => figures.execute(),
         Command::Plot(plot) => plot.execute(),
         Command::Report(report) => report.execute(),
+        Command::Animate(animate) => animate.execute(),
         Command::New(new) => new.execute(),
         Command::Schema(schema) => schema.execute(),
         Command::Completions(completions) => completions.execute(Cli::command()),

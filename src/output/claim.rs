@@ -246,6 +246,16 @@ fn difference(there: &Value, here: &Value, key: &mut String) -> Option<String> {
     if there == here {
         return None;
     }
+    if let (Value::Object(a), Value::Object(b)) = (there, here) {
+        let alone = |a: &serde_json::Map<String, Value>, b: &serde_json::Map<String, Value>| {
+            a.keys().find(|name| !b.contains_key(*name)).cloned()
+        };
+        let only = alone(b, a).map(|name| (name, "here")).or_else(|| Some((alone(a, b)?, "there")));
+        if let Some((name, place)) = only {
+            let dot = if key.is_empty() { "" } else { "." };
+            return Some(format!("{key}{dot}{name} only {place}"));
+        }
+    }
     let parts: Option<Vec<(String, &Value, &Value)>> = match (there, here) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
             Some(a.iter().zip(b.values()).map(|((name, a), b)| (name.clone(), a, b)).collect())
@@ -285,6 +295,11 @@ mod tests {
         let one = json!({ "a": { "b": [1, 2.5] }, "c": "x" });
         let said = |other: Value| difference(&one, &other, &mut String::new());
         assert_eq!(said(one.clone()), None);
+        assert_eq!(
+            said(json!({ "a": { "b": [1, 2.5] }, "c": "y", "d": [{}] })).as_deref(),
+            Some("d only here")
+        );
+        assert_eq!(said(json!({ "a": {}, "c": "x" })).as_deref(), Some("a.b only there"));
         assert_eq!(
             said(json!({ "a": { "b": [1, 3] }, "c": "x" })).as_deref(),
             Some("a.b.1: 2.5 there, 3 here")

@@ -8,6 +8,7 @@ mod frequencies;
 mod in_time;
 pub mod infsup;
 mod inspect;
+mod linearity;
 mod matrices;
 mod modal_figures;
 pub mod stability;

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod animate;
 mod beginning;
 mod cache;
 mod commands;
@@ -13,6 +14,7 @@ mod interrupted;
 mod limits;
 mod output;
 mod overwriting;
+mod pages;
 mod report;
 mod resume;
 mod stresses;

@@ -8,6 +8,7 @@ mod frequencies;
 mod gmsh;
 mod inf_sup;
 mod insertion;
+mod linearity;
 mod matrices;
 mod mesh;
 mod mixed_cells;

@@ -2,7 +2,7 @@
 
 use super::axis::Fitted;
 use super::panel::{Curve, Frame, Obstacle, Panel, Ramp};
-use super::paper::{Anchor, At, Canvas, Color, Type, png};
+use super::paper::{Anchor, At, Canvas, Color, Type, png, rgb};
 use super::strokes::{HATCH, LABEL, MARKER, RULE, TICK_LABEL, draw_marker, draw_solid, wrapped};
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
@@ -80,6 +80,12 @@ impl Figure {
         let png_path = path.with_extension("png");
         write_in_folder(&path.with_extension("svg"), svg.as_bytes())?;
         write_atomic(&png_path, &png(&svg, &png_path)?)
+    }
+
+    /// Returns width and height and three bytes per pixel, row by row, at a number of pixels per
+    /// column of a journal (85 mm).
+    pub(super) fn rgb(&self, width: u32, path: &Path) -> Result<([u32; 2], Vec<u8>)> {
+        rgb(&self.svg(), width as f32 / (COLUMN * 96.0 / 72.0) as f32, path)
     }
 
     /// Writes the SVG alone.

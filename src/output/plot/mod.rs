@@ -17,6 +17,7 @@
 //! assert!(Figure::new("Errors").panel(errors).svg().contains("10⁻⁴"));
 //! ```
 
+pub mod animation;
 mod axis;
 pub mod coarse;
 pub mod forces;
@@ -40,8 +41,18 @@ pub use paper::{Color, Pen};
 pub const FOLDER: &str = "plots";
 
 /// Names of a run's plots, without their extensions.
-pub const PICTURES: [&str; 9] =
-    ["history", "energy", "contacts", "phase", "spectrum", "forces", "snapshots", "stresses", "extremes"];
+pub const PICTURES: [&str; 10] = [
+    "history",
+    "energy",
+    "contacts",
+    "phase",
+    "spectrum",
+    "forces",
+    "snapshots",
+    "stresses",
+    "extremes",
+    animation::NAME,
+];
 
 /// Removes the plots of a run from its folder.
 ///

@@ -235,17 +235,33 @@ impl Canvas {
 
 /// Renders an SVG of [`Canvas`] as PNG with 400 dots per inch; `path` appears in errors.
 pub(super) fn png(svg: &str, path: &Path) -> Result<Vec<u8>> {
-    let failed = |why: &dyn std::fmt::Display| Error::io(path)(io::Error::other(why.to_string()));
+    // SVG has 96 pixels per inch.
+    let pixels = pixels(svg, PIXELS_PER_POINT * 72.0 / 96.0, path)?;
+    pixels.encode_png().map_err(|why| failed(path, &why))
+}
+
+/// Renders an SVG of [`Canvas`]. Returns width and height and three bytes per pixel, row by row.
+pub(super) fn rgb(svg: &str, scale: f32, path: &Path) -> Result<([u32; 2], Vec<u8>)> {
+    let pixels = pixels(svg, scale, path)?;
+    // The canvas is opaque, so that colours need not be divided by their opacity.
+    let rgb = pixels.data().chunks_exact(4).flat_map(|rgba| [rgba[0], rgba[1], rgba[2]]).collect();
+    Ok(([pixels.width(), pixels.height()], rgb))
+}
+
+fn failed(path: &Path, why: &dyn std::fmt::Display) -> Error {
+    Error::io(path)(io::Error::other(why.to_string()))
+}
+
+/// Renders an SVG at `scale` times its size in pixels.
+fn pixels(svg: &str, scale: f32, path: &Path) -> Result<Pixmap> {
     let options =
         Options { fontdb: FONT_DATABASE.clone(), font_family: "DejaVu Sans".into(), ..Options::default() };
-    let tree = Tree::from_str(svg, &options).map_err(|why| failed(&why))?;
-    // SVG has 96 pixels per inch.
-    let scale = PIXELS_PER_POINT * 72.0 / 96.0;
+    let tree = Tree::from_str(svg, &options).map_err(|why| failed(path, &why))?;
     let size = tree.size();
     let [width, height] = [size.width(), size.height()].map(|length| (length * scale).round() as u32);
-    let mut pixels = Pixmap::new(width, height).ok_or_else(|| failed(&"the picture is too large"))?;
+    let mut pixels = Pixmap::new(width, height).ok_or_else(|| failed(path, &"the picture is too large"))?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
-    pixels.encode_png().map_err(|why| failed(&why))
+    Ok(pixels)
 }
 
 fn stroke(Pen { color, dashes, width }: Pen) -> String {

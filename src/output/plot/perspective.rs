@@ -30,7 +30,12 @@ type Space = [f64; 3];
 
 /// Returns evenly chosen entries, including the first and the last.
 pub fn chosen<T>(all: &[T]) -> Vec<&T> {
-    let count = all.len().min(MOST);
+    spread(all, MOST)
+}
+
+/// Returns at most `most` entries like [`chosen`].
+pub fn spread<T>(all: &[T], most: usize) -> Vec<&T> {
+    let count = all.len().min(most);
     (0..count).map(|i| &all[if count > 1 { i * (all.len() - 1) / (count - 1) } else { 0 }]).collect()
 }
 
@@ -75,7 +80,19 @@ pub fn envelope(surface: Surface, title: &str) -> Figure {
     colored(vec![(0.0, surface)], title, ColorBy::Envelope)
 }
 
+/// Draws each snapshot like [`snapshots`] in a figure of its own, all at one scale.
+pub fn frames(snapshots: Vec<(f64, Surface)>, title: &str) -> Vec<Figure> {
+    let (ramp, panels) = views(snapshots, ColorBy::Deflection);
+    panels.into_iter().map(|panel| Figure::new(title).ramp(ramp.clone()).panel(panel)).collect()
+}
+
 fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
+    let (ramp, panels) = views(snapshots, by);
+    panels.into_iter().fold(Figure::new(title).columns(2).ramp(ramp), Figure::panel)
+}
+
+/// Returns the colours and one view per snapshot, all at one scale.
+fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy) -> (Ramp, Vec<Panel>) {
     let held = held(&snapshots);
     let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
@@ -114,8 +131,8 @@ fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
     let end = |w: f64| short(if w.abs() < 1e-4 * (high - low) { 0.0 } else { w });
     let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
     let label = if scale == 1.0 { by.label().to_owned() } else { format!("{}, drawn ×{scale}", by.label()) };
-    let mut figure =
-        Figure::new(title).columns(2).ramp(Ramp { label, ends: [low, high].map(end), color: depth });
+    let ramp = Ramp { label, ends: [low, high].map(end), color: depth };
+    let mut panels = Vec::new();
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let held = held.clone();
         let height = (108.0 * window.height() / window.width()).clamp(20.0, 120.0) + BAND;
@@ -145,9 +162,9 @@ fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
             let text = if by == ColorBy::Envelope { String::new() } else { text };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };
-        figure = figure.panel(Panel::drawing(draw).height(height));
+        panels.push(Panel::drawing(draw).height(height));
     }
-    figure
+    (ramp, panels)
 }
 
 /// Returns the edges of the plate's border that stay at zero in all snapshots while others move.

@@ -1,0 +1,64 @@
+//! Command `rebond animate`.
+
+use super::help;
+use super::printing::print;
+use super::run_folder::RunFolder;
+use crate::error::{Error, Result};
+use crate::output::plot::{self, animation, perspective};
+use crate::output::text::grouped;
+use crate::output::vtu;
+use clap::Args;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show.
+#[derive(Debug, Args)]
+#[command(after_help = help::ANIMATE)]
+pub struct Animate {
+    /// Run folder, with snapshots (output.fields_every)
+    folder: PathBuf,
+    /// Picture; default: plots/animation.png in the run folder
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Time that the picture takes, in s
+    #[arg(long, value_name = "SECONDS", default_value_t = 6.0)]
+    duration: f64,
+    /// Largest number of frames; more snapshots are left out evenly
+    #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::value_parser!(u32).range(2..=2000))]
+    frames: u32,
+    /// Width in pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 720, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    width: u32,
+}
+
+impl Animate {
+    pub(super) fn execute(&self) -> Result<()> {
+        if !(self.duration > 0.0 && self.duration <= 3600.0) {
+            let wrong =
+                format!("--duration {}: expected a time in s greater than 0, up to 3600", self.duration);
+            return Err(Error::Usage(wrong));
+        }
+        let run = RunFolder::read(&self.folder)?;
+        if run.snapshots.len() < 2 {
+            let (shown, count) = (self.folder.display(), run.snapshots.len());
+            let wrong = format!("{shown} has {count} snapshots; expected a run with output.fields_every");
+            return Err(Error::Usage(wrong));
+        }
+        let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
+        let snapshots = perspective::spread(&run.snapshots, self.frames as usize);
+        let snapshots: Vec<_> = snapshots.into_iter().map(read).collect::<Result<_>>()?;
+        let title = run.summary["scene"]["title"].as_str().unwrap_or_default();
+        let figures = perspective::frames(snapshots, title);
+        let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension("png");
+        let path = self.out.clone().unwrap_or_else(name);
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        }
+        let delay = Duration::from_secs_f64(self.duration / figures.len() as f64);
+        animation::write(&path, &figures, self.width, delay)?;
+        let size = std::fs::metadata(&path).map_err(Error::io(&path))?.len();
+        let (frames, all) = (figures.len(), run.snapshots.len());
+        let of = if frames < all { format!(" of {all} snapshots") } else { String::new() };
+        print(&format!("{} ({frames} frames{of}, {} kB)\n", path.display(), grouped(size / 1000)))
+    }
+}

@@ -1,0 +1,70 @@
+//! The warning of deflections that are too large for a linear plate, at its limits.
+
+use crate::common::models::STRIP;
+use crate::common::scenes::{self, STILL};
+use rebond::scene::Scene;
+use rebond::simulation::Model;
+use rebond::study;
+
+/// Returns the warnings of a scene that speak of a linear plate.
+fn warnings(text: &str) -> Vec<String> {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery/scene.toml");
+    let scene = Scene::from_str(text, path, &[]).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let mut warnings = study::warnings(&scene, &Model::new(&scene).unwrap());
+    warnings.retain(|warning| warning.contains("linear plate"));
+    warnings
+}
+
+/// A pressure q deflects the centre of a clamped disc by q a^4 / (64 D); the limit is 0.3
+/// thicknesses. Under a load in place of a static start the warning is the same.
+#[test]
+fn a_clamped_disc_stretches_from_a_third_of_its_thickness_on() {
+    let [thickness, modulus, radius, nu] = [2e-3_f64, 210e9, 0.2_f64, 0.3];
+    let rigidity = modulus * thickness.powi(3) / (12.0 * (1.0 - nu * nu));
+    let disc = |share: f64, start: &str| {
+        let pressure = share * thickness * 64.0 * rigidity / radius.powi(4);
+        format!(
+            "mesh = {{ file = \"disc.msh\" }}\nsupport = [{{ edge = \"rim\", kind = \"clamped\" }}]\n{STILL}\
+             plate = {{ thickness = {thickness}, youngs_modulus = {modulus}, poissons_ratio = {nu}, density = 7800 }}\n\
+             {start} = {pressure}\n"
+        )
+    };
+    for start in ["initial.static_pressure", "load.pressure"] {
+        assert_eq!(warnings(&disc(0.28, start)), [""; 0]);
+        let said = warnings(&disc(0.32, start));
+        assert_eq!(said.len(), 1, "{said:?}");
+        assert!(said[0].contains("0.32 times the thickness") && said[0].contains("stretches"), "{said:?}");
+    }
+}
+
+/// A cantilever does not stretch, whatever its deflection in thicknesses: its limit is a slope of
+/// 0.3, which a pressure q reaches at the tip where q L^3 / (6 EI) = 0.3.
+#[test]
+fn a_cantilever_is_linear_up_to_a_slope_of_three_tenths() {
+    let strip = |slope: f64| {
+        // STRIP has EI = 1 N m2 per metre of width, and the length 1 m.
+        let thin = STRIP.replace("thickness = 1,", "thickness = 1e-3,").replace("= 12,", "= 12e9,");
+        assert_ne!(thin, STRIP);
+        let mesh = scenes::grid("fvs", 20, 2);
+        format!(
+            "{thin}{mesh}{STILL}support = [{{ edge = \"left\", kind = \"clamped\" }}]\ninitial.static_pressure = {}\n",
+            6.0 * slope
+        )
+    };
+    assert_eq!(warnings(&strip(0.28)), [""; 0]);
+    let said = warnings(&strip(0.32));
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].contains("slopes up to 0.32"), "{said:?}");
+}
+
+/// Obstacles keep the plate from its static deflection under a load, which then tells nothing.
+#[test]
+fn a_load_that_an_obstacle_bears_causes_no_warning() {
+    let text = format!(
+        "{}{}{STILL}support = [{{ edge = \"left\", kind = \"clamped\" }}]\nload.pressure = -1e3\n",
+        STRIP.replace("thickness = 1,", "thickness = 1e-3,").replace("= 12,", "= 12e9,"),
+        scenes::grid("fvs", 10, 2),
+    );
+    assert_eq!(warnings(&text).len(), 1);
+    assert_eq!(warnings(&(text + "obstacle = [{ side = \"below\", height = 0 }]\n")), [""; 0]);
+}
