@@ -8,8 +8,8 @@
 //!   (S. Timoshenko, S. Woinowsky-Krieger, Theory of Plates and Shells, article 97). At
 //!   [`MAX_SHARE_OF_THICKNESS`] that is 4 per cent.
 //! - **Rotation.** A plate that is held along one line bends without stretching, but the linear
-//!   curvature neglects the square of the slope beside 1. A cantilever under a force at its tip that
-//!   deflects it by a fifth of its length, with a slope of [`MAX_SLOPE`] there, deflects 4 per cent
+//!   curvature neglects the square of the slope beside 1. A cantilever under a force that deflects
+//!   its tip by a fifth of its length, with a slope of [`MAX_SLOPE`] there, deflects 4 per cent
 //!   less than the linear one (K. E. Bisshopp, D. C. Drucker, Large deflection of cantilever beams,
 //!   Quarterly of Applied Mathematics 3, 1945).
 //!
