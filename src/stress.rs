@@ -37,6 +37,13 @@ impl PlateSurface {
             PlateSurface::Bottom => -1.0,
         }
     }
+
+    /// Returns the surface at which the principal stress of larger magnitude is tensile, given the
+    /// sum of the normal stresses at the upper surface and the von Mises stress: the upper one
+    /// where both are alike up to rounding.
+    pub fn in_tension(trace: f64, von_mises: f64) -> PlateSurface {
+        if trace < -1e-9 * von_mises { PlateSurface::Bottom } else { PlateSurface::Top }
+    }
 }
 
 /// Bending moments per unit length at a point, in N m/m.
@@ -70,16 +77,11 @@ impl Moments {
     }
 
     /// Returns the square of [`Moments::von_mises`].
+    #[inline]
     pub fn von_mises_square(&self) -> f64 {
         let Moments { xx, yy, xy } = *self;
         // This form is a sum of squares, which rounding cannot make negative.
         0.25 * (xx + yy).powi(2) + 0.75 * (xx - yy).powi(2) + 3.0 * xy * xy
-    }
-
-    /// Returns the surface at which the principal stress of larger magnitude is tensile, and the
-    /// upper one where both are alike up to rounding.
-    pub fn tension_side(&self) -> PlateSurface {
-        if self.xx + self.yy < -1e-9 * self.von_mises() { PlateSurface::Bottom } else { PlateSurface::Top }
     }
 }
 

@@ -4,6 +4,7 @@ use super::sites::{RecoverySite, sum_over_ranks};
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
+use nalgebra::Vector2;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Site and number of a fit: value (0), derivative along x (1) or y (2).
@@ -36,7 +37,7 @@ impl SiteSums {
 const TURN: f64 = 1.0 - 1e-6;
 
 /// Returns the fits that the curvatures at the sites of a mesh need, by number and site, and their
-/// sums. Collective.
+/// sums. `arm` returns the vector from one corner of a cell to another. Collective.
 ///
 /// # Errors
 /// Returns the errors of communication.
@@ -44,6 +45,7 @@ pub(super) fn sums<P: Partition>(
     mesh: &Mesh,
     sites: &[RecoverySite],
     of_cells: &[Vec<usize>],
+    arm: &dyn Fn(usize, [usize; 2]) -> Vector2<f64>,
     parts: usize,
     partition: &P,
 ) -> Result<(Vec<Fit>, SiteSums)> {
@@ -54,13 +56,15 @@ pub(super) fn sums<P: Partition>(
     }
     sum_over_ranks(sites, parts, partition, &mut turns)?;
     let is_inner = |site: usize| turns[site][0] > TURN;
-    // Pairs of a site on the border and an inner one, once per cell that has both.
-    let mut pairs: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); sites.len()];
+    // Pairs of a site on the border and an inner one: the number of cells that have both, and the
+    // vector from the inner site to the other.
+    let mut pairs: Vec<BTreeMap<usize, (f64, Vector2<f64>)>> = vec![BTreeMap::new(); sites.len()];
     let mut counts = vec![[0.0]; sites.len()];
-    for own in of_cells {
-        for &site in own.iter().filter(|&&site| !is_inner(site)) {
-            for &inner in own.iter().filter(|&&inner| is_inner(inner)) {
-                *pairs[site].entry(inner).or_default() += 1.0;
+    for (cell, own) in of_cells.iter().enumerate() {
+        let corners = || own.iter().copied().enumerate();
+        for (corner, site) in corners().filter(|&(_, site)| !is_inner(site)) {
+            for (from, inner) in corners().filter(|&(_, inner)| is_inner(inner)) {
+                pairs[site].entry(inner).or_insert_with(|| (0.0, arm(cell, [from, corner]))).0 += 1.0;
                 counts[site][0] += 1.0;
             }
         }
@@ -78,14 +82,13 @@ pub(super) fn sums<P: Partition>(
         own.chain(inner.flat_map(|site| (0..3).map(move |which| (which, site)))).collect();
     let number_of: HashMap<(usize, usize), usize> = fits.iter().copied().zip(0..).collect();
     let mut sums = SiteSums { terms: Vec::new(), starts: vec![0], is_shared: Vec::new() };
-    for (site, of) in sites.iter().enumerate() {
+    for site in 0..sites.len() {
         sums.is_shared.push(!is_alone(site));
         if is_alone(site) {
             sums.terms.push((number_of[&(0, site)], 1.0));
         } else {
-            for (&inner, count) in &pairs[site] {
+            for (&inner, (count, away)) in &pairs[site] {
                 let weight = count / counts[site][0];
-                let away = mesh.nodes[of.node] - mesh.nodes[sites[inner].node];
                 let weights = [weight, weight * away.x, weight * away.y];
                 sums.terms.extend((0..3).map(|which| (number_of[&(which, inner)], weights[which])));
             }

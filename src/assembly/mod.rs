@@ -14,6 +14,7 @@ mod products;
 mod patches;
 mod recovery;
 mod samples;
+mod site_blocks;
 mod sites;
 
 pub use beam::{BeamPiece, BeamStiffness, beams, line_in_cells};
@@ -24,7 +25,8 @@ pub use patches::CurvatureRow;
 pub use pressure::Pressure;
 pub use probe::Probe;
 pub use products::{consistent_momenta, forces, singular_momenta, squares};
-pub use recovery::{Recovery, vertex_weights};
+pub use recovery::{Recovery, values_in_slot, vertex_weights};
+pub use site_blocks::{SITES, SiteBlock};
 pub use sites::{RecoverySite, sum_over_ranks};
 
 use crate::dof_map::DofMap;

@@ -1,23 +1,17 @@
 //! Weights of the dofs around the sites of a recovery in its fits.
 //!
 //! The *patch* of a site consists of the cells around it. Sites with congruent patches share one
-//! set of weights, so that on a regular mesh all weights stay in the processor's cache, and those
-//! whose nodes follow each other are summed side by side.
+//! set of weights.
 
 use super::samples::ClassSamples;
+use super::site_blocks::{NodeWeights, Stencil};
 use crate::dof_map::PER_NODE;
 use nalgebra::{Matrix3, Vector3};
-use pulp::Arch;
-use std::collections::HashMap;
-use std::ops::Range;
+use std::collections::{BTreeMap, HashMap};
 
 /// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
 /// weights per dof.
 pub type CurvatureRow = Vec<(usize, [f64; 3])>;
-
-/// Weights of the three dofs of a node in the curvatures w_xx, w_xy and w_yy. The fourth entry is 0
-/// and fills a register.
-type NodeWeights = [[f64; 4]; PER_NODE];
 
 /// Cells around a site: the number of each cell and which of its corners the site is.
 pub(super) type Corners = Vec<(usize, usize)>;
@@ -31,14 +25,7 @@ pub(super) struct Patches {
     fits: Vec<(usize, usize)>,
     /// Nodes of the fits' patches, one after the other.
     nodes: Vec<u32>,
-    /// Rows of fits: consecutive fits with the same weights, in which each node of a fit follows
-    /// that of the fit before.
-    rows: Vec<Range<usize>>,
-    arch: Arch,
 }
-
-/// Number of fits of a row that are summed side by side.
-const SIDE_BY_SIDE: usize = 8;
 
 /// Identity of the weights of a fit: which fit, the sums of its least squares to the bit, the class
 /// and corner of each cell of the patch, and the number within the patch of each cell's nodes.
@@ -60,13 +47,7 @@ impl Patches {
         cell: &dyn Fn(usize) -> (&'p [usize], usize),
         samples: &HashMap<usize, ClassSamples>,
     ) -> Patches {
-        let mut patches = Patches {
-            weights: Vec::new(),
-            fits: Vec::new(),
-            nodes: Vec::new(),
-            rows: Vec::new(),
-            arch: Arch::new(),
-        };
+        let mut patches = Patches { weights: Vec::new(), fits: Vec::new(), nodes: Vec::new() };
         let mut known: HashMap<Key, usize> = HashMap::new();
         for &(site, which) in fits {
             let SitePatch { corners, squares } = &sites[site];
@@ -82,26 +63,7 @@ impl Patches {
             patches.fits.push((number, patches.nodes.len()));
             patches.nodes.extend(nodes.into_iter().map(|node| node as u32));
         }
-        patches.rows = patches.rows();
         patches
-    }
-
-    /// Returns the rows of all fits.
-    fn rows(&self) -> Vec<Range<usize>> {
-        let mut rows: Vec<Range<usize>> = Vec::new();
-        for fit in 0..self.fits.len() {
-            match rows.last_mut().filter(|row| self.follows(row.end - 1, fit)) {
-                Some(row) => row.end += 1,
-                None => rows.push(fit..fit + 1),
-            }
-        }
-        rows
-    }
-
-    /// Returns whether a fit has the weights of another one and the nodes that follow its nodes.
-    fn follows(&self, before: usize, fit: usize) -> bool {
-        let pairs = || self.fit(before).1.iter().zip(self.fit(fit).1);
-        self.fits[before].0 == self.fits[fit].0 && pairs().all(|(a, b)| a + 1 == *b)
     }
 
     /// Returns the weights of a fit and the nodes that they belong to.
@@ -122,70 +84,20 @@ impl Patches {
         nodes.iter().zip(weights).flat_map(of_node).collect()
     }
 
-    /// Returns this rank's share of each fit for a deflection given by w, w_x and w_y at all nodes
-    /// of this rank's cells.
-    pub fn fits(&self, nodal: [&[f64]; PER_NODE]) -> Vec<[f64; 3]> {
-        let mut sums = vec![[0.0; 3]; self.fits.len()];
-        self.arch.dispatch(|| {
-            for row in &self.rows {
-                let (weights, nodes) = self.fit(row.start);
-                let (chunks, rest) = sums[row.clone()].as_chunks_mut::<SIDE_BY_SIDE>();
-                for (number, sums) in chunks.iter_mut().enumerate() {
-                    *sums = sums_side_by_side(weights, nodes, SIDE_BY_SIDE * number, nodal);
-                }
-                for (offset, sums) in (SIDE_BY_SIDE * chunks.len()..).zip(rest) {
-                    *sums = weighted_sum(weights, nodes, offset, nodal);
-                }
-            }
-        });
-        sums
-    }
-}
-
-/// Returns the sums of the weights times the values at the nodes that lie `offset` behind those
-/// given.
-#[inline(always)]
-fn weighted_sum(
-    weights: &[NodeWeights],
-    nodes: &[u32],
-    offset: usize,
-    nodal: [&[f64]; PER_NODE],
-) -> [f64; 3] {
-    // One sum per dof of a node, since each addition would have to wait for the last one otherwise.
-    let mut sums: NodeWeights = Default::default();
-    for (weights, &node) in weights.iter().zip(nodes) {
-        for ((sums, weights), values) in sums.iter_mut().zip(weights).zip(nodal) {
-            let value = values[node as usize + offset];
-            for (sum, weight) in sums.iter_mut().zip(weights) {
-                *sum += weight * value;
+    /// Returns the weights of the nodes in a sum of fits, each with a factor, relative to the node
+    /// of a site.
+    pub fn stencil(&self, node: usize, terms: &[(usize, f64)]) -> Stencil {
+        let mut stencil: BTreeMap<i32, NodeWeights> = BTreeMap::new();
+        for &(fit, factor) in terms {
+            let (weights, nodes) = self.fit(fit);
+            for (weights, &of) in weights.iter().zip(nodes) {
+                let sums = stencil.entry(of.wrapping_sub(node as u32) as i32).or_default();
+                let pairs = sums.as_flattened_mut().iter_mut().zip(weights.as_flattened());
+                pairs.for_each(|(sum, weight)| *sum += factor * weight);
             }
         }
+        stencil.into_iter().collect()
     }
-    let [w, w_x, w_y] = sums;
-    [0, 1, 2].map(|k| w[k] + w_x[k] + w_y[k])
-}
-
-/// Returns the sums of several fits of a row, of which the first one's nodes lie `offset` behind
-/// those given.
-#[inline(always)]
-fn sums_side_by_side(
-    weights: &[NodeWeights],
-    nodes: &[u32],
-    offset: usize,
-    nodal: [&[f64]; PER_NODE],
-) -> [[f64; 3]; SIDE_BY_SIDE] {
-    let mut sums = [[0.0; SIDE_BY_SIDE]; 3];
-    for (weights, &node) in weights.iter().zip(nodes) {
-        for (weights, values) in weights.iter().zip(nodal) {
-            let values = &values[node as usize + offset..][..SIDE_BY_SIDE];
-            for (sums, weight) in sums.iter_mut().zip(weights) {
-                for (sum, value) in sums.iter_mut().zip(values) {
-                    *sum += weight * value;
-                }
-            }
-        }
-    }
-    std::array::from_fn(|fit| [sums[0][fit], sums[1][fit], sums[2][fit]])
 }
 
 /// Returns the nodes of a patch, each once, and the number among them of each node of each cell.

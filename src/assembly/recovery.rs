@@ -16,6 +16,7 @@ use super::CellArrays;
 use super::border::{self, SiteSums};
 use super::patches::{Corners, CurvatureRow, Patches, SitePatch};
 use super::samples::{ClassSamples, Sample, of_element};
+use super::site_blocks::{SITES, SiteBlock, StencilSums};
 use super::sites::{RecoverySite, sum_over_ranks};
 use crate::dof_map::PER_NODE;
 use crate::element::{Element, with_element};
@@ -41,6 +42,11 @@ pub struct Recovery {
     patches: Patches,
     /// Fits whose weighted sum is the curvature at each site.
     sums: SiteSums,
+    /// Sums over this rank's dofs: the fits where the mesh is divided among ranks, otherwise the
+    /// curvatures at the sites.
+    stencils: StencilSums,
+    /// Position of each site in blocks of eight: entry s % 8 of block s / 8.
+    slots: Vec<u32>,
 }
 
 impl Recovery {
@@ -80,12 +86,29 @@ impl Recovery {
         };
         let mut squares: Vec<[f64; 6]> = corners.iter().map(squares).collect();
         sum_over_ranks(&sites, parts, partition, &mut squares)?;
-        let (fits, sums) = border::sums(mesh, &sites, &of_cells, parts, partition)?;
+        let arm = |cell: usize, [from, to]: [usize; 2]| {
+            let corners = &samples[&cells[cell].class].corners;
+            corners[to] - corners[from]
+        };
+        let (fits, sums) = border::sums(mesh, &sites, &of_cells, &arm, parts, partition)?;
         let patch = |(corners, squares)| SitePatch { corners, squares };
         let of_sites: Vec<SitePatch> = corners.iter().zip(squares).map(patch).collect();
         let cell = |number: usize| (mesh.cells[number].nodes(), cells[number].class);
         let patches = Patches::new(&fits, &of_sites, &cell, &samples);
-        Ok(Recovery { sites, of_cells, parts, fits, patches, sums })
+        let stencil = |site: usize, terms: &[(usize, f64)]| {
+            let RecoverySite { node, .. } = sites[site];
+            (node, patches.stencil(node, terms))
+        };
+        let (stencils, slots) = if P::DIVIDES {
+            let fit = |number: usize| stencil(fits[number].0, &[(number, 1.0)]);
+            (StencilSums::new((0..fits.len()).map(fit)), (0..sites.len() as u32).collect())
+        } else {
+            let site = |site: usize| stencil(site, sums.terms(site));
+            let stencils = StencilSums::new((0..sites.len()).map(site));
+            let slots = stencils.slots().to_vec();
+            (stencils, slots)
+        };
+        Ok(Recovery { sites, of_cells, parts, fits, patches, sums, stencils, slots })
     }
 
     /// Returns the sites.
@@ -103,45 +126,71 @@ impl Recovery {
         self.patches.row(fit)
     }
 
-    /// Returns this rank's share of each fit for a deflection given by w, w_x and w_y at all nodes
-    /// of this rank's cells.
-    pub fn fits(&self, nodal: [&[f64]; PER_NODE]) -> Vec<[f64; 3]> {
-        self.patches.fits(nodal)
+    /// Returns the position of each site in blocks of eight: entry s % 8 of block s / 8. Positions
+    /// without a site have arbitrary values.
+    pub fn slots(&self) -> &[u32] {
+        &self.slots
     }
 
-    /// Returns the curvatures at the sites from this rank's shares of the fits. Collective.
+    /// Returns the number of blocks that hold all sites.
+    pub fn blocks(&self) -> usize {
+        self.slots.iter().max().map_or(0, |&last| last as usize / SITES + 1)
+    }
+
+    /// Computes the curvatures at the sites, block by block, for a deflection given by w, w_x and
+    /// w_y at all nodes of this rank's cells. The values are followed by [`SITES`] more that do not
+    /// matter. Collective.
     ///
     /// # Errors
     /// Returns the errors of communication.
-    pub fn curvatures<P: Partition>(&self, fits: &mut [[f64; 3]], partition: &P) -> Result<Vec<[f64; 3]>> {
+    pub fn curvatures<P: Partition>(
+        &self,
+        nodal: [&[f64]; PER_NODE],
+        partition: &P,
+        curvatures: &mut [SiteBlock],
+    ) -> Result<()> {
         if P::DIVIDES {
-            let mut of_sites = vec![[0.0; 9]; self.sites.len()];
-            for ((site, which), fit) in self.fits.iter().zip(&*fits) {
-                of_sites[*site][3 * which..][..3].copy_from_slice(fit);
-            }
-            sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
-            for ((site, which), fit) in self.fits.iter().zip(&mut *fits) {
-                fit.copy_from_slice(&of_sites[*site][3 * which..][..3]);
-            }
+            let mut fits = vec![SiteBlock::default(); self.stencils.blocks()];
+            self.stencils.compute(nodal, &mut fits);
+            self.sum_fits(&fits, partition, curvatures)
+        } else {
+            self.stencils.compute(nodal, curvatures);
+            Ok(())
         }
-        let mut curvatures = vec![[0.0; 3]; self.sites.len()];
-        for (site, sums) in curvatures.iter_mut().enumerate() {
+    }
+
+    /// Computes the curvatures at the sites from this rank's shares of the fits. Collective.
+    fn sum_fits<P: Partition>(
+        &self,
+        shares: &[SiteBlock],
+        partition: &P,
+        curvatures: &mut [SiteBlock],
+    ) -> Result<()> {
+        let mut of_sites = vec![[0.0; 9]; self.sites.len()];
+        for ((site, which), slot) in self.fits.iter().zip(self.stencils.slots()) {
+            of_sites[*site][3 * which..][..3].copy_from_slice(&values_in_slot(shares, *slot));
+        }
+        sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
+        let sum = |site: usize| {
+            let mut sums = [0.0; 3];
             for (fit, weight) in self.sums.terms(site) {
-                sums.iter_mut().zip(fits[*fit]).for_each(|(sum, value)| *sum += weight * value);
+                let (inner, which) = self.fits[*fit];
+                let fit = &of_sites[inner][3 * which..][..3];
+                sums.iter_mut().zip(fit).for_each(|(sum, value)| *sum += weight * value);
             }
+            sums
+        };
+        let own: Vec<[f64; 3]> = (0..self.sites.len()).map(sum).collect();
+        let mut shared = own.clone();
+        let is_own = |site: usize| !self.sums.is_shared(site);
+        (0..shared.len()).filter(|&site| is_own(site)).for_each(|site| shared[site] = [0.0; 3]);
+        sum_over_ranks(&self.sites, self.parts, partition, &mut shared)?;
+        for (site, &slot) in self.slots.iter().enumerate() {
+            let (block, lane) = (slot as usize / SITES, slot as usize % SITES);
+            let curvature = if is_own(site) { own[site] } else { shared[site] };
+            (0..3).for_each(|k| curvatures[block][k][lane] = curvature[k]);
         }
-        if P::DIVIDES {
-            let shared = |(site, curvature): (usize, &[f64; 3])| {
-                if self.sums.is_shared(site) { *curvature } else { [0.0; 3] }
-            };
-            let mut shared: Vec<[f64; 3]> = curvatures.iter().enumerate().map(shared).collect();
-            sum_over_ranks(&self.sites, self.parts, partition, &mut shared)?;
-            let pairs = curvatures.iter_mut().zip(shared).enumerate();
-            pairs
-                .filter(|(site, _)| self.sums.is_shared(*site))
-                .for_each(|(_, (curvature, shared))| *curvature = shared);
-        }
-        Ok(curvatures)
+        Ok(())
     }
 
     /// Returns the weights of the fits in a sum over the sites with these weights, the same on all
@@ -165,6 +214,11 @@ impl Recovery {
         }
         Ok(of_fits)
     }
+}
+
+/// Returns the values in a slot of blocks of eight.
+pub fn values_in_slot(blocks: &[SiteBlock], slot: u32) -> [f64; 3] {
+    blocks[slot as usize / SITES].map(|values| values[slot as usize % SITES])
 }
 
 /// Returns the sites of a mesh, by part and node, and those of the nodes of each cell.

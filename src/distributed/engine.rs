@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::linalg::vectors::dot;
 use crate::linalg::{Engine, Form, LinearCombination, Native};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -222,10 +223,10 @@ impl Engine for Distributed {
         Ok(self.context.comm().all_reduce_sum_unordered(dot(x, y)))
     }
 
-    fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
+    fn to_local<'x>(&self, x: &'x [f64]) -> Result<Cow<'x, [f64]>> {
         let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
         self.to_local(x, xl, global, read)?;
-        Ok(xl.clone())
+        Ok(Cow::Owned(xl.clone()))
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {

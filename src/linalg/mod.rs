@@ -41,6 +41,7 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use double_double::DoubleDouble;
 use faer::Mat;
+use std::borrow::Cow;
 use vectors::{axpy, divide, dot, subtract};
 
 /// First class number of the cells without [`ElementMatrix::bending`]: springs, foundations, and
@@ -164,8 +165,8 @@ pub trait Engine: Sized {
 
     /// Returns the values at all dofs of this rank's cells, including dofs that other ranks own, in
     /// the numbering of the cells.
-    fn to_local(&self, x: &[f64]) -> Result<Vec<f64>> {
-        Ok(x.to_vec())
+    fn to_local<'x>(&self, x: &'x [f64]) -> Result<Cow<'x, [f64]>> {
+        Ok(Cow::Borrowed(x))
     }
 
     /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.

@@ -3,14 +3,15 @@
 use super::effects::{BuildContext, Lift};
 use super::stresses::{PlateCurvatures, SiteValues};
 use crate::archive::Archive;
+use crate::assembly::{SITES, SiteBlock};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
-use crate::scheme::Scheme;
 use crate::stress::{Moments, PlateSurface};
 use nalgebra::{Matrix3, Vector3};
+use pulp::Arch;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
@@ -35,25 +36,48 @@ pub struct Extremes {
     pub von_mises: StressPeak,
 }
 
+/// Position of a site, in m, and its part.
+type Place = ([f64; 2], usize);
+
 /// Stresses at the upper surface at the nodes of each part of the plate.
 pub(super) struct StressSites {
     stresses: SiteValues,
-    /// Position of each site, in m, and its part.
-    places: Vec<([f64; 2], usize)>,
+    places: Vec<Place>,
     /// Sites of the nodes of each cell.
     cells: Vec<Vec<usize>>,
 }
 
-/// Largest von Mises stress at a site so far, in Pa, with its time in s and its surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Largest von Mises stress at a site so far.
+#[derive(Debug, Clone, Copy)]
 struct SitePeak {
-    value: f64,
+    /// Square of the stress, in Pa^2; negative before the first instant.
+    square: f64,
+    /// Time, in s.
     time: f64,
-    surface: PlateSurface,
+    /// Sum of the normal stresses at the upper surface, in Pa.
+    trace: f64,
 }
 
-/// Largest von Mises stresses so far at all sites.
-pub(super) struct StressPeaks(Vec<SitePeak>);
+/// Largest von Mises stresses at the sites of a block, each entry as in [`SitePeak`].
+#[derive(Clone, Copy)]
+struct BlockPeaks {
+    square: [f64; SITES],
+    time: [f64; SITES],
+    trace: [f64; SITES],
+}
+
+/// Largest von Mises stresses so far at all sites, in the blocks of [`SiteValues`].
+pub(super) struct StressPeaks {
+    blocks: Vec<BlockPeaks>,
+    arch: Arch,
+}
+
+/// Search for the largest von Mises stress of several displacements.
+pub struct StressWatch<'m, E: Engine> {
+    sites: &'m StressSites,
+    engine: &'m E,
+    peaks: StressPeaks,
+}
 
 /// Envelope of the von Mises stress: its largest value over time at each node of each part.
 #[derive(Debug, Clone, PartialEq)]
@@ -106,57 +130,111 @@ impl StressSites {
             };
             Matrix3::from_columns(&[0, 1, 2].map(column))
         };
-        let maps = sections.iter().map(stress).collect();
+        let maps: Vec<_> = sections.iter().map(stress).collect();
         let place = |site: &crate::assembly::RecoverySite| (mesh.nodes[site.node].coords.into(), site.part);
         Ok(StressSites {
-            stresses: SiteValues::new(ground, lifts, curvatures, maps)?,
+            stresses: SiteValues::new(ground, lifts, curvatures, &maps)?,
             places: recovery.sites().iter().map(place).collect(),
             cells,
         })
     }
+}
 
-    /// Returns the largest von Mises stress of a displacement at an instant (s). Collective.
-    pub fn largest<E: Engine>(&self, engine: &E, u: &[f64], time: f64) -> Result<Option<StressPeak>> {
-        let mut peaks = StressPeaks::new(self);
-        peaks.note_displacement(self, engine, u, time)?;
-        Ok(peaks.largest(self, engine.comm()))
+impl<'m, E: Engine> StressWatch<'m, E> {
+    /// Starts a search at some sites, with the engine of the displacements.
+    pub(super) fn new(sites: &'m StressSites, engine: &'m E) -> StressWatch<'m, E> {
+        StressWatch { sites, engine, peaks: StressPeaks::new(sites) }
+    }
+
+    /// Takes the stresses of a displacement at an instant (s). Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the support motions and of the engine.
+    pub fn note(&mut self, u: &[f64], time: f64) -> Result<()> {
+        self.peaks.note(self.sites, self.engine, u, time)
+    }
+
+    /// Returns the largest stress so far. Collective.
+    pub fn largest(&self) -> Option<StressPeak> {
+        self.peaks.largest(self.sites, self.engine.comm())
+    }
+}
+
+impl SitePeak {
+    /// Returns the von Mises stress, in Pa.
+    fn value(&self) -> f64 {
+        self.square.max(0.0).sqrt()
+    }
+
+    /// Returns the surface at which the principal stress of larger magnitude is tensile.
+    fn surface(&self) -> PlateSurface {
+        PlateSurface::in_tension(self.trace, self.value())
+    }
+}
+
+impl BlockPeaks {
+    /// Takes the stresses of an instant (s).
+    #[inline(always)]
+    fn note(&mut self, [xx, yy, xy]: &SiteBlock, time: f64) {
+        // Stresses at the upper surface combine like moments.
+        let stress = |site: usize| Moments { xx: xx[site], yy: yy[site], xy: xy[site] };
+        let mut squares = [0.0; SITES];
+        let mut rises = false;
+        for site in 0..SITES {
+            squares[site] = stress(site).von_mises_square();
+            rises |= squares[site] > self.square[site];
+        }
+        // Few steps bring a new peak.
+        if !rises {
+            return;
+        }
+        for site in 0..SITES {
+            let rises = squares[site] > self.square[site];
+            self.square[site] = if rises { squares[site] } else { self.square[site] };
+            self.time[site] = if rises { time } else { self.time[site] };
+            self.trace[site] = if rises { xx[site] + yy[site] } else { self.trace[site] };
+        }
     }
 }
 
 impl StressPeaks {
     /// Returns the peaks before the first instant.
     pub fn new(sites: &StressSites) -> StressPeaks {
-        // A negative value whose square is zero, so that every stress exceeds it.
-        let nothing = SitePeak { value: -f64::MIN_POSITIVE, time: 0.0, surface: PlateSurface::Top };
-        StressPeaks(vec![nothing; sites.places.len()])
+        let zeros = [0.0; SITES];
+        // No stress exceeds that of a slot without a site.
+        let nothing = BlockPeaks { square: [f64::INFINITY; SITES], time: zeros, trace: zeros };
+        let mut peaks = StressPeaks { blocks: vec![nothing; sites.stresses.blocks()], arch: Arch::new() };
+        // Every square exceeds a negative one, zero too.
+        let before = SitePeak { square: -1.0, time: 0.0, trace: 0.0 };
+        sites.stresses.slots().iter().for_each(|&slot| peaks.set(slot, before));
+        peaks
     }
 
-    /// Takes the stresses of the present instant. Collective.
-    pub fn note<E: Engine>(&mut self, sites: &StressSites, engine: &E, scheme: &dyn Scheme) -> Result<()> {
-        self.note_displacement(sites, engine, scheme.displacement(), scheme.time())
+    /// Returns the peak in a slot.
+    fn peak(&self, slot: u32) -> SitePeak {
+        let (peaks, site) = (&self.blocks[slot as usize / SITES], slot as usize % SITES);
+        SitePeak { square: peaks.square[site], time: peaks.time[site], trace: peaks.trace[site] }
     }
 
-    fn note_displacement<E: Engine>(
-        &mut self,
-        sites: &StressSites,
-        engine: &E,
-        u: &[f64],
-        time: f64,
-    ) -> Result<()> {
-        let stresses = sites.stresses.at(&engine.to_local(u)?, time)?;
-        for (peak, [xx, yy, xy]) in self.0.iter_mut().zip(stresses) {
-            // Stresses at the upper surface combine like moments.
-            let stress = Moments { xx, yy, xy };
-            let square = stress.von_mises_square();
-            // Few steps bring a new peak, and a root takes as long as the stress itself.
-            if square < peak.value * peak.value {
-                continue;
+    /// Sets the peak in a slot.
+    fn set(&mut self, slot: u32, SitePeak { square, time, trace }: SitePeak) {
+        let (peaks, site) = (&mut self.blocks[slot as usize / SITES], slot as usize % SITES);
+        (peaks.square[site], peaks.time[site], peaks.trace[site]) = (square, time, trace);
+    }
+
+    /// Returns the peak of each site with the site's position and part.
+    fn all<'a>(&'a self, sites: &'a StressSites) -> impl Iterator<Item = (SitePeak, &'a Place)> {
+        sites.stresses.slots().iter().map(|&slot| self.peak(slot)).zip(&sites.places)
+    }
+
+    /// Takes the stresses of a displacement at an instant (s). Collective.
+    pub fn note<E: Engine>(&mut self, sites: &StressSites, engine: &E, u: &[f64], time: f64) -> Result<()> {
+        let stresses = sites.stresses.blocks_at(&engine.to_local(u)?, time)?;
+        self.arch.dispatch(|| {
+            for (peaks, stresses) in self.blocks.iter_mut().zip(&*stresses) {
+                peaks.note(stresses, time);
             }
-            let value = square.sqrt();
-            if value > peak.value {
-                *peak = SitePeak { value, time, surface: stress.tension_side() };
-            }
-        }
+        });
         Ok(())
     }
 
@@ -164,10 +242,8 @@ impl StressPeaks {
     /// y. Collective.
     pub fn largest(&self, sites: &StressSites, comm: &impl Communicator) -> Option<StressPeak> {
         let sign = |surface: PlateSurface| surface.sign();
-        let of = |(peak, (at, _)): (&SitePeak, &([f64; 2], usize))| {
-            (peak.value, peak.time, *at, sign(peak.surface))
-        };
-        let own = self.0.iter().zip(&sites.places).map(of);
+        let of = |(peak, (at, _)): (SitePeak, &Place)| (peak.value(), peak.time, *at, sign(peak.surface()));
+        let own = self.all(sites).map(of);
         type Numbers = (f64, f64, [f64; 2], f64);
         let better = |a: &Numbers, b: &Numbers| {
             let order = a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1));
@@ -185,8 +261,8 @@ impl StressPeaks {
         Envelope {
             points: sites.places.iter().map(|(at, _)| *at).collect(),
             cells: &sites.cells,
-            von_mises: self.0.iter().map(|peak| peak.value).collect(),
-            time: self.0.iter().map(|peak| peak.time).collect(),
+            von_mises: self.all(sites).map(|(peak, _)| peak.value()).collect(),
+            time: self.all(sites).map(|(peak, _)| peak.time).collect(),
         }
     }
 
@@ -198,10 +274,10 @@ impl StressPeaks {
         comm: &impl Communicator,
         archive: &mut Archive,
     ) -> Result<()> {
-        let numbers = |(peak, ([x, y], part)): (&SitePeak, &([f64; 2], usize))| {
-            [*x, *y, *part as f64, peak.value, peak.time, peak.surface.sign()]
+        let numbers = |(peak, ([x, y], part)): (SitePeak, &Place)| {
+            [*x, *y, *part as f64, peak.square, peak.time, peak.trace]
         };
-        let mut list: Vec<f64> = self.0.iter().zip(&sites.places).flat_map(numbers).collect();
+        let mut list: Vec<f64> = self.all(sites).flat_map(numbers).collect();
         archive.list(&mut list)?;
         let Archive::Restores { same_processes, .. } = archive else { return Ok(()) };
         if !*same_processes {
@@ -211,19 +287,19 @@ impl StressPeaks {
         let grain = NEAR * comm.all_reduce_max(extent);
         let square = |x: f64| (x / grain).round() as i64;
         let mut known = HashMap::new();
-        for [x, y, part, value, time, sign] in list.as_chunks().0 {
-            let surface = if *sign < 0.0 { PlateSurface::Bottom } else { PlateSurface::Top };
-            let peak = SitePeak { value: *value, time: *time, surface };
-            known.insert((square(*x), square(*y), *part as usize), peak);
+        for &[x, y, part, of_peak, time, trace] in list.as_chunks().0 {
+            let peak = SitePeak { square: of_peak, time, trace };
+            known.insert((square(x), square(y), part as usize), peak);
         }
-        let find = |([x, y], part): &([f64; 2], usize)| {
+        let find = |([x, y], part): &Place| {
             // Rounding may place a node on the other side of the border between two squares.
             let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j)));
             let mut found = around.filter_map(|(i, j)| known.get(&(square(*x) + i, square(*y) + j, *part)));
             let missing = || Error::Checkpoint("the checkpoint lacks the stresses at a node".into());
             found.next().copied().ok_or_else(missing)
         };
-        self.0 = comm.all_ok(sites.places.iter().map(find).collect())?;
+        let found: Vec<SitePeak> = comm.all_ok(sites.places.iter().map(find).collect())?;
+        sites.stresses.slots().iter().zip(found).for_each(|(&slot, peak)| self.set(slot, peak));
         Ok(())
     }
 }

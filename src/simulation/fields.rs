@@ -268,8 +268,8 @@ impl Fields {
         scheme: &mut dyn Scheme,
     ) -> Result<Snapshot<'_>> {
         let System { engine, bounds, .. } = system;
-        let u = engine.to_local(scheme.displacement())?;
-        let rate = engine.to_local(&scheme.velocity()?)?;
+        let velocity = scheme.velocity()?;
+        let (u, rate) = (engine.to_local(scheme.displacement())?, engine.to_local(&velocity)?);
         let mut rows = [0, 1, 2].map(|row| self.evaluate(&u, row));
         let mut velocity = self.evaluate(&rate, 0);
         for ((motion, lift), moves) in self.lifts.iter().zip(scheme.support_rates()?) {

@@ -33,7 +33,7 @@ pub use distributed::check_options;
 pub use dof_coordinates::{DeflectionDof, DofCoordinates};
 pub use effects::{LoadTotal, Matrices, Resultant};
 use extremes::StressSites;
-pub use extremes::{Envelope, Extremes, StressPeak};
+pub use extremes::{Envelope, Extremes, StressPeak, StressWatch};
 pub use fields::{Fields, Lattice, Snapshot};
 pub use meshing::{mesh, mesh_and_made};
 pub use named_forces::{HardestImpact, NamedForce, NodeReaction, ObstacleForce, SupportForce};
@@ -325,14 +325,9 @@ impl<E: Engine> Model<E> {
         self.system.engine.comm().all_reduce_sum_slice(&reactions.sums(at_nodes))
     }
 
-    /// Returns the largest von Mises stress of a displacement at an instant (s); `None` unless the
-    /// scene asks for extremes. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the support motions and of the engine.
-    pub fn largest_stress(&self, u: &[f64], time: f64) -> Result<Option<StressPeak>> {
-        let sites = self.extremes.as_ref();
-        sites.map_or(Ok(None), |sites| sites.largest(&self.system.engine, u, time))
+    /// Starts a search for the largest von Mises stress; `None` unless the scene asks for extremes.
+    pub fn stress_watch(&self) -> Option<StressWatch<'_, E>> {
+        self.extremes.as_ref().map(|sites| StressWatch::new(sites, &self.system.engine))
     }
 
     /// Computes the quantities at the probes at the present instant of a scheme. Collective.

@@ -12,7 +12,6 @@ use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::scene::FieldInput;
 use crate::stress::Moments;
-use nalgebra::Matrix3;
 use std::rc::Rc;
 
 /// Moments and stresses of a snapshot.
@@ -65,7 +64,6 @@ impl StressFields {
         let own = sampled(ground, curvatures, points, small);
         let (points, centres) = ground.comm().all_ok(own)?;
         let mesh = ground.mesh;
-        let identity = vec![Matrix3::identity(); curvatures.recovery.sites().len()];
         let lifted = |Lift { motion, shape, .. }: &Lift| {
             let of = |centre: &Sampled<Vec<[f64; 3]>>| {
                 let dofs = |&node: &usize| shape[PER_NODE * node..][..PER_NODE].iter().copied();
@@ -74,7 +72,7 @@ impl StressFields {
             (motion.clone(), centres.iter().map(of).collect())
         };
         Ok(StressFields {
-            curvatures: SiteValues::new(ground, lifts, curvatures, identity)?,
+            curvatures: SiteValues::new(ground, lifts, curvatures, &[])?,
             sites: (0..mesh.cells.len()).map(|cell| curvatures.recovery.of_cell(cell).to_vec()).collect(),
             lifts: lifts.iter().map(lifted).collect(),
             points,

@@ -2,7 +2,7 @@
 
 use super::effects::{BuildContext, Lift};
 use super::plate_assembly::PlateAssembly;
-use crate::assembly::{self, Probe, Recovery};
+use crate::assembly::{self, Probe, Recovery, SITES, SiteBlock};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
@@ -11,8 +11,10 @@ use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::scene::{FieldInput, ProbeQuantity, Scene};
-use nalgebra::{Matrix3, Vector3};
-use std::collections::BTreeMap;
+use nalgebra::Matrix3;
+use pulp::Arch;
+use std::cell::{Ref, RefCell};
+use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 /// Recovery of the curvatures of a scene's plate, with its sections.
@@ -111,73 +113,195 @@ fn from_numbers(numbers: [f64; 11]) -> Section {
 }
 
 /// Quantities with three components at the sites of a recovery, linear in the curvatures: the
-/// curvatures themselves, or the stresses.
+/// curvatures themselves, or the stresses. Sites lie in blocks of eight, see [`Recovery::slots`].
 pub(super) struct SiteValues {
-    /// Number of nodes of this rank.
-    nodes: usize,
-    /// Deflections and slopes that supports leave free: the node of each, its dof and the factor of
-    /// the dof; first w at all nodes, then w_x, then w_y.
-    free: [Vec<(u32, u32, f64)>; PER_NODE],
+    /// Deflections and slopes that supports leave free: w at all nodes, then w_x, then w_y.
+    free: [Vec<FreeRun>; PER_NODE],
     /// Curvatures at the sites from w, w_x and w_y at the nodes. Collective.
     curvatures: CurvaturesOfNodes,
-    /// Matrix that maps the curvatures to the values at each site.
-    maps: Vec<Matrix3<f64>>,
+    /// Position of each site in the blocks.
+    slots: Vec<u32>,
+    /// Matrices that map the curvatures of the sites of a block to the values.
+    maps: Vec<BlockMap>,
+    /// Matrix of each block, an index into `maps`; empty where the values are the curvatures.
+    map_of: Vec<u32>,
     /// Support motions with the values that they cause, per metre.
-    lifts: Vec<(Rc<FieldInput>, Vec<[f64; 3]>)>,
+    lifts: Vec<(Rc<FieldInput>, Vec<SiteBlock>)>,
+    arch: Arch,
+    room: RefCell<Room>,
 }
 
-type CurvaturesOfNodes = Box<dyn Fn([&[f64]; PER_NODE]) -> Result<Vec<[f64; 3]>>>;
+/// Successive nodes at which one dof is free, and whose free dofs have equal distances.
+struct FreeRun {
+    /// First node and its free dof.
+    first: (u32, u32),
+    count: u32,
+    /// Distance from the free dof of a node to that of the next node.
+    stride: u32,
+    /// Factor of the values of the free dofs.
+    factor: f64,
+}
+
+/// Entries of a 3x3 matrix, row by row, each for the eight sites of a block.
+type BlockMap = [[f64; SITES]; 9];
+
+type CurvaturesOfNodes = Box<dyn Fn([&[f64]; PER_NODE], &mut [SiteBlock]) -> Result<()>>;
+
+/// Values of w, w_x and w_y at the nodes, and values at the sites.
+#[derive(Default)]
+struct Room {
+    nodal: [Vec<f64>; PER_NODE],
+    values: Vec<SiteBlock>,
+}
 
 impl SiteValues {
     /// Prepares the values at the sites from matrices that map the curvature (w_xx, w_xy, w_yy) to
-    /// them. Collective.
+    /// them, one per site; without matrices the values are the curvatures. Collective.
     pub fn new<P: Partition>(
         ground: &BuildContext<P>,
         lifts: &[Lift],
         curvatures: &PlateCurvatures,
-        maps: Vec<Matrix3<f64>>,
+        maps: &[Matrix3<f64>],
     ) -> Result<SiteValues> {
         let nodes = ground.mesh.nodes.len();
-        let free = [0, 1, 2].map(|k| {
-            let dof = |node| {
-                let (dof, factor) = ground.space.dof(PER_NODE * node + k)?;
-                Some((node as u32, dof as u32, factor))
-            };
-            (0..nodes).filter_map(dof).collect()
-        });
         let (recovery, partition) = (curvatures.recovery.clone(), ground.partition.clone());
-        let of_nodes =
-            move |nodal: [&[f64]; PER_NODE]| recovery.curvatures(&mut recovery.fits(nodal), &partition);
-        let curvatures: CurvaturesOfNodes = Box::new(of_nodes);
-        let lifted = |Lift { motion, shape, .. }: &Lift| {
-            let nodal =
-                [0, 1, 2].map(|k| shape.iter().skip(k).step_by(PER_NODE).copied().collect::<Vec<_>>());
-            Ok((motion.clone(), mapped(&maps, curvatures(nodal.each_ref().map(Vec::as_slice))?)))
+        let slots = recovery.slots().to_vec();
+        let (maps, map_of) = block_maps(maps, &slots);
+        let blocks = recovery.blocks();
+        let mut values = SiteValues {
+            free: [0, 1, 2].map(|k| free_runs(nodes, |node| ground.space.dof(PER_NODE * node + k))),
+            curvatures: Box::new(move |nodal, values| recovery.curvatures(nodal, &partition, values)),
+            slots,
+            maps,
+            map_of,
+            lifts: Vec::new(),
+            arch: Arch::new(),
+            room: RefCell::default(),
         };
-        let lifts = lifts.iter().map(lifted).collect::<Result<_>>()?;
-        Ok(SiteValues { nodes, free, curvatures, maps, lifts })
+        let mut room = Room {
+            nodal: [0, 1, 2].map(|_| vec![0.0; nodes + SITES]),
+            values: vec![SiteBlock::default(); blocks],
+        };
+        for Lift { motion, shape, .. } in lifts {
+            for (k, nodal) in room.nodal.iter_mut().enumerate() {
+                nodal.iter_mut().zip(shape.iter().skip(k).step_by(PER_NODE)).for_each(|(to, of)| *to = *of);
+            }
+            values.follow_nodes(&mut room)?;
+            values.lifts.push((motion.clone(), room.values.clone()));
+        }
+        // Later values at nodes that supports hold are zero.
+        room.nodal.iter_mut().for_each(|nodal| nodal.fill(0.0));
+        values.room = RefCell::new(room);
+        Ok(values)
     }
 
-    /// Returns the values for displacements over the dofs of this rank's cells at an instant (s).
-    /// Collective.
-    pub fn at(&self, u: &[f64], time: f64) -> Result<Vec<[f64; 3]>> {
-        let nodal = self.free.each_ref().map(|free| {
-            let mut values = vec![0.0; self.nodes];
-            for (node, dof, factor) in free {
-                values[*node as usize] = factor * u[*dof as usize];
+    /// Returns the values in blocks for displacements over the dofs of this rank's cells at an
+    /// instant (s). Collective.
+    pub fn blocks_at(&self, u: &[f64], time: f64) -> Result<Ref<'_, [SiteBlock]>> {
+        let mut room = self.room.borrow_mut();
+        for (runs, nodal) in self.free.iter().zip(&mut room.nodal) {
+            for FreeRun { first: (node, dof), count, stride, factor } in runs {
+                let own = &mut nodal[*node as usize..][..*count as usize];
+                let values = u[*dof as usize..].iter().step_by(*stride as usize);
+                own.iter_mut().zip(values).for_each(|(own, value)| *own = factor * value);
             }
-            values
-        });
-        let mut values = mapped(&self.maps, (self.curvatures)(nodal.each_ref().map(Vec::as_slice))?);
+        }
+        self.follow_nodes(&mut room)?;
         for (motion, lift) in &self.lifts {
             let moved = motion.at(Point::origin(), time)?;
-            axpy(moved, lift.as_flattened(), values.as_flattened_mut());
+            axpy(
+                moved,
+                lift.as_flattened().as_flattened(),
+                room.values.as_flattened_mut().as_flattened_mut(),
+            );
         }
-        Ok(values)
+        drop(room);
+        Ok(Ref::map(self.room.borrow(), |room| &room.values[..]))
+    }
+
+    /// Returns the values at the sites, like [`SiteValues::blocks_at`]. Collective.
+    pub fn at(&self, u: &[f64], time: f64) -> Result<Vec<[f64; 3]>> {
+        let blocks = self.blocks_at(u, time)?;
+        Ok(self.slots.iter().map(|&slot| assembly::values_in_slot(&blocks, slot)).collect())
+    }
+
+    /// Returns the number of blocks.
+    pub fn blocks(&self) -> usize {
+        self.room.borrow().values.len()
+    }
+
+    /// Returns the position of each site in the blocks.
+    pub fn slots(&self) -> &[u32] {
+        &self.slots
+    }
+
+    /// Sets the values to those of the nodes, without any lift. Collective.
+    fn follow_nodes(&self, Room { nodal, values }: &mut Room) -> Result<()> {
+        (self.curvatures)(nodal.each_ref().map(Vec::as_slice), values)?;
+        self.arch.dispatch(|| {
+            for (values, map) in values.iter_mut().zip(&self.map_of) {
+                *values = mapped(&self.maps[*map as usize], values);
+            }
+        });
+        Ok(())
     }
 }
 
-/// Returns the products of matrices with triples.
-fn mapped(maps: &[Matrix3<f64>], values: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
-    maps.iter().zip(values).map(|(map, value)| (map * Vector3::from(value)).into()).collect()
+/// Returns the free dofs of successive nodes as runs; `dof` returns the free dof of a node and its
+/// factor.
+fn free_runs(nodes: usize, dof: impl Fn(usize) -> Option<(usize, f64)>) -> Vec<FreeRun> {
+    let mut runs: Vec<FreeRun> = Vec::new();
+    for node in 0..nodes as u32 {
+        let Some((dof, of)) = dof(node as usize) else { continue };
+        let dof = dof as u32;
+        if let Some(FreeRun { first, count, stride, factor }) = runs.last_mut()
+            && first.0 + *count == node
+            && *factor == of
+            && (*count == 1 && dof > first.1 || dof == first.1 + *count * *stride)
+        {
+            *stride = (dof - first.1) / *count;
+            *count += 1;
+        } else {
+            runs.push(FreeRun { first: (node, dof), count: 1, stride: 1, factor: of });
+        }
+    }
+    runs
+}
+
+/// Returns the distinct matrices of blocks of sites, and the index of that of each block, from the
+/// matrix and the position of each site.
+fn block_maps(maps: &[Matrix3<f64>], slots: &[u32]) -> (Vec<BlockMap>, Vec<u32>) {
+    let count = slots.iter().max().map_or(0, |&last| last as usize / SITES + 1);
+    let mut of_blocks: Vec<[Option<&Matrix3<f64>>; SITES]> = vec![[None; SITES]; count];
+    for (map, &slot) in maps.iter().zip(slots) {
+        of_blocks[slot as usize / SITES][slot as usize % SITES] = Some(map);
+    }
+    let mut known: HashMap<Vec<u64>, u32> = HashMap::new();
+    let (mut distinct, mut map_of) = (Vec::new(), Vec::new());
+    for of_sites in of_blocks.iter().filter(|_| !maps.is_empty()) {
+        let first = of_sites.iter().flatten().copied().next();
+        let entry = |k: usize| of_sites.map(|map| map.or(first).map_or(0.0, |map| map[(k / 3, k % 3)]));
+        let map: BlockMap = std::array::from_fn(entry);
+        let bits = map.as_flattened().iter().map(|entry| entry.to_bits()).collect();
+        let next = distinct.len() as u32;
+        map_of.push(*known.entry(bits).or_insert_with(|| {
+            distinct.push(map);
+            next
+        }));
+    }
+    (distinct, map_of)
+}
+
+/// Returns the products of the matrices of eight sites with the triples of the sites.
+#[inline(always)]
+fn mapped(map: &BlockMap, values: &SiteBlock) -> SiteBlock {
+    let mut products = SiteBlock::default();
+    for (k, product) in products.iter_mut().enumerate() {
+        for site in 0..SITES {
+            product[site] = map[3 * k][site] * values[0][site]
+                + map[3 * k + 1][site] * values[1][site]
+                + map[3 * k + 2][site] * values[2][site];
+        }
+    }
+    products
 }

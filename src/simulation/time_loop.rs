@@ -157,7 +157,7 @@ impl<E: Engine> TimeLoop<'_, E> {
         let Some((sites, peaks)) = self.model.extremes.as_ref().zip(self.monitor.peaks.as_mut()) else {
             return Ok(());
         };
-        peaks.note(sites, &self.model.system.engine, self.scheme)?;
+        peaks.note(sites, &self.model.system.engine, self.scheme.displacement(), self.scheme.time())?;
         self.monitor.clock.lap(|blocks| &mut blocks.rows);
         Ok(())
     }

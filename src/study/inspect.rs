@@ -173,7 +173,11 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     };
     let deflections = model.probes.iter().zip(&scene.output.probes).map(deflection).collect();
 
-    let peak = model.largest_stress(&model.start.displacement, 0.0)?;
+    let mut stresses = model.stress_watch();
+    if let Some(stresses) = &mut stresses {
+        stresses.note(&model.start.displacement, 0.0)?;
+    }
+    let peak = stresses.and_then(|stresses| stresses.largest());
     let largest_stress = peak.filter(|peak| !no_start && peak.value > 0.0);
 
     let bounded = if system.bounds.is_empty() {

@@ -111,7 +111,7 @@ pub(super) fn start<E: OfCells, P: Partition>(
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
         ground.owned(&space.interpolate(&comm.all_ok(shape)?), engine.dofs())
     };
-    let (u, v) = (engine.to_local(&displacement)?, engine.to_local(&velocity)?);
+    let (u, v) = (engine.to_local(&displacement)?.into_owned(), engine.to_local(&velocity)?.into_owned());
     for AttachedBall { ball, spot, gap, tip, .. } in &attached.balls {
         let Some(dof) = ground.partition.own_dof(*gap) else { continue };
         displacement[dof] = ball.height - spot.free.deflection(&u);
