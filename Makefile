@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lints-native documentation test-long stability report bench table accuracy clean
+.PHONY: help setup run test lints-native documentation test-long stability report bench table deb accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -83,6 +83,13 @@ bench: setup ## time assembly, factorisation, a step, effects, a whole scene; fi
 table: setup ## recompute the table of the paper
 	$(call say,table)
 	@$(CARGO_RUN) --example csma2013_table
+
+deb: setup ## build a Debian package in target/debian, with manual pages and completions (needs cargo-deb)
+	$(call say,package)
+	@cargo build --release --locked
+	@target/release/rebond man --out target/pages > target/pages.txt
+	@target/release/rebond completions bash > target/pages/rebond.bash
+	@cargo deb --no-build --locked
 
 accuracy: setup ## recompute the studies and figures of docs/accuracy.md
 	$(call say,accuracy)

@@ -73,8 +73,9 @@ Examples:
   rebond plot sweeps/shaker";
 
 pub(super) const REPORT: &str = "\
-Example:
-  rebond report runs/plate";
+Examples:
+  rebond report runs/plate
+  rebond report sweeps/shaker";
 
 pub(super) const ANIMATE: &str = "\
 Examples:

@@ -18,6 +18,7 @@ mod printing;
 mod ranks;
 mod recorder;
 mod report;
+mod report_many;
 mod report_page;
 mod resume;
 mod run;
@@ -68,8 +69,8 @@ enum Command {
     /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and
     /// PNG
     Plot(plot::Plot),
-    /// Write a run folder's report.html: one page with the moving plate, charts and contacts, which
-    /// needs no network
+    /// Write report.html into the folder of a run, a sweep or a study: one page with the moving
+    /// plate, charts, pictures and tables, which needs no network
     Report(report_page::ReportPage),
     /// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show
     Animate(animate::Animate),

@@ -2,28 +2,37 @@
 
 use super::help;
 use super::printing::print;
+use super::report_many;
 use super::run_folder::RunFolder;
 use crate::error::{Error, Result};
 use crate::output::plot::Obstacle;
 use crate::output::report::{self, Frames, InlinePicture, ReportContents};
 use crate::output::text::grouped;
 use crate::output::write_atomic;
+use crate::sweep;
 use clap::Args;
 use std::path::PathBuf;
 
 /// Write report.html: one page that a browser opens without a network.
 ///
-/// The page tells the scene and its key numbers, shows the plate in motion beside its time series,
-/// and lists the contacts. The view needs snapshots: set output.fields_every for the run.
+/// The page of a run tells the scene and its key numbers, shows the plate in motion beside its time
+/// series, and lists the contacts. The view needs snapshots: set output.fields_every for the run.
+/// That of a sweep or a study has their pictures and a table of their runs.
 #[derive(Debug, Args)]
 #[command(after_help = help::REPORT)]
 pub struct ReportPage {
-    /// Run folder
+    /// Folder of a run, a sweep or a study
     folder: PathBuf,
 }
 
 impl ReportPage {
     pub(super) fn execute(&self) -> Result<()> {
+        if self.folder.join(sweep::JSON).is_file() {
+            return report_many::of_sweep(&self.folder);
+        }
+        if self.folder.join(report_many::STUDY).is_file() {
+            return report_many::of_study(&self.folder);
+        }
         let run = RunFolder::read(&self.folder)?;
         let frames = Frames::read(&run.snapshots)?;
         let figures = run.pictures()?.figures;

@@ -5,9 +5,9 @@ use super::help;
 use super::launch;
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
-use crate::output::claim;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
+use crate::output::{claim, remove, report};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 #[cfg(feature = "petsc")]
@@ -168,6 +168,7 @@ impl Study {
         let (command, hash) = (command_line(), scene.hash());
         self.refuse_results(&folder, &hash)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        remove(&folder.join(report::FILE))?;
         let known = match fs::read(folder.join("study.json")) {
             Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
             _ => None,
@@ -177,11 +178,11 @@ impl Study {
             eprintln!("going on in {}: {runs} runs and {failures} failures are known", folder.display());
         }
         let mut watch =
-            Files { folder: &folder, command: &command, hash: &hash, line: Line::new(quiet), quiet };
+            Files { folder: &folder, command: &command, scene, hash: &hash, line: Line::new(quiet), quiet };
         let accuracy = accuracy::study(scene, study, known, run, self.jobs.get(), &mut watch)?;
         watch.line.0.finish_and_clear();
         pictures::write(&accuracy, &folder.join("plots"), &command)?;
-        self.scene.voice.print(&accuracy, &accuracy.summary(&command, &hash))?;
+        self.scene.voice.print(&accuracy, &accuracy.summary(&command, scene, &hash))?;
         if !quiet {
             print(&format!("\nwritten to {}\n", folder.display()))?;
         }
@@ -210,12 +211,13 @@ impl Study {
 }
 
 /// Names of the files that a study writes into its folder.
-const FILES: [&str; 3] = ["study.json", "study.csv", "plots"];
+const FILES: [&str; 4] = ["study.json", "study.csv", "plots", report::FILE];
 
 /// Writer that keeps the files up to date, so that an interrupted study keeps its results.
 struct Files<'f> {
     folder: &'f Path,
     command: &'f str,
+    scene: &'f Scene,
     hash: &'f str,
     line: Line,
     quiet: bool,
@@ -237,7 +239,7 @@ impl Watch for Files<'_> {
 
     fn done(&mut self, so_far: &Accuracy) -> Result<()> {
         self.line.0.inc(1);
-        write_json(&self.folder.join("study.json"), &so_far.summary(self.command, self.hash))?;
+        write_json(&self.folder.join("study.json"), &so_far.summary(self.command, self.scene, self.hash))?;
         write_atomic(&self.folder.join("study.csv"), so_far.csv().as_bytes())
     }
 }

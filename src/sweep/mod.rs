@@ -18,7 +18,7 @@ mod store;
 pub use conduct::{Loader, SweepRecord, conduct, scene_at};
 pub use measures::{Measures, ProbeMeasures, repetition};
 pub use one_run::CarriedState;
-pub use pictures::{PICTURES, draw};
+pub use pictures::{PICTURES, draw, figures};
 pub use plan::{Direction, PlannedRun, groups};
 pub use report::{CSV, JSON, ProbeHead, SweepReport, SweepRow};
 pub use store::SweepStore;

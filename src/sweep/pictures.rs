@@ -26,6 +26,16 @@ const DIRECTIONS: [(Direction, &str); 3] =
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) where a file cannot be written.
 pub fn draw(report: &SweepReport, folder: &Path) -> Result<Vec<&'static str>> {
+    let mut names = Vec::new();
+    for (name, figure) in figures(report) {
+        figure.write(&folder.join(FOLDER).join(name))?;
+        names.push(name);
+    }
+    Ok(names)
+}
+
+/// Returns the pictures of a sweep with their names.
+pub fn figures(report: &SweepReport) -> Vec<(&'static str, Figure)> {
     let mut figures = Vec::new();
     if report.keys.len() == 1 {
         if !report.probes.is_empty() {
@@ -35,12 +45,7 @@ pub fn draw(report: &SweepReport, folder: &Path) -> Result<Vec<&'static str>> {
     } else {
         figures.push((PICTURES[2], map(report)));
     }
-    let mut names = Vec::new();
-    for (name, figure) in figures {
-        figure.note(&report.command).write(&folder.join(FOLDER).join(name))?;
-        names.push(name);
-    }
-    Ok(names)
+    figures.into_iter().map(|(name, figure)| (name, figure.note(&report.command))).collect()
 }
 
 /// Returns the runs of a direction that did not fail.

@@ -9,7 +9,7 @@ use super::report::{CSV, JSON, SweepRow};
 use crate::archive;
 use crate::error::{Error, Result};
 use crate::output::claim::refuse_foreign;
-use crate::output::{plot, remove, write_atomic};
+use crate::output::{plot, remove, report, write_atomic};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -36,7 +36,9 @@ impl SweepStore {
     /// another scene, and [`Error::Io`] where it cannot be read or written.
     pub fn open(folder: &Path, hash: &str, overwrite: bool) -> Result<SweepStore> {
         let is_state = |name: &str| name.starts_with("state-") && name.ends_with(".bin");
-        let is_own = |name: &str| [ROWS, JSON, CSV, plot::FOLDER, ".lock"].contains(&name) || is_state(name);
+        let is_own = |name: &str| {
+            [ROWS, JSON, CSV, plot::FOLDER, report::FILE, ".lock"].contains(&name) || is_state(name)
+        };
         refuse_foreign(folder, "sweep", "--out", is_own)?;
         let path = folder.join(ROWS);
         let text = match fs::read_to_string(&path) {
@@ -53,6 +55,7 @@ impl SweepStore {
                 folder.display()
             )));
         }
+        remove(&folder.join(report::FILE))?;
         let rows = lines.filter_map(|line| serde_json::from_str::<SweepRow>(line).ok());
         let mut store = SweepStore {
             known: rows.map(|row| (row.index, row)).collect(),

@@ -86,6 +86,18 @@ fn the_version_names_the_engines() {
     assert_eq!(short, concat!("rebond ", env!("CARGO_PKG_VERSION"), "\n"));
 }
 
+/// Citation and change log speak of the version that the program has.
+#[test]
+fn the_version_is_the_same_everywhere() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |name: &str| fs::read_to_string(root.join(name)).unwrap();
+    let version = env!("CARGO_PKG_VERSION");
+    assert!(read("CITATION.cff").lines().any(|line| line == format!("version: {version}")));
+    let log = read("CHANGELOG.md");
+    let newest = log.lines().find_map(|line| line.strip_prefix("## ")).unwrap();
+    assert_eq!(newest.split([',', ' ']).next(), Some(version));
+}
+
 /// Bash takes the completions, and they know commands and options.
 #[test]
 fn completions_are_scripts() {

@@ -16,6 +16,7 @@ mod output;
 mod overwriting;
 mod pages;
 mod report;
+mod report_many;
 mod resume;
 mod stresses;
 mod study;

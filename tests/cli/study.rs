@@ -443,7 +443,7 @@ fn a_study_that_was_stopped_goes_on() {
     let (stopped, watch) = run(None, 5);
     let known = watch.known.unwrap();
     assert!(stopped.is_err() && known.runs.len() == 3);
-    let json = serde_json::to_vec(&known.summary("rebond study", "hash")).unwrap();
+    let json = serde_json::to_vec(&known.summary("rebond study", &scene, "hash")).unwrap();
     assert!(Accuracy::stopped(&json, "of another scene").is_none());
     let read = Accuracy::stopped(&json, "hash").unwrap();
     assert_eq!(read.runs.len(), 3);

@@ -156,7 +156,7 @@ fn a_modal_study_that_was_stopped_goes_on() {
     let (whole, _) = run(None, usize::MAX);
     let (stopped, watch) = run(None, 9);
     assert!(stopped.is_err());
-    let json = serde_json::to_vec(&watch.known.unwrap().summary("rebond study", "hash")).unwrap();
+    let json = serde_json::to_vec(&watch.known.unwrap().summary("rebond study", &scene, "hash")).unwrap();
     let read = Accuracy::stopped(&json, "hash").unwrap();
     assert!(read.runs.iter().any(|run| run.case.method.modes == Some(10)), "{read}");
     let known = read.runs.len();

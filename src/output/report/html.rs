@@ -41,7 +41,7 @@ pub(super) fn escaped(text: &str) -> String {
     safe
 }
 
-/// Returns the title, the effects and the parts of the scene.
+/// Returns the title, the effects and the parts of the scene of a run.
 pub(super) fn scene(summary: &Value) -> String {
     let scene = &summary["scene"];
     let title = scene["title"].as_str().filter(|title| !title.is_empty()).unwrap_or("Run of rebond");
@@ -61,7 +61,12 @@ pub(super) fn scene(summary: &Value) -> String {
         effects.iter().for_each(|effect| html += &format!("<li>{}</li>", escaped(effect)));
         html += "</ul>\n";
     }
-    html += "<dl class=\"scene\">\n";
+    html + &parts(scene) + "</section>\n"
+}
+
+/// Returns the parts of a resolved scene.
+pub(super) fn parts(scene: &Value) -> String {
+    let mut html = String::from("<dl class=\"scene\">\n");
     for (key, title) in PARTS {
         let words = described(&scene[key]);
         if !words.is_empty() {
@@ -74,7 +79,7 @@ pub(super) fn scene(summary: &Value) -> String {
         let words = described(value);
         html += &format!("<dt>{}</dt><dd>{}</dd>\n", escaped(&key.replace('_', " ")), escaped(&words));
     }
-    html + "</dl></section>\n"
+    html + "</dl>\n"
 }
 
 fn texts(list: &Value) -> impl Iterator<Item = &str> {
@@ -280,21 +285,29 @@ pub(super) fn contacts(contents: &ReportContents) -> String {
 
 /// Returns the resolved scene and how to run it again.
 pub(super) fn again(summary: &Value, scene: &str) -> String {
+    let version = summary["version"].as_str().unwrap_or_default();
+    let hash = summary["scene_hash"].as_str().unwrap_or_default();
+    let commands = "rebond run scene.toml --out runs/again\nrebond report runs/again";
+    again_by(commands, [version, hash], &summary["scene"], scene)
+}
+
+/// Returns a scene as text and the commands that run it again, with the version of the program
+/// and the hash of the scene.
+pub(super) fn again_by(commands: &str, [version, hash]: [&str; 2], resolved: &Value, scene: &str) -> String {
     let mut files = Vec::new();
-    named_files(&summary["scene"], &mut files);
+    named_files(resolved, &mut files);
     let beside = match files.is_empty() {
         true => String::new(),
         false => {
             format!(" It names other files, which must be at their places: {}.", escaped(&files.join(", ")))
         }
     };
-    let version = escaped(summary["version"].as_str().unwrap_or_default());
-    let hash = escaped(summary["scene_hash"].as_str().unwrap_or_default());
+    let [version, hash, commands] = [version, hash, commands].map(escaped);
     format!(
         "<section aria-labelledby=\"h-again\"><h2 id=\"h-again\">How to run it again</h2>\n\
          <p>The scene below has every default filled in (rebond {version}, scene {hash}). Save it as \
          <code>scene.toml</code>, and run:{beside}</p>\n\
-         <pre>rebond run scene.toml --out runs/again\nrebond report runs/again</pre>\n\
+         <pre>{commands}</pre>\n\
          <p class=\"live\"><button type=\"button\" id=\"save\">Save scene.toml</button></p>\n\
          <details><summary>The resolved scene</summary><pre id=\"scene-text\">{}</pre></details></section>\n",
         escaped(scene)

@@ -9,11 +9,13 @@ pub mod blob;
 mod contents;
 mod frames;
 mod html;
+mod many;
 mod picture;
 mod series;
 
 pub use contents::ReportContents;
 pub use frames::{Frames, MOST_FRAMES};
+pub use many::{ManyRuns, RunTable, page_of_many};
 pub use picture::InlinePicture;
 
 use crate::output::plot::perspective;
@@ -65,17 +67,25 @@ pub fn page(contents: &ReportContents) -> io::Result<String> {
     .concat();
     // A text in a script ends at "</script>", whatever it means.
     let meta = meta.to_string().replace('<', "\\u003c");
-    Ok(format!(
+    let scripts = format!(
+        "<script type=\"application/json\" id=\"meta\">{meta}</script>\n\
+         <script type=\"text/plain\" id=\"data\">{numbers}</script>\n<script>\n{SCRIPT}</script>\n"
+    );
+    Ok(document(&title, &body, &scripts))
+}
+
+/// Returns a page with a title, a body up to the end of its main part, and scripts.
+fn document(title: &str, body: &str, scripts: &str) -> String {
+    format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; \
          style-src 'unsafe-inline'; img-src data:\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"generator\" content=\"rebond {}\">\n<link rel=\"icon\" href=\"data:,\">\n\
          <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{body}</main>\n\
-         <script type=\"application/json\" id=\"meta\">{meta}</script>\n\
-         <script type=\"text/plain\" id=\"data\">{numbers}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+         {scripts}</body>\n</html>\n",
         env!("CARGO_PKG_VERSION")
-    ))
+    )
 }
 
 fn pictures(pictures: &[InlinePicture]) -> String {

@@ -53,7 +53,7 @@ pub(super) fn figures(pictures: &[InlinePicture]) -> (String, Vec<&'static str>)
 
 /// Shortens a picture and makes it fit to stand beside others: names of its own, coordinates to a
 /// tenth of a point, a size given by the page.
-fn compact(svg: &str, name: &str) -> String {
+pub(super) fn compact(svg: &str, name: &str) -> String {
     let svg = svg
         .replace(" xmlns=\"http://www.w3.org/2000/svg\"", "")
         .replace("id=\"clip", &format!("id=\"{name}-clip"))

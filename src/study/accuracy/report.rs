@@ -5,6 +5,7 @@ use super::trajectory::{Deviation, Parts};
 use super::whole::Floor;
 use super::{Accuracy, Run, mesh_name};
 use crate::output::text::{Table, grouped, significant};
+use crate::scene::Scene;
 use crate::scene::{Horizon, Mass};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -371,6 +372,8 @@ pub struct AccuracySummary<'a> {
     command: &'a str,
     /// Hash of the scene.
     scene: &'a str,
+    /// Scene with every default filled in.
+    resolved: &'a Scene,
     #[serde(flatten)]
     accuracy: &'a Accuracy,
     cheapest: Vec<CheapestRun>,
@@ -380,13 +383,19 @@ pub struct AccuracySummary<'a> {
 }
 
 impl Accuracy {
-    /// Returns the content of `study.json`, given the command and the scene's hash.
-    pub fn summary<'a>(&'a self, command: &'a str, scene: &'a str) -> AccuracySummary<'a> {
+    /// Returns the content of `study.json`, given the command, the scene and its hash.
+    pub fn summary<'a>(
+        &'a self,
+        command: &'a str,
+        resolved: &'a Scene,
+        scene: &'a str,
+    ) -> AccuracySummary<'a> {
         AccuracySummary {
             program: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
             command,
             scene,
+            resolved,
             accuracy: self,
             cheapest: self.cheapest(),
             time_orders: self.time_orders(),

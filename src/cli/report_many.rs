@@ -1,0 +1,146 @@
+//! Reports of the folders of sweeps and studies.
+
+use super::printing::print;
+use crate::error::{Error, Result};
+use crate::output::report::{self, ManyRuns, RunTable};
+use crate::output::text::{grouped, significant};
+use crate::output::{plot, write_atomic};
+use crate::sweep::{self, SweepReport};
+use serde_json::Value;
+use std::fs;
+use std::io;
+use std::path::Path;
+
+/// Name of the file that makes a folder that of a study.
+pub(super) const STUDY: &str = "study.json";
+
+/// Columns of `study.csv` in the table of a page.
+const STUDY_COLUMNS: [&str; 17] = [
+    "mesh",
+    "scheme",
+    "mass",
+    "modes",
+    "restitution",
+    "engine",
+    "vi",
+    "step",
+    "dofs",
+    "steps",
+    "contact_steps",
+    "stepping_seconds",
+    "time_error",
+    "space_error",
+    "whole_error",
+    "largest_energy_drift",
+    "on_front",
+];
+
+/// Writes the page of a sweep.
+pub(super) fn of_sweep(folder: &Path) -> Result<()> {
+    let sweep = SweepReport::read(folder)?;
+    let figures = sweep::figures(&sweep).into_iter();
+    let pictures: Vec<(String, String)> =
+        figures.map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
+    let (runs, failed) = (sweep.rows.len(), sweep.failures());
+    let mut remarks = vec![format!("{} runs over {}.", grouped(runs as u64), sweep.keys.join(" and "))];
+    if failed > 0 {
+        remarks.push(format!("{failed} of them failed; the last column says why."));
+    }
+    let is_shown = |head: &str| !head.ends_with("_section");
+    let heading = format!("Runs ({} has their sections too)", sweep::CSV);
+    write(
+        folder,
+        &ManyRuns {
+            kind: "sweep",
+            title: &sweep.title,
+            version: &sweep.version,
+            command: &sweep.command,
+            hash: &sweep.scene_hash,
+            scene: &sweep.scene,
+            remarks: &remarks,
+            pictures: &pictures,
+            tables: &[RunTable::of_csv(&heading, &sweep.csv(), is_shown)],
+        },
+    )
+}
+
+/// Writes the page of a study.
+pub(super) fn of_study(folder: &Path) -> Result<()> {
+    let path = folder.join(STUDY);
+    let invalid = |what: &str| Error::io(&path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()));
+    let bytes = fs::read(&path).map_err(Error::io(&path))?;
+    let study: Value = serde_json::from_slice(&bytes).map_err(|why| invalid(&why.to_string()))?;
+    if study["program"] != env!("CARGO_PKG_NAME") || !study["runs"].is_array() {
+        return Err(invalid("not the results of a study of rebond"));
+    }
+    if study["complete"] != true {
+        return Err(invalid("the study is unfinished: `rebond study` goes on with it"));
+    }
+    let csv = folder.join("study.csv");
+    let csv = fs::read_to_string(&csv).map_err(Error::io(&csv))?;
+    let is_shown = |head: &str| STUDY_COLUMNS.contains(&head);
+    let mut tables = vec![RunTable::of_csv("Runs (study.csv has more columns)", &csv, is_shown)];
+    let failures = study["failures"].as_array().map_or(0, Vec::len);
+    let mut remarks = vec![format!("{} runs, {failures} failed.", tables[0].rows.len())];
+    if study["resolved"].is_null() {
+        remarks.push("The version that made this study did not keep its scene.".to_owned());
+    }
+    tables.insert(0, cheapest(&study));
+    let text = |value: &'_ Value| value.as_str().unwrap_or_default().to_owned();
+    write(
+        folder,
+        &ManyRuns {
+            kind: "study",
+            title: &text(&study["resolved"]["title"]),
+            version: &text(&study["version"]),
+            command: &text(&study["command"]),
+            hash: &text(&study["scene"]),
+            scene: &study["resolved"],
+            remarks: &remarks,
+            pictures: &pictures(&folder.join(plot::FOLDER))?,
+            tables: &tables,
+        },
+    )
+}
+
+/// Returns the table of the cheapest run for each accuracy.
+fn cheapest(study: &Value) -> RunTable {
+    let heads = ["among", "relative accuracy", "run", "seconds", "relative error"];
+    let cell = |value: &Value| match value {
+        Value::String(text) => text.clone(),
+        Value::Number(number) => number.to_string(),
+        _ => String::new(),
+    };
+    let row =
+        |of: &Value| ["among", "accuracy", "run", "seconds", "error"].map(|key| cell(&of[key])).to_vec();
+    RunTable {
+        heading: "Cheapest run for each accuracy".to_owned(),
+        heads: heads.map(str::to_owned).to_vec(),
+        rows: study["cheapest"].as_array().into_iter().flatten().map(row).collect(),
+    }
+}
+
+/// Reads the pictures of a folder, in the order of their names; none where there is no folder.
+fn pictures(folder: &Path) -> Result<Vec<(String, String)>> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>).map_err(Error::io(folder))?,
+    };
+    let mut paths: Vec<_> = entries.into_iter().map(|entry| entry.path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "svg"));
+    paths.sort();
+    let read = |path: &std::path::PathBuf| {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok((name, fs::read_to_string(path).map_err(Error::io(path))?))
+    };
+    paths.iter().map(read).collect()
+}
+
+fn write(folder: &Path, runs: &ManyRuns) -> Result<()> {
+    let path = folder.join(report::FILE);
+    let page = report::page_of_many(runs).map_err(Error::io(&path))?;
+    write_atomic(&path, page.as_bytes())?;
+    let rows: usize = runs.tables.last().map_or(0, |table| table.rows.len());
+    let size = significant((page.len() / 1000) as f64);
+    print(&format!("{} ({rows} runs, {} pictures, {size} kB)\n", path.display(), runs.pictures.len()))
+}

@@ -1,0 +1,225 @@
+//! Page of a sweep or a study: its pictures, the table of its runs, the scene, how to make it again.
+
+use super::html::{again_by, escaped, parts};
+use super::picture::compact;
+use super::{document, scene_text};
+use crate::output::text::{grouped, significant};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::io;
+
+/// Approximate limit on the length of all pictures, in bytes.
+const MOST_BYTES: usize = 4_000_000;
+/// Largest number of runs in the table.
+const MOST_RUNS: usize = 2_000;
+
+/// Sorts tables and saves the scene; the page has neither view nor charts.
+const SORTABLE: &str = include_str!("page/table.js");
+const BOOT: &str = r#"document.documentElement.classList.add("js");
+for (const table of document.querySelectorAll("table.sortable")) sortable(table);
+document.getElementById("save")?.addEventListener("click", () => {
+  const link = document.createElement("a");
+  const text = document.getElementById("scene-text").textContent;
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
+  link.download = "scene.toml";
+  link.click();
+});
+"#;
+
+/// Content of the page of many runs, from the files of a sweep's or a study's folder.
+#[derive(Debug)]
+pub struct ManyRuns<'r> {
+    /// Kind of folder: "sweep" or "study", as in the command that made it.
+    pub kind: &'static str,
+    /// Title of the scene.
+    pub title: &'r str,
+    /// Version of the program that made the runs.
+    pub version: &'r str,
+    /// Command that made them.
+    pub command: &'r str,
+    /// Hash of the scene.
+    pub hash: &'r str,
+    /// Resolved scene.
+    pub scene: &'r Value,
+    /// Remarks, one sentence each.
+    pub remarks: &'r [String],
+    /// Pictures: the names of their files in `plots/`, without extension, and their texts as SVG.
+    pub pictures: &'r [(String, String)],
+    /// Tables: heading, name of the file, columns and rows.
+    pub tables: &'r [RunTable],
+}
+
+/// Table of runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunTable {
+    /// Heading.
+    pub heading: String,
+    /// Names of the columns.
+    pub heads: Vec<String>,
+    /// Cells, row by row; numbers as the file has them.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl RunTable {
+    /// Reads a table in CSV, of which only the columns that `is_shown` accepts are kept, and of
+    /// these the ones that have a value in some row.
+    pub fn of_csv(heading: &str, csv: &str, is_shown: impl Fn(&str) -> bool) -> RunTable {
+        let mut lines = csv.lines().map(cells);
+        let heads = lines.next().unwrap_or_default();
+        let rows: Vec<Vec<String>> = lines.collect();
+        let has_value = |column: usize| rows.iter().any(|row| row.get(column).is_some_and(|c| !c.is_empty()));
+        let kept: Vec<usize> =
+            (0..heads.len()).filter(|&column| is_shown(&heads[column]) && has_value(column)).collect();
+        let taken =
+            |row: &Vec<String>| kept.iter().map(|&c| row.get(c).cloned().unwrap_or_default()).collect();
+        RunTable { heading: heading.to_owned(), heads: taken(&heads), rows: rows.iter().map(taken).collect() }
+    }
+
+    /// Returns the table as HTML. Words sort by their alphabetical order, and empty cells come last.
+    fn html(&self, id: &str) -> String {
+        let column = |column: usize| self.rows.iter().map(move |row| row[column].as_str());
+        let words: Vec<Vec<&str>> = (0..self.heads.len())
+            .map(|c| column(c).filter(|cell| cell.parse::<f64>().is_err()).collect::<BTreeSet<_>>())
+            .map(|words| words.into_iter().collect())
+            .collect();
+        let cell = |(text, words): (&String, &Vec<&str>)| match text.parse::<f64>() {
+            Ok(value) => format!("<td data-v=\"{value}\">{}</td>", significant(value)),
+            Err(_) if text.is_empty() => "<td data-v=\"1e999\"></td>".to_owned(),
+            Err(_) => {
+                let rank = words.iter().position(|word| word == text).unwrap_or_default();
+                format!("<td data-v=\"{rank}\">{}</td>", escaped(text))
+            }
+        };
+        let heads: String =
+            self.heads.iter().map(|head| format!("<th scope=\"col\">{}</th>", escaped(head))).collect();
+        let row = |row: &Vec<String>| {
+            format!("<tr>{}</tr>\n", row.iter().zip(&words).map(cell).collect::<String>())
+        };
+        let rows: String = self.rows.iter().take(MOST_RUNS).map(row).collect();
+        let cut = match self.rows.len() > MOST_RUNS {
+            true => format!("<p>The first {MOST_RUNS} of {} rows.</p>\n", grouped(self.rows.len() as u64)),
+            false => String::new(),
+        };
+        format!(
+            "<section aria-labelledby=\"{id}\"><h2 id=\"{id}\">{}</h2>\n{cut}\
+             <div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"{id}\"><table class=\"sortable\">\
+             <thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div></section>\n",
+            escaped(&self.heading)
+        )
+    }
+}
+
+/// Returns the cells of a line of CSV.
+fn cells(line: &str) -> Vec<String> {
+    let mut cells = vec![String::new()];
+    let mut is_quoted = false;
+    let mut letters = line.chars().peekable();
+    while let Some(c) = letters.next() {
+        let last = cells.last_mut().expect("there is a cell from the start");
+        match c {
+            '"' if is_quoted && letters.peek() == Some(&'"') => {
+                last.push('"');
+                letters.next();
+            }
+            '"' => is_quoted = !is_quoted,
+            ',' if !is_quoted => cells.push(String::new()),
+            c => last.push(c),
+        }
+    }
+    cells
+}
+
+/// Returns the page of a sweep or a study.
+///
+/// # Errors
+/// Returns an error where the scene has no form in TOML.
+pub fn page_of_many(runs: &ManyRuns) -> io::Result<String> {
+    let ManyRuns { kind, title, version, command, hash, scene, remarks, pictures, tables } = *runs;
+    let shown = if title.is_empty() { format!("A {kind} of rebond") } else { escaped(title) };
+    let mut body = format!(
+        "<header><h1>{shown}</h1>\n<p class=\"soft\">Report of a {kind} by rebond {}</p></header>\n<main>\n",
+        escaped(version)
+    );
+    body +=
+        "<noscript><p class=\"soft\">With JavaScript the headings of the tables sort them.</p></noscript>\n";
+    remarks.iter().for_each(|remark| body += &format!("<p>{}</p>\n", escaped(remark)));
+    body += &figures(pictures);
+    for (number, table) in tables.iter().enumerate() {
+        body += &table.html(&format!("h-runs-{number}"));
+    }
+    let section = |id: &str, heading: &str, text: &str| {
+        format!("<section aria-labelledby=\"{id}\"><h2 id=\"{id}\">{heading}</h2>\n{text}</section>\n")
+    };
+    if scene.is_object() {
+        body += &section("h-scene", "The scene", &parts(scene));
+        let commands = format!("rebond {kind} scene.toml --out again\nrebond report again");
+        body += &again_by(&commands, [version, hash], scene, &scene_text(scene)?);
+    }
+    let made = format!("<pre>{}</pre>", escaped(command));
+    body += &section("h-made", "The command that made it", &made);
+    let script = SORTABLE.replace("export function", "function");
+    Ok(document(&shown, &body, &format!("<script>\n{script}{BOOT}</script>\n")))
+}
+
+/// Returns the pictures that fit in a page, and the names of the others.
+fn figures(pictures: &[(String, String)]) -> String {
+    let (mut html, mut left_out) = (String::new(), Vec::new());
+    for (name, svg) in pictures {
+        let svg = compact(svg, name);
+        if html.len() + svg.len() > MOST_BYTES {
+            left_out.push(format!("plots/{name}.svg"));
+            continue;
+        }
+        let caption = escaped(&caption(name));
+        let file = escaped(name);
+        html += &format!(
+            "<figure><div class=\"picture\" role=\"img\" aria-label=\"{caption}\">{svg}</div>\
+             <figcaption>{caption} (plots/{file}.svg)</figcaption></figure>\n"
+        );
+    }
+    if !left_out.is_empty() {
+        html +=
+            &format!("<p class=\"soft\">Left out for their size: {}.</p>\n", escaped(&left_out.join(", ")));
+    }
+    if html.is_empty() {
+        return html;
+    }
+    format!("<section aria-labelledby=\"h-pictures\"><h2 id=\"h-pictures\">Pictures</h2>\n{html}</section>\n")
+}
+
+/// Returns what a picture shows; those of studies have the name of a mesh at their end.
+fn caption(name: &str) -> String {
+    let known = [
+        ("bifurcation", "Values once per period, over the swept key"),
+        ("response", "Response over the swept key"),
+        ("map", "Measures over the two swept keys"),
+        ("work-precision", "Errors against seconds"),
+        ("orders", "Errors against the time step"),
+        ("energy-drift", "Change of the energy against seconds"),
+        ("after-impact", "Errors and energy after the first impact"),
+        ("cost", "Cost of a run"),
+    ];
+    let found = known.iter().find_map(|(word, text)| Some((name.strip_prefix(word)?, text)));
+    match found {
+        Some(("", text)) => (*text).to_owned(),
+        Some((mesh, text)) => format!("{text}, {}", mesh.trim_start_matches('-').replace('-', " ")),
+        None => name.replace('-', " "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_keep_columns_with_values() {
+        let csv = "a,b,c,failure\n1.5,,x,\n2,,\"y, \"\"z\"\"\",\"no, really\"\n";
+        let table = RunTable::of_csv("Runs", csv, |head| head != "failure");
+        assert_eq!(table.heads, ["a", "c"]);
+        assert_eq!(table.rows, [["1.5", "x"], ["2", "y, \"z\""]]);
+        let html = RunTable::of_csv("Runs", csv, |_| true).html("t");
+        assert!(html.contains("<td data-v=\"1.5\">1.5</td>"), "{html}");
+        assert!(html.contains("<td data-v=\"1\">y, &quot;z&quot;</td>"), "{html}");
+        assert!(html.contains("<td data-v=\"1e999\"></td>"), "{html}");
+    }
+}
