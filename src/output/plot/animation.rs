@@ -103,6 +103,32 @@ fn put(
 mod tests {
     use super::*;
 
+    /// Frames put one into the other, at their places, are the pictures of the figures.
+    #[test]
+    fn frames_add_up_to_the_figures() {
+        let path = std::env::temp_dir().join(format!("rebond-animation-{}.png", std::process::id()));
+        let figures = ["a", "plate", "falls"].map(Figure::new);
+        write(&path, &figures, 200, Duration::from_millis(40)).unwrap();
+        let file = io::BufReader::new(std::fs::File::open(&path).unwrap());
+        let mut reader = png::Decoder::new(file).read_info().unwrap();
+        let mut picture: Vec<u8> = Vec::new();
+        for figure in &figures {
+            let (size, rgb) = figure.rgb(200, &path).unwrap();
+            let mut part = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut part).unwrap();
+            let frame = *reader.info().frame_control().unwrap();
+            picture.resize(rgb.len(), 0);
+            let width = 3 * frame.width as usize;
+            for (y, row) in part.chunks_exact(width).take(frame.height as usize).enumerate() {
+                let at = (frame.y_offset as usize + y) * size[0] as usize + frame.x_offset as usize;
+                picture[3 * at..][..width].copy_from_slice(row);
+            }
+            assert!(picture == rgb);
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert!(write(&path, &[], 200, Duration::ZERO).is_err() && !path.exists());
+    }
+
     #[test]
     fn a_frame_has_the_rectangle_that_differs() {
         let frame = |dark: &[[usize; 2]]| {

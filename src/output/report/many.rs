@@ -1,4 +1,4 @@
-//! Page of a sweep or a study: its pictures, the table of its runs, the scene, how to make it again.
+//! Page of a sweep or a study: pictures, the table of runs, the scene, how to make it again.
 
 use super::html::{again_by, escaped, parts};
 use super::picture::compact;
@@ -75,7 +75,7 @@ impl RunTable {
         RunTable { heading: heading.to_owned(), heads: taken(&heads), rows: rows.iter().map(taken).collect() }
     }
 
-    /// Returns the table as HTML. Words sort by their alphabetical order, and empty cells come last.
+    /// Returns the table as HTML. Words sort alphabetically, and empty cells come last.
     fn html(&self, id: &str) -> String {
         let column = |column: usize| self.rows.iter().map(move |row| row[column].as_str());
         let words: Vec<Vec<&str>> = (0..self.heads.len())
