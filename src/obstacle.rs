@@ -1,5 +1,34 @@
-//! Rigid obstacles as bounds on deflection dofs: the discrete convex set K^h of section 3 of the
-//! paper.
+//! Obstacles as bounds on deflection dofs: the discrete convex set K^h of section 3 of the paper.
+//!
+//! # Bounds that yield
+//!
+//! A bound may yield by the law of Hertz (1881) for elastic bodies with curved surfaces: x may lie
+//! beyond the bound by a depth d, where the reaction and the energy stored are
+//!
+//! ```math
+//! r = k\, d_+^{3/2}, \qquad \varphi = \tfrac25\, k\, d_+^{5/2} .
+//! ```
+//!
+//! The energy is convex with a continuous second derivative, so that a step remains a convex
+//! problem. Rigid bounds are the limit of infinite k.
+
+use crate::error::{Error, Result};
+
+/// Reaction of Hertz's law for a stiffness k (N/m^1.5) and a depth d (m), in N.
+pub fn hertz_force(k: f64, d: f64) -> f64 {
+    if d > 0.0 { k * d * d.sqrt() } else { 0.0 }
+}
+
+/// Depth (m) at which Hertz's law with a stiffness k (N/m^1.5) has a reaction r (N).
+pub fn hertz_depth(k: f64, r: f64) -> f64 {
+    let root = (r / k).cbrt();
+    root * root
+}
+
+/// Derivative of Hertz's law for a stiffness k (N/m^1.5) at a depth d (m), in N/m.
+pub fn hertz_tangent(k: f64, d: f64) -> f64 {
+    if d > 0.0 { 1.5 * k * d.sqrt() } else { 0.0 }
+}
 
 /// Bounds on some dofs, `lower[i] <= x[dofs[i]] <= upper[i]`, infinite where there is none.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -13,13 +42,16 @@ pub struct Bounds {
     /// Size of the bounded motions, in m, where neither the bounds nor the deflections show it, as
     /// for a gap that may stay near 0.
     pub size: f64,
+    /// Stiffnesses (N/m^1.5) with which the lower and the upper bound of each dof yield, infinite
+    /// where a bound is rigid; `None` on all ranks where all bounds are.
+    pub hertz: Option<Vec<[f64; 2]>>,
 }
 
 impl Bounds {
     /// Creates the same bounds on each dof.
     pub fn uniform(dofs: Vec<usize>, lower: f64, upper: f64) -> Bounds {
         let count = dofs.len();
-        Bounds { dofs, lower: vec![lower; count], upper: vec![upper; count], size: 0.0 }
+        Bounds { dofs, lower: vec![lower; count], upper: vec![upper; count], size: 0.0, hertz: None }
     }
 
     /// Returns the number of bounded dofs.
@@ -36,6 +68,75 @@ impl Bounds {
     /// have any sign.
     pub fn holds(&self, bound: usize) -> bool {
         self.lower[bound] == self.upper[bound]
+    }
+
+    /// Returns an error where bounds may yield and `what`, a scheme or a mass, does not take them.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`].
+    pub fn refuse_hertz(&self, what: &str) -> Result<()> {
+        match self.hertz {
+            None => Ok(()),
+            Some(_) => Err(Error::Usage(format!(
+                "{what} takes no stops with law = \"hertz\"; set law = \"linear\", or time.scheme = \"conserving\" with \
+                 time.mass = \"singular\""
+            ))),
+        }
+    }
+
+    /// Returns the stiffness (N/m^1.5) of the lower (0) or upper (1) bound of a dof if it yields.
+    pub fn yields(&self, bound: usize, side: usize) -> Option<f64> {
+        let stiffness = self.hertz.as_ref()?[bound][side];
+        stiffness.is_finite().then_some(stiffness)
+    }
+
+    /// Returns the lower and upper bound of a dof, infinite where they yield.
+    pub fn rigid(&self, bound: usize) -> [f64; 2] {
+        let rigid = |side, limit, absent| if self.yields(bound, side).is_some() { absent } else { limit };
+        [rigid(0, self.lower[bound], f64::NEG_INFINITY), rigid(1, self.upper[bound], f64::INFINITY)]
+    }
+
+    /// Returns how far a value lies beyond the lower (0) or upper (1) bound of a dof, in m;
+    /// negative inside.
+    pub fn depth(&self, bound: usize, side: usize, value: f64) -> f64 {
+        if side == 0 { self.lower[bound] - value } else { value - self.upper[bound] }
+    }
+
+    /// Returns the reaction of the bounds of a dof that yield at a value, in N, positive upwards.
+    pub fn reaction(&self, bound: usize, value: f64) -> f64 {
+        let of = |side: usize, sign: f64| {
+            let stiffness = self.yields(bound, side);
+            stiffness.map_or(0.0, |k| sign * hertz_force(k, self.depth(bound, side, value)))
+        };
+        of(0, 1.0) + of(1, -1.0)
+    }
+
+    /// Returns the stiffness (N/m) of a dof's bound that yields under a reaction (N); `None` for a
+    /// rigid one.
+    pub fn stiffness_under(&self, bound: usize, reaction: f64) -> Option<f64> {
+        let stiffness = self.yields(bound, usize::from(reaction < 0.0))?;
+        Some(hertz_tangent(stiffness, hertz_depth(stiffness, reaction.abs())))
+    }
+
+    /// Returns the energy stored in the bounds that yield, in J, given the value at each bound.
+    pub fn stored_energy(&self, value: impl Fn(usize) -> f64) -> f64 {
+        let Some(hertz) = &self.hertz else { return 0.0 };
+        let sides = hertz.as_flattened().iter().enumerate().filter(|(_, stiffness)| stiffness.is_finite());
+        let stored = |(place, &stiffness): (usize, &f64)| {
+            let depth = self.depth(place / 2, place % 2, value(place / 2));
+            0.4 * depth * hertz_force(stiffness, depth)
+        };
+        sides.map(stored).sum()
+    }
+
+    /// Sets the stiffnesses for bounds on an unknown that moves the bounded values at a rate: the
+    /// reaction is that of the bounded values in `others`.
+    pub fn scale_stiffness(&mut self, others: &Bounds, rate: f64) {
+        if let (Some(own), Some(others)) = (&mut self.hertz, &others.hertz) {
+            let scale = rate * rate.sqrt();
+            let others = others.as_flattened().iter();
+            own.as_flattened_mut().iter_mut().zip(others).for_each(|(own, other)| *own = scale * other);
+        }
     }
 
     /// Sets the bounds to those of `others`, over the same dofs, mapped by a function of dof and
@@ -61,13 +162,19 @@ impl Bounds {
         }
     }
 
-    /// Returns the largest violation of a bound by x, in m; 0 inside.
+    /// Returns the largest violation of a rigid bound by x, in m; 0 inside.
     pub fn violation(&self, x: &[f64]) -> f64 {
-        self.dofs
-            .iter()
-            .zip(self.lower.iter().zip(&self.upper))
-            .map(|(&dof, (lower, upper))| (lower - x[dof]).max(x[dof] - upper))
-            .fold(0.0, f64::max)
+        let beyond = |(i, &dof): (usize, &usize)| {
+            let [lower, upper] = self.rigid(i);
+            (lower - x[dof]).max(x[dof] - upper)
+        };
+        self.dofs.iter().enumerate().map(beyond).fold(0.0, f64::max)
+    }
+
+    /// Returns whether x lies beyond any bound, rigid or not.
+    pub fn are_crossed(&self, x: &[f64]) -> bool {
+        let limits = self.lower.iter().zip(&self.upper);
+        self.dofs.iter().zip(limits).any(|(&dof, (lower, upper))| x[dof] < *lower || x[dof] > *upper)
     }
 
     /// Returns the largest finite magnitude of the bounds, or [`Bounds::size`] if that is larger,

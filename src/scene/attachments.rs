@@ -100,7 +100,8 @@ pub struct Ball {
     pub height: f64,
     /// Initial upward velocity in m/s.
     pub velocity: f64,
-    /// Stiffness (N/m) and damping (N s/m) of its contact point; `None` for a rigid ball.
+    /// Compliance of its contact point, in N/m and N s/m, or in N/m^1.5 for the law of Hertz;
+    /// `None` for a rigid ball.
     pub compliance: Option<Compliance>,
 }
 
@@ -155,7 +156,12 @@ static BALLS: TableKeys = TableKeys {
         key("mass", ValueKind::Number(&MASS), "kg"),
         key("height", ValueKind::Number(&HEIGHT), "m, of the point of the ball that touches"),
         key("velocity", ValueKind::Number(&VELOCITY), "m/s, upward; default 0"),
-        key("stiffness", ValueKind::Number(&SPRING), "N/m of a compliant contact point; default rigid"),
+        obstacles::LAW,
+        key(
+            "stiffness",
+            ValueKind::Number(&SPRING),
+            "N/m of a compliant contact point (N/m^1.5 by Hertz); default rigid",
+        ),
         key("damping", ValueKind::Number(&POINT_DAMPING), "N s/m beside a stiffness; default 0"),
     ]],
     needed: &["mass", "height"],
@@ -174,14 +180,15 @@ impl Attachments {
         ]
     }
 
-    /// Returns the indices of the balls whose contact point is compliant.
-    pub fn compliant_balls(&self) -> impl Iterator<Item = usize> {
-        (0..self.balls.len()).filter(|&ball| self.balls[ball].compliance.is_some())
+    /// Returns the indices of the balls whose contact point is a massless tip on a spring.
+    pub fn balls_with_tips(&self) -> impl Iterator<Item = usize> {
+        let has_tip = |ball: &usize| self.balls[*ball].compliance.is_some_and(|of| of.has_tip());
+        (0..self.balls.len()).filter(has_tip)
     }
 
-    /// Returns the number of dofs of balls: the gap of each, and the tip of each compliant one.
+    /// Returns the number of dofs of balls: the gap of each, and the tips.
     pub fn ball_dofs(&self) -> usize {
-        self.balls.len() + self.compliant_balls().count()
+        self.balls.len() + self.balls_with_tips().count()
     }
 
     /// Returns the tables in the order of a resolved scene, with files by the path where they were
@@ -220,10 +227,7 @@ impl Attachments {
                 ("height", number(of.height), "m, of the point that touches"),
                 ("velocity", number(of.velocity), "m/s, upward"),
             ];
-            if let Some(Compliance { stiffness, damping }) = of.compliance {
-                rows.push(("stiffness", number(stiffness), "N/m"));
-                rows.push(("damping", number(damping), "N s/m"));
-            }
+            rows.extend(toml_text::compliance(of.compliance, ["N/m", "N s/m"]));
             ("[[ball]]", rows)
         };
         let foundations = self.foundations.iter().map(foundation);
@@ -323,7 +327,7 @@ fn read_balls(doc: &Document, places: &PlaceReader) -> Result<Vec<Ball>> {
             mass: doc.number(&key("mass"), &MASS)?,
             height: doc.number(&key("height"), &HEIGHT)?,
             velocity: doc.optional_number(&key("velocity"), &VELOCITY)?.unwrap_or(0.0),
-            compliance: obstacles::compliance(doc, table, [&SPRING, &POINT_DAMPING])?,
+            compliance: obstacles::point_compliance(doc, table)?,
         })
     })
 }

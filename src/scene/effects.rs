@@ -24,7 +24,8 @@ impl Scene {
             let moving = if moves { ", moving" } else { "" };
             add(of_side().next().is_some(), &format!("contact {name}{moving}"));
         }
-        add(self.has_compliant_stops(), "compliant stops");
+        add(self.compliances().any(|(_, of)| of.has_tip()), "compliant stops");
+        add(self.hertz_stop().is_some(), "stops by the law of Hertz");
         add(self.stop_damping().is_some(), "damping of stops");
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
@@ -59,19 +60,24 @@ impl Scene {
         !self.obstacles.is_empty() || !self.attachments.balls.is_empty()
     }
 
-    /// Returns whether any obstacle is a compliant stop.
-    pub fn has_compliant_stops(&self) -> bool {
-        let has_balls = self.attachments.compliant_balls().next().is_some();
-        has_balls || self.obstacles.iter().any(|obstacle| obstacle.compliance.is_some())
+    /// Returns the compliance of each compliant stop, obstacle or ball, with the key of its table.
+    pub fn compliances(&self) -> impl Iterator<Item = (String, Compliance)> {
+        let of_obstacles = self.obstacles.iter().map(|of| of.compliance).enumerate();
+        let of_balls = self.attachments.balls.iter().map(|of| of.compliance).enumerate();
+        let named = |table: &'static str| {
+            move |(number, of): (usize, Option<Compliance>)| Some((format!("{table}.{number}"), of?))
+        };
+        of_obstacles.filter_map(named("obstacle")).chain(of_balls.filter_map(named("ball")))
+    }
+
+    /// Returns the key of the law of a stop that yields by that of Hertz, if any.
+    pub fn hertz_stop(&self) -> Option<String> {
+        self.compliances().find(|(_, of)| of.hertz().is_some()).map(|(table, _)| format!("{table}.law"))
     }
 
     /// Returns the key of a compliant stop with damping, if any.
     pub fn stop_damping(&self) -> Option<String> {
-        let is_damped = |of: Option<Compliance>| of.is_some_and(|of| of.damping > 0.0);
-        let obstacle = self.obstacles.iter().position(|of| is_damped(of.compliance));
-        let ball = || self.attachments.balls.iter().position(|of| is_damped(of.compliance));
-        let of_obstacle = obstacle.map(|number| format!("obstacle.{number}.damping"));
-        of_obstacle.or_else(|| ball().map(|number| format!("ball.{number}.damping")))
+        self.compliances().find(|(_, of)| of.damping > 0.0).map(|(table, _)| format!("{table}.damping"))
     }
 
     /// Returns all fields that may depend on time: loads, obstacle heights, support motions.

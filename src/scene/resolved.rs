@@ -1,10 +1,12 @@
 //! Resolved scene as TOML, aligned and commented, and its hash.
 
-use super::toml_text::{Row, formula, given, number, numbers, place, region, section, string, word, words};
+use super::toml_text::{
+    Row, compliance, formula, given, number, numbers, place, region, section, string, word, words,
+};
 use super::{
-    Compliance, ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate,
-    PlateSpec, Probe, ProbeQuantity, Region, Scene, SchemeName, Solver, StartFrom, Study, Support,
-    SupportKind, SupportLocation, SweepSpec, Time, Value,
+    ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec,
+    Probe, ProbeQuantity, Region, Scene, SchemeName, Solver, StartFrom, Study, Support, SupportKind,
+    SupportLocation, SweepSpec, Time, Value,
 };
 use crate::modes::ModeRange;
 use crate::plate::Orthotropy;
@@ -38,7 +40,7 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
         rows.push(("side", word(obstacle.side), "below | above"));
         rows.push(("height", given(&obstacle.height, found), "m"));
         rows.extend(region(&obstacle.region));
-        rows.extend(compliance(obstacle.compliance, &obstacle.region));
+        rows.extend(compliance(obstacle.compliance, stop_units(&obstacle.region)));
         section("[[obstacle]]", &rows);
     }
     if let Some(load) = &scene.load {
@@ -162,15 +164,13 @@ fn support(support: &Support, found: bool) -> Vec<Row> {
     rows
 }
 
-/// Returns the rows of a compliant stop; none for a rigid obstacle.
-fn compliance(compliance: Option<Compliance>, region: &Region) -> Vec<Row> {
-    let Some(Compliance { stiffness, damping }) = compliance else { return Vec::new() };
-    let units = match region {
+/// Returns the units of stiffness and damping of a linear stop opposite to a region.
+fn stop_units(region: &Region) -> [&'static str; 2] {
+    match region {
         Region::At(_) | Region::Point(_) => ["N/m", "N s/m"],
         Region::Line(_) => ["N/m2", "N s/m2"],
         Region::All | Region::Where(_) | Region::Group(_) => ["N/m3", "N s/m3"],
-    };
-    vec![("stiffness", number(stiffness), units[0]), ("damping", number(damping), units[1])]
+    }
 }
 
 fn initial(initial: &Initial, found: bool) -> Vec<Row> {

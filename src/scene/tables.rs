@@ -156,18 +156,42 @@ pub struct Obstacle {
     pub height: FieldInput,
     /// Region of the plate that can touch the obstacle.
     pub region: Region,
-    /// Stiffness and damping of a compliant stop: per point (N/m, N s/m), per length of a line
-    /// (N/m2, N s/m2) or per area (N/m3, N s/m3); `None` for a rigid obstacle.
+    /// Stiffness and damping of a compliant stop: per point (N/m, N s/m; N/m^1.5 for the law of
+    /// Hertz), per length of a line (N/m2, N s/m2) or per area (N/m3, N s/m3); `None` for a rigid
+    /// obstacle.
     pub compliance: Option<Compliance>,
 }
 
-/// Linear spring and dashpot of a compliant stop, with the units of [`Obstacle::compliance`].
+/// Law by which the force of a compliant stop depends on its depth d.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopLaw {
+    /// Spring and dashpot, `$k d + c \dot d$`, which join a massless tip to the plate.
+    Linear,
+    /// Contact of two elastic bodies with curved surfaces, `$k d^{3/2}$` (Hertz 1881).
+    Hertz,
+}
+
+/// Law, stiffness and damping of a compliant stop, with the units of [`Obstacle::compliance`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compliance {
+    /// Law of the force.
+    pub law: StopLaw,
     /// Stiffness, greater than 0.
     pub stiffness: f64,
-    /// Damping beside the spring.
+    /// Damping beside the spring; 0 for the law of Hertz.
     pub damping: f64,
+}
+
+impl Compliance {
+    /// Returns the stiffness of the law of Hertz, in N/m^1.5; `None` for a linear stop.
+    pub fn hertz(&self) -> Option<f64> {
+        (self.law == StopLaw::Hertz).then_some(self.stiffness)
+    }
+
+    /// Returns whether a massless tip touches in place of the node or the ball.
+    pub fn has_tip(&self) -> bool {
+        self.law == StopLaw::Linear
+    }
 }
 
 /// Side of the plate.

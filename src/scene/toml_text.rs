@@ -1,6 +1,7 @@
 //! Texts of a scene's values and tables in TOML, aligned and commented.
 
 use super::given::{FieldInput, Region, Value};
+use super::tables::{Compliance, StopLaw};
 use super::typed::Choice;
 use crate::field::Field;
 
@@ -36,6 +37,19 @@ pub(super) fn region(region: &Region) -> Vec<Row> {
         Region::At(at) => vec![("at", numbers(at), "m")],
         Region::Point(name) => vec![("point", string(name), "")],
         Region::Line([from, to]) => vec![("line", format!("[{}, {}]", numbers(from), numbers(to)), "m")],
+    }
+}
+
+/// Formats the compliance of a stop, given the units of a linear one; nothing for a rigid one.
+pub(super) fn compliance(compliance: Option<Compliance>, units: [&'static str; 2]) -> Vec<Row> {
+    match compliance {
+        None => vec![],
+        Some(Compliance { law: StopLaw::Linear, stiffness, damping }) => {
+            vec![("stiffness", number(stiffness), units[0]), ("damping", number(damping), units[1])]
+        }
+        Some(Compliance { law: StopLaw::Hertz, stiffness, .. }) => {
+            vec![("law", word(StopLaw::Hertz), "linear | hertz"), ("stiffness", number(stiffness), "N/m^1.5")]
+        }
     }
 }
 

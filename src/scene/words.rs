@@ -2,8 +2,8 @@
 
 use super::typed::Choice;
 use super::{
-    ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, SchemeName, Side, SupportKind,
-    SweepOrder,
+    ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, SchemeName, Side, StopLaw,
+    SupportKind, SweepOrder,
 };
 use crate::field::Interpolation;
 use std::fmt;
@@ -28,6 +28,10 @@ impl Choice for SupportKind {
 
 impl Choice for Side {
     const WORDS: &'static [(&'static str, Self)] = &[("below", Self::Below), ("above", Self::Above)];
+}
+
+impl Choice for StopLaw {
+    const WORDS: &'static [(&'static str, Self)] = &[("linear", Self::Linear), ("hertz", Self::Hertz)];
 }
 
 impl Choice for Mass {

@@ -27,6 +27,11 @@ const ZERO_INCREMENT: f64 = 1e-12;
 /// Relative KKT residual below which proximal steps continue only while each halves it.
 const CONVERGED_RESIDUAL: f64 = 1e-12;
 
+/// Largest multiple of an increment, and number of bisections, of the search for the least energy
+/// with bounds that yield.
+const MAX_MULTIPLE: f64 = 1e15;
+const BISECTIONS: usize = 60;
+
 /// Displacement U (m, one entry per dof), reactions r (N, one entry per bound), and the accuracy
 /// that the solver reached.
 pub type Equilibrium = (Vec<f64>, Vec<f64>, StepReport);
@@ -96,7 +101,7 @@ fn free_equilibrium<E: Engine>(
     let Some(mut u) = conjugate_gradients::solve(engine, stiffness, &mut factor, load)? else {
         return Ok(None);
     };
-    if engine.comm().all_reduce_max(bounds.violation(&u)) > 0.0 {
+    if engine.comm().all_reduce_any(bounds.are_crossed(&u)) {
         return Ok(None);
     }
     let mut reaction = vec![0.0; bounds.len()];
@@ -275,8 +280,8 @@ where
         let Search { engine, x, b, left, .. } = self;
         let stays = ZERO_INCREMENT * self.largest(x)?;
         let room = |(i, &dof): (usize, &usize)| match x[dof] {
-            x if x > stays => left.upper[i] / x,
-            x if x < -stays => left.lower[i] / x,
+            x if x > stays => left.rigid(i)[1] / x,
+            x if x < -stays => left.rigid(i)[0] / x,
             _ => f64::INFINITY,
         };
         let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
@@ -284,7 +289,11 @@ where
         last.force.resize(x.len(), 0.0);
         last.increment.clone_from(x);
         last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;
-        let least = engine.dot(b, x)? / last.curvature;
+        let force = engine.dot(b, x)?;
+        let least = match &left.hertz {
+            None => force / last.curvature,
+            Some(_) => self.least_yielding([force, last.curvature], room),
+        };
         last.is_free = room > least;
         let multiple = room.min(least);
         Ok(match multiple.is_finite() {
@@ -292,6 +301,27 @@ where
             true if last.is_used => multiple,
             true => multiple.max(1.0),
         })
+    }
+
+    /// Returns the multiple of the increment, from 1 to `room`, at which the energy with that of
+    /// bounds that yield is least. The parts of its slope are the work of the increment and its
+    /// curvature without such bounds. Collective.
+    fn least_yielding(&self, [work, curvature]: [f64; 2], room: f64) -> f64 {
+        let Search { engine, x, left, .. } = self;
+        let slope = |multiple: f64| {
+            let of_bound = |(i, &dof): (usize, &usize)| x[dof] * left.reaction(i, multiple * x[dof]);
+            let own: f64 = left.dofs.iter().enumerate().map(of_bound).sum();
+            multiple * curvature - work - engine.comm().all_reduce_sum(own)
+        };
+        let (mut low, mut high) = (1.0, 1.0);
+        while high < room && high < MAX_MULTIPLE && slope(high) < 0.0 {
+            (low, high) = (high, (2.0 * high).min(room));
+        }
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            *(if slope(middle) < 0.0 { &mut low } else { &mut high }) = middle;
+        }
+        high
     }
 
     /// Adds a multiple of the increment to the deflection.

@@ -92,6 +92,10 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
     fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
         self.from.u[dof] + x
     }
+
+    fn rate_of_configuration(&self) -> f64 {
+        1.0
+    }
 }
 
 impl<'s, E: Engine> MidpointRule<'s, E> {

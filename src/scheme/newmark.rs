@@ -24,6 +24,23 @@
 //! with f all other forces: the impulse of the obstacles over a step is the trapezoidal sum of the
 //! reactions at its ends, which are those of the instants themselves. [`start`] tells the first
 //! step, and [`instants`] how loads, obstacles and supports that depend on time enter.
+//!
+//! # Bounds that yield
+//!
+//! The reaction of a bound that yields is that of its law at `$U^{n+1,e}$`, which lies at the time
+//! `$t^n + \theta \Delta t$` with `$\theta = (1 - e) / (1 + e)$`. The energy `$\varphi$` that it
+//! stores at `$t^n$` is interpolated from those of two steps,
+//! `$\varphi^n = \theta\, \varphi(U^{n,e}) + (1 - \theta)\, \varphi(U^{n+1,e})$`. For e = 0 that is
+//! `$\varphi(U^n)$`, and since `$\varphi$` is convex,
+//!
+//! ```math
+//! \tfrac12 r^n \cdot (U^{n+1} - U^{n-1}) = -\tfrac12 \nabla \varphi(U^{n+1}) \cdot (U^{n+1} - U^{n-1})
+//!    \le \tfrac12 \varphi(U^{n-1}) - \tfrac12 \varphi(U^{n+1}) :
+//! ```
+//!
+//! the invariant of beta = 1/2 with `$\tfrac12 (\varphi^n + \varphi^{n+1})$` never rises, at any step
+//! and stiffness. The scheme then loses energy in proportion to the step, and is of second order
+//! for e = 1 only. For infinite stiffness it is the scheme with rigid bounds.
 
 pub mod instants;
 mod scheme;
@@ -66,6 +83,8 @@ struct Levels<'s, E: Engine> {
     d_next: Vec<f64>,
     /// Elastic energy of `$U^n$`, in J.
     elastic: f64,
+    /// Energies stored in bounds that yield, at `$U^{n,e}$` and `$U^{n+1,e}$`, in J.
+    stored: [f64; 2],
     /// Initial velocity `$v_0$` at the bounded dofs, in m/s.
     v0: Vec<f64>,
     instants: Option<CentralInstants>,
@@ -114,6 +133,10 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
         let e = self.parameters.restitution;
         self.u_n[dof] + (1.0 / (1.0 + e) * x + (1.0 - e) / (1.0 + e) * self.d_n[dof])
     }
+
+    fn rate_of_configuration(&self) -> f64 {
+        1.0 / (1.0 + self.parameters.restitution)
+    }
 }
 
 impl<E: Engine> Levels<'_, E> {
@@ -134,6 +157,22 @@ impl<E: Engine> Levels<'_, E> {
     /// `$U^{n+1} = 2 U^n - U^{n-1} + x$`
     fn update(&mut self, x: &[f64]) {
         waxpy(1.0, x, &self.d_n, &mut self.d_next);
+    }
+
+    /// Sets the energy that bounds which yield store in the bounded configuration of the step.
+    /// Collective.
+    fn store(&mut self, admissible: &[f64]) -> Result<()> {
+        if self.system.bounds.hertz.is_some() {
+            let own = self.limits().stored_energy(|bound| admissible[bound]);
+            self.stored = [self.stored[1], self.system.total(own)?];
+        }
+        Ok(())
+    }
+
+    /// Returns the energy stored in bounds that yield at instant n, in J.
+    fn stored_now(&self) -> f64 {
+        let theta = (1.0 - self.parameters.restitution) / (1.0 + self.parameters.restitution);
+        theta * self.stored[0] + (1.0 - theta) * self.stored[1]
     }
 
     /// Adds the work of the time-dependent data up to instant n.

@@ -223,9 +223,9 @@ impl<'s, E: Engine> Potential<'s, E> {
                 return Ok(Potential {
                     system,
                     penalty,
+                    check: KktCheck::with_inertia(engine, &alone, &sum)?,
                     sum,
                     solver,
-                    check: KktCheck::new(engine, &alone)?,
                     stiffness: alone,
                     factorisations: factorisations - 1,
                     bounds: bounds.clone(),
@@ -330,6 +330,14 @@ impl<'s, E: Engine> Potential<'s, E> {
             let again;
             (again, missed) = self.rounds(increment, length, instant)?;
             report = StepReport { iterations: report.iterations + again.iterations, retries: 1, ..again };
+        }
+        if missed && bounds.hertz.is_some() {
+            return Err(Error::Singular(
+                "no deflection has the means over cells that the motion leads to: a stop with law = \"hertz\" is too stiff for \
+                 a mass that sits on it or for a ball over a held node, or the inf-sup condition fails on this mesh; set \
+                 time.scheme = \"newmark\", or take a finer mesh"
+                    .into(),
+            ));
         }
         if missed {
             return Err(Error::Singular(
@@ -473,7 +481,7 @@ impl<E: Engine> Line<'_, '_, E> {
     }
 
     /// Returns whether the extended displacement satisfies all conditions of U(p) with the active
-    /// bounds of the start and of the midpoint, and sets its reactions.
+    /// bounds of the start and of the midpoint, none of which yields, and sets its reactions.
     fn goes_straight(&self, gamma: f64, to: &mut State) -> Result<bool> {
         let System { engine, bounds, .. } = self.potential.system;
         let bounds = to.instant.bounds(bounds);
@@ -488,6 +496,8 @@ impl<E: Engine> Line<'_, '_, E> {
                 BoundStatus::Upper => to.u[dof] = bounds.upper[i],
             }
             straight &= side(start) == side(middle) && side(start) == side(reaction);
+            // U(p) bends where a bound yields.
+            straight &= bounds.yields(i, usize::from(start < 0.0)).is_none() || start == 0.0;
         }
         Ok(engine.comm().all_reduce_all(straight))
     }

@@ -60,7 +60,11 @@ impl State {
 
     /// Updates force and energies from U and V.
     pub fn update_energies<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
-        let elastic = system.force(&self.u, &mut self.force)?;
+        let mut elastic = system.force(&self.u, &mut self.force)?;
+        if system.bounds.hertz.is_some() {
+            let bounds = self.instant.bounds(&system.bounds);
+            elastic += system.total(bounds.stored_energy(|bound| self.u[bounds.dofs[bound]]))?;
+        }
         let kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
         self.energies = Energies { kinetic, elastic, work: system.work(&self.u)? };
         Ok(())

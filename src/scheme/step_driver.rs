@@ -38,6 +38,9 @@ pub(super) trait Formulas<E: Engine> {
 
     /// Returns the bounded configuration, in m, that the unknown x (m) leads to at a dof.
     fn bounded_configuration(&self, x: f64, dof: usize) -> f64;
+
+    /// Returns the derivative of the bounded configuration with respect to x.
+    fn rate_of_configuration(&self) -> f64;
 }
 
 /// Solver of the steps of one scheme, with the answer to the last step.
@@ -102,6 +105,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         self.damp_modes(formulas)?;
         let limits = formulas.limits();
         self.bounds.shift(limits, |dof, alpha| formulas.bound_on_unknown(alpha, dof));
+        self.bounds.scale_stiffness(limits, formulas.rate_of_configuration());
         let problem = Problem {
             matrix: &self.matrix,
             rhs: &self.b,

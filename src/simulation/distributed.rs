@@ -56,7 +56,7 @@ impl Model<Distributed> {
         let supports = |mesh: &Mesh| regions::supports(scene, mesh, comm);
         let of_balls = &scene.attachments;
         let name = |number: usize| (format!("ball.{number}.at"), Point::from(of_balls.balls[number].at));
-        let balls = (0..of_balls.balls.len()).chain(of_balls.compliant_balls()).map(name);
+        let balls = (0..of_balls.balls.len()).chain(of_balls.balls_with_tips()).map(name);
         let balls: Vec<(String, Point)> = balls.collect();
         let found = RefCell::new(Vec::new());
         let tips = |mesh: &Mesh, holds: &[NodeConstraint], sums: &NodeSums| {

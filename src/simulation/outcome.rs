@@ -238,7 +238,8 @@ impl Outcome {
             let (r, z) = (reaction[i], record.admissible[i]);
             nodes += usize::from(r != 0.0);
             force += r;
-            penetration = penetration.max(bounds.lower[i] - z).max(z - bounds.upper[i]);
+            let [lower, upper] = bounds.rigid(i);
+            penetration = penetration.max(lower - z).max(z - upper);
         }
         let ranks = engine.comm().all_gather_one((nodes, force, penetration));
         let nodes = ranks.iter().map(|(nodes, ..)| nodes).sum();

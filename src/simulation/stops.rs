@@ -1,8 +1,8 @@
-//! Compliant stops: their springs and dashpots, node by node.
+//! Linear compliant stops: their springs and dashpots, node by node.
 //!
-//! A compliant obstacle touches the plate through a massless tip at each node opposite to it. The
-//! tip is one more dof y, joined to the deflection w of the node by a spring and a dashpot, and
-//! bounded by the obstacle in place of w:
+//! A linear compliant obstacle touches the plate through a massless tip at each node opposite to
+//! it. The tip is one more dof y, joined to the deflection w of the node by a spring and a dashpot,
+//! and bounded by the obstacle in place of w:
 //!
 //! ```math
 //! \tfrac12 k\,(w - y)^2, \qquad c\,(\dot w - \dot y), \qquad y \ge h .
@@ -27,7 +27,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::NodeConstraint;
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
-use crate::scene::{Obstacle, Region, Scene};
+use crate::scene::{Compliance, Obstacle, Region, Scene};
 
 /// Tip of a compliant obstacle at a node of this process.
 #[derive(Debug, Clone, Copy)]
@@ -44,8 +44,8 @@ pub(super) struct Stop {
 /// Distance of two nodes on a line, relative to its length, below which they are one.
 const SAME: f64 = 1e-9;
 
-/// Returns the tips of all compliant obstacles at the nodes of this process, owned or not; none
-/// where a support holds the deflection. Collective.
+/// Returns the tips of all linear compliant obstacles at the nodes of this process, owned or not;
+/// none where a support holds the deflection. Collective.
 pub(super) fn find(
     scene: &Scene,
     mesh: &Mesh,
@@ -55,7 +55,7 @@ pub(super) fn find(
 ) -> Result<Vec<Stop>> {
     let mut stops = Vec::new();
     for (number, obstacle) in scene.obstacles.iter().enumerate() {
-        let Some(compliance) = obstacle.compliance else { continue };
+        let Some(compliance) = obstacle.compliance.filter(Compliance::has_tip) else { continue };
         let measures = measures(obstacle, mesh, comm, sums, &format!("obstacle.{number}"))?;
         let free = measures.into_iter().filter(|(node, _)| holds[*node].deflection == 0.0);
         stops.extend(free.map(|(node, measure)| Stop {

@@ -37,8 +37,8 @@ impl CarriedState {
         let mut start = Start { displacement: self.displacement.clone(), velocity: self.velocity.clone() };
         let bounds = &model.system.bounds;
         for (bound, &dof) in bounds.dofs.iter().enumerate() {
-            let u = &mut start.displacement[dof];
-            *u = u.max(bounds.lower[bound]).min(bounds.upper[bound]);
+            let (u, [lower, upper]) = (&mut start.displacement[dof], bounds.rigid(bound));
+            *u = u.max(lower).min(upper);
         }
         Ok(start)
     }

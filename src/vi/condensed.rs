@@ -7,14 +7,18 @@
 //! [`DENSE_LIMIT`] candidates, and until nothing touches any more, the active dofs are therefore
 //! pinned in the sparse matrix, natively on the same symbolic analysis. Both are exact active-set
 //! methods.
+//!
+//! Bounds that yield are candidates like others, of a dense problem that Newton's method solves;
+//! beside pinned dofs their forces follow from the displacements that unit forces cause.
 
-use super::active_set::{self, BoundStatus, BoundValues, Exchange, Move};
-use super::{Answer, DenseProblem, Problem, Solver, apply};
+mod pinned;
+
+use super::active_set::{self, BoundStatus};
+use super::hertz::{self, YieldingProblem};
+use super::{Answer, DenseProblem, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::hash;
-use crate::linalg::vectors::waxpy;
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 
@@ -169,8 +173,8 @@ impl<E: Engine> Condensed<E> {
             })
             .collect();
         let (all, first) = engine.comm().all_gather_with_offset(&own);
-        let lower: Vec<f64> = all.iter().map(|(lower, ..)| *lower).collect();
-        let upper: Vec<f64> = all.iter().map(|(_, upper, _)| *upper).collect();
+        let mut lower: Vec<f64> = all.iter().map(|(lower, ..)| *lower).collect();
+        let mut upper: Vec<f64> = all.iter().map(|(_, upper, _)| *upper).collect();
         let mut sides: Vec<BoundStatus> =
             all.iter().map(|(.., code)| BoundStatus::from_code(*code)).collect();
         let mut h = vec![0.0; size];
@@ -184,7 +188,9 @@ impl<E: Engine> Condensed<E> {
             sides.fill(BoundStatus::Free);
             0
         } else {
-            let problem = DenseProblem { matrix: self.factor.schur(), rhs: &h, lower: &lower, upper: &upper };
+            let yielding = hertz::yielding(engine, bounds, (candidates, first), [&mut lower, &mut upper]);
+            let rigid = DenseProblem { matrix: self.factor.schur(), rhs: &h, lower: &lower, upper: &upper };
+            let problem = YieldingProblem { rigid, yielding: &yielding };
             let mut answer = Answer { x: &mut values, reaction: &mut forces };
             let exchanges = problem.solve(&mut sides, &mut answer);
             // Rounding may decide which nodes touch, so the first rank decides for all.
@@ -204,77 +210,6 @@ impl<E: Engine> Condensed<E> {
         self.factor.back_substitute(&values, x)?;
         Ok(iterations)
     }
-
-    fn solve_pinned(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
-        let Method::Pinned { pinned } = &mut self.method else { return Ok(0) };
-        let Problem { matrix, rhs: b, bounds, .. } = *problem;
-        let Answer { x, reaction } = answer;
-        for (i, side) in self.sides.iter_mut().enumerate() {
-            *side = side.within(bounds.lower[i], bounds.upper[i]);
-        }
-        let mut exchange = Exchange::new(engine.comm().all_reduce_sum(bounds.len()));
-        let mut product = vec![0.0; b.len()];
-        let mut residual = vec![0.0; b.len()];
-        let mut magnitude = vec![0.0; b.len()];
-        let mut at_bounds = vec![0.0; bounds.len()];
-        let mut scales = vec![0.0; bounds.len()];
-        loop {
-            if engine.comm().all_reduce_any(*pinned != self.sides) {
-                let held = |i: &usize| self.sides[*i] != BoundStatus::Free;
-                let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
-                self.factor.pin(&dofs)?;
-                self.factorisations += 1;
-                pinned.copy_from_slice(&self.sides);
-            }
-            let fixed = |i: usize| match self.sides[i] {
-                BoundStatus::Free => None,
-                BoundStatus::Lower => Some(bounds.lower[i]),
-                BoundStatus::Upper => Some(bounds.upper[i]),
-            };
-            x.fill(0.0);
-            for (i, &dof) in bounds.dofs.iter().enumerate() {
-                x[dof] = fixed(i).unwrap_or(0.0);
-            }
-            apply(engine, matrix, x, &mut product, &mut residual)?;
-            waxpy(-1.0, &residual, b, x);
-            for (i, &dof) in bounds.dofs.iter().enumerate() {
-                if let Some(value) = fixed(i) {
-                    x[dof] = value;
-                }
-            }
-            self.factor.solve(x)?;
-            engine.multiply_with_magnitude(matrix, x, &mut residual, &mut magnitude)?;
-            for (i, &dof) in bounds.dofs.iter().enumerate() {
-                at_bounds[i] = x[dof];
-                reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { residual[dof] - b[dof] };
-                scales[i] = magnitude[dof] + b[dof].abs();
-            }
-            let values = BoundValues {
-                lower: &bounds.lower,
-                upper: &bounds.upper,
-                x: &at_bounds,
-                reaction,
-                magnitude: &scales,
-            };
-            let broken = active_set::broken(&self.sides, values);
-            // Gather each rank's number of violated conditions and its fingerprint: from these
-            // follow the rank that moves the last index, and the fingerprint of all active sets
-            // together.
-            let print = active_set::fingerprint(&self.sides);
-            let all = engine.comm().all_gather_one((broken.len(), print));
-            let last = all.iter().rposition(|(count, _)| *count > 0);
-            let print = all.iter().fold(0, |print, (_, own)| hash::extend(print, *own));
-            match exchange.next(all.iter().map(|(count, _)| count).sum(), print) {
-                None => break,
-                Some(Move::All) => active_set::exchange(&mut self.sides, &broken),
-                Some(Move::Last) if last == Some(engine.comm().rank()) => {
-                    active_set::exchange(&mut self.sides, &broken[broken.len() - 1..]);
-                }
-                Some(Move::Last) => {}
-            }
-        }
-        Ok(exchange.iterations + u32::from(engine.comm().all_reduce_any(touching(&self.sides))))
-    }
 }
 
 impl<E: Engine> Solver<E> for Condensed<E> {
@@ -291,7 +226,8 @@ impl<E: Engine> Solver<E> for Condensed<E> {
             self.grow(engine, problem.matrix, problem.bounds, answer.x)?;
         }
         iterations += self.solve_pinned(engine, problem, answer)?;
-        if !engine.comm().all_reduce_any(touching(&self.sides)) {
+        let touches = touching(&self.sides) || answer.reaction.iter().any(|r| *r != 0.0);
+        if !engine.comm().all_reduce_any(touches) {
             // Nothing touches and nothing is pinned, so the factor is that of the matrix itself
             // again.
             self.method = Method::Dense { candidates: Vec::new() };

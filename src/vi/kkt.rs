@@ -10,13 +10,19 @@
 //!
 //! A row with only negligible terms is measured against a share of the largest magnitude that the
 //! positive definite A allows it. The measure does not depend on units or on the scaling of the
-//! dofs. Violated bounds are measured against the scale of the deflection, and reactions against
-//! the magnitude of their row; complementarity is the smaller of relative gap and relative
-//! reaction. A is applied cell by cell, without the assembled matrix on which the solvers work.
+//! dofs. A row without stiffness, where the dof has inertia only, is measured against the forces
+//! that its inertia may exert. Violated bounds are measured against the scale of the deflection,
+//! and reactions against the magnitude of their row; complementarity is the smaller of relative gap
+//! and relative reaction. A is applied cell by cell, without the assembled matrix on which the
+//! solvers work.
+//!
+//! Where a bound yields, complementarity compares the reaction with its law: it is the smaller of
+//! the relative error of the reaction and that of the depth.
 
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
+use crate::obstacle::{hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
@@ -66,6 +72,9 @@ fn ratio(a: f64, b: f64) -> f64 {
 pub struct KktCheck {
     /// Square roots of the diagonal of A, sqrt(A_ii).
     scale: Vec<f64>,
+    /// Dofs without stiffness, each with the scale of its inertia; `None` where inertia does not
+    /// count.
+    loose: Option<Vec<(usize, f64)>>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
@@ -77,7 +86,24 @@ impl KktCheck {
     /// Returns the errors of the engine.
     pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination) -> Result<KktCheck> {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
-        Ok(KktCheck { residual: vec![0.0; scale.len()], magnitude: vec![0.0; scale.len()], scale })
+        let zeros = vec![0.0; scale.len()];
+        Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, loose: None })
+    }
+
+    /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
+    /// no entry, like those of balls, are measured against the forces that s M exerts there.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn with_inertia<E: Engine>(
+        engine: &E,
+        stiffness: &LinearCombination,
+        with_mass: &LinearCombination,
+    ) -> Result<KktCheck> {
+        let mut check = KktCheck::new(engine, stiffness)?;
+        let of_mass = engine.diagonal(with_mass)?.into_iter().map(f64::sqrt).enumerate();
+        check.loose = Some(of_mass.filter(|(dof, _)| check.scale[*dof] == 0.0).collect());
+        Ok(check)
     }
 
     /// Returns the largest part of the residual of an answer over all ranks; see the [module
@@ -120,7 +146,7 @@ impl KktCheck {
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<Residual> {
-        let KktCheck { scale, residual, magnitude } = self;
+        let KktCheck { scale, residual, magnitude, loose } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
         engine.multiply_with_magnitude(problem.matrix, x, residual, magnitude)?;
@@ -136,8 +162,16 @@ impl KktCheck {
             magnitude[dof] += r.abs();
         }
         let of_x = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
-        let of_rhs = terms().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| ratio(*b, *scale))));
+        let stiff = |b: f64, scale: f64| if scale > 0.0 { b / scale } else { 0.0 };
+        let of_rhs = terms().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| stiff(*b, *scale))));
         let size = engine.comm().all_reduce_max(of_rhs.fold(of_x, larger));
+        if let Some(loose) = loose {
+            let size =
+                engine.comm().all_reduce_max(largest(loose.iter().map(|(dof, scale)| scale * x[*dof])));
+            loose.iter().for_each(|(dof, scale)| {
+                magnitude[*dof] = magnitude[*dof].max(NEGLIGIBLE * size * scale);
+            });
+        }
         // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());
@@ -152,11 +186,21 @@ impl KktCheck {
                 continue; // Free, within its bounds.
             }
             let force = magnitude[dof];
+            let [lower, upper] = bounds.rigid(i);
+            let outside = larger(0.0, larger(lower - x[dof], x[dof] - upper));
+            parts.penetration = larger(parts.penetration, ratio(outside, length));
+            let side = usize::from(if r == 0.0 { above < 0.0 } else { r < 0.0 });
+            if let Some(k) = bounds.yields(i, side) {
+                let depth = bounds.depth(i, side, x[dof]);
+                let of_depth = (depth.max(0.0) - hertz_depth(k, r.abs())).abs();
+                let of_force = (r.abs() - hertz_force(k, depth)).abs();
+                let error = ratio(of_depth, length).min(ratio(of_force, force));
+                parts.complementarity = larger(parts.complementarity, error);
+                continue;
+            }
             // A positive reaction pushes up, off the lower bound.
             let gap = if r >= 0.0 { below } else { above };
             let adhesion = if gap.is_infinite() { r.abs() } else { 0.0 };
-            let outside = larger(0.0, larger(-below, -above));
-            parts.penetration = larger(parts.penetration, ratio(outside, length));
             parts.adhesion = larger(parts.adhesion, ratio(adhesion, force));
             parts.complementarity =
                 larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));

@@ -7,13 +7,15 @@
 //! r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between},
 //! ```
 //!
-//! where A is symmetric positive definite and the same for a whole run. [`CheckedSolver::solve`]
+//! where A is symmetric positive definite and the same for a whole run. Bounds may yield, see
+//! [`obstacle`](crate::obstacle): there r is a function of x. [`CheckedSolver::solve`]
 //! gives the problem to a [`Solver`] and measures the answer by [`kkt`], whatever the solver
 //! reports about itself.
 
 mod active_set;
 pub mod compliance;
 pub mod condensed;
+mod hertz;
 pub mod kkt;
 pub mod registry;
 #[cfg(feature = "petsc")]

@@ -296,6 +296,22 @@ fn forces_and_compliant_stops_go_on() {
     goes_on_to_a_later_end(&[&named[..], &yields, &moving, &modal].concat());
 }
 
+#[test]
+fn stops_by_the_law_of_hertz_go_on() {
+    let stops = [
+        "obstacle=[{ name = 'pin', side = 'below', height = -0.02, at = [1.2, 0], law = 'hertz', stiffness = 1e8 }, \
+         { side = 'below', height = '-0.02 + 0.005*sin(60*t)', at = [1.2, 0.4], law = 'hertz', stiffness = 1e5 }, \
+         { side = 'above', height = 0.05, where = 'x > 1' }]",
+        "ball=[{ at = [0.6, 0.2], mass = 0.3, height = 0.002, velocity = -3, law = 'hertz', stiffness = 1e9 }]",
+    ];
+    for restitution in ["0", "0.5"] {
+        goes_on(&[&stops[..], &[&format!("time.restitution={restitution}")]].concat());
+    }
+    goes_on(&[&stops[..], &["time.scheme=midpoint"]].concat());
+    goes_on(&[&stops[..], &["time.scheme=midpoint", "time.massless=reflected"]].concat());
+    goes_on(&[&stops[..], &["time.scheme=conserving"]].concat());
+}
+
 /// More nodes touch at once than the dense problem of contact admits, so active dofs are held in
 /// the factor.
 #[test]
@@ -311,5 +327,14 @@ fn wide_contact_goes_on() {
         ["time.end=2e-3", "output.checkpoint_every=1", "obstacle=[{ side = 'below', height = -0.002 }]"];
     for scheme in ["newmark", "conserving"] {
         goes_on(&[&flat[..], &hit, &[&format!("time.scheme={scheme}")]].concat());
+    }
+    // Stops by the law of Hertz push beside the held dofs.
+    let stops = "obstacle=[{ side = 'below', height = -0.002, where = 'x > 0.1' }, \
+                 { side = 'below', height = -0.0015, at = [0.04, 0.2], law = 'hertz', stiffness = 1e8 }, \
+                 { side = 'below', height = -0.0015, at = [0.04, 0.22], law = 'hertz', stiffness = 1e12 }]";
+    for scheme in ["newmark", "conserving"] {
+        goes_on(
+            &[&flat[..], &hit, &["mesh.cells=[30, 20]", stops, &format!("time.scheme={scheme}")]].concat(),
+        );
     }
 }

@@ -326,6 +326,43 @@ fn rattling_on_compliant_stops() {
     }
 }
 
+/// Stops by the law of Hertz at points of both parts, one of which moves, beside a rigid obstacle,
+/// and two balls; on one rank, two and three.
+#[test]
+fn rattling_on_stops_by_the_law_of_hertz() {
+    for (scheme, mass) in [("newmark", "consistent"), ("midpoint", "singular"), ("conserving", "singular")] {
+        let scene = format!(
+            r#"
+                {PAPER_PLATE}
+                {CLAMPED}
+                mesh = {{ element = "fvs", cells = [10, 4] }}
+                obstacle = [
+                    {{ name = "pin", side = "below", height = -0.001, at = [1.2, 0], law = "hertz", stiffness = 1e8 }},
+                    {{ side = "below", height = "-0.001 - 0.001*sin(50*t)", at = [0.6, 0.4], law = "hertz", stiffness = 1e6 }},
+                    {{ side = "above", height = 0.002, where = "x > 1.1" }},
+                ]
+                ball = [
+                    {{ at = [0.55, 0.21], mass = 0.2, height = 1e-4, velocity = -0.5, law = "hertz", stiffness = 1e9 }},
+                    {{ at = [0, 0.2], mass = 0.1, height = 1e-4, velocity = -0.5, law = "hertz", stiffness = 1e7 }},
+                ]
+                load = {{ gravity = 9.81 }}
+                time = {{ scheme = "{scheme}", mass = "{mass}", step = 5e-5, end = 0.02 }}
+                output = {{ probes = [{{ name = "tip", at = [1.2, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}
+            "#
+        );
+        let test = format!("hertz-{scheme}");
+        agree(&test, &scene, true);
+        let folder = folder(&test, &scene);
+        let (one, three) = (rows(&folder, 1), rows(&folder, 3));
+        for (a, b) in one.iter().zip(&three) {
+            assert_eq!(a[6], b[6], "nodes in contact");
+            (10..13).for_each(|k| {
+                assert!((a[k] - b[k]).abs() <= 1e-10, "{scheme}, t = {}: {:e}, {:e}", a[1], a[k], b[k])
+            });
+        }
+    }
+}
+
 /// Stresses where thickness varies, parts differ and supports move apart: the quantities of probes,
 /// and the largest stress on one and three ranks with the envelope of each.
 #[test]

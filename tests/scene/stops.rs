@@ -3,7 +3,7 @@
 use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes::{STILL, close, grid, model, read, refusal, run, run_to_end};
 use rebond::Result;
-use rebond::scene::{Compliance, Scene};
+use rebond::scene::{Compliance, Scene, StopLaw};
 use rebond::simulation::{self, Model, Observer, Row, Snapshot};
 
 fn with(obstacle: &str, rest: &str) -> String {
@@ -16,7 +16,10 @@ const BELOW: &str = "side = \"below\", height = -0.1";
 fn keys_are_read_and_written() {
     let text = with(&format!("{BELOW}, at = [1, 1], stiffness = 2e3, damping = 4"), STILL);
     let scene = read(&text).unwrap();
-    assert_eq!(scene.obstacles[0].compliance, Some(Compliance { stiffness: 2e3, damping: 4.0 }));
+    assert_eq!(
+        scene.obstacles[0].compliance,
+        Some(Compliance { law: StopLaw::Linear, stiffness: 2e3, damping: 4.0 })
+    );
     let effects = scene.effects();
     assert!(["compliant stops", "damping of stops"].iter().all(|of| effects.iter().any(|on| on == of)));
     assert_eq!(Scene::from_str(&scene.resolved(), "resolved", &[]).unwrap(), scene);

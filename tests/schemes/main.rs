@@ -12,6 +12,7 @@ mod energy;
 mod exact;
 mod forced;
 mod forces;
+mod hertz;
 mod impulses;
 mod kinks;
 mod modal;

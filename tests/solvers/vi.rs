@@ -295,6 +295,7 @@ fn problem_with_answer() -> (SmallProblem, Vec<f64>, Vec<f64>) {
         lower: vec![0.5, -INF, -1.0, -2.0],
         upper: vec![INF, -1.0, 1.0, INF],
         size: 0.0,
+        hertz: None,
     };
     let reaction = vec![3.0, -2.0, 0.0, 0.0];
     let mut b = multiply(&matrix, &x);

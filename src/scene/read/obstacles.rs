@@ -1,14 +1,16 @@
 //! Tables `[[obstacle]]`: heights, and the regions that can touch them.
 
 use super::column;
-use super::quantities::{AREA_DAMPING, AREA_STOP, HEIGHT, LINE_DAMPING, LINE_STOP, POINT_DAMPING, SPRING};
+use super::quantities::{
+    AREA_DAMPING, AREA_STOP, HEIGHT, HERTZ, LINE_DAMPING, LINE_STOP, POINT_DAMPING, SPRING,
+};
 use super::region::{self, AT, GROUP, LINE, POINT, WHERE};
 use crate::error::Result;
 use crate::field::Names;
 use crate::scene::document::Document;
-use crate::scene::keys::{TableKeys, ValueKind, key, words};
+use crate::scene::keys::{TableKey, TableKeys, ValueKind, key, words};
 use crate::scene::typed::Quantity;
-use crate::scene::{Compliance, Obstacle, Region, Side};
+use crate::scene::{Compliance, Obstacle, Region, Side, StopLaw};
 
 pub(super) static OBSTACLE: TableKeys = TableKeys {
     groups: &[&[
@@ -20,16 +22,24 @@ pub(super) static OBSTACLE: TableKeys = TableKeys {
         AT,
         POINT,
         LINE,
+        LAW,
         key(
             "stiffness",
             ValueKind::Number(&AREA_STOP),
-            "compliant stop: N/m at a point, N/m2 along a line, N/m3 otherwise; default rigid",
+            "compliant stop: N/m at a point (N/m^1.5 by Hertz), N/m2 along a line, N/m3 otherwise; default rigid",
         ),
         key("damping", ValueKind::Number(&AREA_DAMPING), "compliant stop: N s/m, N s/m2, N s/m3; default 0"),
     ]],
     needed: &["side", "height"],
     one_of: &[],
 };
+
+/// Key of the law of a compliant stop.
+pub(in crate::scene) const LAW: TableKey = key(
+    "law",
+    ValueKind::Word(words::<StopLaw>),
+    "law of a compliant stop, that of Hertz at a point only; default linear",
+);
 
 /// Keys of the part of the plate that an obstacle faces.
 const FACED: [&str; 5] = [WHERE.name, GROUP.name, AT.name, POINT.name, LINE.name];
@@ -45,7 +55,7 @@ pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
             name: column::optional(doc, &format!("{table}.name"))?,
             side: doc.choice(&side)?,
             height: doc.needed(&height, &HEIGHT, Names::XYT)?,
-            compliance: compliance(doc, &table, units(&region))?,
+            compliance: compliance(doc, &table, &region)?,
             region,
         };
         let is_rigid = |of: &Obstacle| of.region == Region::All && of.compliance.is_none();
@@ -69,28 +79,49 @@ pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
     Ok(obstacles)
 }
 
-/// Returns the quantities of stiffness and damping of a stop opposite to a region.
-fn units(region: &Region) -> [&'static Quantity; 2] {
-    match region {
-        Region::At(_) | Region::Point(_) => [&SPRING, &POINT_DAMPING],
+/// Reads the compliance of a stop opposite to a region; `None` for a rigid one.
+fn compliance(doc: &Document, table: &str, region: &Region) -> Result<Option<Compliance>> {
+    let units = match region {
+        Region::At(_) | Region::Point(_) => return point_compliance(doc, table),
         Region::Line(_) => [&LINE_STOP, &LINE_DAMPING],
         Region::All | Region::Where(_) | Region::Group(_) => [&AREA_STOP, &AREA_DAMPING],
+    };
+    let law = format!("{table}.law");
+    if doc.optional_choice(&law)? == Some(StopLaw::Hertz) {
+        let wrong =
+            "\"hertz\" is the law of a contact at a point; expected at or point beside it, or \"linear\"";
+        return Err(doc.fault(&law, wrong));
     }
+    linear(doc, table, units)
 }
 
-/// Reads stiffness and damping of a stop; `None` without stiffness, for a rigid one.
-pub(in crate::scene) fn compliance(
+/// Reads the compliance of a contact at a point, of an obstacle or a ball; `None` for a rigid one.
+pub(in crate::scene) fn point_compliance(doc: &Document, table: &str) -> Result<Option<Compliance>> {
+    if doc.optional_choice(&format!("{table}.law"))? != Some(StopLaw::Hertz) {
+        return linear(doc, table, [&SPRING, &POINT_DAMPING]);
+    }
+    let stiffness = doc.number(&format!("{table}.stiffness"), &HERTZ)?;
+    let wrong =
+        "has no meaning beside law = \"hertz\", an elastic contact; expected it with law = \"linear\" only";
+    doc.forbid(&format!("{table}.damping"), wrong)?;
+    Ok(Some(Compliance { law: StopLaw::Hertz, stiffness, damping: 0.0 }))
+}
+
+/// Reads stiffness and damping of a linear stop; `None` without stiffness, for a rigid one.
+fn linear(
     doc: &Document,
     table: &str,
     [of_stiffness, of_damping]: [&Quantity; 2],
 ) -> Result<Option<Compliance>> {
-    let (stiffness, damping) = (format!("{table}.stiffness"), format!("{table}.damping"));
+    let [law, stiffness, damping] = ["law", "stiffness", "damping"].map(|key| format!("{table}.{key}"));
     let Some(value) = doc.optional_number(&stiffness, of_stiffness)? else {
-        doc.forbid(&damping, format!("has no use without {stiffness}; expected a stiffness beside it"))?;
+        for key in [&law, &damping] {
+            doc.forbid(key, format!("has no use without {stiffness}; expected a stiffness beside it"))?;
+        }
         return Ok(None);
     };
     let damping = doc.optional_number(&damping, of_damping)?.unwrap_or(0.0);
-    Ok(Some(Compliance { stiffness: value, damping }))
+    Ok(Some(Compliance { law: StopLaw::Linear, stiffness: value, damping }))
 }
 
 /// Returns the heights of two planes on opposite sides that leave no room for the plate.

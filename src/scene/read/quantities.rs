@@ -23,6 +23,7 @@ pub(in crate::scene) const FORCE: Quantity = Quantity::new("a force in N", Range
 pub(in crate::scene) const GRAVITY: Quantity = Quantity::new("an acceleration in m/s2, downward", Range::ANY);
 pub(in crate::scene) const MASS: Quantity = Quantity::new("a mass in kg", Range::POSITIVE);
 pub(in crate::scene) const SPRING: Quantity = Quantity::new("a stiffness in N/m", Range::POSITIVE);
+pub(in crate::scene) const HERTZ: Quantity = Quantity::new("a stiffness in N/m^1.5", Range::POSITIVE);
 pub(in crate::scene) const EDGE_SPRING: Quantity = Quantity::new("a stiffness in N/m2", Range::NOT_NEGATIVE);
 pub(in crate::scene) const EDGE_ROTATION: Quantity =
     Quantity::new("a stiffness against rotation in N m/rad/m", Range::NOT_NEGATIVE);

@@ -169,6 +169,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             )));
         }
         drive.refuse_modal("exact")?;
+        bounds.refuse_hertz("time.scheme = \"exact\"")?;
         if drive.varies() {
             return Err(Error::Usage(
                 "time.scheme = \"exact\" takes loads and obstacles that do not change with time; \

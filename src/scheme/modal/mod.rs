@@ -215,6 +215,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
+        system.bounds.refuse_hertz("time.mass = \"modal\"")?;
         let modes = modes.clone();
         let saddle = ModalSaddlePoint::new(system, consistent, &modes)?;
         let all = Rc::new(AllBounds::new(system));

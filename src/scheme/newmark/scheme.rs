@@ -50,15 +50,20 @@ impl<'s, E: Engine> Newmark<'s, E> {
             d_n: vec![0.0; dofs],
             d_next: vec![0.0; dofs],
             elastic: 0.0,
+            stored: [0.0; 2],
             v0: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
             instants: CentralInstants::new(system, parameters)?,
             product: if system.is_damped() { vec![0.0; dofs] } else { Vec::new() },
         };
+        let own = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
+        let at_start = if system.bounds.hertz.is_some() { system.total(own)? } else { 0.0 };
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
         first.update(&driver.x);
         driver.restart_modal_damping(&levels)?;
         driver.report_to(&mut record);
+        levels.store(&driver.admissible)?;
+        levels.stored[0] = at_start;
         levels.account(0, &driver.reaction)?;
         Ok(Newmark { driver, levels, record })
     }
@@ -76,8 +81,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// |U^n|_K^2\bigr) - \frac12 F \cdot (U^{n+1} + U^n) - W_n - \frac12 w_n ,
     /// ```
     ///
-    /// with the constant load F and the work `$W_n$`, `$w_n$` of time-dependent data. H is constant
-    /// in free flight without damping; for e = 0 it never rises.
+    /// with the constant load F and the work `$W_n$`, `$w_n$` of time-dependent data, and the mean
+    /// of the energies stored in bounds that yield. H is constant in free flight without damping;
+    /// for e = 0 it never rises.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -91,7 +97,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * elastic;
         let work = system.work(u_n)? + system.work(&next)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
-        Ok(0.5 * kinetic + 0.25 * elastic - 0.5 * work - by_time)
+        let stored = 0.5 * (self.levels.stored_now() + self.levels.stored[1]);
+        Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
 }
 
@@ -104,6 +111,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.driver.solve(&mut self.levels)?;
         self.levels.update(&self.driver.x);
         self.driver.report_to(&mut self.record);
+        self.levels.store(&self.driver.admissible)?;
         self.record.add_impulses(half);
         self.levels.account(self.record.step, &self.driver.reaction)
     }
@@ -133,7 +141,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let Levels { system, u_n, elastic, instants, .. } = &self.levels;
         let kinetic = system.kinetic_energy(&self.central_velocity())?;
         let work = system.work(u_n)? + instants.as_ref().map_or(0.0, |instants| instants.work);
-        Ok(Energies { kinetic, elastic: *elastic, work })
+        Ok(Energies { kinetic, elastic: elastic + self.levels.stored_now(), work })
     }
 
     fn invariant(&self) -> Result<f64> {
@@ -178,8 +186,11 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        let Levels { u_n, d_n, d_next, elastic, instants, .. } = &mut self.levels;
+        let Levels { system, u_n, d_n, d_next, elastic, stored, instants, .. } = &mut self.levels;
         archive.value(elastic)?;
+        if system.bounds.hertz.is_some() {
+            archive.value(stored)?;
+        }
         for vector in [u_n, d_n, d_next] {
             archive.vector(VectorKind::Dofs, vector)?;
         }

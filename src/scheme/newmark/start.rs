@@ -78,4 +78,8 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
     fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
         self.levels.u_n[dof] + (0.5 * x + self.drift(dof))
     }
+
+    fn rate_of_configuration(&self) -> f64 {
+        0.5
+    }
 }

@@ -13,6 +13,9 @@
 //! at a node hardly moves its neighbours, and about twenty iterations suffice on any mesh. The
 //! factor is used as it is, whatever its contact candidates, so that reporting a velocity does not
 //! change later steps.
+//!
+//! A node on a bound that yields with the stiffness k at its present depth does not follow the
+//! bound: the rate r' of its reaction gives it the rate W = l' - r' / k.
 
 use super::{MEAN_TOLERANCE, Potential, ROUNDS};
 use crate::error::Result;
@@ -117,8 +120,11 @@ struct Node {
     dof: usize,
     /// Rate of the bound, in m/s.
     rate: f64,
-    /// Diagonal entry of K, in N/m, used as preconditioner.
+    /// Stiffness of the node and its bound in series, in N/m, used as preconditioner, from the
+    /// diagonal entry of K.
     weight: f64,
+    /// Compliance of its bound, in m/N; 0 for a rigid one.
+    compliance: f64,
     /// Rate of the reaction, in N/s.
     reaction_rate: f64,
 }
@@ -130,7 +136,12 @@ impl<'s, E: Engine> Held<'s, E> {
         let node = |i: usize| {
             let of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
             let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, of));
-            Node { dof, rate, weight: diagonal[dof], reaction_rate: 0.0 }
+            let compliance = bounds.stiffness_under(i, reaction[i]).map_or(0.0, |stiffness| 1.0 / stiffness);
+            let weight = match compliance {
+                0.0 => diagonal[dof],
+                of_bound => 1.0 / (1.0 / diagonal[dof] + of_bound),
+            };
+            Node { dof, rate, weight, compliance, reaction_rate: 0.0 }
         };
         let nodes = (0..bounds.len()).filter(|&i| reaction[i] != 0.0).map(node).collect();
         Ok(Held { system, nodes, first: None })
@@ -148,7 +159,11 @@ impl<'s, E: Engine> Held<'s, E> {
         let precondition = |nodes: &[Node], lags: &[f64]| -> Vec<f64> {
             nodes.iter().zip(lags).map(|(node, lag)| node.weight * lag).collect()
         };
-        let mut lags: Vec<f64> = nodes.iter().map(|node| node.rate - w[node.dof] - x[node.dof]).collect();
+        let lag = |node: &Node| {
+            let rate = node.rate - w[node.dof] - x[node.dof];
+            if node.compliance == 0.0 { rate } else { rate - node.compliance * node.reaction_rate }
+        };
+        let mut lags: Vec<f64> = nodes.iter().map(lag).collect();
         let mut direction = precondition(nodes, &lags);
         let mut size = total(&lags, &direction)?;
         let end = BOUND_RATE_TOLERANCE * BOUND_RATE_TOLERANCE * *first.get_or_insert(size);
@@ -160,7 +175,10 @@ impl<'s, E: Engine> Held<'s, E> {
             answer.fill(0.0);
             nodes.iter().zip(&direction).for_each(|(node, d)| answer[node.dof] = *d);
             solve(&mut answer)?;
-            let response: Vec<f64> = nodes.iter().map(|node| answer[node.dof]).collect();
+            let of_node = |(node, d): (&Node, &f64)| {
+                if node.compliance == 0.0 { answer[node.dof] } else { answer[node.dof] + node.compliance * d }
+            };
+            let response: Vec<f64> = nodes.iter().zip(&direction).map(of_node).collect();
             let step = size / total(&response, &direction)?;
             axpy(step, &answer, x);
             nodes.iter_mut().zip(&direction).for_each(|(node, d)| node.reaction_rate += step * d);

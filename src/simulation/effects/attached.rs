@@ -240,11 +240,15 @@ impl<'s> Attached<'s> {
         rigid
     }
 
-    /// Returns an error where a mass is attached to a node that an obstacle can stop, since its
-    /// velocity would jump. Collective.
+    /// Returns an error where a mass is attached to a node that a rigid obstacle can stop, since
+    /// its velocity would jump. Collective.
     pub fn refuse_stopped<P: Partition>(&self, ground: &BuildContext<P>, bounds: &Bounds) -> Result<()> {
         let stops = |dof: usize| {
-            ground.partition.own_dof(dof).is_some_and(|dof| bounds.dofs.binary_search(&dof).is_ok())
+            let bound = ground.partition.own_dof(dof).and_then(|dof| bounds.dofs.binary_search(&dof).ok());
+            bound.is_some_and(|bound| {
+                let yields = (0..2).any(|side| bounds.yields(bound, side).is_some());
+                !yields || bounds.rigid(bound).iter().any(|limit| limit.is_finite())
+            })
         };
         let stopped = |mass: &LumpedMass| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
         if ground.comm().all_reduce_any(self.masses.iter().any(stopped)) {

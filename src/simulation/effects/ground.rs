@@ -21,7 +21,8 @@ pub(in crate::simulation) struct BuildContext<'g, P: Partition> {
     pub holds: &'g [NodeConstraint],
     /// Dofs of this part of the mesh, the gaps of balls and the tips of compliant stops.
     pub space: &'g DofMap,
-    /// Dof of each ball's gap, then of the tip of each compliant ball, on the process that owns it.
+    /// Dof of each ball's gap, then of the tip of each ball that has one, on the process that owns
+    /// it.
     pub gaps: &'g [Option<usize>],
     /// Tips of compliant stops, in the order of the tips of `space`.
     pub stops: &'g [Stop],
@@ -118,10 +119,10 @@ impl<P: Partition> BuildContext<'_, P> {
         self.stops.iter().zip(self.space.tips()).map(|(stop, (dof, _))| (stop, *dof))
     }
 
-    /// Returns the dof of the tip of a ball, if it is compliant, on the process that owns it.
+    /// Returns the dof of the tip of a ball, if it has one, on the process that owns it.
     pub(in crate::simulation) fn ball_tip(&self, number: usize) -> Option<usize> {
         let attachments = &self.scene.attachments;
-        let place = attachments.compliant_balls().position(|ball| ball == number)?;
+        let place = attachments.balls_with_tips().position(|ball| ball == number)?;
         self.gaps[attachments.balls.len() + place]
     }
 

@@ -22,7 +22,7 @@ pub(super) fn opposite<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<Vec
     }
     let deflection = |node: usize| ground.partition.own_dof(ground.space.deflection(node)?);
     let dofs = |(number, obstacle): (usize, &scene::Obstacle)| {
-        if obstacle.compliance.is_some() {
+        if obstacle.compliance.is_some_and(|of| of.has_tip()) {
             return Ok(std::mem::take(&mut tips[number]));
         }
         let key = format!("obstacle.{number}");
@@ -120,8 +120,12 @@ impl<C: Communicator> Heights<C> {
                 Some(Side::Below) => still.upper[bound] = 0.0,
             }
         }
-        let mut moving = Vec::new();
         let mut found = Ok(());
+        if scene.hertz_stop().is_some() {
+            let yielding = yielding(scene, opposite, bounded, nodes);
+            found = yielding.map(|hertz| still.hertz = Some(hertz));
+        }
+        let mut moving = Vec::new();
         for opposite in opposites(scene, opposite, bounded) {
             if opposite.height.changes() {
                 found = found.and_then(|()| opposite.refuse_jumps(&scene.time));
@@ -174,6 +178,50 @@ impl<C: Communicator> Heights<C> {
             )))
         })
     }
+}
+
+/// Returns the stiffnesses with which the lower and upper bounds yield by the law of Hertz, in
+/// N/m^1.5, infinite where they are rigid; the sites of balls have numbers from `nodes` on.
+///
+/// # Errors
+/// Returns [`Error::Scene`] where a stop shares a side of a node with another obstacle.
+fn yielding(
+    scene: &Scene,
+    opposite: &[Vec<usize>],
+    bounded: &[DeflectionDof],
+    nodes: usize,
+) -> Result<Vec<[f64; 2]>> {
+    let of_balls = |site: &DeflectionDof| {
+        let mut stiffness = [f64::INFINITY; 2];
+        if let Some(ball) = site.node.checked_sub(nodes).map(|ball| &scene.attachments.balls[ball])
+            && let Some(hertz) = ball.compliance.and_then(|of| of.hertz())
+        {
+            stiffness[usize::from(ball.side == Side::Below)] = hertz;
+        }
+        stiffness
+    };
+    let mut hertz: Vec<[f64; 2]> = bounded.iter().map(of_balls).collect();
+    let mut owners = vec![[None; 2]; bounded.len()];
+    for (number, of) in opposites(scene, opposite, bounded).enumerate() {
+        let law = scene.obstacles[number].compliance.and_then(|of| of.hertz());
+        let side = usize::from(of.side == Side::Above);
+        for bound in of.bounds {
+            if let Some((first, other)) = owners[bound][side].replace((number, law))
+                && (law.is_some() || other.is_some())
+            {
+                let ([x, y], key) = (bounded[bound].at, if law.is_some() { number } else { first });
+                let beside = number + first - key;
+                return Err(Error::Scene(format!(
+                    "obstacle.{key}.law: \"hertz\" needs a side of its node for itself, and obstacle.{beside} is at ({x}, {y}) \
+                     too; expected another place or side, or law = \"linear\""
+                )));
+            }
+            if let Some(law) = law {
+                hertz[bound][side] = law;
+            }
+        }
+    }
+    Ok(hertz)
 }
 
 /// Number of points of an obstacle at which jumps of its height are detected.

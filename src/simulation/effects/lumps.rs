@@ -20,6 +20,6 @@ pub(super) struct AttachedBall<'s> {
     pub spot: PointEvaluation,
     /// Dof of the gap, i.e. of the height of the ball over the plate.
     pub gap: usize,
-    /// Dof of the tip that touches the plate, for a compliant ball.
+    /// Dof of the tip that touches the plate, for a ball on a spring.
     pub tip: Option<usize>,
 }

@@ -41,7 +41,7 @@ impl StopSprings {
             Some(StopSpring { body: ground.space.deflection(node)?, tip, stiffness, damping })
         };
         let at_ball = |ball: &AttachedBall| {
-            let (Compliance { stiffness, damping }, tip) = ball.ball.compliance.zip(ball.tip)?;
+            let (Compliance { stiffness, damping, .. }, tip) = ball.ball.compliance.zip(ball.tip)?;
             Some(StopSpring { body: ball.gap, tip, stiffness, damping })
         };
         let springs = own.filter_map(at_node).chain(balls.iter().filter_map(at_ball)).collect();

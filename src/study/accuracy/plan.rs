@@ -272,7 +272,8 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
     let mut drop = |what: String, why| Dropped::add(dropped, what, why);
     for &name in &study.schemes {
         for &mass in &study.masses {
-            if let Err(why) = serves(name, mass, !scene.obstacles.is_empty()) {
+            let is_hertz = scene.hertz_stop().is_some();
+            if let Err(why) = serves(name, mass, !scene.obstacles.is_empty(), is_hertz) {
                 drop(format!("{name} {mass}"), why);
                 continue;
             }
@@ -280,6 +281,10 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                 for &vi in &study.vi {
                     if engine == EngineName::Native && !vi.runs_on_any_engine() {
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
+                        continue;
+                    }
+                    if is_hertz && !vi.takes_hertz() {
+                        drop(format!("{vi}"), "it takes no stops by the law of Hertz");
                         continue;
                     }
                     if mass == Mass::Modal && vi != ContactSolver::Condensed {
@@ -313,9 +318,11 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
 }
 
 /// Returns an error with the reason if a scheme makes no sense with a mass.
-fn serves(scheme: SchemeName, mass: Mass, obstacles: bool) -> Result<(), &'static str> {
+fn serves(scheme: SchemeName, mass: Mass, obstacles: bool, is_hertz: bool) -> Result<(), &'static str> {
     let scheme = scheme.capabilities();
     match mass {
+        Mass::Modal if is_hertz => Err("it takes no stops by the law of Hertz"),
+        _ if is_hertz && !scheme.takes_hertz => Err("it takes no stops by the law of Hertz"),
         Mass::Consistent if scheme.needs_singular_mass.is_some() => Err("it needs the singular mass"),
         Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
             Err("unstable in contact at every step with the consistent mass")

@@ -1,0 +1,114 @@
+//! Stops by the law of Hertz: their keys, and what is refused.
+
+use crate::common::models::{CLAMPED, UNIT};
+use crate::common::scenes::{STILL, grid, model, read, refusal};
+use rebond::scene::{Compliance, Scene, StopLaw};
+use rebond::simulation::Model;
+
+fn with(rest: &str, time: &str) -> String {
+    [UNIT, &grid("fvs", 4, 4), CLAMPED, rest, "\n", time].concat()
+}
+
+const BELOW: &str = "side = \"below\", height = -0.1, law = \"hertz\"";
+
+#[test]
+fn keys_are_read_and_written() {
+    let ball = "ball = [{ at = [0.5, 0.5], mass = 1, height = 0.1, law = \"hertz\", stiffness = 3e4 }]";
+    let text = with(&format!("obstacle = [{{ {BELOW}, at = [1, 1], stiffness = 2e3 }}]\n{ball}"), STILL);
+    let scene = read(&text).unwrap();
+    let of = |stiffness| Some(Compliance { law: StopLaw::Hertz, stiffness, damping: 0.0 });
+    assert_eq!((scene.obstacles[0].compliance, scene.attachments.balls[0].compliance), (of(2e3), of(3e4)));
+    assert!(scene.effects().contains(&"stops by the law of Hertz".to_owned()));
+    let resolved = scene.resolved();
+    assert_eq!(Scene::from_str(&resolved, "resolved", &[]).unwrap(), scene);
+    assert_eq!(resolved.matches("# N/m^1.5").count(), 2, "{resolved}");
+    let linear = with(
+        "obstacle = [{ side = \"below\", height = -0.1, at = [1, 1], law = \"linear\", stiffness = 2 }]",
+        STILL,
+    );
+    assert!(!read(&linear).unwrap().resolved().contains("law"));
+    // A stop by this law adds no dof: the deflection of its node is bounded.
+    let model = model(&text);
+    let mut stiffness = model.system.bounds.hertz.clone().unwrap();
+    stiffness.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    assert_eq!(stiffness, [[2e3, f64::INFINITY], [3e4, f64::INFINITY]]);
+    assert_eq!(model.start.displacement.len(), 3 * 20 + 1);
+}
+
+#[test]
+fn other_stops_may_be_at_the_same_node() {
+    let stop = |of: &str| format!("{{ at = [1, 1], {of} }}");
+    let below = stop(&format!("{BELOW}, stiffness = 2"));
+    let spring = stop("side = \"below\", height = -0.2, stiffness = 3");
+    let above = stop("side = \"above\", height = 0.2");
+    let together = with(&format!("obstacle = [{below}, {spring}, {above}]"), STILL);
+    assert!(Model::new(&read(&together).unwrap()).is_ok());
+    for (others, key, beside) in [
+        (stop("side = \"below\", height = -0.2"), 0, 1),
+        (stop(&format!("{BELOW}, stiffness = 5")), 1, 0),
+        ("{ side = \"below\", height = -0.3 }".to_owned(), 0, 1),
+    ] {
+        let said = refusal(&with(&format!("obstacle = [{below}, {others}]"), STILL)).to_string();
+        let expected = format!(
+            "obstacle.{key}.law: \"hertz\" needs a side of its node for itself, and obstacle.{beside} is at (1, 1) too; \
+             expected another place or side, or law = \"linear\""
+        );
+        assert!(said.contains(&expected), "{said}\n{expected}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused_by_name() {
+    let stop = format!("obstacle = [{{ {BELOW}, at = [1, 1], stiffness = 2 }}]");
+    for (time, expected) in [
+        (
+            "scheme = \"exact\", mass = \"singular\"",
+            "obstacle.0.law: \"hertz\" contradicts time.scheme = \"exact\", which has closed forms for linear motions only",
+        ),
+        (
+            "scheme = \"conserving\", mass = \"modal\", modes = 5",
+            "obstacle.0.law: \"hertz\" contradicts time.mass = \"modal\"",
+        ),
+    ] {
+        let said = refusal(&with(&stop, &format!("time = {{ {time}, step = 1, end = 1 }}\n"))).to_string();
+        assert!(said.contains(expected), "{said}");
+    }
+    for vi in ["snes", "tao"] {
+        let text = with(&stop, &format!("{STILL}solver = {{ engine = \"petsc\", vi = \"{vi}\" }}\n"));
+        let said = refusal(&text).to_string();
+        let expected = format!(
+            "obstacle.0.law: \"hertz\" contradicts solver.vi = \"{vi}\", which knows rigid bounds only"
+        );
+        assert!(said.contains(&expected), "{said}");
+    }
+    let cases = [
+        (
+            "at = [1, 1], stiffness = -1",
+            "obstacle.0.stiffness: -1 is not positive; expected a stiffness in N/m^1.5 greater than 0",
+        ),
+        (
+            "at = [1, 1], stiffness = inf",
+            "obstacle.0.stiffness: inf is not a finite number; expected a stiffness in N/m^1.5",
+        ),
+        ("at = [1, 1]", "obstacle.0.stiffness: missing; expected a stiffness in N/m^1.5 greater than 0"),
+        (
+            "at = [1, 1], stiffness = 1, damping = 0",
+            "obstacle.0.damping: has no meaning beside law = \"hertz\"",
+        ),
+        (
+            "line = [[1, 0], [1, 1]], stiffness = 1",
+            "obstacle.0.law: \"hertz\" is the law of a contact at a point",
+        ),
+        (
+            "where = \"x > 0.5\", stiffness = 1",
+            "obstacle.0.law: \"hertz\" is the law of a contact at a point",
+        ),
+    ];
+    for (keys, expected) in cases {
+        let said = refusal(&with(&format!("obstacle = [{{ {BELOW}, {keys} }}]"), STILL)).to_string();
+        assert!(said.contains(expected), "{said}\n{expected}");
+    }
+    let rigid = "obstacle = [{ side = \"below\", height = -0.1, law = \"linear\" }]";
+    let said = refusal(&with(rigid, STILL)).to_string();
+    assert!(said.contains("obstacle.0.law: has no use without obstacle.0.stiffness"), "{said}");
+}
