@@ -20,6 +20,7 @@ mod batch;
 mod cells;
 mod cholesky;
 mod combination;
+pub(crate) mod decoupling;
 mod double_double;
 pub(crate) mod eigen;
 pub mod modal;

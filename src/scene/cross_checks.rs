@@ -167,22 +167,15 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let wrong = "lets the massless rest of time.mass = \"modal\" oscillate more and more";
         return Err(doc.fault("time.beta", format!("0.25 {wrong}; expected more than 0.25, such as 0.5")));
     }
-    // Modes with inertia of their own each take their own damping, unless they follow events.
-    if !(able.takes_any_damping || is_modal && able.takes_time_dependence) {
+    // Modes with inertia of their own each take their own damping.
+    if !(able.takes_any_damping || is_modal) {
         for (key, is_on) in [
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
             ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),
         ] {
-            match is_on {
-                true if is_modal => {
-                    let what = "follows modes that decay alike, since contact couples them";
-                    return refuse(key, what, "damping.mass alone, or time.scheme = \"conserving\"");
-                }
-                true => {
-                    let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";
-                    return refuse(key, "knows damping by mass only", others);
-                }
-                false => {}
+            if is_on {
+                let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";
+                return refuse(key, "knows damping by mass only", others);
             }
         }
     }

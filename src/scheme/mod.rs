@@ -54,7 +54,7 @@ use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, aypx, scale};
-use crate::linalg::{Engine, Form, LinearCombination};
+use crate::linalg::{Engine, Form, LinearCombination, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
 use drive::InstantData;
@@ -93,6 +93,18 @@ impl<E: Engine> System<E> {
     /// Returns whether there is any damping by a matrix.
     fn is_damped(&self) -> bool {
         !self.damping.is_none() || self.drive.dashpots.is_some()
+    }
+
+    /// Returns the decay rates of the modes of a modal mass, in 1/s: those of Rayleigh damping, and
+    /// of single modes that are no rigid motions.
+    fn decay_rates(&self, modes: &MassModes) -> Vec<f64> {
+        let Damping { mass, stiffness } = self.damping;
+        let mut rates: Vec<f64> = modes.squares.iter().map(|square| mass + stiffness * square).collect();
+        if let Some(modal) = &self.drive.modal {
+            let elastic = rates.iter_mut().zip(&modes.squares).filter(|(_, square)| **square > 0.0);
+            elastic.zip(modal.rates()).for_each(|((rate, _), more)| *rate += more);
+        }
+        rates
     }
 
     /// Sets `force` to F - K U with the constant load, in N. Returns the elastic energy, in J.

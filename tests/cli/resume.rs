@@ -212,6 +212,7 @@ fn exact_goes_on() {
     // Nodes come into reach between the checkpoints.
     let modal = ["time.scheme=exact", "time.mass=modal", "time.modes=8"];
     goes_on(&modal);
+    goes_on(&[&modal[..], &["damping={ mass = 1, stiffness = 1e-6, modal = [0.02, 0.01] }"]].concat());
     goes_on(&[&modal[..], &["time.step=1e-3", "time.end=0.1", "output.checkpoint_every=3"]].concat());
     let split = ["time.scheme=conserving", "time.mass=modal", "time.modes=8"];
     goes_on(&split);

@@ -17,6 +17,7 @@ mod impulses;
 mod kinks;
 mod modal;
 mod modal_compliance;
+mod modal_damping;
 mod modal_implicit;
 mod modal_limits;
 mod moving;

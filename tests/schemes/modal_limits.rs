@@ -52,9 +52,11 @@ fn eigenvectors_by_changes_give_the_motion_of_an_independent_program() {
 /// Archives keep no eigenvectors, but the changes from which they follow.
 #[test]
 fn eigenvectors_by_changes_are_restored_to_the_bit() {
-    let (_, model) = falling("fvs", 1e-3);
+    let damped = format!("{PAPER_FALL}damping = {{ stiffness = 1e-6 }}\n");
+    let models = [PAPER_FALL, &damped]
+        .map(|tables| Model::new(&modal_scene(tables, "fvs", [10, 4], MODES, 1e-3)).unwrap());
     // Each set replaces the one before in the cache, or all are kept.
-    for memory in [0, 1 << 29] {
+    for (model, memory) in [(&models[0], 0), (&models[0], 1 << 29), (&models[1], 0), (&models[1], 1 << 29)] {
         let options = ExactOptions { memory, ..by_changes() };
         let begin = || Exact::with_options(&model.system, 1e-3, model.start.clone(), options).unwrap();
         let bits = |scheme: &mut Exact<Native>| -> Vec<u64> {

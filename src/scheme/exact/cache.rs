@@ -66,7 +66,7 @@ impl Cache {
             false => Spectrum::new(system, reduction, &held)?,
         };
         let lineage = spectrum.lineage.clone();
-        let modes = Rc::new(Modes::new(reduction, held, spectrum.into()));
+        let modes = Rc::new(Modes::new(reduction, held, spectrum.into(), None)?);
         self.computed += 1;
         let bytes = modes.bytes();
         while !self.sets.is_empty() && (self.sets.len() + 1) * bytes > self.limit {
@@ -131,7 +131,9 @@ impl Known {
                     Some(modes) => modes.spectrum.clone(),
                     None => Rc::new(Spectrum::restored(system, reduction, &self.lineage)?),
                 };
-                Rc::new(Modes::new(reduction, Held::new(reduction, sides)?, spectrum))
+                let coupling = before.as_ref().and_then(|modes| modes.coupling.as_ref());
+                let known = coupling.map(|coupling| coupling.decoupling.clone());
+                Rc::new(Modes::new(reduction, Held::new(reduction, sides)?, spectrum, known)?)
             }
         };
         Ok(self.modes.insert(modes).clone())

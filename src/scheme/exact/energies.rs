@@ -23,13 +23,14 @@ impl<E: Engine> Exact<'_, E> {
     /// Returns the energies of the present state; see the [module page](self).
     pub(super) fn modal_energies(&self) -> Result<Energies> {
         let ReducedModel { stiffness, force, rest, rest_at, compliance, .. } = &self.reduction;
-        let place = &self.motion.modes.spectrum.vectors * self.state.get(.., ..1);
+        let coordinates = self.motion.modes.coordinates(&self.state);
+        let place = &self.motion.modes.spectrum.vectors * coordinates.get(.., ..1);
         let reactions = self.reactions();
         let gaps = compliance * Mat::from_fn(reactions.len(), 1, |i, _| reactions[i]);
         let modes: f64 = (0..place.nrows()).map(|k| stiffness[(k, k)] * place[(k, 0)].powi(2)).sum();
         let load = self.system.work(rest.col_as_slice(0))?;
         let shift = dot(rest_at.col_as_slice(0), &reactions);
-        let rate = self.state.col_as_slice(1);
+        let rate = coordinates.col_as_slice(1);
         Ok(Energies {
             kinetic: 0.5 * dot(rate, rate),
             elastic: 0.5 * (modes + load + dot(gaps.col_as_slice(0), &reactions)) + shift,

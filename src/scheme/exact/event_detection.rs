@@ -23,7 +23,8 @@
 //! coefficients of h H' are below -D, y decreases strictly and crosses the limit once, and the
 //! crossing is located to rounding. Otherwise the interval is halved. With damping, w is a mode's
 //! growth factor of derivatives ([`ModalSolution::derivative_growth`]), and rigid motions, which
-//! tend to uniform ones, have a remainder too. Each interval costs one evaluation; after a
+//! tend to uniform ones, have a remainder too. Where damping couples the modes, y depends on their
+//! rates as well, which adds w times the coefficient of a rate to `$|P_k|$`. Each interval costs one evaluation; after a
 //! certified interval the next may be twice as long.
 //!
 //! Limits are met to `roundings` times the rounding error of y, so that a plate resting on an
@@ -86,7 +87,7 @@ impl EventSearch {
     /// interval length `level`.
     pub fn new(motion: &ModalSolution, stride: f64, roundings: f64, level: i32) -> EventSearch {
         let modes = &motion.modes;
-        let mut slack = weighted(motion, |k| motion.magnitude(k));
+        let mut slack = motion.weighted(|k| motion.magnitude(k));
         for (slack, offset) in slack.iter_mut().zip(&modes.offset) {
             *slack = roundings * f64::EPSILON * (*slack + offset.abs());
         }
@@ -189,8 +190,7 @@ impl EventSearch {
         }
         if !self.remainders.contains_key(&level) {
             let h = self.length(level);
-            let remainder =
-                weighted(motion, |k| motion.amplitude(k) * kappa(motion.derivative_growth(k) * h));
+            let remainder = motion.weighted(|k| motion.amplitude(k) * kappa(motion.derivative_growth(k) * h));
             self.remainders.insert(level, remainder);
         }
         let mut crossings = Vec::new();
@@ -251,11 +251,7 @@ impl EventSearch {
         let mut at = inside;
         loop {
             motion.state(at, state);
-            let (mut value, mut rate) = (motion.modes.offset[i] - limit, 0.0);
-            for (k, &p) in motion.modes.rows.row(i).iter().enumerate() {
-                value += p * state[(k, 0)];
-                rate += p * state[(k, 1)];
-            }
+            let [value, rate] = motion.watch_one(i, limit, state);
             if sign * value >= 0.0 {
                 inside = at
             } else {
@@ -279,19 +275,6 @@ impl EventSearch {
 /// Returns the remainder bound kappa(x); see the [module page](self).
 fn kappa(x: f64) -> f64 {
     (x.powi(4) / 24.0).min(2.0 * (x * x + 6.0 * x + 12.0))
-}
-
-/// Returns the sum of |P| times a weight per mode, one entry per quantity.
-fn weighted(motion: &ModalSolution, weight: impl Fn(usize) -> f64) -> Vec<f64> {
-    let rows = &motion.modes.rows;
-    let mut sums = vec![0.0; rows.nrows()];
-    for k in 0..rows.ncols() {
-        let weight = weight(k);
-        if weight != 0.0 {
-            sums.iter_mut().zip(rows.col_as_slice(k)).for_each(|(sum, p)| *sum += weight * p.abs());
-        }
-    }
-    sums
 }
 
 /// Returns the finite limits of a quantity, each with the sign for which `sign (y - limit) >= 0` is

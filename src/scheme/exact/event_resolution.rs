@@ -10,7 +10,7 @@
 //! ```
 //!
 //! a linear complementarity problem with a unique solution. Nodes for which both vanish pass to the
-//! next order, for which `$z^{(k+2)} = -H z^{(k)} - \alpha z^{(k+1)} + R^T r^{(k)}$` is then known.
+//! next order, for which `$z^{(k+2)} = -H z^{(k)} - D z^{(k+1)} + R^T r^{(k)}$` is then known.
 //! Grazing contact, simultaneous contacts and a start at rest in contact are thus decided by the
 //! same rule. A solution changes its active set finitely often in finite time (Shen and Pang, SIAM
 //! J. Control Optim. 44, 2005): events do not accumulate.
@@ -58,7 +58,8 @@ pub(super) fn next_sides(
         }
     }
     let acceleration = |position: &Mat<f64>, velocity: &Mat<f64>, forces: &Mat<f64>| {
-        let damped = velocity * faer::Scale(reduction.damping);
+        let rates = &reduction.damping;
+        let damped = Mat::from_fn(rates.len(), 1, |k, _| velocity[(k, 0)] * rates[k]);
         lift.transpose() * forces - &reduction.stiffness * position - damped
     };
     let forces = Mat::from_fn(size, 1, |k, _| if k < touching.len() { reactions[places[k]] } else { 0.0 });

@@ -63,12 +63,12 @@
 //! an obstacle. The module `reach` proves that no other node touches, and adds nodes as they come
 //! near. N is then the number of modes, and no cost but that of the shape depends on the mesh.
 //!
-//! Mass-proportional damping damps all modes alike and is exact. Other damping and time-dependent
-//! loads or obstacles are not supported. With the singular mass of the cells, damping proportional
-//! to the stiffness would give the massless part of U a rate of its own. With the modal mass that
-//! part stays elastic, but contact couples modes that decay at different rates: the motion of a set
-//! is then no sum of decoupled modes, and its quadratic eigenproblem may be defective. Loads would
-//! need their particular solution for each mode.
+//! Mass-proportional damping damps all modes alike and is exact. With the singular mass of the
+//! cells, damping proportional to the stiffness would give the massless part of U a rate of its
+//! own, and is not supported. With the modal mass that part stays elastic, and modes may decay at
+//! any rates. Contact then couples them, and `modes` takes the motion of a set from a nonsymmetric
+//! eigenproblem of twice the size, for which a run takes six to eight times as long. Time-dependent
+//! loads or obstacles are not supported: loads would need their particular solution for each mode.
 
 mod cache;
 mod energies;
@@ -76,11 +76,12 @@ mod event_detection;
 mod event_resolution;
 pub(super) mod modal_saddle_point;
 mod modes;
-pub(super) mod motion;
+mod motion;
 mod options;
 mod reach;
 pub(super) mod reduction;
 mod residual;
+pub(super) mod responses;
 pub(super) mod saddle_point;
 mod spectrum;
 mod start;
@@ -118,7 +119,8 @@ pub struct Exact<'s, E: Engine> {
     cache: Cache,
     motion: ModalSolution,
     search: EventSearch,
-    /// Modal state (q, q'), and the watched quantities of the candidates with their rates.
+    /// State of the modes' equations and its rate, and the watched quantities of the candidates
+    /// with their rates.
     state: Mat<f64>,
     watched: Mat<f64>,
     /// U and v at the present instant, computed on request.
@@ -135,7 +137,7 @@ pub struct Exact<'s, E: Engine> {
 struct Shape {
     displacement: Vec<f64>,
     velocity: Vec<f64>,
-    /// Acceleration v' + alpha v, needed for the residual.
+    /// Acceleration v' + D v with the decay rates D, needed for the residual.
     acceleration: Vec<f64>,
 }
 
@@ -162,13 +164,16 @@ impl<'s, E: Engine> Exact<'s, E> {
     ) -> Result<Exact<'s, E>> {
         let System { engine, stiffness, mass, bounds, damping, drive, .. } = system;
         let is_modal = matches!(mass, Form::Modal { .. });
-        if damping.stiffness != 0.0 {
-            let other = if is_modal { "conserving" } else { "newmark" };
-            return Err(Error::Usage(format!(
-                "time.scheme = \"exact\" takes damping by mass, not damping.stiffness; set time.scheme = \"{other}\""
-            )));
+        if !is_modal {
+            if damping.stiffness != 0.0 {
+                return Err(Error::Usage(
+                    "time.scheme = \"exact\" takes damping by mass, not damping.stiffness; set time.scheme = \"newmark\" \
+                     or time.mass = \"modal\""
+                        .into(),
+                ));
+            }
+            drive.refuse_modal("exact")?;
         }
-        drive.refuse_modal("exact")?;
         bounds.refuse_hertz("time.scheme = \"exact\"")?;
         if drive.varies() {
             return Err(Error::Usage(
@@ -198,7 +203,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let (modal, motion) = loop {
             let sides = first_sides(&reduction, &state, options.roundings);
             let modes = cache.get(system, &reduction, &sides, None)?;
-            let modal = modes.spectrum.vectors.transpose() * &state;
+            let modal = modes.state(&state);
             let motion = ModalSolution::new(modes, 0.0, &modal);
             let near = reach.as_mut().map(|reach| reach.check(&reduction, bounds, &motion, 0.0));
             match near.filter(|near| !near.is_empty()) {
@@ -280,7 +285,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         self.shape.get_or_init(|| {
             let ReducedModel { lift, flexibility, rest, basis, candidates, bounds, .. } = &self.reduction;
             let modes = &self.motion.modes;
-            let z = &modes.spectrum.vectors * &self.state;
+            let z = modes.place(&self.state);
             let reactions = self.reactions();
             let mut u = rest + lift * z.get(.., ..1);
             if reactions.iter().any(|r| *r != 0.0) {
@@ -291,8 +296,7 @@ impl<'s, E: Engine> Exact<'s, E> {
                     u[(dof, 0)] = self.record.admissible[of];
                 }
             }
-            let modal = |k: usize| modes.force[k] - modes.frequencies[k].powi(2) * self.state[(k, 0)];
-            let acceleration = &modes.spectrum.vectors * Mat::from_fn(modes.force.len(), 1, |k, _| modal(k));
+            let acceleration = modes.pull(&self.state);
             Shape {
                 displacement: u.col_as_slice(0).to_vec(),
                 velocity: basis.velocity(z.col_as_slice(1)),

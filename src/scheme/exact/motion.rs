@@ -1,7 +1,7 @@
 //! Motion of an active set: each mode in closed form.
 //!
 //! The motion of a mode is expressed by its responses to a unit impulse and to a unit step of
-//! force, g and its integral, with g(0) = 0 and g'(0) = 1:
+//! force, g and its integral, with g(0) = 0 and g'(0) = 1 and its decay rate `$\alpha$`:
 //!
 //! ```math
 //! q = q_0 + q_0' g + (f - w^2 q_0) \int g, \qquad s = w g, \quad v = w^2 \int g, \quad g' = 1 - v - \tfrac{\alpha}{w} s .
@@ -43,6 +43,7 @@
 //! as well.
 
 use super::modes::Modes;
+use super::responses::{phase, rigid_response, rigid_response_sums, sums};
 use crate::archive::Archive;
 use crate::error::Result;
 use faer::Mat;
@@ -115,7 +116,7 @@ impl ModalSolution {
     /// the undamped motion from the same start, whose energy is no less. For a rigid motion the
     /// distance is that from its limit; 0 without damping.
     pub fn amplitude(&self, k: usize) -> f64 {
-        match self.modes.damping {
+        match self.modes.damping[k] {
             _ if k >= self.modes.rigid => self.sine[k].hypot(self.versine[k]),
             0.0 => 0.0,
             damping => (self.sine[k] - 2.0 * self.versine[k] / damping).abs() / damping,
@@ -126,13 +127,13 @@ impl ModalSolution {
     /// amplitude times the j-th power of it, in 1/s. It is the norm of the matrix of y' = w z, z' =
     /// -w y - alpha z.
     pub fn derivative_growth(&self, k: usize) -> f64 {
-        let (w, decay) = (self.modes.frequencies[k], 0.5 * self.modes.damping);
+        let (w, decay) = (self.modes.frequencies[k], 0.5 * self.modes.damping[k]);
         if decay == 0.0 { w } else { decay + decay.hypot(w) }
     }
 
     /// Returns a bound, for all time, of the magnitude of a mode's acceleration.
     pub fn acceleration(&self, k: usize) -> f64 {
-        match self.modes.damping {
+        match self.modes.damping[k] {
             0.0 if k < self.modes.rigid => 2.0 * self.versine[k].abs(),
             _ => self.amplitude(k) * self.derivative_growth(k).powi(2),
         }
@@ -148,8 +149,8 @@ impl ModalSolution {
     /// Computes q and q' (columns) at an instant.
     pub fn state(&self, at: f64, state: &mut Mat<f64>) {
         self.rigid_state(at, state);
-        let damping = self.modes.damping;
-        for (k, &w) in self.modes.frequencies.iter().enumerate().skip(self.modes.rigid) {
+        let Modes { frequencies, damping, rigid, .. } = &*self.modes;
+        for (k, (&w, &damping)) in frequencies.iter().zip(damping).enumerate().skip(*rigid) {
             let (s, v) = phase(w, damping, at);
             state[(k, 0)] = self.place[k] + self.sine[k] * s + self.versine[k] * v;
             state[(k, 1)] = w * (self.sine[k] * (1.0 - v - damping / w * s) + self.versine[k] * s);
@@ -160,8 +161,8 @@ impl ModalSolution {
     /// step.
     pub fn walk(&mut self, at: f64, step: f64, state: &mut Mat<f64>) {
         let rigid = self.modes.rigid;
-        let (frequencies, damping) = (&self.modes.frequencies[rigid..], self.modes.damping);
-        let all = |time: f64| frequencies.iter().map(|w| phase(*w, damping, time)).unzip();
+        let (frequencies, damping) = (&self.modes.frequencies[rigid..], &self.modes.damping[rigid..]);
+        let all = |time: f64| frequencies.iter().zip(damping).map(|(w, c)| phase(*w, *c, time)).unzip();
         if self.walked.is_multiple_of(ANCHOR) {
             self.phases = all(at).into();
         } else {
@@ -170,8 +171,8 @@ impl ModalSolution {
             }
             let [sines, versines] = &mut self.phases;
             let [turn_sines, turn_versines] = &self.turn;
-            let turns = turn_sines.iter().zip(turn_versines).zip(frequencies);
-            for ((s, v), ((sh, vh), w)) in sines.iter_mut().zip(versines).zip(turns) {
+            let turns = turn_sines.iter().zip(turn_versines).zip(frequencies.iter().zip(damping));
+            for ((s, v), ((sh, vh), (w, damping))) in sines.iter_mut().zip(versines).zip(turns) {
                 let drag = damping / w * *s * sh;
                 (*s, *v) = (*s + (sh - *s * vh - *v * sh - drag), *v + (vh - *v * vh + *s * sh));
             }
@@ -180,10 +181,11 @@ impl ModalSolution {
         self.rigid_state(at, state);
         let (places, rates) = state.two_cols_mut(0, 1);
         let [sines, versines] = &self.phases;
-        let phases = sines.iter().zip(versines).zip(frequencies);
+        let phases = sines.iter().zip(versines).zip(frequencies.iter().zip(damping));
         let factors = self.place.iter().zip(&self.sine).zip(&self.versine).skip(rigid);
         let state = places.iter_mut().zip(rates.iter_mut()).skip(rigid);
-        for (((q, rate), ((s, v), w)), ((place, sine), versine)) in state.zip(phases).zip(factors) {
+        for (((q, rate), ((s, v), (w, damping))), ((place, sine), versine)) in state.zip(phases).zip(factors)
+        {
             *q = place + sine * s + versine * v;
             *rate = w * (sine * (1.0 - v - damping / w * s) + versine * s);
         }
@@ -193,7 +195,8 @@ impl ModalSolution {
     /// duration is a grid step.
     pub fn integral(&mut self, state: &Mat<f64>, seconds: f64, step: bool) -> Vec<f64> {
         let Modes { frequencies, force, rigid, damping, .. } = &*self.modes;
-        let all = || frequencies.iter().skip(*rigid).map(|w| sums(*w, *damping, seconds)).collect();
+        let elastic = || frequencies.iter().zip(damping).skip(*rigid);
+        let all = || elastic().map(|(w, c)| sums(*w, *c, seconds)).collect();
         let fresh: Vec<[f64; 2]>;
         let sums = match step {
             true if self.sums.len() + rigid < frequencies.len() => {
@@ -206,7 +209,10 @@ impl ModalSolution {
                 &fresh
             }
         };
-        let [of_rate, of_force] = rigid_response_sums(*damping, seconds);
+        let [of_rate, of_force] = match rigid {
+            0 => [0.0; 2],
+            _ => rigid_response_sums(damping[0], seconds),
+        };
         let integral = |k: usize| {
             let (q, rate, force) = (state[(k, 0)], state[(k, 1)], force[k]);
             let [of_sine, of_versine] = match k.checked_sub(*rigid) {
@@ -224,8 +230,9 @@ impl ModalSolution {
         if self.modes.rigid == 0 {
             return;
         }
-        let (g, mean) = rigid_response(self.modes.damping, at);
-        let left = 1.0 - self.modes.damping * g;
+        let damping = self.modes.damping[0];
+        let (g, mean) = rigid_response(damping, at);
+        let left = 1.0 - damping * g;
         for k in 0..self.modes.rigid {
             state[(k, 0)] = self.place[k] + g * (self.sine[k] + mean * self.versine[k]);
             state[(k, 1)] = left * self.sine[k] + 2.0 * g * self.versine[k];
@@ -234,123 +241,82 @@ impl ModalSolution {
 
     /// Computes the watched quantities of a state and their rates (columns).
     pub fn watch(&self, state: &Mat<f64>, values: &mut Mat<f64>) {
-        let Modes { offset, rows, .. } = &*self.modes;
+        let Modes { offset, rows, coupling, .. } = &*self.modes;
         affine(self.arch, offset, rows, state, values);
+        if let Some(coupling) = coupling {
+            add_product(self.arch, &coupling.rows, &self.rates(state), values);
+        }
+    }
+
+    /// Returns the distance of a watched quantity of a state from a limit, and its rate.
+    pub fn watch_one(&self, i: usize, limit: f64, state: &Mat<f64>) -> [f64; 2] {
+        let Modes { offset, rows, coupling, .. } = &*self.modes;
+        let [mut value, mut rate] = [offset[i] - limit, 0.0];
+        let mut add = |rows: &Mat<f64>, state: &Mat<f64>| {
+            for (k, &p) in rows.row(i).iter().enumerate() {
+                value += p * state[(k, 0)];
+                rate += p * state[(k, 1)];
+            }
+        };
+        add(rows, state);
+        if let Some(coupling) = coupling {
+            add(&coupling.rows, &self.rates(state));
+        }
+        [value, rate]
+    }
+
+    /// Returns, for each watched quantity, a bound of the sum over the modes of a weight, which the
+    /// place of a mode contributes, and of that times the growth factor of its derivatives, which
+    /// its rate contributes where damping couples the modes.
+    pub fn weighted(&self, weight: impl Fn(usize) -> f64) -> Vec<f64> {
+        let Modes { rows, coupling, .. } = &*self.modes;
+        let mut sums = vec![0.0; rows.nrows()];
+        let mut add = |rows: &Mat<f64>, k: usize, weight: f64| {
+            if weight != 0.0 {
+                sums.iter_mut().zip(rows.col_as_slice(k)).for_each(|(sum, p)| *sum += weight * p.abs());
+            }
+        };
+        for k in 0..rows.ncols() {
+            add(rows, k, weight(k));
+            if let Some(coupling) = coupling {
+                add(&coupling.rows, k, weight(k) * self.derivative_growth(k));
+            }
+        }
+        sums
+    }
+
+    /// Returns the rates and accelerations (columns) of a state.
+    fn rates(&self, state: &Mat<f64>) -> Mat<f64> {
+        let Modes { frequencies, damping, force, .. } = &*self.modes;
+        Mat::from_fn(state.nrows(), 2, |k, j| match j {
+            0 => state[(k, 1)],
+            _ => force[k] - frequencies[k].powi(2) * state[(k, 0)] - damping[k] * state[(k, 1)],
+        })
+    }
+
+    /// Returns the increments of q over a duration (s) from a state on.
+    pub fn increments(&self, state: &Mat<f64>, seconds: f64) -> Vec<f64> {
+        let mut after = Mat::zeros(state.nrows(), 2);
+        ModalSolution::new(self.modes.clone(), 0.0, state).state(seconds, &mut after);
+        (0..state.nrows()).map(|k| after[(k, 0)] - state[(k, 0)]).collect()
     }
 }
 
 /// Computes `offset + rows q` and `rows q'` (columns) from q and q' (columns).
 pub(super) fn affine(arch: Arch, offset: &[f64], rows: &Mat<f64>, state: &Mat<f64>, values: &mut Mat<f64>) {
+    values.col_as_slice_mut(0).copy_from_slice(offset);
+    values.col_as_slice_mut(1).fill(0.0);
+    add_product(arch, rows, state, values);
+}
+
+/// Adds `rows q` and `rows q'` to columns.
+fn add_product(arch: Arch, rows: &Mat<f64>, state: &Mat<f64>, values: &mut Mat<f64>) {
     let (value, rate) = values.two_cols_mut(0, 1);
     let (Some(value), Some(rate)) = (value.try_as_col_major_mut(), rate.try_as_col_major_mut()) else {
         return;
     };
     let (value, rate) = (value.as_slice_mut(), rate.as_slice_mut());
-    value.copy_from_slice(offset);
-    rate.fill(0.0);
     arch.dispatch(Watch { rows, state, value, rate });
-}
-
-/// Returns sin and 1 - cos of an angle; the latter as 2 sin^2 of half the angle, which is accurate
-/// near 0.
-fn turn(angle: f64) -> (f64, f64) {
-    let (s, c) = (0.5 * angle).sin_cos();
-    (2.0 * s * c, 2.0 * s * s)
-}
-
-/// Returns s and v of a mode; see the [module page](self).
-pub(in crate::scheme) fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
-    if damping == 0.0 {
-        return turn(w * at);
-    }
-    let decay = 0.5 * damping;
-    let square = (w - decay) * (w + decay);
-    let omega = square.abs().sqrt();
-    let (g, v) = if square > 0.0 {
-        let (sine, versine) = turn(omega * at);
-        let left = (-decay * at).exp();
-        let g = left * sine / omega;
-        (g, left * versine - (-decay * at).exp_m1() - decay * g)
-    } else {
-        let slow = w * w / (decay + omega);
-        let spread = 2.0 * omega;
-        let both = if spread * at == 0.0 { at } else { -(-spread * at).exp_m1() / spread };
-        let g = (-slow * at).exp() * both;
-        (g, -(-slow * at).exp_m1() - slow * g)
-    };
-    (w * g, v)
-}
-
-/// Ratio of the integral of v to the time above which the difference formula is used: its relative
-/// error is then about a hundred roundings at most. Below it v is small throughout and the series
-/// is used.
-const MIN_DIFFERENCE: f64 = 0.01;
-
-/// Returns the integrals of s and v of a mode from 0 to an instant; see the [module page](self).
-fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
-    let (s, v) = phase(w, damping, at);
-    let direct = at - s / w - damping * v / (w * w);
-    if direct > MIN_DIFFERENCE * at {
-        return [v / w, direct];
-    }
-    // Halve the time until the series has a few terms, then double again.
-    let fastest = w.max(damping) * at;
-    let halvings = if fastest > 0.5 { (2.0 * fastest).log2().ceil() } else { 0.0 };
-    let mut time = at / halvings.exp2();
-    let (angle, drag) = (w * time, damping * time);
-    let (mut before, mut term, mut k) = (0.0, 0.5 * angle * angle, 2.0);
-    let mut sum = 0.0;
-    // Without damping every other term vanishes.
-    while f64::abs(term) + f64::abs(before) > f64::EPSILON * f64::abs(sum) {
-        sum += term / (k + 1.0);
-        let next = -(drag * k * term + angle * angle * before) / ((k + 1.0) * k);
-        (before, term, k) = (term, next, k + 1.0);
-    }
-    let mut of_v = time * sum;
-    for _ in 0..halvings as u32 {
-        let (s, v) = phase(w, damping, time);
-        of_v = 2.0 * of_v + v * (time - of_v) + s * v / w;
-        time *= 2.0;
-    }
-    [v / w, of_v]
-}
-
-/// Returns the first and second integrals of a rigid motion's g from 0 to an instant.
-fn rigid_response_sums(damping: f64, at: f64) -> [f64; 2] {
-    let (g, mean) = rigid_response(damping, at);
-    let first = 0.5 * g * mean;
-    let x = damping * at;
-    if x > 1.0 {
-        return [first, (0.5 * at * at - first) / damping];
-    }
-    let (mut sum, mut term, mut k) = (1.0 / 6.0, 1.0 / 6.0, 4.0);
-    while f64::abs(term) > f64::EPSILON * sum {
-        term *= -x / k;
-        sum += term;
-        k += 1.0;
-    }
-    [first, at * at * at * sum]
-}
-
-/// Returns g of a rigid motion and twice the ratio of its integral to it; both equal t without
-/// damping.
-pub(in crate::scheme) fn rigid_response(damping: f64, at: f64) -> (f64, f64) {
-    let x = damping * at;
-    if x == 0.0 {
-        return (at, at);
-    }
-    let g = -(-x).exp_m1() / damping;
-    if x > 1.0 {
-        return (g, 2.0 * (at - g) / (damping * g));
-    }
-    // The series 2 sum_k (-x)^k / (k + 2)! avoids the cancellation of the difference.
-    let (mut sum, mut term, mut k) = (1.0, 1.0, 3.0);
-    while f64::abs(term) > f64::EPSILON {
-        term *= -x / k;
-        sum += term;
-        k += 1.0;
-    }
-    (g, at * at * sum / g)
 }
 
 /// Number of columns of P processed together, to make fewer passes over the sums.

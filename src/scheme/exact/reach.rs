@@ -17,7 +17,8 @@
 //! |z''|_{\max} = \Bigl( \sum_j a_j^2 \Bigr)^{1/2}, \qquad |r_k''|_{\max} = \sum_j |P_{kj}|\, a_j ,
 //! ```
 //!
-//! since the eigenvectors of the motion are orthonormal and `$r_k = c_k + P_k q$`. A node at the
+//! since the eigenvectors of the motion are orthonormal and `$r_k = c_k + P_k q$`; where damping
+//! couples the modes, the norm of the matrix that decouples them comes in. A node at the
 //! distance g from its obstacle with the rate g' does not touch it before the root of
 //! `$g + g' t - b_i t^2 / 2 = 0$`. Nodes whose root is nearer than a horizon become candidates, all
 //! at once; the least root of the others is the time of the next check. The bound ends with the
@@ -97,16 +98,17 @@ impl Reach {
         let mut watched = Mat::zeros(modes.sides.len(), 2);
         motion.state(at, &mut state);
         motion.watch(&state, &mut watched);
-        let place = &modes.spectrum.vectors * &state;
+        let place = modes.place(&state);
         affine(self.arch, &self.rest, &self.shapes, &place, &mut self.values);
 
         let accelerations: Vec<f64> = (0..modes.frequencies.len()).map(|k| motion.acceleration(k)).collect();
-        let of_modes = accelerations.iter().map(|a| a * a).sum::<f64>().sqrt();
+        let growth = |k| motion.derivative_growth(k);
+        let of_modes = modes.largest_acceleration(&accelerations, growth);
+        let of_watched = motion.weighted(|k| accelerations[k]);
         let mut limits: Vec<f64> = self.sizes.iter().map(|size| size * of_modes).collect();
         for (k, _) in modes.sides.iter().enumerate().filter(|(_, side)| **side != BoundStatus::Free) {
             let column = reduction.flexibility.col_as_slice(k);
-            let row = modes.rows.row(k);
-            let of_reaction: f64 = accelerations.iter().zip(row.iter()).map(|(a, p)| a * p.abs()).sum();
+            let of_reaction = of_watched[k];
             let (reaction, rate) = (watched[(k, 0)], watched[(k, 1)]);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 self.values[(i, 0)] += column[dof] * reaction;

@@ -1,8 +1,8 @@
 //! Saddle-point problem behind `$\varphi$`, reduced to the coordinates of velocities.
 //!
-//! Let z be the coordinates of p in a [`VelocityBasis`] and `$\tilde B = Q^T C^{-1/2} B$`. For a position z
-//! and forces `$f = F + G^T r$` the displacement U and the acceleration a (with mass damping,
-//! `$a = z'' + \alpha z'$`) solve
+//! Let z be the coordinates of p in a [`VelocityBasis`] and `$\tilde B = Q^T C^{-1/2} B$`. For a
+//! position z and forces `$f = F + G^T r$` the displacement U and the acceleration a (with a
+//! diagonal matrix D of decay rates, `$a = z'' + D z'$`) solve
 //!
 //! ```math
 //! K U + \tilde B^T a = f, \qquad \tilde B U = z.
@@ -14,7 +14,7 @@
 use super::saddle_point::{SaddlePointSolver, symmetric};
 use super::velocity_basis::VelocityBasis;
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{Engine, Form};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
 use faer::{Mat, Side as Triangle};
@@ -32,8 +32,8 @@ const INF_SUP: f64 = 1e-11;
 pub(in crate::scheme) struct ReducedModel {
     /// Basis of the N velocity coordinates.
     pub basis: Rc<VelocityBasis>,
-    /// Damping coefficient alpha, in 1/s.
-    pub damping: f64,
+    /// Decay rates of the velocity coordinates, in 1/s.
+    pub damping: Vec<f64>,
     /// Stiffness H in z without contact, N x N.
     pub stiffness: Mat<f64>,
     /// Force h_F, N entries.
@@ -82,7 +82,10 @@ impl ReducedModel {
         let (rest, force) = saddle.solve(load, Mat::zeros(cells, 1))?;
         let (lift, acceleration) = saddle.solve(Mat::zeros(dofs, cells), Mat::identity(cells, cells))?;
         let mut reduction = ReducedModel {
-            damping: system.damping.mass,
+            damping: match &system.mass {
+                Form::Modal { modes, .. } => system.decay_rates(modes),
+                _ => vec![system.damping.mass; cells],
+            },
             stiffness: symmetric(&acceleration, -1.0),
             force,
             rest,

@@ -36,7 +36,7 @@ impl<E: Engine> Exact<'_, E> {
         Ok(())
     }
 
-    /// Returns the inertial force `$-B^T (v' + \alpha v)$` of the present shape, in N, one entry
+    /// Returns the inertial force `$-B^T (v' + D v)$` of the present shape, in N, one entry
     /// per dof.
     fn inertia(&self) -> Result<Vec<f64>> {
         let System { engine, mass, .. } = self.system;
@@ -46,7 +46,7 @@ impl<E: Engine> Exact<'_, E> {
         Ok(b)
     }
 
-    /// Returns the relative residual of `$K U = F - B^T (v' + \alpha v) + G^T r$` and of the
+    /// Returns the relative residual of `$K U = F - B^T (v' + D v) + G^T r$` and of the
     /// bounds.
     fn residual(&mut self) -> Result<f64> {
         let System { engine, stiffness, bounds, load, .. } = self.system;
@@ -71,8 +71,8 @@ impl<E: Engine> Exact<'_, E> {
         self.system.force(displacement, &mut force)?;
         add(&self.inertia()?, &mut force);
         self.system.bounds.add_transposed(&self.record.reaction, &mut force);
-        let position = &modes.spectrum.vectors * self.state.get(.., ..1);
-        let position = position - basis.of(self.system, &column(displacement))?;
+        let position = &modes.spectrum.vectors * modes.coordinates(&self.state).get(.., ..1)
+            - basis.of(self.system, &column(displacement))?;
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
         // The compliance of the active bounds is as definite as when the modes were found.
         let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();

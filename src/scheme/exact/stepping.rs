@@ -40,6 +40,12 @@ impl<E: Engine> Exact<'_, E> {
             let column = modes.rows.col_as_slice(k);
             touching.iter().for_each(|&i| impulses[candidates[i]] += integral * column[i]);
         }
+        if let Some(coupling) = &modes.coupling {
+            for (k, moved) in self.motion.increments(&self.state, seconds).into_iter().enumerate() {
+                let column = coupling.rows.col_as_slice(k);
+                touching.iter().for_each(|&i| impulses[candidates[i]] += moved * column[i]);
+            }
+        }
     }
 
     /// Switches the active set at an event of the present motion, at the instant `at` (s).
@@ -56,7 +62,7 @@ impl<E: Engine> Exact<'_, E> {
             };
             undecided.push((candidate, side));
         }
-        let state = &before.spectrum.vectors * &self.state;
+        let state = before.place(&self.state);
         let reduction = &self.reduction;
         let sides = event_resolution::next_sides(
             reduction,
@@ -116,7 +122,7 @@ impl<E: Engine> Exact<'_, E> {
     fn begin_motion(&mut self, time: f64, state: &Mat<f64>, sides: &[BoundStatus]) -> Result<()> {
         let before = self.motion.modes.clone();
         let modes = self.cache.get(self.system, &self.reduction, sides, Some(&before))?;
-        let modal = modes.spectrum.vectors.transpose() * state;
+        let modal = modes.state(state);
         self.statistics.evaluations += self.search.evaluations;
         let ExactOptions { stride, roundings, .. } = self.options;
         self.motion = ModalSolution::new(modes, time, &modal);
@@ -150,7 +156,7 @@ impl<E: Engine> Exact<'_, E> {
             sides[at] = *side;
         }
         self.watched = Mat::zeros(sides.len(), 2);
-        let state = &before.spectrum.vectors * &self.state;
+        let state = before.place(&self.state);
         self.begin_motion(self.motion.start + at, &state, &sides)
     }
 }
@@ -230,7 +236,8 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
         let forces =
             Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
-        let rates = lift * (&modes.spectrum.vectors * self.state.get(.., 1..)) + flexibility * forces;
+        let rates = lift * (&modes.spectrum.vectors * modes.coordinates(&self.state).get(.., 1..))
+            + flexibility * forces;
         Ok(rates.col_as_slice(0).to_vec())
     }
 

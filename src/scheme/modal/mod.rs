@@ -222,7 +222,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let comm = system.engine.comm();
         let loads = ModalLoads::new(system, &modes, &saddle, &all)?;
         let shapes = all.shapes(comm, &modes)?;
-        let decays = decays(system, &modes);
+        let decays = system.decay_rates(&modes);
         let now = State {
             data: loads.at(system, &modes, &saddle, &[], 0.0)?.into(),
             ..State::at_start(system, modes.count(), &start)?
@@ -309,16 +309,4 @@ fn approaches(bounds: &Bounds, start: &Start) -> Vec<Approach> {
         velocity: start.velocity[dof],
     };
     bounds.dofs.iter().map(at).collect()
-}
-
-/// Returns the decay rates of the modes, in 1/s: those of Rayleigh damping, and of single modes
-/// that are no rigid motions.
-fn decays<E: Engine>(system: &System<E>, modes: &MassModes) -> Vec<f64> {
-    let mut decays: Vec<f64> =
-        modes.squares.iter().map(|square| system.damping.mass + system.damping.stiffness * square).collect();
-    if let Some(modal) = &system.drive.modal {
-        let elastic = decays.iter_mut().zip(&modes.squares).filter(|(_, square)| **square > 0.0);
-        elastic.zip(modal.rates()).for_each(|((decay, _), rate)| *decay += rate);
-    }
-    decays
 }

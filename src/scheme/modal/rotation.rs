@@ -10,7 +10,7 @@
 //! d = -(v + c s / w). Increments keep the digits that a product with the cosine would lose, so
 //! that many steps do not drift.
 
-use crate::scheme::exact::motion::{phase, rigid_response};
+use crate::scheme::exact::responses::{phase, rigid_response};
 
 /// Exact motion of all modes over one step; see the [module page](self).
 #[derive(Debug)]
