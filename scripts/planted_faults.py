@@ -73,8 +73,8 @@ FAULTS = [
      "BoundStatus::Lower if reaction[i] < -rounding && lower[i] < upper[i] => BoundStatus::Free,",
      "BoundStatus::Lower if reaction[i] < -rounding && !{planted} && lower[i] < upper[i] => "
      "BoundStatus::Free,", "solvers", "ten_thousand_small_problems"),
-    ("a check that sees no penetration", "src/vi/kkt.rs", "let outside = larger(0.0, larger(-below, -above));",
-     "let outside = {if} { 0.0 } else { larger(0.0, larger(-below, -above)) };", "solvers", "measures_what_is_wrong"),
+    ("a check that sees no penetration", "src/vi/kkt.rs", "let outside = larger(0.0, larger(lower - x[dof], x[dof] - upper));",
+     "let outside = {if} { 0.0 } else { larger(0.0, larger(lower - x[dof], x[dof] - upper)) };", "solvers", "measures_what_is_wrong"),
     ("time not relaxed with gamma", "src/scheme/conserving.rs", "self.span = gamma * rule.dt;",
      "self.span = {if} { 1.0 } else { gamma } * rule.dt;", "schemes", "carried_along_move_as_at_rest"),
     ("energy kept to 1e-6 only", "src/scheme/conserving.rs", "Ok([excess, KEPT * size(self.to)])",

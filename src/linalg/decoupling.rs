@@ -30,7 +30,7 @@ use faer::{Mat, MatRef};
 
 /// Largest amount by which (q, q') may miss its equations, or its way to (p, p') and back, relative
 /// to its energy.
-const MAX_DEFECT: f64 = 1e-9;
+const MAX_DEFECT: f64 = 1e-11;
 
 /// Decoupled equations of damped modes; see the [module page](self).
 #[derive(Debug)]

@@ -24,8 +24,8 @@
 //! crossing is located to rounding. Otherwise the interval is halved. With damping, w is a mode's
 //! growth factor of derivatives ([`ModalSolution::derivative_growth`]), and rigid motions, which
 //! tend to uniform ones, have a remainder too. Where damping couples the modes, y depends on their
-//! rates as well, which adds w times the coefficient of a rate to `$|P_k|$`. Each interval costs one evaluation; after a
-//! certified interval the next may be twice as long.
+//! rates as well, which adds w times the coefficient of a rate to `$|P_k|$`. Each interval costs
+//! one evaluation; after a certified interval the next may be twice as long.
 //!
 //! Limits are met to `roundings` times the rounding error of y, so that a plate resting on an
 //! obstacle does not chatter.
