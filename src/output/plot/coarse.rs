@@ -8,7 +8,7 @@ const MOST_FACES: usize = 3000;
 
 /// Replaces the faces of a fine surface by one face per cell of the mesh.
 fn merged(mut surface: Surface) -> Surface {
-    // A corner of a cell is a corner of only one of its small cells.
+    // Each corner of a cell belongs to one of the small faces into which the cell is divided.
     let mut corners: BTreeMap<usize, BTreeMap<usize, usize>> = BTreeMap::new();
     for (face, &parent) in surface.cells.iter().zip(&surface.parents) {
         let of_parent = corners.entry(parent).or_default();

@@ -39,7 +39,8 @@ impl MeanBalance {
         self.loads.clear();
     }
 
-    /// Keeps the loads of a step, the part `gamma` of one that would have led to an instant (s).
+    /// Keeps the loads of a step that was shortened to the part `gamma`; the whole step would have
+    /// ended at the instant `end` (s).
     pub fn keep_loads(&mut self, end: f64, gamma: f64) {
         let part = |of: &Instants, share: f64| -> Instants {
             of.iter().map(|(time, weight)| (*time, share * weight)).collect()

@@ -56,7 +56,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         Ok(())
     }
 
-    /// Makes a step: the level n + 1 becomes n, and the next one is solved for.
+    /// Advances by one step: the state of the last instant becomes the one before, and the new
+    /// state solves the problem of the step.
     pub(super) fn newmark_step(&mut self) -> Result<()> {
         let ModalScheme { model, record, implicit, before, now, .. } = self;
         let Some(implicit) = implicit else { return Ok(()) };

@@ -45,7 +45,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         flight.lasts(seconds, reach, &model.candidates, now, || now.pull(&modes.squares))
     }
 
-    /// Records iterations and residual of a contact problem; `None` without contact.
+    /// Records the iterations and the residual of a contact problem. `None` stands for a step
+    /// without one, and changes nothing.
     fn note_answer(&mut self, answer: Option<(u32, f64)>) {
         let Some((iterations, residual)) = answer else { return };
         let scale = self.now.y.iter().fold(self.model.magnitude, |m, y| m.max(y.abs()));
