@@ -43,7 +43,7 @@ pub struct Bounds {
     /// for a gap that may stay near 0.
     pub size: f64,
     /// Stiffnesses (N/m^1.5) with which the lower and the upper bound of each dof yield, infinite
-    /// where a bound is rigid; `None` on all ranks where all bounds are.
+    /// where a bound is rigid. It is `None` where the bounds of all ranks are rigid.
     pub hertz: Option<Vec<[f64; 2]>>,
 }
 

@@ -16,7 +16,8 @@ pub const SITES: usize = 8;
 /// Three components of a quantity at the sites of a block, component by component.
 pub type SiteBlock = [[f64; SITES]; 3];
 
-/// Weights of the three dofs of a node in three sums. The fourth entry is 0 and fills a register.
+/// Weights with which the three dofs of a node enter three sums, a row per dof. The fourth entry of
+/// a row is 0, so that a row fills a register of the processor.
 pub(super) type NodeWeights = [[f64; 4]; PER_NODE];
 
 /// Weights of the values at some nodes, each given relative to the node of the site.

@@ -95,7 +95,7 @@ fn compliance(doc: &Document, table: &str, region: &Region) -> Result<Option<Com
     linear(doc, table, units)
 }
 
-/// Reads the compliance of a contact at a point, of an obstacle or a ball; `None` for a rigid one.
+/// Reads the compliance of an obstacle at a point, or of a ball. A rigid contact has none.
 pub(in crate::scene) fn point_compliance(doc: &Document, table: &str) -> Result<Option<Compliance>> {
     if doc.optional_choice(&format!("{table}.law"))? != Some(StopLaw::Hertz) {
         return linear(doc, table, [&SPRING, &POINT_DAMPING]);
