@@ -31,12 +31,13 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	$(call say,lints)
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,build of the tests)
-	@cargo test --release --locked --no-run
+	@cargo test --release --locked --tests --no-run
 	$(call say,tests)
+# Programs in examples/ are not linked: a test program contains them.
 # Ranks of parallel jobs wait for each other, and leave time for the compiler. It begins when the
 # test programs run and cargo has unlocked the folder of the build.
 	@(sleep 5; $(MAKE) --no-print-directory lints-native documentation) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
-	    cargo test --release --locked; tests=$$?; \
+	    cargo test --release --locked --tests && cargo test --release --locked --doc; tests=$$?; \
 	    wait $$meanwhile; lints=$$?; cat target/meanwhile.log; exit $$((tests + lints))
 	$(call say,planted faults)
 	@scripts/planted_faults.py --texts
