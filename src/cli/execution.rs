@@ -4,39 +4,40 @@ use super::arguments::refuse_petsc_options;
 use super::job::Job;
 #[cfg(feature = "petsc")]
 use super::ranks::{ended, in_words};
-use super::recorder::Recorder;
 use super::set_up::SetUpTold;
+use super::terminal::Terminal;
 use super::{launch, signal};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::output::checkpoint;
 use crate::output::claim::RunLock;
-use crate::output::vtu::Series;
+use crate::output::run_files::{RecordedRun, RunFiles};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 use crate::scene::EngineName;
-use crate::simulation::{self, Model, SolverFactory};
+use crate::simulation::{self, Both, Model, SolverFactory};
 use crate::study;
 
 impl Job {
     pub(super) fn execute(self) -> Result<()> {
-        match self.scene.solver.engine {
+        match self.run.scene.solver.engine {
             #[cfg(feature = "petsc")]
             EngineName::Petsc => self.on_petsc(),
             #[cfg(not(feature = "petsc"))]
-            EngineName::Petsc => Model::new(&self.scene).map(drop), // says that this build has no such engine
+            EngineName::Petsc => Model::new(&self.run.scene).map(drop), // says that this build has no such engine
             EngineName::Native => {
                 launch::one_process("the native engine runs")?;
-                refuse_petsc_options(&self.petsc)?;
-                let _claim = RunLock::new(&self.folder, &self.identity)?;
+                let RecordedRun { scene, folder, identity, petsc, .. } = &self.run;
+                refuse_petsc_options(petsc)?;
+                let _claim = RunLock::new(folder, identity)?;
                 self.announce("")?;
                 let set_up = SetUpTold::new(self.voice);
                 let cache = self.cache.open(self.voice.is_silent());
-                let model = Model::new(&self.scene)?;
+                let model = Model::new(scene)?;
                 cache.tell(|line| set_up.say(line));
                 set_up.part("frequencies");
-                let warnings = study::warnings(&self.scene, &model);
+                let warnings = study::warnings(scene, &model);
                 self.simulate(Some(set_up), &model, &simulation::condensed, &warnings, &|| Ok(()))
             }
         }
@@ -45,21 +46,22 @@ impl Job {
     /// Runs on all ranks; an error on any of them ends the run on all.
     #[cfg(feature = "petsc")]
     fn on_petsc(self) -> Result<()> {
-        let context = Context::start(&self.petsc)?;
+        let context = Context::start(&self.run.petsc)?;
         let speaks = context.rank() == 0;
         let run = || {
-            let claim = speaks.then(|| RunLock::new(&self.folder, &self.identity)).transpose();
+            let RecordedRun { scene, folder, identity, .. } = &self.run;
+            let claim = speaks.then(|| RunLock::new(folder, identity)).transpose();
             let _claim = context.comm().all_ok(claim)?;
             if speaks {
                 self.announce(&format!("engine: petsc, {}\n", in_words(context.size())))?;
             }
             let set_up = speaks.then(|| SetUpTold::new(self.voice));
-            let model = Model::distributed(&self.scene, &context)?;
-            let solver = model.solver(&self.scene);
+            let model = Model::distributed(scene, &context)?;
+            let solver = model.solver(scene);
             let dofs = context.comm().all_reduce_sum(model.system.engine.dofs());
             set_up.iter().for_each(|set_up| set_up.part("frequencies"));
             let warnings =
-                if speaks { study::warnings_apart(&self.scene, &model.warnings, dofs) } else { Vec::new() };
+                if speaks { study::warnings_apart(scene, &model.warnings, dofs) } else { Vec::new() };
             self.simulate(set_up, &model, &solver, &warnings, &|| context.refuse_unused_options())
         };
         ended(&context, run())
@@ -80,20 +82,27 @@ impl Job {
         }
         let from = self.from.take();
         let comm = model.system.engine.comm();
-        let job = &self;
-        let Job { scene, folder, .. } = job;
-        let fields = Series::new(folder, comm.rank(), comm.size());
-        let mut recorder = Recorder::new(job, fields, set_up, check_options);
-        let prepared = if comm.rank() == 0 { recorder.prepare(from.as_ref()) } else { Ok(()) };
+        let RecordedRun { scene, folder, .. } = &self.run;
+        let mut terminal = Terminal::new(&self, set_up, check_options);
+        let mut files = RunFiles::new(&self.run, comm.rank(), comm.size());
+        let prepared = if comm.rank() == 0 { files.prepare(from.as_ref()) } else { Ok(()) };
         comm.all_ok(prepared)?;
+        if files.has_tables() {
+            terminal.begin(from.as_ref());
+        }
+        let mut observer = Both(terminal, files);
         let (outcome, ended) = match from {
-            None => simulation::run(scene, model, solver, &mut recorder)?,
-            Some(from) => simulation::resume(scene, model, solver, from.pause, &mut recorder)?,
+            None => simulation::run(scene, model, solver, &mut observer)?,
+            Some(from) => simulation::resume(scene, model, solver, from.pause, &mut observer)?,
         };
-        let Some(files) = recorder.files else { return ended };
+        let Both(terminal, files) = observer;
+        if !files.has_tables() {
+            return ended;
+        }
+        terminal.finish();
         let status = ended.as_ref().err().map_or("done".into(), ToString::to_string);
         // The cause of the run's end takes precedence over errors of the report.
-        let told = files.finish().and_then(|()| job.tell(&outcome, warnings, status));
+        let told = files.finish().and_then(|()| self.tell(&outcome, warnings, status));
         ended.and(told)?;
         // A finished run needs no checkpoints.
         checkpoint::clear(folder)

@@ -16,7 +16,6 @@ mod plot;
 mod printing;
 #[cfg(feature = "petsc")]
 mod ranks;
-mod recorder;
 mod report;
 mod report_many;
 mod report_page;
@@ -29,6 +28,7 @@ mod signal;
 mod stability;
 mod study;
 mod sweep;
+mod terminal;
 
 use crate::error::Result;
 use crate::memory;

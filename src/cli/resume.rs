@@ -8,6 +8,7 @@ use super::printing::OutputMode;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::{Checkpoint, Identity};
 use crate::output::claim;
+use crate::output::run_files::RecordedRun;
 use crate::scene::Scene;
 use crate::simulation::RunState;
 use clap::Args;
@@ -66,6 +67,7 @@ impl Resume {
         };
         let (folder, cache, voice) = (self.folder.clone(), self.cache, self.voice);
         let from = Some(checkpoint);
-        Job { scene, file, identity, folder, cache, voice, petsc, from }.execute()
+        let run = RecordedRun { scene, file, identity, folder, petsc };
+        Job { run, cache, voice, from }.execute()
     }
 }

@@ -6,6 +6,7 @@ use super::job::Job;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
 use crate::output::claim;
+use crate::output::run_files::RecordedRun;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -33,7 +34,8 @@ impl Run {
         claim::refuse_results(&folder, &identity, &resolved, self.overwrite)?;
         let SceneArgs { cache, voice, .. } = self.scene;
         let petsc = self.scene.petsc.clone();
-        Job { scene, file, identity, folder, cache, voice, petsc, from: None }.execute()
+        let run = RecordedRun { scene, file, identity, folder, petsc };
+        Job { run, cache, voice, from: None }.execute()
     }
 
     fn folder(&self) -> PathBuf {

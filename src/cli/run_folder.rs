@@ -4,9 +4,9 @@ use crate::error::{Error, Result};
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
 use crate::output::plot::{Figure, Obstacle, forces, perspective, run};
+use crate::output::resolved::{obstacles, quantity};
 use crate::output::vtu::{self, Surface};
 use crate::output::{checkpoint, contacts, extremes, history, summary};
-use crate::scene::ProbeQuantity;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -138,33 +138,4 @@ fn rectangle(scene: &Value) -> Vec<[[f64; 2]; 2]> {
     let (Some(length), Some(width)) = (side("length"), side("width")) else { return Vec::new() };
     let corners = [[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]];
     (0..4).map(|i| [corners[i], corners[(i + 1) % 4]]).collect()
-}
-
-/// Returns the quantity of a probe of a resolved scene.
-pub(super) fn quantity(scene: &Value, probe: &str) -> ProbeQuantity {
-    let probes = scene["output"]["probes"].as_array();
-    let found = probes.into_iter().flatten().find(|of| of["name"] == probe);
-    let named = found.and_then(|of| of["quantity"].as_str()).and_then(ProbeQuantity::named);
-    named.unwrap_or_default()
-}
-
-/// Returns the obstacles of a resolved scene that have one constant height, without repetition.
-///
-/// Obstacles that face a part of the plate count if some probe faces them.
-pub(super) fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Obstacle> {
-    let mut obstacles = Vec::new();
-    for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
-        let Some(height) = obstacle["height"].as_f64() else { continue };
-        let is_part = ["where", "group", "at", "line"].iter().any(|key| !obstacle[key].is_null());
-        let obstacle = match (is_part, obstacle["side"] == "below") {
-            (true, _) => Obstacle::Part(height),
-            (false, true) => Obstacle::Below(height),
-            (false, false) => Obstacle::Above(height),
-        };
-        let is_seen = !is_part || opposite.values().flatten().any(|of| *of == height);
-        if is_seen && !obstacles.contains(&obstacle) {
-            obstacles.push(obstacle);
-        }
-    }
-    obstacles
 }

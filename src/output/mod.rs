@@ -10,7 +10,8 @@
 //! - [`kept_modes`] for natural modes kept between runs,
 //! - [`claim`] for the exclusive right to write into a folder,
 //! - [`vtu`] for `fields.pvd` and its snapshots,
-//! - [`summary`] for `summary.json`,
+//! - [`summary`] for `summary.json`, and [`resolved`] for the scene in it,
+//! - [`run_files`] for the observer that writes all of these,
 //! - [`plot`] for `plots/*.svg` and `.png`,
 //! - [`report`] for `report.html`,
 //! - [`matrix_market`] for `*.mtx`,
@@ -29,6 +30,8 @@ pub mod plot;
 pub mod progress;
 pub mod reactions;
 pub mod report;
+pub mod resolved;
+pub mod run_files;
 pub mod summary;
 pub mod text;
 pub mod vtu;

@@ -157,6 +157,75 @@ impl<F: FnMut(&Row) -> Result<()>> Observer for F {
     }
 }
 
+/// Pair of observers. Both receive everything, the first one first; what fails for the first does
+/// not reach the second.
+pub struct Both<A, B>(pub A, pub B);
+
+impl<A: Observer, B: Observer> Observer for Both<A, B> {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self.0.row(row)?;
+        self.1.row(row)
+    }
+
+    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
+        self.0.contacts(ended)?;
+        self.1.contacts(ended)
+    }
+
+    fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
+        self.0.reactions(step, time, rows)?;
+        self.1.reactions(step, time, rows)
+    }
+
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        self.0.fields(snapshot)?;
+        self.1.fields(snapshot)
+    }
+
+    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
+        self.0.fields_complete(step, time)?;
+        self.1.fields_complete(step, time)
+    }
+
+    fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
+        self.0.envelope(envelope)?;
+        self.1.envelope(envelope)
+    }
+
+    fn event(&mut self, event: &NodeEvent) -> Result<()> {
+        self.0.event(event)?;
+        self.1.event(event)
+    }
+
+    fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
+        self.0.state(scheme)?;
+        self.1.state(scheme)
+    }
+
+    fn pause(&mut self, state: RunState) -> Result<()> {
+        self.0.pause(state.clone())?;
+        self.1.pause(state)
+    }
+
+    fn keeps_end(&self) -> bool {
+        self.0.keeps_end() || self.1.keeps_end()
+    }
+
+    fn end(&mut self, state: RunState, motion: Motion) -> Result<()> {
+        self.0.end(state.clone(), motion.clone())?;
+        self.1.end(state, motion)
+    }
+
+    fn interrupts(&self) -> bool {
+        self.0.interrupts() || self.1.interrupts()
+    }
+
+    fn step(&mut self, step: u64, contact_nodes: usize) {
+        self.0.step(step, contact_nodes);
+        self.1.step(step, contact_nodes);
+    }
+}
+
 /// Closing or opening of the gap at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeEvent {

@@ -10,6 +10,7 @@ mod conserving;
 mod damping;
 mod energy;
 mod exact;
+mod external_load;
 mod forced;
 mod forces;
 mod hertz;

@@ -1,0 +1,71 @@
+//! Observer that reports the progress of a run to the terminal, and stops it at a signal.
+
+use super::job::Job;
+use super::set_up::SetUpTold;
+use super::signal;
+use crate::error::Result;
+use crate::output::checkpoint::Checkpoint;
+use crate::output::progress::{Progress, State};
+use crate::simulation::{Observer, Row, RunState};
+
+/// Progress of a run, shown by the process that writes its tables.
+pub(super) struct Terminal<'r> {
+    job: &'r Job,
+    progress: Option<Progress>,
+    /// Progress report of the set-up, until the first row.
+    set_up: Option<SetUpTold>,
+    /// Energies of the first and of the last row, in J.
+    start: Option<f64>,
+    energy: f64,
+    check_options: &'r dyn Fn() -> Result<()>,
+}
+
+impl<'r> Terminal<'r> {
+    /// Creates the report of a run; `check_options` looks for PETSc options that nothing used.
+    pub fn new(
+        job: &'r Job,
+        set_up: Option<SetUpTold>,
+        check_options: &'r dyn Fn() -> Result<()>,
+    ) -> Terminal<'r> {
+        Terminal { job, progress: None, set_up, start: None, energy: 0.0, check_options }
+    }
+
+    /// Begins to show the progress of a new or resumed run.
+    pub fn begin(&mut self, from: Option<&Checkpoint>) {
+        let Job { run, voice, .. } = self.job;
+        let time = &run.scene.time;
+        let (step, begin) =
+            from.map_or((0, 0.0), |Checkpoint { pause: RunState { step, time, .. }, .. }| (*step, *time));
+        self.progress = Some(Progress::new(step..time.steps(), begin..time.end, voice.is_silent()));
+    }
+
+    /// Clears the line of the progress.
+    pub fn finish(self) {
+        self.progress.into_iter().for_each(Progress::finish);
+    }
+}
+
+impl Observer for Terminal<'_> {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self.set_up = None;
+        if row.step > 0 {
+            // By now every solver has looked up its options.
+            (self.check_options)()?;
+        }
+        self.start.get_or_insert(row.energy);
+        self.energy = row.energy;
+        Ok(())
+    }
+
+    fn interrupts(&self) -> bool {
+        signal::signal_received()
+    }
+
+    fn step(&mut self, step: u64, contact_nodes: usize) {
+        let (time, energy) = (step as f64 * self.job.run.scene.time.step, self.energy);
+        let start = self.start.unwrap_or(energy);
+        if let Some(progress) = &mut self.progress {
+            progress.tick(step, || State { time, contact_nodes, energy, start });
+        }
+    }
+}

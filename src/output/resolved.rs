@@ -1,0 +1,35 @@
+//! Quantities and obstacles of a resolved scene, read back from `summary.json`.
+
+use super::plot::Obstacle;
+use crate::scene::ProbeQuantity;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Returns the quantity of a probe of a resolved scene.
+pub fn quantity(scene: &Value, probe: &str) -> ProbeQuantity {
+    let probes = scene["output"]["probes"].as_array();
+    let found = probes.into_iter().flatten().find(|of| of["name"] == probe);
+    let named = found.and_then(|of| of["quantity"].as_str()).and_then(ProbeQuantity::named);
+    named.unwrap_or_default()
+}
+
+/// Returns the obstacles of a resolved scene that have one constant height, without repetition.
+///
+/// Obstacles that face a part of the plate count if some probe faces them.
+pub fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Obstacle> {
+    let mut obstacles = Vec::new();
+    for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
+        let Some(height) = obstacle["height"].as_f64() else { continue };
+        let is_part = ["where", "group", "at", "line"].iter().any(|key| !obstacle[key].is_null());
+        let obstacle = match (is_part, obstacle["side"] == "below") {
+            (true, _) => Obstacle::Part(height),
+            (false, true) => Obstacle::Below(height),
+            (false, false) => Obstacle::Above(height),
+        };
+        let is_seen = !is_part || opposite.values().flatten().any(|of| *of == height);
+        if is_seen && !obstacles.contains(&obstacle) {
+            obstacles.push(obstacle);
+        }
+    }
+    obstacles
+}

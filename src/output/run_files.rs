@@ -1,0 +1,273 @@
+//! Files of a run, written as the run advances.
+
+use super::checkpoint::{self, Checkpoint, Identity, Outputs};
+use super::contacts::{self, Contacts};
+use super::events::{self, Events};
+use super::history::{self, History};
+use super::reactions::{self, Reactions};
+use super::resolved::{obstacles, quantity};
+use super::vtu::{self, Contents, Series};
+use super::{extremes, plot, remove, report, summary, sweep, write_atomic};
+use crate::error::Result;
+use crate::motion::{self, Motion};
+use crate::scene::Scene;
+use crate::simulation::{
+    self, Contact, Envelope, NodeEvent, NodeReaction, Observer, Outcome, Row, RunState, Snapshot,
+};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Run that writes files: its scene, its folder, and what a resumed run needs to know.
+#[derive(Debug, Clone)]
+pub struct RecordedRun {
+    /// Scene of the run.
+    pub scene: Scene,
+    /// File of the scene; other files that it names are relative to it.
+    pub file: PathBuf,
+    /// Identity of the scene.
+    pub identity: Identity,
+    /// Run folder.
+    pub folder: PathBuf,
+    /// Options for PETSc.
+    pub petsc: Vec<String>,
+}
+
+/// Contents of `summary.json`.
+#[derive(Debug, Serialize)]
+pub struct RunSummary<'s> {
+    program: &'static str,
+    version: &'static str,
+    /// Status of the run: "done", or the cause of its early end.
+    pub status: String,
+    scene_hash: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mesh_checksum: Option<u32>,
+    effects: Vec<String>,
+    warnings: &'s [String],
+    /// Heights of the obstacles at each probe, in m.
+    opposite: BTreeMap<String, Vec<f64>>,
+    #[serde(flatten)]
+    outcome: &'s Outcome,
+    scene: &'s Scene,
+}
+
+impl<'s> RunSummary<'s> {
+    /// Summarises a run of a scene with its outcome, the warnings of its scene, and its status.
+    pub fn new(
+        scene: &'s Scene,
+        identity: &Identity,
+        outcome: &'s Outcome,
+        warnings: &'s [String],
+        status: String,
+    ) -> RunSummary<'s> {
+        RunSummary {
+            program: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            status,
+            scene_hash: scene.hash(),
+            mesh_checksum: identity.mesh_checksum(),
+            effects: scene.effects(),
+            warnings,
+            opposite: simulation::opposite(scene).unwrap_or_default(),
+            outcome,
+            scene,
+        }
+    }
+
+    /// Writes `summary.json`, and draws `plots/history.svg` from `history.csv`; `rebond plot` draws
+    /// the other plots.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Io`] where a file cannot be read or written.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        summary::write_json(&folder.join(summary::FILE), self)?;
+        let resolved = serde_json::to_value(self.scene).unwrap_or_default();
+        let obstacles = obstacles(&resolved, &self.opposite);
+        let table = history::read(folder)?.with_quantities(|name| quantity(&resolved, name));
+        plot::run::history(&table, &self.scene.title, &obstacles)
+            .write_svg(&folder.join(plot::FOLDER).join("history.svg"))
+    }
+}
+
+/// Observer that writes the rows, contacts, snapshots and checkpoints of a run. Of several ranks
+/// only one writes tables and checkpoints; each writes its own snapshots.
+pub struct RunFiles<'r> {
+    run: &'r RecordedRun,
+    tables: Option<Tables>,
+    fields: Series,
+}
+
+/// Tables of a run, which only one rank writes.
+struct Tables {
+    history: History,
+    contacts: Option<Contacts>,
+    /// Events file, for event-driven schemes.
+    events: Option<Events>,
+    /// Reactions file, for scenes with named supports.
+    reactions: Option<Reactions>,
+}
+
+impl Tables {
+    /// Creates the files of a new run, and removes those of an earlier one.
+    fn create(RecordedRun { scene, folder, .. }: &RecordedRun) -> Result<Tables> {
+        checkpoint::clear(folder)?;
+        checkpoint::clear_state(folder)?;
+        remove(&folder.join(summary::FILE))?;
+        plot::clear(folder)?;
+        remove(&folder.join(report::FILE))?;
+        let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
+        let history = History::create(folder, &probes, &scene.force_columns())?;
+        vtu::clear(folder)?;
+        contacts::clear(folder)?;
+        let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
+        events::clear(folder)?;
+        let finds_events = scene.time.scheme.capabilities().is_event_driven;
+        let events = if finds_events { Some(Events::create(folder)?) } else { None };
+        reactions::clear(folder)?;
+        let has_names = scene.supports.iter().any(|support| support.name.is_some());
+        let reactions = if has_names { Some(Reactions::create(folder)?) } else { None };
+        Ok(Tables { history, contacts, events, reactions })
+    }
+
+    /// Truncates the files to their lengths at a checkpoint.
+    fn resume(RecordedRun { scene, folder, .. }: &RecordedRun, from: &Checkpoint) -> Result<Tables> {
+        let Outputs { history, contacts, events, reactions, .. } = from.outputs;
+        let columns = [scene.output.probes.len(), scene.force_columns().len()];
+        Ok(Tables {
+            history: History::resume(folder, columns, history)?,
+            contacts: contacts.map(|length| Contacts::resume(folder, length)).transpose()?,
+            events: events.map(|length| Events::resume(folder, length)).transpose()?,
+            reactions: reactions.map(|length| Reactions::resume(folder, length)).transpose()?,
+        })
+    }
+
+    /// Returns the lengths of the files on the disk.
+    fn outputs(&mut self, fields: &Series) -> Result<Outputs> {
+        Ok(Outputs {
+            history: self.history.position()?,
+            contacts: self.contacts.as_mut().map(Contacts::position).transpose()?,
+            events: self.events.as_mut().map(Events::position).transpose()?,
+            reactions: self.reactions.as_mut().map(Reactions::position).transpose()?,
+            snapshots: fields.snapshots().to_vec(),
+        })
+    }
+
+    fn finish(self) -> Result<()> {
+        self.history.finish()?;
+        self.contacts.map_or(Ok(()), Contacts::finish)?;
+        self.events.map_or(Ok(()), Events::finish)?;
+        self.reactions.map_or(Ok(()), Reactions::finish)
+    }
+}
+
+impl<'r> RunFiles<'r> {
+    /// Creates the files of one of several ranks, which has no tables yet.
+    pub fn new(run: &'r RecordedRun, rank: usize, ranks: usize) -> RunFiles<'r> {
+        RunFiles { run, tables: None, fields: Series::new(&run.folder, rank, ranks) }
+    }
+
+    /// Opens the tables of a new or resumed run.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Io`] where a file cannot be opened, and [`crate::Error::Scene`] for a
+    /// name that cannot head a column.
+    pub fn prepare(&mut self, from: Option<&Checkpoint>) -> Result<()> {
+        let RecordedRun { scene, folder, .. } = self.run;
+        sweep(folder)?;
+        // The envelope of a former end is not that of the new one.
+        extremes::clear(folder)?;
+        self.tables = Some(match from {
+            None => Tables::create(self.run)?,
+            Some(from) => Tables::resume(self.run, from)?,
+        });
+        if let Some(Checkpoint { outputs, pause, .. }) = from {
+            // The snapshot of a former end is removed unless one is due at that step.
+            let is_due = |every: u64| pause.step.is_multiple_of(every);
+            let is_kept = scene.output.fields.is_some_and(|fields| is_due(fields.every));
+            let last = if is_kept { pause.step } else { pause.step.saturating_sub(1) };
+            self.fields.resume(outputs.snapshots.clone(), last)?;
+        }
+        Ok(())
+    }
+
+    /// Returns a checkpoint of a state with the lengths of the files; `None` on a process that
+    /// writes no tables.
+    fn checkpoint(&mut self, pause: RunState) -> Result<Option<Checkpoint>> {
+        let RecordedRun { scene, file, identity, petsc, .. } = self.run;
+        let Some(tables) = &mut self.tables else { return Ok(None) };
+        let outputs = tables.outputs(&self.fields)?;
+        let (scene_file, identity, petsc) = (file.clone(), identity.clone(), petsc.clone());
+        Ok(Some(Checkpoint { scene: scene.written(), scene_file, identity, petsc, pause, outputs }))
+    }
+
+    /// Returns whether this rank writes the tables.
+    pub fn has_tables(&self) -> bool {
+        self.tables.is_some()
+    }
+
+    /// Closes the files and returns an error if something could not be written, which a mere drop
+    /// would hide.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Io`] for the file.
+    pub fn finish(self) -> Result<()> {
+        self.tables.map_or(Ok(()), Tables::finish)
+    }
+}
+
+impl Observer for RunFiles<'_> {
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self.tables.as_mut().map_or(Ok(()), |tables| tables.history.push(row))
+    }
+
+    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
+        let file = self.tables.as_mut().and_then(|tables| tables.contacts.as_mut());
+        file.map_or(Ok(()), |file| file.push(ended))
+    }
+
+    fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
+        let file = self.tables.as_mut().and_then(|tables| tables.reactions.as_mut());
+        let Some(file) = file else { return Ok(()) };
+        let names: Vec<String> =
+            self.run.scene.supports.iter().filter_map(|support| support.name.clone()).collect();
+        file.push(step, time, &names, rows)
+    }
+
+    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
+        self.fields.write(snapshot)
+    }
+
+    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
+        let scene = &self.run.scene;
+        let stresses = scene.output.fields.is_some_and(|fields| fields.stresses);
+        let contents = Contents { obstacles: scene.has_contact(), stresses };
+        if self.tables.is_some() { self.fields.index(step, time, contents) } else { Ok(()) }
+    }
+
+    fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
+        let RecordedRun { scene, folder, .. } = self.run;
+        extremes::write(folder, envelope, scene.time.end, self.fields.place())
+    }
+
+    fn event(&mut self, event: &NodeEvent) -> Result<()> {
+        let events = self.tables.as_mut().and_then(|tables| tables.events.as_mut());
+        events.map_or(Ok(()), |events| events.push(event))
+    }
+
+    fn pause(&mut self, pause: RunState) -> Result<()> {
+        let checkpoint = self.checkpoint(pause)?;
+        checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(&self.run.folder))
+    }
+
+    fn keeps_end(&self) -> bool {
+        true
+    }
+
+    fn end(&mut self, pause: RunState, motion: Motion) -> Result<()> {
+        let Some(checkpoint) = self.checkpoint(pause)? else { return Ok(()) };
+        let folder = &self.run.folder;
+        checkpoint.write_state(folder)?;
+        write_atomic(&folder.join(motion::FILE), &motion.to_bytes()?)
+    }
+}
