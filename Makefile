@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lints-native documentation test-long stability report bench table deb accuracy clean
+.PHONY: help setup run test lints-native documentation python test-long stability report bench table deb accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -36,7 +36,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 # Programs in examples/ are not linked: a test program contains them.
 # Ranks of parallel jobs wait for each other, and leave time for the compiler. It begins when the
 # test programs run and cargo has unlocked the folder of the build.
-	@(sleep 5; $(MAKE) --no-print-directory lints-native documentation) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
+	@(sleep 5; $(MAKE) --no-print-directory lints-native documentation python) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
 	    cargo test --release --locked --tests && cargo test --release --locked --doc; tests=$$?; \
 	    wait $$meanwhile; lints=$$?; cat target/meanwhile.log; exit $$((tests + lints))
 	$(call say,planted faults)
@@ -57,6 +57,11 @@ documentation:
 	$(call say,documentation)
 	@RUSTDOCFLAGS="-D warnings --html-in-header docs/katex/header.html" cargo doc --release --no-deps --locked
 	@scripts/check_equations.sh
+
+python: setup ## build the wheel of the Python package, and test it beside the program
+	$(call say,Python package)
+	@cargo fmt --check --manifest-path python/Cargo.toml
+	@scripts/check_python.sh
 
 test-long: setup ## run what make test omits: long tests, tests without default features, planted faults
 	$(call say,tests without default features)

@@ -22,6 +22,8 @@ fail() { say "$@"; exit 1; }
 install_packages() {
     # pip installs VTK's reader, with which make test reads the fields of a run.
     python3 -m pip --version >/dev/null 2>&1 || packages+=(python3-pip)
+    # The Python package is tested in an environment of its own.
+    python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || packages+=(python3-venv)
     command -v cc >/dev/null || packages+=(gcc libc6-dev)
     if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
         say "this system has no apt; please make sure that it has the equivalents of: ${packages[*]}"

@@ -170,8 +170,8 @@ impl<'r> RunFiles<'r> {
     /// Opens the tables of a new or resumed run.
     ///
     /// # Errors
-    /// Returns [`crate::Error::Io`] where a file cannot be opened, and [`crate::Error::Scene`] for a
-    /// name that cannot head a column.
+    /// Returns [`crate::Error::Io`] where a file cannot be opened, and [`crate::Error::Scene`] for
+    /// a name that cannot head a column.
     pub fn prepare(&mut self, from: Option<&Checkpoint>) -> Result<()> {
         let RecordedRun { scene, folder, .. } = self.run;
         sweep(folder)?;

@@ -1,0 +1,167 @@
+"""Models: mesh, matrices and natural modes of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """Matrices of M U'' + K U = F + G^T r between the bounds ``lower <= G U <= upper``.
+
+    All are ``scipy.sparse.csr_array``. Dofs are deflections w (m) and slopes w_x and w_y at nodes,
+    so that entries of K are in N/m and those of M in kg, with factors of m for slopes.
+    """
+
+    #: Stiffness matrix, shape (dofs, dofs).
+    K: csr_array
+    #: Consistent mass matrix, shape (dofs, dofs).
+    M: csr_array
+    #: Singular dynamic mass matrix B^T C^-1 B, shape (dofs, dofs).
+    M_singular: csr_array
+    #: Momenta of the cells per velocity of the dofs, in kg, shape (cells, dofs).
+    B: csr_array
+    #: Masses of the cells, in kg, one per row of B.
+    C: NDArray[np.float64]
+    #: Rows of the constraints: deflections at nodes that face an obstacle, shape (bounds, dofs).
+    G: csr_array
+    #: Load of ``initial.static_pressure``, or of the constant part of ``[load]``, in N.
+    load: NDArray[np.float64]
+    #: Lower bounds, in m, one per row of G, -inf where there is none; None without supports.
+    lower: NDArray[np.float64] | None
+    #: Upper bounds, in m, one per row of G, inf where there is none; None without supports.
+    upper: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Lowest natural modes, ascending."""
+
+    #: Frequencies, in Hz, 0 for a rigid motion.
+    frequencies: NDArray[np.float64]
+    #: Shapes with a modal mass of 1 kg, shape (modes, dofs).
+    shapes: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.frequencies)
+
+
+class Layout:
+    """Mesh, dofs and bounds of a model."""
+
+    _native: Any
+
+    @cached_property
+    def _layout(self) -> dict[str, Any]:
+        return self._native.layout()
+
+    @property
+    def dofs(self) -> int:
+        """Number of dofs that the supports leave free, the length of a displacement."""
+        return self._layout["count"]
+
+    @property
+    def nodes(self) -> NDArray[np.float64]:
+        """Positions x and y of the nodes, in m, shape (nodes, 2)."""
+        return self._layout["nodes"]
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Nodes of the cells, counter-clockwise, shape (cells, 3 or 4).
+
+        -1 stands in place of the fourth node of a triangle among quadrilaterals.
+        """
+        return self._layout["cells"]
+
+    @property
+    def node_dofs(self) -> NDArray[np.int64]:
+        """Dofs of w, w_x and w_y at the nodes, shape (nodes, 3); -1 where a support holds them."""
+        return self._layout["dofs"]
+
+    @property
+    def bounded_dofs(self) -> NDArray[np.int64]:
+        """Dofs that face an obstacle, one per bound: the rows of G."""
+        return self._layout["bounded_dofs"]
+
+    @property
+    def bounded_nodes(self) -> NDArray[np.int64]:
+        """Nodes that face an obstacle, one per bound."""
+        return self._layout["bounded_nodes"]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings on the scene, one sentence each."""
+        return self._native.warnings()
+
+    def at_nodes(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return w, w_x and w_y at the nodes of displacements ``u``, shape (..., nodes, 3).
+
+        ``u`` has the shape (..., dofs). Held values are 0; where supports move, values are
+        relative to the motion that the supports give the plate.
+        """
+        u = np.asarray(u, dtype=np.float64)
+        held = self.node_dofs < 0
+        values = u[..., np.where(held, 0, self.node_dofs)] * self._layout["factors"]
+        return np.where(held, 0.0, values)
+
+    def at_point(self, x: float, y: float) -> NDArray[np.float64]:
+        """Return the weights a of the dofs in the deflection at a point (m), shape (dofs,).
+
+        ``a @ u`` is the deflection at the point, and ``f * a`` the load of a force f (N) there.
+        """
+        return self._native.at_point(x, y)
+
+
+class Model(Layout):
+    """Semi-discrete model of a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._native = _core.Model(scene._native)
+
+    def matrices(self, supported: bool = True) -> Matrices:
+        """Assemble the matrices.
+
+        They are those over the dofs that supports leave free, or, with ``supported=False``, over
+        all dofs, three per node in the order of the nodes.
+        """
+        from scipy.sparse import csr_array
+
+        found = self._native.matrices(supported)
+
+        def sparse(name: str) -> csr_array:
+            values, rows, columns, shape = found[name]
+            matrix = csr_array((values, (rows, columns)), shape=shape)
+            matrix.sum_duplicates()
+            return matrix
+
+        names = ("K", "M", "M_singular", "B", "G")
+        return Matrices(
+            **{name: sparse(name) for name in names},
+            C=found["C"],
+            load=found["load"],
+            lower=found.get("lower"),
+            upper=found.get("upper"),
+        )
+
+    def modes(self, count: int, mass: str = "scene") -> Modes:
+        """Return the ``count`` lowest natural modes, or fewer if there are no more.
+
+        ``mass`` is ``"consistent"``, ``"singular"``, or ``"scene"`` for that of ``time.mass``.
+        """
+        frequencies, shapes = self._native.modes(count, mass)
+        return Modes(frequencies, shapes)
+
+    def __repr__(self) -> str:
+        return f"<rebond.Model of {self.scene.title or self.scene.file!r}: {self.dofs} dofs>"

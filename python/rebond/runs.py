@@ -1,0 +1,211 @@
+"""Whole runs and their results."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .scene import Scene
+
+#: Columns of the history that count something.
+_COUNTS = ("step", "contact_nodes", "vi_iterations")
+
+
+class Table(Mapping[str, NDArray[Any]]):
+    """Columns of numbers by name, of equal length.
+
+    ``pandas.DataFrame(dict(table))`` makes a data frame of it.
+    """
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        self._columns = dict(columns)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        try:
+            return self._columns[name]
+        except KeyError:
+            raise KeyError(f"no column {name!r}; there are {', '.join(self._columns)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self._columns.values()), ()))
+
+    def __repr__(self) -> str:
+        return f"<rebond.Table of {self.rows} rows: {', '.join(self._columns)}>"
+
+
+@dataclass(frozen=True)
+class RunStep:
+    """Step of a run, as ``on_step`` receives it."""
+
+    #: Index of the step; 0 at the start.
+    step: int
+    #: Time, in s.
+    time: float
+    #: Number of nodes in contact.
+    contact_nodes: int
+    #: Row of the history by name where one is due, every ``output.every`` steps; otherwise None.
+    row: dict[str, float] | None
+
+
+class Fields:
+    """Snapshots of the plate, every ``output.fields_every`` steps and at the end.
+
+    Each field is an array with one row per snapshot and one column per point. The first points are
+    the nodes of the mesh, in its order; ``output.subdivide`` adds points between them.
+    """
+
+    #: Times, in s, one per snapshot.
+    time: NDArray[np.float64]
+    #: Indices of the steps, one per snapshot.
+    step: NDArray[np.int64]
+    #: Positions x and y of the points, in m, shape (points, 2).
+    points: NDArray[np.float64]
+    #: Corners of the small cells as indices of points, counter-clockwise, shape (cells, 3 or 4);
+    #: -1 in place of the fourth corner of a triangle among quadrilaterals.
+    cells: NDArray[np.int64]
+    #: Cell of the mesh that contains each small cell.
+    parents: NDArray[np.int64]
+
+    _NAMES = {
+        "deflection": "deflection, in m",
+        "velocity": "velocity, in m/s",
+        "slope": "derivatives of the deflection along x and y, shape (snapshots, points, 2)",
+        "cell_velocity": "mean velocity of each cell of the mesh, in m/s, shape (snapshots, cells)",
+        "gap": "gap to the nearest obstacle, in m, NaN where there is none",
+        "floor": "height of the nearest obstacle below, in m",
+        "ceiling": "height of the nearest obstacle above, in m",
+        "reaction": "reaction of the obstacles at each node, in N, 0 at other points",
+        "moment": "moments M_xx, M_yy and M_xy, in N m/m, shape (snapshots, points, 3)",
+        "stress_top": "stresses xx, yy and xy at the upper surface, in Pa, (snapshots, points, 3)",
+        "von_mises": "von Mises stress, in Pa",
+    }
+
+    def __init__(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        self.time = arrays.get("time", np.empty(0))
+        self.step = np.asarray(arrays.get("step", ()), dtype=np.int64)
+        self.points = arrays.get("points", np.empty((0, 2)))
+        self.cells = arrays.get("cells", np.empty((0, 3), dtype=np.int64))
+        self.parents = arrays.get("parents", np.empty(0, dtype=np.int64))
+        self._arrays = {name: arrays[name] for name in self._NAMES if name in arrays}
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the fields that the scene has."""
+        return list(self._arrays)
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """Return a field by name, shape (snapshots, points)."""
+        if name in self._arrays:
+            return self._arrays[name]
+        if not len(self.time):
+            raise KeyError(f"{name!r}: the scene asks for no snapshots; set output.fields_every")
+        raise KeyError(f"no field {name!r}; there are {', '.join(self._arrays)}")
+
+    @property
+    def deflection(self) -> NDArray[np.float64]:
+        """Deflection, in m, shape (snapshots, points)."""
+        return self["deflection"]
+
+    @property
+    def velocity(self) -> NDArray[np.float64]:
+        """Velocity, in m/s, shape (snapshots, points)."""
+        return self["velocity"]
+
+    @property
+    def triangles(self) -> NDArray[np.int64]:
+        """Small cells cut into triangles, shape (triangles, 3), as matplotlib draws them."""
+        if self.cells.shape[1] == 3:
+            return self.cells
+        quadrilaterals = self.cells[:, 3] >= 0
+        return np.concatenate([self.cells[:, :3], self.cells[quadrilaterals][:, [0, 2, 3]]])
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self._arrays) or "none"
+        return f"<rebond.Fields: {len(self)} snapshots at {len(self.points)} points: {names}>"
+
+
+class Run:
+    """Results of a run."""
+
+    #: Scene that was run.
+    scene: Scene
+    #: Rows of ``history.csv`` by column: step, time (s), energies (J), contact and probes.
+    history: Table
+    #: Columns of the probes alone, by name.
+    probes: Table
+    #: Contacts of single nodes: node, x, y (m), begin, end (s), impulse (N s).
+    contacts: Table
+    #: Events of ``time.scheme = "exact"``: time (s), node, x, y (m), closes, velocity (m/s), force (N).
+    events: Table
+    #: Snapshots.
+    fields: Fields
+    #: Contents of ``summary.json``.
+    summary: dict[str, Any]
+    #: Whether the run came to its end; False where ``on_step`` stopped it.
+    finished: bool
+    #: Run folder, or None where nothing was written.
+    folder: str | None
+
+    def __init__(self, scene: Scene, results: Mapping[str, Any], folder: str | None) -> None:
+        def counts(columns: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> Table:
+            whole = {name: columns[name].astype(np.int64) for name in names}
+            return Table({**columns, **whole})
+
+        self.scene = scene
+        self.history = counts(results["history"], _COUNTS)
+        self.probes = Table({name: self.history[name] for name in scene.probes})
+        self.contacts = counts(results["contacts"], ("node",))
+        events = counts(results["events"], ("node",))
+        self.events = Table({**events, "closes": events["closes"].astype(bool)})
+        self.fields = Fields(results["fields"])
+        self.summary = json.loads(results["summary"])
+        self.finished = results["finished"]
+        self.folder = folder
+
+    def __repr__(self) -> str:
+        state = "finished" if self.finished else self.summary["status"]
+        return f"<rebond.Run of {self.scene.title or self.scene.file!r}: {state}, {self.history.rows} rows>"
+
+
+def run(
+    scene: Scene,
+    out: str | os.PathLike[str] | None = None,
+    on_step: Callable[[RunStep], Any] | None = None,
+    overwrite: bool = False,
+) -> Run:
+    """Simulate a scene to its end.
+
+    With ``out``, the run folder is written as by ``rebond run --out``, and ``overwrite`` allows to
+    replace what it holds of another scene. ``on_step`` is called after every step; a true result
+    stops the run there, and an exception stops it and is raised. Ctrl-C stops the run after the
+    present step and raises ``KeyboardInterrupt``. Where there is a run folder, a run that is
+    stopped leaves a checkpoint in it, from which ``rebond resume`` goes on.
+    """
+    columns = scene._native.columns
+
+    def tell(step: int, time: float, contact_nodes: int, row: list[float] | None) -> Any:
+        assert on_step is not None
+        named = None if row is None else dict(zip(columns, row))
+        return on_step(RunStep(step, time, contact_nodes, named))
+
+    folder = None if out is None else os.fspath(out)
+    results = _core.run(scene._native, folder, overwrite, None if on_step is None else tell)
+    return Run(scene, results, folder)

@@ -1,0 +1,80 @@
+"""The blocks of docs/python.md, the cells of the notebook, and the types of the native part."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import rebond
+from conftest import FALL, ROOT
+
+matplotlib = pytest.importorskip("matplotlib")
+
+
+def execute(blocks: list[str], name: str) -> None:
+    """Execute blocks of code one after another with the same names."""
+    names: dict[str, object] = {"__name__": "__main__"}
+    for number, block in enumerate(blocks, 1):
+        exec(compile(block, f"{name}, block {number}", "exec"), names)
+
+
+def test_the_blocks_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.toml").write_text(FALL)
+    text = (ROOT / "docs" / "python.md").read_text()
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert len(blocks) >= 5
+    execute(blocks, "docs/python.md")
+
+
+def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    notebook = json.loads((ROOT / "docs" / "python.ipynb").read_text())
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) >= (4, 5)
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) >= 5
+    for cell in cells:
+        assert cell["outputs"] == [] and cell["execution_count"] is None
+    blocks = ["".join(cell["source"]) for cell in cells]
+    assert sum("assert" in block for block in blocks) >= 3
+    execute(blocks, "docs/python.ipynb")
+
+
+def test_the_types_of_the_native_part_are_declared() -> None:
+    core = rebond._core
+    tree = ast.parse((Path(rebond.__file__).parent / "_core.pyi").read_text())
+    declared: dict[str, set[str]] = {}
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            declared[node.name] = {
+                item.name for item in node.body if isinstance(item, ast.FunctionDef)
+            }
+        elif isinstance(node, ast.FunctionDef):
+            declared[node.name] = set()
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            declared[node.target.id] = set()
+    found = {name for name in dir(core) if not name.startswith("_")}
+    assert found == set(declared)
+    for name, members in declared.items():
+        kind = getattr(core, name)
+        if isinstance(kind, type):
+            own = {member for member in vars(kind) if not member.startswith("_")}
+            assert own == members - {"__new__"}, name
+    assert (Path(rebond.__file__).parent / "py.typed").exists()
+
+
+def test_everything_that_is_public_is_documented() -> None:
+    for name in rebond.__all__:
+        if name != "__version__":
+            thing = getattr(rebond, name)
+            assert thing.__doc__, name
+            for member, value in vars(thing).items() if isinstance(thing, type) else ():
+                if not member.startswith("_") and (callable(value) or isinstance(value, property)):
+                    assert value.__doc__, f"{name}.{member}"
+    cargo = (ROOT / "Cargo.toml").read_text()
+    assert f'version = "{rebond.__version__}"' in cargo

@@ -1,0 +1,117 @@
+"""Matrices and modes beside exact numbers and another program's eigenvalues."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import eigsh, spsolve
+
+import rebond
+
+
+def supported(cells: tuple[int, int], element: str = "fvs") -> rebond.Scene:
+    """Return a steel plate whose edges are all simply supported."""
+    edges = ("left", "right", "bottom", "top")
+    supports = ", ".join(f'{{ edge = "{edge}", kind = "simply_supported" }}' for edge in edges)
+    return rebond.Scene.from_text(
+        f"""
+        support = [{supports}]
+        mesh = {{ element = "{element}", cells = {list(cells)} }}
+        time = {{ scheme = "newmark", mass = "consistent", step = 1e-5, end = 1e-3 }}
+        plate = {{ length = 0.6, width = 0.4, thickness = 2e-3, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7800 }}
+        """,
+        "supported.toml",
+    )
+
+
+def exact(count: int) -> np.ndarray:
+    """Return the lowest frequencies (Hz) of the supported plate by Navier's solution."""
+    rigidity = 210e9 * 2e-3**3 / (12 * (1 - 0.3**2))
+    m, n = np.meshgrid(np.arange(1, 9), np.arange(1, 9))
+    squares = (m / 0.6) ** 2 + (n / 0.4) ** 2
+    return np.sort(np.pi / 2 * squares.ravel() * np.sqrt(rigidity / (7800 * 2e-3)))[:count]
+
+
+@pytest.mark.parametrize("element", ["fvs", "hct"])
+def test_frequencies_of_a_supported_plate(element: str) -> None:
+    errors = []
+    for cells in ((6, 4), (12, 8), (24, 16)):
+        modes = rebond.Model(supported(cells, element)).modes(5)
+        errors.append(modes.frequencies / exact(5) - 1)
+    # Frequencies of conforming elements with their own mass are upper bounds.
+    assert (np.array(errors) > 0).all()
+    assert errors[-1].max() < 6e-3
+    orders = np.log2(errors[1] / errors[2])
+    assert (orders > 1.7).all(), orders
+
+
+@pytest.mark.parametrize("mass", ["consistent", "singular"])
+def test_matrices_have_the_modes_of_the_model(mass: str) -> None:
+    model = rebond.Model(supported((6, 4)))
+    matrices = model.matrices()
+    m = matrices.M if mass == "consistent" else matrices.M_singular
+    assert isinstance(matrices.K, csr_array) and matrices.K.shape == (model.dofs, model.dofs)
+    modes = model.modes(4, mass)
+    # With K = L L^T, the matrix L^-1 M L^-T has the inverse squares; the mass may be singular.
+    lower = np.linalg.cholesky(matrices.K.toarray())
+    half = np.linalg.solve(lower, m.toarray())
+    squares = np.linalg.eigvalsh(np.linalg.solve(lower, half.T))
+    frequencies = 1 / (2 * np.pi * np.sqrt(squares[::-1][:4]))
+    assert modes.frequencies == pytest.approx(frequencies, rel=1e-8)
+    if mass == "consistent":
+        squares = eigsh(matrices.K, 4, M=m, sigma=0, return_eigenvectors=False)
+        assert modes.frequencies == pytest.approx(np.sqrt(np.sort(squares)) / (2 * np.pi), rel=1e-8)
+    for shape, frequency in zip(modes.shapes, modes.frequencies):
+        assert shape @ (m @ shape) == pytest.approx(1, rel=1e-9)
+        residual = matrices.K @ shape - (2 * np.pi * frequency) ** 2 * (m @ shape)
+        assert np.abs(residual).max() < 1e-6 * np.abs(matrices.K @ shape).max()
+
+
+def test_the_singular_mass_is_that_of_its_cells(fall: rebond.Scene) -> None:
+    matrices = rebond.Model(fall).matrices(supported=False)
+    product = matrices.B.T @ diags_array(1 / matrices.C) @ matrices.B
+    assert np.abs((product - matrices.M_singular).toarray()).max() < 1e-12
+    # A plate that rises as one has its whole mass, with both matrices; its slopes have none.
+    mass = 1.2 * 0.4 * 0.01 * 7770.0
+    rise = np.zeros(matrices.K.shape[0])
+    rise[::3] = 1
+    for m in (matrices.M, matrices.M_singular):
+        assert rise @ (m @ rise) == pytest.approx(mass, rel=1e-13)
+    assert matrices.C.sum() == pytest.approx(mass, rel=1e-13)
+    assert np.abs(matrices.K @ rise).max() < 1e-4
+    assert matrices.load[::3].sum() == pytest.approx(14600 * 1.2 * 0.4, rel=1e-13)
+    assert matrices.lower is None and matrices.upper is None
+
+
+def test_constraints_are_those_of_the_obstacle(fall: rebond.Scene) -> None:
+    model = rebond.Model(fall)
+    matrices = model.matrices()
+    assert matrices.G.shape == (len(model.bounded_dofs), model.dofs)
+    assert (matrices.G @ np.arange(model.dofs)).tolist() == model.bounded_dofs.tolist()
+    assert matrices.lower is not None and (matrices.lower == -0.1).all()
+    assert matrices.upper is not None and np.isinf(matrices.upper).all()
+    # The clamped nodes are in no reach of the floor.
+    free = np.flatnonzero(model.node_dofs[:, 0] >= 0)
+    assert model.bounded_nodes.tolist() == free.tolist()
+    assert model.cells.shape == (12, 4) and model.nodes.max(axis=0).tolist() == [1.2, 0.4]
+    assert any("mass" in warning or "step" in warning for warning in model.warnings) or model.warnings == []
+
+
+def test_the_static_start_is_in_equilibrium(fall: rebond.Scene) -> None:
+    matrices = rebond.Model(fall).matrices()
+    simulation = rebond.Simulation(fall.set("obstacle.0.height=-10"))
+    u = spsolve(matrices.K.tocsc(), matrices.load)
+    assert simulation.displacement == pytest.approx(u, rel=1e-7)
+    corner = simulation.at_point(1.2, 0.0)
+    assert corner @ u == pytest.approx(simulation.last.probes["corner"], rel=1e-7)
+    assert simulation.at_nodes(u)[6, 0] == pytest.approx(corner @ u, rel=1e-13)
+
+
+def test_wrong_calls_are_told(fall: rebond.Scene) -> None:
+    model = rebond.Model(fall)
+    with pytest.raises(rebond.SceneError, match=r"the point \(2, 0\) lies outside the plate"):
+        model.at_point(2.0, 0.0)
+    with pytest.raises(rebond.UsageError, match='mass: found "light"'):
+        model.modes(3, "light")
+    assert "dofs" in repr(model)

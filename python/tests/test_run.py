@@ -1,0 +1,209 @@
+"""Whole runs beside those of the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rebond
+
+Command = Callable[..., Any]
+
+
+def read(path: Path) -> dict[str, list[float]]:
+    """Return the columns of a table."""
+    with path.open() as file:
+        head, *rows = csv.reader(file)
+    return {name: [float(row[i]) for row in rows] for i, name in enumerate(head)}
+
+
+def assert_equal(table: rebond.Table, path: Path) -> None:
+    """Assert that a table has the columns of a file, to the last bit."""
+    expected = read(path)
+    assert list(table) == list(expected)
+    for name, values in expected.items():
+        assert table[name].tolist() == values, name
+
+
+def test_a_run_equals_that_of_the_command(command: Command, fall_file: Path, tmp_path: Path) -> None:
+    done = command("run", fall_file, "--quiet", "--out", tmp_path / "command")
+    assert done.returncode == 0, done.stderr
+    run = rebond.run(rebond.Scene(fall_file))
+    assert run.finished and run.folder is None
+    assert_equal(run.history, tmp_path / "command" / "history.csv")
+    assert run.history["step"].dtype == np.int64
+    assert run.history["contact_nodes"].max() > 0
+    contacts = read(tmp_path / "command" / "contacts.csv")
+    assert run.contacts.rows == len(contacts["node"]) > 0
+    for name, values in contacts.items():
+        if name in run.contacts:
+            assert run.contacts[name].tolist() == values, name
+    summary = json.loads((tmp_path / "command" / "summary.json").read_text())
+    assert list(summary) == list(run.summary)
+    for key in ("status", "scene_hash", "energy", "first_impact", "forces", "contacts", "warnings"):
+        assert run.summary[key] == summary[key], key
+    assert list(run.probes) == ["corner", "middle"]
+    assert run.probes["corner"] is run.history["corner"]
+
+
+def test_a_run_folder_equals_that_of_the_command(
+    command: Command, fall_file: Path, tmp_path: Path
+) -> None:
+    scene = rebond.Scene(fall_file)
+    run = rebond.run(scene, out=tmp_path / "python")
+    assert run.folder == str(tmp_path / "python")
+    assert command("run", fall_file, "--quiet", "--out", tmp_path / "command").returncode == 0
+
+    def files(folder: Path) -> dict[str, bytes]:
+        found = (path for path in folder.rglob("*") if path.is_file())
+        return {str(path.relative_to(folder)): path.read_bytes() for path in found}
+
+    own, expected = files(tmp_path / "python"), files(tmp_path / "command")
+    assert sorted(own) == sorted(expected)
+    # Wall times differ.
+    assert [name for name in own if own[name] != expected[name]] == ["summary.json"]
+    # The same scene may replace its own results, another may not.
+    rebond.run(scene, out=tmp_path / "python")
+    other = scene.set("time.end=0.01")
+    with pytest.raises(rebond.UsageError, match="holds the results of another scene"):
+        rebond.run(other, out=tmp_path / "python")
+    assert rebond.run(other, out=tmp_path / "python", overwrite=True).history.rows == 11
+
+
+def test_every_step_is_told(fall: rebond.Scene) -> None:
+    steps: list[rebond.RunStep] = []
+    run = rebond.run(fall, on_step=steps.append)
+    assert [step.step for step in steps] == list(range(801))
+    assert [step.time for step in steps][::400] == pytest.approx([0, 0.04, 0.08], rel=1e-14)
+    rows = [step.row for step in steps if step.row is not None]
+    assert len(rows) == run.history.rows == 81
+    for name in run.history:
+        assert [row[name] for row in rows] == run.history[name].tolist(), name
+    touching = [step.contact_nodes for step in steps][::10]
+    assert touching == run.history["contact_nodes"].tolist()
+
+
+def test_a_run_stops_where_it_is_told_and_resumes(
+    command: Command, fall_file: Path, tmp_path: Path
+) -> None:
+    scene = rebond.Scene(fall_file)
+    run = rebond.run(scene, out=tmp_path / "run", on_step=lambda step: step.step == 555)
+    assert not run.finished
+    assert run.summary["status"].startswith("interrupted at step 555")
+    assert run.history["step"][-1] == 550
+    assert list((tmp_path / "run").glob("checkpoint-*.bin"))
+    with pytest.raises(rebond.UsageError, match="checkpoints of an unfinished run"):
+        rebond.run(scene, out=tmp_path / "run")
+    assert command("resume", tmp_path / "run", "--quiet").returncode == 0
+    assert_equal(rebond.run(scene).history, tmp_path / "run" / "history.csv")
+
+
+def test_an_exception_stops_the_run(fall: rebond.Scene) -> None:
+    last = []
+
+    def fail(step: rebond.RunStep) -> None:
+        last.append(step.step)
+        if step.step == 7:
+            raise LookupError("not this step")
+
+    with pytest.raises(LookupError, match="not this step"):
+        rebond.run(fall, on_step=fail)
+    assert last[-1] == 7
+
+
+@pytest.mark.parametrize("to_file", [False, True])
+def test_ctrl_c_interrupts_a_run(fall: rebond.Scene, tmp_path: Path, to_file: bool) -> None:
+    endless = fall.set("time.end=1e6", "output.every=1000000")
+    out = tmp_path / "run" if to_file else None
+    began = threading.Event()
+
+    def interrupt() -> None:
+        # Python's lock is free while the run goes on, or this thread would never get there.
+        if out is None:
+            began.wait()
+        while out is not None and not (out / "history.csv").exists():
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    other = threading.Thread(target=interrupt)
+    other.start()
+    with pytest.raises(KeyboardInterrupt):
+        # The first run is interrupted in Python or beside it, the second in native code.
+        rebond.run(endless, out=out, on_step=None if to_file else lambda _: began.set())
+    other.join()
+    if out is not None:
+        assert list(out.glob("checkpoint-*.bin"))
+        status = json.loads((out / "summary.json").read_text())["status"]
+        assert status.startswith("interrupted at step")
+
+
+def test_runs_of_several_threads_do_not_disturb_each_other(fall: rebond.Scene) -> None:
+    ends = [0.02, 0.03, 0.04]
+    found: dict[float, rebond.Run] = {}
+
+    def work(end: float) -> None:
+        found[end] = rebond.run(fall.set({"time.end": end}))
+
+    threads = [threading.Thread(target=work, args=(end,)) for end in ends]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    longest = found[0.04].history["energy"]
+    for end in ends:
+        energy = found[end].history["energy"]
+        assert energy.tolist() == longest[: len(energy)].tolist()
+
+
+def test_fields_are_those_of_the_displacements(fall: rebond.Scene) -> None:
+    run = rebond.run(fall)
+    fields = run.fields
+    assert fields.time == pytest.approx([0, 0.04, 0.08])
+    assert fields.step.tolist() == [0, 400, 800]
+    simulation = rebond.Simulation(fall)
+    for snapshot, step in enumerate(fields.step):
+        if step > 0:
+            simulation.step(400)
+        nodes = simulation.at_nodes(simulation.displacement)
+        count = len(simulation.nodes)
+        assert np.array_equal(fields.points[:count], simulation.nodes)
+        assert fields.deflection[snapshot, :count] == pytest.approx(nodes[:, 0], abs=1e-13)
+        assert fields["slope"][snapshot, :count] == pytest.approx(nodes[:, 1:], abs=1e-12)
+        reactions = np.zeros(count)
+        reactions[simulation.bounded_nodes] = simulation.reactions
+        assert fields["reaction"][snapshot, :count] == pytest.approx(reactions, rel=1e-9)
+    assert (fields["gap"] > -1e-9).all()
+    # The small cells cover the plate, counter-clockwise.
+    corners = fields.points[fields.triangles]
+    (ax, ay), (bx, by) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
+    areas = 0.5 * (ax * by - ay * bx)
+    assert areas.min() > 0 and areas.sum() == pytest.approx(1.2 * 0.4)
+    assert sorted(set(fields.parents)) == list(range(12))
+    with pytest.raises(KeyError, match="no field 'von_mises'; there are .*deflection"):
+        fields["von_mises"]
+    silent = rebond.run(fall.set({"time.end": 1e-3, "output": {"probes": []}}))
+    assert len(silent.probes) == 0
+
+
+def test_events_of_the_exact_scheme(fall: rebond.Scene) -> None:
+    exact = fall.set("mesh.cells=[3, 1]", "time.scheme=exact")
+    run = rebond.run(exact)
+    events = run.events
+    assert events.rows == run.summary["events"] > 0
+    assert events["closes"][0] and events["time"][0] == run.summary["first_impact"]["time"]
+    assert (np.diff(events["time"]) >= 0).all()
+    # Between events nothing is lost.
+    energy = run.history["energy"]
+    assert energy.max() / energy.min() - 1 < 1e-9
+    with pytest.raises(KeyError, match="no column 'tip'; there are step, time"):
+        run.history["tip"]

@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Builds the wheel of the Python package in the folder of the program's build, installs it in a
+# virtual environment there, and tests it beside the program. Usage: scripts/check_python.sh [pytest's arguments]
+set -eu
+cd "$(dirname "$0")/.."
+root=$PWD
+export PATH="$PATH:$HOME/.cargo/bin" CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$PWD/target}
+folder=$CARGO_TARGET_DIR/python
+environment=$folder/environment
+needs=(maturin numpy scipy matplotlib pytest)
+
+# The environment is made while the crates are built.
+[ -x "$environment/bin/pip" ] || python3 -m venv --clear "$environment"
+"$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[0]}"
+"$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[@]}" & packages=$!
+
+# The library is compiled a second time, without PETSc; less optimised, it takes a third of the time.
+rm -rf "$folder/wheels"
+"$environment/bin/maturin" build --quiet --release --locked --manifest-path python/Cargo.toml --out "$folder/wheels" \
+    --config 'profile.release.package.rebond.opt-level=1'
+wait $packages
+"$environment/bin/pip" install --quiet --disable-pip-version-check --no-deps --force-reinstall "$folder"/wheels/*.whl
+
+# From elsewhere than the sources, so that the wheel is what is tested.
+cd "$folder"
+REBOND=${REBOND:-$CARGO_TARGET_DIR/release/rebond} REBOND_CACHE='' MPLBACKEND=Agg \
+    "$environment/bin/python" -m pytest -c "$root/python/pyproject.toml" -p no:cacheprovider "$root/python/tests" "$@"
