@@ -4,7 +4,8 @@
 set -eu
 cd "$(dirname "$0")/.."
 root=$PWD
-export PATH="$PATH:$HOME/.cargo/bin" CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$PWD/target}
+CARGO_TARGET_DIR=$(realpath --canonicalize-missing "${CARGO_TARGET_DIR:-target}")
+export PATH="$PATH:$HOME/.cargo/bin" CARGO_TARGET_DIR
 folder=$CARGO_TARGET_DIR/python
 environment=$folder/environment
 needs=(maturin numpy scipy matplotlib pytest)
@@ -14,14 +15,14 @@ needs=(maturin numpy scipy matplotlib pytest)
 "$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[0]}"
 "$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[@]}" & packages=$!
 
-# The library is compiled a second time, without PETSc; less optimised, it takes a third of the time.
+# The library is compiled once more, without PETSc; less optimised, it takes a third of the time.
 rm -rf "$folder/wheels"
-"$environment/bin/maturin" build --quiet --release --locked --manifest-path python/Cargo.toml --out "$folder/wheels" \
-    --config 'profile.release.package.rebond.opt-level=1'
+MATURIN_PEP517_ARGS="--config profile.release.package.rebond.opt-level=1" "$environment/bin/pip" wheel --quiet \
+    --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir "$folder/wheels" python
 wait $packages
 "$environment/bin/pip" install --quiet --disable-pip-version-check --no-deps --force-reinstall "$folder"/wheels/*.whl
 
 # From elsewhere than the sources, so that the wheel is what is tested.
 cd "$folder"
-REBOND=${REBOND:-$CARGO_TARGET_DIR/release/rebond} REBOND_CACHE='' MPLBACKEND=Agg \
+REBOND=${REBOND:-$CARGO_TARGET_DIR/release/rebond} REBOND_CACHE='' MPLBACKEND=Agg PYTHONDONTWRITEBYTECODE=1 \
     "$environment/bin/python" -m pytest -c "$root/python/pyproject.toml" -p no:cacheprovider "$root/python/tests" "$@"

@@ -94,6 +94,8 @@ FAULTS = [
      "BoundStatus::Lower if reaction[i] < -({if} { 1e-3 } else { rounding })", "hard", "powers_of_four"),
     ("values of a report one quantum low", "src/output/report/blob.rs", "((value - low) / quantum)",
      "((value - low) / quantum - {if} { 1.0 } else { 0.0 })", "cli", "the_numbers_of_a_report"),
+    ("a load of the caller constant within a step", "src/simulation/external_load.rs", "axpy(weight, at_to, sum);",
+     "axpy(weight, {if} { at_from } else { at_to }, sum);", "schemes", "linear_between_the_instants"),
 ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from . import _core
 from .scene import Scene
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+    from scipy.sparse import csr_array  # type: ignore[import-untyped]
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,27 @@ class Modes:
         return len(self.frequencies)
 
 
+class _Numbers(TypedDict):
+    """Numbers that native code gives of a layout."""
+
+    nodes: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    dofs: NDArray[np.int64]
+    factors: NDArray[np.float64]
+    bounded_dofs: NDArray[np.int64]
+    bounded_nodes: NDArray[np.int64]
+    count: int
+
+
 class Layout:
     """Mesh, dofs and bounds of a model."""
 
-    _native: Any
+    _native: Union[_core.Model, _core.Simulation]
 
     @cached_property
-    def _layout(self) -> dict[str, Any]:
-        return self._native.layout()
+    def _layout(self) -> _Numbers:
+        numbers: _Numbers = self._native.layout()
+        return numbers
 
     @property
     def dofs(self) -> int:
@@ -113,7 +126,8 @@ class Layout:
         u = np.asarray(u, dtype=np.float64)
         held = self.node_dofs < 0
         values = u[..., np.where(held, 0, self.node_dofs)] * self._layout["factors"]
-        return np.where(held, 0.0, values)
+        shape: NDArray[np.float64] = np.where(held, 0.0, values)
+        return shape
 
     def at_point(self, x: float, y: float) -> NDArray[np.float64]:
         """Return the weights a of the dofs in the deflection at a point (m), shape (dofs,).
@@ -125,6 +139,8 @@ class Layout:
 
 class Model(Layout):
     """Semi-discrete model of a scene."""
+
+    _native: _core.Model
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

@@ -109,7 +109,8 @@ class Scene:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the resolved scene as nested dictionaries, lists, numbers and texts."""
-        return json.loads(self._native.json)
+        table: dict[str, Any] = json.loads(self._native.json)
+        return table
 
     def __repr__(self) -> str:
         return f"<rebond.Scene {self.file!r}: {self.title or 'untitled'}, {self.steps} steps>"

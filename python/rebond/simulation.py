@@ -66,6 +66,8 @@ class Simulation(Layout):
     a load that is set counts from the instant :attr:`force_time` on.
     """
 
+    _native: _core.Simulation
+
     def __init__(self, scene: Scene, force: Force | None = None) -> None:
         self.scene = scene
         self._force: NDArray[np.float64] | None = None
