@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
+from .errors import UsageError
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class Layout:
         relative to the motion that the supports give the plate.
         """
         u = np.asarray(u, dtype=np.float64)
+        if u.ndim == 0 or u.shape[-1] != self.dofs:
+            raise UsageError(f"u: found the shape {u.shape}; expected (..., {self.dofs})")
         held = self.node_dofs < 0
         values = u[..., np.where(held, 0, self.node_dofs)] * self._layout["factors"]
         shape: NDArray[np.float64] = np.where(held, 0.0, values)
@@ -176,6 +179,8 @@ class Model(Layout):
 
         ``mass`` is ``"consistent"``, ``"singular"``, or ``"scene"`` for that of ``time.mass``.
         """
+        if count < 1:
+            raise UsageError(f"modes: found {count}; expected a count of at least 1")
         frequencies, shapes = self._native.modes(count, mass)
         return Modes(frequencies, shapes)
 

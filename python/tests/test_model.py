@@ -114,4 +114,8 @@ def test_wrong_calls_are_told(fall: rebond.Scene) -> None:
         model.at_point(2.0, 0.0)
     with pytest.raises(rebond.UsageError, match='mass: found "light"'):
         model.modes(3, "light")
+    with pytest.raises(rebond.UsageError, match="modes: found 0; expected a count of at least 1"):
+        model.modes(0)
+    with pytest.raises(rebond.UsageError, match=r"found the shape \(3,\); expected \(\.\.\., 54\)"):
+        model.at_nodes(np.zeros(3))
     assert "dofs" in repr(model)
