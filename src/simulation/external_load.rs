@@ -18,9 +18,9 @@ const ROUNDING: f64 = 1e-6;
 /// Load that its holder sets from step to step, linear in time between the instants of the steps.
 ///
 /// A load that is set holds from the instant [`ExternalLoad::next_time`], the first one that the
-/// scheme has not asked for, until another is set. It serves one scheme. A scheme asks for the loads
-/// of the first step as it starts, and later for that at the end of each step; Newmark's scheme,
-/// which computes `$U^{n+1}$` as it arrives at instant n, looks one step further ahead.
+/// scheme has not asked for, until another is set. It serves one scheme. A scheme asks for the
+/// loads of the first step as it starts, and later for that at the end of each step; Newmark's
+/// scheme, which computes `$U^{n+1}$` as it arrives at instant n, looks one step further ahead.
 ///
 /// ```
 /// use rebond::{linalg::Engine, scene::Scene, simulation::Model};
