@@ -17,8 +17,8 @@ needs=(maturin numpy scipy matplotlib pytest)
 
 # The library is compiled once more, without PETSc; less optimised, it takes a third of the time.
 rm -rf "$folder/wheels"
-MATURIN_PEP517_ARGS="--config profile.release.package.rebond.opt-level=1" "$environment/bin/pip" wheel --quiet \
-    --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir "$folder/wheels" python
+PATH="$environment/bin:$PATH" MATURIN_PEP517_ARGS="--config profile.release.package.rebond.opt-level=1" \
+    "$environment/bin/pip" wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir "$folder/wheels" ./python
 wait $packages
 "$environment/bin/pip" install --quiet --disable-pip-version-check --no-deps --force-reinstall "$folder"/wheels/*.whl
 
