@@ -15,7 +15,7 @@ needs=(maturin numpy scipy matplotlib pytest)
 "$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[0]}"
 "$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[@]}" & packages=$!
 
-# The library is compiled once more, without PETSc; less optimised, it takes a third of the time.
+# The library is compiled once more, without PETSc, and less optimised for the sake of that time.
 rm -rf "$folder/wheels"
 PATH="$environment/bin:$PATH" MATURIN_PEP517_ARGS="--config profile.release.package.rebond.opt-level=1" \
     "$environment/bin/pip" wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir "$folder/wheels" ./python
