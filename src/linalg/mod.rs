@@ -29,6 +29,7 @@ pub mod random;
 pub(crate) mod secular;
 mod simd;
 pub mod vectors;
+pub(crate) mod wide;
 
 pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};

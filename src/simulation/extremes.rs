@@ -7,6 +7,7 @@ use crate::assembly::{SITES, SiteBlock};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
+use crate::linalg::wide::widest;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::stress::{Moments, PlateSurface};
@@ -230,11 +231,15 @@ impl StressPeaks {
     /// Takes the stresses of a displacement at an instant (s). Collective.
     pub fn note<E: Engine>(&mut self, sites: &StressSites, engine: &E, u: &[f64], time: f64) -> Result<()> {
         let stresses = sites.stresses.blocks_at(&engine.to_local(u)?, time)?;
-        self.arch.dispatch(|| {
-            for (peaks, stresses) in self.blocks.iter_mut().zip(&*stresses) {
-                peaks.note(stresses, time);
-            }
-        });
+        widest(
+            self.arch,
+            #[inline(always)]
+            || {
+                for (peaks, stresses) in self.blocks.iter_mut().zip(&*stresses) {
+                    peaks.note(stresses, time);
+                }
+            },
+        );
         Ok(())
     }
 

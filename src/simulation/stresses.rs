@@ -7,6 +7,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::axpy;
+use crate::linalg::wide::widest;
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
@@ -238,11 +239,15 @@ impl SiteValues {
     /// Sets the values to those of the nodes, without any lift. Collective.
     fn follow_nodes(&self, Room { nodal, values }: &mut Room) -> Result<()> {
         (self.curvatures)(nodal.each_ref().map(Vec::as_slice), values)?;
-        self.arch.dispatch(|| {
-            for (values, map) in values.iter_mut().zip(&self.map_of) {
-                *values = mapped(&self.maps[*map as usize], values);
-            }
-        });
+        widest(
+            self.arch,
+            #[inline(always)]
+            || {
+                for (values, map) in values.iter_mut().zip(&self.map_of) {
+                    *values = mapped(&self.maps[*map as usize], values);
+                }
+            },
+        );
         Ok(())
     }
 }

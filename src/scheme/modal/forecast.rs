@@ -83,10 +83,10 @@ fn through([t0, t1, t2]: [f64; 3], [y0, y1, y2]: &[f64; 3]) -> [f64; 3] {
 #[inline(always)]
 pub(super) fn least([constant, slope, square]: [f64; 3], end: f64) -> f64 {
     let ends = constant.min(constant + end * (slope + end * square));
-    if square > 0.0 && slope < 0.0 && -slope < 2.0 * square * end {
-        return ends.min(constant - 0.25 * slope * slope / square);
-    }
-    ends
+    // Both are computed, so that many polynomials fit into one register.
+    let vertex = constant - 0.25 * slope * slope / square;
+    let is_between = (square > 0.0) & (slope < 0.0) & (-slope < 2.0 * square * end);
+    if is_between { vertex } else { ends }
 }
 
 /// Returns the least distance of a bounded dof from its obstacles between 0 and `end`, in m, for

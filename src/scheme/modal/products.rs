@@ -4,7 +4,7 @@
 //! result is the same on all processors.
 
 /// Number of partial sums.
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 
 /// Returns the scalar product.
 #[inline(always)]

@@ -1,38 +1,41 @@
 //! Reach of the bounded nodes that are no candidates for contact.
 //!
 //! Only candidates enter the contact problem; a certificate proves that no other node touches. The
-//! nodes are divided into *tiers*: all of them, the quarter with the least slack, a quarter of
-//! these, and so on to some tens of nodes. Each tier has its own certificate for its nodes outside
-//! the next tier. The large tiers are far from their obstacles and are checked rarely; those that
-//! are checked often are small.
+//! [groups](super::groups) of neighbouring nodes are divided into *tiers*: all of them, the quarter
+//! with the least slack, a quarter of these, and so on to a few groups. Each tier has its own
+//! certificate for its groups outside the next tier. The large tiers are far from their obstacles
+//! and are checked rarely; those that are checked often are small.
 //!
 //! A check of a tier approximates the free motion of the modes over a horizon T by the polynomial
-//! p(t) of a [forecast](super::forecast), with a bound e of the error, and evaluates
-//! `$y_i = \Phi_i\, p(t) + H_i r_0$` at its nodes, with their rows of the mode shapes and of the
-//! displacements H per reaction. Until the horizon, no node touches as long as
+//! p(t) of a [forecast](super::forecast), with a bound e of the error. The deflections are
+//! `$y_i = \Phi_i\, p(t) + H_i r_0$`, with the rows of the mode shapes and of the displacements H
+//! per reaction. Until the horizon, no node touches as long as
 //!
 //! ```math
 //! |q - p(t)| + c\, |r - r_0|_1 \le \min_i \min_{t \le T} g_i(t) / |\Phi_i|, \qquad
 //!    c = \max_{ik} |H_{ik}| / |\Phi_i| ,
 //! ```
 //!
-//! with the distances g of y from the obstacles; the right-hand side is the *radius*. In free
+//! with the distances g of y from the obstacles; the right-hand side is the *radius*. A bound for
+//! each group suffices, unless it is too small: then the nodes of the group are evaluated. In free
 //! flight under constant data the left-hand side is at most e, so that such a tier needs no test
 //! before its horizon. Once a reaction acts, the left-hand side is computed after each step, at as
 //! many operations as there are modes. Beyond the radius or the horizon, a new check of the tier
 //! and of all smaller ones follows. Horizons double, as long as twice the error e remains below the
 //! radius. At the shortest horizon, nodes that would keep the radius below the change of the next
-//! steps become candidates. Tiers of many nodes are evaluated by [groups](super::groups) of
-//! neighbours, whose bounds take the place of the distances.
+//! steps become candidates.
+
+mod slacks;
 
 use super::contact_model::ContactModel;
-use super::forecast::{Forecast, distance};
+use super::forecast::Forecast;
 use super::groups::Groups;
 use super::limits::Limits;
-use super::products::{dot, dots, norm, sum};
+use super::products::{norm, sum};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
+use crate::linalg::wide::widest;
 use faer::Mat;
 use pulp::Arch;
 
@@ -41,17 +44,18 @@ const NEAR: f64 = 2.0;
 /// Shortest horizon in such steps, and the number of horizons, each twice the last.
 const SHORTEST: f64 = 4.0;
 const LEVELS: usize = 14;
-/// Share of a tier's nodes outside the next tier is 1 - 1 / `RATIO`; a tier of at most `SMALLEST`
-/// nodes is the last.
+/// Share of a tier's groups outside the next tier is 1 - 1 / `RATIO`; a tier of at most `SMALLEST`
+/// groups is the last.
 const RATIO: usize = 4;
-const SMALLEST: usize = 32;
-/// Number of nodes above which a tier takes no reactions as reference: their displacements would
+const SMALLEST: usize = 4;
+/// Number of groups above which a tier takes no reactions as reference: their displacements would
 /// cost more than those by the modes, and are small far from contact.
-const LARGE: usize = 4096;
+const LARGE: usize = 400;
 /// Share of the radius that the error of a forecast may take.
 const SHARE: f64 = 0.5;
-/// Number of nodes from which on a tier is evaluated by groups.
-const GROUPED: usize = 1024;
+/// Bound of the slack of a group, divided by twice the error, below which its nodes are evaluated:
+/// in free flight, where any radius above the error will do, and in contact.
+const ENOUGH: [f64; 2] = [1.0, 2.0];
 /// Rounding errors of a deflection, relative to that of all modes together.
 pub(super) const ROUNDING: f64 = 1e-12;
 
@@ -62,9 +66,6 @@ pub(super) struct Reach {
     pub shapes: Mat<f64>,
     pub sizes: Vec<f64>,
     groups: Groups,
-    /// Largest displacement per reaction of any candidate, divided by the norm, one entry per
-    /// bound.
-    flexibilities: Vec<f64>,
     pub forecasts: Vec<Forecast>,
     /// Step, in s, that horizons are measured in.
     pub step: f64,
@@ -72,20 +73,24 @@ pub(super) struct Reach {
     is_constant: bool,
     /// Time of the present state since the start, in s.
     pub elapsed: f64,
-    /// Bounds that are no candidates, those of each tier followed by those of the next.
-    nodes: Vec<usize>,
+    /// Groups, those of each tier followed by those of the next.
+    order: Vec<usize>,
     tiers: Vec<Tier>,
     /// Earliest end of a certificate, if none needs a test before.
     until: Option<f64>,
-    /// Work space: least distance divided by the norm, or a lower bound of it, one entry per bound.
+    /// Work space: least distance divided by the norm, or a lower bound of it, one entry per group;
+    /// and that of nodes that were evaluated, one entry per bound.
     slacks: Vec<f64>,
+    node_slacks: Vec<f64>,
+    /// Largest errors of the slacks of the groups.
+    errors: Vec<f64>,
     arch: Arch,
 }
 
-/// Certificate for the nodes of a tier outside the next one.
+/// Certificate for the nodes of a tier's groups outside the next one.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 struct Tier {
-    /// Index of its first node.
+    /// Index of its first group.
     start: usize,
     /// Index of its horizon, and time of its last check, in s.
     level: usize,
@@ -129,19 +134,21 @@ impl Reach {
         let count = shapes.ncols();
         let horizon = |level: usize| SHORTEST * step * f64::exp2(level as f64);
         let sizes: Vec<f64> = (0..count).map(|i| shapes.col(i).norm_l2()).collect();
+        let groups = Groups::new(&shapes, &sizes, squares);
         Reach {
-            groups: Groups::new(&shapes, &sizes, squares),
+            order: (0..groups.count()).collect(),
+            slacks: vec![0.0; groups.count()],
+            node_slacks: vec![0.0; count],
+            errors: vec![0.0; groups.count()],
+            groups,
             sizes,
             shapes,
-            flexibilities: vec![0.0; count],
             forecasts: (0..LEVELS).map(|level| Forecast::new(squares, decays, horizon(level))).collect(),
             step,
             is_constant,
             elapsed: 0.0,
-            nodes: (0..count).collect(),
             tiers: Vec::new(),
             until: None,
-            slacks: vec![0.0; count],
             arch: Arch::new(),
         }
     }
@@ -180,7 +187,8 @@ impl Reach {
         }
         let [a, b, c] = tier.motion.each_ref().map(|of| &of[..state.q.len()]);
         let q = &state.q;
-        let strayed = self.arch.dispatch(
+        let strayed = widest(
+            self.arch,
             #[inline(always)]
             || sum(q.len(), |k| (q[k] - (a[k] + t * (b[k] + t * c[k]))).powi(2)),
         );
@@ -189,9 +197,10 @@ impl Reach {
         strayed.sqrt() + tier.weight * changed + self.closing(index, state) <= tier.radius
     }
 
-    /// Returns the indices in `nodes` of the nodes of a tier outside the next one.
-    fn own(&self, tier: usize) -> std::ops::Range<usize> {
-        self.tiers[tier].start..self.tiers.get(tier + 1).map_or(self.nodes.len(), |next| next.start)
+    /// Returns the groups of a tier outside the next one.
+    fn own(&self, tier: usize) -> &[usize] {
+        let end = self.tiers.get(tier + 1).map_or(self.order.len(), |next| next.start);
+        &self.order[self.tiers[tier].start..end]
     }
 
     /// Returns the largest approach of nodes and obstacles of a tier by loads and motions of
@@ -207,12 +216,17 @@ impl Reach {
             // Absent obstacles have infinite bounds.
             both.into_iter().filter(|c| c.is_finite()).fold(0.0, f64::max) / self.sizes[i]
         };
-        self.nodes[self.own(tier)].iter().map(closing).fold(0.0, f64::max)
+        let nodes = self.own(tier).iter().flat_map(|&g| self.groups.members(g));
+        nodes.map(closing).fold(0.0, f64::max)
     }
 
     /// Checks a tier and all smaller ones at the present state.
     pub fn check(&mut self, first: usize, check: &Check) -> Finding {
         let mut finding = Finding::default();
+        let Check { state, pull, .. } = check;
+        let rounding = ROUNDING * norm(&state.q);
+        let error = |of: &Forecast| (of.error(&state.v, pull) + rounding) / SHARE;
+        let errors: Vec<f64> = self.forecasts.iter().map(error).collect();
         let mut start = self.tiers.get(first).map_or(0, |tier| tier.start);
         for index in first.. {
             if index == self.tiers.len() {
@@ -221,9 +235,9 @@ impl Reach {
             }
             let mut tier = std::mem::take(&mut self.tiers[index]);
             tier.start = start;
-            let inner = self.renew(&mut tier, check, &mut finding);
+            let inner = self.renew(&mut tier, check, &errors, &mut finding);
             self.tiers[index] = tier;
-            start = self.nodes.len() - inner;
+            start = self.order.len() - inner;
             if inner == 0 {
                 self.tiers.truncate(index + 1);
                 break;
@@ -236,17 +250,18 @@ impl Reach {
         finding
     }
 
-    /// Renews the certificate of a tier, and sorts the nodes of the next tier to the end. Returns
-    /// their number.
-    fn renew(&mut self, tier: &mut Tier, check: &Check, finding: &mut Finding) -> usize {
+    /// Renews the certificate of a tier, given twice the errors of all horizons, and sorts the groups
+    /// of the next tier to the end. Returns their number.
+    fn renew(&mut self, tier: &mut Tier, check: &Check, errors: &[f64], finding: &mut Finding) -> usize {
         let Check { state, pull, .. } = check;
-        let size = self.nodes.len() - tier.start;
+        let size = self.order.len() - tier.start;
         let inner = if size > SMALLEST { size / RATIO } else { 0 };
-        let rounding = ROUNDING * norm(&state.q);
-        let errors: Vec<f64> =
-            self.forecasts.iter().map(|of| (of.error(&state.v, pull) + rounding) / SHARE).collect();
         let near_time = NEAR * self.step;
         let near = (0.5 * check.acceleration * near_time * near_time).max(errors[0]);
+        tier.is_free = self.is_constant && !state.touches();
+        if tier.start == 0 || !self.is_constant {
+            self.groups.follow(&self.order[tier.start..], &state.data.all);
+        }
         tier.level = self.next_level(tier.level, tier.since);
         loop {
             tier.reaction.clear();
@@ -254,9 +269,17 @@ impl Reach {
                 tier.reaction.extend_from_slice(&state.reaction);
             }
             self.forecasts[tier.level].motion(&state.q, &state.v, pull, &mut tier.motion);
-            // Only nodes that may come near need their own slacks.
-            self.evaluate(tier, check, if tier.level == 0 { near } else { f64::NEG_INFINITY });
-            tier.radius = self.divide(tier.start, inner);
+            self.evaluate(tier);
+            self.divide(tier.start, inner);
+            let enough = ENOUGH[usize::from(!tier.is_free)] * errors[tier.level];
+            self.sharpen(
+                tier,
+                inner,
+                check,
+                if tier.level == 0 { [near, near] } else { [errors[tier.level], enough] },
+            );
+            let own = &self.order[tier.start..self.order.len() - inner];
+            tier.radius = own.iter().map(|&g| self.slacks[g]).fold(f64::INFINITY, f64::min);
             if tier.radius >= errors[tier.level] || tier.level == 0 {
                 break;
             }
@@ -268,12 +291,10 @@ impl Reach {
             self.find_near(tier, inner, near, check, finding);
         }
         tier.since = self.elapsed;
-        tier.is_free = self.is_constant && !state.touches();
         if !self.is_constant {
             tier.limits.clone_from(&state.data.all);
         }
-        let own = &self.nodes[tier.start..self.nodes.len() - inner];
-        tier.weight = own.iter().map(|&i| self.flexibilities[i]).fold(0.0, f64::max);
+        tier.weight = self.groups.flexibility(&self.order[tier.start..self.order.len() - inner]);
         inner
     }
 
@@ -288,108 +309,25 @@ impl Reach {
         longer.min(level + 1).min(LEVELS - 1)
     }
 
-    /// Computes the slacks of the nodes of a tier over its horizon; for the nodes of a large tier,
-    /// lower bounds of them, unless these do not exceed `enough`.
-    fn evaluate(&mut self, tier: &Tier, check: &Check, enough: f64) {
-        let Reach { nodes, shapes, slacks, sizes, groups, flexibilities, .. } = self;
-        let nodes = &nodes[tier.start..];
-        let end = self.forecasts[tier.level].seconds;
-        let motion = tier.motion.each_ref().map(|of| &**of);
-        let limits = &check.state.data.all;
-        let acting: Vec<(f64, &[f64])> = tier
-            .reaction
-            .iter()
-            .enumerate()
-            .filter(|(_, r)| **r != 0.0)
-            .map(|(k, r)| (*r, &*check.model.at_bounds[k]))
-            .collect();
-        let pressure: f64 = acting.iter().map(|(r, _)| r.abs()).sum();
-        let by_groups = nodes.len() >= GROUPED;
-        self.arch.dispatch(
-            #[inline(always)]
-            || {
-                if by_groups {
-                    groups.begin(motion, end);
-                }
-                for &i in nodes {
-                    if by_groups {
-                        slacks[i] = groups.slack(i, motion, limits) - flexibilities[i] * pressure;
-                    }
-                    if by_groups && slacks[i] > enough {
-                        continue;
-                    }
-                    let mut y = dots(shapes.col_as_slice(i), motion);
-                    y[0] += limits.shift[i];
-                    y[0] += acting.iter().map(|(r, column)| r * column[i]).sum::<f64>();
-                    slacks[i] = distance(y, limits, i, end) / sizes[i];
-                }
-            },
-        );
-    }
-
-    /// Sorts the given number of nodes with the least slack to the end. Returns the least slack of
-    /// the others of those from `start` on.
-    fn divide(&mut self, start: usize, inner: usize) -> f64 {
-        let slacks = &self.slacks;
-        let nodes = &mut self.nodes[start..];
-        let own = nodes.len() - inner;
-        if inner == 0 || own == 0 {
-            return nodes.iter().map(|&i| slacks[i]).fold(f64::INFINITY, f64::min);
-        }
-        let (_, last, _) = nodes.select_nth_unstable_by(own - 1, |&a, &b| slacks[b].total_cmp(&slacks[a]));
-        slacks[*last]
-    }
-
-    /// Finds the nodes of a tier outside the next one whose slack is too small, and sets the radius
-    /// to that of the others.
-    fn find_near(&self, tier: &mut Tier, inner: usize, most: f64, check: &Check, finding: &mut Finding) {
-        tier.radius = f64::INFINITY;
-        let Check { model, state, .. } = check;
-        let limits = &state.data.all;
-        for &i in &self.nodes[tier.start..self.nodes.len() - inner] {
-            let slack = self.slacks[i];
-            if slack > most {
-                tier.radius = tier.radius.min(slack);
-                continue;
-            }
-            finding.near.push(i);
-            let mut y = limits.shift[i] + dot(self.shapes.col_as_slice(i), &state.q);
-            for (k, r) in state.reaction.iter().enumerate() {
-                y += r * model.at_bounds[k][i];
-            }
-            finding.is_late |= y < limits.lower[i] || y > limits.upper[i];
-        }
-    }
-
     /// Removes nodes that have become candidates, ascending indices of bounds, beside the `old`
     /// candidates.
     pub fn remove(&mut self, model: &ContactModel, old: &[usize], near: &[usize]) {
-        let is_near = |i: &usize| near.binary_search(i).is_ok();
-        for tier in &mut self.tiers {
-            tier.start -= self.nodes[..tier.start].iter().filter(|i| is_near(i)).count();
-            if !tier.reaction.is_empty() {
-                let known = |i| old.binary_search(i).map_or(0.0, |k| tier.reaction[k]);
-                tier.reaction = model.candidates.iter().map(known).collect();
-            }
+        for tier in self.tiers.iter_mut().filter(|tier| !tier.reaction.is_empty()) {
+            let known = |i| old.binary_search(i).map_or(0.0, |k| tier.reaction[k]);
+            tier.reaction = model.candidates.iter().map(known).collect();
         }
-        self.nodes.retain(|i| !is_near(i));
+        self.groups.remove(near);
         for k in near.iter().filter_map(|i| model.candidates.binary_search(i).ok()) {
-            let column = &model.at_bounds[k];
-            for &i in &self.nodes {
-                let flexibility = column[i].abs() / self.sizes[i];
-                self.flexibilities[i] = self.flexibilities[i].max(flexibility);
-            }
+            self.groups.yield_to(k, &model.at_bounds[k]);
         }
         for index in 0..self.tiers.len() {
-            let own = self.nodes[self.own(index)].iter();
-            self.tiers[index].weight = own.map(|&i| self.flexibilities[i]).fold(0.0, f64::max);
+            self.tiers[index].weight = self.groups.flexibility(self.own(index));
         }
     }
 
     /// Forgets the candidates: any node may touch.
     pub fn forget(&mut self) {
-        self.nodes = (0..self.sizes.len()).collect();
-        self.flexibilities.fill(0.0);
+        self.groups.restore(&self.shapes, &self.sizes);
         self.renew_all();
     }
 
@@ -402,7 +340,7 @@ impl Reach {
     /// Saves or restores the certificates. What else there is follows from the candidates.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.elapsed)?;
-        archive.value(&mut self.nodes)?;
+        archive.value(&mut self.order)?;
         archive.value(&mut self.until)?;
         archive.value(&mut self.tiers)
     }

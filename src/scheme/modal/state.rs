@@ -9,6 +9,7 @@ use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
+use crate::linalg::wide::widest;
 use crate::scheme::{Start, System};
 use faer::Mat;
 use pulp::Arch;
@@ -73,7 +74,8 @@ impl State {
     pub fn settle_free(&mut self, rows: &Mat<f64>) {
         let State { q, y, x, data, .. } = self;
         y.resize(rows.ncols(), 0.0);
-        Arch::new().dispatch(
+        widest(
+            Arch::new(),
             #[inline(always)]
             || {
                 for (i, y) in y.iter_mut().enumerate() {

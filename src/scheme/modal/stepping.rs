@@ -10,6 +10,7 @@ use super::state::{State, kick};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
+use crate::linalg::wide::widest;
 use crate::scheme::Approach;
 use crate::vi::{ComplianceProblem, ComplianceSolver, StepReport};
 use std::rc::Rc;
@@ -105,7 +106,8 @@ impl<E: Engine> ModalScheme<'_, E> {
             }
             None => &before.data.force,
         };
-        self.arch.dispatch(
+        widest(
+            self.arch,
             #[inline(always)]
             || {
                 let start = if *is_damped { energy(squares, &before.q, &now.v) } else { 0.0 };

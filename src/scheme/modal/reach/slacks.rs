@@ -1,0 +1,112 @@
+//! Slacks of the groups of a tier over its horizon.
+
+use super::super::forecast::distance;
+use super::super::products::{dot, dots};
+use super::{Check, Finding, Reach, Tier};
+use crate::linalg::wide::widest;
+
+impl Reach {
+    /// Computes bounds of the slacks of the groups of a tier over its horizon.
+    pub(super) fn evaluate(&mut self, tier: &Tier) {
+        let Reach { order, slacks, errors, groups, .. } = self;
+        let end = self.forecasts[tier.level].seconds;
+        let motion = tier.motion.each_ref().map(|of| &**of);
+        let pressure: f64 = tier.reaction.iter().map(|r| r.abs()).sum();
+        widest(
+            self.arch,
+            #[inline(always)]
+            || {
+                let [all, high] = groups.largest_roots_of_energy(motion, end);
+                let low = motion.map(|of| &of[..groups.head]);
+                for &g in &order[tier.start..] {
+                    let [rest, tail] = groups.rests(g);
+                    errors[g] = rest * all + tail * high + groups.flexibility(&[g]) * pressure;
+                    slacks[g] = groups.slack(g, low, end, &[]) - errors[g];
+                }
+            },
+        );
+    }
+
+    /// Computes the slacks of the groups of a tier outside the next one that do not exceed `enough`,
+    /// unless they are certain not to reach `needed`.
+    pub(super) fn sharpen(&mut self, tier: &Tier, inner: usize, check: &Check, [needed, enough]: [f64; 2]) {
+        let Reach { order, shapes, slacks, node_slacks, errors, sizes, groups, .. } = self;
+        let end = self.forecasts[tier.level].seconds;
+        let motion = tier.motion.each_ref().map(|of| &**of);
+        let limits = &check.state.data.all;
+        let reactions = tier.reaction.iter().copied().enumerate();
+        let acting: Vec<(usize, f64)> = reactions.filter(|(_, r)| *r != 0.0).collect();
+        let is_known =
+            |slack: f64, error: f64| slack > enough || tier.level > 0 && slack + 2.0 * error <= needed;
+        widest(
+            self.arch,
+            #[inline(always)]
+            || {
+                let [all, _] = groups.largest_roots_of_energy(motion, end);
+                for &g in &order[tier.start..order.len() - inner] {
+                    if is_known(slacks[g], errors[g]) {
+                        continue;
+                    }
+                    let [rest, _] = groups.rests(g);
+                    errors[g] = rest * all;
+                    slacks[g] = groups.slack(g, motion, end, &acting) - errors[g];
+                    if is_known(slacks[g], errors[g]) {
+                        continue;
+                    }
+                    slacks[g] = f64::INFINITY;
+                    let responses = groups.responses(g);
+                    for (m, &i) in groups.members(g).iter().enumerate() {
+                        let mut y = dots(shapes.col_as_slice(i), motion);
+                        y[0] += limits.shift[i];
+                        y[0] += acting.iter().map(|(k, r)| r * responses[*k][m]).sum::<f64>();
+                        node_slacks[i] = distance(y, limits, i, end) / sizes[i];
+                        slacks[g] = slacks[g].min(node_slacks[i]);
+                    }
+                }
+            },
+        );
+    }
+
+    /// Sorts the given number of groups of those from `start` on with the least slack to the end.
+    pub(super) fn divide(&mut self, start: usize, inner: usize) {
+        let slacks = &self.slacks;
+        let groups = &mut self.order[start..];
+        let own = groups.len() - inner;
+        if inner > 0 && own > 0 {
+            groups.select_nth_unstable_by(own - 1, |&a, &b| slacks[b].total_cmp(&slacks[a]));
+        }
+    }
+
+    /// Finds the nodes of a tier's groups outside the next one whose slack is too small, and sets the
+    /// radius to that of the others.
+    pub(super) fn find_near(
+        &self,
+        tier: &mut Tier,
+        inner: usize,
+        most: f64,
+        check: &Check,
+        finding: &mut Finding,
+    ) {
+        tier.radius = f64::INFINITY;
+        let Check { model, state, .. } = check;
+        let limits = &state.data.all;
+        for &g in &self.order[tier.start..self.order.len() - inner] {
+            if self.slacks[g] > most {
+                tier.radius = tier.radius.min(self.slacks[g]);
+                continue;
+            }
+            for &i in self.groups.members(g) {
+                if self.node_slacks[i] > most {
+                    tier.radius = tier.radius.min(self.node_slacks[i]);
+                    continue;
+                }
+                finding.near.push(i);
+                let mut y = limits.shift[i] + dot(self.shapes.col_as_slice(i), &state.q);
+                for (k, r) in state.reaction.iter().enumerate() {
+                    y += r * model.at_bounds[k][i];
+                }
+                finding.is_late |= y < limits.lower[i] || y > limits.upper[i];
+            }
+        }
+    }
+}
