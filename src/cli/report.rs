@@ -3,11 +3,14 @@
 use crate::output::text::{Report, significant};
 use crate::scene::Scene;
 use crate::scheme::RelaxationStatistics;
-use crate::simulation::Outcome;
+use crate::simulation::{Extremes, HardestImpact, NamedForce, Outcome, StressPeak};
 use std::path::Path;
 
 /// Number of contacts listed in a report.
 const MOST_CONTACTS: usize = 6;
+
+/// Component of a moment, relative to the other one, that is rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// Returns the report printed at the end of a run.
 pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
@@ -46,6 +49,7 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     } else if scene.has_contact() {
         report.text("first impact", "none");
     }
+    add_extremes(&mut report, outcome);
     report.number("energy at start", energy.start, "J").number("energy at end", energy.end, "J");
     // Time-dependent data add and remove energy; compared with that, the energy of a start at rest
     // is rounding.
@@ -74,4 +78,50 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     }
     report.text("written to", format!("{}", folder.display()));
     report
+}
+
+/// Adds the largest stress, and the forces of named supports and obstacles.
+fn add_extremes(report: &mut Report, outcome: &Outcome) {
+    let place = |[x, y]: [f64; 2]| format!("({}, {}) m", significant(x), significant(y));
+    let seconds = |time: f64| format!("at {} s", significant(time));
+    if let Some(Extremes { von_mises: StressPeak { value, time, at, surface } }) = outcome.extremes {
+        let side = if surface.sign() < 0.0 { "lower" } else { "upper" };
+        report
+            .number("largest von Mises stress", value, "Pa")
+            .text("  at", format!("{}, {} surface, {}", place(at), side, seconds(time)));
+    }
+    for (name, force) in &outcome.forces {
+        match force {
+            NamedForce::Support(of) => {
+                let most = of.peak_moment.iter().fold(0.0, |most: f64, of| most.max(of.abs()));
+                let [x, y] = of
+                    .peak_moment
+                    .map(|of| if of.abs() <= ROUNDING * most { 0.0 } else { of })
+                    .map(significant);
+                report
+                    .number(format!("{name}, largest force"), of.peak, "N")
+                    .text("  at", format!("{} s", significant(of.time_of_peak)))
+                    .number("  impulse", of.impulse, "N s")
+                    .text("  largest moment", format!("{x} N m about x, {y} N m about y"))
+                    .text("    at", format!("{} s", significant(of.time_of_peak_moment)));
+            }
+            NamedForce::Obstacle(of) => {
+                report.number(format!("{name}, largest force"), of.peak, "N");
+                if let Some(time) = of.time_of_peak {
+                    report.text("  at", format!("{} s", significant(time)));
+                }
+                report.number("  impulse", of.impulse, "N s").count("  impacts", of.impacts, "").number(
+                    "  time in contact",
+                    of.time_in_contact,
+                    "s",
+                );
+                if let Some(HardestImpact { time, at, approach_velocity, impulse, .. }) = of.hardest {
+                    report
+                        .number("  impulse of the hardest", impulse, "N s")
+                        .text("    at", format!("{}, {}", place(at), seconds(time)))
+                        .number("    approach velocity", approach_velocity, "m/s");
+                }
+            }
+        }
+    }
 }

@@ -15,6 +15,7 @@ use std::process::Command;
 
 const TUTORIAL: &str = include_str!("../../docs/tutorial.md");
 const RECIPES: &str = include_str!("../../docs/how-to.md");
+const RUNS: &str = include_str!("../../docs/runs.md");
 
 /// Settings of Open MPI that let root start more ranks than cores on one machine, as variables,
 /// since the commands of the pages are those of a user.
@@ -69,6 +70,8 @@ fn squeezed(text: &str) -> String {
 fn follow(page: &str, name: &str) -> usize {
     let folder: PathBuf = command::folder(&format!("page-{name}"), "");
     fs::remove_file(folder.join("fall.toml")).unwrap();
+    std::os::unix::fs::symlink(Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes"), folder.join("scenes"))
+        .unwrap();
     let mut count = 0;
     // Output of the last commands; `None` where they cannot run here.
     let mut said = None;
@@ -109,6 +112,17 @@ fn the_tutorial_works() {
     let drawing = blocks(TUTORIAL).into_iter().find(|block| block.words == ["c", "bracket.geo"]).unwrap();
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/new/bracket.geo");
     assert_eq!(drawing.text.trim_end(), fs::read_to_string(own).unwrap().trim_end());
+}
+
+/// Three commands tell the largest stress at the clamp, its time, and what the stop feels.
+#[test]
+fn the_stress_at_the_clamp_is_as_the_page_says() {
+    let section = RUNS.split("\n## ").find(|of| of.starts_with("The stress and the force in the clamp"));
+    assert!(follow(section.unwrap(), "clamp") >= 3);
+    let pictures = Path::new(env!("CARGO_TARGET_TMPDIR")).join("page-clamp/runs/forces/plots");
+    for name in ["history.svg", "forces.svg", "extremes.svg"] {
+        assert!(pictures.join(name).is_file(), "{name}");
+    }
 }
 
 /// Each recipe stands alone.

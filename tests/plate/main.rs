@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod edge_moments;
 mod elements;
 mod frequencies;
 mod gmsh;

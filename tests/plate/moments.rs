@@ -12,7 +12,7 @@ use rebond::partition::WholeMesh;
 use rebond::scheme;
 use std::f64::consts::PI;
 
-type Curvature = [f64; 3];
+pub type Curvature = [f64; 3];
 
 /// Returns the curvatures at the sites of a recovery for values and slopes, three per node.
 fn at_sites(recovery: &Recovery, shape: &[f64]) -> Vec<Curvature> {
@@ -25,14 +25,14 @@ fn at_sites(recovery: &Recovery, shape: &[f64]) -> Vec<Curvature> {
 }
 
 /// Returns the recovered curvature at each node of a plate of one part.
-fn recovered(plate: &Matrices, shape: &[f64]) -> Vec<Curvature> {
+pub fn recovered(plate: &Matrices, shape: &[f64]) -> Vec<Curvature> {
     let recovery = Recovery::new(&plate.mesh, &plate.cells, &|_| 0, 1, &WholeMesh).unwrap();
     let mut at_nodes = vec![[f64::NAN; 3]; plate.mesh.nodes.len()];
     recovery.sites().iter().zip(at_sites(&recovery, shape)).for_each(|(site, of)| at_nodes[site.node] = of);
     at_nodes
 }
 
-fn distance(a: Curvature, b: Curvature) -> f64 {
+pub fn distance(a: Curvature, b: Curvature) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
@@ -54,7 +54,7 @@ fn raw_error(plate: &Matrices, shape: &[f64], exact: impl Fn(Point) -> Curvature
 }
 
 /// Returns the mesh with its inner nodes displaced by up to a share of 1/n, always in the same way.
-fn jittered(mut mesh: Mesh, n: usize) -> Mesh {
+pub fn jittered(mut mesh: Mesh, n: usize) -> Mesh {
     let mut state = 88172645463325252_u64;
     let mut random = || {
         state ^= state << 13;
