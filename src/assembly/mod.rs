@@ -26,7 +26,7 @@ pub use pressure::Pressure;
 pub use probe::Probe;
 pub use products::{consistent_momenta, forces, singular_momenta, squares};
 pub use recovery::{Recovery, values_in_slot, vertex_weights};
-pub use site_blocks::{SITES, SiteBlock};
+pub use site_blocks::{SITES, SiteBlock, StencilSums};
 pub use sites::{RecoverySite, sum_over_ranks};
 
 use crate::dof_map::DofMap;

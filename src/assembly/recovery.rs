@@ -23,6 +23,7 @@ use crate::element::{Element, with_element};
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
+use nalgebra::{Matrix3, Vector3};
 use std::collections::{BTreeSet, HashMap};
 
 /// Recovery of curvatures at the nodes of each part of the plate.
@@ -135,6 +136,20 @@ impl Recovery {
     /// Returns the number of blocks that hold all sites.
     pub fn blocks(&self) -> usize {
         self.slots.iter().max().map_or(0, |&last| last as usize / SITES + 1)
+    }
+
+    /// Returns sums whose results are the products of a matrix with the curvatures at the sites,
+    /// with slots of their own; `None` where the mesh is divided among ranks.
+    pub fn mapped<P: Partition>(&self, map: &Matrix3<f64>) -> Option<StencilSums> {
+        let site = |site: usize| {
+            let RecoverySite { node, .. } = self.sites[site];
+            let mut stencil = self.patches.stencil(node, self.sums.terms(site));
+            for [a, b, c, _] in stencil.iter_mut().flat_map(|(_, weights)| weights) {
+                [*a, *b, *c] = (map * Vector3::new(*a, *b, *c)).into();
+            }
+            (node, stencil)
+        };
+        (!P::DIVIDES).then(|| StencilSums::new((0..self.sites.len()).map(site)))
     }
 
     /// Computes the curvatures at the sites, block by block, for a deflection given by w, w_x and

@@ -28,7 +28,7 @@ pub(super) type Stencil = Vec<(i32, NodeWeights)>;
 /// Each sum has a *slot*: slot s is entry s % 8 of block s / 8. Slots without a sum have arbitrary
 /// values.
 #[derive(Clone, Debug)]
-pub(super) struct StencilSums {
+pub struct StencilSums {
     stencils: Vec<Stencil>,
     /// Stencil of each block of sums, and the node of its first site. The sites of a block lie at
     /// eight consecutive nodes.
@@ -44,7 +44,7 @@ const LEAST: usize = 2;
 
 impl StencilSums {
     /// Collects the node and the stencil of each sum.
-    pub fn new(sums: impl Iterator<Item = (usize, Stencil)>) -> StencilSums {
+    pub(super) fn new(sums: impl Iterator<Item = (usize, Stencil)>) -> StencilSums {
         let mut stencils: Vec<Stencil> = Vec::new();
         // Sums with each stencil: the node and the number of each.
         let mut users: Vec<Vec<(usize, usize)>> = Vec::new();

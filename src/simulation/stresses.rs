@@ -118,13 +118,13 @@ fn from_numbers(numbers: [f64; 11]) -> Section {
 pub(super) struct SiteValues {
     /// Deflections and slopes that supports leave free: w at all nodes, then w_x, then w_y.
     free: [Vec<FreeRun>; PER_NODE],
-    /// Curvatures at the sites from w, w_x and w_y at the nodes. Collective.
-    curvatures: CurvaturesOfNodes,
+    /// Values at the sites from w, w_x and w_y at the nodes, before the matrices. Collective.
+    of_nodes: ValuesOfNodes,
     /// Position of each site in the blocks.
     slots: Vec<u32>,
-    /// Matrices that map the curvatures of the sites of a block to the values.
+    /// Matrices that map the results of `of_nodes` at the sites of a block to the values.
     maps: Vec<BlockMap>,
-    /// Matrix of each block, an index into `maps`; empty where the values are the curvatures.
+    /// Matrix of each block, an index into `maps`; empty where the results are the values.
     map_of: Vec<u32>,
     /// Support motions with the values that they cause, per metre.
     lifts: Vec<(Rc<FieldInput>, Vec<SiteBlock>)>,
@@ -146,7 +146,7 @@ struct FreeRun {
 /// Entries of a 3x3 matrix, row by row, each for the eight sites of a block.
 type BlockMap = [[f64; SITES]; 9];
 
-type CurvaturesOfNodes = Box<dyn Fn([&[f64]; PER_NODE], &mut [SiteBlock]) -> Result<()>>;
+type ValuesOfNodes = Box<dyn Fn([&[f64]; PER_NODE], &mut [SiteBlock]) -> Result<()>>;
 
 /// Values of w, w_x and w_y at the nodes, and values at the sites.
 #[derive(Default)]
@@ -165,13 +165,31 @@ impl SiteValues {
         maps: &[Matrix3<f64>],
     ) -> Result<SiteValues> {
         let nodes = ground.mesh.nodes.len();
-        let (recovery, partition) = (curvatures.recovery.clone(), ground.partition.clone());
-        let slots = recovery.slots().to_vec();
+        // Where the matrix is the same at all sites, it joins the weights of the nodes.
+        let same = maps.first().filter(|first| maps.iter().all(|map| map == *first));
+        let mapped = same.and_then(|map| curvatures.recovery.mapped::<P>(map));
+        let (blocks, slots, maps, of_nodes): (_, _, _, ValuesOfNodes) = match mapped {
+            Some(sums) => {
+                let (blocks, slots) = (sums.blocks(), sums.slots().to_vec());
+                let compute = move |nodal: [&[f64]; PER_NODE], values: &mut [SiteBlock]| {
+                    sums.compute(nodal, values);
+                    Ok(())
+                };
+                (blocks, slots, &[][..], Box::new(compute))
+            }
+            None => {
+                let (recovery, partition) = (curvatures.recovery.clone(), ground.partition.clone());
+                let (blocks, slots) = (recovery.blocks(), recovery.slots().to_vec());
+                let compute = move |nodal: [&[f64]; PER_NODE], values: &mut [SiteBlock]| {
+                    recovery.curvatures(nodal, &partition, values)
+                };
+                (blocks, slots, maps, Box::new(compute))
+            }
+        };
         let (maps, map_of) = block_maps(maps, &slots);
-        let blocks = recovery.blocks();
         let mut values = SiteValues {
             free: [0, 1, 2].map(|k| free_runs(nodes, |node| ground.space.dof(PER_NODE * node + k))),
-            curvatures: Box::new(move |nodal, values| recovery.curvatures(nodal, &partition, values)),
+            of_nodes,
             slots,
             maps,
             map_of,
@@ -203,8 +221,14 @@ impl SiteValues {
         for (runs, nodal) in self.free.iter().zip(&mut room.nodal) {
             for FreeRun { first: (node, dof), count, stride, factor } in runs {
                 let own = &mut nodal[*node as usize..][..*count as usize];
-                let values = u[*dof as usize..].iter().step_by(*stride as usize);
-                own.iter_mut().zip(values).for_each(|(own, value)| *own = factor * value);
+                let values = &u[*dof as usize..];
+                if *stride as usize == PER_NODE {
+                    let values = values.chunks(PER_NODE);
+                    own.iter_mut().zip(values).for_each(|(own, values)| *own = factor * values[0]);
+                } else {
+                    let values = values.iter().step_by(*stride as usize);
+                    own.iter_mut().zip(values).for_each(|(own, value)| *own = factor * value);
+                }
             }
         }
         self.follow_nodes(&mut room)?;
@@ -238,7 +262,7 @@ impl SiteValues {
 
     /// Sets the values to those of the nodes, without any lift. Collective.
     fn follow_nodes(&self, Room { nodal, values }: &mut Room) -> Result<()> {
-        (self.curvatures)(nodal.each_ref().map(Vec::as_slice), values)?;
+        (self.of_nodes)(nodal.each_ref().map(Vec::as_slice), values)?;
         widest(
             self.arch,
             #[inline(always)]
