@@ -94,12 +94,22 @@ impl<'a> Document<'a> {
     ///
     /// A missing key has the position of its table.
     pub fn fault(&self, key: &str, wrong: impl Display) -> Error {
+        self.fault_at(self.place(key), key, wrong)
+    }
+
+    /// Returns the position of a key in words, for messages that follow once the scene is read.
+    pub fn position(&self, key: &str) -> String {
+        self.describe(self.place(key))
+    }
+
+    /// Returns the position of a key, or that of its table if it is missing.
+    fn place(&self, key: &str) -> SourcePlace {
         let mut node = &self.root;
         for part in parts(key) {
             let Some(child) = node.child(part) else { break };
             node = child;
         }
-        self.fault_at(node.place, key, wrong)
+        node.place
     }
 
     /// Creates the error for a key at a known position.

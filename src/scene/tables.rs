@@ -160,6 +160,19 @@ pub struct Obstacle {
     /// Hertz), per length of a line (N/m2, N s/m2) or per area (N/m3, N s/m3); `None` for a rigid
     /// obstacle.
     pub compliance: Option<Compliance>,
+    /// Position of its law, or of the table without one, for messages.
+    pub position: SourcePosition,
+}
+
+/// Position in the text of a scene, in words. All positions are equal: scenes with the same content
+/// are.
+#[derive(Debug, Clone, Default)]
+pub struct SourcePosition(pub String);
+
+impl PartialEq for SourcePosition {
+    fn eq(&self, _: &SourcePosition) -> bool {
+        true
+    }
 }
 
 /// Law by which the force of a compliant stop depends on its depth d.

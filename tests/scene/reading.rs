@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use rebond::Error;
 use rebond::scene::{
     ContactSolver, Diagonal, ElementKind, EngineName, FieldInput, Mass, Obstacle, Region, Scene, SchemeSpec,
-    Side, Snapshots, Support, SupportKind, SupportLocation,
+    Side, Snapshots, SourcePosition, Support, SupportKind, SupportLocation,
 };
 
 const MINIMAL: &str = r#"
@@ -174,7 +174,14 @@ fn every_key_is_read() {
     let height = FieldInput::constant("obstacle.0.height", -0.1);
     assert_eq!(
         scene.obstacles[0],
-        Obstacle { name: None, side: Side::Below, height, region: Region::All, compliance: None }
+        Obstacle {
+            name: None,
+            side: Side::Below,
+            height,
+            region: Region::All,
+            compliance: None,
+            position: SourcePosition::default()
+        }
     );
     assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);

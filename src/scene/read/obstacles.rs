@@ -10,7 +10,7 @@ use crate::field::Names;
 use crate::scene::document::Document;
 use crate::scene::keys::{TableKey, TableKeys, ValueKind, key, words};
 use crate::scene::typed::Quantity;
-use crate::scene::{Compliance, Obstacle, Region, Side, StopLaw};
+use crate::scene::{Compliance, Obstacle, Region, Side, SourcePosition, StopLaw};
 
 pub(super) static OBSTACLE: TableKeys = TableKeys {
     groups: &[&[
@@ -56,6 +56,7 @@ pub(super) fn read(doc: &Document) -> Result<Vec<Obstacle>> {
             side: doc.choice(&side)?,
             height: doc.needed(&height, &HEIGHT, Names::XYT)?,
             compliance: compliance(doc, &table, &region)?,
+            position: SourcePosition(doc.position(&format!("{table}.law"))),
             region,
         };
         let is_rigid = |of: &Obstacle| of.region == Region::All && of.compliance.is_none();

@@ -211,9 +211,10 @@ fn yielding(
             {
                 let ([x, y], key) = (bounded[bound].at, if law.is_some() { number } else { first });
                 let beside = number + first - key;
+                let [at, other] = [key, beside].map(|number| &scene.obstacles[number].position.0);
                 return Err(Error::Scene(format!(
-                    "obstacle.{key}.law: \"hertz\" needs a side of its node for itself, and obstacle.{beside} is at ({x}, {y}) \
-                     too; expected another place or side, or law = \"linear\""
+                    "{at}: obstacle.{key}.law: \"hertz\" needs a side of its node for itself, and obstacle.{beside} ({other}) \
+                     is at ({x}, {y}) too; expected another place or side, or law = \"linear\""
                 )));
             }
             if let Some(law) = law {
