@@ -46,10 +46,14 @@ fn ribs_bend_and_twist_with_the_plate() {
     })
     .write("ribs-skewed.msh");
     let keys = "thickness = 1, youngs_modulus = 10.92, poissons_ratio = 0.3, density = 1";
+    // Triangles and quadrilaterals, as Gmsh made them and refined.
+    let mixed = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/square_41_text.msh");
     let plates = [
         [UNIT, &grid("fvs", 3, 4)].concat(),
         [UNIT, &grid("hct", 3, 4)].concat(),
         format!("plate = {{ {keys} }}\nmesh.file = \"{skewed}\"\n"),
+        format!("plate = {{ {keys} }}\nmesh.file = \"{mixed}\"\n"),
+        format!("plate = {{ {keys} }}\nmesh = {{ file = \"{mixed}\", refine = 2 }}\n"),
     ];
     let lines = [
         [[0.0, 0.0], [1.0, 1.0]],
