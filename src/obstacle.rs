@@ -70,7 +70,7 @@ impl Bounds {
         self.lower[bound] == self.upper[bound]
     }
 
-    /// Returns an error where bounds may yield and `what`, a scheme or a mass, does not take them.
+    /// Returns an error where bounds may yield and `what`, a scheme, does not take them.
     ///
     /// # Errors
     /// Returns [`Error::Usage`].
@@ -78,8 +78,7 @@ impl Bounds {
         match self.hertz {
             None => Ok(()),
             Some(_) => Err(Error::Usage(format!(
-                "{what} takes no stops with law = \"hertz\"; set law = \"linear\", or time.scheme = \"conserving\" with \
-                 time.mass = \"singular\""
+                "{what} takes no stops with law = \"hertz\"; set law = \"linear\", or time.scheme = \"conserving\""
             ))),
         }
     }

@@ -32,6 +32,7 @@ files![
     "graded.msh",
     "graded.toml",
     "grazing.toml",
+    "hertz-stops.toml",
     "incompatible-start.toml",
     "kilometre.toml",
     "micrometre.toml",

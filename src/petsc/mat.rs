@@ -252,6 +252,14 @@ impl Matrix {
         call!(MatCopy(other.raw, self.raw, sys::MatStructure::SAME_NONZERO_PATTERN))
     }
 
+    /// Adds a vector to the diagonal. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the layouts differ.
+    pub fn add_to_diagonal(&mut self, diagonal: &Vector) -> Result<()> {
+        call!(MatDiagonalSet(self.raw, diagonal.raw, sys::InsertMode::ADD_VALUES))
+    }
+
     /// Copies the diagonal into a vector. Collective.
     ///
     /// # Errors

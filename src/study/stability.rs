@@ -175,9 +175,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
         // A mesh that cannot be made is reported by the trials.
         let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
         let is_hertz = scene.hertz_stop().is_some();
-        let takes_stops = |method: &Method| {
-            !is_hertz || method.mass != Mass::Modal && method.scheme.capabilities().takes_hertz
-        };
+        let takes_stops = |method: &Method| !is_hertz || method.scheme.capabilities().takes_hertz;
         for method in methods(engine, vi).into_iter().filter(takes_stops) {
             let is_dense = method.scheme == SchemeSpec::Exact && method.mass != Mass::Modal;
             if is_dense && cells > MOST_EXACT_CELLS {

@@ -10,7 +10,10 @@
 //! ```
 //!
 //! The solution exists and is unique. Each iteration factors the block of R of the dofs in contact
-//! only. These dofs are few, and the solver keeps the factor while they stay the same.
+//! only. These dofs are few, and the solver keeps the factor while they stay the same. Bounds that
+//! yield add to the diagonal of R, see [`yielding`].
+
+pub mod yielding;
 
 use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
 use crate::archive::Archive;
@@ -27,8 +30,11 @@ pub struct ComplianceSolver {
     /// Dofs in contact, ascending, and the factor of their compliance.
     active: Vec<usize>,
     factor: Option<Llt<f64>>,
-    /// Statuses that the factor belongs to.
-    factored: Vec<usize>,
+    /// Dofs that the factor belongs to, each with the compliance of its bound, in m/N.
+    factored: Vec<(usize, f64)>,
+    /// Compliances of the lower and the upper bound of each dof in the last answer, in m/N, 0 for
+    /// rigid ones; empty if no bound yields.
+    softness: Vec<[f64; 2]>,
     /// Number of factorisations so far.
     pub factorisations: u64,
     /// Largest distance of a dof in contact from its bound before it is put there, in m: the
@@ -50,6 +56,9 @@ pub struct ComplianceProblem<'a> {
     pub lower: &'a [f64],
     /// Upper bounds u, in m.
     pub upper: &'a [f64],
+    /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds yield by the law of Hertz,
+    /// infinite for rigid ones; empty if none yields.
+    pub hertz: &'a [[f64; 2]],
 }
 
 impl ComplianceSolver {
@@ -70,7 +79,16 @@ impl ComplianceSolver {
     /// Solves for the deflections x (m) and reactions r (N). Entries are NaN where the compliance
     /// of the dofs in contact is not positive definite to rounding.
     pub fn solve(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
-        let ComplianceProblem { compliance, free, lower, upper } = problem;
+        if problem.hertz.is_empty() {
+            self.solve_rigid(problem, x, reaction);
+        } else {
+            self.solve_yielding(problem, x, reaction);
+        }
+    }
+
+    /// Solves the problem with bounds that are rigid but for their own compliance.
+    fn solve_rigid(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
+        let ComplianceProblem { compliance, free, lower, upper, .. } = problem;
         let mut rule: Option<Exchange> = None;
         (self.iterations, self.residual) = (0, 0.0);
         for (i, side) in self.sides.iter_mut().enumerate() {
@@ -99,7 +117,7 @@ impl ComplianceSolver {
                 }
                 self.residual = 0.0;
                 for &i in &self.active {
-                    let bound = held(i, self.sides[i]);
+                    let bound = held(i, self.sides[i]) - self.softness(i) * reaction[i];
                     self.residual = self.residual.max((x[i] - bound).abs());
                     x[i] = bound;
                 }
@@ -123,7 +141,13 @@ impl ComplianceSolver {
         }
     }
 
-    /// Solves R_AA s = b for the dofs A in contact in the last answer, in place.
+    /// Returns the compliance of the bound that a dof is at, in m/N; 0 for a rigid one.
+    fn softness(&self, dof: usize) -> f64 {
+        self.softness.get(dof).map_or(0.0, |of| of[usize::from(self.sides[dof] == BoundStatus::Upper)])
+    }
+
+    /// Solves R_AA s = b for the dofs A in contact in the last answer, in place. The compliance of
+    /// bounds that yield is part of R.
     pub fn solve_active(&self, values: &mut Mat<f64>) {
         if let Some(llt) = &self.factor {
             llt.solve_in_place(values);
@@ -136,6 +160,9 @@ impl ComplianceSolver {
     /// Returns the errors of [`Archive::value`].
     pub fn archive(&mut self, compliance: &Mat<f64>, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.sides)?;
+        if !self.softness.is_empty() {
+            archive.value(&mut self.softness)?;
+        }
         if !archive.saves() {
             self.factor_active(compliance);
         }
@@ -146,13 +173,16 @@ impl ComplianceSolver {
     fn factor_active(&mut self, compliance: &Mat<f64>) {
         self.active.clear();
         self.active.extend((0..self.sides.len()).filter(|&i| self.sides[i] != BoundStatus::Free));
-        if self.active == self.factored {
+        let soft: Vec<(usize, f64)> = self.active.iter().map(|&i| (i, self.softness(i))).collect();
+        if soft == self.factored {
             return;
         }
-        self.factored.clone_from(&self.active);
-        let active = &self.active;
-        let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
+        let block = Mat::from_fn(soft.len(), soft.len(), |i, j| {
+            let ((row, softness), (column, _)) = (soft[i], soft[j]);
+            compliance[(row, column)] + if i == j { softness } else { 0.0 }
+        });
         self.factor = block.llt(Triangle::Lower).ok();
+        self.factored = soft;
         self.factorisations += 1;
     }
 }

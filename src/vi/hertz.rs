@@ -14,14 +14,14 @@ use crate::linalg::Engine;
 use crate::obstacle::{Bounds, hertz_depth, hertz_force, hertz_tangent};
 
 /// Largest number of Newton iterations: a start 1e30 times too deep takes about 60.
-const MAX_ITERATIONS: u32 = 200;
+pub(super) const MAX_ITERATIONS: u32 = 200;
 
 /// Number of iterations in succession that may fail to halve the error.
 const MAX_IDLE_ITERATIONS: u32 = 30;
 
 /// Error of a reaction relative to its row, or of a depth relative to its bound, that counts as
 /// rounding.
-const ROUNDING: f64 = 64.0 * f64::EPSILON;
+pub(super) const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Number of bisections of the way to a tangent's answer.
 const BISECTIONS: usize = 60;
@@ -40,7 +40,7 @@ pub(super) struct HertzBound {
 impl HertzBound {
     /// Returns the sides that yield, each with the sign of its reaction, its stiffness, and the
     /// depth of a value beyond it.
-    fn sides(&self, value: f64) -> impl Iterator<Item = (f64, f64, f64)> {
+    pub fn sides(&self, value: f64) -> impl Iterator<Item = (f64, f64, f64)> {
         let depths = [self.limits[0] - value, value - self.limits[1]];
         let sides = [1.0, -1.0].into_iter().zip(self.stiffness).zip(depths);
         sides.map(|((sign, k), depth)| (sign, k, depth)).filter(|(_, k, _)| k.is_finite())
@@ -51,14 +51,21 @@ impl HertzBound {
         self.sides(value).map(|(sign, k, depth)| sign * hertz_force(k, depth)).sum()
     }
 
+    /// Returns the depth of a value beyond the bound that yields, in m, with the sign of the
+    /// reaction; 0 inside.
+    #[cfg(feature = "petsc")]
+    pub fn signed_depth(&self, value: f64) -> f64 {
+        self.sides(value).map(|(sign, _, depth)| sign * depth.max(0.0)).sum()
+    }
+
     /// Returns the derivative of the reaction with respect to the depth at a value, in N/m.
-    fn tangent(&self, value: f64) -> f64 {
+    pub fn tangent(&self, value: f64) -> f64 {
         self.sides(value).map(|(_, k, depth)| hertz_tangent(k, depth)).sum()
     }
 
     /// Returns the error of a reaction at a value: relative to the magnitude of its row or, if that
     /// is smaller, as an error of the depth relative to value and bound.
-    fn error(&self, value: f64, reaction: f64, magnitude: f64) -> f64 {
+    pub fn error(&self, value: f64, reaction: f64, magnitude: f64) -> f64 {
         let of = |(side, (sign, k, depth)): (usize, (f64, f64, f64))| {
             let pushes = (sign * reaction).max(0.0);
             let of_force = (pushes - hertz_force(k, depth)).abs() / magnitude;
@@ -114,7 +121,7 @@ impl YieldingProblem<'_> {
             return iterations;
         }
         let (mut matrix, mut rhs) = (rigid.matrix.clone(), rigid.rhs.to_vec());
-        let (mut last, mut best, mut idle) = (f64::INFINITY, f64::INFINITY, 0);
+        let mut convergence = Convergence::default();
         for _ in 0..MAX_ITERATIONS {
             for of in yielding {
                 let (i, value) = (of.entry, answer.x[of.entry]);
@@ -124,13 +131,9 @@ impl YieldingProblem<'_> {
             }
             let from = answer.x.to_vec();
             iterations += 1 + DenseProblem { matrix: &matrix, rhs: &rhs, ..rigid }.solve(sides, answer);
-            let error = self.react(sides, answer);
-            (best, idle) = if error < 0.5 * best { (error, 0) } else { (best, idle + 1) };
-            let is_rounding = error <= f64::EPSILON || error <= ROUNDING && error > 0.5 * last;
-            if is_rounding || error.is_nan() || idle == MAX_IDLE_ITERATIONS {
+            if convergence.ends(self.react(sides, answer)) {
                 break;
             }
-            last = error;
             self.shorten(&from, answer.x);
         }
         iterations
@@ -176,15 +179,48 @@ impl YieldingProblem<'_> {
             });
             first + part * second - of_bounds.sum::<f64>()
         };
-        let [begin, end] = [slope(0.0), slope(1.0)];
-        if begin >= 0.0 || end <= 0.5 * -begin {
-            return;
+        if let Some(part) = least_on_way(slope) {
+            x.iter_mut().zip(from.iter().zip(&way)).for_each(|(x, (from, way))| *x = from + part * way);
         }
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..BISECTIONS {
-            let middle = 0.5 * (low + high);
-            *(if slope(middle) < 0.0 { &mut low } else { &mut high }) = middle;
-        }
-        x.iter_mut().zip(from.iter().zip(&way)).for_each(|(x, (from, way))| *x = from + high * way);
     }
+}
+
+/// Convergence of the iterations towards the law.
+#[derive(Debug)]
+pub(super) struct Convergence {
+    last: f64,
+    best: f64,
+    idle: u32,
+}
+
+impl Default for Convergence {
+    fn default() -> Convergence {
+        Convergence { last: f64::INFINITY, best: f64::INFINITY, idle: 0 }
+    }
+}
+
+impl Convergence {
+    /// Notes the error of an iteration. Returns whether it is the last one.
+    pub fn ends(&mut self, error: f64) -> bool {
+        (self.best, self.idle) =
+            if error < 0.5 * self.best { (error, 0) } else { (self.best, self.idle + 1) };
+        let is_rounding = error <= f64::EPSILON || error <= ROUNDING && error > 0.5 * self.last;
+        self.last = error;
+        is_rounding || error.is_nan() || self.idle == MAX_IDLE_ITERATIONS
+    }
+}
+
+/// Returns the part of a way on which the energy is least, given its slope along the way; `None`
+/// where the energy does not rise too much at the end.
+pub(super) fn least_on_way(slope: impl Fn(f64) -> f64) -> Option<f64> {
+    let [begin, end] = [slope(0.0), slope(1.0)];
+    if begin >= 0.0 || end <= 0.5 * -begin {
+        return None;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        *(if slope(middle) < 0.0 { &mut low } else { &mut high }) = middle;
+    }
+    Some(high)
 }

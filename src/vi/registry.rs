@@ -47,11 +47,6 @@ impl ContactSolver {
         self.method_option().is_none()
     }
 
-    /// Returns whether the solver takes bounds that yield by the law of Hertz.
-    pub const fn takes_hertz(self) -> bool {
-        matches!(self, ContactSolver::Condensed)
-    }
-
     /// Returns the option of PETSc that names the solver's method; `None` where it has one method
     /// only.
     pub const fn method_option(self) -> Option<&'static str> {

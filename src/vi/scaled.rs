@@ -16,7 +16,13 @@
 //! the bounds, it is the solution. Otherwise the method finds the dofs that are at their bounds.
 //! Its answer is corrected by one solve with these dofs held, unless its residual is at the
 //! rounding floor already.
+//!
+//! Bounds that yield are no bounds to the methods: their energy joins the function to minimise,
+//! their reaction the residual, and their tangent the diagonal of the matrix. Loaded ones are held
+//! at their depth while the other rows are corrected; the check of the answer compares their
+//! reactions with the law.
 
+use super::hertz::HertzBound;
 use super::kkt::{KktCheck, Residual};
 use super::{Answer, BoundStatus, Condensed, Problem, Solver};
 use crate::archive::Archive;
@@ -54,15 +60,70 @@ pub(super) struct Scaled {
     pub right: RefCell<Vector>,
     pub lower: RefCell<Vector>,
     pub upper: RefCell<Vector>,
+    /// Bounds that yield; `None` where those of all ranks are rigid.
+    yielding: RefCell<Option<Yielding>>,
+}
+
+/// Bounds on y that yield, with work space.
+struct Yielding {
+    bounds: Vec<HertzBound>,
+    values: [Vector; 2],
 }
 
 impl Scaled {
-    /// Computes the gradient D A D y - D b / s of the function to minimise, the residual of the
-    /// equations.
+    /// Computes the gradient of the function to minimise, D A D y - D b / s less the reactions of
+    /// bounds that yield: the residual of the equations.
     pub fn gradient(&self, y: &Vector, gradient: &mut Vector) -> Result<()> {
         self.matrix.multiply(y, gradient)?;
-        gradient.add_scaled(-1.0, &self.right.borrow())
+        gradient.add_scaled(-1.0, &self.right.borrow())?;
+        let Some(Yielding { bounds, values: [reactions, _] }) = &mut *self.yielding.borrow_mut() else {
+            return Ok(());
+        };
+        evaluate(bounds, y, reactions, HertzBound::reaction)?;
+        gradient.add_scaled(-1.0, reactions)
     }
+
+    /// Computes the function to minimise, y . D A D y / 2 - y . D b / s and the energy of bounds
+    /// that yield, and its gradient.
+    pub fn objective(&self, y: &Vector, gradient: &mut Vector) -> Result<f64> {
+        self.gradient(y, gradient)?;
+        let mut value = 0.5 * (y.dot(gradient)? - y.dot(&self.right.borrow())?);
+        if let Some(Yielding { bounds, values: [reactions, depths] }) = &mut *self.yielding.borrow_mut() {
+            evaluate(bounds, y, depths, HertzBound::signed_depth)?;
+            // The gradient contains the reactions.
+            value += 0.5 * y.dot(reactions)? + 0.4 * reactions.dot(depths)?;
+        }
+        Ok(value)
+    }
+
+    /// Returns whether bounds yield, so that the Jacobian depends on y.
+    pub fn yields(&self) -> bool {
+        self.yielding.borrow().is_some()
+    }
+
+    /// Computes the Jacobian of the gradient into a matrix of the same pattern.
+    pub fn jacobian(&self, y: &Vector, matrix: &mut Matrix) -> Result<()> {
+        matrix.copy_from(&self.matrix)?;
+        let Some(Yielding { bounds, values: [tangents, _] }) = &mut *self.yielding.borrow_mut() else {
+            return Ok(());
+        };
+        evaluate(bounds, y, tangents, HertzBound::tangent)?;
+        matrix.add_to_diagonal(tangents)
+    }
+}
+
+/// Computes a function of y at the bounds that yield, and 0 elsewhere. Collective.
+fn evaluate(
+    bounds: &[HertzBound],
+    y: &Vector,
+    values: &mut Vector,
+    of: impl Fn(&HertzBound, f64) -> f64,
+) -> Result<()> {
+    let found: Vec<f64> = y.with_local(|y| bounds.iter().map(|bound| of(bound, y[bound.entry])).collect())?;
+    values.with_local_mut(|values| {
+        values.fill(0.0);
+        bounds.iter().zip(found).for_each(|(bound, found)| values[bound.entry] = found);
+    })
 }
 
 /// PETSc method for the scaled problem.
@@ -76,6 +137,7 @@ pub(super) trait Method {
 type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
 
 /// PETSc methods that share an interface: [`SNES`](super::snes::SNES) or [`TAO`](super::tao::TAO).
+#[derive(Clone, Copy)]
 pub struct Family {
     pub(super) name: &'static str,
     pub(super) check: fn(&Context) -> Result<()>,
@@ -136,7 +198,7 @@ struct MatrixProduct {
 
 /// Method of PETSc with the state that it starts from and leaves behind.
 struct Bounded {
-    name: &'static str,
+    family: Family,
     problem: Rc<Scaled>,
     usual: Box<dyn Method>,
     safe: Box<dyn Method>,
@@ -178,9 +240,15 @@ impl Bounded {
         scaled.set_positive_definite()?;
         let norm = scaled.norm_infinity()?;
         let copy = || Ok::<_, Error>(RefCell::new(vector.duplicate()?));
-        let problem = Rc::new(Scaled { matrix: scaled, right: copy()?, lower: copy()?, upper: copy()? });
+        let problem = Rc::new(Scaled {
+            matrix: scaled,
+            right: copy()?,
+            lower: copy()?,
+            upper: copy()?,
+            yielding: RefCell::new(None),
+        });
         Ok(Bounded {
-            name: family.name,
+            family: *family,
             usual: (family.make)(context, &problem, "")?,
             safe: (family.make)(context, &problem, SAFE)?,
             problem,
@@ -223,9 +291,11 @@ impl Bounded {
         let unit: Vec<f64> = self.scale.iter().map(|d| s * d).collect();
         let (mut lower, mut upper) = (vec![-INFINITY; x.len()], vec![INFINITY; x.len()]);
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            lower[dof] = (bounds.lower[i] / unit[dof]).max(-INFINITY);
-            upper[dof] = (bounds.upper[i] / unit[dof]).min(INFINITY);
+            let [below, above] = bounds.rigid(i);
+            lower[dof] = (below / unit[dof]).max(-INFINITY);
+            upper[dof] = (above / unit[dof]).min(INFINITY);
         }
+        self.scale_yielding(engine, bounds, &unit, s)?;
         let mut y: Vec<f64> =
             x.iter().zip(&unit).map(|(x, unit)| if safely { 0.0 } else { x / unit }).collect();
         for (y, (lower, upper)) in y.iter_mut().zip(lower.iter().zip(&upper)) {
@@ -233,7 +303,8 @@ impl Bounded {
         }
         if !safely {
             for (i, &dof) in bounds.dofs.iter().enumerate() {
-                match self.sides[i].within(bounds.lower[i], bounds.upper[i]) {
+                let [below, above] = bounds.rigid(i);
+                match self.sides[i].within(below, above) {
                     BoundStatus::Free => {}
                     BoundStatus::Lower => y[dof] = lower[dof],
                     BoundStatus::Upper => y[dof] = upper[dof],
@@ -265,6 +336,34 @@ impl Bounded {
         Ok((iterations as u32).max(1))
     }
 
+    /// Sets the bounds that yield, given the unit of each entry of y and the factor s. With the
+    /// first ones both methods begin anew, since their Jacobian is no longer constant.
+    fn scale_yielding(&mut self, engine: &Distributed, bounds: &Bounds, unit: &[f64], s: f64) -> Result<()> {
+        if bounds.hertz.is_none() {
+            return Ok(());
+        }
+        let is_new = !self.problem.yields();
+        let scaled = |i: usize| {
+            let (entry, unit) = (bounds.dofs[i], unit[bounds.dofs[i]]);
+            let of_force = self.scale[entry] / s * unit * unit.sqrt();
+            let stiffness = [0, 1].map(|side| bounds.yields(i, side).unwrap_or(f64::INFINITY) * of_force);
+            HertzBound { entry, limits: [bounds.lower[i] / unit, bounds.upper[i] / unit], stiffness }
+        };
+        let is_soft = |i: &usize| (0..2).any(|side| bounds.yields(*i, side).is_some());
+        let own = (0..bounds.len()).filter(is_soft).map(scaled).collect();
+        let values = match self.problem.yielding.take() {
+            Some(Yielding { values, .. }) => values,
+            None => [self.y.duplicate()?, self.y.duplicate()?],
+        };
+        self.problem.yielding.replace(Some(Yielding { bounds: own, values }));
+        if is_new {
+            let Family { make, .. } = self.family;
+            self.usual = make(engine.context(), &self.problem, "")?;
+            self.safe = make(engine.context(), &self.problem, SAFE)?;
+        }
+        Ok(())
+    }
+
     /// Finds the active set and the reactions of an answer, and corrects it on that set unless its
     /// residual is at the rounding floor.
     fn complete(&mut self, engine: &Distributed, problem: &Problem, answer: &mut Answer) -> Result<()> {
@@ -276,9 +375,10 @@ impl Bounded {
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let force = product.value[dof] - b[dof];
             let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
-            self.sides[i] = if near(bounds.lower[i]) && force > 0.0 {
+            let [lower, upper] = bounds.rigid(i);
+            self.sides[i] = if near(lower) && force > 0.0 {
                 BoundStatus::Lower
-            } else if near(bounds.upper[i]) && force < 0.0 {
+            } else if near(upper) && force < 0.0 {
                 BoundStatus::Upper
             } else {
                 BoundStatus::Free
@@ -295,7 +395,7 @@ impl Bounded {
         let mut correction = difference(b, &product.value);
         let mut held = Vec::new();
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            if self.sides[i] != BoundStatus::Free {
+            if self.sides[i] != BoundStatus::Free || answer.reaction[i] != 0.0 {
                 correction[dof] = 0.0;
                 held.push(dof);
             }
@@ -312,7 +412,7 @@ impl Bounded {
     /// Puts x onto its bounds where it is held or outside by rounding only.
     fn hold(&self, bounds: &Bounds, size: f64, x: &mut [f64]) {
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let (lower, upper) = (bounds.lower[i], bounds.upper[i]);
+            let [lower, upper] = bounds.rigid(i);
             x[dof] = match self.sides[i] {
                 BoundStatus::Lower => lower,
                 BoundStatus::Upper => upper,
@@ -324,7 +424,8 @@ impl Bounded {
         }
     }
 
-    /// Computes the reactions A x - b where x is held, and `product` = A x.
+    /// Computes the reactions A x - b where x is held or a bound that yields is loaded, and
+    /// `product` = A x.
     fn update_reactions(
         &self,
         engine: &Distributed,
@@ -337,7 +438,9 @@ impl Bounded {
         let MatrixProduct { value, magnitude } = product;
         engine.multiply_with_magnitude(matrix, x, value, magnitude)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            reaction[i] = if self.sides[i] == BoundStatus::Free { 0.0 } else { value[dof] - b[dof] };
+            let force = value[dof] - b[dof];
+            let bears = self.sides[i] != BoundStatus::Free || bounds.reaction(i, x[dof]) * force > 0.0;
+            reaction[i] = if bears { force } else { 0.0 };
         }
         Ok(())
     }
@@ -346,7 +449,7 @@ impl Bounded {
     fn free(&mut self, engine: &Distributed, problem: &Problem, x: &mut [f64]) -> Result<bool> {
         x.copy_from_slice(problem.rhs);
         self.factor.solve(x)?;
-        Ok(engine.comm().all_reduce_max(problem.bounds.violation(x)) <= 0.0)
+        Ok(!engine.comm().all_reduce_any(problem.bounds.are_crossed(x)))
     }
 }
 
@@ -400,7 +503,7 @@ impl Solver<Distributed> for Bounded {
             eprintln!(
                 "rebond: {} ended a step with {}; such steps are solved again, from a cold start and then by the \
                  condensed solver, and counted as retries",
-                self.name, self.complaint
+                self.family.name, self.complaint
             );
         }
         self.has_warned = true;

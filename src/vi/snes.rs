@@ -80,10 +80,10 @@ fn newton(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Result<B
     let like = problem.right.borrow().duplicate()?;
     let shared = problem.clone();
     solver.set_residual(&like, move |y, f| shared.gradient(y, f))?;
-    if kind == SEMISMOOTH {
+    if kind == SEMISMOOTH || problem.yields() {
         // The semismooth method scales its matrix in place and gets a copy.
         let shared = problem.clone();
-        solver.set_jacobian(&problem.matrix.duplicate()?, move |_, own| own.copy_from(&shared.matrix))?;
+        solver.set_jacobian(&problem.matrix.duplicate()?, move |y, own| shared.jacobian(y, own))?;
     } else {
         solver.set_jacobian(&problem.matrix, |_, _| Ok(()))?;
     }

@@ -1,6 +1,7 @@
 //! PETSc's bound-constrained minimisers for a step: `--vi tao`.
 //!
-//! They minimise `$\frac12 y^T A y - b^T y$` in the scaled unknowns. `-tao_type` is `tron` (trust
+//! They minimise `$\frac12 y^T A y - b^T y$` in the scaled unknowns, with the energy of bounds that
+//! yield. `-tao_type` is `tron` (trust
 //! region, the default), `bnls`, `gpcg` or another one; methods that answer wrongly or minimise
 //! something else are refused by name. A user's option overrides the default of the same name
 //! below.
@@ -81,12 +82,13 @@ fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, prefix: &str) -> Resul
     solver.default_to_cholesky()?;
     let like = problem.right.borrow().duplicate()?;
     let shared = problem.clone();
-    solver.set_objective(&like, move |y, gradient| {
-        shared.gradient(y, gradient)?;
-        // The objective is y.A y / 2 - b.y, and the gradient is A y - b.
-        Ok(0.5 * (y.dot(gradient)? - y.dot(&shared.right.borrow())?))
-    })?;
-    solver.set_hessian(&problem.matrix, |_, _| Ok(()))?;
+    solver.set_objective(&like, move |y, gradient| shared.objective(y, gradient))?;
+    if problem.yields() {
+        let shared = problem.clone();
+        solver.set_hessian(&problem.matrix.duplicate()?, move |y, own| shared.jacobian(y, own))?;
+    } else {
+        solver.set_hessian(&problem.matrix, |_, _| Ok(()))?;
+    }
     solver.set_from_options()?;
     context.accept_options(&format!("{prefix}tao_"))?;
     Ok(Box::new(solver))

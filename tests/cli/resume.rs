@@ -311,6 +311,21 @@ fn stops_by_the_law_of_hertz_go_on() {
     goes_on(&[&stops[..], &["time.scheme=midpoint"]].concat());
     goes_on(&[&stops[..], &["time.scheme=midpoint", "time.massless=reflected"]].concat());
     goes_on(&[&stops[..], &["time.scheme=conserving"]].concat());
+    for scheme in ["newmark", "midpoint", "conserving"] {
+        let scheme = format!("time.scheme={scheme}");
+        goes_on(&[&stops[..], &[&scheme, "time.mass=modal", "time.modes=8"]].concat());
+    }
+}
+
+#[test]
+fn ribs_go_on() {
+    let ribs = "rib=[{ line = [[0.1, 0.05], [1.15, 0.3]], bending = 2e3, torsion = 5e2, mass = 4 }, \
+                { edge = 'top', bending = 1e3, mass = 2 }]";
+    for scheme in ["newmark", "midpoint", "conserving"] {
+        goes_on(&[ribs, &format!("time.scheme={scheme}")]);
+    }
+    goes_on(&[ribs, "time.scheme=exact"]);
+    goes_on(&[ribs, "time.scheme=exact", "time.mass=modal", "time.modes=8"]);
 }
 
 /// More nodes touch at once than the dense problem of contact admits, so active dofs are held in

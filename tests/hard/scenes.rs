@@ -88,7 +88,7 @@ macro_rules! scenes {
 
 scenes! {
     all_in_contact "all-in-contact", beds_of_stops "beds-of-stops", caps "caps", chatter "chatter", closed_at_a_point "closed-at-a-point", closed_gap "closed-gap", dented "dented", dropped_flat "dropped-flat", fine "fine",
-    flat_cells "flat-cells", flatter_cells "flatter-cells", gap_zero "gap-zero", graded "graded", graded_cut "graded-cut", grazing "grazing", incompatible_start "incompatible-start",
+    flat_cells "flat-cells", flatter_cells "flatter-cells", gap_zero "gap-zero", graded "graded", graded_cut "graded-cut", grazing "grazing", hertz_stops "hertz-stops", incompatible_start "incompatible-start",
     kilometre "kilometre", micrometre "micrometre", needles "needles", no_inf_sup "no-inf-sup", one_node "one-node", point_obstacle "point-obstacle", poisson_0 "poisson-0",
     poisson_0_499 "poisson-0.499", preload "preload", resting "resting", slender "slender", soft "soft", step_1 "step-1", step_obstacle "step-obstacle",
     step_1e_8 "step-1e-8", stiff "stiff", thick "thick", thin "thin", thrown_into "thrown-into", tight_gap "tight-gap", turned "turned", unequal_stops "unequal-stops", wedge "wedge",

@@ -330,7 +330,13 @@ fn rattling_on_compliant_stops() {
 /// and two balls; on one rank, two and three.
 #[test]
 fn rattling_on_stops_by_the_law_of_hertz() {
-    for (scheme, mass) in [("newmark", "consistent"), ("midpoint", "singular"), ("conserving", "singular")] {
+    for (scheme, mass) in [
+        ("newmark", "\"consistent\""),
+        ("midpoint", "\"singular\""),
+        ("conserving", "\"singular\""),
+        ("conserving", "\"modal\", modes = 30"),
+        ("newmark", "\"modal\", modes = 30"),
+    ] {
         let scene = format!(
             r#"
                 {PAPER_PLATE}
@@ -346,11 +352,11 @@ fn rattling_on_stops_by_the_law_of_hertz() {
                     {{ at = [0, 0.2], mass = 0.1, height = 1e-4, velocity = -0.5, law = "hertz", stiffness = 1e7 }},
                 ]
                 load = {{ gravity = 9.81 }}
-                time = {{ scheme = "{scheme}", mass = "{mass}", step = 5e-5, end = 0.02 }}
+                time = {{ scheme = "{scheme}", mass = {mass}, step = 5e-5, end = 0.02 }}
                 output = {{ probes = [{{ name = "tip", at = [1.2, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}
             "#
         );
-        let test = format!("hertz-{scheme}");
+        let test = format!("hertz-{scheme}-{}", mass.len());
         agree(&test, &scene, true);
         let folder = folder(&test, &scene);
         let (one, three) = (rows(&folder, 1), rows(&folder, 3));

@@ -159,6 +159,38 @@ fn they_agree_on_compliant_stops() {
     }
 }
 
+/// Stops by the law of Hertz from soft to stiff beside a rigid obstacle, and a ball.
+#[test]
+fn they_agree_on_stops_by_the_law_of_hertz() {
+    let folder = folder("hertz");
+    for stiffness in ["1e5", "1e8", "1e11"] {
+        let stops = format!(
+            "obstacle=[{{ name = 'pin', side = 'below', height = -0.2085, at = [1.2, 0], law = 'hertz', stiffness = {stiffness} }}, \
+             {{ side = 'below', height = -0.075, at = [0.6, 0.2], law = 'hertz', stiffness = {stiffness} }}, \
+             {{ side = 'below', height = -0.21, where = 'x > 1.1 and y > 0.1' }}]"
+        );
+        let ball = "ball=[{ at = [0.9, 0.15], mass = 0.3, height = 0.01, velocity = -4, law = 'hertz', stiffness = 1e8 }]";
+        let stops = ["--set", &stops, "--set", ball, "--set", "time.end=0.01"];
+        let (native, summary) = result(&folder, "native", 0, &stops);
+        assert!(summary["contact_steps"].as_u64().unwrap() > 20, "{summary}");
+        assert!(summary["forces"]["pin"]["peak"].as_f64().unwrap() > 0.0);
+        for (name, arguments) in SOLVERS {
+            let all = [&["--engine", "petsc"], &stops[..], arguments].concat();
+            let (rows, summary) = result(&folder, name, 2, &all);
+            assert_eq!(rows.len(), native.len());
+            println!("{stiffness}, {name}: kkt {}, retries {}", summary["worst_kkt"], summary["retries"]);
+            for column in [2, 7, 10, 11, 12, 13] {
+                let largest = native.iter().fold(0.0, |m: f64, row| row[column].abs().max(m));
+                for (a, b) in rows.iter().zip(&native) {
+                    let error = (a[column] - b[column]).abs();
+                    assert!(error <= 1e-7 * largest, "{name}, column {column}: {error:e} of {largest:e}");
+                }
+            }
+            assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-10, "{name}: {summary}");
+        }
+    }
+}
+
 /// Two obstacles leave no gap or almost none: every scheme, element and solver is tested.
 #[test]
 fn narrow_gaps_hold_with_every_scheme() {

@@ -18,18 +18,18 @@ use rebond::scheme::{
 };
 use rebond::simulation::Model;
 
-const MASS: f64 = 0.3;
+pub const MASS: f64 = 0.3;
 const STIFFNESS: f64 = 2e6;
-const SPEED: f64 = 1.5;
+pub const SPEED: f64 = 1.5;
 
 /// Gamma(2/5) and Gamma(9/10), Abramowitz and Stegun's function to 16 digits.
 const GAMMA: [f64; 2] = [2.218_159_543_757_688, 1.068_628_702_119_319_3];
 
-fn deepest(mass: f64, stiffness: f64, speed: f64) -> f64 {
+pub fn deepest(mass: f64, stiffness: f64, speed: f64) -> f64 {
     (1.25 * mass * speed * speed / stiffness).powf(0.4)
 }
 
-fn duration(mass: f64, stiffness: f64, speed: f64) -> f64 {
+pub fn duration(mass: f64, stiffness: f64, speed: f64) -> f64 {
     0.8 * std::f64::consts::PI.sqrt() * GAMMA[0] / GAMMA[1] * deepest(mass, stiffness, speed) / speed
 }
 
@@ -131,7 +131,7 @@ fn an_impact_is_that_of_the_closed_form() {
 
 /// Returns a ball that hits the clamped edge of a plate, with 500 steps to 1.25 times the duration
 /// of the contact.
-fn ball(stiffness: f64, steps: u32, scheme: &str) -> String {
+pub fn ball(stiffness: f64, steps: u32, scheme: &str) -> String {
     let end = 1.25 * duration(MASS, stiffness, SPEED);
     let mesh = grid("fvs", 4, 2);
     format!(
@@ -178,7 +178,7 @@ fn a_ball_bounces_off_a_held_point() {
 }
 
 /// Scene of the paper's plate, released between two stops, with a scheme.
-fn between_pins(stiffness: f64, time: &str) -> String {
+pub fn between_pins(stiffness: f64, time: &str) -> String {
     let law = format!("law = \"hertz\", stiffness = {stiffness:e}");
     let mesh = grid("fvs", 10, 4);
     format!(

@@ -4,5 +4,6 @@
 mod common;
 
 mod cholesky;
+mod compliance;
 mod obstacle_membrane;
 mod vi;

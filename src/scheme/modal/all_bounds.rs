@@ -22,6 +22,9 @@ pub(super) struct AllBounds {
     count: usize,
     /// Indices of this rank's bounded dofs.
     dofs: Vec<usize>,
+    /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds yield, infinite for rigid
+    /// ones; empty if all are rigid.
+    pub hertz: Vec<[f64; 2]>,
     /// Numbers of the bounds; `None` where they are those of the only process.
     partition: Option<GlobalNumbers>,
 }
@@ -47,7 +50,13 @@ impl AllBounds {
             GlobalNumbers { own: numbers.own.clone(), index, order: engine.comm().all_gather(&numbers.own) }
         });
         let count = partition.as_ref().map_or(bounds.len(), |of| of.order.len());
-        AllBounds { count, dofs: bounds.dofs.clone(), partition }
+        let mut all = AllBounds { count, dofs: bounds.dofs.clone(), hertz: Vec::new(), partition };
+        if let Some(hertz) = &bounds.hertz {
+            let of_side = |side: usize| hertz.iter().map(|of| of[side]).collect();
+            let [lower, upper] = [0, 1].map(|side| all.gather(engine.comm(), of_side(side)));
+            all.hertz = lower.into_iter().zip(upper).map(|(lower, upper)| [lower, upper]).collect();
+        }
+        all
     }
 
     /// Returns whether there may be several ranks.

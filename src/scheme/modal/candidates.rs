@@ -46,8 +46,8 @@ impl<E: Engine> ModalScheme<'_, E> {
             state.extend(&self.model, &self.rows, &old);
         }
         self.extend_implicit(&selected, &old);
-        self.contact = extended(&self.contact, &candidates, &old);
-        self.shown.contact = extended(&self.shown.contact, &candidates, &old);
+        self.contact = extended(&self.contact, &self.model, &old);
+        self.shown.contact = extended(&self.shown.contact, &self.model, &old);
         let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
         self.mean = candidates.iter().map(known).collect();
         self.shown.state = self.now.clone();

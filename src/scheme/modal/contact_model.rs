@@ -4,10 +4,11 @@ use super::all_bounds::AllBounds;
 use super::limits::Limits;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::obstacle::hertz_depth;
 use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::exact::reduction::remains;
 use crate::scheme::exact::saddle_point::SaddlePointSolver;
-use crate::vi::ComplianceSolver;
+use crate::vi::{ComplianceProblem, ComplianceSolver};
 use faer::Mat;
 use std::rc::Rc;
 
@@ -30,6 +31,9 @@ pub(super) struct ContactModel {
     pub at_bounds: Vec<Vec<f64>>,
     /// Compliance R at the candidates, in m/N.
     pub compliance: Mat<f64>,
+    /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds of the candidates yield,
+    /// infinite for rigid ones; empty if no bound yields.
+    pub hertz: Vec<[f64; 2]>,
 }
 
 impl ContactModel {
@@ -42,7 +46,36 @@ impl ContactModel {
             flexibility: Vec::new(),
             at_bounds: Vec::new(),
             compliance: Mat::new(),
+            hertz: Vec::new(),
         }
+    }
+
+    /// Returns the contact problem of the candidates, given their deflections without reactions and
+    /// their bounds, in m.
+    pub fn problem<'a>(
+        &'a self,
+        free: &'a [f64],
+        lower: &'a [f64],
+        upper: &'a [f64],
+    ) -> ComplianceProblem<'a> {
+        ComplianceProblem { compliance: &self.compliance, free, lower, upper, hertz: &self.hertz }
+    }
+
+    /// Returns the stiffness (N/m^1.5) of the bound of a candidate that exerts a reaction (N);
+    /// `None` for a rigid one.
+    pub fn yields(&self, candidate: usize, reaction: f64) -> Option<f64> {
+        let stiffness = self.hertz.get(candidate)?[usize::from(reaction < 0.0)];
+        stiffness.is_finite().then_some(stiffness)
+    }
+
+    /// Returns the energy stored in the bounds that yield under given reactions (N), in J.
+    pub fn stored_energy(&self, reaction: &[f64]) -> f64 {
+        let stored = |(&[lower, upper], r): (&[f64; 2], &f64)| {
+            let stiffness = if *r < 0.0 { upper } else { lower };
+            let depth = if stiffness.is_finite() { hertz_depth(stiffness, r.abs()) } else { 0.0 };
+            0.4 * r.abs() * depth
+        };
+        self.hertz.iter().zip(reaction).map(stored).sum()
     }
 
     /// Adds candidates, ascending numbers of bounds, given the limits at rest of all bounds and the
@@ -75,8 +108,25 @@ impl ContactModel {
         self.compliance = Mat::from_fn(candidates.len(), candidates.len(), |i, j| {
             0.5 * (at_bounds[j][candidates[i]] + at_bounds[i][candidates[j]])
         });
+        if !all.hertz.is_empty() {
+            self.hertz = candidates.iter().map(|&number| all.hertz[number]).collect();
+        }
         let whole = self.whole(shapes, &saddle.modes.squares, saddle.shift);
-        if remains(&self.compliance, &whole) { Ok(()) } else { Err(saddle.rigid_contact()) }
+        let rigid = self.rigid(limits);
+        let [left, whole] = [&self.compliance, &whole]
+            .map(|of| Mat::from_fn(rigid.len(), rigid.len(), |i, j| of[(rigid[i], rigid[j])]));
+        if remains(&left, &whole) { Ok(()) } else { Err(saddle.rigid_contact()) }
+    }
+
+    /// Returns the candidates with a rigid bound. Bounds that yield have a compliance of their own.
+    fn rigid(&self, limits: &Limits) -> Vec<usize> {
+        let has_rigid = |k: &usize| {
+            let (number, [lower, upper]) =
+                (self.candidates[*k], self.hertz.get(*k).unwrap_or(&[f64::INFINITY; 2]));
+            let [below, above] = [limits.lower[number], limits.upper[number]].map(f64::is_finite);
+            below && lower.is_infinite() || above && upper.is_infinite()
+        };
+        (0..self.candidates.len()).filter(has_rigid).collect()
     }
 
     /// Returns the compliance of modes and rest together, in m/N. Where there are rigid motions, it
@@ -103,9 +153,14 @@ impl ContactModel {
     }
 }
 
-/// Returns a contact solver for more candidates, those that are new without contact.
-pub(super) fn extended(solver: &ComplianceSolver, candidates: &[usize], old: &[usize]) -> ComplianceSolver {
+/// Returns a contact solver for the candidates of a model, those beside the `old` ones without
+/// contact.
+pub(super) fn extended(solver: &ComplianceSolver, model: &ContactModel, old: &[usize]) -> ComplianceSolver {
+    let candidates = &model.candidates;
     let mut more = ComplianceSolver::new(candidates.len());
+    if !model.hertz.is_empty() {
+        more.prepare_softness();
+    }
     more.factorisations = solver.factorisations;
     for (of, side) in old.iter().zip(&solver.sides) {
         if let Ok(k) = candidates.binary_search(of) {

@@ -50,6 +50,12 @@ pub(super) struct Implicit {
     pub next: State,
     /// Modal force of the step.
     pub force: Vec<f64>,
+    /// Stiffnesses (N/m^1.5) with which the bounds of the unknown yield, one entry per candidate;
+    /// empty if no bound yields.
+    hertz: Vec<[f64; 2]>,
+    /// Energies stored in bounds that yield in the bounded configurations of the Newmark scheme at
+    /// the instants n and n + 1, in J.
+    pub stored: [f64; 2],
     /// Work of data in time up to the instant n, and its increment there, in J.
     pub work: [f64; 2],
 }
@@ -73,6 +79,8 @@ impl Implicit {
             reaction: Vec::new(),
             next: State::default(),
             force: Vec::new(),
+            hertz: Vec::new(),
+            stored: [0.0; 2],
             work: [0.0; 2],
         }
     }
@@ -86,21 +94,31 @@ impl Implicit {
         let known = |of| old.binary_search(of).map_or(0.0, |k| self.reaction[k]);
         self.reaction = model.candidates.iter().map(known).collect();
         self.x = vec![0.0; model.candidates.len()];
-        self.contact = extended(&self.contact, &model.candidates, old);
+        self.contact = extended(&self.contact, model, old);
     }
 
     /// Solves for the reactions that keep the bounded configuration within its limits, given the
     /// one without reactions, in m. The reactions displace it by their `share` of the compliance S.
-    pub fn solve(&mut self, share: f64, mut free: Vec<f64>, limits: &Limits) {
+    pub fn solve(&mut self, share: f64, model: &ContactModel, mut free: Vec<f64>, limits: &Limits) {
         let scaled = |of: &[f64]| -> Vec<f64> { of.iter().map(|value| value / share).collect() };
         free.iter_mut().for_each(|value| *value /= share);
         let (lower, upper) = (scaled(&limits.lower), scaled(&limits.upper));
-        let problem =
-            ComplianceProblem { compliance: &self.compliance, free: &free, lower: &lower, upper: &upper };
+        // The depth of the unknown is that of the configuration divided by the share.
+        let stiffer = share * share.sqrt();
+        self.hertz.clear();
+        self.hertz.extend(model.hertz.iter().map(|of| of.map(|stiffness| stiffer * stiffness)));
+        let problem = ComplianceProblem {
+            free: &free,
+            lower: &lower,
+            upper: &upper,
+            compliance: &self.compliance,
+            hertz: &self.hertz,
+        };
         self.contact.solve(problem, &mut self.x, &mut self.reaction);
         let sides = self.contact.sides.iter().enumerate();
         for ((i, side), x) in sides.zip(&mut self.x) {
             *x = match side {
+                _ if model.yields(i, self.reaction[i]).is_some() => *x * share,
                 BoundStatus::Free => *x * share,
                 BoundStatus::Lower => limits.lower[i],
                 BoundStatus::Upper => limits.upper[i],
@@ -108,10 +126,20 @@ impl Implicit {
         }
     }
 
+    /// Returns the energy stored in bounds that yield at the instant n of the Newmark scheme with
+    /// the coefficient of restitution e, in J, as [`crate::scheme::newmark`] has it.
+    pub fn stored_now(&self, e: f64) -> f64 {
+        let theta = (1.0 - e) / (1.0 + e);
+        theta * self.stored[0] + (1.0 - theta) * self.stored[1]
+    }
+
     /// Saves or restores what the next step depends on. Collective.
     pub fn archive<E: Engine>(&mut self, archive: &mut Archive, modal: &Coordinates<E>) -> Result<()> {
         archive.value(&mut self.reaction)?;
         archive.value(&mut self.work)?;
+        if self.contact.yields() {
+            archive.value(&mut self.stored)?;
+        }
         if let StepRule::Newmark { .. } = self.rule {
             self.next.archive(archive, modal)?;
         }

@@ -56,7 +56,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// the energy received from the loads, in J.
     fn solve_midpoint(&mut self, next: Option<&Rc<ModalData>>) -> f64 {
         let dt = self.record.dt;
-        let ModalScheme { before, now, modes, rows, implicit, mean, .. } = self;
+        let ModalScheme { before, now, modes, rows, model, implicit, mean, .. } = self;
         let Some(implicit) = implicit else { return 0.0 };
         let middle = next.map(|next| ModalData::between(&before.data, next, 0.5));
         let middle = middle.as_ref().unwrap_or(&before.data);
@@ -67,7 +67,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         }
         let deflection = |i: usize| middle.near.shift[i] + dot(rows.col_as_slice(i), &now.q);
         let free: Vec<f64> = (0..rows.ncols()).map(deflection).collect();
-        implicit.solve(1.0, free, &middle.near);
+        implicit.solve(1.0, model, free, &middle.near);
         kick(rows, &implicit.reaction, 1.0, &mut pull);
         let mut received = 0.0;
         for (k, pull) in pull.iter().enumerate() {

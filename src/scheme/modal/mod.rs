@@ -215,7 +215,6 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
-        system.bounds.refuse_hertz("time.mass = \"modal\"")?;
         let modes = modes.clone();
         let saddle = ModalSaddlePoint::new(system, consistent, &modes)?;
         let all = Rc::new(AllBounds::new(system));
@@ -290,7 +289,8 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
         let rest = self.loads.elastic(data) + dot(reaction, &data.near.shift);
         let offset = rest - self.loads.work(data, q, &self.model.candidates, reaction);
-        self.balance = Balance { start: kinetic + elastic, work: 0.0, offset };
+        let stored = self.model.stored_energy(&self.now.reaction);
+        self.balance = Balance { start: kinetic + elastic + stored, work: 0.0, offset };
         self.before = self.now.clone();
         self.list_candidates();
         self.show();

@@ -51,6 +51,10 @@ impl<E: Engine> ModalScheme<'_, E> {
             implicit.next = self.now.clone();
         }
         self.balance.start = dot(self.loads.constant_force(), &self.now.q);
+        let stored = self.model.stored_energy(&self.now.reaction);
+        if let Some(implicit) = &mut self.implicit {
+            implicit.stored[1] = stored;
+        }
         self.solve_newmark(Some(&velocity))?;
         self.report_newmark();
         Ok(())
@@ -117,6 +121,10 @@ impl<E: Engine> ModalScheme<'_, E> {
             self.reach.retreat(dt, tier);
             self.add_candidates(near)?;
         }
+        let stored = self.implicit.as_ref().map_or(0.0, |of| self.model.stored_energy(&of.reaction));
+        if let Some(implicit) = &mut self.implicit {
+            implicit.stored = [implicit.stored[1], stored];
+        }
         self.note_levels();
         Ok(())
     }
@@ -152,7 +160,7 @@ impl<E: Engine> ModalScheme<'_, E> {
                 axpy(s, model.compliance.col_as_slice(k), &mut free);
             }
         }
-        implicit.solve(share, free, &limits);
+        implicit.solve(share, model, free, &limits);
         let Implicit { inverse, reaction, next, .. } = implicit;
         kick(rows, reaction, 1.0, &mut pull);
         for (k, pull) in pull.iter().enumerate() {
@@ -317,6 +325,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         let ([_, now], [_, later]) = (self.now.energies(squares), next.energies(squares));
         let constant = self.loads.constant_force();
         let work = 0.5 * (dot(constant, &self.now.q) + dot(constant, &next.q)) - self.balance.start;
-        self.balance.offset + 0.5 * kinetic + 0.5 * (now + later) - work - sum - 0.5 * increment
+        let e = self.newmark_parameters().map_or(0.0, |[_, e]| e);
+        let stored = 0.5 * (implicit.stored_now(e) + implicit.stored[1]);
+        self.balance.offset + 0.5 * kinetic + 0.5 * (now + later) + stored - work - sum - 0.5 * increment
     }
 }

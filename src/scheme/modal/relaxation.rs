@@ -1,5 +1,6 @@
 //! Relaxed steps in contact.
 
+use super::contact_model::ContactModel;
 use super::data::ModalData;
 use super::increments::Increments;
 use super::limits::Limits;
@@ -10,8 +11,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{waxpby, waxpy};
 use crate::scheme::relaxation::{RelaxedStep, root};
-use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver};
-use faer::Mat;
+use crate::vi::{BoundStatus, ComplianceSolver};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -24,7 +24,7 @@ const KEPT: f64 = 4.0 * f64::EPSILON;
 /// States along a step, whose deflections without reactions and bounds are linear in gamma.
 struct ContactStep<'a> {
     contact: &'a mut ComplianceSolver,
-    compliance: &'a Mat<f64>,
+    model: &'a ContactModel,
     now: &'a mut State,
     /// Deflections of the candidates without reactions before the step, and their change, in m.
     y: &'a [f64],
@@ -42,7 +42,7 @@ struct ContactStep<'a> {
 
 impl RelaxedStep for ContactStep<'_> {
     fn move_to(&mut self, gamma: f64) -> Result<()> {
-        let ContactStep { now, from, change, present, compliance, .. } = self;
+        let ContactStep { now, from, change, present, model, .. } = self;
         self.gamma = gamma;
         waxpy(gamma, self.dy, self.y, &mut now.y);
         let limits = match change {
@@ -54,8 +54,7 @@ impl RelaxedStep for ContactStep<'_> {
             None => *from,
         };
         let Limits { lower, upper, .. } = limits;
-        let problem = ComplianceProblem { compliance, free: &now.y, lower, upper };
-        self.contact.solve(problem, &mut now.x, &mut now.reaction);
+        self.contact.solve(model.problem(&now.y, lower, upper), &mut now.x, &mut now.reaction);
         Ok(())
     }
 
@@ -63,7 +62,8 @@ impl RelaxedStep for ContactStep<'_> {
         let ContactStep { now, energy: [constant, linear, quadratic], gamma, .. } = self;
         let active = self.contact.active().iter();
         let rest: f64 = active.map(|&i| 0.5 * now.reaction[i] * (now.x[i] - now.y[i])).sum();
-        Ok([constant + gamma * (linear + gamma * quadratic) + rest, self.enough])
+        let stored = self.model.stored_energy(&now.reaction);
+        Ok([constant + gamma * (linear + gamma * quadratic) + rest + stored, self.enough])
     }
 
     fn slope(&mut self) -> Result<f64> {
@@ -118,7 +118,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let increments = &self.increments;
         let mut step = ContactStep {
             contact: &mut self.contact,
-            compliance: &self.model.compliance,
+            model: &self.model,
             now: &mut self.now,
             y: &self.before.y,
             dy: &increments.y,

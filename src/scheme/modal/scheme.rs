@@ -14,7 +14,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::obstacle::Bounds;
 use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepBalance, StepRecord};
-use crate::vi::{BoundStatus, ComplianceProblem, StepReport};
+use crate::vi::{BoundStatus, StepReport};
 use faer::Mat;
 use std::rc::Rc;
 
@@ -119,8 +119,15 @@ impl<E: Engine> ModalScheme<'_, E> {
         shown.settle_free(&self.rows);
         let State { y, x, reaction, data, .. } = shown;
         let Limits { lower, upper, .. } = &data.near;
-        let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
-        contact.solve(problem, x, reaction);
+        contact.solve(self.model.problem(y, lower, upper), x, reaction);
+    }
+
+    /// Returns the energy stored in bounds that yield at or just after the instant, in J.
+    fn stored_energy(&self) -> f64 {
+        match (&self.implicit, self.newmark_parameters()) {
+            (Some(implicit), Some([_, e])) => implicit.stored_now(e),
+            _ => self.model.stored_energy(&self.now.reaction),
+        }
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
@@ -255,6 +262,7 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
     fn energies(&self) -> Result<Energies> {
         let State { reaction, data, .. } = &self.now;
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
+        let elastic = elastic + self.stored_energy();
         let total = self.balance.offset + kinetic + elastic - self.balance.work;
         let elastic = elastic + self.loads.elastic(data) + dot(reaction, &data.near.shift);
         Ok(Energies { kinetic, elastic, work: kinetic + elastic - total })

@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::linalg::wide::widest;
+use crate::obstacle::hertz_depth;
 use crate::scheme::{Start, System};
 use faer::Mat;
 use pulp::Arch;
@@ -56,7 +57,8 @@ impl State {
         self.respond(model, rows);
         let Limits { lower, upper, .. } = &self.data.near;
         for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            self.x[k] = if *r > 0.0 { lower[k] } else { upper[k] };
+            let depth = model.yields(k, *r).map_or(0.0, |stiffness| hertz_depth(stiffness, r.abs()));
+            self.x[k] = if *r > 0.0 { lower[k] - depth } else { upper[k] + depth };
         }
     }
 
@@ -107,7 +109,8 @@ impl State {
         self.data.force.iter().zip(pairs).map(|(h, (q, square))| h - square * q).collect()
     }
 
-    /// Returns kinetic energy and elastic energy of the modes and reactions, in J.
+    /// Returns kinetic energy and elastic energy of the modes and reactions, in J, without that in
+    /// bounds that yield.
     pub fn energies(&self, squares: &[f64]) -> [f64; 2] {
         let modes: f64 = self.q.iter().zip(squares).map(|(q, square)| square * q * q).sum();
         let rest: f64 =

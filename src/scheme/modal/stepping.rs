@@ -12,7 +12,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::linalg::wide::widest;
 use crate::scheme::Approach;
-use crate::vi::{ComplianceProblem, ComplianceSolver, StepReport};
+use crate::vi::{ComplianceSolver, StepReport};
 use std::rc::Rc;
 
 /// Largest number of halvings of a step whose energy has no root in range; afterwards the step is
@@ -26,8 +26,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         self.now.settle_free(&self.rows);
         let State { y, x, reaction, data, .. } = &mut self.now;
         let Limits { lower, upper, .. } = &data.near;
-        let problem = ComplianceProblem { compliance: &self.model.compliance, free: y, lower, upper };
-        self.contact.solve(problem, x, reaction);
+        self.contact.solve(self.model.problem(y, lower, upper), x, reaction);
         self.note_answer(answer(&self.contact));
     }
 

@@ -283,10 +283,6 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
                         drop(format!("native:{vi}"), "the native engine has the condensed solver only");
                         continue;
                     }
-                    if is_hertz && !vi.takes_hertz() {
-                        drop(format!("{vi}"), "it takes no stops by the law of Hertz");
-                        continue;
-                    }
                     if mass == Mass::Modal && vi != ContactSolver::Condensed {
                         drop(
                             format!("{name} {mass} {vi}"),
@@ -321,7 +317,6 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
 fn serves(scheme: SchemeName, mass: Mass, obstacles: bool, is_hertz: bool) -> Result<(), &'static str> {
     let scheme = scheme.capabilities();
     match mass {
-        Mass::Modal if is_hertz => Err("it takes no stops by the law of Hertz"),
         _ if is_hertz && !scheme.takes_hertz => Err("it takes no stops by the law of Hertz"),
         Mass::Consistent if scheme.needs_singular_mass.is_some() => Err("it needs the singular mass"),
         Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
