@@ -13,8 +13,8 @@
 //! by the method of Gram and Schmidt, each from the dof with the largest rest. Rigid motions take
 //! the lowest other frequency for theirs.
 //!
-//! Most groups are so far from obstacles that the lowest modes tell enough, with a bound of the same
-//! kind for the share of the others.
+//! Most groups are so far from obstacles that the lowest modes tell enough, with a bound of the
+//! same kind for the share of the others.
 
 use super::forecast::least;
 use super::limits::Limits;
@@ -51,8 +51,8 @@ pub(super) struct Groups {
 struct Group {
     /// Bounds that are no candidates for contact, ascending.
     members: Vec<usize>,
-    /// Rows B, one column each, for the lowest modes and for all, and their coefficients S, one vector
-    /// over the members each.
+    /// Rows B, one column each, for the lowest modes and for all, and their coefficients S, one
+    /// vector over the members each.
     heads: Mat<f64>,
     rows: Mat<f64>,
     coefficients: Vec<Vec<f64>>,
@@ -119,8 +119,8 @@ impl Groups {
         }
     }
 
-    /// Adds a candidate before that of an index, given the displacements of all bounds per reaction,
-    /// in m/N.
+    /// Adds a candidate before that of an index, given the displacements of all bounds per
+    /// reaction, in m/N.
     pub fn yield_to(&mut self, index: usize, column: &[f64]) {
         for Group { members, sizes, responses, flexibility, .. } in &mut self.groups {
             let response: Vec<f64> = members.iter().map(|&i| column[i]).collect();
@@ -157,9 +157,9 @@ impl Groups {
         [self.groups[g].rest, self.groups[g].tail]
     }
 
-    /// Returns the least slack in a group, without rests, in a motion with given coefficients of 1, t
-    /// and t^2 of all modes or of the lowest ones, between 0 and `end` (s), under acting reactions
-    /// (N) with the indices of their candidates.
+    /// Returns the least slack in a group, without rests, in a motion with given coefficients of 1,
+    /// t and t^2 of all modes or of the lowest ones, between 0 and `end` (s), under acting
+    /// reactions (N) with the indices of their candidates.
     #[inline(always)]
     pub fn slack(&self, g: usize, motion: [&[f64]; 3], end: f64, acting: &[(usize, f64)]) -> f64 {
         let Group { members, heads, rows, coefficients, sizes, lower, upper, responses, .. } =
@@ -191,8 +191,8 @@ impl Groups {
         slack
     }
 
-    /// Returns bounds of |W p| between 0 and `end`, over all modes and over the other than the lowest:
-    /// the largest values at the three control points of p, whose convex hull contains it.
+    /// Returns bounds of |W p| between 0 and `end`, over all modes and over the other than the
+    /// lowest: the largest values at the three control points of p, whose convex hull contains it.
     #[inline(always)]
     pub fn largest_roots_of_energy(&self, [a, b, c]: [&[f64]; 3], end: f64) -> [f64; 2] {
         let points = [[0.0, 0.0], [0.5 * end, 0.0], [end, end * end]];

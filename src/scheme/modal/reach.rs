@@ -250,8 +250,8 @@ impl Reach {
         finding
     }
 
-    /// Renews the certificate of a tier, given twice the errors of all horizons, and sorts the groups
-    /// of the next tier to the end. Returns their number.
+    /// Renews the certificate of a tier, given twice the errors of all horizons, and sorts the
+    /// groups of the next tier to the end. Returns their number.
     fn renew(&mut self, tier: &mut Tier, check: &Check, errors: &[f64], finding: &mut Finding) -> usize {
         let Check { state, pull, .. } = check;
         let size = self.order.len() - tier.start;

@@ -27,8 +27,8 @@ impl Reach {
         );
     }
 
-    /// Computes the slacks of the groups of a tier outside the next one that do not exceed `enough`,
-    /// unless they are certain not to reach `needed`.
+    /// Computes the slacks of the groups of a tier outside the next one that do not exceed
+    /// `enough`, unless they are certain not to reach `needed`.
     pub(super) fn sharpen(&mut self, tier: &Tier, inner: usize, check: &Check, [needed, enough]: [f64; 2]) {
         let Reach { order, shapes, slacks, node_slacks, errors, sizes, groups, .. } = self;
         let end = self.forecasts[tier.level].seconds;
@@ -77,8 +77,8 @@ impl Reach {
         }
     }
 
-    /// Finds the nodes of a tier's groups outside the next one whose slack is too small, and sets the
-    /// radius to that of the others.
+    /// Finds the nodes of a tier's groups outside the next one whose slack is too small, and sets
+    /// the radius to that of the others.
     pub(super) fn find_near(
         &self,
         tier: &mut Tier,
