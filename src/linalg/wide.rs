@@ -3,8 +3,8 @@
 use pulp::{Arch, NullaryFnOnce};
 
 /// Runs a closure, which must be marked `#[inline(always)]`, with all instructions that the
-/// processor has. `Arch::dispatch` may call a closure that is long instead of including it, and the
-/// compiler then knows none of them: it takes closures that run once, by an adapter.
+/// processor has. `Arch::dispatch` itself calls a long closure as a function of its own, which is
+/// compiled for the oldest processors.
 pub(crate) fn widest<R>(arch: Arch, work: impl FnMut() -> R) -> R {
     arch.dispatch(Included(work))
 }

@@ -153,8 +153,8 @@ impl ContactModel {
     }
 }
 
-/// Returns a contact solver for the candidates of a model, those beside the `old` ones without
-/// contact.
+/// Returns a contact solver for the candidates of a model. Those that are not among the `old` ones
+/// begin without contact.
 pub(super) fn extended(solver: &ComplianceSolver, model: &ContactModel, old: &[usize]) -> ComplianceSolver {
     let candidates = &model.candidates;
     let mut more = ComplianceSolver::new(candidates.len());
