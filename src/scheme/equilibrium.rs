@@ -82,10 +82,12 @@ where
     E::Factor: 'static,
 {
     let mut search = Search::new(engine, solver, matrix, stiffness, load, bounds)?;
+    let mut length = 0.0;
     for _ in 0..=CORRECTIONS {
-        search.increment()?;
+        length = search.increment()?;
         search.add(1.0);
     }
+    search.measure(length)?;
     Ok((search.u, search.reaction, search.report))
 }
 
@@ -142,8 +144,6 @@ where
     let held = stiffness + hold;
     let solver = Condensed::new(engine, &held, bounds.len())?;
     let mut search = Search::new(engine, solver, &held, stiffness, load, bounds)?;
-    let alone = stiffness.into();
-    let mut check = KktCheck::new(engine, &alone)?;
     let mut last = Last::default();
     let (mut best, mut idle) = (f64::INFINITY, 0);
     for _ in 0..MAX_STEPS {
@@ -151,10 +151,7 @@ where
         search.conjugate(&mut last)?;
         let multiple = search.step_length(&mut last)?;
         search.add(multiple);
-        let problem = Problem { matrix: &alone, rhs: load, bounds, length };
-        let answer = Answer { x: &mut search.u, reaction: &mut search.reaction };
-        let kkt = check.residual(engine, &problem, &[], &answer)?;
-        search.report.kkt = kkt;
+        let kkt = search.measure(length)?;
         (best, idle) = if kkt < 0.5 * best { (kkt, 0) } else { (best, idle + 1) };
         // An answer accurate to rounding cannot improve.
         if kkt.is_nan() || (kkt <= CONVERGED_RESIDUAL && idle > 0) || idle == MAX_IDLE_STEPS {
@@ -185,6 +182,8 @@ struct Search<'s, E: Engine> {
     load: &'s [f64],
     bounds: &'s Bounds,
     step: CheckedSolver<E>,
+    /// Check of the whole deflection, with K alone.
+    check: KktCheck,
     u: Vec<f64>,
     /// Last increment, in m, one entry per dof.
     x: Vec<f64>,
@@ -217,6 +216,7 @@ where
             load,
             bounds,
             step: CheckedSolver::new(Box::new(solver), engine, matrix)?,
+            check: KktCheck::new(engine, &stiffness.into())?,
             u: zeros(),
             x: zeros(),
             b: zeros(),
@@ -322,6 +322,20 @@ where
             *(if slope(middle) < 0.0 { &mut low } else { &mut high }) = middle;
         }
         high
+    }
+
+    /// Measures deflection and reactions by the KKT residual of the whole problem. Reports and
+    /// returns the residual. Collective.
+    ///
+    /// The residual of the last increment's own problem is no measure: after convergence that
+    /// increment consists of rounding errors of the whole deflection. It is the difference of two
+    /// displacements, by the right-hand side and by the forces of bounds that yield, and has no
+    /// correct digit.
+    fn measure(&mut self, length: f64) -> Result<f64> {
+        let Search { engine, stiffness, load, bounds, check, u, reaction, report, .. } = self;
+        let problem = Problem { matrix: &(*stiffness).into(), rhs: load, bounds, length };
+        report.kkt = check.residual(*engine, &problem, &[], &Answer { x: u, reaction })?;
+        Ok(report.kkt)
     }
 
     /// Adds a multiple of the increment to the deflection.

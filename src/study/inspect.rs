@@ -162,7 +162,11 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     // A ball in the air has no equilibrium.
     let is_loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
     let loaded = match &system.load {
-        Some(load) if !is_loose => Some(scheme::equilibrium(engine, stiffness, load, &system.bounds)?.0),
+        Some(load) if !is_loose => {
+            let (u, _, report) = scheme::equilibrium(engine, stiffness, load, &system.bounds)?;
+            simulation::check_residual(0, 0.0, report.kkt, scene.solver.tolerance)?;
+            Some(u)
+        }
         _ => None,
     };
     let deflection = |(probe, at): (&assembly::Probe, &crate::scene::Probe)| Deflection {

@@ -191,6 +191,33 @@ fn they_agree_on_stops_by_the_law_of_hertz() {
     }
 }
 
+/// A static start that presses a stop by the law of Hertz, beside softer and stiffer ones, is the
+/// same with every engine, contact solver and number of ranks; its force is that of the law.
+#[test]
+fn a_static_start_presses_a_stop_by_the_law_of_hertz() {
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/hard/hertz-stops.toml");
+    let folder = command::folder("vi-petsc-hertz-start", &std::fs::read_to_string(scene).unwrap());
+    let probes = "output.probes=[{ name = 'tip', at = [1.2, 0.2] }, { name = 'middle', at = [0.6, 0.2] }]";
+    let short = ["--set", probes, "--set", "time.scheme=conserving", "--set", "time.end=5e-4"];
+    let (native, _) = result(&folder, "native", 0, &short);
+    let force = -1e7 * (native[0][11] - 0.04).powf(1.5);
+    assert!(force < -1e3 && (native[0][7] / force - 1.0).abs() <= 1e-9, "{}, {force}", native[0][7]);
+    for ranks in [1, 2, 3] {
+        for (name, arguments) in [("condensed", &[][..]), SOLVERS[0], SOLVERS[1]] {
+            let all = [&["--engine", "petsc"], &short[..], arguments].concat();
+            let (rows, summary) = result(&folder, &format!("{name}-{ranks}"), ranks, &all);
+            assert_eq!(rows.len(), native.len());
+            for (a, b) in rows.iter().zip(&native) {
+                for column in [2, 7, 10, 11] {
+                    let error = (a[column] / b[column] - 1.0).abs();
+                    assert!(error <= 1e-9, "{name}, t = {}, column {column}: {error:e}", a[1]);
+                }
+            }
+            assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-11, "{name}: {summary}");
+        }
+    }
+}
+
 /// Two obstacles leave no gap or almost none: every scheme, element and solver is tested.
 #[test]
 fn narrow_gaps_hold_with_every_scheme() {

@@ -9,14 +9,16 @@
 
 use crate::common::block;
 use crate::common::models::{CLAMPED, PAPER_PLATE, PAPER_START};
-use crate::common::scenes::{STILL, all_round, close, grid, run, run_to_end, scene, start};
-use rebond::linalg::Native;
+use crate::common::scenes::{STILL, all_round, close, grid, model, run, run_to_end, scene, start};
+use rebond::linalg::vectors::axpy;
+use rebond::linalg::{Engine, Native};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
     Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System, TimeDependence,
     equilibrium, equilibrium_on_bounds,
 };
 use rebond::simulation::Model;
+use rebond::vi::condensed::DENSE_LIMIT;
 
 const MASS: f64 = 0.3;
 const STIFFNESS: f64 = 2e6;
@@ -306,6 +308,44 @@ fn a_plate_rests_on_a_point() {
         let depth = (force / stiffness).powf(2.0 / 3.0);
         let found = pressure.signum() * (start(&text)[0] - 0.05);
         assert!((found - depth).abs() <= 1e-9 * depth + 1e-13, "{stiffness:e}: {found} for {depth}");
+    }
+}
+
+/// A static start presses stops beside a rigid obstacle, which the free plate would cross at more
+/// nodes than a dense problem takes. The force at each stop is that of its law, and all other rows
+/// are in equilibrium to rounding.
+#[test]
+fn a_static_start_presses_stops_beside_wide_contact() {
+    let plate = format!("{PAPER_PLATE}{CLAMPED}{}", grid("fvs", 60, 20));
+    let load = format!("initial.equilibrium = true\nload.pressure = -14600\n{STILL}");
+    let obstacles = "obstacle = [{ side = \"below\", height = -0.005, where = \"x < 1.1\" }, \
+         { side = \"below\", height = -0.0025, at = [1.2, 0.2], law = \"hertz\", stiffness = 1e7 }, \
+         { side = \"below\", height = -0.001, at = [1.2, 0], law = \"hertz\", stiffness = 1e9 }]\n";
+    let free = model(&[&*plate, &load].concat()).start.displacement;
+    let Model { system, start, .. } = model(&[&*plate, obstacles, &load].concat());
+    let (bounds, load, u) = (&system.bounds, system.load.as_ref().unwrap(), &start.displacement);
+    let (mut force, mut terms) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, &mut force, &mut terms).unwrap();
+    axpy(-1.0, load, &mut force);
+    let crossed = bounds.dofs.iter().zip(&bounds.lower).filter(|(dof, lower)| free[**dof] < **lower);
+    assert!(crossed.count() > DENSE_LIMIT);
+    let (mut stops, mut nodes) = (0, 0);
+    for (i, &dof) in bounds.dofs.iter().enumerate() {
+        if bounds.yields(i, 0).is_some() {
+            close("force of a stop", force[dof], bounds.reaction(i, u[dof]), 1e-9);
+            stops += 1;
+        } else if u[dof] <= bounds.lower[i] + 1e-15 {
+            assert!(force[dof] >= -1e-12 * terms[dof], "the obstacle pulls: {:e}", force[dof]);
+            nodes += 1;
+        } else {
+            continue;
+        }
+        force[dof] = 0.0;
+    }
+    assert!(stops == 2 && nodes > 0, "{stops} stops, {nodes} nodes");
+    assert!(bounds.violation(u) <= 1e-15);
+    for (dof, (force, terms)) in force.iter().zip(&terms).enumerate() {
+        assert!(force.abs() <= 1e-12 * (terms + load[dof].abs()), "dof {dof}: {force:e} of {terms:e}");
     }
 }
 
