@@ -39,6 +39,9 @@ fn envelope_snapshots_and_pictures() {
     }
     let history = std::fs::read_to_string(run.join("plots/history.svg")).unwrap();
     assert!(history.contains("deflection") && history.contains("stress"), "a panel per quantity");
+    let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
+    let [x, y] = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
+    assert!(picture.contains(&format!("largest at ({x}, {y}) m")), "the place of the largest stress");
     let told = succeeds(&rebond(&folder, &["inspect", "fall.toml"]));
     assert!(told.contains("largest von Mises stress, start"));
 }

@@ -5,6 +5,7 @@ use super::coarse::coarsened;
 use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp, short};
+use crate::output::text::significant;
 use crate::output::vtu::Surface;
 
 /// Largest number of snapshots in a figure.
@@ -25,6 +26,12 @@ const REMARK: Type = Type::new(6.5);
 const BAND: f64 = 10.0;
 /// Height of a peg, in points.
 const PEG: f64 = 4.0;
+/// Mark at the place of the largest value.
+const MARK: Color = Color(213, 94, 0);
+/// Width of the view in one of two columns, in points.
+const HALF: f64 = 108.0;
+/// Largest height of a view, relative to its width.
+const TALLEST: f64 = 10.0 / 9.0;
 
 type Space = [f64; 3];
 
@@ -75,25 +82,31 @@ pub fn stresses(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
     colored(snapshots, title, ColorBy::VonMises)
 }
 
-/// Draws the envelope of the von Mises stress of a run on the flat plate.
+/// Draws the envelope of the von Mises stress of a run on the flat plate, and marks the place of
+/// the largest value: the faces have the colours of their means.
 pub fn envelope(surface: Surface, title: &str) -> Figure {
     colored(vec![(0.0, surface)], title, ColorBy::Envelope)
 }
 
 /// Draws each snapshot like [`snapshots`] in a figure of its own, all at one scale.
 pub fn frames(snapshots: Vec<(f64, Surface)>, title: &str) -> Vec<Figure> {
-    let (ramp, panels) = views(snapshots, ColorBy::Deflection);
+    let (ramp, panels) = views(snapshots, ColorBy::Deflection, HALF);
     panels.into_iter().map(|panel| Figure::new(title).ramp(ramp.clone()).panel(panel)).collect()
 }
 
 fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
-    let (ramp, panels) = views(snapshots, by);
-    panels.into_iter().fold(Figure::new(title).columns(2).ramp(ramp), Figure::panel)
+    let columns = snapshots.len().clamp(1, 2);
+    let (ramp, panels) = views(snapshots, by, 2.0 * HALF / columns as f64);
+    panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
-/// Returns the colours and one view per snapshot, all at one scale.
-fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy) -> (Ramp, Vec<Panel>) {
+/// Returns the colours and one view per snapshot, all at one scale, for a width in points.
+fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<Panel>) {
     let held = held(&snapshots);
+    let peak = snapshots.first().filter(|_| by == ColorBy::Envelope).and_then(|(_, surface)| {
+        let values = by.values(surface).iter().zip(&surface.points);
+        values.max_by(|a, b| a.0.total_cmp(b.0)).map(|(_, &place)| place)
+    });
     let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
     let range = |values: &mut dyn Iterator<Item = f64>| {
@@ -135,7 +148,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy) -> (Ramp, Vec<Panel>) {
     let mut panels = Vec::new();
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let held = held.clone();
-        let height = (108.0 * window.height() / window.width()).clamp(20.0, 120.0) + BAND;
+        let height = (width * window.height() / window.width()).clamp(20.0, TALLEST * width) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
             let at = |point: Space| window.at(below, view.see(point));
@@ -154,12 +167,17 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy) -> (Ramp, Vec<Panel>) {
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-                paper.circle(at(surface.place(point)), 0.9, Color(213, 94, 0), None);
+                paper.circle(at(surface.place(point)), 0.9, MARK, None);
             }
             ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), HIDDEN));
             ceiling.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), -1.0));
-            let text = format!("t = {} s", crate::output::text::significant(time));
-            let text = if by == ColorBy::Envelope { String::new() } else { text };
+            let text = match peak {
+                Some([x, y]) => {
+                    paper.circle(at([x, y, 0.0]), 1.6, MARK, None);
+                    format!("largest at ({}, {}) m", significant(x), significant(y))
+                }
+                None => format!("t = {} s", significant(time)),
+            };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };
         panels.push(Panel::drawing(draw).height(height));
