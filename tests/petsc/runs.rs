@@ -17,7 +17,7 @@ use rebond::{Error, Result};
 
 pub const CASES: &[Case] = &[
     case("what_changes_with_time", &[1, 2], what_changes_with_time),
-    case("forces_add_up_in_motion", &[3], forces_add_up_in_motion),
+    case("forces_add_up_in_motion", &[1, 3], forces_add_up_in_motion),
     case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone),
 ];
 
@@ -94,7 +94,8 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
 }
 
 /// The forces of supports and obstacles, the load and the damping add up to the change of momentum
-/// of the whole plate at every step, on rigid and compliant stops and on moving supports.
+/// of the whole plate at every step, on rigid and compliant stops, on one by the law of Hertz, and
+/// on moving supports.
 fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     // Scheme, mass, parameters, motion of the supports (m), drag (1/s) and damping of the stop.
@@ -123,6 +124,7 @@ fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
                 {{ name = "floor", side = "below", height = -0.02 }},
                 {{ name = "post", side = "below", height = "-0.01 - 0.02*t", at = [1, 1] }},
                 {{ name = "rubber", side = "above", height = 0.01, line = [[1, 0.2], [1, 0.9]], stiffness = 300, damping = {damping:?} }},
+                {{ name = "nib", side = "above", height = 0, at = [0.5, 1], law = "hertz", stiffness = 1e4 }},
             ]
             load = {{ gravity = 0.25, pressure = "-0.5*cos(9*t)" }}
             rib = [{{ line = [[0, 0.2], [0.9, 0.2]], bending = 0.1, mass = 0.5 }}]
@@ -142,13 +144,13 @@ fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
         let acting = Acting { constant: -0.25 * mass_of_all, pressure: &pressure, place: &place, drag };
         let (upward, solver) = (Upward::new(&model, weight, 0.25, mass_of_all), model.solver(&scene));
         let started = model.scheme_with(&scene, &*solver)?;
-        // Both stops and the floor touch; no obstacle pulls.
+        // All stops and the floor touch; no obstacle pulls.
         let (mut up, mut down) = (0, 0);
         for row in upward.check(&scene, started, &acting, &mut |_| {})? {
-            let [floor, _, post, _, rubber, _] = row[8..] else { panic!("{row:?}") };
-            assert!(floor >= 0.0 && post >= 0.0 && rubber <= 0.0, "{row:?}");
+            let [floor, _, post, _, rubber, _, nib, _] = row[8..] else { panic!("{row:?}") };
+            assert!(floor >= 0.0 && post >= 0.0 && rubber <= 0.0 && nib <= 0.0, "{row:?}");
             up += u32::from(floor > 0.0 && post > 0.0);
-            down += u32::from(rubber < 0.0);
+            down += u32::from(rubber < 0.0 && nib < 0.0);
         }
         assert!(up > 0 && down > 0, "{scheme}, {mass}: {up}, {down}");
     }
