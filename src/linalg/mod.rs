@@ -23,6 +23,7 @@ mod combination;
 pub(crate) mod decoupling;
 mod double_double;
 pub(crate) mod eigen;
+pub(crate) mod lanes;
 pub mod modal;
 mod native;
 pub mod random;

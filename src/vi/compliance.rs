@@ -9,33 +9,36 @@
 //! r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between}.
 //! ```
 //!
-//! The solution exists and is unique. Each iteration factors the block of R of the dofs in contact
-//! only. These dofs are few, and the solver keeps the factor while they stay the same. Bounds that
-//! yield add to the diagonal of R, see [`yielding`].
+//! The solution exists and is unique. Each iteration needs the factor of the block of R of the dofs
+//! in contact only. These dofs are few, and the factor [follows](active_factor) those that join and
+//! leave. Bounds that yield add to the diagonal of R, see [`yielding`].
 
+mod active_factor;
 pub mod yielding;
 
 use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
 use crate::archive::Archive;
 use crate::error::Result;
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side as Triangle};
+use crate::linalg::wide::widest;
+use active_factor::ActiveFactor;
+use faer::Mat;
+use pulp::Arch;
 
 /// Solver of the problem in compliance form, warm-started from its last active set; see the
 /// [module page](self).
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct ComplianceSolver {
     /// Contact status of each bounded dof in the last answer.
     pub sides: Vec<BoundStatus>,
-    /// Dofs in contact, ascending, and the factor of their compliance.
+    /// Dofs in contact, and the factor of their compliance.
     active: Vec<usize>,
-    factor: Option<Llt<f64>>,
-    /// Dofs that the factor belongs to, each with the compliance of its bound, in m/N.
-    factored: Vec<(usize, f64)>,
+    factor: ActiveFactor,
+    /// Reactions of the dofs in contact, in N, in the order of the factor.
+    forces: Vec<f64>,
     /// Compliances of the lower and the upper bound of each dof in the last answer, in m/N, 0 for
     /// rigid ones; empty if no bound yields.
     softness: Vec<[f64; 2]>,
-    /// Number of factorisations so far.
+    /// Number of factors so far, each of other dofs than the last.
     pub factorisations: u64,
     /// Largest distance of a dof in contact from its bound before it is put there, in m: the
     /// rounding error of the last answer.
@@ -71,7 +74,7 @@ impl ComplianceSolver {
         }
     }
 
-    /// Returns the dofs in contact in the last answer, ascending.
+    /// Returns the dofs in contact in the last answer, in the order in which they joined.
     pub fn active(&self) -> &[usize] {
         &self.active
     }
@@ -95,37 +98,15 @@ impl ComplianceSolver {
             *side = side.within(lower[i], upper[i]);
         }
         loop {
-            self.factor_active(compliance);
             reaction.fill(0.0);
             x.copy_from_slice(free);
-            let held =
-                |i: usize, side: BoundStatus| if side == BoundStatus::Upper { upper[i] } else { lower[i] };
-            if !self.active.is_empty() {
-                let missing =
-                    |k: usize| held(self.active[k], self.sides[self.active[k]]) - free[self.active[k]];
-                let mut forces = Mat::from_fn(self.active.len(), 1, |k, _| missing(k));
-                match &self.factor {
-                    Some(llt) => llt.solve_in_place(&mut forces),
-                    None => forces.fill(f64::NAN),
-                }
-                let largest = forces.norm_max();
-                for (k, &i) in self.active.iter().enumerate() {
-                    reaction[i] = forces[(k, 0)];
-                    self.magnitude[i] = largest;
-                    let column = compliance.col_as_slice(i);
-                    x.iter_mut().zip(column).for_each(|(x, c)| *x += c * forces[(k, 0)]);
-                }
-                self.residual = 0.0;
-                for &i in &self.active {
-                    let bound = held(i, self.sides[i]) - self.softness(i) * reaction[i];
-                    self.residual = self.residual.max((x[i] - bound).abs());
-                    x[i] = bound;
-                }
-                if largest.is_nan() {
-                    x.fill(f64::NAN);
-                    return;
-                }
+            if !self.factor_active(compliance) {
+                self.residual = f64::INFINITY;
+                self.active.iter().for_each(|&i| reaction[i] = f64::NAN);
+                x.fill(f64::NAN);
+                return;
             }
+            self.hold(problem, x, reaction);
             let values = BoundValues { lower, upper, x, reaction, magnitude: &self.magnitude };
             let broken = broken(&self.sides, values);
             if broken.is_empty() {
@@ -141,48 +122,85 @@ impl ComplianceSolver {
         }
     }
 
+    /// Computes the reactions that hold the dofs in contact at their bounds, and adds the deflections
+    /// by them.
+    fn hold(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
+        if self.active.is_empty() {
+            return;
+        }
+        let ComplianceProblem { compliance, free, lower, upper, .. } = problem;
+        let held = |i: usize, side: BoundStatus| if side == BoundStatus::Upper { upper[i] } else { lower[i] };
+        let ComplianceSolver { sides, active, factor, forces, magnitude, .. } = self;
+        forces.clear();
+        forces.extend(active.iter().map(|&i| held(i, sides[i]) - free[i]));
+        factor.solve(forces);
+        let largest = forces.iter().fold(0.0, |most: f64, force| most.max(force.abs()));
+        for (&i, force) in active.iter().zip(&*forces) {
+            (reaction[i], magnitude[i]) = (*force, largest);
+        }
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                let size = x.len();
+                for (&i, force) in active.iter().zip(&*forces) {
+                    let column = &compliance.col_as_slice(i)[..size];
+                    for k in 0..size {
+                        x[k] += force * column[k];
+                    }
+                }
+            },
+        );
+        self.residual = 0.0;
+        for &i in &self.active {
+            let bound = held(i, self.sides[i]) - self.softness(i) * reaction[i];
+            self.residual = self.residual.max((x[i] - bound).abs());
+            x[i] = bound;
+        }
+    }
+
     /// Returns the compliance of the bound that a dof is at, in m/N; 0 for a rigid one.
     fn softness(&self, dof: usize) -> f64 {
         self.softness.get(dof).map_or(0.0, |of| of[usize::from(self.sides[dof] == BoundStatus::Upper)])
     }
 
-    /// Solves R_AA s = b for the dofs A in contact in the last answer, in place. The compliance of
-    /// bounds that yield is part of R.
-    pub fn solve_active(&self, values: &mut Mat<f64>) {
-        if let Some(llt) = &self.factor {
-            llt.solve_in_place(values);
-        }
+    /// Solves R_AA s = b for the dofs A in contact in the last answer, in place and in their order.
+    /// The compliance of bounds that yield is part of R.
+    pub fn solve_active(&self, values: &mut [f64]) {
+        self.factor.solve(values);
     }
 
-    /// Saves or restores the active set of the last answer and the count of factorisations.
+    /// Saves or restores the active set of the last answer with its factor, and the count of
+    /// factors.
     ///
     /// # Errors
     /// Returns the errors of [`Archive::value`].
-    pub fn archive(&mut self, compliance: &Mat<f64>, archive: &mut Archive) -> Result<()> {
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.sides)?;
         if !self.softness.is_empty() {
             archive.value(&mut self.softness)?;
         }
-        if !archive.saves() {
-            self.factor_active(compliance);
-        }
+        archive.value(&mut self.factor)?;
+        archive.value(&mut self.active)?;
         archive.value(&mut self.factorisations)
     }
 
-    /// Factors the compliance of the dofs in contact, unless they are those of the last factor.
-    fn factor_active(&mut self, compliance: &Mat<f64>) {
-        self.active.clear();
-        self.active.extend((0..self.sides.len()).filter(|&i| self.sides[i] != BoundStatus::Free));
-        let soft: Vec<(usize, f64)> = self.active.iter().map(|&i| (i, self.softness(i))).collect();
-        if soft == self.factored {
-            return;
+    /// Lists the dofs in contact, and makes the factor that of their compliance. Returns whether
+    /// there is one.
+    fn factor_active(&mut self, compliance: &Mat<f64>) -> bool {
+        let soft = |i: usize| (i, self.softness(i));
+        let is_active = |i: &usize| self.sides[*i] != BoundStatus::Free;
+        let wanted: Vec<(usize, f64)> = (0..self.sides.len()).filter(is_active).map(soft).collect();
+        let mut is_definite = true;
+        if !self.factor.is_of(&wanted) {
+            is_definite = self.factor.follow(&wanted, compliance);
+            self.factorisations += 1;
         }
-        let block = Mat::from_fn(soft.len(), soft.len(), |i, j| {
-            let ((row, softness), (column, _)) = (soft[i], soft[j]);
-            compliance[(row, column)] + if i == j { softness } else { 0.0 }
-        });
-        self.factor = block.llt(Triangle::Lower).ok();
-        self.factored = soft;
-        self.factorisations += 1;
+        self.active.clear();
+        match is_definite {
+            true => self.active.extend(self.factor.dofs()),
+            false => self.active.extend(wanted.iter().map(|(dof, _)| *dof)),
+        }
+        is_definite
     }
 }

@@ -3,11 +3,11 @@
 use super::ModalScheme;
 use super::contact_model::extended;
 use super::data::ModalData;
-use super::products::norm;
 use super::reach::{Check, Finding};
 use super::state::kick;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::lanes::norm;
 use faer::Mat;
 use std::rc::Rc;
 use std::time::Instant;
@@ -26,7 +26,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     pub(super) fn add_candidates(&mut self, near: Vec<usize>) -> Result<()> {
         let clock = Instant::now();
         let old = self.model.candidates.clone();
-        self.model.extend(&self.saddle, &self.all, &self.loads.limits, &self.reach.shapes, &near)?;
+        self.model.extend(&self.saddle, &self.all, &self.loads.limits, self.reach.rows(), &near)?;
         self.compliance_seconds += clock.elapsed().as_secs_f64();
         let candidates = self.model.candidates.clone();
         let shapes = &self.reach.shapes;
@@ -47,10 +47,9 @@ impl<E: Engine> ModalScheme<'_, E> {
         }
         self.extend_implicit(&selected, &old);
         self.contact = extended(&self.contact, &self.model, &old);
-        self.shown.contact = extended(&self.shown.contact, &self.model, &old);
         let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
         self.mean = candidates.iter().map(known).collect();
-        self.shown.state = self.now.clone();
+        self.shown.forget();
         Ok(())
     }
 

@@ -36,8 +36,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         archive.value(&mut self.mean)?;
         let mut is_listed = self.is_listed;
         archive.value(&mut is_listed)?;
-        self.contact.archive(&self.model.compliance, archive)?;
-        self.shown.contact.archive(&self.model.compliance, archive)?;
+        self.contact.archive(archive)?;
         Approach::archive(&mut self.free, archive)?;
         if !archive.saves() {
             self.complete(is_listed, are_same)?;

@@ -27,13 +27,23 @@ pub(super) struct ContactModel {
     /// Displacements H per unit reaction, one vector per candidate with one entry per dof of this
     /// rank, in m/N.
     pub flexibility: Vec<Rc<[f64]>>,
-    /// Values of H at all bounds, one vector per candidate.
+    /// Values of H at all bounds, one vector per candidate, in the order of [`BoundRows::places`].
     pub at_bounds: Vec<Vec<f64>>,
     /// Compliance R at the candidates, in m/N.
     pub compliance: Mat<f64>,
     /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds of the candidates yield,
     /// infinite for rigid ones; empty if no bound yields.
     pub hertz: Vec<[f64; 2]>,
+}
+
+/// Mode shapes at all bounds, and the order in which values at them are kept.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BoundRows<'a> {
+    /// Mode shapes, one column per bound.
+    pub shapes: &'a Mat<f64>,
+    /// Place of each bound in an order in which neighbours are together, and the number of places.
+    pub places: &'a [usize],
+    pub lanes: usize,
 }
 
 impl ContactModel {
@@ -79,7 +89,7 @@ impl ContactModel {
     }
 
     /// Adds candidates, ascending numbers of bounds, given the limits at rest of all bounds and the
-    /// mode shapes there, in columns. Collective.
+    /// mode shapes there. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Usage`] where so many modes leave the candidates no compliance of
@@ -89,24 +99,29 @@ impl ContactModel {
         saddle: &ModalSaddlePoint<E>,
         all: &AllBounds,
         limits: &Limits,
-        shapes: &Mat<f64>,
+        rows: BoundRows,
         more: &[usize],
     ) -> Result<()> {
         let engine = &saddle.system.engine;
+        let BoundRows { shapes, places, lanes } = rows;
         let dofs: Vec<Option<usize>> = more.iter().map(|&number| all.dof(number)).collect();
         let along = Mat::from_fn(shapes.nrows(), more.len(), |k, j| shapes[(k, more[j])]);
         let flexibility = saddle.rest_of_units(&dofs, &along)?;
         for (column, &number) in flexibility.into_iter().zip(more) {
             let at = self.candidates.partition_point(|known| *known < number);
             self.candidates.insert(at, number);
-            self.at_bounds.insert(at, all.values(engine.comm(), &column));
+            let mut placed = vec![0.0; lanes];
+            let values = all.values(engine.comm(), &column);
+            places.iter().zip(values).for_each(|(&place, value)| placed[place] = value);
+            self.at_bounds.insert(at, placed);
             self.flexibility.insert(at, column);
         }
         self.list_own(all);
         self.note_magnitude(limits);
         let (candidates, at_bounds) = (&self.candidates, &self.at_bounds);
         self.compliance = Mat::from_fn(candidates.len(), candidates.len(), |i, j| {
-            0.5 * (at_bounds[j][candidates[i]] + at_bounds[i][candidates[j]])
+            let [row, column] = [i, j].map(|k| places[candidates[k]]);
+            0.5 * (at_bounds[j][row] + at_bounds[i][column])
         });
         if !all.hertz.is_empty() {
             self.hertz = candidates.iter().map(|&number| all.hertz[number]).collect();

@@ -6,9 +6,9 @@
 //! changed.
 
 use super::all_bounds::AllBounds;
-use super::products::norm;
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
+use crate::linalg::lanes::norm;
 use crate::linalg::vectors::subtract;
 use crate::linalg::{Engine, MassModes};
 use crate::scheme::System;

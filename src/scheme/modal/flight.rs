@@ -5,11 +5,13 @@
 //! of candidates and no contact problem.
 
 use super::forecast::{Forecast, distance};
-use super::products::{dots, norm};
 use super::reach::{ROUNDING, Reach};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
+use crate::linalg::lanes::{dots, norm};
+use crate::linalg::wide::widest;
+use pulp::Arch;
 
 /// Time after which a certificate is tried again, in steps.
 const AGAIN: f64 = 8.0;
@@ -24,6 +26,9 @@ pub(super) struct Flight {
     end: f64,
     /// Time of the next check after one without success, in s.
     next: f64,
+    /// Index of the candidate with the least slack in the last check, which is the first of the
+    /// next one.
+    nearest: usize,
 }
 
 impl Flight {
@@ -49,18 +54,37 @@ impl Flight {
         let rounding = ROUNDING * norm(&state.q);
         let error = |of: &Forecast| of.error(&state.v, pull) + rounding;
         let mut level = reach.next_level(self.level, self.since);
+        let least = error(&reach.forecasts[0]);
         let mut motion = Default::default();
         self.since = reach.elapsed;
         loop {
             let forecast = &reach.forecasts[level];
             forecast.motion(&state.q, &state.v, pull, &mut motion);
             let motion = motion.each_ref().map(|of: &Vec<f64>| &**of);
-            let slack = |(k, &i): (usize, &usize)| {
+            let slack = |k: usize| {
+                let i = candidates[k];
                 let mut y = dots(reach.shapes.col_as_slice(i), motion);
                 y[0] += state.data.near.shift[k];
                 distance(y, &state.data.near, k, forecast.seconds) / reach.sizes[i]
             };
-            let radius = candidates.iter().enumerate().map(slack).fold(f64::INFINITY, f64::min);
+            // The candidate that has prevented the last flight is likely to prevent this one too.
+            let (mut nearest, mut radius) = (self.nearest, f64::INFINITY);
+            widest(
+                Arch::new(),
+                #[inline(always)]
+                || {
+                    for k in std::iter::once(nearest).chain(0..candidates.len()) {
+                        let slack = if k < candidates.len() { slack(k) } else { f64::INFINITY };
+                        if slack < radius {
+                            (nearest, radius) = (k, slack);
+                        }
+                        if radius < least {
+                            break;
+                        }
+                    }
+                },
+            );
+            self.nearest = nearest;
             if radius >= error(forecast) {
                 (self.level, self.end) = (level, reach.elapsed + forecast.seconds);
                 return;

@@ -9,8 +9,10 @@
 //! rigid motion is at most `$c\,|h - c\,\dot q|$`.
 
 use super::limits::Limits;
-use super::products::sum;
 use super::rotation::Rotation;
+use crate::linalg::lanes::sum;
+use crate::linalg::wide::widest;
+use pulp::Arch;
 use std::f64::consts::SQRT_2;
 
 /// Approximation of the free motion over a horizon; see the [module page](self).
@@ -57,18 +59,40 @@ impl Forecast {
 
     /// Computes the coefficients of 1, t and t^2 of the motion from a state.
     pub fn motion(&self, q: &[f64], v: &[f64], pull: &[f64], motion: &mut [Vec<f64>; 3]) {
-        for ((motion, of_rate), of_pull) in motion.iter_mut().zip(&self.of_rate).zip(&self.of_pull) {
-            motion.clear();
-            motion.extend((0..q.len()).map(|k| of_rate[k] * v[k] + of_pull[k] * pull[k]));
-        }
-        motion[0].iter_mut().zip(q).for_each(|(motion, q)| *motion += q);
+        let size = q.len();
+        motion.iter_mut().for_each(|motion| motion.resize(size, 0.0));
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                let (q, v, pull) = (&q[..size], &v[..size], &pull[..size]);
+                for ((motion, of_rate), of_pull) in motion.iter_mut().zip(&self.of_rate).zip(&self.of_pull) {
+                    let (motion, of_rate, of_pull) =
+                        (&mut motion[..size], &of_rate[..size], &of_pull[..size]);
+                    for k in 0..size {
+                        motion[k] = of_rate[k] * v[k] + of_pull[k] * pull[k];
+                    }
+                }
+                let motion = &mut motion[0][..size];
+                for k in 0..size {
+                    motion[k] += q[k];
+                }
+            },
+        );
     }
 
     /// Returns a bound of the distance between the motion from a state and its approximation: the
     /// root of the sum of the squares over all modes.
     pub fn error(&self, v: &[f64], pull: &[f64]) -> f64 {
-        let Forecast { rate_error, pull_error, .. } = self;
-        sum(v.len(), |k| (rate_error[k] * v[k]).powi(2) + (pull_error[k] * pull[k]).powi(2)).sqrt()
+        let size = v.len();
+        let (rate_error, pull_error) = (&self.rate_error[..size], &self.pull_error[..size]);
+        let pull = &pull[..size];
+        let squares = widest(
+            Arch::new(),
+            #[inline(always)]
+            || sum(size, |k| (rate_error[k] * v[k]).powi(2) + (pull_error[k] * pull[k]).powi(2)),
+        );
+        squares.sqrt()
     }
 }
 

@@ -18,7 +18,7 @@
 
 use super::forecast::least;
 use super::limits::Limits;
-use super::products::{LANES, dot, dots, sum};
+use crate::linalg::lanes::{LANES, dot, sum};
 use crate::linalg::wide::widest;
 use faer::Mat;
 use pulp::Arch;
@@ -34,6 +34,20 @@ const HEAD: usize = 6;
 /// Rounding errors of a row, relative to it.
 const ROUNDING: f64 = 1e-12;
 
+/// Work space of [`Groups::slack`].
+pub(super) struct Slacks {
+    /// Values of the coefficients of 1, t and t^2, one entry per row.
+    factors: [[f64; LARGEST]; 3],
+    /// Slack of each member.
+    pub of_members: [f64; LARGEST],
+}
+
+impl Slacks {
+    pub fn new() -> Slacks {
+        Slacks { factors: [[0.0; LARGEST]; 3], of_members: [0.0; LARGEST] }
+    }
+}
+
 /// Groups of all bounds; see the [module page](self).
 #[derive(Debug)]
 pub(super) struct Groups {
@@ -42,32 +56,38 @@ pub(super) struct Groups {
     /// Number of the lowest modes.
     pub head: usize,
     groups: Vec<Group>,
-    /// Index of the group of each bound.
-    of: Vec<usize>,
+    /// Place of each bound among the lanes of all groups, and their number.
+    pub places: Vec<usize>,
+    pub lanes: usize,
 }
 
 /// Group of bounded dofs; entries per member are in the order of the members.
 #[derive(Debug)]
 struct Group {
-    /// Bounds that are no candidates for contact, ascending.
+    /// Bounds, ascending.
     members: Vec<usize>,
-    /// Rows B, one column each, for the lowest modes and for all, and their coefficients S, one
-    /// vector over the members each.
-    heads: Mat<f64>,
-    rows: Mat<f64>,
-    coefficients: Vec<Vec<f64>>,
-    /// Norms of the rows `$\Phi_i$`.
-    sizes: Vec<f64>,
+    /// Place of the first member.
+    start: usize,
+    /// Number of rows B, and these, by lanes: those of each mode are together.
+    rank: usize,
+    rows: Vec<f64>,
+    /// Coefficients S of the members, by lanes: those of each row are together.
+    coefficients: Vec<f64>,
+    /// Reciprocal norms of the rows `$\Phi_i$`, and those with 0 for candidates for contact. Here
+    /// and below the lanes without a member follow.
+    scales: Vec<f64>,
+    weights: Vec<f64>,
     /// Largest rest, divided by the norm of its row.
     rest: f64,
     /// Largest share of the other than the lowest modes, rest included, divided likewise.
     tail: f64,
-    /// Bounds that the deflections by the modes keep between, in m.
+    /// Bounds that the deflections by the modes keep between, in m; infinite for candidates. Those
+    /// above may all be infinite.
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// Displacements of the members per reaction of each candidate, in m/N, and their largest
-    /// magnitude, divided by the norm of the row.
-    responses: Vec<Vec<f64>>,
+    has_upper: bool,
+    /// Largest displacement of a member that is no candidate per reaction of one, in m/N, divided
+    /// by the norm of the row.
     flexibility: f64,
 }
 
@@ -76,27 +96,27 @@ impl Groups {
     /// frequencies of the modes, ascending.
     pub fn new(shapes: &Mat<f64>, sizes: &[f64], squares: &[f64]) -> Groups {
         let lowest = squares.iter().copied().find(|square| *square > 0.0).unwrap_or(1.0);
-        let frequencies = squares.iter().map(|square| square.max(lowest).sqrt()).collect();
-        Groups::with_frequencies(shapes, sizes, frequencies)
-    }
-
-    fn with_frequencies(shapes: &Mat<f64>, sizes: &[f64], frequencies: Vec<f64>) -> Groups {
+        let frequencies: Vec<f64> = squares.iter().map(|square| square.max(lowest).sqrt()).collect();
         let mut all: Vec<usize> = (0..shapes.ncols()).collect();
         let head = frequencies.len().div_ceil(HEAD).next_multiple_of(LANES).min(frequencies.len());
         let mut groups = Vec::new();
+        let mut places = vec![0; all.len()];
+        let mut start = 0;
         divide(shapes, &frequencies, &mut all, &mut |members| {
-            groups.push(Group::new(members, shapes, sizes, &frequencies, head));
+            members.iter().enumerate().for_each(|(m, &i)| places[i] = start + m);
+            let size = members.len();
+            groups.push(Group { start, ..Group::new(members, shapes, sizes, &frequencies, head) });
+            start += size.next_multiple_of(LANES);
         });
-        let mut of = vec![0; all.len()];
-        for (g, group) in groups.iter().enumerate() {
-            group.members.iter().for_each(|&i| of[i] = g);
-        }
-        Groups { frequencies, head, groups, of }
+        Groups { frequencies, head, groups, places, lanes: start }
     }
 
-    /// Returns to the groups of all bounds, without candidates.
-    pub fn restore(&mut self, shapes: &Mat<f64>, sizes: &[f64]) {
-        *self = Groups::with_frequencies(shapes, sizes, std::mem::take(&mut self.frequencies));
+    /// Forgets all candidates.
+    pub fn restore(&mut self) {
+        for group in &mut self.groups {
+            group.weights.clone_from(&group.scales);
+            group.flexibility = 0.0;
+        }
     }
 
     /// Returns the number of groups.
@@ -104,35 +124,36 @@ impl Groups {
         self.groups.len()
     }
 
-    /// Returns the bounds of a group that are no candidates, ascending.
-    pub fn members(&self, g: usize) -> &[usize] {
-        &self.groups[g].members
+    /// Returns the positions in a group of the bounds that are no candidates, and these bounds,
+    /// ascending.
+    pub fn members(&self, g: usize) -> impl Iterator<Item = (usize, usize)> {
+        let Group { members, weights, .. } = &self.groups[g];
+        let all = members.iter().copied().enumerate();
+        all.filter(|(m, _)| weights[*m] > 0.0)
     }
 
-    /// Removes bounds that have become candidates.
-    pub fn remove(&mut self, near: &[usize]) {
-        for i in near {
-            let group = &mut self.groups[self.of[*i]];
-            if let Ok(at) = group.members.binary_search(i) {
-                group.remove(at);
+    /// Notes that a bound has become a candidate.
+    pub fn remove(&mut self, bound: usize) {
+        let place = self.places[bound];
+        let g = self.groups.partition_point(|group| group.start <= place) - 1;
+        let Group { start, weights, lower, upper, .. } = &mut self.groups[g];
+        let m = place - *start;
+        (weights[m], lower[m], upper[m]) = (0.0, f64::NEG_INFINITY, f64::INFINITY);
+    }
+
+    /// Adds the response of a candidate: the displacements of all bounds per reaction (m/N), in the
+    /// order of `places`.
+    pub fn yield_to(&mut self, response: &[f64]) {
+        for Group { start, weights, flexibility, .. } in &mut self.groups {
+            let response = response[*start..*start + weights.len()].as_chunks::<LANES>().0;
+            let mut largest = [*flexibility; LANES];
+            for (response, weights) in response.iter().zip(weights.as_chunks::<LANES>().0) {
+                for lane in 0..LANES {
+                    largest[lane] = (response[lane].abs() * weights[lane]).max(largest[lane]);
+                }
             }
+            *flexibility = largest.into_iter().fold(*flexibility, f64::max);
         }
-    }
-
-    /// Adds a candidate before that of an index, given the displacements of all bounds per
-    /// reaction, in m/N.
-    pub fn yield_to(&mut self, index: usize, column: &[f64]) {
-        for Group { members, sizes, responses, flexibility, .. } in &mut self.groups {
-            let response: Vec<f64> = members.iter().map(|&i| column[i]).collect();
-            let relative = response.iter().zip(sizes).map(|(response, size)| response.abs() / *size);
-            *flexibility = relative.fold(*flexibility, f64::max);
-            responses.insert(index, response);
-        }
-    }
-
-    /// Returns the displacements of the members of a group per reaction of each candidate, in m/N.
-    pub fn responses(&self, g: usize) -> &[Vec<f64>] {
-        &self.groups[g].responses
     }
 
     /// Returns the largest displacement of any member of some groups per reaction, divided by its
@@ -144,10 +165,15 @@ impl Groups {
     /// Follows the loads and obstacles for some groups.
     pub fn follow(&mut self, groups: &[usize], limits: &Limits) {
         for &g in groups {
-            let Group { members, lower, upper, .. } = &mut self.groups[g];
+            let Group { members, weights, lower, upper, has_upper, .. } = &mut self.groups[g];
             for (k, &i) in members.iter().enumerate() {
-                (lower[k], upper[k]) = (limits.lower[i] - limits.shift[i], limits.upper[i] - limits.shift[i]);
+                let shift = limits.shift[i];
+                [lower[k], upper[k]] = match weights[k] > 0.0 {
+                    true => [limits.lower[i] - shift, limits.upper[i] - shift],
+                    false => [f64::NEG_INFINITY, f64::INFINITY],
+                };
             }
+            *has_upper = upper.iter().any(|upper| upper.is_finite());
         }
     }
 
@@ -159,36 +185,63 @@ impl Groups {
 
     /// Returns the least slack in a group, without rests, in a motion with given coefficients of 1,
     /// t and t^2 of all modes or of the lowest ones, between 0 and `end` (s), under acting
-    /// reactions (N) with the indices of their candidates.
+    /// reactions (N), each after the displacements that it causes, see [`Self::yield_to`]. `slacks`
+    /// takes that of each member.
     #[inline(always)]
-    pub fn slack(&self, g: usize, motion: [&[f64]; 3], end: f64, acting: &[(usize, f64)]) -> f64 {
-        let Group { members, heads, rows, coefficients, sizes, lower, upper, responses, .. } =
-            &self.groups[g];
-        let rows = if motion[0].len() == self.head { heads } else { rows };
-        let size = members.len();
-        let mut deflections = [[0.0; LARGEST]; 3];
-        let [y, rate, curve] = deflections.each_mut().map(|of| &mut of[..size]);
-        for (j, of) in coefficients.iter().enumerate() {
-            let [a, b, c] = dots(rows.col_as_slice(j), motion);
-            let of = &of[..size];
-            for k in 0..size {
-                y[k] += a * of[k];
-                rate[k] += b * of[k];
-                curve[k] += c * of[k];
+    pub fn slack(
+        &self,
+        g: usize,
+        motion: [&[f64]; 3],
+        end: f64,
+        acting: &[(&[f64], f64)],
+        slacks: &mut Slacks,
+    ) -> f64 {
+        let Group { start, rank, rows, coefficients, scales, lower, upper, has_upper, .. } = &self.groups[g];
+        let (all, modes) = (self.frequencies.len(), motion[0].len());
+        let motion = motion.map(|of| &of[..modes]);
+        let Slacks { factors, of_members } = slacks;
+        for at in 0..rank.div_ceil(LANES) {
+            let rows = &rows[LANES * all * at..];
+            let mut sums = [[0.0; LANES]; 3];
+            for (k, row) in rows.as_chunks::<LANES>().0[..modes].iter().enumerate() {
+                accumulate(&mut sums, row, motion.map(|of| of[k]));
+            }
+            for (factors, sums) in factors.iter_mut().zip(sums) {
+                factors[LANES * at..LANES * (at + 1)].copy_from_slice(&sums);
             }
         }
-        for (k, r) in acting {
-            let response = &responses[*k][..size];
-            y.iter_mut().zip(response).for_each(|(y, response)| *y += r * response);
+        let mut least_slack = f64::INFINITY;
+        for at in 0..scales.len() / LANES {
+            let rows = coefficients[LANES * rank * at..].as_chunks::<LANES>().0;
+            let mut sums = [[0.0; LANES]; 3];
+            for (j, row) in rows[..*rank].iter().enumerate() {
+                accumulate(&mut sums, row, [factors[0][j], factors[1][j], factors[2][j]]);
+            }
+            let members = LANES * at..LANES * (at + 1);
+            let [mut y, rate, curve] = sums;
+            for (response, r) in acting {
+                let response = &response[start + members.start..start + members.end];
+                for lane in 0..LANES {
+                    y[lane] += r * response[lane];
+                }
+            }
+            let [scales, lower, upper] = [scales, lower, upper].map(|of| &of[members.clone()]);
+            let slacks = &mut of_members[members];
+            for lane in 0..LANES {
+                slacks[lane] = least([y[lane] - lower[lane], rate[lane], curve[lane]], end);
+            }
+            if *has_upper {
+                for lane in 0..LANES {
+                    let above = least([upper[lane] - y[lane], -rate[lane], -curve[lane]], end);
+                    slacks[lane] = slacks[lane].min(above);
+                }
+            }
+            for lane in 0..LANES {
+                slacks[lane] *= scales[lane];
+                least_slack = least_slack.min(slacks[lane]);
+            }
         }
-        let (sizes, lower, upper) = (&sizes[..size], &lower[..size], &upper[..size]);
-        let mut slack = f64::INFINITY;
-        for k in 0..size {
-            let below = least([y[k] - lower[k], rate[k], curve[k]], end);
-            let above = least([upper[k] - y[k], -rate[k], -curve[k]], end);
-            slack = slack.min(below.min(above) / sizes[k]);
-        }
-        slack
+        least_slack
     }
 
     /// Returns bounds of |W p| between 0 and `end`, over all modes and over the other than the
@@ -217,7 +270,7 @@ impl Group {
         let tails: Vec<f64> =
             (0..count).map(|j| rests.col(j).subrows(head, modes - head).norm_l2()).collect();
         let enough = REST * norms.iter().copied().fold(0.0, f64::max);
-        let (mut found, mut coefficients) = (Vec::new(), Vec::new());
+        let (mut found, mut coefficients): (Vec<f64>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
         let arch = Arch::new();
         while coefficients.len() < count {
             let farthest = (0..count).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
@@ -245,29 +298,53 @@ impl Group {
         let largest =
             |of: &dyn Fn(usize) -> f64| (0..count).map(|j| of(j) / sizes[members[j]]).fold(0.0, f64::max);
         let rest = |j: usize| norms[j] + rounding[j];
+        let scales = filled(members.iter().map(|&i| 1.0 / sizes[i]), 1.0);
         Group {
             rest: largest(&rest),
             tail: largest(&|j| tails[j] + rest(j)),
-            heads: Mat::from_fn(head, coefficients.len(), |k, j| found[j * modes + k]),
-            rows: Mat::from_fn(modes, coefficients.len(), |k, j| found[j * modes + k]),
-            coefficients,
-            sizes: members.iter().map(|&i| sizes[i]).collect(),
-            lower: vec![f64::NEG_INFINITY; count],
-            upper: vec![f64::INFINITY; count],
-            responses: Vec::new(),
+            rows: by_lanes(coefficients.len(), modes, |j, k| found[j * modes + k]),
+            coefficients: by_lanes(count, coefficients.len(), |m, j| coefficients[j][m]),
+            rank: coefficients.len(),
+            weights: scales.clone(),
+            scales,
+            lower: filled((0..count).map(|_| f64::NEG_INFINITY), f64::NEG_INFINITY),
+            upper: filled((0..count).map(|_| f64::INFINITY), f64::INFINITY),
+            has_upper: false,
             flexibility: 0.0,
+            start: 0,
             members,
         }
     }
+}
 
-    /// Removes a member.
-    fn remove(&mut self, at: usize) {
-        let Group { members, coefficients, sizes, lower, upper, responses, .. } = self;
-        members.remove(at);
-        for values in coefficients.iter_mut().chain(responses).chain([sizes, lower, upper]) {
-            values.remove(at);
+/// Adds a row times three factors to three sums.
+#[inline(always)]
+fn accumulate(sums: &mut [[f64; LANES]; 3], row: &[f64; LANES], factors: [f64; 3]) {
+    for (sums, factor) in sums.iter_mut().zip(factors) {
+        for lane in 0..LANES {
+            sums[lane] += factor * row[lane];
         }
     }
+}
+
+/// Arranges the entries of a matrix by lanes: of each [`LANES`] rows, the last of which are filled
+/// with zeros, one column after the other.
+fn by_lanes(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+    let mut entries = Vec::with_capacity(rows.next_multiple_of(LANES) * columns);
+    for start in (0..rows).step_by(LANES) {
+        for column in 0..columns {
+            let lane = |row| if row < rows { entry(row, column) } else { 0.0 };
+            entries.extend((start..start + LANES).map(lane));
+        }
+    }
+    entries
+}
+
+/// Returns values with a rest of their last lanes.
+fn filled(values: impl Iterator<Item = f64>, rest: f64) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.resize(values.len().next_multiple_of(LANES), rest);
+    values
 }
 
 /// Divides dofs into groups by halves, each time along the mode whose deflections, in terms of
@@ -301,8 +378,8 @@ fn divide(shapes: &Mat<f64>, frequencies: &[f64], all: &mut [usize], found: &mut
 #[cfg(test)]
 mod tests {
     use super::super::forecast::distance;
-    use super::super::products::norm;
     use super::*;
+    use crate::linalg::lanes::{dots, norm};
 
     #[test]
     fn no_group_has_less_slack_than_its_bound_or_much_more() {
@@ -316,10 +393,7 @@ mod tests {
         let squares: Vec<f64> = (0..12).map(|k| (30.0 * k as f64).powi(2)).collect();
         let sizes: Vec<f64> = (0..400).map(|i| norm(shapes.col_as_slice(i))).collect();
         let mut groups = Groups::new(&shapes, &sizes, &squares);
-        assert!(
-            groups.count() >= 400 / LARGEST
-                && groups.groups.iter().all(|group| group.coefficients.len() <= 10)
-        );
+        assert!(groups.count() >= 400 / LARGEST && groups.groups.iter().all(|group| group.rank <= 10));
         let lower: Vec<f64> = (0..400).map(|i| -1.0 - 0.3 * place(i)[0]).collect();
         let shift: Vec<f64> = (0..400).map(|i| 1e-2 * place(i)[1]).collect();
         let limits = Limits { shift, lower, upper: vec![2.0; 400] };
@@ -331,17 +405,18 @@ mod tests {
                 [0.5, 20.0, 300.0].map(|scale| (0..12).map(|k| of_mode(k, scale)).collect::<Vec<_>>());
             let motion = motion.each_ref().map(|of| &**of);
             let [most, high] = groups.largest_roots_of_energy(motion, 0.02);
+            let mut slacks = Slacks::new();
             for g in 0..groups.count() {
-                let slack = |&i: &usize| {
+                let slack = |(_, i): (usize, usize)| {
                     let mut y = dots(shapes.col_as_slice(i), motion);
                     y[0] += limits.shift[i];
                     distance(y, &limits, i, 0.02) / sizes[i]
                 };
-                let slack = groups.members(g).iter().map(slack).fold(f64::INFINITY, f64::min);
+                let slack = groups.members(g).map(slack).fold(f64::INFINITY, f64::min);
                 let [rest, tail] = groups.rests(g);
-                let bound = groups.slack(g, motion, 0.02, &[]) - rest * most;
+                let bound = groups.slack(g, motion, 0.02, &[], &mut slacks) - rest * most;
                 let low = motion.map(|of| &of[..groups.head]);
-                let rough = groups.slack(g, low, 0.02, &[]) - rest * most - tail * high;
+                let rough = groups.slack(g, low, 0.02, &[], &mut slacks) - rest * most - tail * high;
                 assert!(rough <= slack, "{g}: {rough} > {slack}");
                 assert!(bound <= slack, "{g}: {bound} > {slack}");
                 assert!(bound >= slack - 2.0 * rest * most, "{g}: {bound}, far below {slack}");

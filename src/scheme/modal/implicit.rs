@@ -143,6 +143,6 @@ impl Implicit {
         if let StepRule::Newmark { .. } = self.rule {
             self.next.archive(archive, modal)?;
         }
-        self.contact.archive(&self.compliance, archive)
+        self.contact.archive(archive)
     }
 }

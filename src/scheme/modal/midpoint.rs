@@ -15,10 +15,10 @@
 
 use super::ModalScheme;
 use super::data::ModalData;
-use super::products::dot;
 use super::state::kick;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::lanes::dot;
 use std::rc::Rc;
 
 impl<E: Engine> ModalScheme<'_, E> {

@@ -47,8 +47,9 @@
 //!
 //! In flight states lie on the grid of the output. In contact, where steps of length gamma dt pass
 //! the grid instants, the reported state is the cubic interpolation of q from the two states around
-//! the instant, with the reactions that belong to it; energies are those of the state at or just
-//! after it. Impulses and mean reactions are those of [`super::conserving`].
+//! the instant, with the reactions that belong to it, and is computed where it is asked for;
+//! energies are those of the state at or just after it. Impulses, mean reactions and the bounded
+//! configuration, which is linear between the two states, are those of [`super::conserving`].
 
 mod all_bounds;
 mod balance;
@@ -67,7 +68,6 @@ mod limits;
 mod mean_balance;
 mod midpoint;
 mod newmark;
-mod products;
 mod reach;
 mod relaxation;
 mod rotation;
@@ -247,7 +247,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
             ahead: 0.0,
             presses: false,
             mean: Vec::new(),
-            shown: Shown::new(now.clone(), bounds.clone()),
+            shown: Shown::new(bounds.clone()),
             free: approaches(bounds, &start),
             relaxation: RelaxationStatistics::default(),
             compliance_seconds: 0.0,

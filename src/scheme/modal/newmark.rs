@@ -26,11 +26,11 @@ use super::ModalScheme;
 use super::data::ModalData;
 use super::implicit::{Implicit, StepRule};
 use super::limits::Limits;
-use super::products::{dot, norm};
 use super::reach::{Check, Finding};
 use super::state::{State, kick};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::lanes::{dot, norm};
 use crate::linalg::vectors::axpy;
 use crate::scheme::Approach;
 
@@ -277,7 +277,7 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Shows the instant n and the limits of its bounded configuration.
     pub(super) fn show_newmark(&mut self) {
-        self.shown.shape.take();
+        self.shown.forget();
         if self.system.drive.varies() {
             let Limits { lower, upper, .. } = &self.bounded_state().data.all;
             self.all.restrict(lower, &mut self.shown.limits.lower);

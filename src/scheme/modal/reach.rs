@@ -17,24 +17,24 @@
 //! ```
 //!
 //! with the distances g of y from the obstacles; the right-hand side is the *radius*. A bound for
-//! each group suffices, unless it is too small: then the nodes of the group are evaluated. In free
-//! flight under constant data the left-hand side is at most e, so that such a tier needs no test
-//! before its horizon. Once a reaction acts, the left-hand side is computed after each step, at as
-//! many operations as there are modes. Beyond the radius or the horizon, a new check of the tier
-//! and of all smaller ones follows. Horizons double, as long as twice the error e remains below the
-//! radius. At the shortest horizon, nodes that would keep the radius below the change of the next
-//! steps become candidates.
+//! each group suffices, unless it is too small: then those nodes of the group are evaluated whose
+//! own bounds are too small. In free flight under constant data the left-hand side is at most e, so
+//! that such a tier needs no test before its horizon. Once a reaction acts, the left-hand side is
+//! computed after each step, at as many operations as there are modes. Beyond the radius or the
+//! horizon, a new check of the tier and of all smaller ones follows. Horizons double, as long as
+//! twice the error e remains below the radius. At the shortest horizon, nodes that would keep the
+//! radius below the change of the next steps become candidates.
 
 mod slacks;
 
-use super::contact_model::ContactModel;
+use super::contact_model::{BoundRows, ContactModel};
 use super::forecast::Forecast;
 use super::groups::Groups;
 use super::limits::Limits;
-use super::products::{norm, sum};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
+use crate::linalg::lanes::{norm, sum};
 use crate::linalg::wide::widest;
 use faer::Mat;
 use pulp::Arch;
@@ -128,6 +128,11 @@ pub(super) struct Finding {
 }
 
 impl Reach {
+    /// Returns the mode shapes at all bounds, and the order in which the groups have them.
+    pub fn rows(&self) -> BoundRows<'_> {
+        BoundRows { shapes: &self.shapes, places: &self.groups.places, lanes: self.groups.lanes }
+    }
+
     /// Creates the reach of all bounds, given the mode shapes there in columns, for steps of at
     /// most `step` seconds.
     pub fn new(shapes: Mat<f64>, [squares, decays]: [&[f64]; 2], step: f64, is_constant: bool) -> Reach {
@@ -210,7 +215,7 @@ impl Reach {
             return 0.0;
         }
         let (from, to) = (&self.tiers[tier].limits, &state.data.all);
-        let closing = |&i: &usize| {
+        let closing = |(_, i): (usize, usize)| {
             let shift = to.shift[i] - from.shift[i];
             let both = [to.lower[i] - from.lower[i] - shift, from.upper[i] - to.upper[i] + shift];
             // Absent obstacles have infinite bounds.
@@ -225,8 +230,11 @@ impl Reach {
         let mut finding = Finding::default();
         let Check { state, pull, .. } = check;
         let rounding = ROUNDING * norm(&state.q);
+        // No tier takes a longer horizon than one after its last, or than that of the tier before.
+        let known = self.tiers.iter().skip(first.saturating_sub(1)).map(|tier| tier.level + 2).max();
+        let levels = if first == 0 { LEVELS } else { known.unwrap_or(LEVELS).min(LEVELS) };
         let error = |of: &Forecast| (of.error(&state.v, pull) + rounding) / SHARE;
-        let errors: Vec<f64> = self.forecasts.iter().map(error).collect();
+        let errors: Vec<f64> = self.forecasts[..levels].iter().map(error).collect();
         let mut start = self.tiers.get(first).map_or(0, |tier| tier.start);
         for index in first.. {
             if index == self.tiers.len() {
@@ -316,9 +324,9 @@ impl Reach {
             let known = |i| old.binary_search(i).map_or(0.0, |k| tier.reaction[k]);
             tier.reaction = model.candidates.iter().map(known).collect();
         }
-        self.groups.remove(near);
+        near.iter().for_each(|&i| self.groups.remove(i));
         for k in near.iter().filter_map(|i| model.candidates.binary_search(i).ok()) {
-            self.groups.yield_to(k, &model.at_bounds[k]);
+            self.groups.yield_to(&model.at_bounds[k]);
         }
         for index in 0..self.tiers.len() {
             self.tiers[index].weight = self.groups.flexibility(self.own(index));
@@ -327,7 +335,7 @@ impl Reach {
 
     /// Forgets the candidates: any node may touch.
     pub fn forget(&mut self) {
-        self.groups.restore(&self.shapes, &self.sizes);
+        self.groups.restore();
         self.renew_all();
     }
 

@@ -4,18 +4,16 @@ use super::ModalScheme;
 use super::data::ModalData;
 use super::implicit::StepRule;
 use super::limits::Limits;
-use super::products::dot;
-use super::shown::Shown;
 use super::state::State;
 use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::lanes::dot;
 use crate::linalg::vectors::axpy;
 use crate::obstacle::Bounds;
 use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepBalance, StepRecord};
-use crate::vi::{BoundStatus, StepReport};
-use faer::Mat;
+use crate::vi::{BoundStatus, ComplianceSolver, StepReport};
 use std::rc::Rc;
 
 /// Relative difference of times that is rounding.
@@ -58,36 +56,58 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Completes the record of a step, unless all candidates have flown.
     fn end_record(&mut self) {
-        if self.shown().touches() {
+        let is_between = self.ahead > 0.0;
+        if self.now.touches() || is_between && self.before.touches() {
             self.list_candidates();
         }
         if !self.is_listed {
             return;
         }
-        let is_between = self.ahead > 0.0;
-        let shown = if is_between { &mut self.shown.state } else { &mut self.now };
-        if !shown.is_settled {
-            shown.settle_free(&self.rows);
+        let share = self.share();
+        let ModalScheme { now, before, rows, model, record, .. } = self;
+        if !now.is_settled {
+            now.settle_free(rows);
         }
-        let StepRecord { dt, admissible, reaction, impulses, .. } = &mut self.record;
-        for &(k, i) in &self.model.own {
-            (admissible[i], reaction[i]) = (shown.x[k], impulses[i] / *dt);
+        if is_between && !before.is_settled {
+            before.settle_free(rows);
         }
+        let StepRecord { dt, admissible, reaction, impulses, .. } = record;
+        for &(k, i) in &model.own {
+            admissible[i] =
+                if is_between { before.x[k] + share * (now.x[k] - before.x[k]) } else { now.x[k] };
+            reaction[i] = impulses[i] / *dt;
+        }
+    }
+
+    /// Returns the part of the last step up to the grid instant.
+    fn share(&self) -> f64 {
+        if self.ahead > 0.0 { 1.0 - self.ahead / self.span } else { 1.0 }
     }
 
     /// Returns the state at the grid instant.
     pub(super) fn shown(&self) -> &State {
-        if self.ahead > 0.0 { &self.shown.state } else { &self.now }
+        if self.ahead > 0.0 { &self.between().0 } else { &self.now }
     }
 
-    /// Computes the state at the grid instant.
-    pub(super) fn show(&mut self) {
-        self.shown.shape.take();
-        if self.ahead > 0.0 {
-            self.interpolate();
+    /// Returns the state at the grid instant between two steps, and the solver of its reactions.
+    fn between(&self) -> &(State, ComplianceSolver) {
+        self.shown.between.get_or_init(|| self.interpolate())
+    }
+
+    /// Returns the loads, obstacles and supports at the grid instant.
+    fn shown_data(&self) -> Rc<ModalData> {
+        let [before, now] = [&self.before.data, &self.now.data];
+        match self.ahead <= 0.0 || Rc::ptr_eq(before, now) {
+            true => now.clone(),
+            false => ModalData::between(before, now, self.share()).into(),
         }
+    }
+
+    /// Goes on to the state at the grid instant.
+    pub(super) fn show(&mut self) {
+        self.shown.forget();
         if self.system.drive.varies() {
-            let data = self.shown().data.clone();
+            let data = self.shown_data();
             self.all.restrict(&data.all.lower, &mut self.shown.limits.lower);
             self.all.restrict(&data.all.upper, &mut self.shown.limits.upper);
         }
@@ -95,15 +115,15 @@ impl<E: Engine> ModalScheme<'_, E> {
     }
 
     /// Interpolates q between the states around the grid instant, and computes the reactions.
-    fn interpolate(&mut self) {
-        let share = 1.0 - self.ahead / self.span;
+    fn interpolate(&self) -> (State, ComplianceSolver) {
+        let share = self.share();
         let (left, right) = (1.0 - share, share);
         // Cubic Hermite interpolation of q.
         let [of_before, of_now] = [left * left * (1.0 + 2.0 * share), right * right * (1.0 + 2.0 * left)];
         let [of_rate_before, of_rate_now] =
             [share * left * left * self.span, -left * share * share * self.span];
         let (before, now) = (&self.before, &self.now);
-        let Shown { state: shown, contact, .. } = &mut self.shown;
+        let mut shown = State { data: self.shown_data(), ..now.clone() };
         for k in 0..now.q.len() {
             shown.q[k] = of_before * before.q[k]
                 + of_now * now.q[k]
@@ -111,15 +131,12 @@ impl<E: Engine> ModalScheme<'_, E> {
                 + of_rate_now * now.v[k];
             shown.v[k] = left * before.v[k] + right * now.v[k];
         }
-        shown.data = match Rc::ptr_eq(&before.data, &now.data) {
-            true => now.data.clone(),
-            false => ModalData::between(&before.data, &now.data, share).into(),
-        };
-        shown.frame_rates.clone_from(&now.frame_rates);
         shown.settle_free(&self.rows);
-        let State { y, x, reaction, data, .. } = shown;
+        let mut contact = self.contact.clone();
+        let State { y, x, reaction, data, .. } = &mut shown;
         let Limits { lower, upper, .. } = &data.near;
         contact.solve(self.model.problem(y, lower, upper), x, reaction);
+        (shown, contact)
     }
 
     /// Returns the energy stored in bounds that yield at or just after the instant, in J.
@@ -228,7 +245,7 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
         let mut rates = vec![0.0; self.system.engine.dofs()];
         let v = &self.shown().v;
         self.modes.add_shapes(v, &mut rates);
-        let contact = if self.ahead > 0.0 { &self.shown.contact } else { &self.contact };
+        let contact = if self.ahead > 0.0 { &self.between().1 } else { &self.contact };
         let active = contact.active();
         if active.is_empty() || self.record.step == 0 {
             return Ok(rates);
@@ -242,10 +259,10 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
             ((to - from) - (now.near.shift[i] - before.near.shift[i])) / self.span
         };
         let missing = |i: usize| limit(i) - dot(self.rows.col_as_slice(i), v);
-        let mut forces = Mat::from_fn(active.len(), 1, |k, _| missing(active[k]));
+        let mut forces: Vec<f64> = active.iter().map(|&i| missing(i)).collect();
         contact.solve_active(&mut forces);
-        for (k, &i) in active.iter().enumerate() {
-            axpy(forces[(k, 0)], &self.model.flexibility[i], &mut rates);
+        for (&i, force) in active.iter().zip(&forces) {
+            axpy(*force, &self.model.flexibility[i], &mut rates);
         }
         Ok(rates)
     }

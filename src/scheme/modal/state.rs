@@ -4,10 +4,10 @@ use super::contact_model::ContactModel;
 use super::coordinates::Coordinates;
 use super::data::ModalData;
 use super::limits::Limits;
-use super::products::dot;
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::lanes::{dot, dots, sum};
 use crate::linalg::vectors::axpy;
 use crate::linalg::wide::widest;
 use crate::obstacle::hertz_depth;
@@ -15,6 +15,9 @@ use crate::scheme::{Start, System};
 use faer::Mat;
 use pulp::Arch;
 use std::rc::Rc;
+
+/// Number of candidates whose deflections are computed at once.
+const ROWS: usize = 4;
 
 /// State of the modes and of the candidates.
 #[derive(Debug, Clone, Default)]
@@ -80,8 +83,16 @@ impl State {
             Arch::new(),
             #[inline(always)]
             || {
-                for (i, y) in y.iter_mut().enumerate() {
-                    *y = data.near.shift[i] + dot(rows.col_as_slice(i), q);
+                // Several products at once fill the pipelines of the processor.
+                let whole = y.len() - y.len() % ROWS;
+                for i in (0..whole).step_by(ROWS) {
+                    let products = dots(q, std::array::from_fn::<_, ROWS, _>(|k| rows.col_as_slice(i + k)));
+                    for k in 0..ROWS {
+                        y[i + k] = data.near.shift[i + k] + products[k];
+                    }
+                }
+                for i in whole..y.len() {
+                    y[i] = data.near.shift[i] + dot(rows.col_as_slice(i), q);
                 }
             },
         );
@@ -141,4 +152,12 @@ pub(super) fn kick(rows: &Mat<f64>, reaction: &[f64], seconds: f64, v: &mut [f64
     for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
         axpy(seconds * r, rows.col_as_slice(i), v);
     }
+}
+
+/// Returns the kinetic and elastic energy of the modes, in J.
+#[inline(always)]
+pub(super) fn energy(squares: &[f64], q: &[f64], v: &[f64]) -> f64 {
+    let size = squares.len();
+    let (q, v) = (&q[..size], &v[..size]);
+    0.5 * sum(size, |k| v[k] * v[k] + squares[k] * q[k] * q[k])
 }

@@ -1,8 +1,9 @@
 //! Slacks of the groups of a tier over its horizon.
 
 use super::super::forecast::distance;
-use super::super::products::{dot, dots};
+use super::super::groups::Slacks;
 use super::{Check, Finding, Reach, Tier};
+use crate::linalg::lanes::{dot, dots};
 use crate::linalg::wide::widest;
 
 impl Reach {
@@ -18,24 +19,27 @@ impl Reach {
             || {
                 let [all, high] = groups.largest_roots_of_energy(motion, end);
                 let low = motion.map(|of| &of[..groups.head]);
+                let mut work = Slacks::new();
                 for &g in &order[tier.start..] {
                     let [rest, tail] = groups.rests(g);
                     errors[g] = rest * all + tail * high + groups.flexibility(&[g]) * pressure;
-                    slacks[g] = groups.slack(g, low, end, &[]) - errors[g];
+                    slacks[g] = groups.slack(g, low, end, &[], &mut work) - errors[g];
                 }
             },
         );
     }
 
     /// Computes the slacks of the groups of a tier outside the next one that do not exceed
-    /// `enough`, unless they are certain not to reach `needed`.
+    /// `enough`, unless they are certain not to reach `needed`. Of nodes whose bound of the slack
+    /// exceeds `enough`, the bound serves.
     pub(super) fn sharpen(&mut self, tier: &Tier, inner: usize, check: &Check, [needed, enough]: [f64; 2]) {
         let Reach { order, shapes, slacks, node_slacks, errors, sizes, groups, .. } = self;
         let end = self.forecasts[tier.level].seconds;
         let motion = tier.motion.each_ref().map(|of| &**of);
         let limits = &check.state.data.all;
         let reactions = tier.reaction.iter().copied().enumerate();
-        let acting: Vec<(usize, f64)> = reactions.filter(|(_, r)| *r != 0.0).collect();
+        let pressing = reactions.filter(|(_, r)| *r != 0.0);
+        let acting: Vec<(&[f64], f64)> = pressing.map(|(k, r)| (&*check.model.at_bounds[k], r)).collect();
         let is_known =
             |slack: f64, error: f64| slack > enough || tier.level > 0 && slack + 2.0 * error <= needed;
         widest(
@@ -43,22 +47,28 @@ impl Reach {
             #[inline(always)]
             || {
                 let [all, _] = groups.largest_roots_of_energy(motion, end);
+                let mut work = Slacks::new();
                 for &g in &order[tier.start..order.len() - inner] {
                     if is_known(slacks[g], errors[g]) {
                         continue;
                     }
                     let [rest, _] = groups.rests(g);
                     errors[g] = rest * all;
-                    slacks[g] = groups.slack(g, motion, end, &acting) - errors[g];
+                    slacks[g] = groups.slack(g, motion, end, &acting, &mut work) - errors[g];
                     if is_known(slacks[g], errors[g]) {
                         continue;
                     }
                     slacks[g] = f64::INFINITY;
-                    let responses = groups.responses(g);
-                    for (m, &i) in groups.members(g).iter().enumerate() {
+                    for (m, i) in groups.members(g) {
+                        node_slacks[i] = work.of_members[m] - errors[g];
+                        if node_slacks[i] > enough {
+                            slacks[g] = slacks[g].min(node_slacks[i]);
+                            continue;
+                        }
                         let mut y = dots(shapes.col_as_slice(i), motion);
                         y[0] += limits.shift[i];
-                        y[0] += acting.iter().map(|(k, r)| r * responses[*k][m]).sum::<f64>();
+                        y[0] +=
+                            acting.iter().map(|(response, r)| r * response[groups.places[i]]).sum::<f64>();
                         node_slacks[i] = distance(y, limits, i, end) / sizes[i];
                         slacks[g] = slacks[g].min(node_slacks[i]);
                     }
@@ -95,7 +105,7 @@ impl Reach {
                 tier.radius = tier.radius.min(self.slacks[g]);
                 continue;
             }
-            for &i in self.groups.members(g) {
+            for (_, i) in self.groups.members(g) {
                 if self.node_slacks[i] > most {
                     tier.radius = tier.radius.min(self.node_slacks[i]);
                     continue;
@@ -103,7 +113,7 @@ impl Reach {
                 finding.near.push(i);
                 let mut y = limits.shift[i] + dot(self.shapes.col_as_slice(i), &state.q);
                 for (k, r) in state.reaction.iter().enumerate() {
-                    y += r * model.at_bounds[k][i];
+                    y += r * model.at_bounds[k][self.groups.places[i]];
                 }
                 finding.is_late |= y < limits.lower[i] || y > limits.upper[i];
             }

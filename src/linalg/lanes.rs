@@ -1,21 +1,21 @@
-//! Products of vectors over the modes, in eight partial sums.
+//! Products of vectors in eight partial sums.
 //!
 //! Eight sums run in the registers of the processor at once, whatever their width, so that the
 //! result is the same on all processors.
 
 /// Number of partial sums.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// Returns the scalar product.
 #[inline(always)]
-pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
+pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
     let [product] = dots(x, [y]);
     product
 }
 
 /// Returns the scalar products of a row with several vectors.
 #[inline(always)]
-pub(super) fn dots<const N: usize>(row: &[f64], vectors: [&[f64]; N]) -> [f64; N] {
+pub(crate) fn dots<const N: usize>(row: &[f64], vectors: [&[f64]; N]) -> [f64; N] {
     let size = row.len();
     let vectors = vectors.map(|vector| &vector[..size]);
     let mut sums = [[0.0; LANES]; N];
@@ -36,7 +36,7 @@ pub(super) fn dots<const N: usize>(row: &[f64], vectors: [&[f64]; N]) -> [f64; N
 
 /// Returns the sum over all k of `term`.
 #[inline(always)]
-pub(super) fn sum(size: usize, term: impl Fn(usize) -> f64) -> f64 {
+pub(crate) fn sum(size: usize, term: impl Fn(usize) -> f64) -> f64 {
     let mut sums = [0.0; LANES];
     let whole = size - size % LANES;
     for at in (0..whole).step_by(LANES) {
@@ -49,16 +49,8 @@ pub(super) fn sum(size: usize, term: impl Fn(usize) -> f64) -> f64 {
 
 /// Returns the Euclidean norm.
 #[inline(always)]
-pub(super) fn norm(x: &[f64]) -> f64 {
+pub(crate) fn norm(x: &[f64]) -> f64 {
     sum(x.len(), |k| x[k] * x[k]).sqrt()
-}
-
-/// Returns the kinetic and elastic energy of the modes, in J.
-#[inline(always)]
-pub(super) fn energy(squares: &[f64], q: &[f64], v: &[f64]) -> f64 {
-    let size = squares.len();
-    let (q, v) = (&q[..size], &v[..size]);
-    0.5 * sum(size, |k| v[k] * v[k] + squares[k] * q[k] * q[k])
 }
 
 #[inline(always)]
