@@ -28,7 +28,7 @@ const LARGEST: usize = 128;
 /// Number of lowest modes that tell neighbours apart.
 const GUIDES: usize = 12;
 /// Largest rest of a row, relative to the largest row of its group.
-const REST: f64 = 2e-3;
+const REST: f64 = 5e-4;
 /// Part of the modes that are the lowest ones.
 const HEAD: usize = 6;
 /// Rounding errors of a row, relative to it.
