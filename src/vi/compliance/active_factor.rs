@@ -174,7 +174,7 @@ mod tests {
                 let at = (random.unit() * size as f64) as usize;
                 is_in[at] = !is_in[at];
             }
-            let softness = |i: usize| if i % 7 == 0 { 0.05 * (1 + change % 2) as f64 } else { 0.0 };
+            let softness = |i: usize| if i.is_multiple_of(7) { 0.05 * (1 + change % 2) as f64 } else { 0.0 };
             let wanted: Vec<(usize, f64)> =
                 (0..size).filter(|&i| is_in[i]).map(|i| (i, softness(i))).collect();
             assert!(factor.follow(&wanted, &matrix) && factor.is_of(&wanted));
