@@ -122,8 +122,8 @@ impl ComplianceSolver {
         }
     }
 
-    /// Computes the reactions that hold the dofs in contact at their bounds, and adds the deflections
-    /// by them.
+    /// Computes the reactions that hold the dofs in contact at their bounds, and adds the
+    /// deflections by them.
     fn hold(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
         if self.active.is_empty() {
             return;
