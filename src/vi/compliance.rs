@@ -10,7 +10,7 @@
 //! ```
 //!
 //! The solution exists and is unique. Each iteration needs the factor of the block of R of the dofs
-//! in contact only. These dofs are few, and the factor [follows](active_factor) those that join and
+//! in contact only. These dofs are few, and the factor is updated for those that join and
 //! leave. Bounds that yield add to the diagonal of R, see [`yielding`].
 
 mod active_factor;
