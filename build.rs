@@ -25,7 +25,7 @@ mod petsc {
     const WAY_OUT: &str = "or build without the distributed engine: --no-default-features";
     const HEADERS: &str = "\
         #include <petscsys.h>\n#include <petscsnes.h>\n#include <petsctao.h>\n\
-        #include <petscdmplex.h>\n#include <petscsf.h>\n#include <petscpartitioner.h>\n";
+        #include <petscdmplex.h>\n#include <petscdmplextransform.h>\n#include <petscsf.h>\n#include <petscpartitioner.h>\n";
 
     /// Functions that the crate calls, and no others.
     const FUNCTIONS: &[&str] = &[

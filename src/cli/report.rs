@@ -3,7 +3,7 @@
 use crate::output::text::{Report, significant};
 use crate::scene::Scene;
 use crate::scheme::RelaxationStatistics;
-use crate::simulation::{Extremes, HardestImpact, NamedForce, Outcome, StressPeak};
+use crate::simulation::{Extremes, HardestImpact, LinearIterations, NamedForce, Outcome, StressPeak};
 use std::path::Path;
 
 /// Number of contacts listed in a report.
@@ -71,6 +71,9 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     }
     if outcome.retries > 0 {
         report.count("steps solved again", outcome.retries, "");
+    }
+    if let LinearIterations { iterations_mean: Some(mean), iterations_max: Some(most), .. } = outcome.linear {
+        report.text("iterations per solve", format!("{mean:.1}, at most {most}"));
     }
     report.text("worst KKT residual", format!("{:.1e}", outcome.worst_kkt));
     if scene.has_contact() {

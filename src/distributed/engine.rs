@@ -1,16 +1,18 @@
 //! Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 
 use super::adder::Adder;
-use super::factor::{DistributedFactor, is_direct};
+use super::factor::{DistributedFactor, SystemSolver};
+use super::hierarchy::Hierarchy;
 use super::part::Part;
+use super::products::{CellOperator, CellProducts};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::Result;
 use crate::linalg::vectors::dot;
-use crate::linalg::{Engine, Form, LinearCombination, Native};
+use crate::linalg::{Engine, Form, LinearCombination, LinearMethod, LinearSolves, Native};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use std::borrow::Cow;
-use std::cell::RefCell;
+use std::cell::Cell;
 use std::rc::Rc;
 
 /// Prefix of the options of the solver whose factor counts eigenvalues, and the options with which
@@ -21,35 +23,24 @@ const COUNTING: [&str; 2] = ["mat_mumps_icntl_13", "mat_mumps_icntl_24"];
 /// Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 ///
 /// Each rank multiplies with its own cells. Vectors hold the free dofs of the nodes that a rank
-/// owns, in PETSc's order. A product is that of the native engine over the dofs of the rank's cells
-/// (and thus avoids the loss of h^-4 relative accuracy), with an exchange of shared dofs before and
-/// after.
+/// owns, in PETSc's order.
 pub struct Distributed {
     context: Rc<Context>,
     plex: Rc<Plex>,
-    /// Native engine of this rank's cells, on local vectors.
-    cells: Native,
+    /// Interpolation from coarser meshes, where these are kept.
+    hierarchy: Option<Rc<Hierarchy>>,
+    products: Rc<CellProducts>,
+    /// Systems that iterations have solved.
+    solves: Rc<Cell<LinearSolves>>,
     /// Position of each local dof in global vectors; negative for a constrained dof.
     global: Vec<Index>,
     /// Position of this rank's first dof in global vectors, and the number of its dofs.
     first: usize,
     own: usize,
-    work: RefCell<Work>,
     /// Rigid motions of the plate (a translation and two tilts), over the dofs that this rank owns.
     rigid: [Vec<f64>; 3],
     /// Whether free dofs come in threes on every rank: no extra dof, no partly constrained node.
     whole_nodes: bool,
-}
-
-struct Work {
-    global: Vector,
-    /// Input of products in local vectors: zero at constrained dofs.
-    read: Vector,
-    /// Output of products in local vectors.
-    given: Vector,
-    x: Vec<f64>,
-    y: Vec<f64>,
-    m: Vec<f64>,
 }
 
 impl Distributed {
@@ -63,18 +54,17 @@ impl Distributed {
         let global = plex.global_dofs()?;
         let vector = plex.global_vector()?;
         let (first, own) = (vector.range().start as usize, vector.local_size());
-        let zeros = || vec![0.0; global.len()];
-        let (read, given) = (plex.local_vector()?, plex.local_vector()?);
-        let work = Work { global: vector, read, given, x: zeros(), y: zeros(), m: zeros() };
         let cells = Native::with_layout(part.space.layout(&part.mesh));
+        let products = Rc::new(CellProducts::new(plex.clone(), cells, global.len())?);
         let mut engine = Distributed {
             context,
             plex,
-            cells,
+            hierarchy: part.hierarchy.clone(),
+            products,
+            solves: Rc::default(),
             global,
             first,
             own,
-            work: RefCell::new(work),
             rigid: [(); 3].map(|()| vec![0.0; own]),
             whole_nodes: false,
         };
@@ -109,8 +99,8 @@ impl Distributed {
     /// Sets the near null space of a matrix, and its block size where dofs come in threes.
     /// Collective.
     ///
-    /// Multigrid needs both.
-    fn prepare_for_multigrid(&self, matrix: &mut Matrix) -> Result<()> {
+    /// Algebraic multigrid needs both.
+    fn prepare_for_algebraic_multigrid(&self, matrix: &mut Matrix) -> Result<()> {
         if self.whole_nodes {
             matrix.set_block_size(PER_NODE)?;
         }
@@ -129,7 +119,7 @@ impl Distributed {
 
     /// Returns the native engine of this rank's cells over local dofs, which creates forms.
     pub fn cells(&self) -> &Native {
-        &self.cells
+        &self.products.cells
     }
 
     /// Creates a global vector of zeros.
@@ -151,8 +141,7 @@ impl Distributed {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
-        let Work { global, given, .. } = &mut *self.work.borrow_mut();
-        self.to_owners(local, own, global, given)
+        self.products.add_up(local, own)
     }
 
     /// Creates an adder of contributions, which does not borrow the engine. Collective.
@@ -191,20 +180,6 @@ impl Distributed {
         }
         Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)
     }
-
-    /// Gathers the values of a vector at this rank's local dofs.
-    fn to_local(&self, own: &[f64], values: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
-        all.set_local(own)?;
-        self.plex.to_local(all, local)?;
-        local.copy_to(values)
-    }
-
-    fn to_owners(&self, values: &[f64], own: &mut [f64], all: &mut Vector, local: &mut Vector) -> Result<()> {
-        local.set_local(values)?;
-        all.fill(0.0)?;
-        self.plex.add_to_global(local, all)?;
-        all.copy_to(own)
-    }
 }
 
 impl Engine for Distributed {
@@ -224,9 +199,7 @@ impl Engine for Distributed {
     }
 
     fn to_local<'x>(&self, x: &'x [f64]) -> Result<Cow<'x, [f64]>> {
-        let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
-        self.to_local(x, xl, global, read)?;
-        Ok(Cow::Owned(xl.clone()))
+        self.products.with_local(x, |local| Cow::Owned(local.to_vec()))
     }
 
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
@@ -236,10 +209,7 @@ impl Engine for Distributed {
             modes.project_transpose(&v, y);
             return Ok(dot(&v, &v));
         }
-        let Work { global, read, given, x: xl, y: yl, .. } = &mut *self.work.borrow_mut();
-        self.to_local(x, xl, global, read)?;
-        let value = self.cells.multiply(form, xl, yl)?;
-        self.to_owners(yl, y, global, given)?;
+        let value = self.products.through_cells(x, y, |x, y| self.cells().multiply(form, x, y))?;
         Ok(self.context.comm().all_reduce_sum_unordered(value))
     }
 
@@ -250,20 +220,14 @@ impl Engine for Distributed {
         y: &mut [f64],
         m: &mut [f64],
     ) -> Result<()> {
-        let Work { global, read, given, x: xl, y: yl, m: ml } = &mut *self.work.borrow_mut();
-        self.to_local(x, xl, global, read)?;
-        self.cells.multiply_with_magnitude(sum, xl, yl, ml)?;
-        self.to_owners(yl, y, global, given)?;
-        self.to_owners(ml, m, global, given)
+        self.products.with_magnitude(sum, x, y, m)
     }
 
     fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::SingularMassCells(_) => {
-                let Work { global, read, x: xl, .. } = &mut *self.work.borrow_mut();
-                self.to_local(x, xl, global, read)?;
-                self.cells.project(mass, xl, v)?;
+                self.products.with_local(x, |x| self.cells().project(mass, x, v))??;
             }
             Form::Modal { modes, .. } => {
                 modes.project(x, v);
@@ -279,9 +243,7 @@ impl Engine for Distributed {
                 self.multiply(mass, v, y)?;
             }
             Form::SingularMassCells(_) => {
-                let Work { global, given, y: yl, .. } = &mut *self.work.borrow_mut();
-                self.cells.project_transpose(mass, v, yl)?;
-                self.to_owners(yl, y, global, given)?;
+                self.products.from_cells(y, |y| self.cells().project_transpose(mass, v, y))?;
             }
             Form::Modal { modes, .. } => modes.project_transpose(v, y),
         }
@@ -292,7 +254,7 @@ impl Engine for Distributed {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.own]),
             Form::SingularMassCells(_) => {
-                let own = self.cells.mass_norm_squared(mass, v)?;
+                let own = self.cells().mass_norm_squared(mass, v)?;
                 Ok(self.context.comm().all_reduce_sum_unordered(own))
             }
             // Every rank has all modes.
@@ -302,17 +264,24 @@ impl Engine for Distributed {
 
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.own];
-        self.add_up(&self.cells.diagonal(sum)?, &mut diagonal)?;
+        self.add_up(&self.cells().diagonal(sum)?, &mut diagonal)?;
         Ok(diagonal)
     }
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
         let mut matrix = self.matrix(sum)?;
-        let is_direct = is_direct(&self.context)?;
-        if !is_direct {
-            self.prepare_for_multigrid(&mut matrix)?;
+        let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
+        if linear.method() == LinearMethod::Iterative {
+            self.prepare_for_algebraic_multigrid(&mut matrix)?;
         }
-        DistributedFactor::new(&self.plex, matrix, is_direct, contact_dofs)
+        let operator = CellOperator::new(&self.products, self.own, sum);
+        let mut factor = DistributedFactor::new(&self.plex, matrix, operator, linear, self.solves.clone())?;
+        factor.set_contact_dofs(contact_dofs)?;
+        Ok(factor)
+    }
+
+    fn linear_solves(&self) -> LinearSolves {
+        self.solves.get()
     }
 
     /// Counts by the inertia of a factor L D L^T, which MUMPS computes; the options of this solver

@@ -1,17 +1,23 @@
 //! Factors of matrices over all ranks.
 
+use super::hierarchy::Hierarchy;
+use super::products::CellOperator;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::Factor;
 use crate::linalg::vectors::{add, axpy};
-use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector};
+use crate::linalg::{Factor, LinearMethod, LinearSolves};
+use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Operator, Plex, Vector};
 use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 /// Number of columns of the inverse computed at once.
 const BLOCK: usize = 64;
+
+/// Relative tolerance of solves that only have to find the active dofs.
+const ROUGH: f64 = 1e-3;
 
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
@@ -20,15 +26,18 @@ const BLOCK: usize = 64;
 pub struct DistributedFactor {
     context: Rc<Context>,
     matrix: Matrix,
+    /// Matrix as the cells apply it, which an iteration solves for.
+    cells: Option<Rc<RefCell<CellOperator>>>,
     solver: Ksp,
-    /// Whether a factorisation solves the systems, rather than an iteration chosen by options.
-    direct: bool,
+    linear: SystemSolver,
     /// Solver of the matrix with some dofs held, if there are any.
     pinned: Option<Ksp>,
     /// Held dofs that this rank owns.
     held: Vec<usize>,
     right: Vector,
     solution: Vector,
+    /// Systems that iterations have solved, by all factors of the engine.
+    solves: Rc<Cell<LinearSolves>>,
     /// Position of this rank's first dof in global vectors.
     first: usize,
     /// Contact dofs of this rank, and the offset of the first among those of all ranks.
@@ -45,21 +54,28 @@ pub struct DistributedFactor {
 }
 
 impl DistributedFactor {
-    /// Factors a matrix over the dofs of a mesh, by the solver that `is_direct` describes.
+    /// Factors a matrix over the dofs of a mesh, by the solver that the options choose.
     /// Collective.
     pub(super) fn new(
         plex: &Plex,
         matrix: Matrix,
-        is_direct: bool,
-        contact_dofs: &[usize],
+        cells: Option<CellOperator>,
+        linear: SystemSolver,
+        solves: Rc<Cell<LinearSolves>>,
     ) -> Result<DistributedFactor> {
         let context = plex.context().clone();
-        let solver = solver(&context, &matrix)?;
+        solves.set(LinearSolves { method: linear.method(), ..solves.get() });
+        let cells = cells
+            .filter(|_| linear.method() != LinearMethod::Direct)
+            .map(|cells| Rc::new(RefCell::new(cells)));
+        let operator = operator(&context, cells.as_ref(), &matrix, &[])?;
+        let solver = solver(&context, &matrix, operator, linear.interpolations().as_deref())?;
         let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
-        let mut factor = DistributedFactor {
+        Ok(DistributedFactor {
             context,
+            cells,
             solver,
-            direct: is_direct,
+            linear,
             pinned: None,
             held: Vec::new(),
             first: right.range().start as usize,
@@ -72,10 +88,9 @@ impl DistributedFactor {
             condensed: Vec::new(),
             right,
             solution,
+            solves,
             matrix,
-        };
-        factor.set_contact_dofs(contact_dofs)?;
-        Ok(factor)
+        })
     }
 
     /// Replaces the contact dofs; columns of those that stay are kept.
@@ -158,14 +173,25 @@ impl DistributedFactor {
         Ok(())
     }
 
-    fn solve_with(&mut self, pinned: bool, x: &mut [f64]) -> Result<()> {
+    /// Solves for the right-hand side in x, with pinned dofs or without, to a tolerance larger than
+    /// that of the solver if one is given.
+    fn solve_with(&mut self, pinned: bool, rough: Option<f64>, x: &mut [f64]) -> Result<()> {
         let solver = if pinned { self.pinned.as_mut().unwrap_or(&mut self.solver) } else { &mut self.solver };
         // Held dofs have equations of their own, whose size the norm of an iteration cannot weigh
         // against that of the others.
-        let held: &[usize] = if pinned && !self.direct { &self.held } else { &[] };
+        let held: &[usize] =
+            if pinned && self.linear.method() != LinearMethod::Direct { &self.held } else { &[] };
         let values: Vec<f64> = held.iter().map(|&dof| std::mem::take(&mut x[dof])).collect();
         self.right.set_local(x)?;
-        solver.solve(&self.right, &mut self.solution)?;
+        match rough {
+            Some(tolerance) => solver.solve_to(tolerance, &self.right, &mut self.solution)?,
+            None => solver.solve(&self.right, &mut self.solution)?,
+        }
+        if self.linear.method() != LinearMethod::Direct {
+            let mut solves = self.solves.get();
+            solves.note(solver.iterations()?);
+            self.solves.set(solves);
+        }
         self.solution.copy_to(x)?;
         held.iter().zip(values).for_each(|(&dof, value)| x[dof] = value);
         Ok(())
@@ -180,17 +206,87 @@ impl DistributedFactor {
     }
 }
 
-/// Returns whether a factorisation solves the systems, rather than an iteration chosen by options.
-/// Collective.
-pub(super) fn is_direct(context: &Rc<Context>) -> Result<bool> {
-    Ksp::new(context, Comm::World, "")?.is_direct()
+/// Solver of linear systems that the options choose.
+#[derive(Clone)]
+pub(super) enum SystemSolver {
+    /// Factorisation.
+    Direct,
+    /// Conjugate gradients with geometric multigrid.
+    Multigrid(Rc<Hierarchy>),
+    /// Any other iteration.
+    Iterative,
 }
 
-/// Creates a solver of a matrix and factors it.
-fn solver(context: &Rc<Context>, matrix: &Matrix) -> Result<Ksp> {
+impl SystemSolver {
+    /// Returns the solver that the options choose, by default multigrid on a mesh with a hierarchy.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] where the user asks for a package that corrupts memory.
+    pub fn new(context: &Rc<Context>, hierarchy: Option<&Rc<Hierarchy>>) -> Result<SystemSolver> {
+        let solver = Ksp::new(context, Comm::World, "")?;
+        Ok(match (solver.is_multigrid()?, hierarchy) {
+            (None | Some(true), Some(hierarchy)) => SystemSolver::Multigrid(hierarchy.clone()),
+            _ if solver.is_direct()? => SystemSolver::Direct,
+            _ => SystemSolver::Iterative,
+        })
+    }
+
+    /// Returns the method.
+    pub fn method(&self) -> LinearMethod {
+        match self {
+            SystemSolver::Direct => LinearMethod::Direct,
+            SystemSolver::Multigrid(_) => LinearMethod::Multigrid,
+            SystemSolver::Iterative => LinearMethod::Iterative,
+        }
+    }
+
+    /// Returns the interpolation to each level from the next coarser one, coarsest first.
+    fn interpolations(&self) -> Option<Vec<&Matrix>> {
+        match self {
+            SystemSolver::Multigrid(hierarchy) => Some(hierarchy.interpolations()),
+            _ => None,
+        }
+    }
+}
+
+/// Creates the operator that an iteration solves for: the product of the cells, with the rows and
+/// columns of held dofs replaced by those of the identity. Collective.
+///
+/// The assembled matrix of a fine mesh has lost digits, which an iteration on it would have to
+/// correct by the residual of the cells.
+fn operator(
+    context: &Rc<Context>,
+    cells: Option<&Rc<RefCell<CellOperator>>>,
+    matrix: &Matrix,
+    held: &[usize],
+) -> Result<Option<Operator>> {
+    let Some(cells) = cells.cloned() else { return Ok(None) };
+    let held = held.to_vec();
+    let product = move |x: &Vector, y: &mut Vector| {
+        let cells = &mut *cells.borrow_mut();
+        x.with_local(|x| y.with_local_mut(|y| cells.apply_with_held(&held, x, y)))??
+    };
+    Operator::new(context, matrix.local_size()[0], product).map(Some)
+}
+
+/// Creates a solver of a matrix, or of the operator in its place, and factors the matrix; given
+/// interpolations, multigrid preconditions it.
+fn solver(
+    context: &Rc<Context>,
+    matrix: &Matrix,
+    operator: Option<Operator>,
+    interpolations: Option<&[&Matrix]>,
+) -> Result<Ksp> {
     let mut solver = Ksp::new(context, Comm::World, "")?;
-    solver.default_to_cholesky()?;
-    solver.set_operator(matrix)?;
+    match interpolations {
+        Some(interpolations) => solver.default_to_multigrid(matrix, interpolations)?,
+        None => solver.default_to_cholesky()?,
+    }
+    match operator {
+        Some(operator) => solver.set_own_operator(operator, matrix)?,
+        None => solver.set_operator(matrix)?,
+    }
     solver.set_from_options()?;
     solver.set_up()?;
     Ok(solver)
@@ -198,7 +294,21 @@ fn solver(context: &Rc<Context>, matrix: &Matrix) -> Result<Ksp> {
 
 impl Factor for DistributedFactor {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
-        self.solve_with(true, x)
+        self.solve_with(true, None, x)
+    }
+
+    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
+        let is_exact = !self.prefers_pinning();
+        self.solve_with(true, (!is_exact).then_some(ROUGH), x)?;
+        Ok(is_exact)
+    }
+
+    fn known_error(&self) -> Option<f64> {
+        self.cells.is_some().then(|| self.solver.tolerance().unwrap_or(f64::NAN))
+    }
+
+    fn prefers_pinning(&self) -> bool {
+        self.linear.method() == LinearMethod::Multigrid
     }
 
     fn schur(&self) -> &Mat<f64> {
@@ -208,7 +318,7 @@ impl Factor for DistributedFactor {
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         let mut free = std::mem::take(&mut self.free);
         free.copy_from_slice(b);
-        self.solve_with(false, &mut free)?;
+        self.solve_with(false, None, &mut free)?;
         self.free = free;
         let own: Vec<f64> = self.contact_dofs.iter().map(|&dof| self.free[dof]).collect();
         self.free_contact_dofs = self.context.comm().all_gather(&own);
@@ -227,7 +337,7 @@ impl Factor for DistributedFactor {
             for (k, &dof) in self.contact_dofs.iter().enumerate() {
                 x[dof] = forces[self.before + k] - self.condensed[self.before + k];
             }
-            self.solve_with(false, x)?;
+            self.solve_with(false, None, x)?;
             add(&self.free, x);
         } else {
             x.copy_from_slice(&self.free);
@@ -257,7 +367,17 @@ impl Factor for DistributedFactor {
             held.zero_rows_columns(&rows, 1.0)?;
             held.set_positive_definite()?;
             held.share_near_null_space(&self.matrix)?;
-            self.pinned = Some(solver(&self.context, &held)?);
+            let truncated = match &self.linear {
+                SystemSolver::Multigrid(hierarchy) => hierarchy.truncated(&self.matrix, dofs)?,
+                _ => None,
+            };
+            let mut interpolations = self.linear.interpolations();
+            if let (Some(levels), Some(truncated)) = (&mut interpolations, &truncated) {
+                levels.pop();
+                levels.push(truncated);
+            }
+            let operator = operator(&self.context, self.cells.as_ref(), &self.matrix, dofs)?;
+            self.pinned = Some(solver(&self.context, &held, operator, interpolations.as_deref())?);
         }
         Ok(())
     }

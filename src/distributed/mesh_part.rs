@@ -2,7 +2,8 @@
 
 use super::adder::Adder;
 use super::engine::Distributed;
-use super::part::{Part, sum_at_nodes};
+use super::own_mesh::sum_at_nodes;
+use super::part::Part;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::partition::Partition;

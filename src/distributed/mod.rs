@@ -7,11 +7,16 @@
 mod adder;
 mod engine;
 mod factor;
+mod hierarchy;
 mod mesh_part;
+mod own_mesh;
 mod part;
+mod products;
 
 pub use adder::Adder;
 pub use engine::Distributed;
 pub use factor::DistributedFactor;
+pub use hierarchy::Hierarchy;
 pub use mesh_part::MeshPart;
-pub use part::{Part, Supports, Tips, sum_at_nodes};
+pub use own_mesh::sum_at_nodes;
+pub use part::{Part, Refinements, Supports, Tips};

@@ -1,41 +1,16 @@
 //! Mesh of a plate over all ranks: partitioned, then refined in parallel.
 
+use super::hierarchy::{Hierarchy, Level};
+use super::own_mesh::{EDGE, GROUP, Names, POINT, own_mesh, section, sum_at_nodes};
 use crate::communicator::Communicator;
-use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place, Support};
-use crate::element::ElementByShape;
+use crate::dof_map::{DofMap, NodeConstraint, Place, Support};
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Grid, Mesh, Point};
-use crate::petsc::{Comm, Context, Dofs, Index, Plex, Section, WorldComm};
-use std::ops::Range;
+use crate::petsc::{Context, Index, Plex, Refinement, WorldComm};
 use std::rc::Rc;
-
-/// Labels of named edges, groups and points; the value is the number of the name, from 1.
-const EDGE: &str = "edge";
-const GROUP: &str = "group";
-const POINT: &str = "point";
 
 /// Names of the sides of a grid.
 const SIDES: [&str; 4] = ["left", "right", "bottom", "top"];
-
-/// Names of a mesh, in the order of their label values, and the elements of its cells.
-#[derive(Default, serde::Serialize, serde::Deserialize)]
-struct Names {
-    edges: Vec<String>,
-    groups: Vec<String>,
-    points: Vec<String>,
-    elements: ElementByShape,
-}
-
-impl Names {
-    fn of(mesh: &Mesh) -> Names {
-        Names {
-            edges: mesh.edges.keys().cloned().collect(),
-            groups: mesh.groups.keys().cloned().collect(),
-            points: mesh.points.keys().cloned().collect(),
-            elements: mesh.elements,
-        }
-    }
-}
 
 /// Part of a plate on this rank: its cells and their nodes, some of them shared with other ranks.
 pub struct Part {
@@ -57,6 +32,24 @@ pub struct Part {
     pub owns: Vec<bool>,
     /// Local index of each extra dof, on the one rank that has it.
     pub extra: Vec<Option<usize>>,
+    /// Interpolation from the meshes that the refinement has passed, where they are kept.
+    pub hierarchy: Option<Rc<Hierarchy>>,
+}
+
+/// Uniform refinements of a mesh after it is partitioned.
+#[derive(Debug, Clone, Copy)]
+pub struct Refinements {
+    /// Number of refinements, each of which cuts every cell into four.
+    pub count: u32,
+    /// Whether the meshes before them are kept as the coarse levels of multigrid.
+    pub keep: bool,
+}
+
+impl From<u32> for Refinements {
+    /// Refines a number of times, without keeping the meshes in between.
+    fn from(count: u32) -> Refinements {
+        Refinements { count, keep: false }
+    }
 }
 
 /// Function that returns the nodes of this rank that have a tip of a compliant stop, once per tip,
@@ -80,7 +73,7 @@ impl Part {
     pub fn new(
         context: &Rc<Context>,
         grid: &Grid,
-        refinements: u32,
+        refinements: impl Into<Refinements>,
         supports: &Supports,
         extra: &[(String, Point)],
         tips: Option<&Tips>,
@@ -91,7 +84,7 @@ impl Part {
         }
         let edges = SIDES.map(String::from).to_vec();
         let names = Names { edges, elements: grid.element().into(), ..Names::default() };
-        Part::build(plex, &names, refinements, supports, extra, tips)
+        Part::build(plex, &names, refinements.into(), supports, extra, tips)
     }
 
     /// Works as [`Part::new`] for a valid mesh that only rank 0 reads. Collective.
@@ -101,7 +94,7 @@ impl Part {
     pub fn of_mesh(
         context: &Rc<Context>,
         read: impl FnOnce() -> Result<Mesh>,
-        refinements: u32,
+        refinements: impl Into<Refinements>,
         supports: &Supports,
         extra: &[(String, Point)],
         tips: Option<&Tips>,
@@ -110,21 +103,26 @@ impl Part {
         let names = context.comm().broadcast_value(&Names::of(&whole))?;
         let plex = named(context, &whole, &names)?;
         drop(whole);
-        Part::build(plex, &names, refinements, supports, extra, tips)
+        Part::build(plex, &names, refinements.into(), supports, extra, tips)
     }
 
     /// Partitions, refines and supports a mesh.
     fn build(
         mut plex: Plex,
         names: &Names,
-        refinements: u32,
+        refinements: Refinements,
         supports: &Supports,
         extra: &[(String, Point)],
         tips: Option<&Tips>,
     ) -> Result<Part> {
         plex = plex.distribute()?;
-        for _ in 0..refinements {
-            plex = plex.refine()?;
+        let mut passed = Vec::new();
+        for _ in 0..refinements.count {
+            let refinement = Refinement::new(&plex)?;
+            let coarse = std::mem::replace(&mut plex, refinement.fine()?);
+            if refinements.keep {
+                passed.push((coarse, refinement));
+            }
         }
         let context = plex.context().clone();
         let start = plex.chart().start;
@@ -138,29 +136,28 @@ impl Part {
         let tips = context.comm().all_ok(tips)?;
         let mut tips_at = vec![0; holds.len()];
         tips.iter().for_each(|&node| tips_at[node] += 1);
-        let (cells, vertices) = (plex.cells(), plex.vertices());
         let mine = extra_cells(context.comm(), &mesh, extra)?;
         let mut extra = vec![None; extra.len()];
         mine.iter().enumerate().for_each(|(at, (_, number))| extra[*number] = Some(at));
-        // Cells come before vertices, and so do their dofs.
-        let section = Section::new(&context, Comm::World, plex.chart(), |point| {
-            if cells.contains(&point) {
-                let cell = (point - cells.start) as usize;
-                return Dofs { count: mine.iter().filter(|(of, _)| *of == cell).count(), held: Vec::new() };
-            }
-            if !vertices.contains(&point) {
-                return Dofs::default();
-            }
-            let node = (point - vertices.start) as usize;
-            let held = DofMap::held(&holds[node]);
-            Dofs {
-                count: PER_NODE + tips_at[node],
-                held: (0..PER_NODE).filter(|k| held[*k]).map(|k| k as Index).collect(),
-            }
-        })?;
+        let extra_cells: Vec<usize> = mine.iter().map(|(cell, _)| *cell).collect();
+        let section = section(&plex, &holds, &extra_cells, &tips_at)?;
         let space = DofMap::of_all(&holds, mine.len(), &tips);
-        let owns = vertices.map(owns).collect();
-        Ok(Part { plex: Rc::new(plex.with_section(&section)?), mesh, space, holds, owns, extra })
+        let owns: Vec<bool> = plex.vertices().map(owns).collect();
+        let plex = Rc::new(plex.with_section(&section)?);
+        let hierarchy = if refinements.keep {
+            let finest = Level {
+                plex: plex.clone(),
+                mesh: &mesh,
+                space: &space,
+                holds: &holds,
+                owns: &owns,
+                extra_cells: &extra_cells,
+            };
+            Some(Rc::new(Hierarchy::new(&passed, &finest)?))
+        } else {
+            None
+        };
+        Ok(Part { plex, mesh, space, holds, owns, extra, hierarchy })
     }
 }
 
@@ -244,56 +241,6 @@ fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
     Ok(plex)
 }
 
-/// Returns the cells of this rank as a mesh.
-///
-/// A named edge, cell or node is only on the rank that owns it, so that sums over all ranks count
-/// it once.
-fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool) -> Result<Mesh> {
-    let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
-    let number = |vertex: Index| (vertex - vertices.start) as usize;
-    let nodes = plex.coordinates()?.into_iter().map(Point::from).collect();
-    let mut mesh = Mesh { nodes, elements: names.elements, ..Mesh::default() };
-    for cell in cells.clone() {
-        let corners: Vec<usize> = plex.corners(cell)?.into_iter().map(number).collect();
-        mesh.cells.push(match corners[..] {
-            [a, b, c] => Cell::Triangle([a, b, c]),
-            [a, b, c, d] => Cell::Quadrilateral([a, b, c, d]),
-            _ => return Err(Error::Mesh(format!("a cell of {} corners", corners.len()))),
-        });
-        let last = mesh.cells.len() - 1;
-        if mesh.area(last) < 0.0 {
-            mesh.cells[last] = match mesh.cells[last] {
-                Cell::Triangle([a, b, c]) => Cell::Triangle([a, c, b]),
-                Cell::Quadrilateral([a, b, c, d]) => Cell::Quadrilateral([a, d, c, b]),
-            };
-        }
-    }
-    let labelled = |label: &str, value: Index, kind: &Range<Index>| -> Result<Vec<Index>> {
-        let points = plex.labelled(label, value)?.into_iter();
-        Ok(points.filter(|&point| kind.contains(&point) && owns(point)).collect())
-    };
-    for (value, name) in (1..).zip(&names.edges) {
-        let sides = labelled(EDGE, value, &edges)?.into_iter().map(|edge| {
-            let ends = plex.cone(edge)?;
-            let [a, b] = [number(ends[0]), number(ends[1])];
-            // The cell lies on the left, as along the boundary of the whole mesh.
-            let left = &mesh.cells[(plex.support(edge)?[0] - cells.start) as usize];
-            Ok(if left.edges().any(|side| side == [a, b]) { [a, b] } else { [b, a] })
-        });
-        let sides = sides.collect::<Result<_>>()?;
-        mesh.edges.insert(name.clone(), sides);
-    }
-    for (value, name) in (1..).zip(&names.groups) {
-        let members = labelled(GROUP, value, &cells)?;
-        mesh.groups.insert(name.clone(), members.iter().map(|cell| (cell - cells.start) as usize).collect());
-    }
-    for (value, name) in (1..).zip(&names.points) {
-        let members = labelled(POINT, value, &vertices)?;
-        mesh.points.insert(name.clone(), members.into_iter().map(number).collect());
-    }
-    Ok(mesh)
-}
-
 /// Sums the constraints of all ranks at each node.
 ///
 /// An edge's support must also reach ranks that have only a vertex of that edge.
@@ -309,22 +256,4 @@ fn spread_holds(plex: &Plex, own: &[NodeConstraint]) -> Result<Vec<NodeConstrain
     let hold =
         |node: usize| NodeConstraint { deflection: deflection[node], slopes: [xx[node], xy[node], yy[node]] };
     Ok((0..own.len()).map(hold).collect())
-}
-
-/// Sums the contributions of all ranks at each node. Collective.
-///
-/// # Errors
-/// Returns [`Error::Petsc`] where PETSc reports an error.
-pub fn sum_at_nodes(plex: &Plex, of_nodes: &[f64]) -> Result<Vec<f64>> {
-    let vertices = plex.vertices();
-    let one_each = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {
-        count: usize::from(vertices.contains(&point)),
-        held: Vec::new(),
-    })?;
-    let plex = plex.with_section(&one_each)?;
-    let (mut all, mut own) = (plex.global_vector()?, plex.local_vector()?);
-    own.set_local(of_nodes)?;
-    plex.add_to_global(&own, &mut all)?;
-    plex.to_local(&all, &mut own)?;
-    own.with_local(|sums| sums.to_vec())
 }

@@ -243,13 +243,14 @@ fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
 #[derive(Debug, Clone)]
 pub struct CellForm {
     batches: Rc<Batches>,
-    panels: Vec<Panel>,
-    blocks: Vec<ElementMatrix>,
+    panels: Rc<[Panel]>,
+    blocks: Rc<[ElementMatrix]>,
 }
 
 impl CellForm {
     /// Collects the cells' local matrices, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, blocks: Vec<ElementMatrix>) -> CellForm {
+    pub(super) fn new(batches: Rc<Batches>, blocks: impl Into<Rc<[ElementMatrix]>>) -> CellForm {
+        let blocks = blocks.into();
         let panels = batches.panels.iter().map(|cells| Panel::new(cells, &blocks)).collect();
         CellForm { batches, panels, blocks }
     }
@@ -359,14 +360,15 @@ impl Rows {
 #[derive(Debug, Clone)]
 pub struct SingularMassCells {
     batches: Rc<Batches>,
-    panels: Vec<Rows>,
-    masses: Vec<f64>,
-    rows: Vec<SingularMassCell>,
+    panels: Rc<[Rows]>,
+    masses: Rc<[f64]>,
+    rows: Rc<[SingularMassCell]>,
 }
 
 impl SingularMassCells {
     /// Collects the rows of B and the diagonal of C, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, rows: Vec<SingularMassCell>) -> SingularMassCells {
+    pub(super) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
+        let rows = rows.into();
         let panels = batches.panels.iter().map(|cells| Rows::new(cells, &rows)).collect();
         let masses = rows.iter().map(|row| row.mass).collect();
         SingularMassCells { batches, panels, masses, rows }
@@ -438,7 +440,7 @@ impl SingularMassCells {
     }
 }
 
-/// Symmetric form of the native engine.
+/// Symmetric form of the native engine. Clones share its cells.
 #[derive(Debug, Clone)]
 pub enum Form {
     /// Form of dense local matrices, such as K or M_r.

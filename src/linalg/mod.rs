@@ -136,6 +136,51 @@ pub struct SingularMassCell {
     pub class: usize,
 }
 
+/// Method by which linear systems are solved.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinearMethod {
+    /// Factorisation.
+    #[default]
+    Direct,
+    /// Conjugate gradients with geometric multigrid.
+    Multigrid,
+    /// Any other iteration, which PETSc's options choose.
+    Iterative,
+}
+
+impl std::fmt::Display for LinearMethod {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            LinearMethod::Direct => "direct",
+            LinearMethod::Multigrid => "multigrid",
+            LinearMethod::Iterative => "iterative",
+        })
+    }
+}
+
+/// Systems that iterations have solved.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LinearSolves {
+    /// Method of the last matrix.
+    pub method: LinearMethod,
+    /// Number of systems.
+    pub count: u64,
+    /// Number of iterations of all of them.
+    pub iterations: u64,
+    /// Largest number of iterations of one of them.
+    pub most: u64,
+}
+
+impl LinearSolves {
+    /// Records a system that took some iterations.
+    pub fn note(&mut self, iterations: usize) {
+        self.count += 1;
+        self.iterations += iterations as u64;
+        self.most = self.most.max(iterations as u64);
+    }
+}
+
 /// Largest error estimate, relative and in the energy norm, up to which a factor in double
 /// precision is kept: each correction by the residual then gains at least three digits.
 pub const MOST_SPOILT: f64 = 1e-3;
@@ -224,6 +269,9 @@ pub trait Engine: Sized {
     /// # Errors
     /// Returns the errors of the engine and of the factor.
     fn estimate_factor_error(&self, sum: &LinearCombination, factor: &mut Self::Factor) -> Result<f64> {
+        if let Some(error) = factor.known_error() {
+            return Ok(error);
+        }
         let mut x = random::golden_vector(self.dofs());
         let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
         factor.solve(&mut x)?;
@@ -281,6 +329,12 @@ pub trait Engine: Sized {
         }
     }
 
+    /// Returns the systems that iterations have solved so far: none where factors solve them, which
+    /// is the default.
+    fn linear_solves(&self) -> LinearSolves {
+        LinearSolves::default()
+    }
+
     /// Counts the eigenvalues of `$K x = \lambda M x$` below sigma, with their multiplicity, as the
     /// number of negative eigenvalues of `$K - \sigma M$` (Sylvester's law of inertia). Returns
     /// `None` where the engine cannot count, which is the default.
@@ -315,6 +369,26 @@ pub trait Engine: Sized {
 pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
+
+    /// Solves A x = b in place to a few digits where that costs less. Returns whether the answer
+    /// has all digits, which is so by default.
+    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
+        self.solve(x)?;
+        Ok(true)
+    }
+
+    /// Returns the relative energy-norm error of a solve where an iteration on the product of the
+    /// cells ends at it, so that it need not be estimated.
+    fn known_error(&self) -> Option<f64> {
+        None
+    }
+
+    /// Returns whether to pin active dofs costs less than their Schur complement, however few they
+    /// are: where each column of it takes a solve by iteration, and a new set of pinned dofs takes
+    /// no factorisation.
+    fn prefers_pinning(&self) -> bool {
+        false
+    }
 
     /// Solves A X = B in place, one system per column.
     fn solve_columns(&mut self, x: &mut Mat<f64>) -> Result<()> {

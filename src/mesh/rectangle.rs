@@ -56,6 +56,14 @@ impl Grid {
         Ok(Grid { sides, cells, kind, diagonal })
     }
 
+    /// Returns the grid of which this one is the refinement, a number of times.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Grid::new`]. The counts must be multiples of `2^times`.
+    pub fn coarsened(&self, times: u32) -> Result<Grid> {
+        Grid::new(self.sides, self.cells.map(|count| count >> times), self.kind, self.diagonal)
+    }
+
     /// Returns the element that the cells carry.
     pub fn element(&self) -> ElementKind {
         self.kind

@@ -129,17 +129,6 @@ impl Plex {
         Ok(if raw.is_null() { self } else { Self::owning(raw, &self.context) })
     }
 
-    /// Returns the mesh with every cell cut into four; labels are kept. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn refine(self) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexSetRefinementUniform(self.raw, sys::truth(true)))?;
-        call!(DMRefine(self.raw, self.context.raw(Comm::World), &mut raw))?;
-        Ok(Self::owning(raw, &self.context))
-    }
-
     /// Returns the range of all points of this rank.
     pub fn chart(&self) -> Range<Index> {
         let (mut start, mut end) = (0, 0);

@@ -2,16 +2,17 @@
 
 #![allow(unsafe_code)]
 
+use super::callback::settle;
 use super::error::{call, int, text};
 use super::handle::handle;
 use super::options::Prefix;
-use super::{Comm, Context, Matrix, Reason, Vector, sys};
+use super::{Comm, Context, Index, Matrix, Operator, Reason, Vector, sys};
 use crate::error::{Error, Result};
 use std::rc::Rc;
 
 handle! {
     /// Linear solver. Creating and dropping it is collective.
-    Ksp, KSP, KSPDestroy, prefix: String
+    Ksp, KSP, KSPDestroy, prefix: String, operator: Option<Operator>
 }
 
 impl Ksp {
@@ -43,11 +44,17 @@ impl Ksp {
         let direct = is_direct(&self.context, &self.prefix)?;
         let mut preconditioner = std::ptr::null_mut();
         call!(KSPGetPC(self.raw, &mut preconditioner))?;
-        call!(KSPSetType(self.raw, if direct { c"preonly" } else { c"cg" }.as_ptr()))?;
         call!(PCSetType(preconditioner, c"cholesky".as_ptr()))?;
-        if direct {
-            return call!(PCFactorSetMatSolverType(preconditioner, c"mumps".as_ptr()));
+        if !direct {
+            return self.default_to_conjugate_gradients(ITERATIVE);
         }
+        call!(KSPSetType(self.raw, c"preonly".as_ptr()))?;
+        call!(PCFactorSetMatSolverType(preconditioner, c"mumps".as_ptr()))
+    }
+
+    /// Makes conjugate gradients the default method, with a relative tolerance.
+    fn default_to_conjugate_gradients(&mut self, tolerance: f64) -> Result<()> {
+        call!(KSPSetType(self.raw, c"cg".as_ptr()))?;
         let kind = self.context.option(&format!("{}ksp_type", self.prefix))?;
         if kind.is_none_or(|kind| kind == "cg") {
             // The natural norm is nearly the energy norm of the error, which decreases in every
@@ -56,7 +63,7 @@ impl Ksp {
             call!(KSPSetNormType(self.raw, sys::KSPNormType::KSP_NORM_NATURAL))?;
         }
         let iterations = int(MOST_ITERATIONS)?;
-        call!(KSPSetTolerances(self.raw, ITERATIVE, 0.0, f64::MAX, iterations))
+        call!(KSPSetTolerances(self.raw, tolerance, 0.0, f64::MAX, iterations))
     }
 
     /// Returns whether a factorisation solves the systems, rather than an iteration.
@@ -65,6 +72,54 @@ impl Ksp {
     /// Returns [`Error::Usage`] where the user asks for a package that corrupts memory.
     pub fn is_direct(&self) -> Result<bool> {
         is_direct(&self.context, &self.prefix)
+    }
+
+    /// Returns whether the user asks for geometric multigrid; `None` where the options name no
+    /// preconditioner.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn is_multigrid(&self) -> Result<Option<bool>> {
+        Ok(self.context.option(&format!("{}pc_type", self.prefix))?.map(|kind| kind == "mg"))
+    }
+
+    /// Makes conjugate gradients with multigrid the default for a matrix, with the interpolation to
+    /// each level from the next coarser one, coarsest first; the user's options override it.
+    /// Collective.
+    ///
+    /// The matrices of the coarse levels follow from that of the finest (Galerkin). One symmetric
+    /// sweep of Gauss-Seidel, node by node, precedes and follows each correction, and MUMPS factors
+    /// the matrix of the coarsest level.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the sizes do not fit.
+    pub fn default_to_multigrid(&mut self, matrix: &Matrix, interpolations: &[&Matrix]) -> Result<()> {
+        self.default_to_conjugate_gradients(MULTIGRID_TOLERANCE)?;
+        for (name, value) in MULTIGRID {
+            self.context.default_option(&format!("{}{name}", self.prefix), value)?;
+        }
+        for part in ["mg_levels_", "mg_coarse_"] {
+            self.context.note_prefix(&format!("{}{part}", self.prefix));
+        }
+        let mut multigrid = std::ptr::null_mut();
+        call!(KSPGetPC(self.raw, &mut multigrid))?;
+        call!(PCSetType(multigrid, c"mg".as_ptr()))?;
+        call!(PCMGSetLevels(multigrid, int(interpolations.len() + 1)?, std::ptr::null_mut()))?;
+        let set_matrix = |level: Index, matrix: &Matrix| {
+            let mut smoother = std::ptr::null_mut();
+            call!(PCMGGetSmoother(multigrid, level, &mut smoother))?;
+            call!(KSPSetOperators(smoother, matrix.raw, matrix.raw))
+        };
+        // PETSc's own Galerkin products, and its residual on the finest level, would take an
+        // operator without entries where the solver has one.
+        call!(PCSetUseAmat(multigrid, sys::truth(false)))?;
+        let mut coarse = Matrix::sharing(matrix.raw, &self.context)?;
+        for (level, interpolation) in (0..int(interpolations.len())?).zip(interpolations).rev() {
+            call!(PCMGSetInterpolation(multigrid, level + 1, interpolation.raw))?;
+            coarse = coarse.galerkin(interpolation)?;
+            set_matrix(level, &coarse)?;
+        }
+        Ok(())
     }
 
     /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.
@@ -92,6 +147,17 @@ impl Ksp {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn set_operators(&mut self, matrix: &Matrix, preconditioner: &Matrix) -> Result<()> {
         call!(KSPSetOperators(self.raw, matrix.raw, preconditioner.raw))
+    }
+
+    /// Sets the operator, which the solver keeps, and the matrix from which the preconditioner is
+    /// built. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn set_own_operator(&mut self, operator: Operator, preconditioner: &Matrix) -> Result<()> {
+        self.set_operators(&operator.matrix, preconditioner)?;
+        self.operator = Some(operator);
+        Ok(())
     }
 
     /// Sets whether later solves reuse the preconditioner (the factor) when the matrix changes.
@@ -131,7 +197,40 @@ impl Ksp {
     /// Returns [`Error::Singular`] where the factorisation failed; [`Error::Petsc`] where the
     /// iteration did not converge.
     pub fn solve(&mut self, b: &Vector, x: &mut Vector) -> Result<()> {
-        call!(KSPSolve(self.raw, b.raw, x.raw))?;
+        self.settle(call!(KSPSolve(self.raw, b.raw, x.raw)))
+    }
+
+    /// Solves A x = b from x = 0 to a relative tolerance larger than that of [`Ksp::solve`].
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Ksp::solve`].
+    pub fn solve_to(&mut self, tolerance: f64, b: &Vector, x: &mut Vector) -> Result<()> {
+        let own = self.tolerance()?;
+        let keep = f64::from(sys::PETSC_DEFAULT);
+        call!(KSPSetTolerances(self.raw, tolerance.max(own), keep, keep, sys::PETSC_DEFAULT))?;
+        let solved = self.solve(b, x);
+        call!(KSPSetTolerances(self.raw, own, keep, keep, sys::PETSC_DEFAULT))?;
+        solved
+    }
+
+    /// Returns the relative tolerance at which iterations end.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn tolerance(&self) -> Result<f64> {
+        let [mut relative, mut absolute, mut divergence] = [0.0; 3];
+        let mut iterations = 0;
+        call!(KSPGetTolerances(self.raw, &mut relative, &mut absolute, &mut divergence, &mut iterations))?;
+        Ok(relative)
+    }
+
+    /// Returns the error of the operator, of PETSc or of the iteration, if there is one.
+    fn settle(&self, solved: Result<()>) -> Result<()> {
+        match &self.operator {
+            Some(operator) => settle(&operator.failure, solved)?,
+            None => solved?,
+        }
         self.judge()
     }
 
@@ -152,8 +251,7 @@ impl Ksp {
             let solved = call!(KSPSolve(self.raw, right, solution));
             call!(MatDenseRestoreColumnVecWrite(x.raw, column, &mut solution))?;
             call!(MatDenseRestoreColumnVecRead(b.raw, column, &mut right))?;
-            solved?;
-            self.judge()?;
+            self.settle(solved)?;
         }
         Ok(())
     }
@@ -250,8 +348,26 @@ impl Ksp {
 /// Relative tolerance of iterative linear solvers; the check of each step demands this accuracy.
 const ITERATIVE: f64 = 1e-13;
 
+/// Relative tolerance of multigrid, whose last digit costs one iteration.
+const MULTIGRID_TOLERANCE: f64 = 1e-14;
+
 /// Limit on the iterations of linear solvers.
 const MOST_ITERATIONS: usize = 20_000;
+
+/// Default options of geometric multigrid.
+///
+/// The rows of a node share their pattern, so that PETSc sweeps node by node, whatever the number
+/// of its free dofs.
+const MULTIGRID: [(&str, &str); 8] = [
+    ("mg_levels_ksp_type", "richardson"),
+    ("mg_levels_ksp_max_it", "1"),
+    ("mg_levels_ksp_norm_type", "none"),
+    ("mg_levels_pc_type", "sor"),
+    ("mg_levels_pc_sor_local_symmetric", "true"),
+    ("mg_coarse_ksp_type", "preonly"),
+    ("mg_coarse_pc_type", "cholesky"),
+    ("mg_coarse_pc_factor_mat_solver_type", "mumps"),
+];
 
 /// Returns whether the user's options leave the linear solver a factorisation.
 ///

@@ -226,6 +226,36 @@ impl Matrix {
         call!(MatDiagonalScale(self.raw, diagonal.raw, diagonal.raw))
     }
 
+    /// Returns P^T A P, which is positive definite where A is. Collective.
+    ///
+    /// A column of P that is zero leaves an unknown without an equation, which becomes x = 0.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the sizes do not fit.
+    pub fn galerkin(&self, interpolation: &Matrix) -> Result<Self> {
+        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
+        call!(MatPtAP(self.raw, interpolation.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
+        let mut product = Self::owning(raw, &self.context);
+        let mut missing = product.vector()?;
+        product.diagonal(&mut missing)?;
+        missing.with_local_mut(|diagonal| {
+            diagonal.iter_mut().for_each(|entry| *entry = f64::from(u8::from(*entry == 0.0)));
+        })?;
+        if missing.norm()? > 0.0 {
+            product.add_to_diagonal(&missing)?;
+        }
+        product.set_positive_definite()?;
+        Ok(product)
+    }
+
+    /// Replaces A by D A, where D is the diagonal matrix of these entries. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the layouts differ.
+    pub fn scale_rows(&mut self, diagonal: &Vector) -> Result<()> {
+        call!(MatDiagonalScale(self.raw, diagonal.raw, std::ptr::null_mut()))
+    }
+
     /// Adds `factor` times B, whose pattern must be a subset of that of A. Collective.
     ///
     /// # Errors

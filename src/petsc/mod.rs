@@ -36,14 +36,18 @@ mod mat;
 mod ksp;
 mod snes;
 mod tao;
+mod operator;
 mod section;
 mod dm;
+mod refinement;
 
 pub use context::{Comm, Context};
 pub use dm::Plex;
 pub use index_set::IndexSet;
 pub use ksp::Ksp;
 pub use mat::Matrix;
+pub use operator::Operator;
+pub use refinement::Refinement;
 pub use section::{Dofs, Section};
 pub use snes::Snes;
 pub use tao::Tao;

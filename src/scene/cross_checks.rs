@@ -2,8 +2,8 @@
 
 use super::document::{Document, quote};
 use super::{
-    EngineName, FORCE_COLUMNS, Initial, Mass, Obstacle, Probe, ProbeQuantity, Scene, SchemeSpec, Side,
-    StartFrom,
+    ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Obstacle, Probe, ProbeQuantity,
+    Scene, SchemeSpec, Side, StartFrom,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -116,6 +116,20 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     if !able.is_distributed && scene.solver.engine == EngineName::Petsc {
         let others = "\"native\", or time.scheme = \"newmark\"";
         return refuse("solver.engine", "runs on the native engine, in one process", others);
+    }
+    if scene.solver.linear == LinearSolver::Multigrid {
+        let contact = scene.solver.vi;
+        if scene.solver.engine == EngineName::Native {
+            let wrong = "\"multigrid\" runs on PETSc; expected \"auto\", or solver.engine = \"petsc\"";
+            return Err(doc.fault("solver.linear", wrong));
+        }
+        if contact != ContactSolver::Condensed {
+            let wrong = format!(
+                "multigrid keeps the sizes of its levels, and solver.vi = \"{contact}\" changes those of its matrices with \
+                 the contact; expected \"auto\", or solver.vi = \"condensed\""
+            );
+            return Err(doc.fault("solver.linear", wrong));
+        }
     }
     if !able.takes_time_dependence
         && let Some(key) = scene.changes()

@@ -63,9 +63,9 @@ use std::path::Path;
 pub use study::{Horizon, Study};
 pub use sweep::{SweepOrder, SweepSpec, SweptKey};
 pub use tables::{
-    Compliance, Damping, ElasticEdge, EngineName, FORCE_COLUMNS, Force, Grid, HISTORY_COLUMNS, Initial, Load,
-    MeshFile, Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver, SourcePosition, StartFrom,
-    StopLaw, Support, SupportLocation,
+    Compliance, Damping, ElasticEdge, EngineName, FORCE_COLUMNS, Force, Grid, HISTORY_COLUMNS, Initial,
+    LinearSolver, Load, MeshFile, Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver,
+    SourcePosition, StartFrom, StopLaw, Support, SupportLocation,
 };
 pub use time::{Mass, Time};
 

@@ -207,6 +207,7 @@ fn time(time: &Time) -> Vec<Row> {
 fn solver(solver: &Solver) -> Vec<Row> {
     vec![
         ("engine", word(solver.engine), "native | petsc"),
+        ("linear", word(solver.linear), "auto | direct | multigrid"),
         ("vi", word(solver.vi), ContactSolver::LIST),
         ("tolerance", number(solver.tolerance), "relative KKT residual of each step"),
         ("energy_guard", number(solver.energy_guard), "energy over its start that stops a run"),

@@ -288,6 +288,8 @@ pub struct StartFrom {
 pub struct Solver {
     /// Linear algebra engine.
     pub engine: EngineName,
+    /// Solver of the linear systems on PETSc.
+    pub linear: LinearSolver,
     /// Contact solver.
     pub vi: ContactSolver,
     /// Limit on the relative KKT residual of every step.
@@ -304,6 +306,18 @@ pub enum EngineName {
     Native,
     /// Engine of PETSc, on any number of ranks.
     Petsc,
+}
+
+/// Solver of the linear systems on PETSc; the native engine factors them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinearSolver {
+    /// Factorisation, or multigrid where the factors would not fit into memory.
+    Auto,
+    /// Factorisation.
+    Direct,
+    /// Conjugate gradients with geometric multigrid.
+    Multigrid,
 }
 
 /// Columns of `history.csv` before those of the probes, which cannot take these names.

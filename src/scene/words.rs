@@ -2,8 +2,8 @@
 
 use super::typed::Choice;
 use super::{
-    ContactSolver, Diagonal, ElementKind, EngineName, Horizon, Mass, Massless, SchemeName, Side, StopLaw,
-    SupportKind, SweepOrder,
+    ContactSolver, Diagonal, ElementKind, EngineName, Horizon, LinearSolver, Mass, Massless, SchemeName,
+    Side, StopLaw, SupportKind, SweepOrder,
 };
 use crate::field::Interpolation;
 use std::fmt;
@@ -46,6 +46,11 @@ impl Choice for Massless {
 
 impl Choice for EngineName {
     const WORDS: &'static [(&'static str, Self)] = &[("native", Self::Native), ("petsc", Self::Petsc)];
+}
+
+impl Choice for LinearSolver {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("auto", Self::Auto), ("direct", Self::Direct), ("multigrid", Self::Multigrid)];
 }
 
 impl Choice for Horizon {
@@ -91,4 +96,4 @@ macro_rules! shown_as_words {
     };
 }
 
-shown_as_words!(ElementKind, SchemeName, Mass, EngineName, ContactSolver, SweepOrder);
+shown_as_words!(ElementKind, SchemeName, Mass, EngineName, LinearSolver, ContactSolver, SweepOrder);

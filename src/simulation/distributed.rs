@@ -5,14 +5,13 @@ use super::meshing;
 use super::plate_assembly::PlateAssembly;
 use super::regions::{self, NodeSums};
 use super::stops::{self, Stop};
-use super::{DeflectionDof, Model, SolverFactory};
+use super::{DeflectionDof, Model, SolverFactory, levels};
 use crate::assembly;
 use crate::communicator::Communicator;
-use crate::distributed::{Distributed, MeshPart, Part, Tips};
+use crate::distributed::{Distributed, MeshPart, Part, Refinements, Tips};
 use crate::dof_map::NodeConstraint;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::memory;
 use crate::mesh::{Diagonal, Grid, Mark, Mesh, Point};
 use crate::petsc::Context;
 use crate::scene::{EngineName, Scene};
@@ -65,20 +64,25 @@ impl Model<Distributed> {
         };
         let tips = (!scene.obstacles.is_empty()).then_some(&tips as &Tips);
         let marks = meshing::marks(scene);
-        let rectangles = match scene.file {
-            Some(_) => None,
-            None => {
-                comm.all_ok(meshing::require_memory(scene, meshing::rectangles(&scene.mesh), comm.size()))?;
-                rectangles(scene, &marks)?
+        let grid = if scene.file.is_some() { None } else { grid(scene, &marks)? };
+        let part = match grid {
+            Some(grid) => {
+                let cells = meshing::rectangles(&scene.mesh);
+                let halvings = levels::halvings(&scene.mesh, comm.size());
+                let keep = levels::uses_multigrid(scene, context, cells, scene.mesh.refine + halvings)?;
+                comm.all_ok(require_memory(scene, cells, comm.size(), keep))?;
+                let halvings = if keep { halvings } else { 0 };
+                let refinements = Refinements { count: scene.mesh.refine + halvings, keep };
+                Part::new(context, &grid.coarsened(halvings)?, refinements, &supports, &balls, tips)?
             }
-        };
-        let part = match rectangles {
-            Some(grid) => Part::new(context, &grid, scene.mesh.refine, &supports, &balls, tips)?,
             None => {
                 let first = if comm.rank() == 0 { whole(scene, &marks) } else { Ok((Mesh::default(), 0)) };
                 let (mesh, refine) = comm.all_ok(first)?;
-                let refine = comm.all_gather_one(refine)[0];
-                Part::of_mesh(context, || Ok(mesh), refine, &supports, &balls, tips)?
+                let (refine, cells) = comm.all_gather_one((refine, meshing::kinds(&mesh)))[0];
+                let keep = levels::uses_multigrid(scene, context, cells, refine)?;
+                comm.all_ok(require_memory(scene, cells, comm.size(), keep))?;
+                let refinements = Refinements { count: refine, keep };
+                Part::of_mesh(context, || Ok(mesh), refinements, &supports, &balls, tips)?
             }
         };
         let stops = found.take();
@@ -123,8 +127,14 @@ fn number_nodes(sites: &mut [DeflectionDof], comm: &impl Communicator) {
     }
 }
 
+/// Refuses a run that cannot fit into memory, with factors or by multigrid.
+fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, multigrid: bool) -> Result<()> {
+    let factors = if multigrid { 0 } else { scene.time.factors() };
+    meshing::require_memory(scene, cells, ranks, factors)
+}
+
 /// Returns the grid of a scene without a mesh file; `None` where nodes must be created in it.
-fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
+fn grid(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
     let grid = scene.mesh;
     let sides = [scene.plate.length, scene.plate.width];
     let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
@@ -137,9 +147,7 @@ fn rectangles(scene: &Scene, marks: &[(String, Mark)]) -> Result<Option<Grid>> {
 /// nodes were created in it.
 fn whole(scene: &Scene, marks: &[(String, Mark)]) -> Result<(Mesh, u32)> {
     if let (Some(file), true) = (&scene.file, marks.is_empty()) {
-        let mesh = file.load()?;
-        meshing::require_memory(scene, meshing::kinds(&mesh), memory::processes())?;
-        return Ok((mesh, scene.mesh.refine));
+        return Ok((file.load()?, scene.mesh.refine));
     }
     let (fine, made) = meshing::mesh_and_made(scene)?;
     match &scene.file {

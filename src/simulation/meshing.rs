@@ -17,16 +17,16 @@ const PER_CELL: [u64; 2] = [2_400, 6_500];
 const PER_CELL_ON_PETSC: [u64; 2] = [5_000, 12_000];
 
 /// Returns a lower bound of the memory of a run, in bytes, from the numbers of triangles and
-/// quadrangles: the set-up, and the sparsest possible factor. `across` is the number of rectangles
-/// along the shorter side of a grid.
-fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) -> u64 {
+/// quadrangles: the set-up, and the sparsest possible factors, as many as `factors`. `across` is
+/// the number of rectangles along the shorter side of a grid.
+fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64, factors: usize) -> u64 {
     let cells = triangles + quadrangles;
     let dofs = 3 * (triangles / 2 + quadrangles);
     let of = if scene.solver.engine == EngineName::Petsc { PER_CELL_ON_PETSC } else { PER_CELL };
     let set_up = of[0] * triangles + of[1] * quadrangles;
     // Entries per row of the factor, by minimum degree ordering and by banded ordering.
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
-    let factors = (8.0 * row * dofs as f64) as u64 * scene.time.factors() as u64;
+    let factors = (8.0 * row * dofs as f64) as u64 * factors as u64;
     let velocities = match (scene.time.mass, scene.time.modes) {
         (Mass::Modal, Some(ModeRange::Count(count))) => count,
         (Mass::Modal, _) => 0,
@@ -36,13 +36,13 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64) 
     set_up + factors + dense as u64
 }
 
-/// Returns an error, before the mesh is built, where the memory is too small for a run. `cells` are
-/// the numbers of triangles and quadrangles before refinement, and each of `ranks` processes has
-/// its part.
+/// Returns an error, before the mesh is built, where the memory is too small for a run with a
+/// number of factors. `cells` are the numbers of triangles and quadrangles before refinement, and
+/// each of `ranks` processes has its part.
 ///
 /// # Errors
 /// Returns [`crate::Error::Memory`] with the figures and the largest mesh that would fit.
-pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize) -> Result<()> {
+pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, factors: usize) -> Result<()> {
     let grid = &scene.mesh;
     let pieces = 4_u64.saturating_pow(grid.refine);
     let across = match &scene.file {
@@ -52,7 +52,7 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize) -> Re
     let needed = |part: f64| {
         let cells = cells.map(|cells| (cells as f64 * pieces as f64 * part) as u64);
         let across = across as f64 * (pieces as f64 * part).sqrt();
-        least_memory(scene, cells, across.min(1e9) as u64) / ranks as u64
+        least_memory(scene, cells, across.min(1e9) as u64, factors) / ranks as u64
     };
     let all = (cells[0] + cells[1]) * pieces;
     let what = match ranks {
@@ -70,6 +70,19 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize) -> Re
             format!("about {} cells would fit", (all as f64 * fits) as u64)
         }
     })
+}
+
+/// Returns the least memory of a run with factors on all of `ranks` processes, in bytes, and the
+/// memory left to them. `cells` are the numbers of triangles and quadrangles before refinement.
+pub(super) fn memory_with_factors(scene: &Scene, cells: [u64; 2], ranks: usize) -> Option<[u64; 2]> {
+    let pieces = 4_u64.saturating_pow(scene.mesh.refine);
+    let across = match &scene.file {
+        Some(_) => u64::MAX >> 8,
+        None => (*scene.mesh.cells.iter().min().unwrap_or(&1) as u64) << scene.mesh.refine,
+    };
+    let needed = least_memory(scene, cells.map(|count| count * pieces), across, scene.time.factors());
+    let room = memory::room(ranks.min(memory::processes_here()))?;
+    Some([needed, room.bytes.saturating_mul(ranks as u64)])
 }
 
 /// Builds the mesh of a scene, with nodes at the points and along the lines of its obstacles and
@@ -116,11 +129,11 @@ fn plain_mesh(scene: &Scene) -> Result<Mesh> {
     let mut mesh = match &scene.file {
         Some(file) => {
             let mesh = file.load()?;
-            require_memory(scene, kinds(&mesh), ranks)?;
+            require_memory(scene, kinds(&mesh), ranks, scene.time.factors())?;
             mesh
         }
         None => {
-            require_memory(scene, rectangles(grid), ranks)?;
+            require_memory(scene, rectangles(grid), ranks, scene.time.factors())?;
             let diagonal = grid.diagonal.unwrap_or(Diagonal::Right);
             Mesh::rectangle(scene.plate.length, scene.plate.width, grid.cells, grid.element, diagonal)?
         }

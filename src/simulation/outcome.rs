@@ -4,7 +4,7 @@ use super::{DeflectionDof, Extremes, Model, NamedForce, NodeEvent, Observer};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{Engine, LinearMethod, LinearSolves};
 use crate::obstacle::Bounds;
 use crate::scene::Scene;
 use crate::scheme::{Event, EventStatistics, RelaxationStatistics, Scheme, System};
@@ -89,6 +89,28 @@ impl BlockSeconds {
     }
 }
 
+/// Solver of the linear systems, and its iterations since the program began or resumed the run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct LinearIterations {
+    /// Method of the last matrix.
+    pub method: LinearMethod,
+    /// Mean number of iterations per system; `None` where factors solve them.
+    pub iterations_mean: Option<f64>,
+    /// Largest number of iterations of a system; `None` where factors solve them.
+    pub iterations_max: Option<u64>,
+}
+
+impl From<LinearSolves> for LinearIterations {
+    fn from(solves: LinearSolves) -> LinearIterations {
+        let LinearSolves { method, count, iterations, most } = solves;
+        LinearIterations {
+            method,
+            iterations_mean: (count > 0).then(|| iterations as f64 / count as f64),
+            iterations_max: (count > 0).then_some(most),
+        }
+    }
+}
+
 /// Summary of a finished run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
@@ -104,6 +126,8 @@ pub struct Outcome {
     pub vi_iterations: u64,
     /// Number of numeric factorisations of the step matrix.
     pub factorisations: u64,
+    /// Solver of the linear systems, and its iterations.
+    pub linear: LinearIterations,
     /// Number of steps solved again by a more robust method, because the first solution did not
     /// meet the tolerance.
     pub retries: u64,
@@ -152,6 +176,7 @@ impl Outcome {
             contact_steps: 0,
             vi_iterations: 0,
             factorisations: 0,
+            linear: LinearIterations::default(),
             retries: 0,
             most_contact_nodes: 0,
             tally: None,

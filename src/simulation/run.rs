@@ -94,6 +94,7 @@ fn run_from<E: Engine>(
     let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut monitor, observer);
     outcome.forces = monitor.forces.summary(scheme.time());
     outcome.factorisations = scheme.factorisations();
+    outcome.linear = model.system.engine.linear_solves().into();
     outcome.relaxation = scheme.relaxation();
     outcome.tally = scheme.event_statistics();
     // Other errors may have stopped some processes earlier than others.

@@ -15,7 +15,7 @@ use crate::output::text::{Report, significant};
 use crate::scene::{FieldInput, Mass, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
-use crate::simulation::{self, LoadTotal, Matrices, Model, Resultant, StressPeak};
+use crate::simulation::{self, LinearChoice, LoadTotal, Matrices, Model, Resultant, StressPeak};
 use serde::Serialize;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -109,6 +109,9 @@ pub struct Check {
     pub bounded_dofs: usize,
     /// Entries of the step matrix's factor; an order with contact dofs last adds a few per cent.
     pub factor_entries: usize,
+    /// Linear solver of a run on PETSc, on one rank; `None` on the native engine, which factors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub linear: Option<LinearChoice>,
     /// Estimate of the memory of a run on the native engine, in bytes.
     pub memory: usize,
     /// Forces and moments of the loads.
@@ -261,6 +264,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
+        linear: simulation::linear_choice(scene, &mesh),
         loads: simulation::load_totals(&native, &mesh)?,
         memory: memory(&mesh, system.engine.dofs(), scene.time.factors() * factor_entries)
             + dense(scene, system),
@@ -428,6 +432,9 @@ impl fmt::Display for Check {
             report.count("nodes made", self.made_nodes.len() as u64, "in all");
         }
         report.count("factor entries", self.factor_entries as u64, "");
+        if let Some(LinearChoice { method, reason }) = &self.linear {
+            report.text("linear solver", format!("{method}: {reason}"));
+        }
         report.number("memory", self.memory as f64 / 1e6, "MB");
         for LoadTotal { key, start, largest } in &self.loads {
             report.text(key, push(start));

@@ -85,6 +85,12 @@ impl Exchange {
         Exchange { tried: HashSet::new(), fewest: usize::MAX, single_above: None, iterations: 0, limit }
     }
 
+    /// Forgets the active sets tried, which were found from answers of fewer digits.
+    pub fn forget(&mut self) {
+        self.tried.clear();
+        (self.fewest, self.single_above) = (usize::MAX, None);
+    }
+
     /// Chooses the next exchange for `broken` violated conditions at the active sets of this
     /// fingerprint. Returns `None` where no condition is violated, or at the limit.
     pub fn next(&mut self, broken: usize, fingerprint: u64) -> Option<Move> {

@@ -152,9 +152,9 @@ impl Family {
     pub fn check_options(&self, context: &Context) -> Result<()> {
         for prefix in ["", SAFE] {
             let option = format!("{prefix}pc_type");
-            if context.option(&option)?.is_some_and(|kind| kind == "gamg") {
+            if let Some(kind) = context.option(&option)?.filter(|kind| kind == "gamg" || kind == "mg") {
                 return Err(Error::Usage(format!(
-                    "-{option} gamg: multigrid keeps the sizes of its levels, and {} changes those of its matrices with the contact; \
+                    "-{option} {kind}: multigrid keeps the sizes of its levels, and {} changes those of its matrices with the contact; \
                      take jacobi, or the condensed contact solver",
                     self.name
                 )));

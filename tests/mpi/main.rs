@@ -4,6 +4,7 @@
 mod common;
 
 mod effects;
+mod multigrid;
 mod options;
 mod runs;
 mod vi;

@@ -4,7 +4,7 @@ use super::{Condensed, Method, touching};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::hash;
-use crate::linalg::vectors::{axpy, waxpy};
+use crate::linalg::vectors::{add, axpy, waxpy};
 use crate::linalg::{Engine, Factor};
 use crate::obstacle::Bounds;
 use crate::vi::active_set::{self, BoundStatus, BoundValues, Exchange, Move};
@@ -31,6 +31,12 @@ impl<E: Engine> Condensed<E> {
         let mut magnitude = vec![0.0; b.len()];
         let mut at_bounds = vec![0.0; bounds.len()];
         let mut scales = vec![0.0; bounds.len()];
+        // A few digits suffice to find most of the active dofs. Once these stay, or come back, the
+        // answers have all digits.
+        let mut is_rough = true;
+        let improves = self.factor.prefers_pinning();
+        let mut increment = vec![0.0; b.len()];
+        x.fill(0.0);
         loop {
             if engine.comm().all_reduce_any(*pinned != self.sides) {
                 let held = |i: &usize| self.sides[*i] != BoundStatus::Free;
@@ -44,18 +50,30 @@ impl<E: Engine> Condensed<E> {
                 BoundStatus::Lower => Some(bounds.lower[i]),
                 BoundStatus::Upper => Some(bounds.upper[i]),
             };
-            x.fill(0.0);
+            // An iteration improves the answer so far; a factor finds it from the bounds alone.
+            if !improves {
+                x.fill(0.0);
+            }
             for (i, &dof) in bounds.dofs.iter().enumerate() {
-                x[dof] = fixed(i).unwrap_or(0.0);
+                x[dof] = fixed(i).unwrap_or(x[dof]);
             }
             apply(engine, matrix, x, &mut product, &mut residual)?;
-            waxpy(-1.0, &residual, b, x);
+            waxpy(-1.0, &residual, b, &mut increment);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 if let Some(value) = fixed(i) {
-                    x[dof] = value;
+                    increment[dof] = if improves { 0.0 } else { value };
                 }
             }
-            self.factor.solve(x)?;
+            if is_rough {
+                is_rough = !self.factor.solve_roughly(&mut increment)?;
+            } else {
+                self.factor.solve(&mut increment)?;
+            }
+            if improves {
+                add(&increment, x);
+            } else {
+                x.copy_from_slice(&increment);
+            }
             if bounds.hertz.is_some() {
                 yields += add_yielding(engine, &mut self.factor, bounds, x)?;
             }
@@ -81,7 +99,13 @@ impl<E: Engine> Condensed<E> {
             let all = engine.comm().all_gather_one((broken.len(), print));
             let last = all.iter().rposition(|(count, _)| *count > 0);
             let print = all.iter().fold(0, |print, (_, own)| hash::extend(print, *own));
-            match exchange.next(all.iter().map(|(count, _)| count).sum(), print) {
+            let next = exchange.next(all.iter().map(|(count, _)| count).sum(), print);
+            if is_rough && next != Some(Move::All) {
+                is_rough = false;
+                exchange.forget();
+                continue;
+            }
+            match next {
                 None => break,
                 Some(Move::All) => active_set::exchange(&mut self.sides, &broken),
                 Some(Move::Last) if last == Some(engine.comm().rank()) => {

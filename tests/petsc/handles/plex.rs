@@ -4,7 +4,7 @@ use super::{close, share};
 use crate::common::ranks::{Case, case};
 use rebond::Result;
 use rebond::communicator::Communicator;
-use rebond::petsc::{Comm, Context, Dofs, Index, Matrix, Plex, Section};
+use rebond::petsc::{Comm, Context, Dofs, Index, Matrix, Plex, Refinement, Section};
 use std::rc::Rc;
 
 pub const CASES: &[Case] = &[
@@ -54,7 +54,7 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     let edges = at_left(&mesh, boundary)?;
     mesh.label("support", 1, &edges)?;
     for _ in 0..refinements {
-        mesh = mesh.refine()?;
+        mesh = Refinement::new(&mesh)?.fine()?;
     }
 
     let [nx, ny] = cells.map(|n| n << refinements);
@@ -104,7 +104,8 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
 /// like that of the string.
 fn dofs(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
-    let mesh = rectangle(&context, 4, [4, 2])?.distribute()?.refine()?;
+    let mesh = rectangle(&context, 4, [4, 2])?.distribute()?;
+    let mesh = Refinement::new(&mesh)?.fine()?;
     let (positions, first) = (mesh.coordinates()?, mesh.vertices().start);
     let vertices = mesh.vertices();
     let section = Section::new(&context, Comm::World, mesh.chart(), |point| {

@@ -1,0 +1,326 @@
+//! Interpolation between the meshes that a refinement has passed, for geometric multigrid.
+//!
+//! A deflection of the coarse mesh is evaluated at the nodes of the fine one: its value and slopes
+//! there are the dofs of the interpolated deflection. Along an edge these depend on the dofs of the
+//! edge's two nodes only, and at the centre of a quadrilateral on those of its four corners. Nodes
+//! come from points of the same rank, so that interpolation needs few messages.
+//!
+//! The reduced HCT triangles of a refined mesh do not contain those of the coarse one, and repeated
+//! interpolation by the triangles gains energy from level to level. Where two triangles form a
+//! parallelogram, the middle of its diagonal therefore takes the value of the reduced FVS
+//! quadrilateral on it.
+//!
+//! Coarse meshes are supported at the nodes that they share with the finest one. Dofs that are held
+//! on a fine mesh only are left out of the interpolation, as are those in contact: the deflections
+//! of a coarse mesh are truncated there.
+
+use super::own_mesh::{Names, own_mesh, section, sum_at_nodes};
+use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
+use crate::element::{BasisFunction, CellShape, ElementKind};
+use crate::error::Result;
+use crate::mesh::{Mesh, Point};
+use crate::petsc::{Comm, Index, Matrix, Plex, Refinement};
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// Distance of the midpoint of the apices of two triangles from that of their common edge,
+/// relative to its length, up to which they count as a parallelogram.
+const SYMMETRIC: f64 = 1e-9;
+
+/// Interpolation from level to level: see the [module page](self).
+pub struct Hierarchy {
+    /// Interpolation to each mesh from the next coarser one, coarsest first.
+    interpolations: Vec<Matrix>,
+}
+
+/// Mesh with its dofs, one level of the hierarchy.
+pub(super) struct Level<'l> {
+    /// Distributed mesh with the section of the dofs.
+    pub plex: Rc<Plex>,
+    pub mesh: &'l Mesh,
+    pub space: &'l DofMap,
+    pub holds: &'l [NodeConstraint],
+    /// Whether this rank owns each node.
+    pub owns: &'l [bool],
+    /// Cells of this rank with an extra dof, ascending.
+    pub extra_cells: &'l [usize],
+}
+
+/// Dofs of a fine node in terms of those of one coarse node: entry `[k][j]` multiplies dof j of the
+/// coarse node.
+type Block = [[f64; PER_NODE]; PER_NODE];
+
+/// Block of a node that stays.
+const SAME: Block = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+impl Hierarchy {
+    /// Creates the interpolation to a mesh from the meshes that its refinement has passed, coarsest
+    /// first. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error, and [`crate::Error::Mesh`] for
+    /// a cell that cannot carry its element.
+    pub(super) fn new(passed: &[(Plex, Refinement)], finest: &Level) -> Result<Hierarchy> {
+        let mut interpolations = Vec::new();
+        add_levels(passed, finest, &mut interpolations)?;
+        interpolations.reverse();
+        Ok(Hierarchy { interpolations })
+    }
+
+    /// Returns the number of levels.
+    pub fn levels(&self) -> usize {
+        self.interpolations.len() + 1
+    }
+
+    /// Returns the interpolation to each mesh from the next coarser one, coarsest first.
+    pub fn interpolations(&self) -> Vec<&Matrix> {
+        self.interpolations.iter().collect()
+    }
+
+    /// Returns a copy of the interpolation to the finest mesh in which some dofs of this rank stay
+    /// zero; `None` where no mesh is coarser. `matrix` is one over the dofs of the finest mesh.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub fn truncated(&self, matrix: &Matrix, held: &[usize]) -> Result<Option<Matrix>> {
+        let Some(finest) = self.interpolations.last() else { return Ok(None) };
+        let mut weights = matrix.vector()?;
+        weights.with_local_mut(|weights| {
+            weights.fill(1.0);
+            held.iter().for_each(|&dof| weights[dof] = 0.0);
+        })?;
+        let mut truncated = finest.duplicate()?;
+        truncated.scale_rows(&weights)?;
+        Ok(Some(truncated))
+    }
+}
+
+/// Adds the interpolations to a level and to all coarser ones, finest first. Collective.
+fn add_levels(passed: &[(Plex, Refinement)], fine: &Level, interpolations: &mut Vec<Matrix>) -> Result<()> {
+    let Some(((plex, refinement), passed)) = passed.split_last() else { return Ok(()) };
+    let owned = plex.owned()?;
+    let (start, vertices) = (plex.chart().start, plex.vertices());
+    let owns_point = |point: Index| owned[(point - start) as usize];
+    let mesh = own_mesh(plex, &Names::none(fine.mesh.elements), owns_point)?;
+    let fine_nodes = FineNodes::new(plex, refinement, fine)?;
+    let holds: Vec<NodeConstraint> = fine_nodes.of_nodes.iter().map(|&node| fine.holds[node]).collect();
+    // Extra dofs stay in the cells that contain theirs, and keep their values.
+    let around = |cell: usize| mesh.locate(fine.mesh.centroid(cell)).unwrap_or_default();
+    let mut extra: Vec<(usize, usize)> =
+        fine.extra_cells.iter().enumerate().map(|(dof, &cell)| (around(cell), dof)).collect();
+    extra.sort_unstable();
+    let extra_cells: Vec<usize> = extra.iter().map(|(cell, _)| *cell).collect();
+    let plex = plex.with_section(&section(plex, &holds, &extra_cells, &[])?)?;
+    let coarse = Level {
+        plex: Rc::new(plex),
+        mesh: &mesh,
+        space: &DofMap::of_all(&holds, extra.len(), &[]),
+        holds: &holds,
+        owns: &vertices.map(owns_point).collect::<Vec<bool>>(),
+        extra_cells: &extra_cells,
+    };
+    let extra: Vec<usize> = extra.into_iter().map(|(_, dof)| dof).collect();
+    interpolations.push(interpolation(&fine_nodes, &extra, &coarse, fine)?);
+    add_levels(passed, &coarse, interpolations)
+}
+
+/// Nodes of the fine mesh that the points of the coarse one become, on this rank.
+struct FineNodes {
+    of_nodes: Vec<usize>,
+    of_edges: Vec<usize>,
+    /// Node at the centre of each cell that gets one.
+    of_cells: Vec<Option<usize>>,
+    /// Edges of each cell, and ends of each edge, from 0 on.
+    edges: Vec<Vec<usize>>,
+    ends: Vec<[usize; 2]>,
+    /// First cell of this rank at each edge.
+    cells: Vec<usize>,
+}
+
+impl FineNodes {
+    fn new(plex: &Plex, refinement: &Refinement, fine: &Level) -> Result<FineNodes> {
+        let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
+        let first = fine.plex.vertices().start;
+        let node = |point: Index| Ok(refinement.vertex(point)?.map(|vertex| (vertex - first) as usize));
+        let known = |point: Index| Ok(node(point)?.unwrap_or_default());
+        let number =
+            |points: Vec<Index>, start: Index| points.into_iter().map(move |of| (of - start) as usize);
+        let ends = |edge: Index| {
+            let ends: Vec<usize> = number(plex.cone(edge)?, vertices.start).collect();
+            Ok([ends[0], ends[1]])
+        };
+        Ok(FineNodes {
+            of_nodes: vertices.clone().map(known).collect::<Result<_>>()?,
+            of_edges: edges.clone().map(known).collect::<Result<_>>()?,
+            of_cells: cells.clone().map(node).collect::<Result<_>>()?,
+            edges: cells
+                .clone()
+                .map(|cell| Ok(number(plex.cone(cell)?, edges.start).collect()))
+                .collect::<Result<_>>()?,
+            ends: edges.clone().map(ends).collect::<Result<_>>()?,
+            cells: edges
+                .map(|edge| Ok((plex.support(edge)?[0] - cells.start) as usize))
+                .collect::<Result<_>>()?,
+        })
+    }
+
+    /// Returns the end of a triangle's longest edge that is not on it, the edge and its length.
+    fn apex(&self, mesh: &Mesh, cell: usize) -> Option<(usize, usize, f64)> {
+        if mesh.cells[cell].shape() != CellShape::Triangle {
+            return None;
+        }
+        let length = |&edge: &usize| {
+            let [a, b] = self.ends[edge];
+            (mesh.nodes[b] - mesh.nodes[a]).norm()
+        };
+        let longest = self.edges[cell].iter().copied().max_by(|a, b| length(a).total_cmp(&length(b)))?;
+        let apex = mesh.cells[cell].nodes().iter().find(|node| !self.ends[longest].contains(node))?;
+        Some((*apex, longest, length(&longest)))
+    }
+
+    /// Returns for each edge whether it is the diagonal of a parallelogram of two triangles.
+    /// Collective.
+    fn diagonals(&self, coarse: &Level, fine: &Level) -> Result<Vec<bool>> {
+        let mesh = coarse.mesh;
+        let mut sums = [(); 3].map(|()| vec![0.0; fine.mesh.nodes.len()]);
+        let mut lengths = vec![f64::INFINITY; self.of_edges.len()];
+        for cell in 0..mesh.cells.len() {
+            let Some((apex, edge, length)) = self.apex(mesh, cell) else { continue };
+            let middle = self.of_edges[edge];
+            let arm = mesh.nodes[apex] - fine.mesh.nodes[middle];
+            sums.iter_mut().zip([1.0, arm.x, arm.y]).for_each(|(sum, of)| sum[middle] += of);
+            lengths[edge] = length;
+        }
+        let [count, x, y] = &sums;
+        let sum = |of: &[f64]| sum_at_nodes(&fine.plex, of);
+        let (count, x, y) = (sum(count)?, sum(x)?, sum(y)?);
+        let is_diagonal = |(&node, length): (&usize, &f64)| {
+            count[node] == 2.0 && x[node].hypot(y[node]) <= SYMMETRIC * length
+        };
+        Ok(self.of_edges.iter().zip(&lengths).map(is_diagonal).collect())
+    }
+}
+
+/// Creates the interpolation from one level to the next finer one. `extra` is the fine dof of each
+/// extra dof of the coarse mesh. Collective.
+fn interpolation(fine_nodes: &FineNodes, extra: &[usize], coarse: &Level, fine: &Level) -> Result<Matrix> {
+    let mut entries = Entries::new(coarse, fine)?;
+    extra.iter().enumerate().for_each(|(column, &row)| entries.push(row, column, 1.0));
+    for (node, &same) in fine_nodes.of_nodes.iter().enumerate() {
+        if fine.owns[same] {
+            entries.add(same, node, &SAME);
+        }
+    }
+    let mesh = coarse.mesh;
+    let diagonals = fine_nodes.diagonals(coarse, fine)?;
+    for (cell, corners) in mesh.cells.iter().enumerate() {
+        let element = mesh.element(cell)?;
+        let corners = corners.nodes();
+        let mut evaluate = |node: usize, at: &[usize]| {
+            let functions = element.basis_at(fine.mesh.nodes[node]);
+            for (of, corner) in functions.chunks_exact(PER_NODE).zip(corners) {
+                if at.contains(corner) {
+                    entries.add(node, *corner, &block(of, 1.0));
+                }
+            }
+        };
+        if let Some(centre) = fine_nodes.of_cells[cell] {
+            evaluate(centre, corners);
+        }
+        for &edge in &fine_nodes.edges[cell] {
+            let middle = fine_nodes.of_edges[edge];
+            if fine.owns[middle] && fine_nodes.cells[edge] == cell && !diagonals[edge] {
+                evaluate(middle, &fine_nodes.ends[edge]);
+            }
+        }
+        let apex = fine_nodes.apex(mesh, cell).filter(|(_, edge, _)| diagonals[*edge]);
+        if let Some((apex, edge, _)) = apex {
+            entries.add_diagonal(mesh, corners, [apex, fine_nodes.of_edges[edge]])?;
+        }
+    }
+    entries.matrix()
+}
+
+/// Returns the values and slopes of the three functions of a node, times a weight.
+fn block(functions: &[BasisFunction], weight: f64) -> Block {
+    let row = |value: &dyn Fn(&BasisFunction) -> f64| [0, 1, 2].map(|j| weight * value(&functions[j]));
+    [row(&|of| of.value), row(&|of| of.gradient[0]), row(&|of| of.gradient[1])]
+}
+
+/// Entries of an interpolation matrix on their way into PETSc.
+struct Entries<'e> {
+    coarse: &'e Level<'e>,
+    fine: &'e Level<'e>,
+    /// Position of each local dof in global vectors of the fine and of the coarse mesh.
+    positions: [Vec<Index>; 2],
+    /// Dofs of tips of compliant stops, by node of the fine mesh: they move with their nodes.
+    tips: HashMap<usize, Vec<usize>>,
+    rows: Vec<Index>,
+    columns: Vec<Index>,
+    values: Vec<f64>,
+}
+
+impl<'e> Entries<'e> {
+    fn new(coarse: &'e Level, fine: &'e Level) -> Result<Self> {
+        let mut tips = HashMap::<usize, Vec<usize>>::new();
+        fine.space.tips().iter().for_each(|&(dof, node)| tips.entry(node).or_default().push(dof));
+        Ok(Entries {
+            positions: [fine.plex.global_dofs()?, coarse.plex.global_dofs()?],
+            coarse,
+            fine,
+            tips,
+            rows: Vec::new(),
+            columns: Vec::new(),
+            values: Vec::new(),
+        })
+    }
+
+    /// Adds an entry, given by its local dofs of the fine and of the coarse mesh.
+    fn push(&mut self, row: usize, column: usize, value: f64) {
+        self.rows.push(self.positions[0][row]);
+        self.columns.push(self.positions[1][column]);
+        self.values.push(value);
+    }
+
+    /// Adds the share of a coarse node in the dofs of a fine node.
+    fn add(&mut self, node: usize, of: usize, block: &Block) {
+        for (k, row) in block.iter().enumerate() {
+            let Some(to) = self.fine.space.dof(PER_NODE * node + k) else { continue };
+            for (j, entry) in row.iter().enumerate() {
+                let Some((column, share)) = self.coarse.space.dof(PER_NODE * of + j) else { continue };
+                let tips = self.tips.get(&node).filter(|_| k == 0).into_iter().flatten();
+                let rows: Vec<(usize, f64)> =
+                    std::iter::once(to).chain(tips.map(|&tip| (tip, 1.0))).collect();
+                for (row, factor) in rows {
+                    self.push(row, column, factor * entry * share);
+                }
+            }
+        }
+    }
+
+    /// Adds the share of a triangle in the middle of its longest edge, the diagonal of a
+    /// parallelogram: that of its apex, and half of that of the edge's ends.
+    fn add_diagonal(&mut self, mesh: &Mesh, corners: &[usize], [apex, middle]: [usize; 2]) -> Result<()> {
+        let at = corners.iter().position(|&node| node == apex).unwrap_or_default();
+        let [apex, a, b] = [0, 1, 2].map(|k| corners[(at + k) % 3]);
+        let centre = self.fine.mesh.nodes[middle];
+        let [p, q, r] = [apex, a, b].map(|node| mesh.nodes[node]);
+        let opposite = Point::from(q.coords + r.coords - p.coords);
+        let functions = ElementKind::Fvs.on(&[p, q, opposite, r])?.basis_at(centre);
+        for (node, place, weight) in [(apex, 0, 1.0), (a, 1, 0.5), (b, 3, 0.5)] {
+            self.add(middle, node, &block(&functions[PER_NODE * place..], weight));
+        }
+        Ok(())
+    }
+
+    /// Creates the matrix. Collective.
+    fn matrix(self) -> Result<Matrix> {
+        let context = self.fine.plex.context();
+        let own = |level: &Level| Ok(level.plex.global_vector()?.local_size());
+        let sizes = [own(self.fine)?, own(self.coarse)?];
+        let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, &self.rows, &self.columns)?;
+        matrix.set_values(&self.values)?;
+        Ok(matrix)
+    }
+}

@@ -1,0 +1,161 @@
+//! Products cell by cell over all ranks.
+
+use crate::error::Result;
+use crate::linalg::vectors::axpy;
+use crate::linalg::{Engine, Form, LinearCombination, Native};
+use crate::petsc::{Plex, Vector};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Products cell by cell over all ranks.
+///
+/// A product is that of the native engine over the dofs of the rank's cells (and thus avoids the
+/// loss of h^-4 relative accuracy), with an exchange of shared dofs before and after.
+pub(super) struct CellProducts {
+    plex: Rc<Plex>,
+    /// Native engine of this rank's cells, on local vectors.
+    pub cells: Native,
+    work: RefCell<Work>,
+}
+
+struct Work {
+    global: Vector,
+    /// Input of products in local vectors: zero at constrained dofs.
+    read: Vector,
+    /// Output of products in local vectors.
+    given: Vector,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    m: Vec<f64>,
+}
+
+impl Work {
+    /// Gathers the values of a vector at this rank's local dofs into `x`.
+    fn read(&mut self, plex: &Plex, own: &[f64]) -> Result<()> {
+        self.global.set_local(own)?;
+        plex.to_local(&self.global, &mut self.read)?;
+        self.read.copy_to(&mut self.x)
+    }
+}
+
+/// Adds up the values of all ranks at their local dofs.
+fn to_owners(
+    plex: &Plex,
+    values: &[f64],
+    own: &mut [f64],
+    all: &mut Vector,
+    local: &mut Vector,
+) -> Result<()> {
+    local.set_local(values)?;
+    all.fill(0.0)?;
+    plex.add_to_global(local, all)?;
+    all.copy_to(own)
+}
+
+impl CellProducts {
+    /// Creates the products over a mesh, given the native engine of this rank's cells and the
+    /// number of its local dofs. Collective.
+    pub fn new(plex: Rc<Plex>, cells: Native, local: usize) -> Result<CellProducts> {
+        let (global, read, given) = (plex.global_vector()?, plex.local_vector()?, plex.local_vector()?);
+        let zeros = || vec![0.0; local];
+        let work = RefCell::new(Work { global, read, given, x: zeros(), y: zeros(), m: zeros() });
+        Ok(CellProducts { plex, cells, work })
+    }
+
+    /// Adds up the contributions of all ranks over their local dofs. Collective.
+    pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
+        let Work { global, given, .. } = &mut *self.work.borrow_mut();
+        to_owners(&self.plex, local, own, global, given)
+    }
+
+    /// Calls a function with the values of a vector at this rank's local dofs, which it reads, and
+    /// with local values to write, which are added up into `y` afterwards. Collective.
+    pub fn through_cells<R>(
+        &self,
+        x: &[f64],
+        y: &mut [f64],
+        product: impl FnOnce(&[f64], &mut [f64]) -> Result<R>,
+    ) -> Result<R> {
+        let work = &mut *self.work.borrow_mut();
+        work.read(&self.plex, x)?;
+        let result = product(&work.x, &mut work.y)?;
+        to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
+        Ok(result)
+    }
+
+    /// Calls a function with local values to write, which are added up into `y`. Collective.
+    pub fn from_cells(&self, y: &mut [f64], product: impl FnOnce(&mut [f64]) -> Result<()>) -> Result<()> {
+        let work = &mut *self.work.borrow_mut();
+        product(&mut work.y)?;
+        to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)
+    }
+
+    /// Calls a function with the values of a vector at this rank's local dofs. Collective.
+    pub fn with_local<R>(&self, x: &[f64], read: impl FnOnce(&[f64]) -> R) -> Result<R> {
+        let work = &mut *self.work.borrow_mut();
+        work.read(&self.plex, x)?;
+        Ok(read(&work.x))
+    }
+
+    /// Computes y = A x and m = |A| |x|; see [`Engine::multiply_with_magnitude`]. Collective.
+    pub fn with_magnitude(
+        &self,
+        sum: &LinearCombination,
+        x: &[f64],
+        y: &mut [f64],
+        m: &mut [f64],
+    ) -> Result<()> {
+        let work = &mut *self.work.borrow_mut();
+        work.read(&self.plex, x)?;
+        self.cells.multiply_with_magnitude(sum, &work.x, &mut work.y, &mut work.m)?;
+        to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
+        to_owners(&self.plex, &work.m, m, &mut work.global, &mut work.given)
+    }
+}
+
+/// Weighted sum of forms that owns them, applied cell by cell.
+pub(super) struct CellOperator {
+    products: Rc<CellProducts>,
+    terms: Vec<(f64, Form)>,
+    product: Vec<f64>,
+    free: Vec<f64>,
+}
+
+impl CellOperator {
+    /// Creates the operator of a sum of forms of the cells, for a rank that owns `own` dofs; clones
+    /// of forms share their cells. Returns `None` where a form is the mass of modes, which has no
+    /// cells.
+    pub fn new(products: &Rc<CellProducts>, own: usize, sum: &LinearCombination) -> Option<CellOperator> {
+        if sum.terms().iter().any(|(_, form)| matches!(form, Form::Modal { .. })) {
+            return None;
+        }
+        let terms = sum.terms().iter().map(|(weight, form)| (*weight, (*form).clone())).collect();
+        let product = vec![0.0; products.cells.dofs()];
+        Some(CellOperator { products: products.clone(), terms, product, free: vec![0.0; own] })
+    }
+
+    /// Works as [`CellOperator::apply`] with the rows and columns of some dofs replaced by those of
+    /// the identity. Collective.
+    pub fn apply_with_held(&mut self, held: &[usize], x: &[f64], y: &mut [f64]) -> Result<()> {
+        let mut free = std::mem::take(&mut self.free);
+        free.copy_from_slice(x);
+        held.iter().for_each(|&dof| free[dof] = 0.0);
+        let applied = self.apply(&free, y);
+        self.free = free;
+        held.iter().for_each(|&dof| y[dof] = x[dof]);
+        applied
+    }
+
+    /// Computes y = A x over the dofs that this rank owns. Collective.
+    pub fn apply(&mut self, x: &[f64], y: &mut [f64]) -> Result<()> {
+        let CellOperator { products, terms, product, .. } = self;
+        products.through_cells(x, y, |x, y| {
+            y.fill(0.0);
+            for (weight, form) in terms {
+                products.cells.multiply(form, x, product)?;
+                axpy(*weight, product, y);
+            }
+            Ok(())
+        })
+    }
+}

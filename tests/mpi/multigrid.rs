@@ -1,0 +1,207 @@
+//! Geometric multigrid: its answers are those of factors, in as many iterations on every mesh.
+
+use crate::common::command;
+use crate::common::command::{
+    assert_agree, assert_fails, comparison, history, on, rebond, succeeds, summary,
+};
+use crate::common::models::literal;
+use std::path::{Path, PathBuf};
+
+/// The paper's plate in free flight.
+const FLIGHT: &str = concat!(
+    "title = \"a flight\"\n",
+    literal!(PAPER_PUSH),
+    r#"
+mesh = { element = "fvs", cells = [20, 8] }
+solver = { engine = "petsc", linear = "multigrid" }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 3e-4 }
+"#
+);
+
+/// A plate that is thrown flat onto an obstacle 1 mm below it, so that nearly all nodes touch.
+const THROWN: &str = concat!(
+    "title = \"a plate thrown flat\"\n",
+    literal!(PAPER_PLATE),
+    r#"
+mesh = { element = "fvs", cells = [20, 8] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = -0.001 }]
+initial = { velocity = -5 }
+load = { pressure = -2e5 }
+solver = { engine = "petsc", linear = "multigrid" }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 1e-3 }
+output = { every = 1, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#
+);
+
+/// A plate on a simply supported edge, an elastic one and a column, with a point mass, a falling
+/// ball and a compliant stop.
+const FURNISHED: &str = concat!(
+    "title = \"a furnished plate\"\n",
+    literal!(PAPER_PLATE),
+    r#"
+mesh = { element = "fvs", cells = [20, 8] }
+support = [
+    { edge = "left", kind = "simply_supported" },
+    { edge = "top", kind = "elastic", stiffness = 1e6 },
+    { at = [0.9, 0.2], kind = "simply_supported" },
+]
+obstacle = [{ side = "below", height = -0.001, at = [1.2, 0.0], stiffness = 1e6 }]
+mass = [{ at = [0.6, 0.2], mass = 2.0 }]
+ball = [{ at = [0.55, 0.15], mass = 0.1, height = 0.0005, velocity = -1.0 }]
+load = { pressure = -2e3 }
+solver = { engine = "petsc", linear = "multigrid" }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 5e-3 }
+output = { every = 5, probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "inside", at = [0.7, 0.15] }] }
+"#
+);
+
+/// The paper's scenes with each element.
+const FVS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/csma2013/fig2.toml");
+const HCT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/csma2013/fig1.toml");
+
+fn folder(test: &str, scene: &str) -> PathBuf {
+    command::folder(&format!("multigrid-{test}"), scene)
+}
+
+/// Runs the scene on some ranks, and returns the mean and largest number of iterations.
+fn iterations(folder: &Path, ranks: usize, settings: &[&str]) -> (f64, u64) {
+    let set = settings.iter().flat_map(|setting| ["--set", setting]);
+    let arguments: Vec<&str> =
+        ["run", "fall.toml", "--quiet", "--overwrite", "--out", "run"].into_iter().chain(set).collect();
+    succeeds(&on(folder, ranks, &arguments));
+    let linear = &summary(&folder.join("run"))["linear"];
+    assert_eq!(linear["method"], "multigrid", "{linear}");
+    (linear["iterations_mean"].as_f64().unwrap(), linear["iterations_max"].as_u64().unwrap())
+}
+
+/// Theory: the condition number of a symmetric V-cycle does not depend on the mesh. The limits are
+/// the counts measured, for a reduction of the error by 1e-14.
+#[test]
+fn a_solve_takes_as_many_iterations_on_every_mesh() {
+    let folder = folder("counts", FLIGHT);
+    for (element, limit) in [("fvs", 15), ("hct", 26)] {
+        for mass in ["singular", "consistent"] {
+            for step in ["1e-3", "1e-4"] {
+                let count = |cells: &str| {
+                    let end = format!("time.end={}", 3.0 * step.parse::<f64>().unwrap());
+                    let settings = [
+                        &format!("mesh.element={element}"),
+                        &format!("time.mass={mass}"),
+                        &format!("time.step={step}"),
+                        &end,
+                        &format!("mesh.cells={cells}"),
+                    ];
+                    iterations(&folder, 1, &settings.map(String::as_str))
+                };
+                let counts = ["[20, 8]", "[40, 16]", "[80, 32]"].map(count);
+                let means = counts.map(|(mean, _)| mean);
+                let least = means.into_iter().fold(f64::INFINITY, f64::min);
+                let most = means.into_iter().fold(0.0, f64::max);
+                assert!(most < 1.25 * least, "{element} {mass} {step}: {counts:?}");
+                assert!(counts.iter().all(|(_, most)| *most <= limit), "{element} {mass} {step}: {counts:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn more_ranks_take_as_many_iterations() {
+    let folder = folder("ranks", FLIGHT);
+    let of_one = iterations(&folder, 1, &["mesh.cells=[40, 16]"]);
+    for ranks in [2, 4] {
+        let (mean, _) = iterations(&folder, ranks, &["mesh.cells=[40, 16]"]);
+        assert!((mean - of_one.0).abs() < 3.0, "{ranks} ranks: {mean}, {of_one:?}");
+    }
+}
+
+/// Asserts that the scene moves as on the native engine, at every step.
+fn assert_native(folder: &Path, ranks: usize, scene: &str, settings: &[&str]) {
+    let set = settings.iter().flat_map(|setting| ["--set", setting]);
+    let arguments: Vec<&str> =
+        ["compare", scene, "--with", "native,petsc", "--json"].into_iter().chain(set).collect();
+    let output = on(folder, ranks, &arguments);
+    succeeds(&output);
+    let value = comparison(&output);
+    for entry in value["entries"].as_array().unwrap() {
+        assert_eq!(entry["failure"], serde_json::Value::Null, "{entry}");
+        assert!(entry["difference"].as_f64().unwrap() < 1e-8, "{entry}");
+        assert!(entry["worst_kkt"].as_f64().unwrap() < 1e-11, "{entry}");
+    }
+}
+
+#[test]
+fn multigrid_moves_the_plate_as_factors_do_up_to_the_second_impact() {
+    let folder = folder("fall", FLIGHT);
+    for (ranks, scene) in [(1, FVS), (1, HCT), (2, HCT)] {
+        let own = ["solver.engine=petsc", "solver.linear=multigrid", "mesh.cells=[20, 8]"];
+        let settings = [&own[..], &["time.step=1e-4", "time.end=0.063"]].concat();
+        assert_native(&folder, ranks, scene, &settings);
+    }
+}
+
+#[test]
+fn a_wide_contact_is_found_by_multigrid_too() {
+    let folder = folder("thrown", THROWN);
+    for (ranks, element) in [(1, "mesh.element=fvs"), (1, "mesh.element=hct"), (2, "mesh.element=fvs")] {
+        assert_native(&folder, ranks, "fall.toml", &[element]);
+    }
+}
+
+#[test]
+fn supports_and_attachments_keep_multigrid_fast() {
+    let folder = folder("furnished", FURNISHED);
+    let run = |engine: &[&str], out: &str| {
+        let arguments = [&["run", "fall.toml", "--quiet", "--out", out], engine].concat();
+        succeeds(&on(&folder, 1, &arguments));
+        history(&folder.join(out))
+    };
+    let native = run(&["--set", "solver.linear=auto", "--engine", "native"], "native");
+    let (mean, most) = iterations(&folder, 2, &[]);
+    assert!(mean < 20.0 && most <= 40, "{mean}, {most}");
+    assert_agree(&history(&folder.join("run")), &native, "2 ranks");
+}
+
+#[test]
+fn a_resumed_run_is_the_same_to_the_bit() {
+    let folder = folder("resumed", THROWN);
+    let run = |end: &str, out: &str| {
+        succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--out", out, "--set", end]));
+    };
+    run("time.end=1e-3", "whole");
+    run("time.end=5e-4", "part");
+    succeeds(&rebond(&folder, &["resume", "part", "--until", "1e-3", "--quiet"]));
+    let read = |out: &str| std::fs::read_to_string(folder.join(out).join("history.csv")).unwrap();
+    assert_eq!(read("part"), read("whole"));
+}
+
+#[test]
+fn what_multigrid_cannot_do_is_said() {
+    let folder = folder("refused", FLIGHT);
+    let run =
+        |arguments: &[&str]| rebond(&folder, &[&["run", "fall.toml", "--overwrite"], arguments].concat());
+    assert_fails(
+        &run(&["--set", "mesh.cells=[21, 8]"]),
+        2,
+        &["solver.linear", "even numbers", "mesh.refine"],
+    );
+    assert_fails(&run(&["--set", "solver.vi=snes"]), 2, &["fall.toml:", "solver.linear", "\"condensed\""]);
+    assert_fails(&run(&["--engine", "native"]), 2, &["solver.linear", "solver.engine = \"petsc\""]);
+    let with_option = ["--set", "solver.linear=auto", "--set", "solver.vi=tao", "--", "-pc_type", "mg"];
+    assert_fails(&run(&with_option), 2, &["-pc_type mg", "TAO"]);
+}
+
+#[test]
+fn check_tells_the_linear_solver_and_why() {
+    let folder = folder("check", FLIGHT);
+    let check = |linear: &str| {
+        let setting = format!("solver.linear={linear}");
+        let output = rebond(&folder, &["check", "fall.toml", "--json", "--set", &setting]);
+        succeeds(&output);
+        let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        (value["linear"]["method"].to_string(), value["linear"]["reason"].to_string())
+    };
+    assert_eq!(check("multigrid").0, "\"multigrid\"");
+    let (method, reason) = check("auto");
+    assert!(method == "\"direct\"" && reason.contains("less than half"), "{method} {reason}");
+}
