@@ -111,6 +111,8 @@ pub struct Layout {
     places: Vec<u32>,
     /// Whether each position belongs to a dof.
     taken: Vec<bool>,
+    /// Whether the position of each dof is its index.
+    is_identity: bool,
 }
 
 impl Layout {
@@ -122,7 +124,8 @@ impl Layout {
             debug_assert!(!taken[place as usize], "two dofs at place {place}");
             taken[place as usize] = true;
         }
-        Layout { places, taken }
+        let is_identity = places.iter().enumerate().all(|(dof, &place)| dof == place as usize);
+        Layout { places, taken, is_identity }
     }
 
     /// Returns the number of dofs.
@@ -154,6 +157,9 @@ impl Layout {
     /// Copies a vector into layout order; positions without dofs stay unchanged.
     #[inline(always)]
     pub(super) fn lay_out(&self, x: &[f64], laid: &mut [f64]) {
+        if self.is_identity {
+            return laid[..x.len()].copy_from_slice(x);
+        }
         for (value, &place) in x.iter().zip(&self.places) {
             laid[place as usize] = *value;
         }
@@ -162,6 +168,9 @@ impl Layout {
     /// Copies a vector in layout order back into x.
     #[inline(always)]
     pub(super) fn collect(&self, laid: &[f64], x: &mut [f64]) {
+        if self.is_identity {
+            return x.copy_from_slice(&laid[..x.len()]);
+        }
         for (value, &place) in x.iter_mut().zip(&self.places) {
             *value = laid[place as usize];
         }
@@ -334,6 +343,27 @@ impl Batches {
             }
         }
         batches.list.sort_by_key(|batch| batch.cells.iter().min().copied());
+        batches
+    }
+
+    /// Creates the batches of equal systems side by side, one batch per cell. Entry 8 i + k of a
+    /// vector belongs to dof i of system k, and lane k of every batch to system k.
+    pub fn side_by_side(dofs: usize, cells: Vec<Cell>) -> Batches {
+        let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
+        let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
+        let mut panel_of: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+        for number in 0..batches.cells.len() {
+            let (own, class) = batches.cells[number].clone();
+            let panel =
+                *panel_of.entry((own.len(), class)).or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
+            let start = |dof: &Option<usize>| (LANES * dof.unwrap_or(dofs)) as u32;
+            batches.list.push(Batch {
+                cells: std::array::from_fn(|system| (LANES * number + system) as u32),
+                panel,
+                used: Lanes([1.0; LANES]),
+                places: Places::Row(own.iter().map(start).collect()),
+            });
+        }
         batches
     }
 

@@ -4,7 +4,7 @@
 //! share one panel, so that a regular mesh reads its stiffness from the cache. All vectors over the
 //! dofs are in layout order, see [`super::batch`].
 
-use super::batch::{Batch, Batches, LANES, Lanes};
+use super::batch::{Batch, Batches, Cell, LANES, Lanes};
 use super::{Bending, ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
 use std::rc::Rc;
@@ -29,6 +29,8 @@ struct Panel {
     /// Whether all cells are springs between two dofs, k (a - b)^2 / 2. Their product is computed
     /// from the difference, which a stiff spring leaves much smaller than a and b.
     is_difference: bool,
+    /// Whether all matrices of more than two dofs are diagonal.
+    is_diagonal: bool,
 }
 
 /// [`Bending`] of eight cells.
@@ -72,6 +74,7 @@ impl Panel {
             // Either all cells of a panel have it or none has.
             strains: bending[0].map(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
             is_difference: cells.iter().all(|&cell| is_difference(&blocks[cell].matrix)),
+            is_diagonal: size > 2 && cells.iter().all(|&cell| is_diagonal(&blocks[cell].matrix, size)),
         }
     }
 
@@ -88,6 +91,15 @@ impl Panel {
             result[1] = self.matrix[1] * difference;
             return result[0] * difference;
         }
+        if self.is_diagonal {
+            let diagonal = self.matrix.iter().step_by(local.len() + 1);
+            let mut form = Lanes::default();
+            for ((result, value), entry) in result.iter_mut().zip(local).zip(diagonal) {
+                *result = *entry * *value;
+                form += *result * *value;
+            }
+            return form;
+        }
         matrix_product::<S, false>(simd, &self.matrix, local, result);
         let mut form = Lanes::default();
         for (value, force) in local.iter().zip(result) {
@@ -100,6 +112,15 @@ impl Panel {
     #[inline(always)]
     fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
         let Room { work, result, y, m } = room;
+        if self.is_diagonal {
+            let diagonal = self.matrix.iter().step_by(local.len() + 1);
+            for (((y, m), value), entry) in y.iter_mut().zip(m).zip(local).zip(diagonal) {
+                let term = scale * (*entry * *value);
+                *y += term;
+                *m += term.abs();
+            }
+            return;
+        }
         for (work, value) in work.iter_mut().zip(local) {
             *work = scale * value.abs();
         }
@@ -116,6 +137,11 @@ impl Panel {
 /// Returns whether a local matrix is that of a spring between two dofs, (k, -k, -k, k).
 fn is_difference(matrix: &[f64]) -> bool {
     matches!(*matrix, [a, b, c, d] if a == d && b == -a && c == b)
+}
+
+/// Returns whether a local matrix of `size` rows is diagonal.
+fn is_diagonal(matrix: &[f64], size: usize) -> bool {
+    matrix.iter().enumerate().all(|(place, entry)| place % (size + 1) == 0 || *entry == 0.0)
 }
 
 /// Adds terms to sums, entry by entry.
@@ -458,6 +484,31 @@ pub enum Form {
 }
 
 impl Form {
+    /// Returns the same form with other batches of its cells; `None` for a modal mass.
+    pub(super) fn with_batches(&self, batches: impl FnOnce(Vec<Cell>) -> Rc<Batches>) -> Option<Form> {
+        match self {
+            Form::Cells(form) => {
+                let cells = form.blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
+                Some(Form::Cells(CellForm::new(batches(cells), form.blocks.clone())))
+            }
+            Form::SingularMassCells(form) => {
+                let cells = form.rows.iter().map(|row| (row.dofs.clone(), row.class)).collect();
+                Some(Form::SingularMassCells(SingularMassCells::new(batches(cells), form.rows.clone())))
+            }
+            Form::Modal { .. } => None,
+        }
+    }
+
+    /// Returns whether both forms have the same contributions of cells, bit for bit. Modal masses
+    /// are not compared, and are never equal.
+    pub fn equals(&self, other: &Form) -> bool {
+        match (self, other) {
+            (Form::Cells(own), Form::Cells(other)) => own.blocks == other.blocks,
+            (Form::SingularMassCells(own), Form::SingularMassCells(other)) => own.rows == other.rows,
+            _ => false,
+        }
+    }
+
     fn batches(&self) -> &Rc<Batches> {
         match self {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => &cells.batches,

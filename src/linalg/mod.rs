@@ -22,6 +22,7 @@ mod cholesky;
 mod combination;
 pub(crate) mod decoupling;
 mod double_double;
+mod ensemble;
 pub(crate) mod eigen;
 pub(crate) mod lanes;
 pub mod modal;
@@ -36,6 +37,7 @@ pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
+pub use ensemble::{Ensemble, SharedFactor};
 pub use modal::MassModes;
 pub use native::Native;
 
@@ -52,7 +54,7 @@ use vectors::{axpy, divide, dot, subtract};
 pub const BARE: usize = 1 << 40;
 
 /// Contribution of one cell to a symmetric form.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ElementMatrix {
     /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: std::rc::Rc<[Option<usize>]>,
@@ -124,7 +126,7 @@ impl Bending {
 }
 
 /// Contribution of one cell to the singular mass `$B^T C^{-1} B$`: one row of B and its entry of C.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SingularMassCell {
     /// Free dof of each local dof; `None` where a support holds it at zero.
     pub dofs: std::rc::Rc<[Option<usize>]>,
@@ -207,6 +209,12 @@ pub trait Engine: Sized {
 
     /// Returns the number of dofs that this rank owns.
     fn dofs(&self) -> usize;
+
+    /// Returns the number of equal systems that the vectors hold side by side: entry i belongs to
+    /// the system i modulo this number.
+    fn systems(&self) -> usize {
+        1
+    }
 
     /// Returns the scalar product of x and y over all ranks.
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
@@ -395,8 +403,14 @@ pub trait Factor {
         (0..x.ncols()).try_for_each(|j| self.solve(x.col_as_slice_mut(j)))
     }
 
-    /// Returns the Schur complement H of A on the contact dofs.
+    /// Returns the Schur complement H of A on the contact dofs, that of one system where vectors
+    /// hold several.
     fn schur(&self) -> &Mat<f64>;
+
+    /// Returns [`Engine::systems`] of the engine.
+    fn systems(&self) -> usize {
+        1
+    }
 
     /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
     /// the intermediate state for [`Factor::back_substitute`].

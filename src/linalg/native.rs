@@ -1,6 +1,6 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
-use super::batch::{Batches, Cell, Layout};
+use super::batch::{Batches, Cell, LANES, Layout};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
@@ -119,13 +119,24 @@ impl Native {
         Form::SingularMassCells(SingularMassCells::new(self.batches(cells), rows))
     }
 
+    /// Creates the form of [`LANES`] equal systems side by side from that of one of them; this
+    /// engine has the dofs of all. Returns `None` for a modal mass.
+    pub(super) fn side_by_side(&self, of_one: &Form) -> Option<Form> {
+        let dofs = self.dofs() / LANES;
+        of_one.with_batches(|cells| self.batches_by(cells, |cells| Batches::side_by_side(dofs, cells)))
+    }
+
     /// Returns the batches of some cells, those of the last form where the cells are the same.
     fn batches(&self, cells: Vec<Cell>) -> Rc<Batches> {
+        self.batches_by(cells, |cells| Batches::new(&self.layout, cells))
+    }
+
+    fn batches_by(&self, cells: Vec<Cell>, make: impl FnOnce(Vec<Cell>) -> Batches) -> Rc<Batches> {
         let mut last = self.batches.borrow_mut();
         match &*last {
             Some(batches) if batches.are_of(&cells) => batches.clone(),
             _ => {
-                let batches = Rc::new(Batches::new(&self.layout, cells));
+                let batches = Rc::new(make(cells));
                 self.workspace.borrow_mut().scratch.reserve(batches.width);
                 last.insert(batches).clone()
             }
@@ -133,23 +144,38 @@ impl Native {
     }
 }
 
-impl Native {
-    /// Assembles the lower triangle of a sum of forms.
-    fn assembled(&self, sum: &LinearCombination) -> Result<SparseColMat<usize, f64>> {
-        let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
-            form.for_each_lower(|row, column, value| visit(row, column, scale * value));
-        })?;
-        Ok(SparseColMat::new(pattern, values))
-    }
+/// Assembles the lower triangle of a sum of forms over a number of dofs.
+fn assembled(dofs: usize, sum: &LinearCombination) -> Result<SparseColMat<usize, f64>> {
+    let (pattern, values) = lower_triangle(dofs, sum, |scale, form, visit| {
+        form.for_each_lower(|row, column, value| visit(row, column, scale * value));
+    })?;
+    Ok(SparseColMat::new(pattern, values))
+}
 
-    /// Factors a sum of forms in double precision; `None` where it is not positive definite.
-    fn in_doubles(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Option<Cholesky>> {
-        match Cholesky::new(self.assembled(sum)?, contact_dofs) {
-            Ok(factor) => Ok(Some(factor)),
-            Err(error @ Error::Memory(_)) => Err(error),
-            Err(_) => Ok(None),
-        }
+/// Factors a sum of forms over a number of dofs in double precision; `None` where it is not
+/// positive definite.
+pub(super) fn in_doubles(
+    dofs: usize,
+    sum: &LinearCombination,
+    contact_dofs: &[usize],
+) -> Result<Option<Cholesky>> {
+    match Cholesky::new(assembled(dofs, sum)?, contact_dofs) {
+        Ok(factor) => Ok(Some(factor)),
+        Err(error @ Error::Memory(_)) => Err(error),
+        Err(_) => Ok(None),
     }
+}
+
+/// Factors a sum of forms over a number of dofs in double-double arithmetic.
+pub(super) fn in_double_doubles(
+    dofs: usize,
+    sum: &LinearCombination,
+    contact_dofs: &[usize],
+) -> Result<Cholesky> {
+    let (pattern, values) = lower_triangle(dofs, sum, |scale, form, visit| {
+        form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
+    })?;
+    Cholesky::twice(pattern, values, contact_dofs)
 }
 
 /// Product y += A x on vectors in layout order, compiled for the widest vector registers.
@@ -330,28 +356,25 @@ impl Engine for Native {
         if memory::room(1).is_none_or(|room| bytes < room.bytes / 4) {
             return Ok(());
         }
-        let size = Cholesky::size(&self.assembled(sum)?)?;
+        let size = Cholesky::size(&assembled(self.dofs(), sum)?)?;
         cholesky::require(&size, factors as u64, self.dofs())
     }
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Cholesky> {
-        if let Some(mut factor) = self.in_doubles(sum, contact_dofs)?
+        if let Some(mut factor) = in_doubles(self.dofs(), sum, contact_dofs)?
             && self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT
         {
             return Ok(factor);
         }
-        let (pattern, values) = lower_triangle(self.dofs(), sum, |scale, form, visit| {
-            form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
-        })?;
-        Cholesky::twice(pattern, values, contact_dofs)
+        in_double_doubles(self.dofs(), sum, contact_dofs)
     }
 
     fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Cholesky>> {
-        self.in_doubles(sum, &[])
+        in_doubles(self.dofs(), sum, &[])
     }
 
     fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
-        cholesky::negative_eigenvalues(&self.assembled(&(k + m * -sigma))?).map(Some)
+        cholesky::negative_eigenvalues(&assembled(self.dofs(), &(k + m * -sigma))?).map(Some)
     }
 }
 

@@ -43,6 +43,7 @@
 //! for e = 1 only. For infinite stiffness it is the scheme with rigid bounds.
 
 pub mod instants;
+mod lock_step;
 mod scheme;
 pub mod start;
 
@@ -54,6 +55,7 @@ use crate::linalg::vectors::{add, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
+pub use lock_step::{LaneRun, SideBySide};
 
 /// Parameters of [`Newmark`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -179,11 +181,6 @@ impl<E: Engine> Levels<'_, E> {
     fn account(&mut self, n: u64, reaction: &[f64]) -> Result<()> {
         let Some(instants) = &mut self.instants else { return Ok(()) };
         let displacement = self.d_n.iter().zip(&self.d_next).map(|(d, d_next)| d + d_next);
-        let increment = instants.work_increment(self.system, displacement, reaction)?;
-        if n > 0 {
-            instants.work += 0.5 * (instants.increment + increment);
-        }
-        instants.increment = increment;
-        Ok(())
+        instants.account(n, self.system, displacement, reaction)
     }
 }

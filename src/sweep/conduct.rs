@@ -1,9 +1,11 @@
-//! Execution of the runs of a sweep, on one or several threads.
+//! Execution of the runs of a sweep, on one or several threads, in lock step where they share their
+//! matrices.
 
-use super::one_run::{CarriedState, run};
+use super::one_run::{CarriedState, Finished, PreparedRun, run_together};
 use super::plan::{PlannedRun, groups};
 use super::report::SweepRow;
 use crate::error::{Error, Result};
+use crate::linalg::Ensemble;
 use crate::scene::{Scene, SweepSpec};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
@@ -29,10 +31,20 @@ pub trait SweepRecord {
 }
 
 /// Finished run on its way to the record.
-struct Finished {
+struct Noted {
     group: usize,
     row: SweepRow,
     state: Option<CarriedState>,
+}
+
+/// Runs of a group that are still to be made, each from the end of the one before.
+#[derive(Clone)]
+struct Waiting {
+    group: usize,
+    runs: Vec<PlannedRun>,
+    /// State that the first run starts from.
+    state: Option<CarriedState>,
+    is_carried: bool,
 }
 
 /// Part of a sweep that is the same for all its threads.
@@ -40,8 +52,12 @@ struct Conductor<'c> {
     sweep: &'c SweepSpec,
     load: &'c Loader<'c>,
     interrupts: &'c (dyn Fn() -> bool + Sync),
-    /// Runs still to make, by group, each with the state that its first run starts from.
-    waiting: Vec<(usize, Vec<PlannedRun>, Option<CarriedState>)>,
+    /// First run of the plan, which decides what goes in lock step; `None` where nothing can, as
+    /// there is one group.
+    model: Option<PlannedRun>,
+    waiting: Vec<Waiting>,
+    /// Number of groups that a thread takes at once.
+    lot: usize,
     next: AtomicUsize,
 }
 
@@ -60,26 +76,29 @@ pub fn conduct(
 ) -> Result<Vec<SweepRow>> {
     let mut rows = Vec::new();
     let mut waiting = Vec::new();
-    for (group, runs) in groups(sweep).into_iter().enumerate() {
+    let groups = groups(sweep);
+    let model = groups.first().filter(|_| groups.len() > 1).and_then(|runs| runs.first()).cloned();
+    for (group, runs) in groups.into_iter().enumerate() {
         let known: Vec<SweepRow> = runs.iter().map_while(|run| record.known(run.index)).collect();
         let rest = runs[known.len()..].to_vec();
         let state = if rest.is_empty() { None } else { record.state(group) };
         rows.extend(known);
         if !rest.is_empty() {
-            waiting.push((group, rest, state));
+            waiting.push(Waiting { group, is_carried: runs.len() > 1, runs: rest, state });
         }
     }
-    let total = rows.len() + waiting.iter().map(|(_, runs, _)| runs.len()).sum::<usize>();
-    let conductor = Conductor { sweep, load, interrupts, waiting, next: AtomicUsize::new(0) };
+    let total = rows.len() + waiting.iter().map(|of| of.runs.len()).sum::<usize>();
+    let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Ensemble::SYSTEMS);
+    let conductor = Conductor { sweep, load, interrupts, model, waiting, lot, next: AtomicUsize::new(0) };
     let (sender, receiver) = channel();
     thread::scope(|scope| {
-        for _ in 0..threads.min(conductor.waiting.len()) {
+        for _ in 0..threads.min(conductor.waiting.len().div_ceil(lot)) {
             let (conductor, sender) = (&conductor, sender.clone());
             scope.spawn(move || conductor.work(&sender));
         }
         drop(sender);
         // A failed record drops the receiver, at which the threads stop.
-        for Finished { group, row, state } in receiver {
+        for Noted { group, row, state } in receiver {
             record.done(group, &row, state.as_ref())?;
             rows.push(row);
         }
@@ -94,41 +113,94 @@ pub fn conduct(
 }
 
 impl Conductor<'_> {
-    /// Makes the runs of one group after the other, until none is left or the sweep stops.
-    fn work(&self, finished: &Sender<Finished>) {
-        while let Some((group, runs, state)) = self.waiting.get(self.next.fetch_add(1, Ordering::Relaxed)) {
-            let mut state = state.clone();
-            for planned in runs {
-                let made = self.make(planned, state.as_ref());
-                let is_carried = runs.len() > 1 || state.is_some();
-                let outcome = match made {
-                    Err(Error::Interrupted { .. }) => return,
-                    Err(why) => Err(why.to_string()),
-                    Ok((measures, last)) => {
-                        state = is_carried.then_some(last);
-                        Ok(measures)
-                    }
-                };
-                let row = SweepRow::new(planned, outcome);
-                if finished.send(Finished { group: *group, row, state: state.clone() }).is_err() {
-                    return;
-                }
+    /// Makes lots of groups one after the other, until none is left or the sweep stops.
+    fn work(&self, finished: &Sender<Noted>) {
+        // A run that fails here fails again where it is due, and says why.
+        let model = self.model.as_ref().and_then(|planned| self.prepare(planned, None).ok());
+        loop {
+            let first = self.next.fetch_add(self.lot, Ordering::Relaxed);
+            let last = self.waiting.len().min(first + self.lot);
+            let Some(lot) = self.waiting.get(first..last).filter(|lot| !lot.is_empty()) else { return };
+            if self.make_lot(lot.to_vec(), model.as_ref(), finished).is_none() {
+                return;
             }
         }
     }
 
-    /// Makes one run.
-    fn make(
+    /// Makes the runs of some groups, those of the same place in their groups together. Returns
+    /// `None` where the sweep stops.
+    fn make_lot(
         &self,
-        planned: &PlannedRun,
-        state: Option<&CarriedState>,
-    ) -> Result<(super::Measures, CarriedState)> {
-        if (self.interrupts)() {
-            return Err(Error::Interrupted { step: 0, time: 0.0 });
+        mut lot: Vec<Waiting>,
+        model: Option<&PreparedRun>,
+        finished: &Sender<Noted>,
+    ) -> Option<()> {
+        let most = lot.iter().map(|of| of.runs.len()).max().unwrap_or(0);
+        for place in 0..most {
+            let mut due: Vec<&mut Waiting> = lot.iter_mut().filter(|of| place < of.runs.len()).collect();
+            let prepared: Vec<Result<PreparedRun>> =
+                due.iter().map(|of| self.prepare(&of.runs[place], of.state.as_ref())).collect();
+            let made = make_all(prepared, model, self.interrupts)?;
+            for (of, made) in due.iter_mut().zip(made) {
+                let outcome = made.map(|(measures, last)| {
+                    of.state = of.is_carried.then_some(last);
+                    measures
+                });
+                let row = SweepRow::new(&of.runs[place], outcome.map_err(|why| why.to_string()));
+                finished.send(Noted { group: of.group, row, state: of.state.clone() }).ok()?;
+            }
         }
-        let (scene, sweep) = scene_at(self.sweep, self.load, &planned.values)?;
-        run(&scene, &sweep, state, self.interrupts)
+        Some(())
     }
+
+    /// Prepares one run.
+    fn prepare(&self, planned: &PlannedRun, state: Option<&CarriedState>) -> Result<PreparedRun> {
+        let (scene, sweep) = scene_at(self.sweep, self.load, &planned.values)?;
+        PreparedRun::new(scene, sweep, state)
+    }
+}
+
+/// Makes some runs: those that go with the model in lock step, the others one by one. Returns
+/// `None` once `interrupts` says so.
+///
+/// Runs in lock step end together at an error of any. Each is then made in lanes of its own, which
+/// gives the same numbers to the bit, and one that fails there by itself.
+fn make_all(
+    prepared: Vec<Result<PreparedRun>>,
+    model: Option<&PreparedRun>,
+    interrupts: &dyn Fn() -> bool,
+) -> Option<Vec<Result<Finished>>> {
+    if interrupts() {
+        return None;
+    }
+    let goes = |run: &&PreparedRun| model.is_some_and(|model| run.goes_with(model));
+    let in_lanes = |runs: &[&PreparedRun]| match model {
+        Some(model) if !runs.is_empty() => run_together(runs, model, interrupts),
+        _ => Ok(Vec::new()),
+    };
+    let together: Vec<&PreparedRun> =
+        prepared.iter().filter_map(|run| run.as_ref().ok()).filter(goes).collect();
+    let (mut made, mut is_whole) = (Vec::new().into_iter(), false);
+    match in_lanes(&together) {
+        Err(Error::Interrupted { .. }) => return None,
+        Err(_) => {}
+        Ok(all) => (made, is_whole) = (all.into_iter(), true),
+    }
+    let mut one = |run: PreparedRun| {
+        if goes(&&run) {
+            let own = match is_whole {
+                true => made.next(),
+                false => in_lanes(&[&run]).ok().and_then(|all| all.into_iter().next()),
+            };
+            if let Some(finished) = own {
+                return Ok(finished);
+            }
+        }
+        run.run_alone(interrupts)
+    };
+    let all: Vec<Result<Finished>> = prepared.into_iter().map(|run| run.and_then(&mut one)).collect();
+    let is_interrupted = all.iter().any(|made| matches!(made, Err(Error::Interrupted { .. })));
+    (!is_interrupted).then_some(all)
 }
 
 /// Returns the scene of a run, with a step that divides the period and the end of the run, and its

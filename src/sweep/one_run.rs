@@ -1,13 +1,15 @@
-//! One run of a sweep: whole periods of the drive, from the start of the scene or from the end of
-//! another run.
+//! Runs of a sweep: whole periods of the drive, from the start of the scene or from the end of
+//! another run. Several runs of equal systems go in lock step.
 
 use super::lyapunov::{Exponent, TwoRuns};
 use super::measures::{Measures, PeriodRecorder};
 use crate::error::{Error, Result};
-use crate::scene::{Scene, SweepSpec};
-use crate::scheme::{Scheme, Start};
+use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
+use crate::scheme::{HeldBasis, NewmarkParameters, Scheme, SideBySide, Start};
 use crate::simulation::{Model, StepMonitor, condensed};
 use serde::{Deserialize, Serialize};
+use std::cell::OnceCell;
+use std::rc::Rc;
 
 /// Number of steps between questions whether to stop.
 const ASK_EVERY: u64 = 256;
@@ -44,62 +46,178 @@ impl CarriedState {
     }
 }
 
-/// Runs a scene whose step divides the period and whose end is that of the run. Returns its
-/// measures and its last state.
+/// Measures of a run and its last state.
+pub(super) type Finished = (Measures, CarriedState);
+
+/// Run that is ready to start: the model of its scene and its initial conditions.
+pub(super) struct PreparedRun {
+    scene: Scene,
+    sweep: SweepSpec,
+    model: Rc<Model>,
+    start: Start,
+    /// Periods of the drive before the run.
+    before: u64,
+    /// Coordinates of small systems for runs in lock step with this one, once they are needed.
+    basis: OnceCell<Option<Rc<HeldBasis>>>,
+}
+
+impl PreparedRun {
+    /// Builds the model of a scene whose step divides the period and whose end is that of the run.
+    ///
+    /// # Errors
+    /// Returns the errors of the model.
+    pub fn new(scene: Scene, sweep: SweepSpec, carried: Option<&CarriedState>) -> Result<PreparedRun> {
+        let before = carried.map_or(0, |carried| carried.periods);
+        let scene = match before {
+            0 => scene,
+            _ => scene.from_time(before as f64 * sweep.period()),
+        };
+        let model = Rc::new(Model::new(&scene)?);
+        let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model))?;
+        Ok(PreparedRun { scene, sweep, model, start, before, basis: OnceCell::new() })
+    }
+
+    /// Returns the parameters of the Newmark scheme, if the run is one that goes in lock step.
+    fn parameters(&self) -> Option<NewmarkParameters> {
+        let SchemeSpec::Newmark { beta, restitution } = self.scene.time.scheme else { return None };
+        let takes = self.scene.time.mass != Mass::Modal && !self.sweep.lyapunov;
+        let takes = takes && SideBySide::takes(&self.model.system);
+        takes.then_some(NewmarkParameters { beta, restitution, step: self.scene.time.step })
+    }
+
+    /// Returns the coordinates for runs in lock step with this one.
+    fn basis(&self) -> Option<Rc<HeldBasis>> {
+        let basis = || HeldBasis::new(&self.model.system).ok().flatten().map(Rc::new);
+        self.basis.get_or_init(basis).clone()
+    }
+
+    /// Returns whether the run can go in lock step with another one.
+    pub fn goes_with(&self, other: &PreparedRun) -> bool {
+        let timing = |run: &PreparedRun| {
+            let SweepSpec { periods, settle, .. } = run.sweep;
+            run.parameters().map(|parameters| (parameters, run.sweep.period().to_bits(), periods, settle))
+        };
+        timing(self).is_some()
+            && timing(self) == timing(other)
+            && SideBySide::are_equal(&self.model.system, &other.model.system)
+    }
+
+    /// Makes the run by itself.
+    ///
+    /// # Errors
+    /// Returns the errors of a run, and [`Error::Interrupted`] once `interrupts` says so.
+    pub fn run_alone(&self, interrupts: &dyn Fn() -> bool) -> Result<Finished> {
+        let scheme = self.scheme()?;
+        let mut run = [PeriodicRun::new(self, scheme)?];
+        make(&mut run, interrupts)?;
+        let [run] = run;
+        run.finish()
+    }
+
+    /// Starts the scheme by itself.
+    fn scheme(&self) -> Result<Box<dyn Scheme + '_>> {
+        let Scene { time, .. } = &self.scene;
+        time.scheme.start(&self.model.system, time.step, self.start.clone(), &condensed)
+    }
+}
+
+/// Makes runs that go with a model in lock step. The result of each does not depend on the
+/// others, to the bit.
 ///
 /// # Errors
-/// Returns the errors of a run, and [`Error::Interrupted`] once `interrupts` says so.
-pub(super) fn run(
-    scene: &Scene,
-    sweep: &SweepSpec,
-    carried: Option<&CarriedState>,
+/// Returns the first error of any of the runs, and [`Error::Interrupted`] once `interrupts` says
+/// so.
+pub(super) fn run_together(
+    runs: &[&PreparedRun],
+    model: &PreparedRun,
     interrupts: &dyn Fn() -> bool,
-) -> Result<(Measures, CarriedState)> {
-    let before = carried.map_or(0, |carried| carried.periods);
-    let later;
-    let scene = match before {
-        0 => scene,
-        _ => {
-            later = scene.from_time(before as f64 * sweep.period());
-            &later
-        }
-    };
-    let model = Model::new(scene)?;
-    let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model))?;
-    let begin = || scene.time.scheme.start(&model.system, scene.time.step, start.clone(), &condensed);
-    let mut scheme = begin()?;
-    let per_period = (sweep.period() / scene.time.step).round() as u64;
-    let settle = sweep.settle * per_period;
-    let monitor = StepMonitor::new(scene, &model, scheme.as_ref())?;
-    let mut recorder = PeriodRecorder::new(monitor, scene.output.probes.len(), per_period, settle);
-    recorder.note(scheme.as_mut())?;
-    let mut beside: Option<(Box<dyn Scheme>, Exponent)> = None;
-    for step in 0..sweep.periods * per_period {
+) -> Result<Vec<Finished>> {
+    let Some(parameters) = runs.first().and_then(|run| run.parameters()) else { return Ok(Vec::new()) };
+    let models: Vec<Rc<Model>> = runs.iter().map(|run| run.model.clone()).collect();
+    let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
+    let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
+    let all = SideBySide::new(&models, |model: &Model| &model.system, model.basis())?;
+    let lanes = all.start(&systems, parameters, &starts)?;
+    let lanes = lanes.into_iter().zip(runs.iter().copied());
+    let mut made = lanes
+        .map(|(lane, run)| PeriodicRun::new(run, Box::new(lane)))
+        .collect::<Result<Vec<PeriodicRun>>>()?;
+    make(&mut made, interrupts)?;
+    made.into_iter().map(PeriodicRun::finish).collect()
+}
+
+/// Advances runs with equally many steps in turn, to their end.
+fn make(runs: &mut [PeriodicRun], interrupts: &dyn Fn() -> bool) -> Result<()> {
+    let steps = runs.iter().map(PeriodicRun::steps).max().unwrap_or(0);
+    for step in 0..steps {
         if step.is_multiple_of(ASK_EVERY) && interrupts() {
-            return Err(Error::Interrupted { step, time: scheme.time() });
+            let time = runs.first().map_or(0.0, |run| run.scheme.time());
+            return Err(Error::Interrupted { step, time });
         }
-        if sweep.lyapunov && step == settle {
-            let mut second = begin()?;
+        for run in &mut *runs {
+            run.advance()?;
+        }
+    }
+    Ok(())
+}
+
+/// Run on its way.
+struct PeriodicRun<'m> {
+    of: &'m PreparedRun,
+    scheme: Box<dyn Scheme + 'm>,
+    recorder: PeriodRecorder<'m>,
+    per_period: u64,
+    /// Second motion for the Lyapunov exponent.
+    beside: Option<(Box<dyn Scheme + 'm>, Exponent)>,
+}
+
+impl<'m> PeriodicRun<'m> {
+    /// Starts to measure a scheme at its start.
+    fn new(of: &'m PreparedRun, mut scheme: Box<dyn Scheme + 'm>) -> Result<PeriodicRun<'m>> {
+        let PreparedRun { scene, sweep, model, .. } = of;
+        let per_period = (sweep.period() / scene.time.step).round() as u64;
+        let monitor = StepMonitor::new(scene, model, scheme.as_ref())?;
+        let probes = scene.output.probes.len();
+        let mut recorder = PeriodRecorder::new(monitor, probes, per_period, sweep.settle * per_period);
+        recorder.note(scheme.as_mut())?;
+        Ok(PeriodicRun { of, scheme, recorder, per_period, beside: None })
+    }
+
+    fn steps(&self) -> u64 {
+        self.of.sweep.periods * self.per_period
+    }
+
+    /// Advances by one step.
+    fn advance(&mut self) -> Result<()> {
+        let PeriodicRun { of, scheme, recorder, per_period, beside } = self;
+        let PreparedRun { sweep, model, .. } = *of;
+        if sweep.lyapunov && scheme.step() == sweep.settle * *per_period {
+            let mut second = of.scheme()?;
             let mut runs = TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
             runs.part()?;
             let exponent = Exponent::new(&mut runs, sweep.periods - sweep.settle)?;
-            beside = Some((second, exponent));
+            *beside = Some((second, exponent));
         }
         scheme.advance()?;
         recorder.note(scheme.as_mut())?;
-        if let Some((second, exponent)) = &mut beside {
-            second.advance()?;
-            second.take_events();
-            if (step + 1).is_multiple_of(per_period) {
-                let mut runs =
-                    TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
-                exponent.note(&mut runs)?;
-            }
+        let Some((second, exponent)) = beside else { return Ok(()) };
+        second.advance()?;
+        second.take_events();
+        if scheme.step().is_multiple_of(*per_period) {
+            let mut runs = TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
+            exponent.note(&mut runs)?;
         }
+        Ok(())
     }
-    let lyapunov = beside.and_then(|(_, exponent)| exponent.per_period()).map(|per| per / sweep.period());
-    let displacement = scheme.displacement().to_vec();
-    let velocity = scheme.velocity()?;
-    let measures = recorder.measures(scheme.as_ref(), sweep.tolerance, lyapunov)?;
-    Ok((measures, CarriedState { displacement, velocity, periods: before + sweep.periods }))
+
+    /// Returns the measures and the last state.
+    fn finish(mut self) -> Result<Finished> {
+        let PreparedRun { sweep, before, .. } = self.of;
+        let lyapunov = self.beside.and_then(|(_, exponent)| exponent.per_period());
+        let lyapunov = lyapunov.map(|per| per / sweep.period());
+        let displacement = self.scheme.displacement().to_vec();
+        let velocity = self.scheme.velocity()?;
+        let measures = self.recorder.measures(self.scheme.as_ref(), sweep.tolerance, lyapunov)?;
+        Ok((measures, CarriedState { displacement, velocity, periods: before + sweep.periods }))
+    }
 }

@@ -77,6 +77,19 @@ impl<E: Engine> Condensed<E> {
         })
     }
 
+    /// Factors the matrix with all bounded dofs as candidates from the start, so that they do not
+    /// depend on the motion.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where the matrix is not positive definite.
+    pub fn on_all(engine: &E, matrix: &LinearCombination, bounds: &Bounds) -> Result<Condensed<E>> {
+        let mut factor = engine.factor(matrix, &bounds.dofs)?;
+        let error = engine.estimate_factor_error(matrix, &mut factor)?;
+        let mut solver = Condensed::with_factor(engine, factor, error, bounds.len())?;
+        solver.method = Method::Dense { candidates: (0..bounds.len()).collect() };
+        Ok(solver)
+    }
+
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
     fn grow(&mut self, engine: &E, matrix: &LinearCombination, bounds: &Bounds, x: &[f64]) -> Result<()> {
         if self.factor.prefers_pinning() {
@@ -161,7 +174,8 @@ impl<E: Engine> Condensed<E> {
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         reaction.fill(0.0);
-        let size = self.factor.schur().nrows();
+        let systems = self.factor.systems();
+        let size = systems * self.factor.schur().nrows();
         if size == 0 {
             x.copy_from_slice(b);
             self.factor.solve(x)?;
@@ -193,9 +207,11 @@ impl<E: Engine> Condensed<E> {
         } else {
             let yielding = hertz::yielding(engine, bounds, (candidates, first), [&mut lower, &mut upper]);
             let rigid = DenseProblem { matrix: self.factor.schur(), rhs: &h, lower: &lower, upper: &upper };
-            let problem = YieldingProblem { rigid, yielding: &yielding };
             let mut answer = Answer { x: &mut values, reaction: &mut forces };
-            let exchanges = problem.solve(&mut sides, &mut answer);
+            let exchanges = match systems {
+                1 => YieldingProblem { rigid, yielding: &yielding }.solve(&mut sides, &mut answer),
+                systems => solve_each(rigid, systems, &mut sides, &mut answer),
+            };
             // Rounding may decide which nodes touch, so the first rank decides for all.
             let answer = values.iter().zip(&forces).zip(&sides);
             let mut answer: Vec<(f64, f64, u8, u32)> =
@@ -300,6 +316,31 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         }
         self.solve(engine, problem, answer).map(Some)
     }
+}
+
+/// Solves the problems of systems side by side, each with the same matrix, given the values without
+/// any bound. Returns the largest number of exchanges.
+fn solve_each(all: DenseProblem, systems: usize, sides: &mut [BoundStatus], answer: &mut Answer) -> u32 {
+    let Answer { x, reaction } = answer;
+    let mut exchanges = 0;
+    for system in 0..systems {
+        let own = || (system..x.len()).step_by(systems);
+        if own().all(|i| (all.lower[i]..=all.upper[i]).contains(&x[i])) {
+            own().for_each(|i| sides[i] = BoundStatus::Free);
+            continue;
+        }
+        let [rhs, lower, upper] =
+            [all.rhs, all.lower, all.upper].map(|of| own().map(|i| of[i]).collect::<Vec<f64>>());
+        let mut own_sides: Vec<BoundStatus> = own().map(|i| sides[i]).collect();
+        let (mut values, mut forces) = (vec![0.0; rhs.len()], vec![0.0; rhs.len()]);
+        let problem = DenseProblem { matrix: all.matrix, rhs: &rhs, lower: &lower, upper: &upper };
+        let mut own_answer = Answer { x: &mut values, reaction: &mut forces };
+        exchanges = exchanges.max(problem.solve(&mut own_sides, &mut own_answer));
+        for (k, i) in (system..x.len()).step_by(systems).enumerate() {
+            (x[i], reaction[i], sides[i]) = (values[k], forces[k], own_sides[k]);
+        }
+    }
+    exchanges
 }
 
 /// Returns whether any bound is active.

@@ -8,11 +8,13 @@
 
 mod double;
 mod inertia;
+mod lanes;
 mod ordering;
 mod size;
 mod solve;
 mod supernodes;
 
+use super::batch::Lanes;
 use super::double_double::DoubleDouble;
 use crate::error::{Error, Result};
 use double::PanelFactorisation;
@@ -50,6 +52,9 @@ pub struct Cholesky {
     pivots: Vec<f64>,
     x: Vec<f64>,
     work: Vec<f64>,
+    /// Work space like x and `work` for equal systems side by side; empty until they are solved.
+    lanes: Vec<Lanes>,
+    lanes_work: Vec<Lanes>,
 }
 
 impl Cholesky {
@@ -99,6 +104,8 @@ impl Cholesky {
             x: vec![0.0; dofs],
             pivots: vec![0.0; dofs],
             work: vec![0.0; tallest],
+            lanes: Vec::new(),
+            lanes_work: Vec::new(),
             matrix,
             twice,
             symbolic,

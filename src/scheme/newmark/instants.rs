@@ -48,10 +48,24 @@ pub(super) struct CentralInstants {
     next: InstantData,
     /// Bounds on `$U^{n+1,e}$`, in m; `None` where obstacles do not move.
     limits: Option<Bounds>,
-    /// Accumulated work `$W_n$`, in J.
-    pub work: f64,
-    /// Increment `$w_n$`, in J.
-    pub increment: f64,
+    /// Accumulated work `$W_n$`, in J, one entry per system of the engine.
+    pub work: Vec<f64>,
+    /// Increment `$w_n$`, in J, one entry per system.
+    pub increment: Vec<f64>,
+    /// Work space of the next increment.
+    next_increment: Vec<f64>,
+}
+
+/// Sets `sums` to the sums over the dofs of each system, given one term per dof.
+fn sum_each(terms: impl Iterator<Item = f64>, sums: &mut [f64]) {
+    if let [sum] = sums {
+        *sum = terms.sum();
+        return;
+    }
+    sums.fill(0.0);
+    for (system, term) in (0..sums.len()).cycle().zip(terms) {
+        sums[system] += term;
+    }
 }
 
 impl CentralInstants {
@@ -72,15 +86,17 @@ impl CentralInstants {
         let places: Vec<f64> = next.places.iter().zip(travelled).map(|(next, path)| next - path).collect();
         prev.carry(&system.drive, &places);
         let limits = now.bounds.clone();
-        let mut instants = CentralInstants { parameters, prev, now, next, limits, work: 0.0, increment: 0.0 };
+        let zeros = vec![0.0; system.engine.systems()];
+        let (work, increment, next_increment) = (zeros.clone(), zeros.clone(), zeros);
+        let mut instants =
+            CentralInstants { parameters, prev, now, next, limits, work, increment, next_increment };
         instants.average_bounds();
         Ok(Some(instants))
     }
 
     /// Saves all data to an archive or restores them from it.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        archive.value(&mut self.work)?;
-        archive.value(&mut self.increment)?;
+        self.work.iter_mut().chain(&mut self.increment).try_for_each(|value| archive.value(value))?;
         for instant in [&mut self.prev, &mut self.now, &mut self.next] {
             instant.archive(archive)?;
         }
@@ -170,18 +186,31 @@ impl CentralInstants {
         ends.map(|(prev, next)| (next - prev) / (2.0 * self.parameters.step)).collect()
     }
 
-    /// Returns `$w_n$`, in J, for the displacement `$U^{n+1} - U^{n-1}$` (m) and the reactions (N).
-    /// Collective.
-    pub fn work_increment<E: Engine>(
-        &self,
+    /// Adds the work up to instant n, for the displacement `$U^{n+1} - U^{n-1}$` (m) and the
+    /// reactions (N). Collective.
+    pub fn account<E: Engine>(
+        &mut self,
+        n: u64,
         system: &System<E>,
         displacement: impl Iterator<Item = f64> + Clone,
         reaction: &[f64],
-    ) -> Result<f64> {
-        let mut loads: f64 = self.load().zip(displacement.clone()).map(|(f, du)| f * du).sum();
+    ) -> Result<()> {
+        let mut sums = std::mem::take(&mut self.next_increment);
+        sum_each(self.load().zip(displacement.clone()).map(|(f, du)| f * du), &mut sums);
         for (motion, a) in system.drive.supports.iter().zip(self.accelerations()) {
-            loads -= a * motion.momentum.iter().zip(displacement.clone()).map(|(m, du)| m * du).sum::<f64>();
+            let mut momenta = vec![0.0; sums.len()];
+            sum_each(motion.momentum.iter().zip(displacement.clone()).map(|(m, du)| m * du), &mut momenta);
+            sums.iter_mut().zip(momenta).for_each(|(sum, momentum)| *sum -= a * momentum);
         }
-        Ok(0.5 * system.total(loads + self.prev.boundary_work(&self.next, reaction))?)
+        // Obstacles of systems side by side do not move.
+        sums[0] += self.prev.boundary_work(&self.next, reaction);
+        for (k, sum) in sums.iter_mut().enumerate() {
+            *sum = 0.5 * system.total(*sum)?;
+            if n > 0 {
+                self.work[k] += 0.5 * (self.increment[k] + *sum);
+            }
+        }
+        self.next_increment = std::mem::replace(&mut self.increment, sums);
+        Ok(())
     }
 }

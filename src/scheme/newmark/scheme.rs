@@ -69,7 +69,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
     }
 
     /// Returns the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
-    fn central_velocity(&self) -> Vec<f64> {
+    pub(super) fn central_velocity(&self) -> Vec<f64> {
         let Levels { d_n, d_next, parameters, .. } = &self.levels;
         d_n.iter().zip(d_next).map(|(d, e)| (d + e) / (2.0 * parameters.step)).collect()
     }
@@ -96,7 +96,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
         let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * elastic;
         let work = system.work(u_n)? + system.work(&next)?;
-        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
+        let by_time = instants.as_ref().map_or(0.0, |instants| {
+            instants.work.iter().sum::<f64>() + 0.5 * instants.increment.iter().sum::<f64>()
+        });
         let stored = 0.5 * (self.levels.stored_now() + self.levels.stored[1]);
         Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
@@ -140,7 +142,8 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     fn energies(&self) -> Result<Energies> {
         let Levels { system, u_n, elastic, instants, .. } = &self.levels;
         let kinetic = system.kinetic_energy(&self.central_velocity())?;
-        let work = system.work(u_n)? + instants.as_ref().map_or(0.0, |instants| instants.work);
+        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work.iter().sum());
+        let work = system.work(u_n)? + by_time;
         Ok(Energies { kinetic, elastic: elastic + self.levels.stored_now(), work })
     }
 
