@@ -354,8 +354,9 @@ impl Batches {
         let mut panel_of: BTreeMap<(usize, usize), usize> = BTreeMap::new();
         for number in 0..batches.cells.len() {
             let (own, class) = batches.cells[number].clone();
-            let panel =
-                *panel_of.entry((own.len(), class)).or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
+            let panel = *panel_of
+                .entry((own.len(), class))
+                .or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
             let start = |dof: &Option<usize>| (LANES * dof.unwrap_or(dofs)) as u32;
             batches.list.push(Batch {
                 cells: std::array::from_fn(|system| (LANES * number + system) as u32),

@@ -3,9 +3,9 @@
 //! Systems with the same matrices differ in loads, obstacles and initial conditions only. Their
 //! vectors are interleaved: entry 8 i + k belongs to dof i of system k. Every scheme takes such a
 //! vector for that of one system with eight times the dofs, whose matrix consists of equal blocks,
-//! and needs no code of its own for many runs. The engine knows better: each lane of the processor's
-//! registers computes for one system, and a single factor, read from memory once per solve, serves
-//! all.
+//! and needs no code of its own for many runs. The engine knows better: each lane of the
+//! processor's registers computes for one system, and a single factor, read from memory once per
+//! solve, serves all.
 //!
 //! No lane depends on the others, so that the motion of a system is the same, to the bit, in
 //! whatever company it is computed.

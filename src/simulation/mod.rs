@@ -346,12 +346,15 @@ impl<E: Engine> Model<E> {
             let parts = probe.weights().iter().map(|&(dof, weight)| weight * scheme.displacement_of(dof));
             parts.sum()
         };
-        let mut own: Vec<f64> = self.probes.iter().map(value).collect();
+        values.iter_mut().zip(&self.probes).for_each(|(own, probe)| *own = value(probe));
         for (motion, lift) in &self.frame.0 {
             let moved = motion.at(Point::origin(), scheme.time())?;
-            axpy(moved, lift, &mut own);
+            axpy(moved, lift, values);
         }
-        values.copy_from_slice(&self.system.engine.comm().all_reduce_sum_slice(&own));
+        let comm = self.system.engine.comm();
+        if comm.size() > 1 {
+            values.copy_from_slice(&comm.all_reduce_sum_slice(values));
+        }
         self.readings.read(&self.system, &self.frame, accelerations, scheme, values)
     }
 }

@@ -4,7 +4,7 @@
 use super::lyapunov::{Exponent, TwoRuns};
 use super::measures::{Measures, PeriodRecorder};
 use crate::error::{Error, Result};
-use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
+use crate::scene::{Mass, Scene, SchemeSpec, SweepOrder, SweepSpec};
 use crate::scheme::{HeldBasis, NewmarkParameters, Scheme, SideBySide, Start};
 use crate::simulation::{Model, StepMonitor, condensed};
 use serde::{Deserialize, Serialize};
@@ -87,7 +87,9 @@ impl PreparedRun {
 
     /// Returns the coordinates for runs in lock step with this one.
     fn basis(&self) -> Option<Rc<HeldBasis>> {
-        let basis = || HeldBasis::new(&self.model.system).ok().flatten().map(Rc::new);
+        // Where the state is carried on, any motion may be the start of another.
+        let start = (self.sweep.direction == SweepOrder::Apart).then_some(&self.start);
+        let basis = || HeldBasis::new(&self.model.system, start).ok().flatten().map(Rc::new);
         self.basis.get_or_init(basis).clone()
     }
 
@@ -100,6 +102,9 @@ impl PreparedRun {
         timing(self).is_some()
             && timing(self) == timing(other)
             && SideBySide::are_equal(&self.model.system, &other.model.system)
+            && other
+                .basis()
+                .is_none_or(|basis| basis.spans(&self.model.system, &self.start).is_ok_and(|spans| spans))
     }
 
     /// Makes the run by itself.

@@ -21,9 +21,11 @@
 
 use crate::communicator::Communicator;
 use crate::error::Result;
+use crate::linalg::wide::widest;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::{hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
+use pulp::Arch;
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
@@ -58,6 +60,7 @@ fn larger(a: f64, b: f64) -> f64 {
 
 /// Returns the largest magnitude of some numbers, and NaN if one is: magnitudes order like their
 /// bits, with NaN last.
+#[inline(always)]
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     f64::from_bits(values.map(|value| value.abs().to_bits()).max().unwrap_or(0))
 }
@@ -65,6 +68,55 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
 /// Returns a / b, and 0 where a is 0 whatever b is.
 fn ratio(a: f64, b: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a / b }
+}
+
+/// Subtracts a term of the right-hand side from the residual, and adds its magnitude.
+fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
+    widest(
+        Arch::new(),
+        #[inline(always)]
+        || {
+            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(term) {
+                *r -= b;
+                *m += b.abs();
+            }
+        },
+    );
+}
+
+/// Returns the largest magnitude of x times its scale.
+fn largest_product(x: &[f64], scale: &[f64]) -> f64 {
+    widest(
+        Arch::new(),
+        #[inline(always)]
+        || largest(x.iter().zip(scale).map(|(x, scale)| scale * x.abs())),
+    )
+}
+
+/// Returns the largest magnitude of b divided by its scale, where that is positive.
+fn largest_quotient(b: &[f64], scale: &[f64]) -> f64 {
+    let stiff = |(b, scale): (&f64, &f64)| if *scale > 0.0 { b / scale } else { 0.0 };
+    widest(
+        Arch::new(),
+        #[inline(always)]
+        || largest(b.iter().zip(scale).map(stiff)),
+    )
+}
+
+/// Returns the largest residual relative to its magnitude, which is raised to `floor` times the
+/// scale of its row.
+fn largest_ratio(residual: &[f64], magnitude: &mut [f64], scale: &[f64], floor: f64) -> f64 {
+    widest(
+        Arch::new(),
+        #[inline(always)]
+        || {
+            let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale);
+            largest(rows.map(|((r, m), scale)| {
+                *m = m.max(floor * scale).max(f64::MIN_POSITIVE);
+                r / *m
+            }))
+        },
+    )
 }
 
 /// Check of the answers to problems with one matrix, with its work vectors.
@@ -152,18 +204,14 @@ impl KktCheck {
         engine.multiply_with_magnitude(problem.matrix, x, residual, magnitude)?;
         let terms = || std::iter::once(problem.rhs).chain(more.iter().copied());
         for term in terms() {
-            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(term) {
-                *r -= b;
-                *m += b.abs();
-            }
+            subtract_term(term, residual, magnitude);
         }
         for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let of_x = largest(x.iter().zip(scale.iter()).map(|(x, scale)| scale * x.abs()));
-        let stiff = |b: f64, scale: f64| if scale > 0.0 { b / scale } else { 0.0 };
-        let of_rhs = terms().map(|b| largest(b.iter().zip(scale.iter()).map(|(b, scale)| stiff(*b, *scale))));
+        let of_x = largest_product(x, scale);
+        let of_rhs = terms().map(|b| largest_quotient(b, scale));
         let size = engine.comm().all_reduce_max(of_rhs.fold(of_x, larger));
         if let Some(loose) = loose {
             let size =
@@ -174,11 +222,7 @@ impl KktCheck {
         }
         // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
-        let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale.iter());
-        let stationarity = largest(rows.map(|((r, m), scale)| {
-            *m = m.max(floor * scale).max(f64::MIN_POSITIVE);
-            r / *m
-        }));
+        let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);

@@ -125,6 +125,46 @@ fn a_hardening_stop_has_two_motions_that_the_directions_find() {
     }
 }
 
+/// Runs that share their matrices go in lock step. Their numbers are the same, to the bit, in
+/// whatever company they are made, and those of a run by itself but for rounding.
+#[test]
+fn a_run_does_not_depend_on_its_company() {
+    let of_loads = |cells: &str, loads: &[f64]| {
+        let over = loads.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        let text = [
+            UNIT,
+            &format!("support = [{{ edge = \"left\", kind = \"clamped\" }}]\nmesh = {{ element = \"fvs\", cells = {cells} }}\n"),
+            "parameters = { p = 1.0 }\nload = { pressure = \"p*(1 + x)*sin(3*t)\" }\n",
+            "damping = { mass = 1.0, stiffness = 0.01 }\n",
+            "obstacle = [{ side = \"below\", height = -0.05, where = \"x > 0.9\" }, { side = \"above\", height = \"0.05 + 0.01*y\", where = \"x > 0.9\" }]\n",
+            "time = { scheme = \"newmark\", mass = \"singular\", step = 0.01, end = 1 }\n",
+            "output = { probes = [{ name = \"tip\", at = [1, 0.5] }, { name = \"middle\", at = [0.4, 0.5] }] }\n",
+            &format!("sweep = {{ over = [\"p={over}\"], period = \"2*pi/3\", periods = 6, settle = 4 }}\n"),
+        ]
+        .concat();
+        sweep(&text)
+    };
+    // The first mesh is small enough for a change of coordinates, the second one is not.
+    for cells in ["[4, 2]", "[16, 6]"] {
+        let loads: Vec<f64> = (1..=11).map(|k| 0.05 * f64::from(k)).collect();
+        let all = of_loads(cells, &loads);
+        assert!(all[0].2.impacts == 0.0 && all[10].2.impacts > 0.0);
+        let few = of_loads(cells, &[loads[0], loads[10], loads[7]]);
+        assert_eq!(few, [all[0].clone(), all[10].clone(), all[7].clone()], "{cells}");
+        for k in [0, 7, 10] {
+            let (alone, found) = (&of_loads(cells, &[loads[k]])[0].2, &all[k].2);
+            for (alone, found) in alone.probes.iter().zip(&found.probes) {
+                close("rms", found.rms, alone.rms, 1e-8);
+                close("amplitude", found.amplitude, alone.amplitude, 1e-8);
+            }
+            close("work", found.work, alone.work, 1e-8);
+            close("loss", found.loss, alone.loss, 1e-8);
+            assert!((found.impulse - alone.impulse).abs() <= 1e-7 * alone.impulse);
+            assert_eq!((found.impacts, found.period), (alone.impacts, alone.period));
+        }
+    }
+}
+
 /// The response of a damped cantilever is that of its matrices: amplitude and phase to 1e-4.
 #[test]
 fn a_linear_response_is_that_of_the_matrices() {

@@ -210,7 +210,8 @@ fn subtract4<S: Simd>(simd: S, a: [&[f64]; 4], x: &[Lanes], y: &mut [Lanes]) {
         let x3 = simd.neg_f64s(S::as_simd_f64s(&x[3].0).0[part]);
         for i in 0..count {
             let y = &mut S::as_mut_simd_f64s(&mut y[i].0).0[part];
-            let first = simd.mul_add_f64s(simd.splat_f64s(a1[i]), x1, simd.mul_f64s(simd.splat_f64s(a0[i]), x0));
+            let first =
+                simd.mul_add_f64s(simd.splat_f64s(a1[i]), x1, simd.mul_f64s(simd.splat_f64s(a0[i]), x0));
             let second = simd.mul_add_f64s(simd.splat_f64s(a2[i]), x2, *y);
             *y = simd.add_f64s(first, simd.mul_add_f64s(simd.splat_f64s(a3[i]), x3, second));
         }

@@ -63,8 +63,10 @@ fn sum_each(terms: impl Iterator<Item = f64>, sums: &mut [f64]) {
         return;
     }
     sums.fill(0.0);
-    for (system, term) in (0..sums.len()).cycle().zip(terms) {
-        sums[system] += term;
+    let mut terms = terms;
+    while let Some(first) = terms.next() {
+        sums[0] += first;
+        sums[1..].iter_mut().zip(&mut terms).for_each(|(sum, term)| *sum += term);
     }
 }
 

@@ -8,15 +8,13 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::add;
 use crate::linalg::{Engine, Ensemble, Native};
 use crate::obstacle::Bounds;
-use crate::scheme::{
-    Approach, HeldBasis, Scheme, Start, StepBalance, StepRecord, System, TimeDependence,
-};
+use crate::scheme::{Approach, HeldBasis, Scheme, Start, StepBalance, StepRecord, System, TimeDependence};
 use crate::vi::Condensed;
 use std::cell::{OnceCell, RefCell};
 use std::rc::Rc;
 
 /// Largest number of bounds per system for which the dense contact problem on all of them is cheap.
-const MOST_BOUNDS: usize = 64;
+const MOST_BOUNDS: usize = 80;
 
 /// Equal systems side by side as one system; lanes without a system stay at rest.
 pub struct SideBySide {
@@ -56,7 +54,8 @@ impl SideBySide {
     ) -> Result<SideBySide> {
         let refused = || Error::Usage("lock step takes equal systems with a mass of cells".into());
         let first = owners.first().map(|owner| system_of(owner)).ok_or_else(refused)?;
-        let engine = Ensemble::new(first.engine.dofs());
+        let size = basis.as_ref().map_or(first.engine.dofs(), |basis| basis.size());
+        let engine = Ensemble::new(size);
         let [stiffness, mass] = match &basis {
             Some(basis) => [&basis.stiffness, &basis.mass],
             None => [&first.stiffness, &first.mass],
@@ -81,8 +80,7 @@ impl SideBySide {
             bounds.dofs = (0..bounds.len()).collect();
         }
         let damping = first.damping;
-        let system =
-            System { engine, stiffness, mass, damping, load, bounds, bound_numbers: None, drive };
+        let system = System { engine, stiffness, mass, damping, load, bounds, bound_numbers: None, drive };
         Ok(SideBySide { system, basis })
     }
 
@@ -141,7 +139,11 @@ fn bounds_of(systems: &[&System<Native>]) -> Bounds {
         (0..first.len()).flat_map(of_bound).collect()
     };
     Bounds {
-        dofs: first.dofs.iter().flat_map(|dof| lanes.clone().map(move |lane| lanes.end * dof + lane)).collect(),
+        dofs: first
+            .dofs
+            .iter()
+            .flat_map(|dof| lanes.clone().map(move |lane| lanes.end * dof + lane))
+            .collect(),
         lower: each(|bounds| &bounds.lower, f64::NEG_INFINITY),
         upper: each(|bounds| &bounds.upper, f64::INFINITY),
         size: systems.iter().map(|system| system.bounds.size).fold(0.0, f64::max),
@@ -156,8 +158,9 @@ fn load_of_time<M: 'static>(
     basis: Option<Rc<HeldBasis>>,
 ) -> impl Fn(f64, &mut [f64]) -> Result<()> {
     let count = owners.iter().map(|owner| system_of(owner).drive.terms.len()).max().unwrap_or(0);
+    let size = basis.as_ref().map_or(system_of(&owners[0]).engine.dofs(), |basis| basis.size());
     let term = |number: usize| {
-        let mut term = vec![0.0; Ensemble::SYSTEMS * system_of(&owners[0]).engine.dofs()];
+        let mut term = vec![0.0; Ensemble::SYSTEMS * size];
         for (lane, owner) in owners.iter().enumerate() {
             let own = system_of(owner).drive.terms.get(number);
             own.into_iter().for_each(|own| put_force(basis.as_deref(), lane, &own.load, &mut term));
