@@ -181,6 +181,11 @@ impl TimeDependence {
         self.loads() || self.bounds.is_some() || !self.supports.is_empty()
     }
 
+    /// Returns whether the bounds depend on time, seen from the supports.
+    pub(super) fn moves_bounds(&self) -> bool {
+        self.bounds.is_some() || !self.supports.is_empty()
+    }
+
     /// Returns whether any load depends on time.
     fn loads(&self) -> bool {
         !self.terms.is_empty() || self.load.is_some()

@@ -42,6 +42,40 @@ pub struct Condensed<E: Engine> {
     sides: Vec<BoundStatus>,
     factorisations: u64,
     corrections: u32,
+    work: DenseWork,
+}
+
+/// Work space of the dense problem, one entry per candidate of all ranks.
+#[derive(Debug, Default)]
+struct DenseWork {
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    sides: Vec<BoundStatus>,
+    h: Vec<f64>,
+    values: Vec<f64>,
+    forces: Vec<f64>,
+}
+
+impl DenseWork {
+    /// Gathers bounds and codes of statuses from all ranks, given those of this rank. Returns the
+    /// place of its first candidate. Collective.
+    fn gather(&mut self, comm: &impl Communicator, own: impl Iterator<Item = (f64, f64, u8)>) -> usize {
+        self.lower.clear();
+        self.upper.clear();
+        self.sides.clear();
+        let mut add = |(lower, upper, code)| {
+            self.lower.push(lower);
+            self.upper.push(upper);
+            self.sides.push(BoundStatus::from_code(code));
+        };
+        if comm.size() == 1 {
+            own.for_each(add);
+            return 0;
+        }
+        let (all, first) = comm.all_gather_with_offset(&own.collect::<Vec<_>>());
+        all.into_iter().for_each(&mut add);
+        first
+    }
 }
 
 #[derive(Debug)]
@@ -74,6 +108,7 @@ impl<E: Engine> Condensed<E> {
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![BoundStatus::Free; bounded],
             factorisations: 1,
+            work: DenseWork::default(),
         })
     }
 
@@ -182,38 +217,32 @@ impl<E: Engine> Condensed<E> {
             return Ok(0);
         }
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
-        let own: Vec<(f64, f64, u8)> = candidates
-            .iter()
-            .map(|&i| {
-                let side = self.sides[i].within(bounds.lower[i], bounds.upper[i]);
-                (bounds.lower[i], bounds.upper[i], side as u8)
-            })
-            .collect();
-        let (all, first) = engine.comm().all_gather_with_offset(&own);
-        let mut lower: Vec<f64> = all.iter().map(|(lower, ..)| *lower).collect();
-        let mut upper: Vec<f64> = all.iter().map(|(_, upper, _)| *upper).collect();
-        let mut sides: Vec<BoundStatus> =
-            all.iter().map(|(.., code)| BoundStatus::from_code(*code)).collect();
-        let mut h = vec![0.0; size];
-        let mut values = vec![0.0; size];
-        let mut forces = vec![0.0; size];
-        self.factor.forward_to_schur(b, &mut h)?;
-        active_set::unconstrained(&self.factor, &h, &mut values);
-        let inside = values.iter().zip(lower.iter().zip(&upper)).all(|(x, (l, u))| (l..=u).contains(&x));
+        let own = candidates.iter().map(|&i| {
+            let side = self.sides[i].within(bounds.lower[i], bounds.upper[i]);
+            (bounds.lower[i], bounds.upper[i], side as u8)
+        });
+        let first = self.work.gather(engine.comm(), own);
+        let DenseWork { lower, upper, sides, h, values, forces } = &mut self.work;
+        [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
+        forces.fill(0.0);
+        self.factor.forward_to_schur(b, h)?;
+        active_set::unconstrained(&self.factor, h, values);
+        let inside =
+            values.iter().zip(lower.iter().zip(upper.iter())).all(|(x, (l, u))| (l..=u).contains(&x));
         let iterations = if inside {
             // The unconstrained minimiser is admissible and hence the answer.
             sides.fill(BoundStatus::Free);
             0
         } else {
-            let yielding = hertz::yielding(engine, bounds, (candidates, first), [&mut lower, &mut upper]);
-            let rigid = DenseProblem { matrix: self.factor.schur(), rhs: &h, lower: &lower, upper: &upper };
-            let mut answer = Answer { x: &mut values, reaction: &mut forces };
+            let yielding = hertz::yielding(engine, bounds, (candidates, first), [&mut *lower, &mut *upper]);
+            let rigid = DenseProblem { matrix: self.factor.schur(), rhs: h, lower, upper };
+            let mut answer = Answer { x: values, reaction: forces };
             let exchanges = match systems {
-                1 => YieldingProblem { rigid, yielding: &yielding }.solve(&mut sides, &mut answer),
-                systems => solve_each(rigid, systems, &mut sides, &mut answer),
+                1 => YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer),
+                systems => solve_each(rigid, systems, sides, &mut answer),
             };
             // Rounding may decide which nodes touch, so the first rank decides for all.
-            let answer = values.iter().zip(&forces).zip(&sides);
+            let answer = values.iter().zip(forces.iter()).zip(sides.iter());
             let mut answer: Vec<(f64, f64, u8, u32)> =
                 answer.map(|((x, r), side)| (*x, *r, *side as u8, exchanges)).collect();
             engine.comm().broadcast(&mut answer);
@@ -226,7 +255,7 @@ impl<E: Engine> Condensed<E> {
             reaction[i] = forces[first + k];
             self.sides[i] = sides[first + k];
         }
-        self.factor.back_substitute(&values, x)?;
+        self.factor.back_substitute(values, x)?;
         Ok(iterations)
     }
 }

@@ -93,6 +93,138 @@ fn a_single_mass_grazes_its_stop_at_the_load_of_its_amplitude() {
     }
 }
 
+/// Single mass u'' + c u' + u + k min(u + g, 0) = sin(w t), which meets a stop of stiffness k at
+/// -g, by the closed forms of its two linear motions (Shaw and Holmes, Journal of Sound and
+/// Vibration 90 (1983) 129-155).
+#[derive(Clone, Copy)]
+struct Bilinear {
+    w: f64,
+    c: f64,
+    k: f64,
+    g: f64,
+}
+
+impl Bilinear {
+    /// Returns the state [u, u'] a time s after the instant t, without a change of contact.
+    fn flow(&self, [u, v]: [f64; 2], t: f64, s: f64, touches: bool) -> [f64; 2] {
+        let Bilinear { w, c, k, g } = *self;
+        let (stiffness, rest) = if touches { (1.0 + k, -k * g / (1.0 + k)) } else { (1.0, 0.0) };
+        let amplitude = 1.0 / (stiffness - w * w).hypot(c * w);
+        let lag = (c * w).atan2(stiffness - w * w);
+        let forced = |t: f64| {
+            let (sine, cosine) = (w * t - lag).sin_cos();
+            [rest + amplitude * sine, amplitude * w * cosine]
+        };
+        let (rate, [from_u, from_v], [to_u, to_v]) =
+            ((stiffness - 0.25 * c * c).sqrt(), forced(t), forced(t + s));
+        let (a, b) = (u - from_u, (v - from_v + 0.5 * c * (u - from_u)) / rate);
+        let (sine, cosine) = (rate * s).sin_cos();
+        let decay = (-0.5 * c * s).exp();
+        let free = decay * (a * cosine + b * sine);
+        [to_u + free, to_v - 0.5 * c * free + decay * rate * (b * cosine - a * sine)]
+    }
+
+    /// Returns the state one period of the drive later.
+    fn after_period(&self, mut state: [f64; 2]) -> [f64; 2] {
+        let end = TAU / self.w;
+        let (mut t, mut touches) = (0.0, state[0] < -self.g);
+        while t < end {
+            let step = (end / 200.0).min(end - t);
+            let has_changed = |state: [f64; 2]| (state[0] < -self.g) != touches;
+            let mut later = self.flow(state, t, step, touches);
+            if !has_changed(later) {
+                (t, state) = (if step < end - t { t + step } else { end }, later);
+                continue;
+            }
+            let (mut low, mut high) = (0.0, step);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                later = self.flow(state, t, middle, touches);
+                *(if has_changed(later) { &mut high } else { &mut low }) = middle;
+            }
+            state = self.flow(state, t, high, touches);
+            (t, touches) = (t + high, !touches);
+        }
+        state
+    }
+
+    /// Returns the state of the motion with the period of the drive, near a state, and 1 + trace +
+    /// determinant of its map, which is zero where the period doubles.
+    fn doubling(&self, mut state: [f64; 2]) -> ([f64; 2], f64) {
+        let mut value = f64::NAN;
+        for _ in 0..20 {
+            let column = |k: usize| {
+                let moved = |by: f64| {
+                    let mut state = state;
+                    state[k] += by;
+                    self.after_period(state)
+                };
+                let (more, less) = (moved(1e-6), moved(-1e-6));
+                [0, 1].map(|i| (more[i] - less[i]) / 2e-6)
+            };
+            let [[a, c], [b, d]] = [column(0), column(1)];
+            value = 1.0 + a + d + (a * d - b * c);
+            let [x, y] = self.after_period(state);
+            let (x, y) = (x - state[0], y - state[1]);
+            // Newton's step solves (J - 1) z = -(x, y).
+            let (a, d) = (a - 1.0, d - 1.0);
+            let determinant = a * d - b * c;
+            state[0] -= (d * x - b * y) / determinant;
+            state[1] -= (a * y - c * x) / determinant;
+        }
+        (state, value)
+    }
+}
+
+/// At a stop of eight times its stiffness the period of a driven mass doubles at the frequency that
+/// the closed form tells. Just beyond it the square of the distance of the two branches grows in
+/// proportion, so that two frequencies tell where it begins: at 0.9999 of the known one with steps
+/// of 1/440 of the period. The plate must be stiff to move like a single mass: with a rigidity of
+/// 1 N m, not 1e4 N m, it bends over the stops at its corners, and the period doubles 0.35 % lower.
+#[test]
+fn the_period_of_a_mass_at_a_stop_doubles_at_the_known_frequency() {
+    let of = |w: f64| Bilinear { w, c: 0.2, k: 8.0, g: 0.05 };
+    let settled = (0..200).fold([0.0; 2], |state, _| of(2.25).after_period(state));
+    let (mut state, mut low) = (settled, 2.25);
+    let (mut step, mut value) = (0.01, of(low).doubling(state).1);
+    assert!(value > 0.0, "{value}");
+    while step > 1e-9 {
+        let (next, beyond) = of(low + step).doubling(state);
+        if beyond > 0.0 {
+            (state, low, value) = (next, low + step, beyond)
+        } else {
+            step *= 0.5
+        }
+        assert!(low < 2.6, "no doubling: {value}");
+    }
+    let shares = [0.998, 1.001, 1.002];
+    let over = shares.map(|share| format!("{}", share * low)).join(",");
+    let text = heave(
+        "obstacle = [{ side = \"below\", height = -0.05, stiffness = 8 }]\n",
+        &format!("sweep = {{ over = [\"w={over}\"], period = \"2*pi/w\", periods = 300, settle = 270 }}\n"),
+    );
+    let text = text
+        .replace(&format!("p = {LOAD}"), "p = 1.0")
+        .replace(&format!("mass = {DECAY}"), "mass = 0.2")
+        .replace("youngs_modulus = 10.92", "youngs_modulus = 10.92e4")
+        .replace("step = 0.04", "step = 0.00625");
+    // Median distance of successive points of the section.
+    let distances: Vec<f64> = sweep(&text)
+        .into_iter()
+        .map(|(.., measures)| {
+            let section = &measures.probes[0].section;
+            let mut apart: Vec<f64> = section.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+            apart.sort_by(f64::total_cmp);
+            apart[apart.len() / 2]
+        })
+        .collect();
+    let [single, first, second] = [0, 1, 2].map(|k| distances[k].powi(2));
+    let begins = shares[1] - (shares[2] - shares[1]) * first / (second - first);
+    println!("doubles at {low}: distances {distances:?}, begins at {begins} of it");
+    assert!(single < 1e-8 && first > 1e-3, "{distances:?}");
+    assert!((begins - 1.0).abs() < 1e-3, "{begins}");
+}
+
 /// Between compliant stops that double the stiffness, two motions exist over an interval of
 /// frequencies: the one without contact from w^2 = 1.1 on, where its amplitude falls below the gap,
 /// and one through the stops up to about 1.14, by harmonic balance of the stops. Up and down each

@@ -278,7 +278,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Shows the instant n and the limits of its bounded configuration.
     pub(super) fn show_newmark(&mut self) {
         self.shown.forget();
-        if self.system.drive.varies() {
+        if self.system.drive.moves_bounds() {
             let Limits { lower, upper, .. } = &self.bounded_state().data.all;
             self.all.restrict(lower, &mut self.shown.limits.lower);
             self.all.restrict(upper, &mut self.shown.limits.upper);

@@ -106,7 +106,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Goes on to the state at the grid instant.
     pub(super) fn show(&mut self) {
         self.shown.forget();
-        if self.system.drive.varies() {
+        if self.system.drive.moves_bounds() {
             let data = self.shown_data();
             self.all.restrict(&data.all.lower, &mut self.shown.limits.lower);
             self.all.restrict(&data.all.upper, &mut self.shown.limits.upper);
