@@ -17,7 +17,8 @@ use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use faer::Mat;
 
-/// Engine of [`Ensemble::SYSTEMS`] equal systems; see the [module page](self).
+/// Engine of eight equal systems side by side, one in each lane of the vectors: entry 8 i + k of a
+/// vector belongs to dof i of system k. All have one factor.
 #[derive(Debug)]
 pub struct Ensemble {
     /// Engine of all dofs, whose forms have one system per lane.
