@@ -243,7 +243,7 @@ impl Engine for Distributed {
                 self.multiply(mass, v, y)?;
             }
             Form::SingularMassCells(_) => {
-                self.products.from_cells(y, |y| self.cells().project_transpose(mass, v, y))?;
+                self.products.add_from_cells(y, |y| self.cells().project_transpose(mass, v, y))?;
             }
             Form::Modal { modes, .. } => modes.project_transpose(v, y),
         }

@@ -84,7 +84,11 @@ impl CellProducts {
     }
 
     /// Calls a function with local values to write, which are added up into `y`. Collective.
-    pub fn from_cells(&self, y: &mut [f64], product: impl FnOnce(&mut [f64]) -> Result<()>) -> Result<()> {
+    pub fn add_from_cells(
+        &self,
+        y: &mut [f64],
+        product: impl FnOnce(&mut [f64]) -> Result<()>,
+    ) -> Result<()> {
         let work = &mut *self.work.borrow_mut();
         product(&mut work.y)?;
         to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)
