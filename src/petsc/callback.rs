@@ -1,5 +1,7 @@
 //! Rust closures as PETSc callbacks; neither panics nor errors unwind through C.
 
+#![allow(unsafe_code)]
+
 use super::error::raise;
 use super::{Context, sys};
 use crate::error::{Error, Result};
@@ -50,5 +52,13 @@ pub(super) fn settle(failure: &Failure, result: Result<()>) -> Result<()> {
     match failure.borrow_mut().take() {
         Some(error) => Err(error),
         None => result,
+    }
+}
+
+/// Frees a callback whose address PETSc no longer holds.
+pub(super) fn release<F: ?Sized>(callback: *mut Callback<F>) {
+    if !callback.is_null() {
+        // SAFETY: it came from `Box::into_raw`, and PETSc no longer holds its address.
+        drop(unsafe { Box::from_raw(callback) });
     }
 }

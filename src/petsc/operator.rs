@@ -2,9 +2,8 @@
 
 #![allow(unsafe_code)]
 
-use super::callback::{Callback, Failure, guard};
+use super::callback::{Callback, Failure, guard, release};
 use super::error::{call, int};
-use super::snes::release;
 use super::{Comm, Context, Matrix, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;

@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::callback::{Callback, Failure, guard, settle};
+use super::callback::{Callback, Failure, guard, release, settle};
 use super::error::{c_string, call, int, text};
 use super::ksp::direct_defaults;
 use super::options::Prefix;
@@ -239,14 +239,6 @@ impl Drop for Snes<'_> {
         let _ = call!(SNESDestroy(&mut self.raw));
         release(self.residual);
         release(self.jacobian);
-    }
-}
-
-/// Frees a callback whose address PETSc no longer holds.
-pub(super) fn release<F: ?Sized>(callback: *mut Callback<F>) {
-    if !callback.is_null() {
-        // SAFETY: it came from `Box::into_raw`, and PETSc no longer holds its address.
-        drop(unsafe { Box::from_raw(callback) });
     }
 }
 

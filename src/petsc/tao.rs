@@ -2,11 +2,10 @@
 
 #![allow(unsafe_code)]
 
-use super::callback::{Callback, Failure, guard, settle};
+use super::callback::{Callback, Failure, guard, release, settle};
 use super::error::{c_string, call, int, text};
 use super::ksp::direct_defaults;
 use super::options::Prefix;
-use super::snes::release;
 use super::{Comm, Context, Ksp, Matrix, Reason, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
