@@ -304,7 +304,8 @@ impl Factor for DistributedFactor {
     }
 
     fn known_error(&self) -> Option<f64> {
-        self.cells.is_some().then(|| self.solver.tolerance().unwrap_or(f64::NAN))
+        let iterates = self.cells.is_some() && self.solver.iterates().unwrap_or(false);
+        iterates.then(|| self.solver.tolerance().unwrap_or(f64::NAN))
     }
 
     fn prefers_pinning(&self) -> bool {

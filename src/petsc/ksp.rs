@@ -256,6 +256,15 @@ impl Ksp {
         Ok(())
     }
 
+    /// Returns whether the solver iterates until its tolerance is met, rather than apply the
+    /// preconditioner once.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn iterates(&self) -> Result<bool> {
+        Ok(self.kind()?[0] != "preonly")
+    }
+
     /// Returns the names of the Krylov method and of the preconditioner.
     fn kind(&self) -> Result<[String; 2]> {
         let (mut preconditioner, mut names) = (std::ptr::null_mut(), [std::ptr::null(); 2]);
