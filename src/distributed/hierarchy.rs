@@ -27,7 +27,7 @@ use std::rc::Rc;
 /// relative to its length, up to which they count as a parallelogram.
 const SYMMETRIC: f64 = 1e-9;
 
-/// Interpolation from level to level: see the [module page](self).
+/// Interpolation from level to level of the meshes that a refinement has passed.
 pub struct Hierarchy {
     /// Interpolation to each mesh from the next coarser one, coarsest first.
     interpolations: Vec<Matrix>,
