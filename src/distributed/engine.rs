@@ -13,12 +13,16 @@ use crate::linalg::{Engine, Form, LinearCombination, LinearMethod, LinearSolves,
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use std::borrow::Cow;
 use std::cell::Cell;
+use std::ops::Range;
 use std::rc::Rc;
 
 /// Prefix of the options of the solver whose factor counts eigenvalues, and the options with which
 /// MUMPS counts negative pivots, on any number of ranks.
 const COUNT: &str = "count_";
 const COUNTING: [&str; 2] = ["mat_mumps_icntl_13", "mat_mumps_icntl_24"];
+
+/// Number of parts in which the rows of a matrix are added up.
+const PARTS: usize = 8;
 
 /// Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 ///
@@ -165,12 +169,32 @@ impl Distributed {
     /// Assembles the matrix of a linear combination of forms. Collective.
     fn symmetric_matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
         let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        // The cells contribute many times as many entries as the matrix has, and PETSc keeps a
+        // record of all that it is given. They are therefore added up, some rows at a time.
+        let local = self.global.len();
+        for part in 0..PARTS {
+            let range = local * part / PARTS..local * (part + 1) / PARTS;
+            for (row, entries) in range.clone().zip(self.rows(sum, range)) {
+                for (column, value) in entries {
+                    rows.push(self.global[row]);
+                    columns.push(column);
+                    values.push(value);
+                }
+            }
+        }
+        Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)
+    }
+
+    /// Returns the contributions of this rank's cells to some rows of a linear combination of
+    /// forms, given by local dofs: columns in global vectors, ascending, and values.
+    fn rows(&self, sum: &LinearCombination, range: Range<usize>) -> Vec<Vec<(Index, f64)>> {
+        let mut entries = vec![Vec::new(); range.len()];
         for (scale, form) in sum.terms() {
             form.for_each_lower(|row, column, value| {
                 let mut add = |row: usize, column: usize| {
-                    rows.push(self.global[row]);
-                    columns.push(self.global[column]);
-                    values.push(scale * value);
+                    if range.contains(&row) && self.global[row] >= 0 && self.global[column] >= 0 {
+                        entries[row - range.start].push((self.global[column], scale * value));
+                    }
                 };
                 add(row, column);
                 if row != column {
@@ -178,7 +202,19 @@ impl Distributed {
                 }
             });
         }
-        Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)
+        for row in &mut entries {
+            // Equal columns stay in the order of the terms and cells.
+            row.sort_by_key(|(column, _)| *column);
+            row.dedup_by(|next, kept| {
+                let is_same = next.0 == kept.0;
+                if is_same {
+                    kept.1 += next.1;
+                }
+                is_same
+            });
+            row.shrink_to_fit();
+        }
+        entries
     }
 }
 
