@@ -127,8 +127,8 @@ pub(super) struct CellOperator {
 
 impl CellOperator {
     /// Creates the operator of a sum of forms, for a rank that owns `own` dofs. The operator owns
-    /// copies of the forms, which share the arrays of their cells. Returns `None` where a form is the mass of modes, which has no
-    /// cells.
+    /// copies of the forms, which share the arrays of their cells. Returns `None` where a form is
+    /// the mass of modes, which has no cells.
     pub fn new(products: &Rc<CellProducts>, own: usize, sum: &LinearCombination) -> Option<CellOperator> {
         if sum.terms().iter().any(|(_, form)| matches!(form, Form::Modal { .. })) {
             return None;
