@@ -172,12 +172,17 @@ pub trait Communicator: Clone + 'static {
         self.all_gather_with_offset(own).0
     }
 
+    /// Combines one value per rank by a function, in rank order. Collective.
+    fn all_reduce<T: Plain>(&self, own: T, combine: impl FnMut(T, T) -> T) -> T {
+        self.all_gather_one(own).into_iter().reduce(combine).unwrap_or(own)
+    }
+
     /// Returns the sum over all ranks, entry by entry for an array. Collective.
     ///
     /// The values are gathered and added in rank order. The sum is therefore reproducible, and the
     /// same on every rank, whichever order the reductions of the MPI library have.
     fn all_reduce_sum<T: Summand>(&self, own: T) -> T {
-        self.all_gather_one(own).into_iter().reduce(T::plus).unwrap_or(own)
+        self.all_reduce(own, T::plus)
     }
 
     /// Returns the entrywise sums over all ranks of slices of equal length, each in rank order as
@@ -256,7 +261,7 @@ impl Communicator for SelfComm {
 
     fn broadcast<T: Plain>(&self, _: &mut [T]) {}
 
-    fn all_reduce_sum<T: Summand>(&self, own: T) -> T {
+    fn all_reduce<T: Plain>(&self, own: T, _: impl FnMut(T, T) -> T) -> T {
         own
     }
 

@@ -581,6 +581,70 @@ fn add_batch_with_magnitude<S: Simd>(
     batch.scatter(room.m, sums.m);
 }
 
+/// Adds A x to y for a sum of forms and `part` x to z, with `part` one of the forms. Successive
+/// forms over the same cells are applied in one pass over their batches.
+#[inline(always)]
+pub(super) fn add_with_part<S: Simd>(
+    simd: S,
+    sum: &[(f64, &Form)],
+    part: &Form,
+    x: &[f64],
+    (y, z): (&mut [f64], &mut [f64]),
+    scratch: &mut Scratch,
+) {
+    let mut products = PartProducts { part, y, z };
+    for forms in sum.chunk_by(|(_, a), (_, b)| Rc::ptr_eq(a.batches(), b.batches())) {
+        for batch in &forms[0].1.batches().list {
+            match batch.size() {
+                9 => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(9)),
+                12 => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(12)),
+                size => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(size)),
+            }
+        }
+    }
+}
+
+/// Vectors to which A x and the product of one form of A are added, one entry per dof.
+struct PartProducts<'a> {
+    part: &'a Form,
+    y: &'a mut [f64],
+    z: &'a mut [f64],
+}
+
+/// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
+/// plate elements have.
+#[inline(always)]
+fn add_batch_with_part<S: Simd>(
+    simd: S,
+    batch: &Batch,
+    forms: &[(f64, &Form)],
+    x: &[f64],
+    products: &mut PartProducts,
+    (local, Room { work, result, y, .. }): (&mut [Lanes], Room),
+) {
+    batch.gather(x, local);
+    y.fill(Lanes::default());
+    for &(scale, form) in forms {
+        match form {
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
+                work.copy_from_slice(local);
+                cells.panels[batch.panel].apply(simd, work, result);
+            }
+            Form::SingularMassCells(averages) => {
+                let rows = &averages.panels[batch.panel];
+                rows.spread(rows.velocities(local), result);
+            }
+        }
+        for (sum, term) in y.iter_mut().zip(&*result) {
+            *sum += scale * *term;
+        }
+        if std::ptr::eq(form, products.part) {
+            batch.scatter(result, products.z);
+        }
+    }
+    batch.scatter(y, products.y);
+}
+
 /// Scratch space for the local vectors of one batch.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {

@@ -183,6 +183,15 @@ impl LinearSolves {
     }
 }
 
+/// Coupling of a dof to another one.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RowCoupling {
+    /// Other dof.
+    pub to: u32,
+    /// Sum of the magnitudes of the entries of the local matrices; 0 without a coupling.
+    pub magnitude: f64,
+}
+
 /// Largest error estimate, relative and in the energy norm, up to which a factor in double
 /// precision is kept: each correction by the residual then gains at least three digits.
 pub const MOST_SPOILT: f64 = 1e-3;
@@ -228,6 +237,11 @@ pub trait Engine: Sized {
     /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.
     fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
+    /// Returns `$x^T A x$`, with the bits of [`Engine::multiply`].
+    fn quadratic_form(&self, form: &Form, x: &[f64]) -> Result<f64> {
+        self.multiply(form, x, &mut vec![0.0; x.len()])
+    }
+
     /// Computes y = A x and m = |A| |x| for a sum of forms with positive weights, where |A| is the
     /// sum of the entrywise magnitudes of the local matrices.
     fn multiply_with_magnitude(
@@ -237,6 +251,30 @@ pub trait Engine: Sized {
         y: &mut [f64],
         m: &mut [f64],
     ) -> Result<()>;
+
+    /// Computes y = A x for a sum of forms and z = `part` x for one of them, in one pass over the
+    /// cells. Returns `false`, and changes nothing, where the engine has no such product, which is
+    /// the default.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn multiply_with_part(
+        &self,
+        sum: &LinearCombination,
+        part: &Form,
+        x: &[f64],
+        (y, z): (&mut [f64], &mut [f64]),
+    ) -> Result<bool> {
+        let _ = (sum, part, x, y, z);
+        Ok(false)
+    }
+
+    /// Returns for each dof at most one coupling to another dof in a sum of forms with positive
+    /// weights: that of a slope to the deflection of its node. The default has no couplings.
+    fn couplings(&self, sum: &LinearCombination) -> Vec<RowCoupling> {
+        let _ = sum;
+        vec![RowCoupling::default(); self.dofs()]
+    }
 
     /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,
     /// the number of modes for the modal mass (on each rank), otherwise [`Engine::dofs`].
@@ -401,6 +439,12 @@ pub trait Factor {
     /// Solves A X = B in place, one system per column.
     fn solve_columns(&mut self, x: &mut Mat<f64>) -> Result<()> {
         (0..x.ncols()).try_for_each(|j| self.solve(x.col_as_slice_mut(j)))
+    }
+
+    /// Returns whether A is factored with twice the digits, since doubles lose too many. Products
+    /// with such a matrix amplify rounding errors too.
+    fn has_twice_the_digits(&self) -> bool {
+        false
     }
 
     /// Returns the Schur complement H of A on the contact dofs, that of one system where vectors

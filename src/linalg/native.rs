@@ -4,7 +4,9 @@ use super::batch::{Batches, Cell, LANES, Layout};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
-use super::{Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, SingularMassCell, vectors};
+use super::{
+    Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, RowCoupling, SingularMassCell, vectors,
+};
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use crate::memory;
@@ -217,6 +219,24 @@ impl WithSimd for WithMagnitude<'_> {
     }
 }
 
+/// Products y += A x and z += `part` x on vectors in layout order.
+struct WithPart<'a> {
+    sum: &'a LinearCombination<'a>,
+    part: &'a Form,
+    x: &'a [f64],
+    products: (&'a mut [f64], &'a mut [f64]),
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for WithPart<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        cells::add_with_part(simd, self.sum.terms(), self.part, self.x, self.products, self.scratch);
+    }
+}
+
 struct Velocity<'a> {
     averages: &'a SingularMassCells,
     x: &'a [f64],
@@ -281,6 +301,15 @@ impl Engine for Native {
         Ok(value)
     }
 
+    fn quadratic_form(&self, form: &Form, x: &[f64]) -> Result<f64> {
+        if let Form::Modal { .. } = form {
+            return self.multiply(form, x, &mut vec![0.0; x.len()]);
+        }
+        let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
+        self.layout.lay_out(x, laid);
+        Ok(self.arch.dispatch(Product { form, x: laid, y: product, scratch }))
+    }
+
     fn multiply_with_magnitude(
         &self,
         sum: &LinearCombination,
@@ -296,6 +325,26 @@ impl Engine for Native {
         self.layout.collect(product, y);
         self.layout.collect(magnitude, m);
         Ok(())
+    }
+
+    fn multiply_with_part(
+        &self,
+        sum: &LinearCombination,
+        part: &Form,
+        x: &[f64],
+        (y, z): (&mut [f64], &mut [f64]),
+    ) -> Result<bool> {
+        if sum.terms().iter().any(|(_, form)| matches!(form, Form::Modal { .. })) {
+            return Ok(false);
+        }
+        let Workspace { x: laid, y: product, m: other, scratch } = &mut *self.workspace.borrow_mut();
+        self.layout.lay_out(x, laid);
+        product.fill(0.0);
+        other.fill(0.0);
+        self.arch.dispatch(WithPart { sum, part, x: laid, products: (product, other), scratch });
+        self.layout.collect(product, y);
+        self.layout.collect(other, z);
+        Ok(true)
     }
 
     fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
@@ -347,6 +396,26 @@ impl Engine for Native {
         Ok(diagonal)
     }
 
+    fn couplings(&self, sum: &LinearCombination) -> Vec<RowCoupling> {
+        let mut couplings = vec![RowCoupling::default(); self.dofs()];
+        for (scale, form) in sum.terms() {
+            match form {
+                Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
+                    for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
+                        let entry = |i: usize, j: usize| scale * matrix[i * dofs.len() + j];
+                        add_couplings(&mut couplings, dofs, entry);
+                    }
+                }
+                Form::SingularMassCells(averages) => {
+                    for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
+                        add_couplings(&mut couplings, dofs, |i, j| scale * row[i] * row[j] / mass);
+                    }
+                }
+            }
+        }
+        couplings
+    }
+
     fn require_memory(&self, sum: &LinearCombination, factors: usize) -> Result<()> {
         // A bound on the entries per column of L that no plate reaches: where it fits, the analysis
         // is not needed.
@@ -375,6 +444,23 @@ impl Engine for Native {
 
     fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
         cholesky::negative_eigenvalues(&assembled(self.dofs(), &(k + m * -sigma))?).map(Some)
+    }
+}
+
+/// Adds the magnitudes of the couplings of the slopes of a cell with three dofs per node.
+fn add_couplings(couplings: &mut [RowCoupling], dofs: &[Option<usize>], entry: impl Fn(usize, usize) -> f64) {
+    if !dofs.len().is_multiple_of(3) {
+        return;
+    }
+    for (row, dof) in dofs.iter().enumerate().filter(|(row, _)| row % 3 > 0) {
+        let first = row - row % 3;
+        let Some((dof, to)) = dof.zip(dofs[first]) else { continue };
+        let coupling = &mut couplings[dof];
+        // Couplings of one dof to several others would not add up to a part of its row.
+        if coupling.magnitude == 0.0 || coupling.to == to as u32 {
+            coupling.to = to as u32;
+            coupling.magnitude += entry(row, first).abs();
+        }
     }
 }
 

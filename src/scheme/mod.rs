@@ -55,7 +55,7 @@ use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{axpy, aypx, scale};
+use crate::linalg::vectors::{axpy, aypx, copy_scaled, scale, waxpy};
 use crate::linalg::{Engine, Form, LinearCombination, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
@@ -119,6 +119,14 @@ impl<E: Engine> System<E> {
         Ok(elastic)
     }
 
+    /// Sets `force` to F - `of_stiffness` with the constant load, in N.
+    fn subtract_from_load(&self, of_stiffness: &[f64], force: &mut [f64]) {
+        match &self.load {
+            Some(load) => waxpy(-1.0, of_stiffness, load, force),
+            None => copy_scaled(-1.0, of_stiffness, force),
+        }
+    }
+
     /// Subtracts `weight` times the damping force D `rate` from `force`; `product` is work space.
     fn damp(&self, rate: &[f64], weight: f64, force: &mut [f64], product: &mut [f64]) -> Result<()> {
         let Damping { mass, stiffness } = self.damping;
@@ -149,11 +157,11 @@ impl<E: Engine> System<E> {
         Ok(momentum)
     }
 
-    /// Returns the kinetic energy of a rate of displacement (m/s), in J.
-    fn kinetic_energy(&self, rate: &[f64]) -> Result<f64> {
-        let mut v = vec![0.0; self.engine.velocities(&self.mass)];
-        self.engine.project(&self.mass, rate, &mut v)?;
-        Ok(0.5 * self.engine.mass_norm_squared(&self.mass, &v)?)
+    /// Returns the kinetic energy of a rate of displacement (m/s), in J; `v` is work space with one
+    /// entry per velocity dof.
+    fn kinetic_energy(&self, rate: &[f64], v: &mut [f64]) -> Result<f64> {
+        self.engine.project(&self.mass, rate, v)?;
+        Ok(0.5 * self.engine.mass_norm_squared(&self.mass, v)?)
     }
 
     /// Returns the length scale of the deflections and bounds, in m. Collective.

@@ -46,6 +46,7 @@ pub mod instants;
 mod lock_step;
 mod scheme;
 pub mod start;
+mod stiffness_force;
 
 use super::drive::ModalDamping;
 use super::step_driver::{Formulas, StepDriver};
@@ -56,6 +57,8 @@ use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
 pub use lock_step::{LaneRun, SideBySide};
+use std::cell::RefCell;
+use stiffness_force::StiffnessForce;
 
 /// Parameters of [`Newmark`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +76,8 @@ pub struct Newmark<'s, E: Engine> {
     driver: StepDriver<'s, E>,
     levels: Levels<'s, E>,
     record: StepRecord,
+    /// Work space of the energies: central velocity, one entry per dof, and velocity.
+    work: RefCell<[Vec<f64>; 2]>,
 }
 
 /// Displacements at three successive instants.
@@ -83,8 +88,8 @@ struct Levels<'s, E: Engine> {
     u_n: Vec<f64>,
     d_n: Vec<f64>,
     d_next: Vec<f64>,
-    /// Elastic energy of `$U^n$`, in J.
-    elastic: f64,
+    /// Force `$K U^n$` and its increments.
+    force: StiffnessForce,
     /// Energies stored in bounds that yield, at `$U^{n,e}$` and `$U^{n+1,e}$`, in J.
     stored: [f64; 2],
     /// Initial velocity `$v_0$` at the bounded dofs, in m/s.
@@ -115,7 +120,7 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
 
     /// `$b = F - K U^n - D (U^n - U^{n-1}) / \Delta t$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
-        self.force(b)?;
+        self.force(b);
         self.system.damp(&self.d_n, 1.0 / self.parameters.step, b, &mut self.product)
     }
 
@@ -143,22 +148,23 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
 
 impl<E: Engine> Levels<'_, E> {
     /// Sets b to `$F - K U^n$`, in N.
-    fn force(&mut self, b: &mut [f64]) -> Result<()> {
-        self.elastic = self.system.force(&self.u_n, b)?;
+    fn force(&self, b: &mut [f64]) {
+        self.system.subtract_from_load(&self.force.of_u, b);
         self.instants.iter().for_each(|instants| instants.add_forces(self.system, b));
-        Ok(())
     }
 
     /// Makes `$U^{n+1}$` the present level; `next` is the time of the new instant n + 1, in s.
     fn shift(&mut self, next: f64) -> Result<()> {
         add(&self.d_next, &mut self.u_n);
         std::mem::swap(&mut self.d_n, &mut self.d_next);
+        self.force.advance(self.system, &self.u_n, &self.d_n)?;
         self.instants.as_mut().map_or(Ok(()), |instants| instants.advance(self.system, next))
     }
 
     /// `$U^{n+1} = 2 U^n - U^{n-1} + x$`
-    fn update(&mut self, x: &[f64]) {
-        waxpy(1.0, x, &self.d_n, &mut self.d_next);
+    fn update(&mut self, driver: &StepDriver<E>) {
+        waxpy(1.0, &driver.x, &self.d_n, &mut self.d_next);
+        self.force.add(driver.stiffness_product());
     }
 
     /// Sets the energy that bounds which yield store in the bounded configuration of the step.

@@ -266,11 +266,10 @@ impl Outcome {
             let [lower, upper] = bounds.rigid(i);
             penetration = penetration.max(lower - z).max(z - upper);
         }
-        let ranks = engine.comm().all_gather_one((nodes, force, penetration));
-        let nodes = ranks.iter().map(|(nodes, ..)| nodes).sum();
-        let force = ranks.iter().map(|(_, force, _)| force).sum();
-        let penetrations = ranks.iter().map(|(.., penetration)| *penetration);
-        self.worst_penetration = penetrations.fold(self.worst_penetration, f64::max);
+        let (nodes, force, penetration) = engine
+            .comm()
+            .all_reduce((nodes, force, penetration), |a, b| (a.0 + b.0, a.1 + b.1, a.2.max(b.2)));
+        self.worst_penetration = self.worst_penetration.max(penetration);
         self.contact_steps += u64::from(nodes > 0 || events);
         if nodes > 0 {
             self.most_contact_nodes = self.most_contact_nodes.max(nodes);

@@ -266,11 +266,12 @@ impl<E: Engine> TimeLoop<'_, E> {
     /// Returns the error of any observer, on all processes.
     fn is_asked_to_stop(&mut self) -> Result<bool> {
         let own = (self.observed.is_err(), self.observed.is_ok() && self.observer.interrupts());
-        let all = self.model.system.engine.comm().all_gather_one(own);
-        if all.iter().any(|(failed, _)| *failed) {
+        let comm = self.model.system.engine.comm();
+        let (failed, stops) = comm.all_reduce(own, |a, b| (a.0 || b.0, a.1 || b.1));
+        if failed {
             self.share_error()?;
         }
-        Ok(all.iter().any(|(_, stops)| *stops))
+        Ok(stops)
     }
 
     /// Passes the state of the run to the observer where a checkpoint is due, or before a stop.

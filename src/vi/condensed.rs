@@ -41,7 +41,7 @@ pub struct Condensed<E: Engine> {
     /// Status of each bound in the last answer.
     sides: Vec<BoundStatus>,
     factorisations: u64,
-    corrections: u32,
+    factor_error: f64,
     work: DenseWork,
 }
 
@@ -51,7 +51,9 @@ struct DenseWork {
     lower: Vec<f64>,
     upper: Vec<f64>,
     sides: Vec<BoundStatus>,
+    /// Right-hand side, in N.
     h: Vec<f64>,
+    /// Unknown x, in m, and reactions, in N.
     values: Vec<f64>,
     forces: Vec<f64>,
 }
@@ -102,8 +104,9 @@ impl<E: Engine> Condensed<E> {
     /// # Errors
     /// Returns [`Error::Singular`] where rounding spoils the factor too much.
     pub fn with_factor(engine: &E, factor: E::Factor, error: f64, bounded: usize) -> Result<Condensed<E>> {
+        super::require_convergence(error, engine.dofs())?;
         Ok(Condensed {
-            corrections: super::corrections(error, engine.dofs())?,
+            factor_error: error,
             factor,
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![BoundStatus::Free; bounded],
@@ -123,6 +126,11 @@ impl<E: Engine> Condensed<E> {
         let mut solver = Condensed::with_factor(engine, factor, error, bounds.len())?;
         solver.method = Method::Dense { candidates: (0..bounds.len()).collect() };
         Ok(solver)
+    }
+
+    /// Returns how many corrections by the residual an answer needs.
+    pub fn corrections(&self) -> u32 {
+        super::corrections(self.factor_error)
     }
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
@@ -320,8 +328,12 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         self.factor.archive(archive)
     }
 
-    fn corrections(&self) -> u32 {
-        self.corrections
+    fn factor_error(&self) -> f64 {
+        self.factor_error
+    }
+
+    fn has_twice_the_digits(&self) -> bool {
+        self.factor.has_twice_the_digits()
     }
 
     fn tolerance(&self) -> f64 {
@@ -339,7 +351,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
             return Ok(None);
         }
         // Answers of pinned dofs are corrected by the same method.
-        let corrects = attempt == 0 && self.corrections > 0;
+        let corrects = attempt == 0 && self.corrections() > 0;
         if !(self.distrust(engine, problem.matrix)? || corrects) {
             return Ok(None);
         }

@@ -22,7 +22,7 @@
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::wide::widest;
-use crate::linalg::{Engine, LinearCombination};
+use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
 use pulp::Arch;
@@ -31,6 +31,19 @@ use pulp::Arch;
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
 /// vanish in the answer, rounding of other rows is all that remains in it.
 const NEGLIGIBLE: f64 = 1e-4;
+
+impl Problem<'_> {
+    /// Returns the length scale, or the largest bounded entry of the answer where it is 0.
+    /// Collective.
+    fn length<E: Engine>(&self, engine: &E, answer: &Answer) -> f64 {
+        if self.length == 0.0 {
+            let bounded = self.bounds.dofs.iter().map(|&dof| answer.x[dof]);
+            engine.comm().all_reduce_max(largest(bounded))
+        } else {
+            self.length
+        }
+    }
+}
 
 /// Parts of the KKT residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,6 +140,8 @@ pub struct KktCheck {
     /// Dofs without stiffness, each with the scale of its inertia; `None` where inertia does not
     /// count.
     loose: Option<Vec<(usize, f64)>>,
+    /// Coupling of each dof that bounds the magnitude of its row from below.
+    couplings: Vec<RowCoupling>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
@@ -139,7 +154,8 @@ impl KktCheck {
     pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination) -> Result<KktCheck> {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         let zeros = vec![0.0; scale.len()];
-        Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, loose: None })
+        let couplings = engine.couplings(matrix);
+        Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, couplings, loose: None })
     }
 
     /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
@@ -175,15 +191,44 @@ impl KktCheck {
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<f64> {
-        let length = match problem.length {
-            0.0 => {
-                let bounded = problem.bounds.dofs.iter().map(|&dof| answer.x[dof]);
-                engine.comm().all_reduce_max(largest(bounded))
-            }
-            length => length,
-        };
+        let length = problem.length(engine, answer);
         let own = self.parts(engine, &Problem { length, ..*problem }, more, answer)?.worst();
         Ok(engine.comm().all_reduce_max(own))
+    }
+
+    /// Returns an upper limit of [`KktCheck::residual`] at the cost of the product A x alone, and
+    /// sets `product` to the product of x with `part`, a form of the matrix. Returns `None` where
+    /// the engine has no such product. Collective.
+    ///
+    /// The magnitude of a row is replaced by a part of it: its diagonal entry, and for a slope the
+    /// coupling to the deflection of its node.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn limit<E: Engine>(
+        &mut self,
+        engine: &E,
+        problem: &Problem,
+        more: &[&[f64]],
+        answer: &Answer,
+        (part, product): (&Form, &mut [f64]),
+    ) -> Result<Option<f64>> {
+        let x = &*answer.x;
+        if !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))? {
+            return Ok(None);
+        }
+        let rows = self.magnitude.iter_mut().zip(x).zip(&self.scale).zip(&self.couplings);
+        for (((m, own), scale), coupling) in rows {
+            *m = scale * scale * own.abs() + coupling.magnitude * x[coupling.to as usize].abs();
+        }
+        let length = problem.length(engine, answer);
+        let own = self.compare(engine, &Problem { length, ..*problem }, more, answer)?.worst();
+        Ok(Some(engine.comm().all_reduce_max(own)))
+    }
+
+    /// Returns the residual A x - b - G^T r of the last check, in N, one entry per dof.
+    pub fn forces(&self) -> &[f64] {
+        &self.residual
     }
 
     /// Returns the parts of the residual on this rank, with the arguments of
@@ -198,10 +243,23 @@ impl KktCheck {
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<Residual> {
-        let KktCheck { scale, residual, magnitude, loose } = self;
+        let KktCheck { residual, magnitude, .. } = self;
+        engine.multiply_with_magnitude(problem.matrix, answer.x, residual, magnitude)?;
+        self.compare(engine, problem, more, answer)
+    }
+
+    /// Returns the parts of the residual on this rank, given A x and the magnitude of each row.
+    /// Collective.
+    fn compare<E: Engine>(
+        &mut self,
+        engine: &E,
+        problem: &Problem,
+        more: &[&[f64]],
+        answer: &Answer,
+    ) -> Result<Residual> {
+        let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        engine.multiply_with_magnitude(problem.matrix, x, residual, magnitude)?;
         let terms = || std::iter::once(problem.rhs).chain(more.iter().copied());
         for term in terms() {
             subtract_term(term, residual, magnitude);

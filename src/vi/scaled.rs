@@ -212,7 +212,7 @@ struct Bounded {
     sides: Vec<BoundStatus>,
     always: bool,
     factorisations: u64,
-    corrections: u32,
+    factor_error: f64,
     tolerance: f64,
     /// Reason why the last attempt failed, for the message to the user.
     complaint: String,
@@ -230,8 +230,8 @@ impl Bounded {
     ) -> Result<Bounded> {
         let context = engine.context();
         let mut factor = engine.factor(matrix, &[])?;
-        let corrections =
-            super::corrections(engine.estimate_factor_error(matrix, &mut factor)?, engine.dofs())?;
+        let factor_error = engine.estimate_factor_error(matrix, &mut factor)?;
+        super::require_convergence(factor_error, engine.dofs())?;
         let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
         let mut scaled = factor.matrix().duplicate()?;
         let mut vector = engine.vector()?;
@@ -261,7 +261,7 @@ impl Bounded {
             sides: vec![BoundStatus::Free; bounded],
             always: context.option(ALWAYS)?.is_some(),
             factorisations: 1,
-            corrections,
+            factor_error,
             tolerance,
             complaint: String::new(),
             has_warned: false,
@@ -484,8 +484,8 @@ impl Solver<Distributed> for Bounded {
         self.condensed.as_mut().map_or(Ok(()), |condensed| condensed.archive(engine, matrix, bounds, archive))
     }
 
-    fn corrections(&self) -> u32 {
-        self.corrections
+    fn factor_error(&self) -> f64 {
+        self.factor_error
     }
 
     fn tolerance(&self) -> f64 {

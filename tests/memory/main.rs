@@ -10,6 +10,7 @@ mod gmsh;
 mod long;
 #[path = "../common/models.rs"]
 mod models;
+mod steps;
 
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;

@@ -5,5 +5,7 @@ mod common;
 
 mod cholesky;
 mod compliance;
+mod fed;
+mod limit;
 mod obstacle_membrane;
 mod vi;

@@ -28,6 +28,10 @@ impl Factor for Cholesky {
         Ok(())
     }
 
+    fn has_twice_the_digits(&self) -> bool {
+        self.twice.is_some()
+    }
+
     fn schur(&self) -> &Mat<f64> {
         &self.schur
     }

@@ -234,7 +234,7 @@ impl LaneRun<'_> {
 
     /// Returns the central velocity, in m/s, one entry per dof.
     fn central_velocity(&self) -> Vec<f64> {
-        self.own(&self.all.borrow().central_velocity())
+        self.own(&self.all.borrow().central_velocity().collect::<Vec<f64>>())
     }
 }
 
@@ -276,7 +276,8 @@ impl Scheme for LaneRun<'_> {
         let System { engine, stiffness, .. } = self.system;
         let u = self.displacement();
         let elastic = 0.5 * engine.multiply(stiffness, u, &mut vec![0.0; u.len()])?;
-        let kinetic = self.system.kinetic_energy(&self.central_velocity())?;
+        let mut v = vec![0.0; engine.velocities(&self.system.mass)];
+        let kinetic = self.system.kinetic_energy(&self.central_velocity(), &mut v)?;
         let by_time = self.all.borrow().levels.instants.as_ref().map_or(0.0, |of| of.work[self.lane]);
         Ok(Energies { kinetic, elastic, work: self.system.work(u)? + by_time })
     }

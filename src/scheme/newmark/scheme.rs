@@ -2,6 +2,7 @@
 
 use super::instants::CentralInstants;
 use super::start::FirstStep;
+use super::stiffness_force::StiffnessForce;
 use super::{Levels, Newmark, NewmarkParameters};
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
@@ -12,6 +13,7 @@ use crate::obstacle::Bounds;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 use crate::scheme::{Approach, Scheme, Start, StepBalance, StepRecord, System};
 use crate::vi::{Condensed, Solver};
+use std::cell::RefCell;
 
 impl<'s, E: Engine + 'static> Newmark<'s, E>
 where
@@ -49,29 +51,33 @@ impl<'s, E: Engine> Newmark<'s, E> {
             u_n: start.displacement,
             d_n: vec![0.0; dofs],
             d_next: vec![0.0; dofs],
-            elastic: 0.0,
+            force: StiffnessForce::new(dofs),
             stored: [0.0; 2],
             v0: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
             instants: CentralInstants::new(system, parameters)?,
             product: if system.is_damped() { vec![0.0; dofs] } else { Vec::new() },
         };
+        levels.force.renew(system, &levels.u_n)?;
         let own = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
         let at_start = if system.bounds.hertz.is_some() { system.total(own)? } else { 0.0 };
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
-        first.update(&driver.x);
+        first.update(&driver);
         driver.restart_modal_damping(&levels)?;
+        driver.feed_residuals_forward();
         driver.report_to(&mut record);
         levels.store(&driver.admissible)?;
         levels.stored[0] = at_start;
         levels.account(0, &driver.reaction)?;
-        Ok(Newmark { driver, levels, record })
+        let velocities = vec![0.0; system.engine.velocities(&system.mass)];
+        let work = RefCell::new([vec![0.0; dofs], velocities]);
+        Ok(Newmark { driver, levels, record, work })
     }
 
     /// Returns the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
-    pub(super) fn central_velocity(&self) -> Vec<f64> {
+    pub(super) fn central_velocity(&self) -> impl Iterator<Item = f64> {
         let Levels { d_n, d_next, parameters, .. } = &self.levels;
-        d_n.iter().zip(d_next).map(|(d, e)| (d + e) / (2.0 * parameters.step)).collect()
+        d_n.iter().zip(d_next).map(|(d, e)| (d + e) / (2.0 * parameters.step))
     }
 
     /// Returns the discrete invariant of beta = 1/2 between n and n + 1, in J:
@@ -88,13 +94,14 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn invariant(&self) -> Result<f64> {
-        let Levels { system, parameters, u_n, d_next, elastic, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, d_next, force, instants, .. } = &self.levels;
         let System { engine, stiffness, mass, .. } = system;
         let rate: Vec<f64> = d_next.iter().map(|d| d / parameters.step).collect();
         let next = sum(u_n, d_next);
         let mut product = vec![0.0; next.len()];
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
-        let elastic = engine.multiply(stiffness, &next, &mut product)? + 2.0 * elastic;
+        let elastic =
+            engine.multiply(stiffness, &next, &mut product)? + 2.0 * force.elastic_energy(system, u_n)?;
         let work = system.work(u_n)? + system.work(&next)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| {
             instants.work.iter().sum::<f64>() + 0.5 * instants.increment.iter().sum::<f64>()
@@ -111,7 +118,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.record.add_impulses(half);
         self.levels.shift((self.record.step + 1) as f64 * self.record.dt)?;
         self.driver.solve(&mut self.levels)?;
-        self.levels.update(&self.driver.x);
+        self.levels.update(&self.driver);
         self.driver.report_to(&mut self.record);
         self.levels.store(&self.driver.admissible)?;
         self.record.add_impulses(half);
@@ -131,7 +138,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     }
 
     fn velocity(&mut self) -> Result<Vec<f64>> {
-        Ok(self.central_velocity())
+        Ok(self.central_velocity().collect())
     }
 
     fn support_rates(&self) -> Result<Vec<f64>> {
@@ -140,8 +147,11 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity.
     fn energies(&self) -> Result<Energies> {
-        let Levels { system, u_n, elastic, instants, .. } = &self.levels;
-        let kinetic = system.kinetic_energy(&self.central_velocity())?;
+        let Levels { system, u_n, force, instants, .. } = &self.levels;
+        let elastic = force.elastic_energy(system, u_n)?;
+        let [rate, v] = &mut *self.work.borrow_mut();
+        rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
+        let kinetic = system.kinetic_energy(rate, v)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work.iter().sum());
         let work = system.work(u_n)? + by_time;
         Ok(Energies { kinetic, elastic: elastic + self.levels.stored_now(), work })
@@ -189,14 +199,14 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        let Levels { system, u_n, d_n, d_next, elastic, stored, instants, .. } = &mut self.levels;
-        archive.value(elastic)?;
+        let Levels { system, u_n, d_n, d_next, force, stored, instants, .. } = &mut self.levels;
         if system.bounds.hertz.is_some() {
             archive.value(stored)?;
         }
         for vector in [u_n, d_n, d_next] {
             archive.vector(VectorKind::Dofs, vector)?;
         }
+        force.archive(archive)?;
         instants.as_mut().map_or(Ok(()), |instants| instants.archive(archive))?;
         self.driver.archive(archive)
     }

@@ -24,7 +24,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::{axpy, copy_scaled, waxpby};
 use crate::obstacle::Bounds;
 use crate::scheme::drive::ModalDamping;
-use crate::scheme::step_driver::Formulas;
+use crate::scheme::step_driver::{Formulas, StepDriver};
 
 /// First step, whose unknown is `$x = 2 (U^1 - U^0)$`.
 pub(super) struct FirstStep<'l, 's, E: Engine> {
@@ -41,10 +41,11 @@ impl<E: Engine> FirstStep<'_, '_, E> {
     }
 
     /// Sets `$U^0 - U^{-1} = 2 \Delta t\, v_0 - x / 2$` and `$U^1 - U^0 = x / 2$`.
-    pub fn update(self, x: &[f64]) {
-        let Levels { d_n, d_next, parameters, .. } = self.levels;
-        waxpby(2.0 * parameters.step, self.v0, -0.5, x, d_n);
-        copy_scaled(0.5, x, d_next);
+    pub fn update(self, driver: &StepDriver<E>) {
+        let Levels { d_n, d_next, parameters, force, .. } = self.levels;
+        waxpby(2.0 * parameters.step, self.v0, -0.5, &driver.x, d_n);
+        copy_scaled(0.5, &driver.x, d_next);
+        force.start(driver.stiffness_product());
     }
 }
 
@@ -59,7 +60,7 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
 
     /// `$b = \frac{2}{\Delta t} M v_0 + F - K U^0$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
-        self.levels.force(b)?;
+        self.levels.force(b);
         let momentum = self.levels.system.momentum(self.v0)?;
         let dt = self.levels.parameters.step;
         axpy(2.0 / dt, &momentum, b);
