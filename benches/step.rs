@@ -4,9 +4,10 @@
 //! for any scheme that factors once), `stiffness` (K applied cell by cell), `check` (the KKT
 //! residual), the whole `step` of Newmark's scheme with the singular mass, and a `contact` step of
 //! the plate pressed onto its obstacle. `assembly` and `factor` occur once per run. At the end a
-//! table gives the ratio of steps to solves, by this program and by faer alone; these are timed in
-//! turns, so that other programs slow all alike. A second table has the mean step of the modal
-//! mass, over a flight and an impact.
+//! table gives the ratio of steps to solves, by this program and by faer alone, and those of contact
+//! steps and of the main loop to free steps; these are timed in turns, so that other programs slow
+//! all alike. A second table has the mean step of the modal mass, over a flight and an impact.
+//! `cargo bench --bench step -- --report` prints the tables alone.
 
 use divan::{Bencher, black_box};
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -19,7 +20,7 @@ use faer::{Conj, MatMut, Par, Side, Spec};
 use rebond::linalg::{Engine, Factor, LinearCombination};
 use rebond::scene::Scene;
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
-use rebond::simulation::Model;
+use rebond::simulation::{Model, Observer, Row};
 use rebond::vi::kkt::KktCheck;
 use rebond::vi::{Answer, Problem};
 use std::time::{Duration, Instant};
@@ -180,39 +181,99 @@ impl Faer {
     }
 }
 
-/// Prints the cost of a free step relative to the faster of two solves.
-fn compare() {
+/// Meshes and steps (s) of the table of costs.
+const COSTS: [(&str, [f64; 2]); 8] = [
+    ("fvs 10x4", [1e-4, 1e-5]),
+    ("hct 10x4", [1e-4, 1e-5]),
+    ("fvs 80x32", [1e-4, 1e-5]),
+    ("hct 80x32", [1e-4, 1e-5]),
+    ("fvs 160x64", [1e-4, 1e-5]),
+    ("hct 160x64", [1e-4, 1e-5]),
+    ("fvs 320x128", [1e-4, 1e-5]),
+    ("hct 320x128", [1e-4, 1e-5]),
+];
+
+/// Prints the cost of a free step relative to the faster of two solves, of a contact step relative
+/// to a free one, and of the main loop of a run relative to its steps.
+fn costs() {
+    println!("least of many, in us; step / solve, contact step / free step, step of a run / free step");
     println!(
-        "\n{:<12}{:>12}{:>12}{:>12}{:>8}   (the least of many, in us)",
-        "mesh", "solve", "faer", "step", "ratio"
+        "{:<13}{:>7}{:>11}{:>11}{:>11}{:>7}{:>11}{:>7}{:>11}{:>7}",
+        "mesh", "dt, s", "solve", "faer", "step", "ratio", "contact", "ratio", "run", "ratio"
     );
-    for mesh in MESHES {
-        let model = model(mesh);
-        let sum = Newmark::matrix(&model.system, PARAMETERS);
-        let mut factor = model.system.engine.factor(&sum, &[]).expect("positive definite");
-        let mut faer = Faer::new(model.system.engine.dofs(), &sum);
-        let mut scheme = Newmark::new(&model.system, PARAMETERS, model.start.clone()).expect("a sound start");
-        let b = &model.start.displacement;
-        let (mut x, mut y) = (b.clone(), b.clone());
-        let [mut solve, mut outside, mut step] = [f64::INFINITY; 3];
-        let clock = Instant::now();
-        while clock.elapsed() < Duration::from_secs(2) {
-            solve = solve.min(seconds(|| {
-                x.copy_from_slice(b);
-                let _ = factor.solve(black_box(&mut x));
-            }));
-            outside = outside.min(seconds(|| {
-                y.copy_from_slice(b);
-                faer.solve(black_box(&mut y));
-            }));
-            step = step.min(seconds(|| scheme.advance().expect("a sound step")));
+    for (mesh, steps) in COSTS {
+        for step in steps {
+            cost(mesh, step);
         }
-        let largest = x.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));
-        assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() <= 1e-6 * largest), "{mesh}: the solves differ");
-        let [solve, outside, step] = [solve, outside, step].map(|seconds| 1e6 * seconds);
-        let ratio = step / solve.min(outside);
-        println!("{mesh:<12}{solve:>12.2}{outside:>12.2}{step:>12.2}{ratio:>8.2}");
     }
+}
+
+fn cost(mesh: &str, dt: f64) {
+    let parameters = NewmarkParameters { step: dt, ..PARAMETERS };
+    let mut scene = scene(mesh);
+    scene.time.step = dt;
+    let model = Model::new(&scene).expect("a sound model");
+    let sum = Newmark::matrix(&model.system, parameters);
+    let mut factor = model.system.engine.factor(&sum, &[]).expect("positive definite");
+    let mut faer = Faer::new(model.system.engine.dofs(), &sum);
+    let mut free = Newmark::new(&model.system, parameters, model.start.clone()).expect("a sound start");
+    let at_rest = Model::new(&resting(mesh)).expect("a sound model");
+    let start = at_rest.start.clone();
+    let mut contact = Newmark::new(&at_rest.system, parameters, start).expect("a sound start");
+
+    let b = &model.start.displacement;
+    let (mut x, mut y) = (b.clone(), b.clone());
+    let [mut solve, mut outside, mut step, mut touching] = [f64::INFINITY; 4];
+    let clock = Instant::now();
+    while clock.elapsed() < Duration::from_secs(2) {
+        solve = solve.min(seconds(|| {
+            x.copy_from_slice(b);
+            let _ = factor.solve(black_box(&mut x));
+        }));
+        outside = outside.min(seconds(|| {
+            y.copy_from_slice(b);
+            faer.solve(black_box(&mut y));
+        }));
+        step = step.min(seconds(|| free.advance().expect("a sound step")));
+        touching = touching.min(seconds(|| contact.advance().expect("a sound step")));
+    }
+    let largest = x.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));
+    assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() <= 1e-6 * largest), "{mesh}: the solves differ");
+    assert!(contact.reaction().iter().any(|r| *r != 0.0), "{mesh}: the plate has left its obstacle");
+
+    let run = run_steps(&scene, &model, (0.2 / step) as u64);
+    let [solve, outside, step, touching, run] =
+        [solve, outside, step, touching, run].map(|seconds| 1e6 * seconds);
+    println!(
+        "{mesh:<13}{dt:>7.0e}{solve:>11.2}{outside:>11.2}{step:>11.2}{:>7.2}{touching:>11.2}{:>7.2}{run:>11.2}{:>7.2}",
+        step / solve.min(outside),
+        touching / step,
+        run / step,
+    );
+}
+
+/// Observer that takes no notice.
+struct Nobody;
+
+impl Observer for Nobody {
+    fn row(&mut self, _: &Row) -> Result<(), rebond::Error> {
+        Ok(())
+    }
+}
+
+/// Returns the time of a step in the main loop of a run of some steps, with a row every thousand of
+/// them, in s: the least of some runs.
+fn run_steps(scene: &Scene, model: &Model, steps: u64) -> f64 {
+    let mut scene = scene.clone();
+    let steps = steps.max(20);
+    scene.time.end = steps as f64 * scene.time.step;
+    scene.output.every = 1000;
+    let once = || {
+        let (outcome, end) = model.run(&scene, &mut Nobody).expect("a sound start");
+        end.expect("a sound run");
+        outcome.seconds.stepping / outcome.steps as f64
+    };
+    (0..5).map(|_| once()).fold(f64::INFINITY, f64::min)
 }
 
 /// Returns the shortest time of several runs, in s, each short enough to be undisturbed. The first
@@ -255,10 +316,14 @@ fn average_modal_steps() {
 }
 
 fn main() {
-    divan::main();
-    // The comparison is omitted where only a part of the benchmarks is requested.
-    if std::env::args().skip(1).all(|argument| argument == "--bench") {
-        compare();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let reports = arguments.iter().any(|argument| argument == "--report");
+    if !reports {
+        divan::main();
+    }
+    // The tables are omitted where only a part of the benchmarks is requested.
+    if reports || arguments.iter().all(|argument| argument == "--bench") {
+        costs();
         average_modal_steps();
     }
 }

@@ -9,7 +9,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::Result;
 use crate::linalg::vectors::dot;
-use crate::linalg::{Engine, Form, LinearCombination, LinearMethod, LinearSolves, Native};
+use crate::linalg::{Engine, Form, LinearCombination, LinearMethod, LinearSolves, Native, RowCoupling};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -257,6 +257,30 @@ impl Engine for Distributed {
         m: &mut [f64],
     ) -> Result<()> {
         self.products.with_magnitude(sum, x, y, m)
+    }
+
+    fn multiply_with_part(
+        &self,
+        sum: &LinearCombination,
+        part: &Form,
+        x: &[f64],
+        products: (&mut [f64], &mut [f64]),
+    ) -> Result<bool> {
+        self.products.with_part(sum, part, x, products)
+    }
+
+    fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
+        let local = self.cells().couplings(sum)?;
+        let magnitudes: Vec<f64> = local.iter().map(|coupling| coupling.magnitude).collect();
+        let mut sums = vec![0.0; self.own];
+        self.add_up(&magnitudes, &mut sums)?;
+        let mut own = vec![RowCoupling::default(); self.own];
+        for (dof, coupling) in local.iter().enumerate().filter(|(_, coupling)| coupling.magnitude > 0.0) {
+            if let (Some(dof), Some(to)) = (self.own_dof(dof), self.own_dof(coupling.to as usize)) {
+                own[dof] = RowCoupling { to: to as u32, magnitude: sums[dof] };
+            }
+        }
+        Ok(own)
     }
 
     fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {

@@ -1,28 +1,25 @@
 //! Factors of matrices over all ranks.
 
+use super::flexibility::Flexibility;
 use super::hierarchy::Hierarchy;
 use super::products::CellOperator;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
-use crate::error::{Error, Result};
-use crate::linalg::vectors::{add, axpy};
+use crate::error::Result;
+use crate::linalg::vectors::{add, subtract};
 use crate::linalg::{Factor, LinearMethod, LinearSolves};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Operator, Plex, Vector};
 use faer::Mat;
-use faer::linalg::solvers::{DenseSolveCore, Solve};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
-
-/// Number of columns of the inverse computed at once.
-const BLOCK: usize = 64;
 
 /// Relative tolerance of solves that only have to find the active dofs.
 const ROUGH: f64 = 1e-3;
 
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
-/// The Schur complement of the contact dofs is the inverse of their block S of A^-1 (the
-/// flexibility), which comes from solves with many right-hand sides at once.
+/// The Schur complement of the contact dofs is the inverse of their block of A^-1, the
+/// [`Flexibility`].
 pub struct DistributedFactor {
     context: Rc<Context>,
     matrix: Matrix,
@@ -30,22 +27,18 @@ pub struct DistributedFactor {
     cells: Option<Rc<RefCell<CellOperator>>>,
     solver: Ksp,
     linear: SystemSolver,
-    /// Solver of the matrix with some dofs held, if there are any.
-    pinned: Option<Ksp>,
-    /// Held dofs that this rank owns.
+    /// Matrix in which dofs were held last, and its solver.
+    pinned: Option<(Matrix, Ksp)>,
+    /// Held dofs that this rank owns, and whether any rank holds some.
     held: Vec<usize>,
+    holds: bool,
     right: Vector,
     solution: Vector,
     /// Systems that iterations have solved, by all factors of the engine.
     solves: Rc<Cell<LinearSolves>>,
     /// Position of this rank's first dof in global vectors.
     first: usize,
-    /// Contact dofs of this rank, and the offset of the first among those of all ranks.
-    contact_dofs: Vec<usize>,
-    before: usize,
-    /// Flexibility (block of A^-1 at the contact dofs), and its inverse, the Schur complement.
-    flexibility: Mat<f64>,
-    schur: Mat<f64>,
+    flexibility: Flexibility,
     /// Solution of the last condensed right-hand side without contact, its values at the contact
     /// dofs, and the condensed right-hand side.
     free: Vec<f64>,
@@ -72,17 +65,15 @@ impl DistributedFactor {
         let solver = solver(&context, &matrix, operator, linear.interpolations().as_deref())?;
         let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
         Ok(DistributedFactor {
-            context,
             cells,
             solver,
             linear,
             pinned: None,
             held: Vec::new(),
+            holds: false,
             first: right.range().start as usize,
-            contact_dofs: Vec::new(),
-            before: 0,
-            flexibility: Mat::zeros(0, 0),
-            schur: Mat::zeros(0, 0),
+            flexibility: Flexibility::new(&context, right.local_size()),
+            context,
             free: vec![0.0; right.local_size()],
             free_contact_dofs: Vec::new(),
             condensed: Vec::new(),
@@ -95,44 +86,7 @@ impl DistributedFactor {
 
     /// Replaces the contact dofs; columns of those that stay are kept.
     pub(super) fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<()> {
-        // Whether each contact dof is an old one, and its index among them.
-        let place = |dof: &usize| {
-            let old = self.contact_dofs.binary_search(dof);
-            (old.is_ok(), old.map_or(0, |k| self.before + k))
-        };
-        let own: Vec<(bool, usize)> = contact_dofs.iter().map(place).collect();
-        let (places, before) = self.context.comm().all_gather_with_offset(&own);
-        (self.contact_dofs, self.before) = (contact_dofs.to_vec(), before);
-        let count = places.len();
-        let old = |i: usize| places[i].0.then_some(places[i].1);
-        let mut block = Mat::zeros(count, count);
-        for (j, i) in (0..count).flat_map(|j| (0..count).map(move |i| (j, i))) {
-            if let (Some(i_old), Some(j_old)) = (old(i), old(j)) {
-                block[(i, j)] = self.flexibility[(i_old, j_old)];
-            }
-        }
-        let new: Vec<usize> = (0..count).filter(|&j| old(j).is_none()).collect();
-        self.solve_for_columns(&new, &mut block)?;
-        for (&j, i) in new.iter().flat_map(|j| (0..count).map(move |i| (j, i))) {
-            // Both columns were solved for: take their mean.
-            let value = if old(i).is_none() { 0.5 * (block[(i, j)] + block[(j, i)]) } else { block[(i, j)] };
-            (block[(i, j)], block[(j, i)]) = (value, value);
-        }
-        self.flexibility = block;
-        self.invert()
-    }
-
-    /// Computes the Schur complement from the flexibility.
-    fn invert(&mut self) -> Result<()> {
-        let count = self.flexibility.nrows();
-        self.schur = Mat::zeros(0, 0);
-        if count > 0 {
-            let llt = self.flexibility.llt(faer::Side::Lower).map_err(|_| {
-                Error::Singular(format!("the flexibility of {count} contact dofs is not positive definite"))
-            })?;
-            self.schur = llt.inverse();
-        }
-        Ok(())
+        self.flexibility.set(contact_dofs, &mut self.solver)
     }
 
     /// Returns the assembled matrix that is factored.
@@ -140,43 +94,13 @@ impl DistributedFactor {
         &self.matrix
     }
 
-    /// Solves for columns of the flexibility.
-    fn solve_for_columns(&mut self, columns: &[usize], block: &mut Mat<f64>) -> Result<()> {
-        let (own, count) = (self.free.len(), block.nrows());
-        for lot in columns.chunks(BLOCK) {
-            let mut right = Matrix::dense(&self.context, Comm::World, own, lot.len())?;
-            let mut solution = Matrix::dense(&self.context, Comm::World, own, lot.len())?;
-            right.with_columns_mut(|values| {
-                for (number, column) in lot.iter().enumerate() {
-                    let mine = column.checked_sub(self.before).and_then(|k| self.contact_dofs.get(k));
-                    if let Some(dof) = mine {
-                        values[number * own + dof] = 1.0;
-                    }
-                }
-            })?;
-            self.solver.solve_columns(&right, &mut solution)?;
-            let mut rows = vec![0.0; count * lot.len()];
-            solution.with_columns(|values| {
-                for (k, &dof) in self.contact_dofs.iter().enumerate() {
-                    for number in 0..lot.len() {
-                        rows[number * count + self.before + k] = values[number * own + dof];
-                    }
-                }
-            })?;
-            self.context.comm().all_reduce_sum_slice_unordered(&mut rows);
-            for (number, &column) in lot.iter().enumerate() {
-                for row in 0..count {
-                    block[(row, column)] = rows[number * count + row];
-                }
-            }
-        }
-        Ok(())
-    }
-
     /// Solves for the right-hand side in x, with pinned dofs or without, to a tolerance larger than
     /// that of the solver if one is given.
     fn solve_with(&mut self, pinned: bool, rough: Option<f64>, x: &mut [f64]) -> Result<()> {
-        let solver = if pinned { self.pinned.as_mut().unwrap_or(&mut self.solver) } else { &mut self.solver };
+        let solver = match &mut self.pinned {
+            Some((_, solver)) if pinned && self.holds => solver,
+            _ => &mut self.solver,
+        };
         // Held dofs have equations of their own, whose size the norm of an iteration cannot weigh
         // against that of the others.
         let held: &[usize] =
@@ -195,14 +119,6 @@ impl DistributedFactor {
         self.solution.copy_to(x)?;
         held.iter().zip(values).for_each(|(&dof, value)| x[dof] = value);
         Ok(())
-    }
-
-    fn times_schur(&self, x: &[f64]) -> Vec<f64> {
-        let mut product = vec![0.0; x.len()];
-        for (j, x) in x.iter().enumerate() {
-            axpy(*x, self.schur.col_as_slice(j), &mut product);
-        }
-        product
     }
 }
 
@@ -313,7 +229,7 @@ impl Factor for DistributedFactor {
     }
 
     fn schur(&self) -> &Mat<f64> {
-        &self.schur
+        self.flexibility.schur()
     }
 
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
@@ -321,27 +237,25 @@ impl Factor for DistributedFactor {
         free.copy_from_slice(b);
         self.solve_with(false, None, &mut free)?;
         self.free = free;
-        let own: Vec<f64> = self.contact_dofs.iter().map(|&dof| self.free[dof]).collect();
-        self.free_contact_dofs = self.context.comm().all_gather(&own);
-        self.condensed = self.times_schur(&self.free_contact_dofs);
+        self.free_contact_dofs = self.flexibility.gather(&self.free);
+        self.condensed = self.flexibility.times_schur(&self.free_contact_dofs);
         h.copy_from_slice(&self.condensed);
         Ok(())
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
+        x.copy_from_slice(&self.free);
         if values != self.free_contact_dofs {
             // x = x_free + A^-1 G^T r, where the reactions r move the contact dofs to their values.
             // Overwriting these entries of x by the values themselves would gain a last digit and
             // spoil the equilibrium on fine meshes.
-            let forces = self.times_schur(values);
-            x.fill(0.0);
-            for (k, &dof) in self.contact_dofs.iter().enumerate() {
-                x[dof] = forces[self.before + k] - self.condensed[self.before + k];
+            let mut forces = self.flexibility.times_schur(values);
+            subtract(&self.condensed, &mut forces);
+            if !self.flexibility.add_displacement(&forces, x) {
+                self.flexibility.put_forces(&forces, x);
+                self.solve_with(false, None, x)?;
+                add(&self.free, x);
             }
-            self.solve_with(false, None, x)?;
-            add(&self.free, x);
-        } else {
-            x.copy_from_slice(&self.free);
         }
         Ok(())
     }
@@ -349,49 +263,48 @@ impl Factor for DistributedFactor {
     fn solve_schur(&self, h: &mut [f64]) {
         if *h == self.condensed {
             h.copy_from_slice(&self.free_contact_dofs);
-            return;
+        } else {
+            self.flexibility.solve_schur(h);
         }
-        let mut right = Mat::from_fn(h.len(), 1, |i, _| h[i]);
-        if let Ok(llt) = self.schur.llt(faer::Side::Lower) {
-            llt.solve_in_place(&mut right);
-        }
-        h.iter_mut().enumerate().for_each(|(i, h)| *h = right[(i, 0)]);
     }
 
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        self.pinned = None;
         self.held = dofs.to_vec();
-        if self.context.comm().all_reduce_any(!dofs.is_empty()) {
-            let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
-            let mut held = self.matrix.duplicate()?;
+        self.holds = self.context.comm().all_reduce_any(!dofs.is_empty());
+        if !self.holds {
+            return Ok(());
+        }
+        let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
+        if let (SystemSolver::Direct, Some((held, solver))) = (&self.linear, &mut self.pinned) {
+            // The pattern is that of the matrix, so that its analysis is kept.
             held.copy_from(&self.matrix)?;
             held.zero_rows_columns(&rows, 1.0)?;
-            held.set_positive_definite()?;
-            held.share_near_null_space(&self.matrix)?;
-            let truncated = match &self.linear {
-                SystemSolver::Multigrid(hierarchy) => hierarchy.truncated(&self.matrix, dofs)?,
-                _ => None,
-            };
-            let mut interpolations = self.linear.interpolations();
-            if let (Some(levels), Some(truncated)) = (&mut interpolations, &truncated) {
-                levels.pop();
-                levels.push(truncated);
-            }
-            let operator = operator(&self.context, self.cells.as_ref(), &self.matrix, dofs)?;
-            self.pinned = Some(solver(&self.context, &held, operator, interpolations.as_deref())?);
+            solver.set_operator(held)?;
+            return solver.set_up();
         }
+        self.pinned = None;
+        let mut held = self.matrix.duplicate()?;
+        held.copy_from(&self.matrix)?;
+        held.keep_pattern()?;
+        held.zero_rows_columns(&rows, 1.0)?;
+        held.set_positive_definite()?;
+        held.share_near_null_space(&self.matrix)?;
+        let truncated = match &self.linear {
+            SystemSolver::Multigrid(hierarchy) => hierarchy.truncated(&self.matrix, dofs)?,
+            _ => None,
+        };
+        let mut interpolations = self.linear.interpolations();
+        if let (Some(levels), Some(truncated)) = (&mut interpolations, &truncated) {
+            levels.pop();
+            levels.push(truncated);
+        }
+        let operator = operator(&self.context, self.cells.as_ref(), &self.matrix, dofs)?;
+        let solver = solver(&self.context, &held, operator, interpolations.as_deref())?;
+        self.pinned = Some((held, solver));
         Ok(())
     }
 
-    /// Archives the flexibility, whose columns depend on the order in which they were solved for.
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        let count = self.flexibility.nrows();
-        let mut columns: Vec<f64> =
-            (0..count).flat_map(|j| self.flexibility.col_as_slice(j).to_vec()).collect();
-        if archive.value_of_same(&mut columns)? && !archive.saves() {
-            self.flexibility = Mat::from_fn(count, count, |i, j| columns[count * j + i]);
-            self.invert()?;
-        }
-        Ok(())
+        self.flexibility.archive(&mut self.solver, archive)
     }
 }

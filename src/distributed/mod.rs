@@ -7,6 +7,7 @@
 mod adder;
 mod engine;
 mod factor;
+mod flexibility;
 mod hierarchy;
 mod mesh_part;
 mod own_mesh;

@@ -115,6 +115,24 @@ impl CellProducts {
         to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
         to_owners(&self.plex, &work.m, m, &mut work.global, &mut work.given)
     }
+
+    /// Computes y = A x and z = `part` x; see [`Engine::multiply_with_part`]. Collective.
+    pub fn with_part(
+        &self,
+        sum: &LinearCombination,
+        part: &Form,
+        x: &[f64],
+        (y, z): (&mut [f64], &mut [f64]),
+    ) -> Result<bool> {
+        let work = &mut *self.work.borrow_mut();
+        work.read(&self.plex, x)?;
+        let is_known = self.cells.multiply_with_part(sum, part, &work.x, (&mut work.y, &mut work.m))?;
+        if is_known {
+            to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
+            to_owners(&self.plex, &work.m, z, &mut work.global, &mut work.given)?;
+        }
+        Ok(is_known)
+    }
 }
 
 /// Weighted sum of forms that owns them, applied cell by cell.

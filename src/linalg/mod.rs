@@ -271,9 +271,12 @@ pub trait Engine: Sized {
 
     /// Returns for each dof at most one coupling to another dof in a sum of forms with positive
     /// weights: that of a slope to the deflection of its node. The default has no couplings.
-    fn couplings(&self, sum: &LinearCombination) -> Vec<RowCoupling> {
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
         let _ = sum;
-        vec![RowCoupling::default(); self.dofs()]
+        Ok(vec![RowCoupling::default(); self.dofs()])
     }
 
     /// Returns the number of velocity dofs of a mass: the number of cells for the singular mass,

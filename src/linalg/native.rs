@@ -396,7 +396,7 @@ impl Engine for Native {
         Ok(diagonal)
     }
 
-    fn couplings(&self, sum: &LinearCombination) -> Vec<RowCoupling> {
+    fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
         let mut couplings = vec![RowCoupling::default(); self.dofs()];
         for (scale, form) in sum.terms() {
             match form {
@@ -413,7 +413,7 @@ impl Engine for Native {
                 }
             }
         }
-        couplings
+        Ok(couplings)
     }
 
     fn require_memory(&self, sum: &LinearCombination, factors: usize) -> Result<()> {

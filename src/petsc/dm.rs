@@ -11,6 +11,10 @@ use crate::error::{Error, Result};
 use std::ops::Range;
 use std::rc::Rc;
 
+/// Number of cells per rank from which a graph partitioner is worth its exchanges. Partitions of few
+/// cells on a busy machine have kept PTScotch's ranks waiting for one another.
+const FEW_CELLS: usize = 16;
+
 handle! {
     /// Distributed mesh of the plane, whose cells, edges and vertices are its *points*.
     ///
@@ -111,8 +115,9 @@ impl Plex {
 
     /// Returns the mesh partitioned evenly with few shared edges. Collective.
     ///
-    /// PTScotch makes the partition unless `-petscpartitioner_type` names another partitioner.
-    /// Ranks do not overlap: each cell is on one rank.
+    /// PTScotch makes the partition, or, of fewer than [`FEW_CELLS`] cells per rank, their numbering;
+    /// `-petscpartitioner_type` names another partitioner. Ranks do not overlap: each cell is on one
+    /// rank.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
@@ -120,9 +125,12 @@ impl Plex {
         if self.context.size() == 1 {
             return Ok(self);
         }
+        let comm = self.context.comm();
+        let is_small = comm.all_reduce_sum(self.cells().len()) < FEW_CELLS * comm.size();
+        let kind = if is_small { c"simple" } else { c"ptscotch" };
         let mut partitioner = std::ptr::null_mut();
         call!(DMPlexGetPartitioner(self.raw, &mut partitioner))?;
-        call!(PetscPartitionerSetType(partitioner, c"ptscotch".as_ptr()))?;
+        call!(PetscPartitionerSetType(partitioner, kind.as_ptr()))?;
         call!(PetscPartitionerSetFromOptions(partitioner))?;
         let mut raw = std::ptr::null_mut();
         call!(DMPlexDistribute(self.raw, 0, std::ptr::null_mut(), &mut raw))?;

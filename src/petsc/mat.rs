@@ -308,6 +308,14 @@ impl Matrix {
         Ok(norm)
     }
 
+    /// Has entries that are zeroed stay in the pattern. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn keep_pattern(&mut self) -> Result<()> {
+        call!(MatSetOption(self.raw, sys::MatOption::MAT_KEEP_NONZERO_PATTERN, sys::truth(true)))
+    }
+
     /// Zeroes rows and columns, with `diagonal` on their diagonal. Collective.
     ///
     /// Each rank may name rows of any rank.

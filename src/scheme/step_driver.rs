@@ -29,16 +29,22 @@
 //! they were, and no motion keeps as much as the 1e-9 that promises on the energy allow. Above it,
 //! answers are corrected within the step and nothing is fed forward, nor where A is factored with
 //! twice the digits: there rounding errors of the products themselves, fed forward, change the
-//! energy by 5e-8 in a step (cells of aspect ratio 1000).
+//! energy by 5e-8 in a step (cells of aspect ratio 1000). A step whose forces are so much smaller
+//! than those before it that its residual is above [`MAX_FED_RESIDUAL`], as in rigid flight, is
+//! solved again by itself.
 
 use super::drive::ModalDamping;
 use super::{StepRecord, System};
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
-use crate::linalg::vectors::{subtract, waxpby};
+use crate::linalg::vectors::{add, subtract, waxpby};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
+
+/// KKT residual above which a step that fed residuals forward is solved again without them,
+/// dimensionless.
+const MAX_FED_RESIDUAL: f64 = 1e-11;
 
 /// Formulas of a scheme for the step from `$U^n$`.
 pub(super) trait Formulas<E: Engine> {
@@ -112,6 +118,12 @@ impl Feedback {
         subtract(&self.term, b);
     }
 
+    /// Forgets the residuals.
+    fn clear(&mut self) {
+        let [last, earlier] = &mut self.residuals;
+        [last, earlier, &mut self.term].into_iter().for_each(|vector| vector.fill(0.0));
+    }
+
     /// Takes the residual of the step for the right-hand side without the reduction.
     fn take(&mut self, residual: &[f64]) {
         self.residuals.swap(0, 1);
@@ -175,12 +187,34 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// # Errors
     /// Returns the errors of the formulas and of the solver.
     pub fn solve(&mut self, formulas: &mut impl Formulas<E>) -> Result<()> {
-        let System { engine, .. } = self.system;
         formulas.right_hand_side(&mut self.b)?;
         self.damp_modes(formulas)?;
         if let Some(feedback) = &mut self.feedback {
             feedback.apply(&mut self.b);
         }
+        self.solve_for_right_hand_side(formulas)?;
+        if let Some(feedback) = self.feedback.as_mut().filter(|_| !(self.report.kkt <= MAX_FED_RESIDUAL)) {
+            // Beside the small forces of this step, the residuals of the last ones are no rounding.
+            add(&feedback.term, &mut self.b);
+            feedback.clear();
+            self.solver.set_feeding(false);
+            let retries = self.report.retries;
+            self.solve_for_right_hand_side(formulas)?;
+            self.report.retries += retries + 1;
+            self.solver.set_feeding(true);
+        }
+        if let Some(feedback) = &mut self.feedback {
+            feedback.take(self.solver.residual());
+        }
+        for (z, &dof) in self.admissible.iter_mut().zip(&formulas.limits().dofs) {
+            *z = formulas.bounded_configuration(self.x[dof], dof);
+        }
+        Ok(())
+    }
+
+    /// Solves a step for the right-hand side b, from which the term of the feedback is subtracted.
+    fn solve_for_right_hand_side(&mut self, formulas: &impl Formulas<E>) -> Result<()> {
+        let System { engine, .. } = self.system;
         let limits = formulas.limits();
         self.bounds.shift(limits, |dof, alpha| formulas.bound_on_unknown(alpha, dof));
         self.bounds.scale_stiffness(limits, formulas.rate_of_configuration());
@@ -200,12 +234,6 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         self.report =
             self.solver.solve_step(engine, &problem, more.as_slice(), &mut answer, Some(&mut product))?;
         self.has_product = product.is_known && self.solver.has_accurate_products();
-        if let Some(feedback) = &mut self.feedback {
-            feedback.take(self.solver.residual());
-        }
-        for (z, &dof) in self.admissible.iter_mut().zip(&limits.dofs) {
-            *z = formulas.bounded_configuration(self.x[dof], dof);
-        }
         Ok(())
     }
 

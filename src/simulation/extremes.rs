@@ -243,20 +243,20 @@ impl StressPeaks {
         Ok(())
     }
 
-    /// Returns the largest stress of all sites; of equal ones the earliest, then the first in x and
-    /// y. Collective.
+    /// Returns the largest stress of all sites; of those that are equal but for rounding the
+    /// earliest, then the first in x and y. Collective.
     pub fn largest(&self, sites: &StressSites, comm: &impl Communicator) -> Option<StressPeak> {
         let sign = |surface: PlateSurface| surface.sign();
         let of = |(peak, (at, _)): (SitePeak, &Place)| (peak.value(), peak.time, *at, sign(peak.surface()));
-        let own = self.all(sites).map(of);
         type Numbers = (f64, f64, [f64; 2], f64);
-        let better = |a: &Numbers, b: &Numbers| {
-            let order = a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1));
-            order.then(b.2[0].total_cmp(&a.2[0])).then(b.2[1].total_cmp(&a.2[1]))
+        let earlier = |a: &Numbers, b: &Numbers| {
+            a.1.total_cmp(&b.1).then(a.2[0].total_cmp(&b.2[0])).then(a.2[1].total_cmp(&b.2[1]))
         };
-        let own: Vec<Numbers> = own.max_by(better).into_iter().collect();
-        let largest = comm.all_gather(&own).into_iter().max_by(better)?;
-        let (value, time, at, sign) = largest;
+        let largest = comm.all_reduce_max(self.all(sites).map(|(peak, _)| peak.value()).fold(0.0, f64::max));
+        let is_equal = |numbers: &Numbers| numbers.0 >= (1.0 - SAME_STRESS) * largest;
+        let own: Vec<Numbers> =
+            self.all(sites).map(of).filter(is_equal).min_by(earlier).into_iter().collect();
+        let (value, time, at, sign) = comm.all_gather(&own).into_iter().min_by(earlier)?;
         let surface = if sign < 0.0 { PlateSurface::Bottom } else { PlateSurface::Top };
         Some(StressPeak { value, time, at, surface })
     }
@@ -308,6 +308,10 @@ impl StressPeaks {
         Ok(())
     }
 }
+
+/// Relative difference up to which two stresses are equal: places that symmetry makes alike differ by
+/// rounding.
+const SAME_STRESS: f64 = 1e-9;
 
 /// Distance, relative to the largest coordinate, within which two positions are the same node.
 const NEAR: f64 = 1e-9;

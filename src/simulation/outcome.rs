@@ -118,6 +118,10 @@ pub struct Outcome {
     pub dofs: usize,
     /// Number of dofs bounded by an obstacle.
     pub bounded_dofs: usize,
+    /// Number of ranks.
+    pub ranks: usize,
+    /// Largest number of dofs that a rank owns, over the mean of all ranks.
+    pub imbalance: f64,
     /// Number of steps.
     pub steps: u64,
     /// Number of steps with contact.
@@ -172,6 +176,9 @@ impl Outcome {
         Ok(Outcome {
             dofs,
             bounded_dofs,
+            ranks: engine.comm().size(),
+            imbalance: engine.comm().all_reduce_max(engine.dofs() as f64) * engine.comm().size() as f64
+                / dofs.max(1) as f64,
             steps: 0,
             contact_steps: 0,
             vi_iterations: 0,

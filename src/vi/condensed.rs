@@ -148,14 +148,18 @@ impl<E: Engine> Condensed<E> {
             others[i] = false;
         }
         let others: Vec<usize> = (0..bounds.len()).filter(|&i| others[i]).collect();
-        // All ranks agree on how small a gap counts as near.
-        let mut gaps = engine.comm().all_gather(&others.iter().map(|&i| gap(i)).collect::<Vec<_>>());
-        gaps.sort_by(f64::total_cmp);
-        let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
-        let known = engine.comm().all_reduce_sum(candidates.len());
+        let mut gaps: Vec<f64> = others.iter().map(|&i| gap(i)).collect();
+        let own_broken = gaps.iter().filter(|gap| **gap < 0.0).count();
+        let [broken, known] = engine.comm().all_reduce_sum([own_broken, candidates.len()]);
         if known + broken > DENSE_LIMIT {
             return self.pin(engine, matrix);
         }
+        // All ranks agree on how small a gap counts as near. No lot is larger than the limit, so that
+        // the smallest gaps of each rank suffice.
+        gaps.sort_by(f64::total_cmp);
+        gaps.truncate(DENSE_LIMIT);
+        let mut gaps = engine.comm().all_gather(&gaps);
+        gaps.sort_by(f64::total_cmp);
         let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
         let near = gaps[lot - 1];
         // `total_cmp` orders NaN too, as the sort above did, so that each round adds candidates.

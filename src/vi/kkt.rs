@@ -154,7 +154,7 @@ impl KktCheck {
     pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination) -> Result<KktCheck> {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         let zeros = vec![0.0; scale.len()];
-        let couplings = engine.couplings(matrix);
+        let couplings = engine.couplings(matrix)?;
         Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, couplings, loose: None })
     }
 

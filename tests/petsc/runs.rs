@@ -132,7 +132,7 @@ fn forces_add_up_in_motion(arguments: &[String]) -> Result<()> {
             initial = {{ velocity = "-3*x*y" }}
             time = {{ scheme = "{scheme}", mass = "{mass}", step = 1.3e-3, end = 0.13{more} }}
             output = {{ every = 1 }}
-            solver = {{ engine = "petsc" }}
+            solver = {{ engine = "petsc", tolerance = 2e-11 }}
             "#
         );
         let scene = Scene::from_str(&text, "thrown", &[])?;

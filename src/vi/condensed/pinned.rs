@@ -75,7 +75,19 @@ impl<E: Engine> Condensed<E> {
                 x.copy_from_slice(&increment);
             }
             if bounds.hertz.is_some() {
-                yields += add_yielding(engine, &mut self.factor, bounds, x)?;
+                let (iterations, loads) = add_yielding(engine, &mut self.factor, bounds, x)?;
+                yields += iterations;
+                if engine.comm().all_reduce_any(loads.iter().any(|(_, force)| *force != 0.0)) {
+                    // The sum of the displacements without these forces and by them has lost the
+                    // digits in which both cancel.
+                    apply(engine, matrix, x, &mut product, &mut residual)?;
+                    waxpy(-1.0, &residual, b, &mut increment);
+                    loads.iter().for_each(|(dof, force)| increment[*dof] += force);
+                    let held = (0..bounds.len()).filter(|&i| fixed(i).is_some());
+                    held.for_each(|i| increment[bounds.dofs[i]] = 0.0);
+                    self.factor.solve(&mut increment)?;
+                    add(&increment, x);
+                }
             }
             engine.multiply_with_magnitude(matrix, x, &mut residual, &mut magnitude)?;
             for (i, &dof) in bounds.dofs.iter().enumerate() {
@@ -128,7 +140,7 @@ struct UnitResponse {
 }
 
 /// Adds to x, the answer without bounds that yield, the displacement by their forces. Returns the
-/// number of iterations. Collective.
+/// number of iterations, and the dofs and forces (N) of this rank. Collective.
 ///
 /// With the displacements that unit forces on the loaded bounds cause, these forces solve a dense
 /// problem whose matrix is the inverse of that compliance.
@@ -137,7 +149,7 @@ fn add_yielding<E: Engine>(
     factor: &mut E::Factor,
     bounds: &Bounds,
     x: &mut [f64],
-) -> Result<u32> {
+) -> Result<(u32, Vec<(usize, f64)>)> {
     let comm = engine.comm();
     let is_soft = |i: &usize| (0..2).any(|side| bounds.yields(*i, side).is_some());
     let own: Vec<usize> = (0..bounds.len()).filter(is_soft).collect();
@@ -197,5 +209,9 @@ fn add_yielding<E: Engine>(
         responses.iter().zip(&forces).for_each(|(of, force)| axpy(*force, &of.of_bounds, &mut values));
     }
     responses.iter().zip(&forces).for_each(|(of, force)| axpy(*force, &of.of_dofs, x));
-    Ok(iterations)
+    let loads = responses.iter().zip(&forces).filter_map(|(of, force)| {
+        let own = of.place.checked_sub(first).and_then(|k| own.get(k));
+        own.map(|&i| (bounds.dofs[i], *force))
+    });
+    Ok((iterations, loads.collect()))
 }

@@ -1,0 +1,171 @@
+#!/usr/bin/env python3
+"""Measures how steps of the PETSc engine scale with the number of ranks, and draws it.
+
+The paper's plate, bent by 14600 Pa, is pushed down by 1e5 Pa onto an obstacle just under its tip
+(singular mass, 1e-4 s). Each row is the difference between a run of 30 steps and one of 10, so that
+it has steps alone: in most of them the free edge is in contact. Messages and bytes are counted by
+Open MPI's monitoring below MPI, so that they include those of PETSc, of MUMPS and of collectives;
+they are those of the rank that sends most. With --free the obstacle is out of reach.
+
+strong: one mesh on more ranks. weak: as many cells per rank on more ranks.
+
+Usage: scripts/scaling.py [--ranks 1,2,4] [--cells 160,64] [--element fvs] [--linear direct,multigrid]
+                          [--free] [--draw FILE.svg]
+"""
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+COUNTS = (10, 30)
+SCENE = """
+plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
+mesh = {{ element = "{element}", cells = [{cells[0]}, {cells[1]}] }}
+support = [{{ edge = "left", kind = "clamped" }}]
+obstacle = [{{ side = "below", height = {obstacle} }}]
+initial = {{ static_pressure = -14600 }}
+load = {{ pressure = -1e5 }}
+time = {{ scheme = "newmark", mass = "singular", step = 1e-4, end = {end} }}
+output = {{ every = 1000 }}
+solver = {{ engine = "petsc", linear = "{linear}" }}
+"""
+HEAD = f"{'':8}{'cells':>10}{'ranks':>7}{'dofs':>9}{'set-up s':>10}{'ms/step':>9}{'effic.':>8}{'its':>6}"
+HEAD += f"{'messages':>10}{'kB':>9}{'imbal.':>8}{'MiB':>7}{'contact':>9}"
+
+
+def run(folder, case, ranks, steps):
+    """Runs a scene; returns its summary, with the largest counts of a rank and its peak memory."""
+    scene = folder / "scene.toml"
+    scene.write_text(SCENE.format(end=steps * 1e-4, **case))
+    for old in folder.glob("count.*"):
+        old.unlink()
+    launch = "mpirun --oversubscribe --mca mpi_yield_when_idle 1 --mca pml ob1,monitoring --mca btl ^tcp,ofi"
+    launch += " --mca pml_monitoring_enable 1 --mca pml_monitoring_enable_output 3"
+    command = [*launch.split(), "--mca", "pml_monitoring_filename", folder / "count", "-n", str(ranks)]
+    command += [ROOT / "target/release/rebond", "run", scene, "--json", "--overwrite", "--out", folder / "run"]
+    root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"} if os.getuid() == 0 else {}
+    with open(folder / "said", "w+") as said, open(folder / "errors", "w+") as errors:
+        process = subprocess.Popen(command, stdout=said, stderr=errors, env={**os.environ, **root})
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = status
+        said.seek(0)
+        errors.seek(0)
+        if status != 0:
+            sys.exit(errors.read())
+        summary = json.load(said)
+    counts = [sent(file) for file in folder.glob("count.*")]
+    summary["messages"], summary["bytes"] = (max(of, default=0) for of in zip(*counts))
+    summary["peak"] = usage.ru_maxrss / 1024  # MiB, of the largest process
+    return summary
+
+
+def sent(file):
+    """Returns how many messages and bytes a rank has sent to others, from the file of a rank."""
+    messages = size = 0
+    for line in file.read_text().splitlines():
+        words = line.split()
+        if words and words[0] == "E" and words[1] != words[2]:
+            size, messages = size + int(words[3]), messages + int(words[5])
+    return messages, size
+
+
+def measure(folder, case, ranks):
+    """Returns the figures of one step."""
+    short, long = (run(folder, case, ranks, steps) for steps in COUNTS)
+    steps = COUNTS[1] - COUNTS[0]
+    per_step = lambda of: (of(long) - of(short)) / steps
+    setup = [long["seconds"][of] for of in ("assembly", "equilibrium", "factor")]
+    return {
+        "dofs": long["dofs"],
+        "setup": sum(setup),
+        "step": per_step(lambda run: run["seconds"]["blocks"]["advance"]),
+        "iterations": long["linear"]["iterations_mean"],
+        "messages": per_step(lambda run: run["messages"]),
+        "bytes": per_step(lambda run: run["bytes"]),
+        "imbalance": long["imbalance"],
+        "peak": long["peak"],
+        "contact": long["contact_steps"] - short["contact_steps"],
+    }
+
+
+def print_row(kind, case, ranks, row, efficiency):
+    """Prints the figures of one step."""
+    cells = "{}x{}".format(*case["cells"])
+    iterations = "-" if row["iterations"] is None else f"{row['iterations']:.1f}"
+    print(
+        f"{kind:8}{cells:>10}{ranks:7d}{row['dofs']:9d}{row['setup']:10.2f}{1e3 * row['step']:9.1f}"
+        f"{efficiency:8.2f}{iterations:>6}{row['messages']:10.0f}{row['bytes'] / 1e3:9.0f}"
+        f"{row['imbalance']:8.3f}{row['peak']:7.0f}{row['contact']:>6}/{COUNTS[1] - COUNTS[0]}",
+        flush=True,
+    )
+
+
+def draw(results, file):
+    """Draws the time of a step over the ranks: solid with one core per rank, dotted beyond."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams["svg.hashsalt"] = "scaling"
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 2, figsize=(7.2, 3.0), constrained_layout=True)
+    cores = os.cpu_count()
+    for axis, kind in zip(axes, ("strong", "weak")):
+        for (linear, color), mark in zip((("direct", "#1f4e79"), ("multigrid", "#c55a11")), "os"):
+            points = sorted((ranks, 1e3 * row["step"]) for (what, of, ranks), row in results.items() if (what, of) == (kind, linear))
+            if not points:
+                continue
+            within = [point for point in points if point[0] <= cores]
+            axis.plot(*zip(*points), ":", color=color, lw=1)
+            axis.plot(*zip(*within), "-", marker=mark, color=color, label=linear, ms=4)
+            axis.plot(*zip(*points), mark, mfc="white", color=color, ms=4, zorder=1)
+            ideal = [points[0][1] / (ranks if kind == "strong" else 1) for ranks, _ in points]
+            axis.plot([ranks for ranks, _ in points], ideal, "--", color="#888888", lw=0.8)
+        axis.set(xscale="log", yscale="log", xlabel="ranks", ylabel="ms per step", title=f"{kind} scaling")
+        ranks = sorted({ranks for _, _, ranks in results})
+        axis.set_xticks(ranks, [str(count) for count in ranks])
+        axis.minorticks_off()
+        axis.legend(frameon=False, fontsize=8)
+    figure.savefig(file, metadata={"Date": None})
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ranks", default="1,2,4")
+    parser.add_argument("--cells", default="160,64")
+    parser.add_argument("--element", default="fvs", choices=["fvs", "hct"])
+    parser.add_argument("--linear", default="direct,multigrid")
+    parser.add_argument("--free", action="store_true")
+    parser.add_argument("--draw", metavar="FILE.svg")
+    options = parser.parse_args()
+    ranks = [int(count) for count in options.ranks.split(",")]
+    cells = [int(count) for count in options.cells.split(",")]
+
+    subprocess.check_call(["cargo", "build", "--release", "--locked", "--quiet"], cwd=ROOT)
+    results = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for linear in options.linear.split(","):
+            print(f"{linear}\n{HEAD}")
+            for kind in ("strong", "weak"):
+                for count in ranks:
+                    # Multiples of 8 can be halved by multigrid.
+                    growth = math.sqrt(count / ranks[0]) if kind == "weak" else 1
+                    of_case = [8 * round(growth * side / 8) for side in cells]
+                    obstacle = -0.3 if options.free else -0.2085
+                    case = {"cells": of_case, "element": options.element, "linear": linear, "obstacle": obstacle}
+                    row = measure(Path(folder), case, count)
+                    results[kind, linear, count] = row
+                    first = results[kind, linear, ranks[0]]
+                    ideal = first["step"] * (ranks[0] / count if kind == "strong" else row["dofs"] / first["dofs"] * ranks[0] / count)
+                    print_row(kind, case, count, row, ideal / row["step"])
+    if options.draw:
+        draw(results, options.draw)
+
+
+main()
