@@ -193,7 +193,8 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             feedback.apply(&mut self.b);
         }
         self.solve_for_right_hand_side(formulas)?;
-        if let Some(feedback) = self.feedback.as_mut().filter(|_| !(self.report.kkt <= MAX_FED_RESIDUAL)) {
+        let is_poor = self.report.kkt.is_nan() || self.report.kkt > MAX_FED_RESIDUAL;
+        if let Some(feedback) = self.feedback.as_mut().filter(|_| is_poor) {
             // Beside the small forces of this step, the residuals of the last ones are no rounding.
             add(&feedback.term, &mut self.b);
             feedback.clear();
