@@ -80,11 +80,15 @@ stability: setup ## recompute the tables of docs/stability.md, natively and on P
 report: setup ## write the report of the paper's plate, and check it in headless Chromium
 	@scripts/check_report.sh
 
-bench: setup ## time assembly, factorisation, a step, effects, a whole scene; fine meshes on PETSc with 1 and 2 ranks
+bench: setup ## time steps and their parts, effects, other programs, more ranks; tables into docs/performance
 	$(call say,benchmarks)
 	@cargo bench --locked
+	$(call say,steps)
+	@cargo bench --locked --bench step -- --report | tee docs/performance/steps.txt
+	$(call say,other programs)
+	@benches/peers/compare.py | tee docs/performance/peers.txt
 	$(call say,PETSc on fine meshes)
-	@scripts/scaling.sh
+	@scripts/scaling.py --draw docs/performance/scaling.svg | tee docs/performance/scaling.txt
 
 table: setup ## recompute the table of the paper
 	$(call say,table)

@@ -11,8 +11,8 @@ use crate::error::{Error, Result};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Number of cells per rank from which a graph partitioner is worth its exchanges. Partitions of few
-/// cells on a busy machine have kept PTScotch's ranks waiting for one another.
+/// Number of cells per rank from which a graph partitioner is worth its exchanges. On a busy
+/// machine PTScotch's ranks have waited for one another without end over few cells.
 const FEW_CELLS: usize = 16;
 
 handle! {
@@ -115,9 +115,9 @@ impl Plex {
 
     /// Returns the mesh partitioned evenly with few shared edges. Collective.
     ///
-    /// PTScotch makes the partition, or, of fewer than [`FEW_CELLS`] cells per rank, their numbering;
-    /// `-petscpartitioner_type` names another partitioner. Ranks do not overlap: each cell is on one
-    /// rank.
+    /// PTScotch makes the partition, or, of less than 16 cells per rank, their numbering;
+    /// `-petscpartitioner_type` names another partitioner. Ranks do not overlap: each cell is on
+    /// one rank.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.

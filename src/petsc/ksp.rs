@@ -89,16 +89,17 @@ impl Ksp {
     ///
     /// The matrices of the coarse levels follow from that of the finest (Galerkin). One symmetric
     /// sweep of Gauss-Seidel, node by node, precedes and follows each correction, and MUMPS factors
-    /// the matrix of the coarsest level.
+    /// the matrix of the coarsest level, all of it on each rank.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where the sizes do not fit.
     pub fn default_to_multigrid(&mut self, matrix: &Matrix, interpolations: &[&Matrix]) -> Result<()> {
         self.default_to_conjugate_gradients(MULTIGRID_TOLERANCE)?;
-        for (name, value) in MULTIGRID {
+        let coarsest: &[_] = if self.context.size() == 1 { &COARSEST_ALONE } else { &COARSEST_OF_RANKS };
+        for (name, value) in MULTIGRID.iter().chain(coarsest) {
             self.context.default_option(&format!("{}{name}", self.prefix), value)?;
         }
-        for part in ["mg_levels_", "mg_coarse_"] {
+        for part in ["mg_levels_", "mg_coarse_", "mg_coarse_redundant_"] {
             self.context.note_prefix(&format!("{}{part}", self.prefix));
         }
         let mut multigrid = std::ptr::null_mut();
@@ -367,15 +368,25 @@ const MOST_ITERATIONS: usize = 20_000;
 ///
 /// The rows of a node share their pattern, so that PETSc sweeps node by node, whatever the number
 /// of its free dofs.
-const MULTIGRID: [(&str, &str); 8] = [
+const MULTIGRID: [(&str, &str); 6] = [
     ("mg_levels_ksp_type", "richardson"),
     ("mg_levels_ksp_max_it", "1"),
     ("mg_levels_ksp_norm_type", "none"),
     ("mg_levels_pc_type", "sor"),
     ("mg_levels_pc_sor_local_symmetric", "true"),
     ("mg_coarse_ksp_type", "preonly"),
-    ("mg_coarse_pc_type", "cholesky"),
-    ("mg_coarse_pc_factor_mat_solver_type", "mumps"),
+];
+
+/// Default options of the coarsest level on one rank.
+const COARSEST_ALONE: [(&str, &str); 2] =
+    [("mg_coarse_pc_type", "cholesky"), ("mg_coarse_pc_factor_mat_solver_type", "mumps")];
+
+/// Default options of the coarsest level on several ranks. Each rank factors all of it: a factor
+/// divided among them takes some hundred messages per iteration.
+const COARSEST_OF_RANKS: [(&str, &str); 3] = [
+    ("mg_coarse_pc_type", "redundant"),
+    ("mg_coarse_redundant_pc_type", "cholesky"),
+    ("mg_coarse_redundant_pc_factor_mat_solver_type", "mumps"),
 ];
 
 /// Returns whether the user's options leave the linear solver a factorisation.

@@ -309,8 +309,8 @@ impl StressPeaks {
     }
 }
 
-/// Relative difference up to which two stresses are equal: places that symmetry makes alike differ by
-/// rounding.
+/// Relative difference up to which two stresses are equal: places that symmetry makes alike differ
+/// by rounding.
 const SAME_STRESS: f64 = 1e-9;
 
 /// Distance, relative to the largest coordinate, within which two positions are the same node.

@@ -154,8 +154,8 @@ impl<E: Engine> Condensed<E> {
         if known + broken > DENSE_LIMIT {
             return self.pin(engine, matrix);
         }
-        // All ranks agree on how small a gap counts as near. No lot is larger than the limit, so that
-        // the smallest gaps of each rank suffice.
+        // All ranks agree on how small a gap counts as near. No lot is larger than the limit, so
+        // that the smallest gaps of each rank suffice.
         gaps.sort_by(f64::total_cmp);
         gaps.truncate(DENSE_LIMIT);
         let mut gaps = engine.comm().all_gather(&gaps);
