@@ -28,6 +28,8 @@ run: setup ## build, simulate the paper's figure 4 to the second impact, compare
 test: setup ## check format, lints, tests and documentation, with and without PETSc
 	$(call say,format)
 	@cargo fmt --check
+	$(call say,spelling)
+	@scripts/check_spelling.sh
 	$(call say,lints)
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,build of the tests)

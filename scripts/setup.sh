@@ -20,7 +20,7 @@ say() { printf 'setup: %s\n' "$*" >&2; }
 fail() { say "$@"; exit 1; }
 
 install_packages() {
-    # pip installs VTK's reader, with which make test reads the fields of a run.
+    # pip installs what make test checks spelling and the fields of a run with.
     python3 -m pip --version >/dev/null 2>&1 || packages+=(python3-pip)
     # The Python package is tested in an environment of its own.
     python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || packages+=(python3-venv)
