@@ -101,7 +101,9 @@ static: ## build the native program as one file that runs on any Linux, target/*
 	@cargo build --release --locked $(NATIVE) --target $(STATIC) --config 'profile.release.strip="debuginfo"'
 	@ls -sh target/$(STATIC)/release/rebond
 
-deb: setup ## build a Debian package in target/debian, with manual pages and completions
+# dpkg-dev finds the packages that the program depends on.
+deb: ## build a Debian package in target/debian, with manual pages and completions
+	@scripts/setup.sh dpkg-dev
 	$(call say,package)
 	@cargo deb --version >/dev/null 2>&1 || cargo install --quiet --locked cargo-deb
 	@cargo build --release --locked

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Prepares a machine to build and test rebond: installs the Debian packages that are missing and
-# checks the Rust tools. It prints nothing when nothing is missing. Usage: scripts/setup.sh
+# checks the Rust tools. It prints nothing when nothing is missing.
+# Usage: scripts/setup.sh [PACKAGE...]    further packages that are needed
 set -eu
 
 # Packages that the build needs besides Rust and gcc.
@@ -18,6 +19,8 @@ export PATH="$PATH:$HOME/.cargo/bin"
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 fail() { say "$@"; exit 1; }
+
+packages+=("$@")
 
 install_packages() {
     # pip installs what make test checks spelling and the fields of a run with.
