@@ -87,9 +87,11 @@ printf ' seconds  elapsed  page              command\n'
 start=$(now)
 follow_page README.md
 follow_page docs/tutorial.md
-printf '\nseconds from the start until there was\n'
-printf '%s\n' "${milestones[@]}"
 
-# What the newcomer's eyes do.
+# What the newcomer's eyes do, with a browser that the system does not have yet.
 sudo apt-get -qq install --yes --no-install-recommends chromium chromium-driver >/dev/null 2>&1
 find . "$clone/runs" -name report.html -exec "$clone/scripts/check_report.py" {} +
+reach 'the reports, opened in Chromium (with its installation)'
+
+printf '\nseconds from the start until there was\n'
+printf '%s\n' "${milestones[@]}"
