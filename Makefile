@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lints-native documentation python test-long stability report bench table deb accuracy clean
+.PHONY: help setup run test lints-native documentation python test-long stability report bench table static deb accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -28,6 +28,8 @@ run: setup ## build, simulate the paper's figure 4 to the second impact, compare
 test: setup ## check format, lints, tests and documentation, with and without PETSc
 	$(call say,format)
 	@cargo fmt --check
+	$(call say,spelling)
+	@scripts/check_spelling.sh
 	$(call say,lints)
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,build of the tests)
@@ -94,8 +96,20 @@ table: setup ## recompute the table of the paper
 	$(call say,table)
 	@$(CARGO_RUN) --example csma2013_table
 
-deb: setup ## build a Debian package in target/debian, with manual pages and completions (needs cargo-deb)
+# The C library musl is part of the program, which then needs no file of the system.
+STATIC := $(shell uname -m)-unknown-linux-musl
+
+static: ## build the native program as one file that runs on any Linux, target/*-musl/release/rebond
+	$(call say,static program)
+	@rustup --quiet target add $(STATIC)
+	@cargo build --release --locked $(NATIVE) --target $(STATIC) --config 'profile.release.strip="debuginfo"'
+	@ls -sh target/$(STATIC)/release/rebond
+
+# dpkg-dev finds the packages that the program depends on.
+deb: ## build a Debian package in target/debian, with manual pages and completions
+	@scripts/setup.sh dpkg-dev
 	$(call say,package)
+	@cargo deb --version >/dev/null 2>&1 || cargo install --quiet --locked cargo-deb
 	@cargo build --release --locked
 	@target/release/rebond man --out target/pages > target/pages.txt
 	@target/release/rebond completions bash > target/pages/rebond.bash

@@ -6,7 +6,8 @@ Usage: scripts/check_report.py REPORT.html... [--pictures DIR]
 Needs Debian's packages chromium and chromium-driver. For each page, at widths of 1280 and 390
 pixels: the page is ready, the console has no error, nothing was requested from elsewhere, nothing
 is wider than the window, two instants look different, and the keyboard moves the view. Once each:
-dark mode, reduced motion (the page stands still), and no JavaScript (the pictures are there).
+dark mode, reduced motion (the page stands still), no JavaScript (the pictures are there), and paper
+(a few pages, in PDF beside the pictures).
 """
 import argparse
 import base64
@@ -173,6 +174,11 @@ class Report:
             browser.open(self.address, 1280, 900)
             browser.ready()
             self.holds(any(self.later(place) for _ in range(50)), "does not play by itself")
+        paper = base64.b64decode(browser.devtools("Page.printToPDF", printBackground=True)["data"])
+        pages = paper.count(b"/Type /Page\n")
+        self.holds(1 <= pages <= 12, f"{pages} pages on paper")
+        if self.pictures:
+            (self.pictures / f"{self.path.parent.name}.pdf").write_bytes(paper)
         browser.devtools("Emulation.setScriptExecutionDisabled", value=True)
         browser.open(self.address, 1280, 3000)
         time.sleep(0.3)

@@ -8,6 +8,8 @@
 #   DEBIAN_MIRROR=http://deb.debian.org/debian   source of packages; default: the first Debian mirror of
 #                                                this machine's apt
 #   DEBIAN_ROOT=/var/tmp/rebond-debian           parent of the root folders and of their build products
+#   DEBIAN_USER=ada                              user, made with sudo, who runs the command with a ~/.cargo of
+#                                                her own; default: root, who runs scripts/setup.sh before
 #   scripts/debian.sh trixie cargo test --release --locked --test petsc
 set -eu
 
@@ -83,8 +85,24 @@ exec unshare --mount --propagation private bash -eu -c '
     environment=(HOME=/root TERM="${TERM:-dumb}" CARGO_HOME=/opt/cargo RUSTUP_HOME=/opt/rustup
         PATH=/opt/cargo/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin)
     for name in http_proxy https_proxy no_proxy HTTP_PROXY HTTPS_PROXY NO_PROXY CARGO_HTTP_CAINFO PIP_INDEX_URL \
-        CARGO_BUILD_JOBS CARGO_INCREMENTAL CARGO_PROFILE_RELEASE_DEBUG CARGO_PROFILE_RELEASE_OPT_LEVEL; do
+        CARGO_BUILD_JOBS CARGO_INCREMENTAL CARGO_PROFILE_RELEASE_DEBUG CARGO_PROFILE_RELEASE_LTO CARGO_PROFILE_RELEASE_OPT_LEVEL; do
         [ -z "${!name:-}" ] || environment+=("$name=${!name}")
     done
-    exec chroot "$system" env -i "${environment[@]}" bash -eu -c "cd /rebond; scripts/setup.sh; exec \"\$@\"" rebond "$@"
+    if [ -z "${DEBIAN_USER:-}" ]; then
+        before="cd /rebond; scripts/setup.sh"
+    else
+        before="
+            if ! id $DEBIAN_USER >/dev/null 2>&1; then
+                apt-get -qq update
+                DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends sudo >/dev/null 2>&1
+                useradd --create-home --shell /bin/bash $DEBIAN_USER
+                echo \"$DEBIAN_USER ALL=(ALL) NOPASSWD: ALL\" >/etc/sudoers.d/$DEBIAN_USER
+            fi
+            chown -R $DEBIAN_USER: /rebond
+            cd /rebond
+            export HOME=/home/$DEBIAN_USER CARGO_HOME=/home/$DEBIAN_USER/.cargo
+            export PATH=\$CARGO_HOME/bin:\$PATH
+            set -- runuser -u $DEBIAN_USER -- \"\$@\""
+    fi
+    exec chroot "$system" env -i "${environment[@]}" bash -eu -c "$before; exec \"\$@\"" rebond "$@"
 ' rebond "$@"

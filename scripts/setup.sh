@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Prepares a machine to build and test rebond: installs the Debian packages that are missing and
-# checks the Rust tools. It prints nothing when nothing is missing. Usage: scripts/setup.sh
+# checks the Rust tools. It prints nothing when nothing is missing.
+# Usage: scripts/setup.sh [PACKAGE...]    further packages that are needed
 set -eu
 
 # Packages that the build needs besides Rust and gcc.
@@ -19,8 +20,10 @@ export PATH="$PATH:$HOME/.cargo/bin"
 say() { printf 'setup: %s\n' "$*" >&2; }
 fail() { say "$@"; exit 1; }
 
+packages+=("$@")
+
 install_packages() {
-    # pip installs VTK's reader, with which make test reads the fields of a run.
+    # pip installs what make test checks spelling and the fields of a run with.
     python3 -m pip --version >/dev/null 2>&1 || packages+=(python3-pip)
     # The Python package is tested in an environment of its own.
     python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || packages+=(python3-venv)

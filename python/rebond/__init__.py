@@ -22,8 +22,8 @@ from .errors import (
     SolverError,
     UsageError,
 )
-from .model import Matrices, Model, Modes
-from .runs import Fields, Run, RunStep, Table, run
+from .model import MassModes, Matrices, Model, Modes, keep_modes
+from .runs import Fields, Run, RunStep, Table, resume, run
 from .scene import Scene
 from .simulation import Energies, Simulation, Step
 
@@ -34,6 +34,7 @@ __all__ = [
     "Fields",
     "FileError",
     "InternalError",
+    "MassModes",
     "Matrices",
     "MemoryLimitError",
     "Model",
@@ -49,5 +50,7 @@ __all__ = [
     "UsageError",
     "__version__",
     "errors",
+    "keep_modes",
+    "resume",
     "run",
 ]

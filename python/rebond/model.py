@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict, Union
 
 import numpy as np
@@ -56,6 +58,27 @@ class Modes:
 
     def __len__(self) -> int:
         return len(self.frequencies)
+
+
+@dataclass(frozen=True)
+class MassModes(Modes):
+    """Modes that carry the mass of a scene with ``time.mass = "modal"``, ascending.
+
+    Its mass matrix is ``momenta.T @ momenta``.
+    """
+
+    #: Products of the consistent mass and the shapes, in kg, shape (modes, dofs).
+    momenta: NDArray[np.float64]
+
+
+def keep_modes(folder: str | os.PathLike[str] | None = None) -> Path | None:
+    """Keep the modes of scenes with ``time.mass = "modal"`` between runs, and return the folder.
+
+    All models and runs of this process do so from now on, in ``folder``, or by default where the
+    command keeps them: in ``$REBOND_CACHE``, or in ``~/.cache/rebond``. An empty name keeps none,
+    as at the start. Results are the same to the last bit.
+    """
+    return _core.keep_modes(None if folder is None else os.fspath(folder))
 
 
 class _Numbers(TypedDict):
@@ -183,6 +206,10 @@ class Model(Layout):
             raise UsageError(f"modes: found {count}; expected a count of at least 1")
         frequencies, shapes = self._native.modes(count, mass)
         return Modes(frequencies, shapes)
+
+    def mass_modes(self) -> MassModes:
+        """Return the modes that carry the mass of the scene, whose ``time.mass`` is ``"modal"``."""
+        return MassModes(*self._native.mass_modes())
 
     def __repr__(self) -> str:
         return f"<rebond.Model of {self.scene.title or self.scene.file!r}: {self.dofs} dofs>"

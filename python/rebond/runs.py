@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import itertools
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +20,12 @@ from .scene import Scene
 
 #: Columns of the history that count something.
 _COUNTS = ("step", "contact_nodes", "vi_iterations")
+
+#: Columns of ``events.csv`` that have other names in `Run.events`.
+_EVENTS = {"kind": "closes", "reaction": "force"}
+
+#: Kinds of events as numbers.
+_KINDS = {"closes": "1", "opens": "0"}
 
 
 class Table(Mapping[str, NDArray[Any]]):
@@ -197,15 +207,60 @@ def run(
     replace what it holds of another scene. ``on_step`` is called after every step; a true result
     stops the run there, and an exception stops it and is raised. Ctrl-C stops the run after the
     present step and raises ``KeyboardInterrupt``. Where there is a run folder, a run that is
-    stopped leaves a checkpoint in it, from which ``rebond resume`` goes on.
+    stopped leaves a checkpoint in it, from which :func:`resume` goes on.
     """
-    columns = scene._native.columns
+    folder = None if out is None else os.fspath(out)
+    tell = _teller(on_step, scene._native.columns)
+    return Run(scene, _core.run(scene._native, folder, overwrite, tell), folder)
+
+
+def resume(
+    folder: str | os.PathLike[str],
+    until: float | None = None,
+    on_step: Callable[[RunStep], Any] | None = None,
+) -> Run:
+    """Go on with a run from the newest checkpoint in its folder, as ``rebond resume`` does.
+
+    It leaves the files of an undisturbed run, byte for byte but for the seconds in
+    ``summary.json``. With ``until`` (s, a whole number of steps) it goes on to a later end, also
+    where the run has finished. ``on_step`` is that of :func:`run`. The tables of the result are
+    those of the whole run; its ``fields`` begin after the checkpoint.
+    """
+    place = Path(folder)
+    try:
+        columns = _read_table(place / "history.csv", names_only=True)
+    except OSError:
+        columns = {}  # The native part says what is missing.
+    end = None if until is None else repr(float(until))
+    tell = _teller(on_step, list(columns))
+    results, scene, damaged = _core.resume(os.fspath(folder), end, tell)
+    for what in damaged:
+        warnings.warn(f"{what}; went on from the one before", RuntimeWarning, stacklevel=2)
+    for name in ("history", "contacts", "events"):
+        if (place / f"{name}.csv").exists():
+            table = _read_table(place / f"{name}.csv")
+            results[name] = {_EVENTS.get(column, column): table[column] for column in table}
+    return Run(Scene._of(scene), results, os.fspath(folder))
+
+
+def _teller(
+    on_step: Callable[[RunStep], Any] | None, columns: list[str]
+) -> Callable[[int, float, int, list[float] | None], Any] | None:
+    """Return the function that native code calls after each step."""
+    if on_step is None:
+        return None
 
     def tell(step: int, time: float, contact_nodes: int, row: list[float] | None) -> Any:
-        assert on_step is not None
         named = None if row is None else dict(zip(columns, row))
         return on_step(RunStep(step, time, contact_nodes, named))
 
-    folder = None if out is None else os.fspath(out)
-    results = _core.run(scene._native, folder, overwrite, None if on_step is None else tell)
-    return Run(scene, results, folder)
+    return tell
+
+
+def _read_table(path: Path, names_only: bool = False) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table of numbers by name."""
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(itertools.islice(file, 1) if names_only else file)
+    values = [[float(_KINDS.get(value, value)) for value in row] for row in rows]
+    numbers = np.array(values).reshape(-1, len(head))
+    return dict(zip(head, numbers.T.copy()))

@@ -22,9 +22,9 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use crate::model::Model;
+    use crate::model::{Model, keep_modes};
     #[pymodule_export]
-    use crate::run::run;
+    use crate::run::{resume, run};
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]

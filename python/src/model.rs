@@ -10,10 +10,15 @@ use pyo3::types::PyDict;
 use rebond::Error;
 use rebond::assembly::Probe;
 use rebond::dof_map::PER_NODE;
-use rebond::linalg::Engine;
+use rebond::linalg::{Engine, Form};
 use rebond::mesh::Point;
 use rebond::modes;
+use rebond::output::kept_modes::{self, KeptModes, LIMIT};
 use rebond::simulation;
+use std::env;
+use std::f64::consts::TAU;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Model of a scene, in a thread of its own.
 #[pyclass(frozen, module = "rebond._core")]
@@ -102,6 +107,33 @@ fn natural_modes(host: &Host, count: usize, mass: &str) -> rebond::Result<(Vec<f
     Ok((frequencies, modes.into_iter().flat_map(|mode| mode.shape).collect()))
 }
 
+/// Frequencies (Hz), shapes and momenta of the modes that carry a modal mass.
+type MassModes = (Vec<f64>, Vec<f64>, Vec<f64>);
+
+/// Returns the modes that carry the mass of the scene, mode by mode.
+fn mass_modes(host: &Host) -> rebond::Result<MassModes> {
+    let Form::Modal { modes, .. } = &host.model.system.mass else {
+        return Err(Error::Usage("mass_modes: the scene has another mass; expected time.mass=modal".into()));
+    };
+    let columns = |of: &dyn Fn(usize) -> Vec<f64>| (0..modes.count()).flat_map(of).collect();
+    Ok((
+        modes.squares.iter().map(|square| square.sqrt() / TAU).collect(),
+        columns(&|mode| modes.shapes.col(mode).iter().copied().collect()),
+        columns(&|mode| modes.momenta.col(mode).iter().copied().collect()),
+    ))
+}
+
+/// Makes models keep natural modes between runs, in a folder or where the command keeps them, and
+/// returns the folder; an empty name keeps none.
+#[pyfunction]
+pub fn keep_modes(folder: Option<PathBuf>) -> Option<PathBuf> {
+    let folder = folder.or_else(|| kept_modes::folder(|name| env::var_os(name)));
+    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
+    let store = |folder: &PathBuf| Arc::new(KeptModes::new(folder, LIMIT)) as Arc<dyn modes::BasisStore>;
+    modes::keep_in(folder.as_ref().map(store));
+    folder
+}
+
 #[pymethods]
 impl Model {
     #[new]
@@ -131,6 +163,15 @@ impl Model {
         let dofs = shapes.len() / count.max(1);
         let shapes = PyArray1::from_vec(py, shapes).reshape([count, dofs])?;
         Ok((PyArray1::from_vec(py, frequencies), shapes).into_pyobject(py)?.into_any())
+    }
+
+    /// Frequencies (Hz), shapes and momenta of the modes that carry a modal mass, one row per mode.
+    fn mass_modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let (frequencies, shapes, momenta) = self.0.ask(py, &(), |host| mass_modes(host))?;
+        let size = [frequencies.len(), shapes.len() / frequencies.len().max(1)];
+        let rows = |values| PyArray1::from_vec(py, values).reshape(size);
+        let found = (PyArray1::from_vec(py, frequencies), rows(shapes)?, rows(momenta)?);
+        Ok(found.into_pyobject(py)?.into_any())
     }
 
     /// Weights of the dofs in the deflection at a point.

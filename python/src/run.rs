@@ -6,10 +6,10 @@ use crate::run_data::{Collector, RunData};
 use crate::scene::Scene;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rebond::output::checkpoint::{self, Identity};
+use rebond::output::checkpoint::{self, Checkpoint, Identity};
 use rebond::output::claim::{self, RunLock};
-use rebond::output::run_files::{RecordedRun, RunFiles, RunSummary};
-use rebond::simulation::{Both, Model};
+use rebond::output::run_files::{RecordedRun, ResumedRun, RunFiles, RunSummary};
+use rebond::simulation::{self, Both, Model};
 use rebond::{Error, study};
 use std::path::PathBuf;
 
@@ -19,16 +19,21 @@ struct Task {
     writes_files: bool,
     overwrites: bool,
     tells_steps: bool,
+    /// Checkpoint from which the run goes on.
+    from: Option<Checkpoint>,
 }
 
 impl Task {
     /// Runs the scene, and writes the run folder as the command does if asked to.
-    fn execute(&self, end: &WorkerEnd) -> rebond::Result<RunData> {
+    fn execute(mut self, end: &WorkerEnd) -> rebond::Result<RunData> {
+        let from = self.from.take();
         let RecordedRun { scene, identity, folder, .. } = &self.run;
         rebond::memory::require_some()?;
         let lock = if self.writes_files {
-            let resolved = serde_json::to_value(scene).unwrap_or_default();
-            claim::refuse_results(folder, identity, &resolved, self.overwrites)?;
+            if from.is_none() {
+                let resolved = serde_json::to_value(scene).unwrap_or_default();
+                claim::refuse_results(folder, identity, &resolved, self.overwrites)?;
+            }
             Some(RunLock::new(folder, identity)?)
         } else {
             None
@@ -37,12 +42,17 @@ impl Task {
         let warnings = study::warnings(scene, &model);
         let mut files = RunFiles::new(&self.run, 0, 1);
         if lock.is_some() {
-            files.prepare(None)?;
+            files.prepare(from.as_ref())?;
         }
         let mut collector = Collector::new(scene, end, self.tells_steps);
         let (collector, files, (outcome, ended)) = if lock.is_some() {
             let mut both = Both(collector, files);
-            let done = model.run(scene, &mut both)?;
+            let done = match from {
+                None => model.run(scene, &mut both)?,
+                Some(from) => {
+                    simulation::resume(scene, &model, &simulation::condensed, from.pause, &mut both)?
+                }
+            };
             (both.0, Some(both.1), done)
         } else {
             let done = model.run(scene, &mut collector)?;
@@ -93,18 +103,38 @@ pub fn run<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let file = std::path::absolute(scene.path()).unwrap_or_else(|_| scene.path());
     let identity = crate::errors::guarded(py, || Identity::of(&scene.scene))?;
-    let task = Task {
-        writes_files: out.is_some(),
-        overwrites: overwrite,
-        tells_steps: on_step.is_some(),
-        run: RecordedRun {
-            scene: scene.scene.clone(),
-            file,
-            identity,
-            folder: out.unwrap_or_default(),
-            petsc: Vec::new(),
-        },
+    let run = RecordedRun {
+        scene: scene.scene.clone(),
+        file,
+        identity,
+        folder: out.clone().unwrap_or_default(),
+        petsc: Vec::new(),
     };
+    let (writes_files, tells_steps) = (out.is_some(), on_step.is_some());
+    let task = Task { run, writes_files, overwrites: overwrite, tells_steps, from: None };
+    start(py, task, on_step)
+}
+
+/// Goes on with a run from its newest checkpoint, to its end or a later one (s). Returns the
+/// results since the checkpoint, the scene, and what is wrong with newer checkpoints.
+#[pyfunction]
+pub fn resume<'py>(
+    py: Python<'py>,
+    folder: PathBuf,
+    until: Option<String>,
+    on_step: Option<Py<PyAny>>,
+) -> PyResult<(Bound<'py, PyDict>, Scene, Vec<String>)> {
+    let ResumedRun { run, from, damaged } =
+        crate::errors::guarded(py, || ResumedRun::new(folder, until.as_deref()))?;
+    let scene = Scene::of(&run.scene, &run.file);
+    let damaged = damaged.iter().map(ToString::to_string).collect();
+    let tells_steps = on_step.is_some();
+    let task = Task { run, writes_files: true, overwrites: false, tells_steps, from: Some(from) };
+    Ok((start(py, task, on_step)?, scene, damaged))
+}
+
+/// Makes a run in a thread of its own, and returns its results.
+fn start<'py>(py: Python<'py>, task: Task, on_step: Option<Py<PyAny>>) -> PyResult<Bound<'py, PyDict>> {
     let work = move |end: WorkerEnd| {
         let done = task.execute(&end).map_err(Failure::from);
         // The run folder is released before Python goes on.

@@ -4,7 +4,7 @@ use crate::errors::guarded;
 use pyo3::prelude::*;
 use rebond::scene::HISTORY_COLUMNS;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Returns the columns of the history of a scene.
 pub fn history_columns(scene: &rebond::scene::Scene) -> Vec<String> {
@@ -26,6 +26,12 @@ impl Scene {
     fn read(py: Python<'_>, text: Vec<u8>, file: String, changes: Vec<String>) -> PyResult<Scene> {
         let scene = guarded(py, || rebond::scene::Scene::from_bytes(&text, &file, &changes))?;
         Ok(Scene { text, file, changes, scene })
+    }
+
+    /// Returns the scene of a run that is read back.
+    pub fn of(scene: &rebond::scene::Scene, file: &Path) -> Scene {
+        let text = scene.written().into_bytes();
+        Scene { text, file: file.to_string_lossy().into_owned(), changes: Vec::new(), scene: scene.clone() }
     }
 
     /// Returns the file of the scene, which may not exist.

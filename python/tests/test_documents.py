@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,24 @@ def test_the_blocks_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     assert len(blocks) >= 5
     execute(blocks, "docs/python.md")
+
+
+def test_the_program_of_the_tutorial_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "scenes" / "new" / "bracket.msh", tmp_path)
+    text = (ROOT / "docs" / "tutorial.md").read_text()
+    fence = r"^```(?:toml|python) (>> )?(\S+)\n(.*?)^```"
+    for appends, name, block in re.findall(fence, text, re.MULTILINE | re.DOTALL):
+        with (tmp_path / name).open("a" if appends else "w") as file:
+            file.write(block)
+    execute([(tmp_path / "pins.py").read_text()], "pins.py")
+    said = capsys.readouterr().out
+    expected = re.findall(r"^python3 pins.py\n```\n\n```text\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert len(expected) == 1
+    for line in expected[0].splitlines():
+        assert line in said
 
 
 def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array, diags_array
@@ -119,3 +121,41 @@ def test_wrong_calls_are_told(fall: rebond.Scene) -> None:
     with pytest.raises(rebond.UsageError, match=r"found the shape \(3,\); expected \(\.\.\., 54\)"):
         model.at_nodes(np.zeros(3))
     assert "dofs" in repr(model)
+
+
+def test_the_modes_that_carry_a_modal_mass() -> None:
+    scene = supported((12, 8)).set("time.mass=modal", "time.modes=9", "time.scheme=conserving")
+    model = rebond.Model(scene)
+    modes = model.mass_modes()
+    assert len(modes) == 9 and modes.shapes.shape == modes.momenta.shape == (9, model.dofs)
+    assert modes.frequencies == pytest.approx(exact(9), rel=3e-2)
+    consistent = model.modes(9, mass="consistent")
+    assert modes.frequencies == pytest.approx(consistent.frequencies, rel=1e-9)
+    matrices = model.matrices()
+    assert modes.momenta == pytest.approx((matrices.M @ modes.shapes.T).T, abs=1e-9)
+    assert modes.momenta @ modes.shapes.T == pytest.approx(np.eye(9), abs=1e-10)
+    stiffness = modes.shapes @ (matrices.K @ modes.shapes.T)
+    squares = (2 * np.pi * modes.frequencies) ** 2
+    assert stiffness == pytest.approx(np.diag(squares), abs=1e-7 * squares[-1])
+    with pytest.raises(rebond.UsageError, match="mass_modes: .*; expected time.mass=modal"):
+        rebond.Model(supported((4, 4))).mass_modes()
+
+
+def test_kept_modes_come_back_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = supported((12, 8)).set("time.mass=modal", "time.modes=9", "time.scheme=conserving")
+    before = rebond.Model(scene).mass_modes()
+    try:
+        assert rebond.keep_modes(tmp_path / "kept") == tmp_path / "kept"
+        rebond.Model(scene)
+        (file,) = (tmp_path / "kept").glob("modes-*.bin")
+        written = file.stat().st_ino
+        kept = rebond.Model(scene).mass_modes()
+        assert file.stat().st_ino == written
+        for name in ("frequencies", "shapes", "momenta"):
+            assert np.array_equal(getattr(kept, name), getattr(before, name)), name
+        monkeypatch.setenv("REBOND_CACHE", str(tmp_path / "command"))
+        assert rebond.keep_modes() == tmp_path / "command"
+        rebond.Model(scene)
+        assert [path.name for path in (tmp_path / "command").iterdir()] == [file.name]
+    finally:
+        assert rebond.keep_modes("") is None

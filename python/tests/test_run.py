@@ -108,6 +108,70 @@ def test_a_run_stops_where_it_is_told_and_resumes(
     assert_equal(rebond.run(scene).history, tmp_path / "run" / "history.csv")
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the files of a run folder, except the summary with its seconds."""
+    found = (path for path in folder.rglob("*") if path.is_file() and path.name != "summary.json")
+    return {str(path.relative_to(folder)): path.read_bytes() for path in found}
+
+
+def assert_same(own: rebond.Run, expected: rebond.Run) -> None:
+    """Assert that the tables of two runs are equal to the last bit."""
+    for name in ("history", "probes", "contacts", "events"):
+        table = getattr(expected, name)
+        assert list(getattr(own, name)) == list(table), name
+        for column in table:
+            assert getattr(own, name)[column].dtype == table[column].dtype, column
+            assert getattr(own, name)[column].tolist() == table[column].tolist(), column
+
+
+@pytest.mark.parametrize("change", ["time.scheme=newmark", "time.scheme=exact"])
+def test_a_resumed_run_equals_an_undisturbed_one(
+    fall_file: Path, tmp_path: Path, change: str
+) -> None:
+    scene = rebond.Scene(fall_file).set(change, "mesh.cells=[3, 1]")
+    whole = rebond.run(scene, out=tmp_path / "whole")
+    assert whole.contacts.rows + whole.events.rows > 0
+    rebond.run(scene, out=tmp_path / "run", on_step=lambda step: step.step == 555)
+    told: list[rebond.RunStep] = []
+    run = rebond.resume(tmp_path / "run", on_step=told.append)
+    assert run.finished and run.folder == str(tmp_path / "run")
+    assert (told[0].step, told[-1].step) == (556, 800)
+    assert [step.row for step in told if step.row][-1]["corner"] == run.history["corner"][-1]
+    assert_same(run, whole)
+    assert contents(tmp_path / "run") == contents(tmp_path / "whole")
+    assert run.fields.time.tolist() == whole.fields.time[2:].tolist()
+    assert run.scene.to_dict() == scene.to_dict()
+
+
+def test_a_finished_run_goes_on_to_a_later_end(
+    command: Command, fall_file: Path, tmp_path: Path
+) -> None:
+    scene = rebond.Scene(fall_file)
+    rebond.run(scene.set("time.end=0.04"), out=tmp_path / "run")
+    run = rebond.resume(tmp_path / "run", until=0.08)
+    assert run.scene.end == 0.08
+    assert_same(run, rebond.run(scene, out=tmp_path / "whole"))
+    assert contents(tmp_path / "run") == contents(tmp_path / "whole")
+    for until in (None, 0.05):
+        words = [] if until is None else ["--until", until]
+        said = command("resume", tmp_path / "run", *words).stderr
+        with pytest.raises(rebond.Error) as caught:
+            rebond.resume(tmp_path / "run", until=until)
+        assert said == f"rebond: {caught.value}\n"
+    with pytest.raises(rebond.FileError, match="nowhere"):
+        rebond.resume(tmp_path / "nowhere")
+
+
+def test_a_damaged_checkpoint_is_warned_of(fall_file: Path, tmp_path: Path) -> None:
+    scene = rebond.Scene(fall_file).set("output.checkpoint_every=200", "time.end=0.05")
+    rebond.run(scene, out=tmp_path / "run", on_step=lambda step: step.step == 450)
+    newest = max((tmp_path / "run").glob("checkpoint-*.bin"))
+    newest.write_bytes(newest.read_bytes()[:-1])
+    with pytest.warns(RuntimeWarning, match=f"{newest.name}.*; went on from the one before"):
+        run = rebond.resume(tmp_path / "run")
+    assert_same(run, rebond.run(scene))
+
+
 def test_an_exception_stops_the_run(fall: rebond.Scene) -> None:
     last = []
 

@@ -9,6 +9,7 @@ use super::text::grouped;
 use super::write_atomic;
 use crate::error::Error;
 use crate::modes::{BasisStore, KeptKind, KeptSize};
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -17,6 +18,21 @@ use std::time::SystemTime;
 
 /// Limit on the total size of the files, in bytes.
 pub const LIMIT: u64 = 2_000_000_000;
+
+/// Environment variable with the folder of the cache; empty for none.
+const VARIABLE: &str = "REBOND_CACHE";
+
+/// Returns the folder of the cache in an environment; `None` where it is switched off, or there is
+/// no place for one.
+pub fn folder(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    if let Some(named) = variable(VARIABLE) {
+        return Some(PathBuf::from(named)).filter(|folder| !folder.as_os_str().is_empty());
+    }
+    // A relative path in these variables is none.
+    let absolute = |name: &str| variable(name).map(PathBuf::from).filter(|folder| folder.is_absolute());
+    let base = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
+    Some(base.join("rebond"))
+}
 
 /// Folder of kept modes.
 #[derive(Debug)]
@@ -147,5 +163,25 @@ impl BasisStore for KeptModes {
         };
         let path = self.path(kind, name);
         self.say(format!("warning: {}: damaged; {what} computed and written again", path.display()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_folder_is_the_first_that_the_environment_names() {
+        let of = |set: &[(&str, &str)]| {
+            let value = |name: &str| set.iter().find(|(own, _)| *own == name).map(|(_, value)| value.into());
+            folder(value).map(|folder| folder.to_string_lossy().into_owned())
+        };
+        let home = ("HOME", "/home/ada");
+        assert_eq!(of(&[]), None);
+        assert_eq!(of(&[home]).as_deref(), Some("/home/ada/.cache/rebond"));
+        assert_eq!(of(&[home, ("XDG_CACHE_HOME", "here")]).as_deref(), Some("/home/ada/.cache/rebond"));
+        assert_eq!(of(&[home, ("XDG_CACHE_HOME", "/var/cache")]).as_deref(), Some("/var/cache/rebond"));
+        assert_eq!(of(&[home, (VARIABLE, "modes")]).as_deref(), Some("modes"));
+        assert_eq!(of(&[home, (VARIABLE, "")]), None);
     }
 }

@@ -7,8 +7,8 @@ use super::history::{self, History};
 use super::reactions::{self, Reactions};
 use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Contents, Series};
-use super::{extremes, plot, remove, report, summary, sweep, write_atomic};
-use crate::error::Result;
+use super::{claim, extremes, plot, remove, report, summary, sweep, write_atomic};
+use crate::error::{Error, Result};
 use crate::motion::{self, Motion};
 use crate::scene::Scene;
 use crate::simulation::{
@@ -31,6 +31,54 @@ pub struct RecordedRun {
     pub folder: PathBuf,
     /// Options for PETSc.
     pub petsc: Vec<String>,
+}
+
+/// Run to go on with.
+#[derive(Debug)]
+pub struct ResumedRun {
+    /// Run, with its new end if there is one.
+    pub run: RecordedRun,
+    /// Checkpoint from which it goes on.
+    pub from: Checkpoint,
+    /// Damage of newer checkpoints, which are not used.
+    pub damaged: Vec<Error>,
+}
+
+impl ResumedRun {
+    /// Finds the newest checkpoint of a run folder, to go on to the end of its scene or, also where
+    /// the run has finished, to a later one (s, a whole number of steps).
+    ///
+    /// # Errors
+    /// Returns [`Error::Checkpoint`] where there is none, or a file that the scene names has
+    /// changed, [`Error::Usage`] for an end that is no later one or while a process runs in the
+    /// folder, and [`Error::Io`] where the folder cannot be read.
+    pub fn new(folder: PathBuf, until: Option<&str>) -> Result<ResumedRun> {
+        claim::refuse_running(&folder)?;
+        let (from, damaged) = match until {
+            None => Checkpoint::newest(&folder)?,
+            Some(_) => Checkpoint::newest_or_last(&folder)?,
+        };
+        let Checkpoint { scene: text, scene_file: file, identity, petsc, pause, .. } = from.clone();
+        let read = |overrides: &[String]| Scene::from_str(&text, &file.to_string_lossy(), overrides);
+        let mut scene = read(&[])?;
+        if Identity::of(&scene)? != identity {
+            return Err(Error::Checkpoint(format!(
+                "{}: a mesh, table or start that the scene names has changed since the run began",
+                folder.display()
+            )));
+        }
+        if let Some(until) = until {
+            scene = read(&[format!("time.end={until}")])
+                .map_err(|why| Error::Usage(format!("--until {until}: {why}")))?;
+            if scene.time.steps() <= pause.step {
+                let RunState { step, time, .. } = pause;
+                let wrong = format!("the run has made {step} steps, to {time:.9} s");
+                return Err(Error::Usage(format!("--until {until}: {wrong}; expected a later end")));
+            }
+        }
+        let identity = if until.is_some() { Identity::of(&scene)? } else { identity };
+        Ok(ResumedRun { run: RecordedRun { scene, file, identity, folder, petsc }, from, damaged })
+    }
 }
 
 /// Contents of `summary.json`.

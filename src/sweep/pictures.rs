@@ -4,7 +4,7 @@ use super::measures::{Measures, ProbeMeasures};
 use super::plan::Direction;
 use super::report::{ProbeHead, SweepReport, SweepRow};
 use crate::error::Result;
-use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp, short};
+use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -175,8 +175,7 @@ fn map(report: &SweepReport) -> Figure {
     for (name, unit, value) in &quantities {
         for (direction, sense, _) in directions(report) {
             let sense = if sense.is_empty() { String::new() } else { format!(", {sense}") };
-            let heading = format!("{name}{sense} ({unit})");
-            figure = figure.panel(map_panel(report, direction, &heading, &**value));
+            figure = figure.panel(map_panel(report, direction, [&format!("{name}{sense}"), unit], &**value));
         }
     }
     figure
@@ -186,7 +185,7 @@ fn map(report: &SweepReport) -> Figure {
 fn map_panel(
     report: &SweepReport,
     direction: Direction,
-    heading: &str,
+    [quantity, unit]: [&str; 2],
     value: &dyn Fn(&Measures) -> Option<f64>,
 ) -> Panel {
     let cells: Vec<([f64; 2], f64)> = runs_of(report, direction)
@@ -204,11 +203,8 @@ fn map_panel(
         let ends = edges[key].iter().flat_map(|of| of.1);
         Axis::linear(report.keys[key].clone(), "").with(ends).tight()
     };
-    Panel::new(axis(0), axis(1)).height(130.0).bars(bars).ramp(Ramp {
-        label: heading.to_owned(),
-        ends: [low, high].map(|end| if end.is_finite() { short(end) } else { String::new() }),
-        color: shade,
-    })
+    let ramp = Ramp::new(quantity, unit, [low, high], shade);
+    Panel::new(axis(0), axis(1)).height(130.0).bars(bars).ramp(ramp)
 }
 
 /// Returns different values, each with the ends of its cell, half-way to its neighbours.

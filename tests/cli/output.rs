@@ -2,7 +2,7 @@
 
 use rebond::error::Error;
 use rebond::output::history::{self, COLUMNS, History, Row, Table};
-use rebond::output::plot::{self, Obstacle};
+use rebond::output::plot::{self, Color, Obstacle, Ramp};
 use rebond::output::summary::write_json;
 use rebond::output::text::{Report, grouped, significant};
 use std::fs;
@@ -375,6 +375,22 @@ fn axes_are_written_in_fitting_units() {
     }
     let table = history_of(&folder.0, &[], 100, |t| (8.0 - t, vec![]));
     assert!(drawn(&folder, &table, "units", &[]).contains(">energy / initial<"));
+}
+
+#[test]
+fn colours_are_explained_in_the_units_of_axes() {
+    let cases = [
+        ("m", [-4.8e-4, 2e-3], ["\u{2212}0.48", "2"], "quantity (mm)"),
+        ("m", [-0.094, 0.21], ["\u{2212}0.094", "0.21"], "quantity (m)"),
+        ("Pa", [2.2e6, 5.8e8], ["0.0022", "0.58"], "quantity (GPa)"),
+        ("N s", [3e-6, 3e-3], ["0.003", "3"], "quantity (mN s)"),
+        ("1/s", [0.0, 4e-3], ["0", "4"], "quantity (10⁻³ 1/s)"),
+        ("m", [f64::INFINITY, f64::NEG_INFINITY], ["", ""], "quantity (m)"),
+    ];
+    for (unit, values, ends, label) in cases {
+        let ramp = Ramp::new("quantity", unit, values, |_| Color::BLACK);
+        assert_eq!((ramp.label.as_str(), ramp.ends), (label, ends.map(str::to_owned)));
+    }
 }
 
 #[test]

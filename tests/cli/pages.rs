@@ -2,7 +2,8 @@
 //!
 //! The words after a fence's three backticks say what a block is:
 //!
-//! - `sh`: commands; `sh mpi` runs where there is PETSc, `sh gmsh` needs Gmsh and is not run;
+//! - `sh`: commands; `sh mpi` runs where there is PETSc, `sh gmsh` needs Gmsh and is not run, `sh
+//!   python` needs the Python package, whose own tests run the tutorial's program;
 //! - `toml FILE` and the like: the text of a file; `toml >> FILE` is appended to it;
 //! - `text`: lines that the commands before print, among others;
 //! - `rust`: code, which documentation tests run.
@@ -85,7 +86,7 @@ fn follow(page: &str, name: &str) -> usize {
                 said = cfg!(feature = "petsc").then(|| run(&folder, text));
                 count += text.lines().count();
             }
-            ["sh", "gmsh"] => said = None,
+            ["sh", "gmsh" | "python"] => said = None,
             ["text"] => {
                 let Some(said) = &said else { continue };
                 let all = squeezed(said);

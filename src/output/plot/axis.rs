@@ -31,6 +31,8 @@ pub struct Axis {
     is_whole: bool,
     /// Names of the values 1, 2, ..., if they have any.
     names: Vec<String>,
+    /// Magnitude that chooses the SI prefix, where it is not that of the axis itself.
+    magnitude: Option<f64>,
 }
 
 impl Axis {
@@ -46,6 +48,7 @@ impl Axis {
             pad: 0.06,
             is_whole: false,
             names: Vec::new(),
+            magnitude: None,
         }
     }
 
@@ -85,6 +88,12 @@ impl Axis {
         Axis { per: unit, ..self }
     }
 
+    /// Counts the axis in the unit of one whose values reach a magnitude, such as another axis of
+    /// the same plan.
+    pub fn in_unit_of(self, magnitude: f64) -> Axis {
+        Axis { magnitude: Some(magnitude), ..self }
+    }
+
     /// Fits the axis to values, with about `wanted` ticks.
     pub(super) fn fit(&self, values: impl Iterator<Item = f64>, wanted: usize) -> Fitted {
         let drawn = |value: &f64| value.abs() < GREATEST && (self.scale == Scale::Linear || *value > LEAST);
@@ -117,7 +126,8 @@ impl Axis {
         let [low, high] = wide_enough(range);
         let pad = pad * (high - low);
         let [low, high] = [low - pad, high + pad];
-        let exponent = exponent(low.abs().max(high.abs()) / per, self.symbol.is_empty());
+        let magnitude = self.magnitude.unwrap_or(low.abs().max(high.abs()));
+        let exponent = exponent(magnitude / per, self.symbol.is_empty());
         let unit = per * 10f64.powi(exponent);
         let (first, last) = (low / unit, high / unit);
         let slack = 1e-9;
@@ -186,19 +196,43 @@ impl Axis {
     }
 
     fn label(&self, exponent: i32) -> String {
-        let unit = match (self.symbol.as_str(), exponent) {
-            ("", 0) => return self.quantity.clone(),
-            ("", _) => power_of_ten(exponent),
-            (symbol, 0) => symbol.to_owned(),
-            (symbol @ ("J" | "Hz" | "N" | "Pa" | "N s"), 3) => format!("k{symbol}"),
-            (symbol @ ("J" | "Hz" | "N" | "Pa"), 6) => format!("M{symbol}"),
-            (symbol, -3) => format!("m{symbol}"),
-            (symbol, -6) => format!("µ{symbol}"),
-            (symbol, -9) => format!("n{symbol}"),
-            (symbol, _) => format!("{} {symbol}", power_of_ten(exponent)),
-        };
-        format!("{} ({unit})", self.quantity)
+        match prefixed(&self.symbol, exponent) {
+            unit if unit.is_empty() => self.quantity.clone(),
+            unit => format!("{} ({unit})", self.quantity),
+        }
     }
+}
+
+/// Returns the unit of numbers that are multiples of a power of ten of a unit.
+fn prefixed(symbol: &str, exponent: i32) -> String {
+    match (symbol, exponent) {
+        (symbol, 0) => symbol.to_owned(),
+        ("", _) => power_of_ten(exponent),
+        ("J" | "Hz" | "N" | "Pa" | "N s", 3) => format!("k{symbol}"),
+        ("J" | "Hz" | "N" | "Pa", 6) => format!("M{symbol}"),
+        ("J" | "Hz" | "N" | "Pa", 9) => format!("G{symbol}"),
+        // Such as 1/s.
+        _ if symbol.starts_with('1') => format!("{} {symbol}", power_of_ten(exponent)),
+        (_, -3) => format!("m{symbol}"),
+        (_, -6) => format!("µ{symbol}"),
+        (_, -9) => format!("n{symbol}"),
+        _ => format!("{} {symbol}", power_of_ten(exponent)),
+    }
+}
+
+/// Returns the unit of an axis whose values reach a magnitude, and its value in terms of `symbol`.
+pub(super) fn unit(symbol: &str, magnitude: f64) -> (String, f64) {
+    let exponent = if (LEAST..GREATEST).contains(&magnitude) { exponent(magnitude, false) } else { 0 };
+    (prefixed(symbol, exponent), 10f64.powi(exponent))
+}
+
+/// Formats two significant digits.
+pub fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
+    crate::output::text::significant((value / digit).round() * digit).replace('-', "\u{2212}")
 }
 
 /// Axis with fixed ends and ticks.

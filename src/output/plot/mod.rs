@@ -32,7 +32,7 @@ use super::remove;
 use crate::error::Result;
 use std::path::Path;
 
-pub use axis::Axis;
+pub use axis::{Axis, short};
 pub use layout::Figure;
 pub use panel::{Bar, Curve, Marker, Obstacle, Panel, Ramp};
 pub use paper::{Color, Pen};
@@ -61,13 +61,4 @@ pub const PICTURES: [&str; 10] = [
 pub fn clear(folder: &Path) -> Result<()> {
     let pictures = PICTURES.iter().flat_map(|name| [format!("{name}.svg"), format!("{name}.png")]);
     pictures.into_iter().try_for_each(|name| remove(&folder.join(FOLDER).join(name)))
-}
-
-/// Formats two significant digits.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
-    super::text::significant((value / digit).round() * digit).replace('-', "\u{2212}")
 }

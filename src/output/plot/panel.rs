@@ -1,6 +1,6 @@
 //! Panels of a figure: curves, obstacles, bars and remarks between two axes.
 
-use super::axis::{Axis, Fitted, is_near};
+use super::axis::{Axis, Fitted, is_near, short, unit};
 use super::paper::{Canvas, Color, Pen};
 
 /// Palette of Okabe and Ito (2008), darkest first, distinct for every kind of colour vision.
@@ -155,6 +155,17 @@ pub struct Ramp {
     pub ends: [String; 2],
     /// Colour for a share from 0 to 1.
     pub color: fn(f64) -> Color,
+}
+
+impl Ramp {
+    /// Creates a scale whose numbers have the SI prefix that an axis of them would have; `symbol`
+    /// is the unit. An end that is not finite has no number.
+    pub fn new(quantity: &str, symbol: &str, ends: [f64; 2], color: fn(f64) -> Color) -> Ramp {
+        let finite = ends.into_iter().filter(|end| end.is_finite());
+        let (name, one) = unit(symbol, finite.map(f64::abs).fold(0.0, f64::max));
+        let end = |value: f64| if value.is_finite() { short(value / one) } else { String::new() };
+        Ramp { label: format!("{quantity} ({name})"), ends: ends.map(end), color }
+    }
 }
 
 /// Frame of a panel, in points.

@@ -1,10 +1,10 @@
 //! Perspective view of the deformed plate between its obstacles.
 
-use super::axis::is_near;
+use super::axis::{is_near, unit};
 use super::coarse::coarsened;
 use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
-use super::{Figure, Panel, Ramp, short};
+use super::{Figure, Panel, Ramp};
 use crate::output::text::significant;
 use crate::output::vtu::Surface;
 
@@ -63,11 +63,12 @@ impl ColorBy {
         }
     }
 
-    fn label(self) -> &'static str {
+    /// Returns the quantity and its unit.
+    fn quantity(self) -> [&'static str; 2] {
         match self {
-            ColorBy::Deflection => "deflection (m)",
-            ColorBy::VonMises => "von Mises stress (Pa)",
-            ColorBy::Envelope => "largest von Mises stress (Pa)",
+            ColorBy::Deflection => ["deflection", "m"],
+            ColorBy::VonMises => ["von Mises stress", "Pa"],
+            ColorBy::Envelope => ["largest von Mises stress", "Pa"],
         }
     }
 }
@@ -141,13 +142,18 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
 
     // A value much smaller than the others is a rounding error.
     let [low, high] = range(&mut snapshots.iter().flat_map(|(_, surface)| by.values(surface).to_vec()));
-    let end = |w: f64| short(if w.abs() < 1e-4 * (high - low) { 0.0 } else { w });
+    let end = |w: f64| if w.abs() < 1e-4 * (high - low) { 0.0 } else { w };
     let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
-    let label = if scale == 1.0 { by.label().to_owned() } else { format!("{}, drawn ×{scale}", by.label()) };
-    let ramp = Ramp { label, ends: [low, high].map(end), color: depth };
+    let [quantity, symbol] = by.quantity();
+    let mut ramp = Ramp::new(quantity, symbol, [low, high].map(end), depth);
+    if scale != 1.0 {
+        ramp.label += &format!(", drawn ×{scale}");
+    }
+    let last = snapshots.iter().map(|(time, _)| *time).fold(0.0, f64::max);
+    let (clock, tick) = unit("s", last);
     let mut panels = Vec::new();
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
-        let held = held.clone();
+        let (held, clock) = (held.clone(), clock.clone());
         let height = (width * window.height() / window.width()).clamp(20.0, TALLEST * width) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
@@ -176,7 +182,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
                     paper.circle(at([x, y, 0.0]), 1.6, MARK, None);
                     format!("largest at ({}, {}) m", significant(x), significant(y))
                 }
-                None => format!("t = {} s", significant(time)),
+                None => format!("t = {} {clock}", significant(time / tick)),
             };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };

@@ -1,5 +1,6 @@
 //! Plots of a run, from the files of its folder.
 
+use super::axis::unit;
 use super::paper::blend;
 use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
 use crate::output::contacts::Contact;
@@ -108,11 +109,7 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
     let map = Panel::new(time(table), axis)
         .height((7.0 * rows).clamp(60.0, 150.0))
         .bars(bars.iter().map(bar))
-        .ramp(Ramp {
-            label: "impulse (N s)".to_owned(),
-            ends: [short(1e-3 * largest), short(largest)],
-            color: heat,
-        });
+        .ramp(Ramp::new("impulse", "N s", [1e-3 * largest, largest], heat));
     let most = total.iter().copied().fold(0.0, f64::max);
     let range = |axis: usize| {
         let places = outline.iter().flatten().chain(nodes.iter().map(|contact| &contact.at));
@@ -126,8 +123,8 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
         [right - left, back - front].map(|side| side.max(0.1 * size).max(f64::MIN_POSITIVE));
     let plan_height = (200.0 * width / length).clamp(30.0, 200.0);
     let mut plan = Panel::new(
-        Axis::linear("x", "m").within(left - 0.03 * length, right + 0.03 * length),
-        Axis::linear("y", "m").within(front - 0.06 * width, back + 0.06 * width),
+        Axis::linear("x", "m").in_unit_of(size).within(left - 0.03 * length, right + 0.03 * length),
+        Axis::linear("y", "m").in_unit_of(size).within(front - 0.06 * width, back + 0.06 * width),
     )
     .heading("Where the nodes are; impulse of the whole run:")
     .height(plan_height);
@@ -138,7 +135,9 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
         let size = (impulse / most).sqrt().max(0.25);
         plan = plan.curve(Curve::new("", vec![contact.at]).palette(1).marks(0).size(size).scattered());
     }
-    let largest_node = Curve::new(format!("{} N s", short(most)), Vec::new()).palette(1).marks(0).scattered();
+    let (newton_second, one) = unit("N s", most);
+    let largest_node = format!("{} {newton_second}", short(most / one));
+    let largest_node = Curve::new(largest_node, Vec::new()).palette(1).marks(0).scattered();
     let plan = plan.curve(largest_node);
     Figure::new(title).panel(map).panel(plan)
 }

@@ -126,7 +126,11 @@ pub(super) fn numbers(summary: &Value) -> String {
         cards.extend(value.map(|value| (title.to_owned(), value)));
     };
     let count = |key: &str| summary[key].as_u64().map(grouped);
-    let of = |value: &Value, unit: &str| value.as_f64().map(|value| format!("{} {unit}", significant(value)));
+    // A number and its unit stay on one line.
+    let of = |value: &Value, unit: &str| {
+        let unit = unit.replace(' ', "\u{a0}");
+        value.as_f64().map(|value| format!("{}\u{a0}{unit}", significant(value)))
+    };
     let energy = |key: &str| of(&summary["energy"][key], "J");
     card("degrees of freedom", count("dofs"));
     card("steps", count("steps"));

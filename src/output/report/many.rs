@@ -24,6 +24,7 @@ document.getElementById("save")?.addEventListener("click", () => {
   link.download = "scene.toml";
   link.click();
 });
+document.documentElement.dataset.ready = "yes";
 "#;
 
 /// Content of the page of many runs, from the files of a sweep's or a study's folder.
@@ -87,11 +88,15 @@ impl RunTable {
             Err(_) if text.is_empty() => "<td data-v=\"1e999\"></td>".to_owned(),
             Err(_) => {
                 let rank = words.iter().position(|word| word == text).unwrap_or_default();
-                format!("<td data-v=\"{rank}\">{}</td>", escaped(text))
+                format!("<td class=\"words\" data-v=\"{rank}\">{}</td>", escaped(text))
             }
         };
-        let heads: String =
-            self.heads.iter().map(|head| format!("<th scope=\"col\">{}</th>", escaped(head))).collect();
+        let head = |(column, head): (usize, &String)| {
+            let has_words = words[column].iter().any(|word| !word.is_empty());
+            let class = if has_words { "class=\"words\" " } else { "" };
+            format!("<th {class}scope=\"col\">{}</th>", escaped(head))
+        };
+        let heads: String = self.heads.iter().enumerate().map(head).collect();
         let row = |row: &Vec<String>| {
             format!("<tr>{}</tr>\n", row.iter().zip(&words).map(cell).collect::<String>())
         };
@@ -195,7 +200,7 @@ fn caption(name: &str) -> String {
         ("map", "Measures over the two swept keys"),
         ("work-precision", "Errors against seconds"),
         ("orders", "Errors against the time step"),
-        ("energy-drift", "Change of the energy against seconds"),
+        ("energy-drift", "Change of the energy against the time step"),
         ("after-impact", "Errors and energy after the first impact"),
         ("cost", "Cost of a run"),
     ];
@@ -219,7 +224,8 @@ mod tests {
         assert_eq!(table.rows, [["1.5", "x"], ["2", "y, \"z\""]]);
         let html = RunTable::of_csv("Runs", csv, |_| true).html("t");
         assert!(html.contains("<td data-v=\"1.5\">1.5</td>"), "{html}");
-        assert!(html.contains("<td data-v=\"1\">y, &quot;z&quot;</td>"), "{html}");
+        assert!(html.contains("<td class=\"words\" data-v=\"1\">y, &quot;z&quot;</td>"), "{html}");
+        assert!(html.contains("<th class=\"words\" scope=\"col\">c</th>"), "{html}");
         assert!(html.contains("<td data-v=\"1e999\"></td>"), "{html}");
     }
 }

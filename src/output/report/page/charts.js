@@ -15,6 +15,16 @@ export function short(value) {
   return size !== 0 && (size >= 1e6 || size < 1e-3) ? rounded.toExponential() : String(rounded);
 }
 
+/** Returns the power of 1000 that charts of very small or large values count in, and its name. */
+function multiple(arrays) {
+  const sizes = arrays.flatMap((array) => Array.from(array, Math.abs).filter(Number.isFinite));
+  const largest = sizes.reduce((most, size) => Math.max(most, size), 0);
+  if (largest === 0 || (largest >= 1e-6 && largest < 1e9)) return [1, ""];
+  const power = 3 * Math.floor(Math.log10(largest) / 3);
+  const digits = String(power).replace(/./g, (digit) => (digit === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]));
+  return [10 ** power, `10${digits} `];
+}
+
 export class Charts {
   /** `onTime` is called with the time (s) at which the user clicks. */
   constructor(host, charts, arrays, onTime) {
@@ -30,7 +40,10 @@ export class Charts {
     const figure = document.createElement("figure");
     figure.tabIndex = 0;
     figure.setAttribute("role", "group");
-    const label = chart.unit ? `${chart.title} (${chart.unit})` : chart.title;
+    const values = chart.columns.map(({ array }) => arrays[array]);
+    const [one, power] = multiple(values);
+    const unit = (power + (chart.unit ?? "")).trim();
+    const label = unit ? `${chart.title} (${unit})` : chart.title;
     figure.setAttribute("aria-label", `Chart of ${label} over time. Arrows move it, plus and minus zoom, 0 shows all.`);
     host.append(figure);
     const axis = (more) => ({
@@ -49,10 +62,10 @@ export class Charts {
       cursor: { sync: { key: "time" }, drag: { x: true, y: false }, y: false },
       hooks: {
         setScale: [(plot, key) => key === "x" && this.#zoomed(plot)],
-        draw: [(plot) => this.#rules(plot, chart.rules ?? [])],
+        draw: [(plot) => this.#rules(plot, (chart.rules ?? []).map((rule) => rule / one))],
         setSize: [() => this.mark(this.time)],
       },
-    }, [this.times, ...chart.columns.map(({ array }) => arrays[array])], figure);
+    }, [this.times, ...values.map((array) => (one === 1 ? array : Array.from(array, (value) => value / one)))], figure);
     const line = document.createElement("div");
     line.className = "now";
     plot.over.append(line);
