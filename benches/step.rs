@@ -6,7 +6,8 @@
 //! the plate pressed onto its obstacle. `assembly` and `factor` occur once per run. At the end a
 //! table gives the ratio of steps to solves, by this program and by faer alone, and those of
 //! contact steps and of the main loop to free steps; these are timed in turns, so that other
-//! programs slow all alike. A second table has the mean step of the modal mass, over a flight and an impact.
+//! programs slow all alike. A second table has the mean step of the modal mass, over a flight and
+//! an impact.
 //! `cargo bench --bench step -- --report` prints the tables alone.
 
 use divan::{Bencher, black_box};

@@ -308,7 +308,7 @@ impl<E: Engine> CheckedSolver<E> {
             report.kkt = self.measure(engine, problem, more, answer, product.as_deref_mut())?;
         }
         if report.kkt > self.solver.tolerance() {
-            // Rounding of large rows remains in small ones. A correction by the residual removes it.
+            // Rounding of large rows remains in small ones; a correction removes it.
             let before = (answer.x.to_vec(), answer.reaction.to_vec());
             let iterations = self.correct(None, engine, problem, answer)?;
             let kkt = self.measure(engine, problem, more, answer, product.as_deref_mut())?;
