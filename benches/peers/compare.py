@@ -88,21 +88,21 @@ def compare(cells, folder, peer):
     reference = {}
     for name, program in programs.items():
         row, worst = "", 0.0
-        for kind, obstacle in obstacles.items():
+        for width, (kind, obstacle) in zip((11, 12), obstacles.items()):
             try:
                 deflection, seconds = min((program(obstacle) for _ in range(RUNS)), key=lambda run: run[1])
                 deflection_of_reference, seconds_of_reference = reference.setdefault(kind, (deflection, seconds))
                 worst = max(worst, abs(deflection - deflection_of_reference))
-                row += f"{1e3 * seconds:11.4g}{seconds / seconds_of_reference:8.1f}"
+                row += f"{1e3 * seconds:{width}.4g}{seconds / seconds_of_reference:8.1f}"
             except RuntimeError:
-                row += f"{'failed':>11}{'':8}"
+                row += f"{'failed':>{width}}{'':8}"
         print(f"{cells[0]}x{cells[1]:<8}{name:22}{row}{worst:12.1e}", flush=True)
 
 
 def main():
     meshes = [tuple(map(int, cells.split(","))) for cells in sys.argv[1:] or ["10,4", "40,16", "80,32"]]
     subprocess.check_call(["cargo", "build", "--release", "--locked", "--quiet"], cwd=ROOT)
-    print(f"{'cells':11}{'program':22}{'free, ms':>11}{'ratio':>8}{'contact, ms':>11}{'ratio':>8}{'change, m':>12}")
+    print(f"{'cells':11}{'program':22}{'free, ms':>11}{'ratio':>8}{'contact, ms':>12}{'ratio':>8}{'change, m':>12}")
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         peer = build_peer(folder)
