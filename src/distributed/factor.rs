@@ -19,7 +19,7 @@ const ROUGH: f64 = 1e-3;
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
 /// The Schur complement of the contact dofs is the inverse of their block of A^-1, the
-/// [`Flexibility`].
+/// flexibility.
 pub struct DistributedFactor {
     context: Rc<Context>,
     matrix: Matrix,

@@ -125,7 +125,7 @@ fn plot_draws_all_that_a_run_left() {
         ("contacts", "contact node"),
         ("phase", "velocity (m/s)"),
         ("spectrum", "frequency (Hz)"),
-        ("snapshots", "t = 0.025 s"),
+        ("snapshots", "t = 25 ms"),
     ];
     for (name, words) in pictures {
         let svg = fs::read_to_string(plots.join(name).with_extension("svg")).unwrap();
