@@ -447,7 +447,8 @@ impl Engine for Native {
     }
 }
 
-/// Adds the magnitudes of the couplings of the slopes of a cell with three dofs per node.
+/// Adds the magnitude of the coupling of each slope to the deflection of its node, for a cell with
+/// three dofs per node.
 fn add_couplings(couplings: &mut [RowCoupling], dofs: &[Option<usize>], entry: impl Fn(usize, usize) -> f64) {
     if !dofs.len().is_multiple_of(3) {
         return;
