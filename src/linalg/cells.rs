@@ -162,29 +162,56 @@ fn square_product<S: Simd>(simd: S, root: &[[Lanes; 3]], local: &[Lanes], result
     for first in (0..local.len()).step_by(3) {
         let (rows, below) = rest.split_at(local.len() - first);
         let (local, result) = (&local[first..], &mut result[first..]);
-        // One pass for each register that the lanes fill.
-        for part in 0..LANES / S::F64_LANES {
-            let mut strains = [simd.splat_f64s(0.0); 3];
-            for (column, value) in rows.iter().zip(local) {
-                let value = S::as_simd_f64s(&value.0).0[part];
-                for (strain, entry) in strains.iter_mut().zip(column) {
-                    *strain = simd.mul_add_f64s(S::as_simd_f64s(&entry.0).0[part], value, *strain);
-                }
-            }
-            for (column, force) in rows.iter().zip(&mut *result) {
-                let force = &mut S::as_mut_simd_f64s(&mut force.0).0[part];
-                for (strain, entry) in strains.iter().zip(column) {
-                    *force = simd.mul_add_f64s(S::as_simd_f64s(&entry.0).0[part], *strain, *force);
-                }
-            }
-            let form = &mut S::as_mut_simd_f64s(&mut form.0).0[part];
-            for strain in strains {
-                *form = simd.mul_add_f64s(strain, strain, *form);
-            }
+        // Two registers at once hide the latency of the sums.
+        let mut part = 0;
+        while part + 2 <= LANES / S::F64_LANES {
+            add_square::<S, 2>(simd, part, rows, local, result, &mut form);
+            part += 2;
+        }
+        if part < LANES / S::F64_LANES {
+            add_square::<S, 1>(simd, part, rows, local, result, &mut form);
         }
         rest = below;
     }
     form
+}
+
+/// Adds what three rows of a root contribute to R^T R local and to |R local|^2, in some of the
+/// registers that the lanes fill, from one on.
+#[inline(always)]
+fn add_square<S: Simd, const REGISTERS: usize>(
+    simd: S,
+    from: usize,
+    rows: &[[Lanes; 3]],
+    local: &[Lanes],
+    result: &mut [Lanes],
+    form: &mut Lanes,
+) {
+    let mut strains = [[simd.splat_f64s(0.0); REGISTERS]; 3];
+    for (column, value) in rows.iter().zip(local) {
+        let value = &S::as_simd_f64s(&value.0).0[from..][..REGISTERS];
+        for (strain, entry) in strains.iter_mut().zip(column) {
+            let entry = &S::as_simd_f64s(&entry.0).0[from..][..REGISTERS];
+            for k in 0..REGISTERS {
+                strain[k] = simd.mul_add_f64s(entry[k], value[k], strain[k]);
+            }
+        }
+    }
+    for (column, force) in rows.iter().zip(result) {
+        let force = &mut S::as_mut_simd_f64s(&mut force.0).0[from..][..REGISTERS];
+        for (strain, entry) in strains.iter().zip(column) {
+            let entry = &S::as_simd_f64s(&entry.0).0[from..][..REGISTERS];
+            for k in 0..REGISTERS {
+                force[k] = simd.mul_add_f64s(entry[k], strain[k], force[k]);
+            }
+        }
+    }
+    let form = &mut S::as_mut_simd_f64s(&mut form.0).0[from..][..REGISTERS];
+    for strain in strains {
+        for k in 0..REGISTERS {
+            form[k] = simd.mul_add_f64s(strain[k], strain[k], form[k]);
+        }
+    }
 }
 
 /// Computes result = matrix local, or |matrix| local, lane by lane.

@@ -96,6 +96,11 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
     fn rate_of_configuration(&self) -> f64 {
         1.0
     }
+
+    /// `$U^{n+1} - U^n = 2 x$`
+    fn displacement_of_forces(&self, x: f64, _: usize) -> f64 {
+        2.0 * x
+    }
 }
 
 impl<'s, E: Engine> MidpointRule<'s, E> {

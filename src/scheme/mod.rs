@@ -29,6 +29,7 @@ pub mod conserving;
 mod drive;
 pub mod equilibrium;
 pub mod exact;
+mod feedback;
 pub mod held_basis;
 pub mod midpoint;
 pub mod modal;

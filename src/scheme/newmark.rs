@@ -144,6 +144,11 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
     fn rate_of_configuration(&self) -> f64 {
         1.0 / (1.0 + self.parameters.restitution)
     }
+
+    /// `$\tfrac12 (U^{n+1} - U^{n-1})$`
+    fn displacement_of_forces(&self, x: f64, dof: usize) -> f64 {
+        self.d_n[dof] + 0.5 * x
+    }
 }
 
 impl<E: Engine> Levels<'_, E> {

@@ -8,43 +8,17 @@
 //! A x = b + G^T r, \qquad x \text{ within its bounds},
 //! ```
 //!
-//! checks the answer, and keeps what the next step starts from.
-//!
-//! # Residuals fed forward
-//!
-//! Rounding the entries of A spoils the slow motions of fine meshes: the answer to a right-hand
-//! side leaves a residual `$\delta = A x - b - G^T r$`, with a relative error `$\varepsilon$` of x
-//! that [`Engine::estimate_factor_error`] tells. In place of a correction within the step, the step
-//! from `$U^n$` is solved for `$b^n - 2 \delta^{n-1} + \delta^{n-2}$`. What its equation misses is
-//! then
-//!
-//! ```math
-//! A x - b^n - G^T r = \delta^n - 2 \delta^{n-1} + \delta^{n-2} .
-//! ```
-//!
-//! The sums of these impulses, and the sums of the sums, do not grow with the number of steps: a
-//! motion of frequency `$\omega$` keeps `$(\omega \Delta t)^2 \varepsilon$` of the error, and at
-//! most `$4 \varepsilon$` where `$\omega \Delta t$` is large. Up to `$\varepsilon$` = 1e-10 no
-//! answer is corrected within its step: motions with `$\omega \Delta t \le 0.5$` keep 3e-11, as if
-//! they were, and no motion keeps as much as the 1e-9 that promises on the energy allow. Above it,
-//! answers are corrected within the step and nothing is fed forward, nor where A is factored with
-//! twice the digits: there rounding errors of the products themselves, fed forward, change the
-//! energy by 5e-8 in a step (cells of aspect ratio 1000). A step whose forces are so much smaller
-//! than those before it that its residual is above [`MAX_FED_RESIDUAL`], as in rigid flight, is
-//! solved again by itself.
+//! checks the answer, and keeps what the next step starts from. The residuals of past steps may
+//! enter the right-hand side, see [`super::feedback`].
 
 use super::drive::ModalDamping;
+use super::feedback::Feedback;
 use super::{StepRecord, System};
-use crate::archive::{Archive, VectorKind};
+use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::vectors::{add, subtract, waxpby};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
-
-/// KKT residual above which a step that fed residuals forward is solved again without them,
-/// dimensionless.
-const MAX_FED_RESIDUAL: f64 = 1e-11;
 
 /// Formulas of a scheme for the step from `$U^n$`.
 pub(super) trait Formulas<E: Engine> {
@@ -69,6 +43,9 @@ pub(super) trait Formulas<E: Engine> {
 
     /// Returns the derivative of the bounded configuration with respect to x.
     fn rate_of_configuration(&self) -> f64;
+
+    /// Returns the displacement at a dof over which the forces of the step do their work, in m.
+    fn displacement_of_forces(&self, x: f64, dof: usize) -> f64;
 }
 
 /// Solver of the steps of one scheme, with the answer to the last step.
@@ -94,41 +71,6 @@ pub(super) struct StepDriver<'s, E: Engine> {
     /// Bounded configuration, in m, one entry per bound.
     pub admissible: Vec<f64>,
     pub report: StepReport,
-}
-
-/// Residuals of the last two steps, which the right-hand side of the next one makes up for.
-#[derive(Debug)]
-struct Feedback {
-    /// Residuals `$\delta_{n-1}$` and `$\delta_{n-2}$`, each of the right-hand side that was solved
-    /// for, in N, one entry per dof.
-    residuals: [Vec<f64>; 2],
-    /// Term `$2 \delta_{n-1} - \delta_{n-2}$` that the right-hand side of a step is reduced by, in N.
-    term: Vec<f64>,
-}
-
-impl Feedback {
-    fn new(dofs: usize) -> Feedback {
-        Feedback { residuals: [vec![0.0; dofs], vec![0.0; dofs]], term: vec![0.0; dofs] }
-    }
-
-    /// Reduces the right-hand side of a step.
-    fn apply(&mut self, b: &mut [f64]) {
-        let [last, earlier] = &self.residuals;
-        waxpby(2.0, last, -1.0, earlier, &mut self.term);
-        subtract(&self.term, b);
-    }
-
-    /// Forgets the residuals.
-    fn clear(&mut self) {
-        let [last, earlier] = &mut self.residuals;
-        [last, earlier, &mut self.term].into_iter().for_each(|vector| vector.fill(0.0));
-    }
-
-    /// Takes the residual of the step for the right-hand side without the reduction.
-    fn take(&mut self, residual: &[f64]) {
-        self.residuals.swap(0, 1);
-        waxpby(1.0, residual, 1.0, &self.term, &mut self.residuals[0]);
-    }
 }
 
 impl<'s, E: Engine> StepDriver<'s, E> {
@@ -165,14 +107,18 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         })
     }
 
-    /// Feeds residuals forward from the next step on, where rounding spoils the factored matrix.
-    pub fn feed_residuals_forward(&mut self) {
-        self.set_feedback(self.solver.may_feed());
+    /// Feeds residuals forward from the first step on, where rounding spoils the factored matrix;
+    /// the plate has an energy, in J.
+    pub fn feed_residuals_forward(&mut self, energy: f64) {
+        // Systems side by side must not decide for one another.
+        if self.solver.may_feed() && self.system.engine.systems() == 1 {
+            self.feedback = Some(Feedback::new(self.x.len(), energy));
+        }
     }
 
-    fn set_feedback(&mut self, feeds: bool) {
-        self.feedback = feeds.then(|| Feedback::new(self.x.len()));
-        self.solver.set_feeding(feeds);
+    /// Takes note of an energy of the plate, in J.
+    pub fn note_energy(&mut self, energy: f64) {
+        self.feedback.iter_mut().for_each(|feedback| feedback.note_energy(energy));
     }
 
     /// Returns the product K x of the last step, in N, one entry per dof; `None` where it is not
@@ -189,28 +135,40 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     pub fn solve(&mut self, formulas: &mut impl Formulas<E>) -> Result<()> {
         formulas.right_hand_side(&mut self.b)?;
         self.damp_modes(formulas)?;
-        if let Some(feedback) = &mut self.feedback {
-            feedback.apply(&mut self.b);
-        }
+        let feeds = self.feedback.as_mut().is_some_and(|feedback| feedback.begin_step(&mut self.b));
+        self.solver.set_feeding(feeds);
         self.solve_for_right_hand_side(formulas)?;
-        let is_poor = self.report.kkt.is_nan() || self.report.kkt > MAX_FED_RESIDUAL;
-        if let Some(feedback) = self.feedback.as_mut().filter(|_| is_poor) {
-            // Beside the small forces of this step, the residuals of the last ones are no rounding.
-            add(&feedback.term, &mut self.b);
-            feedback.clear();
-            self.solver.set_feeding(false);
-            let retries = self.report.retries;
-            self.solve_for_right_hand_side(formulas)?;
-            self.report.retries += retries + 1;
-            self.solver.set_feeding(true);
-        }
+        let mut work = self.missing_work(formulas)?;
         if let Some(feedback) = &mut self.feedback {
-            feedback.take(self.solver.residual());
+            if !feeds {
+                feedback.take(self.solver.uncorrected_residual());
+            } else if !feedback.fails(self.report.kkt, work) {
+                feedback.take(self.solver.residual());
+            } else {
+                feedback.withdraw(self.solver.residual(), &mut self.b);
+                self.solver.set_feeding(false);
+                let retries = self.report.retries;
+                self.solve_for_right_hand_side(formulas)?;
+                self.report.retries += retries + 1;
+                work = self.missing_work(formulas)?;
+            }
         }
+        self.feedback.iter_mut().for_each(|feedback| feedback.spend(work));
         for (z, &dof) in self.admissible.iter_mut().zip(&formulas.limits().dofs) {
             *z = formulas.bounded_configuration(self.x[dof], dof);
         }
         Ok(())
+    }
+
+    /// Returns the work of what the equation of the step misses, in J; 0 where nothing is fed
+    /// forward. Collective.
+    fn missing_work(&self, formulas: &impl Formulas<E>) -> Result<f64> {
+        if self.feedback.is_none() {
+            return Ok(0.0);
+        }
+        let forces = self.solver.residual().iter().zip(&self.x).enumerate();
+        let own = forces.map(|(dof, (m, x))| m * formulas.displacement_of_forces(*x, dof)).sum();
+        self.system.total(own)
     }
 
     /// Solves a step for the right-hand side b, from which the term of the feedback is subtracted.
@@ -226,7 +184,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             length: self.system.length(limits, formulas.displacement())?,
         };
         let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
-        let more = self.feedback.as_ref().map(|feedback| feedback.term.as_slice());
+        let more = self.feedback.as_ref().and_then(Feedback::term);
         let mut product = StiffnessProduct {
             stiffness: &self.system.stiffness,
             product: &mut self.product,
@@ -276,14 +234,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.modal_velocities)?;
         archive.value(&mut self.damped)?;
-        let mut feeds = self.feedback.is_some();
-        archive.value(&mut feeds)?;
-        if !archive.saves() {
-            self.set_feedback(feeds);
-        }
-        for residual in self.feedback.iter_mut().flat_map(|feedback| &mut feedback.residuals) {
-            archive.vector(VectorKind::Dofs, residual)?;
-        }
+        self.feedback.as_mut().map_or(Ok(()), |feedback| feedback.archive(archive))?;
         self.solver.archive(&self.system.engine, &self.matrix, &self.system.bounds, archive)
     }
 

@@ -83,6 +83,11 @@ fn ratio(a: f64, b: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a / b }
 }
 
+/// Returns the terms of the right-hand side.
+fn terms<'t>(problem: &Problem<'t>, more: &'t [&'t [f64]]) -> impl Iterator<Item = &'t [f64]> {
+    std::iter::once(problem.rhs).chain(more.iter().copied())
+}
+
 /// Subtracts a term of the right-hand side from the residual, and adds its magnitude.
 fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
     widest(
@@ -94,25 +99,21 @@ fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
                 *m += b.abs();
             }
         },
-    );
-}
-
-/// Returns the largest magnitude of x times its scale.
-fn largest_product(x: &[f64], scale: &[f64]) -> f64 {
-    widest(
-        Arch::new(),
-        #[inline(always)]
-        || largest(x.iter().zip(scale).map(|(x, scale)| scale * x.abs())),
     )
 }
 
-/// Returns the largest magnitude of b divided by its scale, where that is positive.
-fn largest_quotient(b: &[f64], scale: &[f64]) -> f64 {
-    let stiff = |(b, scale): (&f64, &f64)| if *scale > 0.0 { b / scale } else { 0.0 };
+/// Returns the largest magnitude of x times its scale, and of b divided by its scale where that is
+/// positive.
+fn largest_of_scaled(x: &[f64], b: &[f64], scale: &[f64]) -> f64 {
+    let scaled = |((x, b), scale): ((&f64, &f64), &f64)| {
+        let force = if *scale > 0.0 { b / scale } else { 0.0 };
+        // Of the bits, since `f64::max` would hide a NaN.
+        f64::from_bits((scale * x).abs().to_bits().max(force.abs().to_bits()))
+    };
     widest(
         Arch::new(),
         #[inline(always)]
-        || largest(b.iter().zip(scale).map(stiff)),
+        || largest(x.iter().zip(b).zip(scale).map(scaled)),
     )
 }
 
@@ -217,13 +218,29 @@ impl KktCheck {
         if !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))? {
             return Ok(None);
         }
-        let rows = self.magnitude.iter_mut().zip(x).zip(&self.scale).zip(&self.couplings);
-        for (((m, own), scale), coupling) in rows {
-            *m = scale * scale * own.abs() + coupling.magnitude * x[coupling.to as usize].abs();
-        }
+        self.subtract_with_diagonal(problem.rhs, x);
+        more.iter().for_each(|term| subtract_term(term, &mut self.residual, &mut self.magnitude));
         let length = problem.length(engine, answer);
         let own = self.compare(engine, &Problem { length, ..*problem }, more, answer)?.worst();
         Ok(Some(engine.comm().all_reduce_max(own)))
+    }
+
+    /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that of
+    /// its right-hand side and of its part in [`KktCheck::limit`].
+    fn subtract_with_diagonal(&mut self, rhs: &[f64], x: &[f64]) {
+        let KktCheck { scale, couplings, residual, magnitude, .. } = self;
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                let rows = residual.iter_mut().zip(magnitude.iter_mut()).zip(x.iter().zip(rhs));
+                for (((r, m), (own, b)), (scale, coupling)) in rows.zip(scale.iter().zip(&*couplings)) {
+                    *r -= b;
+                    let coupled = coupling.magnitude * x[coupling.to as usize].abs();
+                    *m = scale * scale * own.abs() + coupled + b.abs();
+                }
+            },
+        );
     }
 
     /// Returns the residual A x - b - G^T r of the last check, in N, one entry per dof.
@@ -245,11 +262,12 @@ impl KktCheck {
     ) -> Result<Residual> {
         let KktCheck { residual, magnitude, .. } = self;
         engine.multiply_with_magnitude(problem.matrix, answer.x, residual, magnitude)?;
+        terms(problem, more).for_each(|term| subtract_term(term, residual, magnitude));
         self.compare(engine, problem, more, answer)
     }
 
-    /// Returns the parts of the residual on this rank, given A x and the magnitude of each row.
-    /// Collective.
+    /// Returns the parts of the residual on this rank, given A x without all terms of the right-hand
+    /// side and the magnitude of each row. Collective.
     fn compare<E: Engine>(
         &mut self,
         engine: &E,
@@ -260,17 +278,12 @@ impl KktCheck {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        let terms = || std::iter::once(problem.rhs).chain(more.iter().copied());
-        for term in terms() {
-            subtract_term(term, residual, magnitude);
-        }
         for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
             residual[dof] -= r;
             magnitude[dof] += r.abs();
         }
-        let of_x = largest_product(x, scale);
-        let of_rhs = terms().map(|b| largest_quotient(b, scale));
-        let size = engine.comm().all_reduce_max(of_rhs.fold(of_x, larger));
+        let sizes = terms(problem, more).map(|b| largest_of_scaled(x, b, scale));
+        let size = engine.comm().all_reduce_max(sizes.fold(0.0, larger));
         if let Some(loose) = loose {
             let size =
                 engine.comm().all_reduce_max(largest(loose.iter().map(|(dof, scale)| scale * x[*dof])));

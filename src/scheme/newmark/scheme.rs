@@ -60,11 +60,11 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.force.renew(system, &levels.u_n)?;
         let own = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
         let at_start = if system.bounds.hertz.is_some() { system.total(own)? } else { 0.0 };
+        driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
         first.update(&driver);
         driver.restart_modal_damping(&levels)?;
-        driver.feed_residuals_forward();
         driver.report_to(&mut record);
         levels.store(&driver.admissible)?;
         levels.stored[0] = at_start;
@@ -117,6 +117,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.record.begin_step();
         self.record.add_impulses(half);
         self.levels.shift((self.record.step + 1) as f64 * self.record.dt)?;
+        self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
         self.driver.solve(&mut self.levels)?;
         self.levels.update(&self.driver);
         self.driver.report_to(&mut self.record);

@@ -33,6 +33,16 @@ pub(super) struct FirstStep<'l, 's, E: Engine> {
     pub v0: &'l [f64],
 }
 
+impl<E: Engine> Levels<'_, E> {
+    /// Returns the elastic and kinetic energy at the start, in J, with the initial velocity `$v_0$`
+    /// (m/s). Collective.
+    pub fn energy_at_start(&self, v0: &[f64]) -> Result<f64> {
+        let mut v = vec![0.0; self.system.engine.velocities(&self.system.mass)];
+        let kinetic = self.system.kinetic_energy(v0, &mut v)?;
+        Ok(kinetic + self.force.elastic_energy(self.system, &self.u_n)?)
+    }
+}
+
 impl<E: Engine> FirstStep<'_, '_, E> {
     /// Returns `$U^{0,e} - U^0$` for `$U^1 = U^0$`, in m: `$-2 \Delta t\, v_0\, e / (1 + e)$`.
     fn drift(&self, dof: usize) -> f64 {
@@ -82,5 +92,10 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
 
     fn rate_of_configuration(&self) -> f64 {
         0.5
+    }
+
+    /// `$\tfrac12 (U^1 - U^{-1}) = \Delta t\, v_0$`
+    fn displacement_of_forces(&self, _: f64, dof: usize) -> f64 {
+        self.levels.parameters.step * self.v0[dof]
     }
 }

@@ -31,7 +31,7 @@ pub(super) struct StiffnessForce {
     /// Number of the step modulo [`RENEWAL`].
     turn: u32,
     /// Elastic energy of `$U^n$`, in J, where a product gave it.
-    elastic: Option<f64>,
+    pub elastic: Option<f64>,
 }
 
 impl StiffnessForce {
