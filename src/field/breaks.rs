@@ -1,5 +1,6 @@
 //! Kinks and jumps of functions of time, located to rounding.
 
+use super::code::Stack;
 use super::span::Span;
 use super::{Field, Name, Names, Point, Table, code};
 
@@ -51,7 +52,7 @@ impl Field {
         if !self.depends_on(Names::T) || from >= to {
             return Breaks { found: Vec::new(), complete: true };
         }
-        let mut stack = Vec::new();
+        let mut stack = Stack::new();
         let least = 4.0 * f64::EPSILON * from.abs().max(to.abs());
         let mut search = Search { from, length: to - from, least, ..Search::default() };
         search.pending.push((from, to));
@@ -66,7 +67,7 @@ impl Field {
     }
 
     /// Returns bounds on value and derivative at a point between two instants (s).
-    pub(super) fn span(&self, stack: &mut Vec<Span>, at: Point, from: f64, to: f64) -> Span {
+    pub(super) fn span(&self, stack: &mut Stack<Span>, at: Point, from: f64, to: f64) -> Span {
         code::run(&self.code, stack, |name| match name {
             Name::X => code::Number::constant(at.x),
             Name::Y => code::Number::constant(at.y),

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::names::Name;
+use smallvec::SmallVec;
 
 /// Number of points in [`Lanes`].
 pub(super) const LANES: usize = 16;
@@ -240,12 +241,19 @@ impl Number for Traced {
     }
 }
 
+/// What the parser and the checks of code guarantee.
+const OPERANDS: &str = "every instruction finds its operands on the stack";
+
+/// Operands of the instructions that follow, which need no allocation in formulas as people write
+/// them.
+pub(super) type Stack<T> = SmallVec<[T; 8]>;
+
 /// Returns the value of code that leaves one value. The stack is work space; `done` receives the
 /// result of every instruction.
 #[inline]
 fn trace<T: Number>(
     code: &[Instruction],
-    stack: &mut Vec<T>,
+    stack: &mut Stack<T>,
     variable: impl Fn(Name) -> T,
     done: impl Fn(usize, &mut T),
 ) -> T {
@@ -254,25 +262,29 @@ fn trace<T: Number>(
         let mut value = match instruction {
             Instruction::Constant(value) => T::constant(value),
             Instruction::Variable(name) => variable(name),
-            Instruction::Unary(op) => pop(stack).unary(op),
+            Instruction::Unary(op) => operand(stack).unary(op),
             Instruction::Binary(op) => {
-                let right = pop(stack);
-                pop(stack).binary(op, right)
+                let right = operand(stack);
+                operand(stack).binary(op, right)
             }
             Instruction::Select => {
-                let (no, yes) = (pop(stack), pop(stack));
-                pop(stack).select(yes, no)
+                let (no, yes) = (operand(stack), operand(stack));
+                operand(stack).select(yes, no)
             }
         };
         done(index, &mut value);
         stack.push(value);
     }
-    pop(stack)
+    operand(stack)
+}
+
+fn operand<T>(stack: &mut Stack<T>) -> T {
+    stack.pop().expect(OPERANDS)
 }
 
 /// Returns the value of code that leaves one value. The stack is work space.
 #[inline]
-pub(super) fn run<T: Number>(code: &[Instruction], stack: &mut Vec<T>, variable: impl Fn(Name) -> T) -> T {
+pub(super) fn run<T: Number>(code: &[Instruction], stack: &mut Stack<T>, variable: impl Fn(Name) -> T) -> T {
     trace(code, stack, variable, |_, _| {})
 }
 
@@ -282,14 +294,14 @@ pub(super) fn culprit(code: &[Instruction], variable: impl Fn(Name) -> f64) -> O
     let blame = |index, number: &mut Traced| {
         number.culprit = (!number.value.is_finite()).then(|| number.culprit.unwrap_or(index));
     };
-    let result = trace(code, &mut Vec::new(), |name| Traced::constant(variable(name)), blame);
+    let result = trace(code, &mut Stack::new(), |name| Traced::constant(variable(name)), blame);
     let index = result.culprit?;
     let start = starts(code)[index];
-    Some((index, run(&code[start..=index], &mut Vec::new(), variable)))
+    Some((index, run(&code[start..=index], &mut Stack::new(), variable)))
 }
 
 pub(super) fn pop<T>(stack: &mut Vec<T>) -> T {
-    stack.pop().expect("every instruction finds its operands on the stack")
+    stack.pop().expect(OPERANDS)
 }
 
 /// Returns, for each instruction, the start of the code of its value; operands precede the
@@ -319,7 +331,7 @@ pub(super) fn fold(code: Vec<(Instruction, Range<usize>)>) -> Vec<(Instruction, 
         }
         let mut part: Vec<Instruction> = folded.drain(operands..).map(|(operand, _)| operand).collect();
         part.push(instruction);
-        let value = run(&part, &mut Vec::new(), |_| f64::NAN);
+        let value = run(&part, &mut Stack::new(), |_| f64::NAN);
         folded.push((Instruction::Constant(value), span));
     }
     folded

@@ -57,7 +57,7 @@ use serde::{Serialize, Serializer};
 
 use crate::geometry::Point;
 pub use breaks::{Break, Breaks, MOST_LOOKS};
-use code::{Binary, Instruction, LANES, Lanes, Number, Unary};
+use code::{Binary, Instruction, LANES, Lanes, Number, Stack, Unary};
 use enclosure::Sided;
 pub use enclosure::{Enclosure, Interval};
 pub use jet::Derivatives;
@@ -174,7 +174,7 @@ impl Field {
     /// Returns the value at a point (m) and a time (s). An error is returned where it is not
     /// finite.
     pub fn value(&self, at: Point, t: f64) -> Result<f64, ParseError> {
-        self.finite(at, t, code::run(&self.code, &mut Vec::new(), variable(at, t)))
+        self.finite(at, t, code::run(&self.code, &mut Stack::new(), variable(at, t)))
     }
 
     /// Computes the values at a time (s), one entry per point (m). Parts that do not depend on the
@@ -186,7 +186,7 @@ impl Field {
             }
             return Ok(());
         }
-        let mut stack: Vec<Lanes> = Vec::new();
+        let mut stack: Stack<Lanes> = Stack::new();
         for (points, values) in points.chunks(LANES).zip(values.chunks_mut(LANES)) {
             let last = points.len() - 1;
             let place = |axis: usize| std::array::from_fn(|lane| points[lane.min(last)][axis]);
@@ -206,7 +206,7 @@ impl Field {
     /// Returns bounds on the value over the rectangle between two corners (m) and between two times
     /// (s).
     pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
-        code::run(&self.code, &mut Vec::new(), |name| match name {
+        code::run(&self.code, &mut Stack::new(), |name| match name {
             Name::X => Enclosure::along(0, Interval::new(low.x, high.x)),
             Name::Y => Enclosure::along(1, Interval::new(low.y, high.y)),
             Name::T => Enclosure { value: t, ..Enclosure::constant(0.0) },
@@ -216,7 +216,7 @@ impl Field {
     /// Returns a number that is equal for two points (m) at a time (s) where the formula takes the
     /// same branch at every condition, jump and kink.
     pub fn side(&self, at: Point, t: f64) -> u64 {
-        code::run(&self.code, &mut Vec::new(), |name| Sided::constant(variable(at, t)(name))).side()
+        code::run(&self.code, &mut Stack::new(), |name| Sided::constant(variable(at, t)(name))).side()
     }
 
     /// Returns the degree in x and y, if the formula is a polynomial in these; its coefficients may
@@ -255,7 +255,7 @@ impl Field {
     /// kink and at a jump they are those of the side that the value belongs to: those of `step(t)`
     /// are 0 everywhere.
     pub fn jet(&self, at: Point, t: f64) -> Result<Derivatives, ParseError> {
-        self.jet_with(&mut Vec::new(), at, t)
+        self.jet_with(&mut Stack::new(), at, t)
     }
 
     /// Returns the value and its derivatives along x and y at a point (m) and a time (s).
@@ -263,7 +263,7 @@ impl Field {
     /// At a jump or a kink the derivatives are those of the side that the value belongs to.
     pub fn gradient(&self, at: Point, t: f64) -> Result<[f64; 3], ParseError> {
         let value = self.value(at, t)?;
-        let mut stack = Vec::new();
+        let mut stack = Stack::new();
         let mut along = |axis: Name| {
             let jet = code::run(&self.code, &mut stack, |name| match variable(at, t)(name) {
                 value if name == axis => Derivatives::moving(value),
@@ -280,14 +280,14 @@ impl Field {
 
     /// Computes the values and their time derivatives at a time (s), one entry per point (m).
     pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Derivatives]) -> Result<(), ParseError> {
-        let mut stack = Vec::new();
+        let mut stack = Stack::new();
         for (&at, jet) in points.iter().zip(jets) {
             *jet = self.jet_with(&mut stack, at, t)?;
         }
         Ok(())
     }
 
-    fn jet_with(&self, stack: &mut Vec<Derivatives>, at: Point, t: f64) -> Result<Derivatives, ParseError> {
+    fn jet_with(&self, stack: &mut Stack<Derivatives>, at: Point, t: f64) -> Result<Derivatives, ParseError> {
         let jet = code::run(&self.code, stack, |name| match name {
             Name::T => Derivatives::moving(t),
             place => Derivatives::constant(variable(at, t)(place)),

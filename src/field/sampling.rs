@@ -1,6 +1,6 @@
 //! Detection of functions of time that the time steps do not resolve.
 
-use super::code::{Binary, Number};
+use super::code::{Binary, Number, Stack};
 use super::span::{OutwardInterval, Span};
 use super::{Field, Names, Point, Table};
 use std::collections::VecDeque;
@@ -49,7 +49,7 @@ impl Bounded for At<'_> {
     }
 
     fn span(&self, from: f64, to: f64) -> Span {
-        self.0.span(&mut Vec::new(), self.1, from, to)
+        self.0.span(&mut Stack::new(), self.1, from, to)
     }
 }
 

@@ -101,6 +101,16 @@ impl Engine for Ensemble {
         self.all.multiply_with_magnitude(sum, x, y, m)
     }
 
+    fn multiply_with_part(
+        &self,
+        sum: &LinearCombination,
+        part: &Form,
+        x: &[f64],
+        products: (&mut [f64], &mut [f64]),
+    ) -> Result<bool> {
+        self.all.multiply_with_part(sum, part, x, products)
+    }
+
     fn velocities(&self, mass: &Form) -> usize {
         match mass {
             Form::SingularMassCells(averages) => LANES * averages.cells(),

@@ -56,6 +56,34 @@ struct DenseWork {
     /// Unknown x, in m, and reactions, in N.
     values: Vec<f64>,
     forces: Vec<f64>,
+    of_one: OneSystem,
+}
+
+/// Work space of the dense problem of one of some systems side by side.
+#[derive(Debug, Default)]
+struct OneSystem {
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    sides: Vec<BoundStatus>,
+    rhs: Vec<f64>,
+    values: Vec<f64>,
+    forces: Vec<f64>,
+}
+
+impl OneSystem {
+    /// Takes the entries of every so many from one on of a problem, its statuses and its answer.
+    fn take(&mut self, all: &DenseProblem, sides: &[BoundStatus], answer: &Answer, of: [usize; 2]) {
+        fn copy<T: Copy>(all: &[T], [system, systems]: [usize; 2], own: &mut Vec<T>) {
+            own.clear();
+            own.extend(all.iter().skip(system).step_by(systems));
+        }
+        copy(all.rhs, of, &mut self.rhs);
+        copy(all.lower, of, &mut self.lower);
+        copy(all.upper, of, &mut self.upper);
+        copy(sides, of, &mut self.sides);
+        copy(answer.x, of, &mut self.values);
+        copy(answer.reaction, of, &mut self.forces);
+    }
 }
 
 impl DenseWork {
@@ -234,7 +262,7 @@ impl<E: Engine> Condensed<E> {
             (bounds.lower[i], bounds.upper[i], side as u8)
         });
         let first = self.work.gather(engine.comm(), own);
-        let DenseWork { lower, upper, sides, h, values, forces } = &mut self.work;
+        let DenseWork { lower, upper, sides, h, values, forces, of_one } = &mut self.work;
         [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
         forces.fill(0.0);
         self.factor.forward_to_schur(b, h)?;
@@ -251,7 +279,7 @@ impl<E: Engine> Condensed<E> {
             let mut answer = Answer { x: values, reaction: forces };
             let exchanges = match systems {
                 1 => YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer),
-                systems => solve_each(rigid, systems, sides, &mut answer),
+                systems => solve_each(rigid, systems, sides, &mut answer, of_one),
             };
             // Rounding may decide which nodes touch, so the first rank decides for all.
             let answer = values.iter().zip(forces.iter()).zip(sides.iter());
@@ -365,24 +393,26 @@ impl<E: Engine> Solver<E> for Condensed<E> {
 
 /// Solves the problems of systems side by side, each with the same matrix, given the values without
 /// any bound. Returns the largest number of exchanges.
-fn solve_each(all: DenseProblem, systems: usize, sides: &mut [BoundStatus], answer: &mut Answer) -> u32 {
-    let Answer { x, reaction } = answer;
+fn solve_each(
+    all: DenseProblem,
+    systems: usize,
+    sides: &mut [BoundStatus],
+    answer: &mut Answer,
+    work: &mut OneSystem,
+) -> u32 {
     let mut exchanges = 0;
     for system in 0..systems {
-        let own = || (system..x.len()).step_by(systems);
-        if own().all(|i| (all.lower[i]..=all.upper[i]).contains(&x[i])) {
+        let own = || (system..all.rhs.len()).step_by(systems);
+        if own().all(|i| (all.lower[i]..=all.upper[i]).contains(&answer.x[i])) {
             own().for_each(|i| sides[i] = BoundStatus::Free);
             continue;
         }
-        let [rhs, lower, upper] =
-            [all.rhs, all.lower, all.upper].map(|of| own().map(|i| of[i]).collect::<Vec<f64>>());
-        let mut own_sides: Vec<BoundStatus> = own().map(|i| sides[i]).collect();
-        let (mut values, mut forces) = (vec![0.0; rhs.len()], vec![0.0; rhs.len()]);
-        let problem = DenseProblem { matrix: all.matrix, rhs: &rhs, lower: &lower, upper: &upper };
-        let mut own_answer = Answer { x: &mut values, reaction: &mut forces };
-        exchanges = exchanges.max(problem.solve(&mut own_sides, &mut own_answer));
-        for (k, i) in (system..x.len()).step_by(systems).enumerate() {
-            (x[i], reaction[i], sides[i]) = (values[k], forces[k], own_sides[k]);
+        work.take(&all, sides, answer, [system, systems]);
+        let OneSystem { lower, upper, sides: own_sides, rhs, values, forces } = work;
+        let problem = DenseProblem { matrix: all.matrix, rhs, lower, upper };
+        exchanges = exchanges.max(problem.solve(own_sides, &mut Answer { x: values, reaction: forces }));
+        for (k, i) in own().enumerate() {
+            (answer.x[i], answer.reaction[i], sides[i]) = (values[k], forces[k], own_sides[k]);
         }
     }
     exchanges
