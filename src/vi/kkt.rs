@@ -225,8 +225,8 @@ impl KktCheck {
         Ok(Some(engine.comm().all_reduce_max(own)))
     }
 
-    /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that of
-    /// its right-hand side and of its part in [`KktCheck::limit`].
+    /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that
+    /// of its right-hand side and of its part in [`KktCheck::limit`].
     fn subtract_with_diagonal(&mut self, rhs: &[f64], x: &[f64]) {
         let KktCheck { scale, couplings, residual, magnitude, .. } = self;
         widest(
@@ -266,8 +266,8 @@ impl KktCheck {
         self.compare(engine, problem, more, answer)
     }
 
-    /// Returns the parts of the residual on this rank, given A x without all terms of the right-hand
-    /// side and the magnitude of each row. Collective.
+    /// Returns the parts of the residual on this rank, given A x less all terms of the right-hand
+    /// side, and the magnitude of each row. Collective.
     fn compare<E: Engine>(
         &mut self,
         engine: &E,
