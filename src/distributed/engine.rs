@@ -168,21 +168,29 @@ impl Distributed {
 
     /// Assembles the matrix of a linear combination of forms. Collective.
     fn symmetric_matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
-        let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
         // The cells contribute many times as many entries as the matrix has, and PETSc keeps a
-        // record of all that it is given. They are therefore added up, some rows at a time.
+        // record of all that it is given. They are therefore added up, some rows at a time. Values
+        // follow once PETSc has taken the places of all, so that both are not in memory at once.
         let local = self.global.len();
-        for part in 0..PARTS {
-            let range = local * part / PARTS..local * (part + 1) / PARTS;
+        let parts = (0..PARTS).map(|part| local * part / PARTS..local * (part + 1) / PARTS);
+        let mut count = 0;
+        let (mut rows, mut columns) = (Vec::new(), Vec::new());
+        for range in parts.clone() {
             for (row, entries) in range.clone().zip(self.rows(sum, range)) {
-                for (column, value) in entries {
-                    rows.push(self.global[row]);
-                    columns.push(column);
-                    values.push(value);
-                }
+                count += entries.len();
+                rows.extend(std::iter::repeat_n(self.global[row], entries.len()));
+                columns.extend(entries.into_iter().map(|(column, _)| column));
             }
         }
-        Matrix::from_triplets(&self.context, Comm::World, self.own, &rows, &columns, &values)
+        let sizes = [self.own; 2];
+        let mut matrix = Matrix::from_pattern(&self.context, Comm::World, sizes, rows, columns)?;
+        let mut values = Vec::with_capacity(count);
+        for range in parts {
+            values.extend(self.rows(sum, range).into_iter().flatten().map(|(_, value)| value));
+        }
+        matrix.set_values(&values)?;
+        drop(values);
+        matrix.without_triplets()
     }
 
     /// Returns the contributions of this rank's cells to some rows of a linear combination of

@@ -8,13 +8,19 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{add, subtract};
 use crate::linalg::{Factor, LinearMethod, LinearSolves};
-use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Operator, Plex, Vector};
+use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Plex, Vector};
 use faer::Mat;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 /// Relative tolerance of solves that only have to find the active dofs.
-const ROUGH: f64 = 1e-3;
+const ROUGH: f64 = 1e-2;
+
+/// Share of the tolerance at which the correction of an answer ends, whose start was not zero.
+const MARGIN: f64 = 0.1;
+
+/// Tolerances of solves that end at that of the solver.
+const EXACT: [f64; 2] = [0.0; 2];
 
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
@@ -27,10 +33,12 @@ pub struct DistributedFactor {
     cells: Option<Rc<RefCell<CellOperator>>>,
     solver: Ksp,
     linear: SystemSolver,
-    /// Matrix in which dofs were held last, and its solver.
+    /// MultigridLevels of multigrid, whose solver holds dofs itself.
+    levels: Option<MultigridLevels>,
+    /// Matrix in which other methods held dofs last, and its solver.
     pinned: Option<(Matrix, Ksp)>,
     /// Held dofs that this rank owns, and whether any rank holds some.
-    held: Vec<usize>,
+    held: Rc<RefCell<Vec<usize>>>,
     holds: bool,
     right: Vector,
     solution: Vector,
@@ -61,15 +69,19 @@ impl DistributedFactor {
         let cells = cells
             .filter(|_| linear.method() != LinearMethod::Direct)
             .map(|cells| Rc::new(RefCell::new(cells)));
-        let operator = operator(&context, cells.as_ref(), &matrix, &[])?;
-        let solver = solver(&context, &matrix, operator, linear.interpolations().as_deref())?;
+        let held = Rc::<RefCell<Vec<usize>>>::default();
+        // Multigrid holds dofs in its own matrix, other methods in a copy.
+        let of_solver = if linear.method() == LinearMethod::Multigrid { held.clone() } else { Rc::default() };
+        let operator = operator(&context, cells.as_ref(), &matrix, &of_solver)?;
+        let (solver, levels) = solver(&context, &matrix, operator, linear.interpolations().as_deref())?;
         let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
         Ok(DistributedFactor {
             cells,
             solver,
             linear,
+            levels,
             pinned: None,
-            held: Vec::new(),
+            held,
             holds: false,
             first: right.range().start as usize,
             flexibility: Flexibility::new(&context, right.local_size()),
@@ -94,22 +106,27 @@ impl DistributedFactor {
         &self.matrix
     }
 
-    /// Solves for the right-hand side in x, with pinned dofs or without, to a tolerance larger than
-    /// that of the solver if one is given.
-    fn solve_with(&mut self, pinned: bool, rough: Option<f64>, x: &mut [f64]) -> Result<()> {
+    /// Solves for the right-hand side in x, with pinned dofs or without, to a relative and an
+    /// absolute tolerance in the energy norm where these are larger than that of the solver.
+    fn solve_with(&mut self, pinned: bool, tolerances: [f64; 2], x: &mut [f64]) -> Result<()> {
         let solver = match &mut self.pinned {
             Some((_, solver)) if pinned && self.holds => solver,
             _ => &mut self.solver,
         };
         // Held dofs have equations of their own, whose size the norm of an iteration cannot weigh
         // against that of the others.
-        let held: &[usize] =
-            if pinned && self.linear.method() != LinearMethod::Direct { &self.held } else { &[] };
+        let held = if pinned && self.linear.method() != LinearMethod::Direct {
+            self.held.borrow().clone()
+        } else {
+            Vec::new()
+        };
         let values: Vec<f64> = held.iter().map(|&dof| std::mem::take(&mut x[dof])).collect();
         self.right.set_local(x)?;
-        match rough {
-            Some(tolerance) => solver.solve_to(tolerance, &self.right, &mut self.solution)?,
-            None => solver.solve(&self.right, &mut self.solution)?,
+        let [relative, absolute] = tolerances;
+        if tolerances == EXACT {
+            solver.solve(&self.right, &mut self.solution)?;
+        } else {
+            solver.solve_to(relative, absolute, &self.right, &mut self.solution)?;
         }
         if self.linear.method() != LinearMethod::Direct {
             let mut solves = self.solves.get();
@@ -175,13 +192,13 @@ fn operator(
     context: &Rc<Context>,
     cells: Option<&Rc<RefCell<CellOperator>>>,
     matrix: &Matrix,
-    held: &[usize],
+    held: &Rc<RefCell<Vec<usize>>>,
 ) -> Result<Option<Operator>> {
     let Some(cells) = cells.cloned() else { return Ok(None) };
-    let held = held.to_vec();
+    let held = held.clone();
     let product = move |x: &Vector, y: &mut Vector| {
         let cells = &mut *cells.borrow_mut();
-        x.with_local(|x| y.with_local_mut(|y| cells.apply_with_held(&held, x, y)))??
+        x.with_local(|x| y.with_local_mut(|y| cells.apply_with_held(&held.borrow(), x, y)))??
     };
     Operator::new(context, matrix.local_size()[0], product).map(Some)
 }
@@ -193,30 +210,39 @@ fn solver(
     matrix: &Matrix,
     operator: Option<Operator>,
     interpolations: Option<&[&Matrix]>,
-) -> Result<Ksp> {
+) -> Result<(Ksp, Option<MultigridLevels>)> {
     let mut solver = Ksp::new(context, Comm::World, "")?;
-    match interpolations {
-        Some(interpolations) => solver.default_to_multigrid(matrix, interpolations)?,
-        None => solver.default_to_cholesky()?,
-    }
+    let levels = match interpolations {
+        Some(interpolations) => Some(solver.default_to_multigrid(matrix, interpolations)?),
+        None => {
+            solver.default_to_cholesky()?;
+            None
+        }
+    };
     match operator {
         Some(operator) => solver.set_own_operator(operator, matrix)?,
         None => solver.set_operator(matrix)?,
     }
     solver.set_from_options()?;
     solver.set_up()?;
-    Ok(solver)
+    Ok((solver, levels))
 }
 
 impl Factor for DistributedFactor {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
-        self.solve_with(true, None, x)
+        self.solve_with(true, EXACT, x)
     }
 
     fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
         let is_exact = !self.prefers_pinning();
-        self.solve_with(true, (!is_exact).then_some(ROUGH), x)?;
+        self.solve_with(true, if is_exact { EXACT } else { [ROUGH, 0.0] }, x)?;
         Ok(is_exact)
+    }
+
+    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
+        let ends_early = self.prefers_pinning() && self.solver.measures_energy()?;
+        let absolute = if ends_early { MARGIN * norm * self.solver.tolerance()? } else { 0.0 };
+        self.solve_with(true, [0.0, absolute], x)
     }
 
     fn known_error(&self) -> Option<f64> {
@@ -235,7 +261,7 @@ impl Factor for DistributedFactor {
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         let mut free = std::mem::take(&mut self.free);
         free.copy_from_slice(b);
-        self.solve_with(false, None, &mut free)?;
+        self.solve_with(false, EXACT, &mut free)?;
         self.free = free;
         self.free_contact_dofs = self.flexibility.gather(&self.free);
         self.condensed = self.flexibility.times_schur(&self.free_contact_dofs);
@@ -253,7 +279,7 @@ impl Factor for DistributedFactor {
             subtract(&self.condensed, &mut forces);
             if !self.flexibility.add_displacement(&forces, x) {
                 self.flexibility.put_forces(&forces, x);
-                self.solve_with(false, None, x)?;
+                self.solve_with(false, EXACT, x)?;
                 add(&self.free, x);
             }
         }
@@ -269,8 +295,11 @@ impl Factor for DistributedFactor {
     }
 
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        self.held = dofs.to_vec();
+        *self.held.borrow_mut() = dofs.to_vec();
         self.holds = self.context.comm().all_reduce_any(!dofs.is_empty());
+        if let Some(levels) = &mut self.levels {
+            return self.solver.hold(&mut self.matrix, levels, dofs);
+        }
         if !self.holds {
             return Ok(());
         }
@@ -289,17 +318,8 @@ impl Factor for DistributedFactor {
         held.zero_rows_columns(&rows, 1.0)?;
         held.set_positive_definite()?;
         held.share_near_null_space(&self.matrix)?;
-        let truncated = match &self.linear {
-            SystemSolver::Multigrid(hierarchy) => hierarchy.truncated(&self.matrix, dofs)?,
-            _ => None,
-        };
-        let mut interpolations = self.linear.interpolations();
-        if let (Some(levels), Some(truncated)) = (&mut interpolations, &truncated) {
-            levels.pop();
-            levels.push(truncated);
-        }
-        let operator = operator(&self.context, self.cells.as_ref(), &self.matrix, dofs)?;
-        let solver = solver(&self.context, &held, operator, interpolations.as_deref())?;
+        let operator = operator(&self.context, self.cells.as_ref(), &self.matrix, &self.held)?;
+        let (solver, _) = solver(&self.context, &held, operator, None)?;
         self.pinned = Some((held, solver));
         Ok(())
     }

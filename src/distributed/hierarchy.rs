@@ -76,24 +76,6 @@ impl Hierarchy {
     pub fn interpolations(&self) -> Vec<&Matrix> {
         self.interpolations.iter().collect()
     }
-
-    /// Returns a copy of the interpolation to the finest mesh in which some dofs of this rank stay
-    /// zero; `None` where no mesh is coarser. `matrix` is one over the dofs of the finest mesh.
-    /// Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn truncated(&self, matrix: &Matrix, held: &[usize]) -> Result<Option<Matrix>> {
-        let Some(finest) = self.interpolations.last() else { return Ok(None) };
-        let mut weights = matrix.vector()?;
-        weights.with_local_mut(|weights| {
-            weights.fill(1.0);
-            held.iter().for_each(|&dof| weights[dof] = 0.0);
-        })?;
-        let mut truncated = finest.duplicate()?;
-        truncated.scale_rows(&weights)?;
-        Ok(Some(truncated))
-    }
 }
 
 /// Adds the interpolations to a level and to all coarser ones, finest first. Collective.
@@ -276,8 +258,11 @@ impl<'e> Entries<'e> {
         })
     }
 
-    /// Adds an entry, given by its local dofs of the fine and of the coarse mesh.
+    /// Adds an entry that is not zero, given by its local dofs of the fine and of the coarse mesh.
     fn push(&mut self, row: usize, column: usize, value: f64) {
+        if value == 0.0 {
+            return;
+        }
         self.rows.push(self.positions[0][row]);
         self.columns.push(self.positions[1][column]);
         self.values.push(value);
@@ -319,8 +304,8 @@ impl<'e> Entries<'e> {
         let context = self.fine.plex.context();
         let own = |level: &Level| Ok(level.plex.global_vector()?.local_size());
         let sizes = [own(self.fine)?, own(self.coarse)?];
-        let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, &self.rows, &self.columns)?;
+        let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, self.rows, self.columns)?;
         matrix.set_values(&self.values)?;
-        Ok(matrix)
+        matrix.without_triplets()
     }
 }

@@ -426,6 +426,14 @@ pub trait Factor {
         Ok(true)
     }
 
+    /// Solves A x = b in place for the correction of an answer whose energy norm is `norm`. An
+    /// iteration ends where the corrected answer has all digits, which the correction alone need
+    /// not have.
+    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
+        let _ = norm;
+        self.solve(x)
+    }
+
     /// Returns the relative energy-norm error of a solve where an iteration on the product of the
     /// cells ends at it, so that it need not be estimated.
     fn known_error(&self) -> Option<f64> {

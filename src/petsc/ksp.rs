@@ -6,7 +6,7 @@ use super::callback::settle;
 use super::error::{call, int, text};
 use super::handle::handle;
 use super::options::Prefix;
-use super::{Comm, Context, Index, Matrix, Operator, Reason, Vector, sys};
+use super::{Comm, Context, Matrix, Operator, Reason, Vector, sys};
 use crate::error::{Error, Result};
 use std::rc::Rc;
 
@@ -53,7 +53,7 @@ impl Ksp {
     }
 
     /// Makes conjugate gradients the default method, with a relative tolerance.
-    fn default_to_conjugate_gradients(&mut self, tolerance: f64) -> Result<()> {
+    pub(super) fn default_to_conjugate_gradients(&mut self, tolerance: f64) -> Result<()> {
         call!(KSPSetType(self.raw, c"cg".as_ptr()))?;
         let kind = self.context.option(&format!("{}ksp_type", self.prefix))?;
         if kind.is_none_or(|kind| kind == "cg") {
@@ -81,46 +81,6 @@ impl Ksp {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn is_multigrid(&self) -> Result<Option<bool>> {
         Ok(self.context.option(&format!("{}pc_type", self.prefix))?.map(|kind| kind == "mg"))
-    }
-
-    /// Makes conjugate gradients with multigrid the default for a matrix, with the interpolation to
-    /// each level from the next coarser one, coarsest first; the user's options override it.
-    /// Collective.
-    ///
-    /// The matrices of the coarse levels follow from that of the finest (Galerkin). One symmetric
-    /// sweep of Gauss-Seidel, node by node, precedes and follows each correction, and MUMPS factors
-    /// the matrix of the coarsest level, all of it on each rank.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where the sizes do not fit.
-    pub fn default_to_multigrid(&mut self, matrix: &Matrix, interpolations: &[&Matrix]) -> Result<()> {
-        self.default_to_conjugate_gradients(MULTIGRID_TOLERANCE)?;
-        let coarsest: &[_] = if self.context.size() == 1 { &COARSEST_ALONE } else { &COARSEST_OF_RANKS };
-        for (name, value) in MULTIGRID.iter().chain(coarsest) {
-            self.context.default_option(&format!("{}{name}", self.prefix), value)?;
-        }
-        for part in ["mg_levels_", "mg_coarse_", "mg_coarse_redundant_"] {
-            self.context.note_prefix(&format!("{}{part}", self.prefix));
-        }
-        let mut multigrid = std::ptr::null_mut();
-        call!(KSPGetPC(self.raw, &mut multigrid))?;
-        call!(PCSetType(multigrid, c"mg".as_ptr()))?;
-        call!(PCMGSetLevels(multigrid, int(interpolations.len() + 1)?, std::ptr::null_mut()))?;
-        let set_matrix = |level: Index, matrix: &Matrix| {
-            let mut smoother = std::ptr::null_mut();
-            call!(PCMGGetSmoother(multigrid, level, &mut smoother))?;
-            call!(KSPSetOperators(smoother, matrix.raw, matrix.raw))
-        };
-        // PETSc's own Galerkin products, and its residual on the finest level, would take an
-        // operator without entries where the solver has one.
-        call!(PCSetUseAmat(multigrid, sys::truth(false)))?;
-        let mut coarse = Matrix::sharing(matrix.raw, &self.context)?;
-        for (level, interpolation) in (0..int(interpolations.len())?).zip(interpolations).rev() {
-            call!(PCMGSetInterpolation(multigrid, level + 1, interpolation.raw))?;
-            coarse = coarse.galerkin(interpolation)?;
-            set_matrix(level, &coarse)?;
-        }
-        Ok(())
     }
 
     /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.
@@ -201,17 +161,22 @@ impl Ksp {
         self.settle(call!(KSPSolve(self.raw, b.raw, x.raw)))
     }
 
-    /// Solves A x = b from x = 0 to a relative tolerance larger than that of [`Ksp::solve`].
-    /// Collective.
+    /// Solves A x = b from x = 0 to the larger one of two tolerances, which do not go below that of
+    /// [`Ksp::solve`]: a relative one, and an absolute one in the norm in which the method measures
+    /// its residual. Collective.
     ///
     /// # Errors
     /// Returns the errors of [`Ksp::solve`].
-    pub fn solve_to(&mut self, tolerance: f64, b: &Vector, x: &mut Vector) -> Result<()> {
-        let own = self.tolerance()?;
+    pub fn solve_to(&mut self, relative: f64, absolute: f64, b: &Vector, x: &mut Vector) -> Result<()> {
+        let [own, least] = self.tolerances()?;
         let keep = f64::from(sys::PETSC_DEFAULT);
-        call!(KSPSetTolerances(self.raw, tolerance.max(own), keep, keep, sys::PETSC_DEFAULT))?;
+        let raw = self.raw;
+        let set = |relative: f64, absolute: f64| {
+            call!(KSPSetTolerances(raw, relative, absolute, keep, sys::PETSC_DEFAULT))
+        };
+        set(relative.max(own), absolute.max(least))?;
         let solved = self.solve(b, x);
-        call!(KSPSetTolerances(self.raw, own, keep, keep, sys::PETSC_DEFAULT))?;
+        set(own, least)?;
         solved
     }
 
@@ -220,10 +185,25 @@ impl Ksp {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn tolerance(&self) -> Result<f64> {
+        Ok(self.tolerances()?[0])
+    }
+
+    /// Returns whether the method measures its residual in the natural norm, that of the energy.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn measures_energy(&self) -> Result<bool> {
+        let mut norm = sys::KSPNormType::KSP_NORM_NONE;
+        call!(KSPGetNormType(self.raw, &mut norm))?;
+        Ok(norm == sys::KSPNormType::KSP_NORM_NATURAL)
+    }
+
+    /// Returns the relative and the absolute tolerance.
+    fn tolerances(&self) -> Result<[f64; 2]> {
         let [mut relative, mut absolute, mut divergence] = [0.0; 3];
         let mut iterations = 0;
         call!(KSPGetTolerances(self.raw, &mut relative, &mut absolute, &mut divergence, &mut iterations))?;
-        Ok(relative)
+        Ok([relative, absolute])
     }
 
     /// Returns the error of the operator, of PETSc or of the iteration, if there is one.
@@ -358,36 +338,8 @@ impl Ksp {
 /// Relative tolerance of iterative linear solvers; the check of each step demands this accuracy.
 const ITERATIVE: f64 = 1e-13;
 
-/// Relative tolerance of multigrid, whose last digit costs one iteration.
-const MULTIGRID_TOLERANCE: f64 = 1e-14;
-
 /// Limit on the iterations of linear solvers.
 const MOST_ITERATIONS: usize = 20_000;
-
-/// Default options of geometric multigrid.
-///
-/// The rows of a node share their pattern, so that PETSc sweeps node by node, whatever the number
-/// of its free dofs.
-const MULTIGRID: [(&str, &str); 6] = [
-    ("mg_levels_ksp_type", "richardson"),
-    ("mg_levels_ksp_max_it", "1"),
-    ("mg_levels_ksp_norm_type", "none"),
-    ("mg_levels_pc_type", "sor"),
-    ("mg_levels_pc_sor_local_symmetric", "true"),
-    ("mg_coarse_ksp_type", "preonly"),
-];
-
-/// Default options of the coarsest level on one rank.
-const COARSEST_ALONE: [(&str, &str); 2] =
-    [("mg_coarse_pc_type", "cholesky"), ("mg_coarse_pc_factor_mat_solver_type", "mumps")];
-
-/// Default options of the coarsest level on several ranks. Each rank factors all of it: a factor
-/// divided among them takes some hundred messages per iteration.
-const COARSEST_OF_RANKS: [(&str, &str); 3] = [
-    ("mg_coarse_pc_type", "redundant"),
-    ("mg_coarse_redundant_pc_type", "cholesky"),
-    ("mg_coarse_redundant_pc_factor_mat_solver_type", "mumps"),
-];
 
 /// Returns whether the user's options leave the linear solver a factorisation.
 ///

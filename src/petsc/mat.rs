@@ -33,7 +33,7 @@ impl Matrix {
         columns: &[Index],
         values: &[f64],
     ) -> Result<Self> {
-        let mut matrix = Self::from_pattern(context, comm, [local; 2], rows, columns)?;
+        let mut matrix = Self::from_pattern(context, comm, [local; 2], rows.to_vec(), columns.to_vec())?;
         matrix.set_values(values)?;
         Ok(matrix)
     }
@@ -50,13 +50,13 @@ impl Matrix {
         context: &Rc<Context>,
         comm: Comm,
         local: [usize; 2],
-        rows: &[Index],
-        columns: &[Index],
+        mut rows: Vec<Index>,
+        mut columns: Vec<Index>,
     ) -> Result<Self> {
         // PETSc 3.18 does not check every index. All ranks must reject together, or none.
         let ends = local.map(|n| if comm == Comm::World { context.comm().all_reduce_sum(n) } else { n });
         let within = |indices: &[Index], end: usize| indices.iter().all(|&i| i < 0 || (i as usize) < end);
-        let good = rows.len() == columns.len() && within(rows, ends[0]) && within(columns, ends[1]);
+        let good = rows.len() == columns.len() && within(&rows, ends[0]) && within(&columns, ends[1]);
         if !(if comm == Comm::World { context.comm().all_reduce_all(good) } else { good }) {
             return Err(Error::Petsc(format!(
                 "a pattern of {} rows and {} columns, or an index outside the {} x {} matrix",
@@ -73,7 +73,6 @@ impl Matrix {
         call!(MatSetSizes(raw, int(local[0])?, int(local[1])?, end, end))?;
         call!(MatSetType(raw, c"aij".as_ptr()))?;
         // PETSc may reorder these arrays.
-        let (mut rows, mut columns) = (rows.to_vec(), columns.to_vec());
         call!(MatSetPreallocationCOO(raw, rows.len() as _, rows.as_mut_ptr(), columns.as_mut_ptr()))?;
         matrix.triplets = Some(rows.len());
         Ok(matrix)
@@ -90,6 +89,14 @@ impl Matrix {
             return Err(Error::Petsc(format!("{} values for a matrix made from {made}", values.len())));
         }
         call!(MatSetValuesCOO(self.raw, values.as_ptr(), sys::InsertMode::INSERT_VALUES))
+    }
+
+    /// Returns the matrix without the record of its triplets, of 16 bytes each. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn without_triplets(self) -> Result<Self> {
+        self.duplicate()
     }
 
     /// Creates a dense matrix of zeros: `local` rows on this rank, `columns` columns in all.
@@ -236,16 +243,45 @@ impl Matrix {
         let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
         call!(MatPtAP(self.raw, interpolation.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
         let mut product = Self::owning(raw, &self.context);
-        let mut missing = product.vector()?;
-        product.diagonal(&mut missing)?;
-        missing.with_local_mut(|diagonal| {
-            diagonal.iter_mut().for_each(|entry| *entry = f64::from(u8::from(*entry == 0.0)));
-        })?;
-        if missing.norm()? > 0.0 {
-            product.add_to_diagonal(&missing)?;
-        }
+        product.complete_diagonal()?;
         product.set_positive_definite()?;
         Ok(product)
+    }
+
+    /// Replaces the values of a product that [`Matrix::galerkin`] returned, for other values in
+    /// matrices of the same patterns. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the sizes do not fit.
+    pub fn set_to_galerkin(&mut self, fine: &Matrix, interpolation: &Matrix) -> Result<()> {
+        let fill = f64::from(sys::PETSC_DEFAULT);
+        call!(MatPtAP(fine.raw, interpolation.raw, sys::MatReuse::MAT_REUSE_MATRIX, fill, &mut self.raw))?;
+        self.complete_diagonal()
+    }
+
+    /// Replaces zeros on the diagonal by ones. Collective.
+    fn complete_diagonal(&mut self) -> Result<()> {
+        let mut diagonal = self.vector()?;
+        self.diagonal(&mut diagonal)?;
+        let first = self.range().start;
+        let missing = diagonal.with_local(|of| {
+            let zeros = (first..).zip(of).filter(|(_, entry)| **entry == 0.0);
+            zeros.map(|(row, _)| (row, 1.0)).collect::<Vec<_>>()
+        })?;
+        self.set_diagonal_entries(&missing)
+    }
+
+    /// Replaces some entries of the diagonal in rows that this rank owns. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where an entry is not in the pattern.
+    pub fn set_diagonal_entries(&mut self, entries: &[(Index, f64)]) -> Result<()> {
+        for (row, value) in entries {
+            call!(MatSetValues(self.raw, 1, row, 1, row, value, sys::InsertMode::INSERT_VALUES))?;
+        }
+        // This also has the next sweep invert the blocks on the diagonal again.
+        call!(MatAssemblyBegin(self.raw, sys::MatAssemblyType::MAT_FINAL_ASSEMBLY))?;
+        call!(MatAssemblyEnd(self.raw, sys::MatAssemblyType::MAT_FINAL_ASSEMBLY))
     }
 
     /// Replaces A by D A, where D is the diagonal matrix of these entries. Collective.

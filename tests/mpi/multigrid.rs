@@ -148,6 +148,23 @@ fn a_wide_contact_is_found_by_multigrid_too() {
     }
 }
 
+/// The limits are the counts measured. The mean is that of all solves, of which those that only
+/// find the active dofs have two digits.
+#[test]
+fn a_new_active_set_takes_no_more_iterations() {
+    let folder = folder("sets", THROWN);
+    for (element, limit) in [("fvs", 14_u32), ("hct", 25)] {
+        for cells in ["[20, 8]", "[40, 16]", "[80, 32]"] {
+            let [element, cells] = [format!("mesh.element={element}"), format!("mesh.cells={cells}")];
+            let (mean, most) = iterations(&folder, 1, &[&element, &cells]);
+            assert!(
+                most <= u64::from(limit) && mean < 0.3 * f64::from(limit),
+                "{element} {cells}: {mean}, {most}"
+            );
+        }
+    }
+}
+
 #[test]
 fn supports_and_attachments_keep_multigrid_fast() {
     let folder = folder("furnished", FURNISHED);

@@ -58,6 +58,7 @@ impl<E: Engine> Condensed<E> {
                 x[dof] = fixed(i).unwrap_or(x[dof]);
             }
             apply(engine, matrix, x, &mut product, &mut residual)?;
+            let norm = if improves { engine.dot(x, &residual)?.max(0.0).sqrt() } else { 0.0 };
             waxpy(-1.0, &residual, b, &mut increment);
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 if let Some(value) = fixed(i) {
@@ -67,7 +68,7 @@ impl<E: Engine> Condensed<E> {
             if is_rough {
                 is_rough = !self.factor.solve_roughly(&mut increment)?;
             } else {
-                self.factor.solve(&mut increment)?;
+                self.factor.solve_correction(norm, &mut increment)?;
             }
             if improves {
                 add(&increment, x);

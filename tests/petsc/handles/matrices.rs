@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 pub const CASES: &[Case] = &[
     case("matrices", &[1, 2, 4], matrices),
     case("cholesky", &[1, 2, 4], cholesky),
+    case("multigrid_holds_dofs", &[1, 2, 4], multigrid_holds_dofs),
     case("cholesky_refuses_an_indefinite_matrix", &[1, 2], cholesky_refuses_an_indefinite_matrix),
 ];
 
@@ -169,5 +170,60 @@ fn cholesky_refuses_an_indefinite_matrix(arguments: &[String]) -> Result<()> {
     solver.set_operator(&a)?;
     solver.set_up()?;
     assert_eq!(solver.inertia()?, [10, 0, 20]);
+    Ok(())
+}
+
+/// Held dofs stay, all others meet their equations, and equal held dofs give the same answer to the
+/// bit whatever was held before.
+fn multigrid_holds_dofs(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    let (local, rows, columns, values) = string(&context, 40, 0.5);
+    let whole = Matrix::from_triplets(&context, Comm::World, local, &rows, &columns, &values)?;
+    let mut a = whole.duplicate()?;
+    a.set_positive_definite()?;
+    let range = a.range();
+    // The coarse node J lies at the fine node 2 J + 1.
+    let mine = (range.start + 1) / 2..(range.end + 1) / 2;
+    let (mut rows, mut columns, mut values) = (vec![], vec![], vec![]);
+    for j in mine.clone() {
+        for (row, value) in [(2 * j, 0.5), (2 * j + 1, 1.0), (2 * j + 2, 0.5)] {
+            rows.push(if row < 40 { row } else { -1 });
+            columns.push(j);
+            values.push(value);
+        }
+    }
+    let mut p = Matrix::from_pattern(&context, Comm::World, [local, mine.len()], rows, columns)?;
+    p.set_values(&values)?;
+    let p = p.without_triplets()?;
+    let mut solver = Ksp::new(&context, Comm::World, "")?;
+    let mut levels = solver.default_to_multigrid(&a, &[&p])?;
+    solver.set_operator(&a)?;
+    solver.set_from_options()?;
+    solver.set_up()?;
+
+    let mut answers = Vec::new();
+    let sets: [&[Index]; 5] = [&[], &[7, 8, 30], &[8], &[7, 8, 30], &[]];
+    for held in sets {
+        let is_held = |row: &Index| held.contains(row);
+        let own: Vec<usize> = range.clone().filter(is_held).map(|row| (row - range.start) as usize).collect();
+        solver.hold(&mut a, &mut levels, &own)?;
+        let (mut b, mut x, mut product) = (a.vector()?, a.vector()?, a.vector()?);
+        let load = |row: Index| if is_held(&row) { 0.0 } else { f64::from(row + 1) };
+        b.set_local(&range.clone().map(load).collect::<Vec<_>>())?;
+        solver.solve(&b, &mut x)?;
+        assert!(solver.iterations()? <= 20);
+        whole.multiply(&x, &mut product)?;
+        let x = x.to_vec()?;
+        for ((row, x), product) in range.clone().zip(&x).zip(product.to_vec()?) {
+            if is_held(&row) {
+                close(*x, 0.0, 1e-15);
+            } else {
+                close(product, load(row), 1e-11);
+            }
+        }
+        answers.push(x);
+    }
+    assert_eq!(answers[1], answers[3]);
+    assert_eq!(answers[0], answers[4]);
     Ok(())
 }
