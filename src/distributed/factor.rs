@@ -33,7 +33,7 @@ pub struct DistributedFactor {
     cells: Option<Rc<RefCell<CellOperator>>>,
     solver: Ksp,
     linear: SystemSolver,
-    /// MultigridLevels of multigrid, whose solver holds dofs itself.
+    /// Levels of multigrid, whose solver holds dofs itself.
     levels: Option<MultigridLevels>,
     /// Matrix in which other methods held dofs last, and its solver.
     pinned: Option<(Matrix, Ksp)>,
