@@ -241,7 +241,7 @@ impl Number for Traced {
     }
 }
 
-/// What the parser and the checks of code guarantee.
+/// Condition on code that the parser and its checks guarantee.
 const OPERANDS: &str = "every instruction finds its operands on the stack";
 
 /// Operands of the instructions that follow, which need no allocation in formulas as people write
