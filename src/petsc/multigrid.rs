@@ -100,7 +100,7 @@ impl Ksp {
     /// the matrix of the coarsest level, all of it on each rank.
     ///
     /// # Errors
-    /// Returns [`Error::Petsc`] where the sizes do not fit.
+    /// Returns [`crate::Error::Petsc`] where the sizes do not fit.
     pub fn default_to_multigrid(
         &mut self,
         matrix: &Matrix,
