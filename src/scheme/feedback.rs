@@ -144,3 +144,39 @@ impl Feedback {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_work_of_missing_forces_stays_within_its_budget() {
+        let mut feedback = Feedback::new(1, 1.0);
+        assert!(!feedback.fails(0.0, 0.9 * MAX_FED_WORK));
+        assert!(feedback.fails(0.0, -1.1 * MAX_FED_WORK));
+        feedback.spend(0.9 * MAX_FED_WORK);
+        assert!(feedback.fails(0.0, 0.2 * MAX_FED_WORK));
+        assert!(!feedback.fails(0.0, -0.2 * MAX_FED_WORK));
+        feedback.note_energy(2.0);
+        assert!(!feedback.fails(0.0, 0.2 * MAX_FED_WORK));
+        assert!(feedback.fails(f64::NAN, 0.0) && feedback.fails(2.0 * MAX_FED_RESIDUAL, 0.0));
+    }
+
+    #[test]
+    fn a_withdrawn_step_is_followed_by_corrected_ones() {
+        let mut feedback = Feedback::new(1, 1.0);
+        for _ in 0..FIRST_PAUSE {
+            let mut b = [1.0];
+            assert!(!feedback.begin_step(&mut b) && feedback.term().is_none() && b == [1.0]);
+            feedback.take(&[0.25]);
+        }
+        let mut b = [1.0];
+        // 1 - 2 * 0.25 + 0.25
+        assert!(feedback.begin_step(&mut b) && b == [0.75]);
+        feedback.withdraw(&[0.125], &mut b);
+        assert!(feedback.term().is_none() && b == [1.0]);
+        assert!((0..PAUSE).all(|_| !feedback.begin_step(&mut b)));
+        // The step that was withdrawn would have left 0.125 + 0.25; no other one has been taken.
+        assert!(feedback.begin_step(&mut b) && b == [1.0 - 2.0 * 0.375 + 0.25]);
+    }
+}
