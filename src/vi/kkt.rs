@@ -107,7 +107,7 @@ fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
 fn largest_of_scaled(x: &[f64], b: &[f64], scale: &[f64]) -> f64 {
     let scaled = |((x, b), scale): ((&f64, &f64), &f64)| {
         let force = if *scale > 0.0 { b / scale } else { 0.0 };
-        // Of the bits, since `f64::max` would hide a NaN.
+        // The bits are compared, since `f64::max` would hide a NaN.
         f64::from_bits((scale * x).abs().to_bits().max(force.abs().to_bits()))
     };
     widest(
