@@ -314,6 +314,11 @@ impl Field {
         separate::separate(&self.code)?.into_iter().map(term).collect()
     }
 
+    /// Returns a text that is equal for formulas that compute the same in the same way.
+    pub fn canonical(&self) -> String {
+        print::print(&self.code)
+    }
+
     fn finite(&self, at: Point, t: f64, value: f64) -> Result<f64, ParseError> {
         if value.is_finite() {
             return Ok(value);

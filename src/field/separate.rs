@@ -37,12 +37,46 @@ impl Product {
         self
     }
 
+    /// Moves numbers that multiply or divide the factor of time, and its sign, to that of place, so
+    /// that laws of time that differ in their amplitude alone become equal.
+    fn with_bare_time(mut self) -> Product {
+        while let Some((last, operands)) = self.time.split_last() {
+            let (op, number, rest) = match (last, operands) {
+                (Instruction::Unary(Unary::Negate), rest) => (Binary::Multiply, -1.0, rest),
+                (
+                    Instruction::Binary(op @ (Binary::Multiply | Binary::Divide)),
+                    [rest @ .., Instruction::Constant(number)],
+                ) => (*op, *number, rest),
+                (Instruction::Binary(Binary::Multiply), [Instruction::Constant(number), rest @ ..])
+                    if is_one_value(rest) =>
+                {
+                    (Binary::Multiply, *number, rest)
+                }
+                _ => break,
+            };
+            match op {
+                Binary::Multiply if number == -1.0 && self.place != [ONE] => {
+                    self.place.push(Instruction::Unary(Unary::Negate));
+                }
+                _ => self.place = apply(op, self.place, &[Instruction::Constant(number)]),
+            }
+            self.time = rest.to_vec();
+        }
+        self
+    }
+
     fn combine(&self, other: &Product, op: Binary) -> Product {
         Product {
             time: apply(op, self.time.clone(), &other.time),
             place: apply(op, self.place.clone(), &other.place),
         }
     }
+}
+
+/// Returns whether code leaves one value and takes none from before it.
+fn is_one_value(code: &[Instruction]) -> bool {
+    let left = code.iter().try_fold(0_usize, |depth, of| Some(depth.checked_sub(of.arity())? + 1));
+    left == Some(1)
 }
 
 /// Returns the code of `left op right`, without products by one.
@@ -103,7 +137,7 @@ pub(super) fn separate(code: &[Instruction]) -> Option<Vec<Product>> {
         }
         stack.push(part);
     }
-    Some(merge(pop(&mut stack).products()))
+    Some(merge(pop(&mut stack).products().into_iter().map(Product::with_bare_time).collect()))
 }
 
 /// Returns the sum of products of a part that depends on both time and place.

@@ -13,13 +13,13 @@ use std::rc::Rc;
 /// Number of cells per batch.
 pub(super) const LANES: usize = 8;
 
-/// One number for each cell of a batch.
+/// One number for each cell of a batch, or for each of several systems.
 ///
 /// The operators take values instead of references: the compiler would have to assume that
 /// references alias and could not vectorise.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[repr(align(64))]
-pub(super) struct Lanes(pub [f64; LANES]);
+pub(crate) struct Lanes(pub [f64; LANES]);
 
 impl Lanes {
     /// Loads eight consecutive numbers of a vector in layout order.

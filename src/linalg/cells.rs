@@ -532,6 +532,11 @@ impl Form {
         match (self, other) {
             (Form::Cells(own), Form::Cells(other)) => own.blocks == other.blocks,
             (Form::SingularMassCells(own), Form::SingularMassCells(other)) => own.rows == other.rows,
+            (Form::Modal { consistent: own, modes }, Form::Modal { consistent: other, modes: of_other }) => {
+                own.blocks == other.blocks
+                    && modes.squares == of_other.squares
+                    && modes.shapes == of_other.shapes
+            }
             _ => false,
         }
     }

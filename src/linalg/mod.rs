@@ -33,6 +33,7 @@ mod simd;
 pub mod vectors;
 pub(crate) mod wide;
 
+pub(crate) use batch::Lanes;
 pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;

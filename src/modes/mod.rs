@@ -10,6 +10,7 @@
 
 mod basis;
 mod blocks;
+mod dense;
 mod inverse;
 mod kept;
 mod kept_columns;
@@ -17,6 +18,7 @@ mod krylov;
 pub(crate) mod lanczos;
 
 pub use basis::{ModalBasis, ModeRange, lowest_basis};
+pub(crate) use dense::modes_with_mass;
 pub(crate) use kept::kept_basis;
 pub use kept::{BasisStore, KeptKind, KeptSize, keep_in};
 pub(crate) use kept_columns::KeptColumns;

@@ -197,6 +197,24 @@ impl FieldInput {
         }
     }
 
+    /// Splits a field of time alone into a law and the number that multiplies it.
+    pub fn law(&self) -> (FieldInput, f64) {
+        if let Some([[law, amplitude]]) = self.terms().as_deref()
+            && let Some(amplitude) = amplitude.number()
+        {
+            return (law.clone(), amplitude);
+        }
+        (self.clone(), 1.0)
+    }
+
+    /// Returns the formula, if the field is one.
+    pub fn formula(&self) -> Option<&Field> {
+        match &self.value {
+            Value::Formula(field) => Some(field),
+            Value::Table { .. } => None,
+        }
+    }
+
     /// Returns the formula of place and the factor that multiplies it at a time (s).
     fn place(&self, t: f64) -> (&Field, f64) {
         match &self.value {

@@ -37,6 +37,8 @@ pub type LoadOfTime = dyn Fn(f64, &mut [f64]) -> Result<()>;
 pub struct LoadTerm {
     /// Factor at an instant (s), dimensionless.
     pub factor: Box<dyn Fn(f64) -> Result<f64>>,
+    /// Text that tells the factor: those of equal texts are equal. `None` where there is none.
+    pub law: Option<String>,
     /// Load at the factor 1, in N, one entry per dof.
     pub load: Vec<f64>,
 }

@@ -82,11 +82,12 @@ struct ProbeSums {
     cosine: f64,
 }
 
-/// PeriodRecorder of the steps of a run.
+/// Measures of the steps of a run so far.
 pub(super) struct PeriodRecorder<'m> {
     monitor: StepMonitor<'m, Native>,
-    /// Steps per period, and steps before the measured ones.
-    per_period: u64,
+    /// Sine and cosine of the phase of the drive, one pair per step of a period.
+    phases: Vec<[f64; 2]>,
+    /// Number of steps before the measured ones.
     settle: u64,
     values: Vec<f64>,
     probes: Vec<ProbeSums>,
@@ -118,9 +119,10 @@ impl<'m> PeriodRecorder<'m> {
             sine: 0.0,
             cosine: 0.0,
         };
+        let phase = |step: u64| (TAU * step as f64 / per_period as f64).sin_cos().into();
         PeriodRecorder {
             monitor,
-            per_period,
+            phases: (0..per_period).map(phase).collect(),
             settle,
             values: vec![0.0; probes],
             probes: std::iter::repeat_with(sums).take(probes).collect(),
@@ -146,10 +148,9 @@ impl<'m> PeriodRecorder<'m> {
             }
         }
         if is_measured {
-            let (sine, cosine) = (TAU * (step % self.per_period) as f64 / self.per_period as f64).sin_cos();
-            let ends = step.is_multiple_of(self.per_period);
+            let place = (step % self.phases.len() as u64) as usize;
             for (sums, &value) in self.probes.iter_mut().zip(&self.values) {
-                sums.note(value, [sine, cosine], ends);
+                sums.note(value, self.phases[place], place == 0);
             }
         }
         Ok(())
@@ -185,7 +186,7 @@ impl<'m> PeriodRecorder<'m> {
     /// Returns the measures of the run, at its end.
     pub fn measures(self, scheme: &dyn Scheme, tolerance: f64, lyapunov: Option<f64>) -> Result<Measures> {
         let steps = scheme.step() - self.settle;
-        let periods = steps as f64 / self.per_period as f64;
+        let periods = steps as f64 / self.phases.len() as f64;
         let now = scheme.energies()?;
         let probes: Vec<ProbeMeasures> =
             self.probes.into_iter().map(|sums| sums.measures(steps as f64)).collect();

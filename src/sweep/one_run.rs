@@ -4,8 +4,9 @@
 use super::lyapunov::{Exponent, TwoRuns};
 use super::measures::{Measures, PeriodRecorder};
 use crate::error::{Error, Result};
-use crate::scene::{Mass, Scene, SchemeSpec, SweepOrder, SweepSpec};
-use crate::scheme::{HeldBasis, NewmarkParameters, Scheme, SideBySide, Start};
+use crate::linalg::MassModes;
+use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
+use crate::scheme::{NewmarkParameters, Scheme, SharedModes, SideBySide, Start};
 use crate::simulation::{Model, StepMonitor, condensed};
 use serde::{Deserialize, Serialize};
 use std::cell::OnceCell;
@@ -57,8 +58,8 @@ pub(super) struct PreparedRun {
     start: Start,
     /// Periods of the drive before the run.
     before: u64,
-    /// Coordinates of small systems for runs in lock step with this one, once they are needed.
-    basis: OnceCell<Option<Rc<HeldBasis>>>,
+    /// Modes in which runs go in lock step with this one, once they are needed.
+    modes: OnceCell<Option<Rc<MassModes>>>,
 }
 
 impl PreparedRun {
@@ -74,23 +75,22 @@ impl PreparedRun {
         };
         let model = Rc::new(Model::new(&scene)?);
         let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model))?;
-        Ok(PreparedRun { scene, sweep, model, start, before, basis: OnceCell::new() })
+        Ok(PreparedRun { scene, sweep, model, start, before, modes: OnceCell::new() })
     }
 
-    /// Returns the parameters of the Newmark scheme, if the run is one that goes in lock step.
+    /// Returns the parameters of the Newmark scheme, if the run is one that may go in lock step.
     fn parameters(&self) -> Option<NewmarkParameters> {
-        let SchemeSpec::Newmark { beta, restitution } = self.scene.time.scheme else { return None };
-        let takes = self.scene.time.mass != Mass::Modal && !self.sweep.lyapunov;
+        let Scene { time, .. } = &self.scene;
+        let SchemeSpec::Newmark { beta, restitution } = time.scheme else { return None };
+        // With beta = 1/4 the scheme refuses a modal mass.
+        let takes = !self.sweep.lyapunov && (time.mass != Mass::Modal || beta > 0.25);
         let takes = takes && SideBySide::takes(&self.model.system);
-        takes.then_some(NewmarkParameters { beta, restitution, step: self.scene.time.step })
+        takes.then_some(NewmarkParameters { beta, restitution, step: time.step })
     }
 
-    /// Returns the coordinates for runs in lock step with this one.
-    fn basis(&self) -> Option<Rc<HeldBasis>> {
-        // Where the state is carried on, any motion may be the start of another.
-        let start = (self.sweep.direction == SweepOrder::Apart).then_some(&self.start);
-        let basis = || HeldBasis::new(&self.model.system, start).ok().flatten().map(Rc::new);
-        self.basis.get_or_init(basis).clone()
+    /// Returns the modes for runs in lock step with this one, if they go in modes.
+    fn modes(&self) -> Option<Rc<MassModes>> {
+        self.modes.get_or_init(|| SharedModes::modes(&self.model.system).ok().flatten()).clone()
     }
 
     /// Returns whether the run can go in lock step with another one.
@@ -99,12 +99,12 @@ impl PreparedRun {
             let SweepSpec { periods, settle, .. } = run.sweep;
             run.parameters().map(|parameters| (parameters, run.sweep.period().to_bits(), periods, settle))
         };
+        let goes_in_modes = |run: &PreparedRun| run.model.system.drive.load.is_none();
+        let in_modes = other.modes().is_some();
         timing(self).is_some()
             && timing(self) == timing(other)
             && SideBySide::are_equal(&self.model.system, &other.model.system)
-            && other
-                .basis()
-                .is_none_or(|basis| basis.spans(&self.model.system, &self.start).is_ok_and(|spans| spans))
+            && if in_modes { goes_in_modes(self) } else { self.scene.time.mass != Mass::Modal }
     }
 
     /// Makes the run by itself.
@@ -141,12 +141,23 @@ pub(super) fn run_together(
     let models: Vec<Rc<Model>> = runs.iter().map(|run| run.model.clone()).collect();
     let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
     let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
-    let all = SideBySide::new(&models, |model: &Model| &model.system, model.basis())?;
-    let lanes = all.start(&systems, parameters, &starts)?;
-    let lanes = lanes.into_iter().zip(runs.iter().copied());
-    let mut made = lanes
-        .map(|(lane, run)| PeriodicRun::new(run, Box::new(lane)))
-        .collect::<Result<Vec<PeriodicRun>>>()?;
+    if let Some(modes) = model.modes() {
+        let shared = SharedModes::new(&model.model.system, &modes)?;
+        return finish_all(runs, shared.start(&systems, parameters, &starts)?, interrupts);
+    }
+    let all = SideBySide::new(&models, |model: &Model| &model.system)?;
+    finish_all(runs, all.start(&systems, parameters, &starts)?, interrupts)
+}
+
+/// Makes runs whose schemes advance in turn, to their end.
+fn finish_all<'m>(
+    runs: &[&'m PreparedRun],
+    lanes: Vec<impl Scheme + 'm>,
+    interrupts: &dyn Fn() -> bool,
+) -> Result<Vec<Finished>> {
+    let lanes = lanes.into_iter().zip(runs);
+    let made = lanes.map(|(lane, run)| PeriodicRun::new(run, Box::new(lane)));
+    let mut made: Vec<PeriodicRun> = made.collect::<Result<_>>()?;
     make(&mut made, interrupts)?;
     made.into_iter().map(PeriodicRun::finish).collect()
 }

@@ -98,7 +98,7 @@ fn a_driven_mass_rattles_at_a_stop() {
         OneMass { mass: 156.0, spring: 2e6, stop: 1e10, damping: 0.0, bounds: [f64::NEG_INFINITY, 1e-3] };
     let mut system = of.system(false);
     let factor = Box::new(|t: f64| Ok(3e3 * (2.0 * PI * 5.0 * t).sin()));
-    system.drive.terms = vec![LoadTerm { factor, load: vec![1.0, 0.0] }];
+    system.drive.terms = vec![LoadTerm { factor, law: None, load: vec![1.0, 0.0] }];
     let step = 1e-7;
     let parameters = NewmarkParameters { step, ..HALF };
     let mut scheme = Newmark::new(&system, parameters, from(0.0, 0.0)).unwrap();

@@ -261,30 +261,50 @@ fn a_hardening_stop_has_two_motions_that_the_directions_find() {
 /// whatever company they are made, and those of a run by itself but for rounding.
 #[test]
 fn a_run_does_not_depend_on_its_company() {
-    let of_loads = |cells: &str, loads: &[f64]| {
+    let of_loads = |cells: &str, mass: &str, more: &str, loads: &[f64]| {
         let over = loads.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
         let text = [
             UNIT,
-            &format!("support = [{{ edge = \"left\", kind = \"clamped\" }}]\nmesh = {{ element = \"fvs\", cells = {cells} }}\n"),
-            "parameters = { p = 1.0 }\nload = { pressure = \"p*(1 + x)*sin(3*t)\" }\n",
-            "damping = { mass = 1.0, stiffness = 0.01 }\n",
+            &format!("mesh = {{ element = \"fvs\", cells = {cells} }}\n"),
+            "parameters = { p = 1.0 }\nload = { pressure = \"p*(1 + x)*sin(3*t) + 0.02*y*cos(6*t) + 0.01*x\" }\n",
             "obstacle = [{ side = \"below\", height = -0.05, where = \"x > 0.9\" }, { side = \"above\", height = \"0.05 + 0.01*y\", where = \"x > 0.9\" }]\n",
-            "time = { scheme = \"newmark\", mass = \"singular\", step = 0.01, end = 1 }\n",
+            &format!("time = {{ scheme = \"newmark\", mass = \"{mass}\", restitution = 0.2, step = 0.01, end = 1 }}\n"),
             "output = { probes = [{ name = \"tip\", at = [1, 0.5] }, { name = \"middle\", at = [0.4, 0.5] }] }\n",
             &format!("sweep = {{ over = [\"p={over}\"], period = \"2*pi/3\", periods = 6, settle = 4 }}\n"),
+            more,
         ]
         .concat();
         sweep(&text)
     };
-    // The first mesh is small enough for a change of coordinates, the second one is not.
-    for cells in ["[4, 2]", "[16, 6]"] {
+    let clamp = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
+    let damped = &*format!("{clamp}damping = {{ mass = 1.0, stiffness = 0.01 }}\n");
+    let thrown = &*format!("{clamp}damping = {{ mass = 1.0 }}\ninitial = {{ velocity = \"0.02*x*y\" }}\n");
+    let by_mode = &*format!("{clamp}damping = {{ modal = [0.1, 0.05] }}\n");
+    // Rigid motions are no modes of a mass of cells, and the last mesh has too many dofs for all
+    // modes with inertia.
+    let free = "damping = { mass = 1.0 }\n";
+    let scenes = [
+        ("[4, 2]", "singular", damped),
+        ("[4, 2]", "singular", thrown),
+        ("[4, 2]", "consistent", damped),
+        ("[4, 2]", "modal", damped),
+        ("[4, 2]", "modal", thrown),
+        ("[4, 2]", "modal", by_mode),
+        ("[4, 2]", "singular", free),
+        ("[4, 2]", "modal", free),
+        ("[24, 8]", "singular", damped),
+    ];
+    for (cells, mass, more) in scenes {
         let loads: Vec<f64> = (1..=11).map(|k| 0.05 * f64::from(k)).collect();
-        let all = of_loads(cells, &loads);
-        assert!(all[0].2.impacts == 0.0 && all[10].2.impacts > 0.0);
-        let few = of_loads(cells, &[loads[0], loads[10], loads[7]]);
-        assert_eq!(few, [all[0].clone(), all[10].clone(), all[7].clone()], "{cells}");
+        let all = of_loads(cells, mass, more, &loads);
+        assert!(
+            (all[0].2.impacts == 0.0) != (more == free) && all[10].2.impacts > 0.0,
+            "{cells} {mass} {more}"
+        );
+        let few = of_loads(cells, mass, more, &[loads[0], loads[10], loads[7]]);
+        assert_eq!(few, [all[0].clone(), all[10].clone(), all[7].clone()], "{cells} {mass} {more}");
         for k in [0, 7, 10] {
-            let (alone, found) = (&of_loads(cells, &[loads[k]])[0].2, &all[k].2);
+            let (alone, found) = (&of_loads(cells, mass, more, &[loads[k]])[0].2, &all[k].2);
             for (alone, found) in alone.probes.iter().zip(&found.probes) {
                 close("rms", found.rms, alone.rms, 1e-8);
                 close("amplitude", found.amplitude, alone.amplitude, 1e-8);

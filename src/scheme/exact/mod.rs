@@ -186,7 +186,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         let (basis, saddle): (_, Box<dyn SaddlePointSolver>) = match mass {
             Form::Modal { consistent, modes } => (
                 Rc::new(VelocityBasis::new(system)?),
-                Box::new(ModalSaddlePoint::new(system, consistent, modes)?),
+                Box::new(ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), modes)?),
             ),
             _ => {
                 let saddle = CellSaddlePoint::new(system)?;

@@ -22,7 +22,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::random::golden_vector;
 use crate::linalg::vectors::{axpy, dot, subtract};
-use crate::linalg::{CellForm, Engine, Factor, Form, MassModes};
+use crate::linalg::{Engine, Factor, Form, MassModes};
 use crate::modes::KeptColumns;
 use crate::scheme::System;
 use faer::Mat;
@@ -58,23 +58,23 @@ pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
 }
 
 impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
-    /// Factors K, or K + s M_r where the modes contain rigid motions. Collective.
+    /// Factors K, or K + s M_r where the modes contain rigid motions, given the form M_r of which
+    /// they are modes. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
     pub fn new(
         system: &'s System<E>,
-        consistent: &CellForm,
+        inertia: &Form,
         modes: &Rc<MassModes>,
     ) -> Result<ModalSaddlePoint<'s, E>> {
         let System { engine, stiffness, .. } = system;
         let squares = &modes.squares;
         let is_mechanism = squares.first().is_some_and(|square| *square == 0.0);
         let highest = squares.last().copied().unwrap_or(0.0);
-        let consistent = Form::Cells(consistent.clone());
         let shift = if is_mechanism { SHIFT * highest } else { 0.0 };
         let sum = match is_mechanism {
-            true => stiffness + &consistent * shift,
+            true => stiffness + inertia * shift,
             false => stiffness.into(),
         };
         let mut saddle = ModalSaddlePoint {

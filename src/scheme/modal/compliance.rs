@@ -41,7 +41,7 @@ impl ContactCompliance {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this compliance needs time.mass = \"modal\"".into()));
         };
-        let saddle = ModalSaddlePoint::new(system, consistent, modes)?;
+        let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), modes)?;
         let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
         let along = Mat::from_fn(modes.count(), dofs.len(), |k, j| modes.shapes[(dofs[j], k)]);
         let responses = saddle.rest_of_units(&own, &along)?;

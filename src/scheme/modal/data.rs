@@ -21,13 +21,13 @@ use std::rc::Rc;
 /// the terms in time, then the springs that moving supports stretch.
 pub(super) struct ModalLoads {
     /// Modal forces h, one column per load with one entry per mode, in N per root of kg.
-    forces: Mat<f64>,
+    pub forces: Mat<f64>,
     /// Shifts G W of the bounded deflections, one column per load, in m.
-    shifts: Mat<f64>,
+    pub shifts: Mat<f64>,
     /// Responses W, one column per load with one entry per dof of this rank, in m.
-    responses: Mat<f64>,
+    pub responses: Mat<f64>,
     /// Energies `$F_i \cdot W_j$` of the loads in each other's responses, in J.
-    energies: Mat<f64>,
+    pub energies: Mat<f64>,
     /// Modal momenta of the support shapes at 1 m/s, one column per motion.
     pub support_momenta: Mat<f64>,
     all: Rc<AllBounds>,
@@ -141,6 +141,20 @@ impl ModalLoads {
         }
         data.select(candidates);
         Ok(data)
+    }
+
+    /// Returns the number of loads.
+    pub fn count(&self) -> usize {
+        self.forces.ncols()
+    }
+
+    /// Returns the deflections of all bounds by the response to the loads, in m, without a load of
+    /// changing distribution.
+    pub fn shift(&self, data: &ModalData) -> Vec<f64> {
+        let mut shift = vec![0.0; self.shifts.nrows()];
+        let loads = data.factors.iter().enumerate();
+        loads.for_each(|(k, factor)| axpy(*factor, self.shifts.col_as_slice(k), &mut shift));
+        shift
     }
 
     /// Returns the modal force of the constant load.

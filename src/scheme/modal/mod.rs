@@ -65,6 +65,7 @@ mod groups;
 mod implicit;
 mod increments;
 mod limits;
+mod lock_step;
 mod mean_balance;
 mod midpoint;
 mod newmark;
@@ -77,6 +78,7 @@ mod state;
 mod stepping;
 
 pub use compliance::ContactCompliance;
+pub use lock_step::{ModeLane, SharedModes};
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;
 use super::{Approach, NewmarkParameters, RelaxationStatistics, Start, StepRecord, System};
@@ -216,7 +218,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
         let modes = modes.clone();
-        let saddle = ModalSaddlePoint::new(system, consistent, &modes)?;
+        let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), &modes)?;
         let all = Rc::new(AllBounds::new(system));
         let comm = system.engine.comm();
         let loads = ModalLoads::new(system, &modes, &saddle, &all)?;

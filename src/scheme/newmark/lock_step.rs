@@ -6,9 +6,9 @@ use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::add;
-use crate::linalg::{Engine, Ensemble, Native};
+use crate::linalg::{Engine, Ensemble, Form, Native};
 use crate::obstacle::Bounds;
-use crate::scheme::{Approach, HeldBasis, Scheme, Start, StepBalance, StepRecord, System, TimeDependence};
+use crate::scheme::{Approach, Scheme, Start, StepBalance, StepRecord, System, TimeDependence};
 use crate::vi::Condensed;
 use std::cell::{OnceCell, RefCell};
 use std::rc::Rc;
@@ -19,18 +19,16 @@ const MOST_BOUNDS: usize = 80;
 /// Equal systems side by side as one system; lanes without a system stay at rest.
 pub struct SideBySide {
     system: System<Ensemble>,
-    /// Coordinates in place of the dofs.
-    basis: Option<Rc<HeldBasis>>,
 }
 
 impl SideBySide {
     /// Returns whether a system can go in lock step with others: its obstacles and supports stay
-    /// where they are, and no damping acts on single modes.
+    /// where they are, and no damping acts on single modes but those of a modal mass.
     pub fn takes(system: &System<Native>) -> bool {
-        let System { bounds, drive, .. } = system;
+        let System { bounds, drive, mass, .. } = system;
         let is_plain = drive.supports.is_empty()
             && drive.bounds.is_none()
-            && drive.modal.is_none()
+            && (drive.modal.is_none() || matches!(mass, Form::Modal { .. }))
             && drive.dashpots.is_none();
         is_plain && bounds.hertz.is_none() && bounds.len() <= MOST_BOUNDS
     }
@@ -38,50 +36,41 @@ impl SideBySide {
     /// Returns whether two systems have the same matrices and bounded dofs, so that they can share
     /// a factor.
     pub fn are_equal(a: &System<Native>, b: &System<Native>) -> bool {
-        let are_same = a.damping == b.damping && a.bounds.dofs == b.bounds.dofs;
+        let rates = |of: &System<Native>| of.drive.modal.as_ref().map(|modal| modal.rates().to_vec());
+        let are_same = a.damping == b.damping && a.bounds.dofs == b.bounds.dofs && rates(a) == rates(b);
         are_same && a.stiffness.equals(&b.stiffness) && a.mass.equals(&b.mass)
     }
 
     /// Puts up to [`Ensemble::SYSTEMS`] equal systems side by side, each found by `system_of` in
-    /// its owner, in the coordinates of a basis or with the dofs that they have.
+    /// its owner.
     ///
     /// # Errors
     /// Returns [`Error::Usage`] for no system, or for a modal mass.
     pub fn new<M: 'static>(
         owners: &[Rc<M>],
         system_of: impl Fn(&M) -> &System<Native> + Copy + 'static,
-        basis: Option<Rc<HeldBasis>>,
     ) -> Result<SideBySide> {
         let refused = || Error::Usage("lock step takes equal systems with a mass of cells".into());
         let first = owners.first().map(|owner| system_of(owner)).ok_or_else(refused)?;
-        let size = basis.as_ref().map_or(first.engine.dofs(), |basis| basis.size());
-        let engine = Ensemble::new(size);
-        let [stiffness, mass] = match &basis {
-            Some(basis) => [&basis.stiffness, &basis.mass],
-            None => [&first.stiffness, &first.mass],
-        };
-        let stiffness = engine.form(stiffness).ok_or_else(refused)?;
-        let mass = engine.form(mass).ok_or_else(refused)?;
+        let engine = Ensemble::new(first.engine.dofs());
+        let stiffness = engine.form(&first.stiffness).ok_or_else(refused)?;
+        let mass = engine.form(&first.mass).ok_or_else(refused)?;
         let systems: Vec<&System<Native>> = owners.iter().map(|owner| system_of(owner)).collect();
         let load = systems.iter().any(|system| system.load.is_some()).then(|| {
             let mut load = vec![0.0; engine.dofs()];
             for (lane, system) in systems.iter().enumerate() {
-                system.load.iter().for_each(|of_one| put_force(basis.as_deref(), lane, of_one, &mut load));
+                system.load.iter().for_each(|of_one| Ensemble::put(lane, of_one, &mut load));
             }
             load
         });
         let mut drive = TimeDependence::default();
         if systems.iter().any(|system| system.drive.varies()) {
-            drive.load = Some(Box::new(load_of_time(owners.to_vec(), system_of, basis.clone())));
+            drive.load = Some(Box::new(load_of_time(owners.to_vec(), system_of)));
         }
-        let mut bounds = bounds_of(&systems);
-        if basis.is_some() {
-            // The bounded dofs are the first coordinates.
-            bounds.dofs = (0..bounds.len()).collect();
-        }
+        let bounds = bounds_of(&systems);
         let damping = first.damping;
         let system = System { engine, stiffness, mass, damping, load, bounds, bound_numbers: None, drive };
-        Ok(SideBySide { system, basis })
+        Ok(SideBySide { system })
     }
 
     /// Starts one Newmark run per system, with the same step matrix and coefficient of restitution.
@@ -99,32 +88,20 @@ impl SideBySide {
         let zeros = vec![0.0; engine.dofs()];
         let mut start = Start { displacement: zeros.clone(), velocity: zeros };
         for (lane, of_one) in starts.iter().enumerate() {
-            let [u, v] = [&of_one.displacement, &of_one.velocity].map(|of| match &self.basis {
-                Some(basis) => basis.coordinates(of),
-                None => of.clone(),
-            });
-            Ensemble::put(lane, &u, &mut start.displacement);
-            Ensemble::put(lane, &v, &mut start.velocity);
+            Ensemble::put(lane, &of_one.displacement, &mut start.displacement);
+            Ensemble::put(lane, &of_one.velocity, &mut start.velocity);
         }
         let solver = Condensed::on_all(engine, &Newmark::matrix(&self.system, parameters), bounds)?;
         let all = Newmark::with_solver(&self.system, parameters, start, Box::new(solver))?;
         let all = Rc::new(RefCell::new(all));
         let run = |(lane, &system): (usize, &&'s System<Native>)| {
             let record = StepRecord::new(parameters.step, system.bounds.len());
-            let (all, basis) = (all.clone(), self.basis.as_deref());
-            let mut run = LaneRun { all, basis, lane, system, record, shown: OnceCell::new() };
+            let all = all.clone();
+            let mut run = LaneRun { all, lane, system, record, shown: OnceCell::new() };
             run.refresh();
             run
         };
         Ok(systems.iter().enumerate().map(run).collect())
-    }
-}
-
-/// Copies a force on the dofs of one system into its lane of a force on all coordinates.
-fn put_force(basis: Option<&HeldBasis>, lane: usize, of_one: &[f64], all: &mut [f64]) {
-    match basis {
-        Some(basis) => Ensemble::put(lane, &basis.force(of_one), all),
-        None => Ensemble::put(lane, of_one, all),
     }
 }
 
@@ -155,15 +132,14 @@ fn bounds_of(systems: &[&System<Native>]) -> Bounds {
 fn load_of_time<M: 'static>(
     owners: Vec<Rc<M>>,
     system_of: impl Fn(&M) -> &System<Native> + 'static,
-    basis: Option<Rc<HeldBasis>>,
 ) -> impl Fn(f64, &mut [f64]) -> Result<()> {
     let count = owners.iter().map(|owner| system_of(owner).drive.terms.len()).max().unwrap_or(0);
-    let size = basis.as_ref().map_or(system_of(&owners[0]).engine.dofs(), |basis| basis.size());
+    let size = system_of(&owners[0]).engine.dofs();
     let term = |number: usize| {
         let mut term = vec![0.0; Ensemble::SYSTEMS * size];
         for (lane, owner) in owners.iter().enumerate() {
             let own = system_of(owner).drive.terms.get(number);
-            own.into_iter().for_each(|own| put_force(basis.as_deref(), lane, &own.load, &mut term));
+            own.into_iter().for_each(|own| Ensemble::put(lane, &own.load, &mut term));
         }
         term
     };
@@ -188,7 +164,7 @@ fn load_of_time<M: 'static>(
                 let mut own = vec![0.0; engine.dofs()];
                 of_one(time, &mut own)?;
                 let mut wide = vec![0.0; load.len()];
-                put_force(basis.as_deref(), lane, &own, &mut wide);
+                Ensemble::put(lane, &own, &mut wide);
                 add(&wide, load);
             }
         }
@@ -202,7 +178,6 @@ fn load_of_time<M: 'static>(
 /// another. Residual and iterations are the largest of all runs.
 pub struct LaneRun<'s> {
     all: Rc<RefCell<Newmark<'s, Ensemble>>>,
-    basis: Option<&'s HeldBasis>,
     lane: usize,
     system: &'s System<Native>,
     record: StepRecord,
@@ -228,8 +203,7 @@ impl LaneRun<'_> {
 
     /// Returns the own vector over the dofs of the mesh, given that of all.
     fn own(&self, all: &[f64]) -> Vec<f64> {
-        let own = Ensemble::take(self.lane, all);
-        self.basis.map_or_else(|| own.clone(), |basis| basis.displacement(&own))
+        Ensemble::take(self.lane, all)
     }
 
     /// Returns the central velocity, in m/s, one entry per dof.
@@ -259,9 +233,7 @@ impl Scheme for LaneRun<'_> {
     }
 
     fn displacement_of(&self, dof: usize) -> f64 {
-        let u = &self.all.borrow().levels.u_n;
-        let coordinate = |k: usize| u[Ensemble::SYSTEMS * k + self.lane];
-        self.basis.map_or_else(|| coordinate(dof), |basis| basis.displacement_of(dof, coordinate))
+        self.all.borrow().levels.u_n[Ensemble::SYSTEMS * dof + self.lane]
     }
 
     fn velocity(&mut self) -> Result<Vec<f64>> {

@@ -7,7 +7,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::element::adaptive::{self, Integrand, Rules, Triangle};
 use crate::error::Result;
-use crate::field::{Enclosure, Interval};
+use crate::field::{Enclosure, Field, Interval};
 use crate::linalg::vectors::{self, axpy};
 use crate::mesh::Point;
 use crate::partition::Partition;
@@ -286,10 +286,13 @@ impl<P: Partition> LocalLoads<P> {
             if let Some(spot) = ground.spot(&format!("load.force.{number}.at"), force.at)? {
                 spot.free.push(1.0, &mut unit);
             }
-            match force.value.number() {
-                Some(value) => axpy(value, &unit, constant),
-                None => loads.terms.push((force.value.clone(), unit)),
+            if let Some(value) = force.value.number() {
+                axpy(value, &unit, constant);
+                continue;
             }
+            let (law, amplitude) = force.value.law();
+            vectors::scale(amplitude, &mut unit);
+            loads.terms.push((law, unit));
         }
         Ok(loads)
     }
@@ -333,6 +336,7 @@ impl<P: Partition> Loads<P> {
         P: 'static,
     {
         let term = |(factor, load): (FieldInput, Vec<f64>)| LoadTerm {
+            law: factor.formula().map(Field::canonical),
             factor: Box::new(move |t| factor.at(Point::origin(), t)),
             load,
         };

@@ -1,0 +1,438 @@
+//! Newmark steps of several systems, each in a lane of the processor's registers.
+
+use crate::linalg::wide::widest;
+use crate::linalg::{Ensemble, Lanes};
+use crate::scheme::NewmarkParameters;
+use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
+use faer::Mat;
+use pulp::Arch;
+
+const LANES: usize = Ensemble::SYSTEMS;
+pub(super) const ZERO: Lanes = Lanes([0.0; LANES]);
+
+/// Motion of the massless part of the displacement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum MasslessPart {
+    /// No displacement, as all have inertia.
+    None,
+    /// Displacement that follows the loads at once.
+    Follows,
+    /// Displacement that obeys the scheme.
+    Swings,
+}
+
+/// Equations of the coordinates, which are the same for all systems: of the modes, then of the
+/// massless displacements by reactions, then of those by loads, then of that of the start.
+pub(super) struct Equations {
+    pub parameters: NewmarkParameters,
+    pub massless: MasslessPart,
+    /// Number of modes.
+    pub modes: usize,
+    /// Stiffness of each coordinate: the squared frequency of a mode, 1 without mass.
+    pub stiffness: Vec<f64>,
+    /// Decay rate over the step of each coordinate.
+    pub decay: Vec<f64>,
+    /// Inverse of the step matrix.
+    pub inverse: Vec<f64>,
+    /// Deflections of each bounded dof per unit of the modes and of the reactions.
+    pub rows: Vec<Vec<f64>>,
+    /// Compliance S of the step at the bounded dofs, in m/N.
+    pub compliance: Mat<f64>,
+}
+
+/// Loads, bounds and starts, one number per system.
+pub(super) struct Data {
+    /// Deflections of each bounded dof per unit of the loads and of the start.
+    pub rows: Vec<Vec<Lanes>>,
+    /// Forces of each load on the modes, and on all other coordinates where these count for the
+    /// work.
+    pub forces: Vec<Vec<Lanes>>,
+    /// Bounds of each bounded dof, in m.
+    pub lower: Vec<Lanes>,
+    pub upper: Vec<Lanes>,
+    /// Largest finite magnitude of the bounds, in m.
+    pub magnitude: Lanes,
+}
+
+/// Levels n - 1, n and n + 1 of all systems.
+pub(super) struct LaneLevels {
+    equations: Equations,
+    data: Data,
+    /// Number of systems.
+    systems: usize,
+    /// Coordinates at the instant n, their increments to it and from it, and the unknown, one entry
+    /// per coordinate.
+    pub z: Vec<Lanes>,
+    pub d: Vec<Lanes>,
+    pub d_next: Vec<Lanes>,
+    x: Vec<Lanes>,
+    /// Factors of the loads at the instants n - 1, n and n + 1, and their beta-averages.
+    pub factors: [Vec<Lanes>; 3],
+    mean: Vec<Lanes>,
+    /// Deflections of the bounded dofs at the instants n and n - 1, in m.
+    pub u: Vec<Lanes>,
+    pub u_before: Vec<Lanes>,
+    /// Unknown of the bounded deflections without reactions, in m.
+    unknown: Vec<Lanes>,
+    /// Bounded configuration, in m.
+    pub admissible: Vec<Lanes>,
+    /// Reactions at the instants n and n - 1, in N.
+    pub reaction: Vec<Lanes>,
+    pub reaction_before: Vec<Lanes>,
+    /// Work of the loads in time up to the instant n, and its increment there, in J.
+    pub work: Lanes,
+    increment: Lanes,
+    /// Whether there are reactions on a system at the instant n, and at n - 1.
+    pub presses: [[bool; LANES]; 2],
+    pub reports: [StepReport; LANES],
+    solvers: Vec<ComplianceSolver>,
+    gathered: Gathered,
+    arch: Arch,
+}
+
+/// Contact problem of one lane, gathered.
+#[derive(Default)]
+struct Gathered {
+    free: Vec<f64>,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    x: Vec<f64>,
+    reaction: Vec<f64>,
+}
+
+/// Initial velocities of the modes, and those of the bounded dofs (m/s).
+pub(super) struct Launch {
+    pub modes: Vec<Lanes>,
+    pub bounded: Vec<Lanes>,
+}
+
+impl LaneLevels {
+    /// Solves the first step from the coordinates `z` at the start, given the factors of the loads
+    /// there and one step later.
+    pub fn new(
+        equations: Equations,
+        data: Data,
+        systems: usize,
+        z: Vec<Lanes>,
+        [now, next]: [Vec<Lanes>; 2],
+        launch: &Launch,
+    ) -> LaneLevels {
+        let (size, bounds) = (z.len(), data.lower.len());
+        // The factors are extrapolated to the instant before the start.
+        let before = now.iter().zip(&next).map(|(now, next)| 2.0 * *now - *next);
+        let none = vec![ZERO; bounds];
+        let mut levels = LaneLevels {
+            systems,
+            d: vec![ZERO; size],
+            d_next: vec![ZERO; size],
+            x: vec![ZERO; size],
+            mean: now.clone(),
+            factors: [before.collect(), now, next],
+            u: none.clone(),
+            u_before: none.clone(),
+            unknown: none.clone(),
+            admissible: none.clone(),
+            reaction: none.clone(),
+            reaction_before: none,
+            work: ZERO,
+            increment: ZERO,
+            presses: [[false; LANES]; 2],
+            reports: [StepReport::default(); LANES],
+            solvers: vec![ComplianceSolver::new(bounds); systems],
+            gathered: Gathered::default(),
+            arch: Arch::new(),
+            z,
+            equations,
+            data,
+        };
+        levels.deflect();
+        levels.solve(Some(launch));
+        levels.account(true);
+        levels
+    }
+
+    /// Makes the level n + 1 the present one and solves for the next; `ahead` sets the factors of
+    /// the loads there.
+    pub fn advance(&mut self, ahead: impl FnOnce(&mut [Lanes])) {
+        let LaneLevels { z, d, d_next, factors, arch, .. } = self;
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                for (z, d) in z.iter_mut().zip(&*d_next) {
+                    *z += *d;
+                }
+            },
+        );
+        std::mem::swap(d, d_next);
+        factors.rotate_left(1);
+        ahead(&mut factors[2]);
+        if self.equations.massless == MasslessPart::Follows {
+            let first = self.equations.first_load();
+            self.z[first..first + self.factors[1].len()].copy_from_slice(&self.factors[1]);
+        }
+        std::mem::swap(&mut self.u, &mut self.u_before);
+        std::mem::swap(&mut self.reaction, &mut self.reaction_before);
+        self.deflect();
+        self.solve(None);
+        self.account(false);
+    }
+
+    /// Computes the deflections of the bounded dofs.
+    fn deflect(&mut self) {
+        let LaneLevels { equations, data, z, u, arch, .. } = self;
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                for (i, u) in u.iter_mut().enumerate() {
+                    *u = along(&equations.rows[i], &data.rows[i], z);
+                }
+            },
+        );
+    }
+
+    /// Solves for the level n + 1; at the start, with initial velocities, for the ghost level too.
+    fn solve(&mut self, first: Option<&Launch>) {
+        self.solve_without_contact(first);
+        let e = self.equations.parameters.restitution;
+        let dt = self.equations.parameters.step;
+        let share = if first.is_some() { 0.5 } else { 1.0 / (1.0 + e) };
+        let LaneLevels { data, u, u_before, unknown, admissible, arch, .. } = self;
+        let mut beyond = [false; LANES];
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                for (i, place) in admissible.iter_mut().enumerate() {
+                    let drift = match first {
+                        Some(launch) => (-2.0 * dt * e / (1.0 + e)) * launch.bounded[i],
+                        None => ((1.0 - e) / (1.0 + e)) * (u[i] - u_before[i]),
+                    };
+                    *place = u[i] + (share * unknown[i] + drift);
+                    let (lower, upper) = (data.lower[i].0, data.upper[i].0);
+                    for k in 0..LANES {
+                        beyond[k] |= (place.0[k] < lower[k]) | (place.0[k] > upper[k]);
+                    }
+                }
+            },
+        );
+        self.reaction.fill(ZERO);
+        self.presses = [beyond, self.presses[0]];
+        for lane in (0..self.systems).filter(|&lane| beyond[lane]) {
+            self.solve_contact(lane, share);
+        }
+        if beyond.contains(&true) {
+            self.react();
+        }
+        self.update(first);
+    }
+
+    /// Computes the unknown of the step without reactions, and that of the bounded deflections.
+    fn solve_without_contact(&mut self, first: Option<&Launch>) {
+        let LaneLevels { equations, data, z, d, x, factors, mean, unknown, reports, arch, .. } = self;
+        let Equations { parameters, massless, modes, stiffness, decay, inverse, rows, .. } = equations;
+        let NewmarkParameters { beta, restitution: e, step: dt } = *parameters;
+        let [prev, now, next] = &*factors;
+        let after = *modes + if *massless == MasslessPart::None { 0 } else { rows.len() };
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                for (l, mean) in mean.iter_mut().enumerate() {
+                    *mean = now[l] + beta * ((next[l] - 2.0 * now[l]) + prev[l]);
+                }
+                let size = x.len();
+                let (z, d) = (&z[..size], &d[..size]);
+                let (stiffness, decay, inverse) = (&stiffness[..size], &decay[..size], &inverse[..size]);
+                for j in 0..size {
+                    let mut pull = ZERO;
+                    if j < *modes {
+                        for (forces, mean) in data.forces.iter().zip(&*mean) {
+                            pull += forces[j] * *mean;
+                        }
+                    } else if let Some(mean) = mean.get(j.wrapping_sub(after)) {
+                        pull = *mean;
+                    }
+                    match first {
+                        None => pull = pull - decay[j] * d[j],
+                        Some(launch) if j < *modes => pull += (2.0 / dt) * launch.modes[j],
+                        Some(_) => {}
+                    }
+                    x[j] = inverse[j] * (pull - stiffness[j] * z[j]);
+                }
+                if *massless == MasslessPart::Follows {
+                    for (l, x) in x[after..].iter_mut().enumerate() {
+                        *x = match first {
+                            Some(_) => (2.0 * (1.0 - e) / (1.0 + e)) * (next[l] - now[l]),
+                            None => (next[l] - 2.0 * now[l]) + prev[l],
+                        };
+                    }
+                }
+                for (i, unknown) in unknown.iter_mut().enumerate() {
+                    *unknown = along(&rows[i], &data.rows[i], x);
+                }
+                // A value that is not finite spoils the sum.
+                let mut sum = ZERO;
+                for x in &*x {
+                    sum += *x;
+                }
+                for (report, sum) in reports.iter_mut().zip(sum.0) {
+                    *report = StepReport { kkt: 0.0 * sum, ..StepReport::default() };
+                }
+            },
+        );
+    }
+
+    /// Solves for the reactions on one system, whose bounded configuration moves by a share of the
+    /// unknown.
+    fn solve_contact(&mut self, lane: usize, share: f64) {
+        let LaneLevels { equations, data, u, unknown, admissible, reaction, reports, gathered, .. } = self;
+        let Gathered { free, lower, upper, x, reaction: r } = gathered;
+        let bounds = 0..unknown.len();
+        for of in [&mut *free, &mut *lower, &mut *upper, &mut *x, &mut *r] {
+            of.clear();
+        }
+        for i in bounds.clone() {
+            let (unknown, place) = (unknown[i].0[lane], admissible[i].0[lane]);
+            free.push(unknown);
+            lower.push(unknown + (data.lower[i].0[lane] - place) / share);
+            upper.push(unknown + (data.upper[i].0[lane] - place) / share);
+        }
+        x.resize(free.len(), 0.0);
+        r.resize(free.len(), 0.0);
+        let compliance = &equations.compliance;
+        let solver = &mut self.solvers[lane];
+        solver.solve(ComplianceProblem { compliance, free, lower, upper, hertz: &[] }, x, r);
+        let largest = bounds.clone().map(|i| u[i].0[lane].abs()).fold(data.magnitude.0[lane], f64::max);
+        if !solver.active().is_empty() {
+            let kkt = if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };
+            let solved = StepReport { iterations: solver.iterations, kkt, retries: 0 };
+            reports[lane] = reports[lane].and(solved);
+        }
+        for i in bounds {
+            let [low, high] = [data.lower[i].0[lane], data.upper[i].0[lane]];
+            reaction[i].0[lane] = r[i];
+            admissible[i].0[lane] = match solver.sides[i] {
+                BoundStatus::Lower => low,
+                BoundStatus::Upper => high,
+                BoundStatus::Free => {
+                    (admissible[i].0[lane] + share * (x[i] - unknown[i].0[lane])).max(low).min(high)
+                }
+            };
+        }
+    }
+
+    /// Adds what the reactions do to the unknown.
+    fn react(&mut self) {
+        let LaneLevels { equations, x, reaction, arch, .. } = self;
+        let Equations { massless, modes, inverse, rows, .. } = equations;
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                for (i, r) in reaction.iter().enumerate() {
+                    for (x, (inverse, weight)) in x[..*modes].iter_mut().zip(inverse.iter().zip(&rows[i])) {
+                        *x += (inverse * weight) * *r;
+                    }
+                    if *massless != MasslessPart::None {
+                        let j = *modes + i;
+                        x[j] += inverse[j] * *r;
+                    }
+                }
+            },
+        );
+    }
+
+    /// Moves the coordinates to the level n + 1.
+    fn update(&mut self, first: Option<&Launch>) {
+        let LaneLevels { equations, x, d, d_next, factors, arch, .. } = self;
+        let dt = equations.parameters.step;
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                for (d_next, (d, x)) in d_next.iter_mut().zip(d.iter().zip(&*x)) {
+                    *d_next = if first.is_some() { 0.5 * *x } else { *d + *x };
+                }
+            },
+        );
+        let Some(launch) = first else { return };
+        for (j, (d, x)) in d.iter_mut().zip(&*x).enumerate() {
+            let rate = launch.modes.get(j).copied().unwrap_or(ZERO);
+            *d = (2.0 * dt) * rate - 0.5 * *x;
+        }
+        if equations.massless == MasslessPart::Follows {
+            let first = equations.first_load();
+            for l in 0..factors[1].len() {
+                d[first + l] = factors[2][l] - factors[1][l];
+                d_next[first + l] = d[first + l];
+            }
+        }
+    }
+
+    /// Adds the work of the loads in time up to the instant n.
+    fn account(&mut self, is_start: bool) {
+        let LaneLevels { equations, data, d, d_next, factors, mean, reaction, work, increment, arch, .. } =
+            self;
+        let touches = reaction.iter().any(|of| *of != ZERO);
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                let mut sum = ZERO;
+                for (forces, mean) in data.forces.iter().zip(&*mean).skip(1) {
+                    let mut moved = ZERO;
+                    for (force, (d, next)) in forces.iter().zip(d.iter().zip(&*d_next)) {
+                        moved += *force * (*d + *next);
+                    }
+                    sum += 0.5 * (*mean * moved);
+                }
+                if equations.massless == MasslessPart::Follows && touches {
+                    // Reactions work on the response of the massless part to the loads.
+                    let [prev, _, next] = &*factors;
+                    for (row, r) in data.rows.iter().zip(&*reaction) {
+                        for (of_load, (prev, next)) in row.iter().zip(prev.iter().zip(next)) {
+                            sum = sum - 0.5 * (*r * (*of_load * (*next - *prev)));
+                        }
+                    }
+                }
+                if !is_start {
+                    *work += 0.5 * (*increment + sum);
+                }
+                *increment = sum;
+            },
+        );
+    }
+
+    /// Returns the number of modes.
+    pub fn modes(&self) -> usize {
+        self.equations.modes
+    }
+}
+
+impl Equations {
+    /// Returns the place of the first load among the coordinates.
+    pub fn first_load(&self) -> usize {
+        self.modes + self.rows.len()
+    }
+}
+
+/// Returns the sum of coordinates with weights, the first ones common to all systems.
+#[inline(always)]
+pub(super) fn along(shared: &[f64], own: &[Lanes], z: &[Lanes]) -> Lanes {
+    let mut sum = ZERO;
+    let (first, rest) = z.split_at(shared.len());
+    for (weight, z) in shared.iter().zip(first) {
+        sum += *weight * *z;
+    }
+    for (weight, z) in own.iter().zip(rest) {
+        sum += *weight * *z;
+    }
+    sum
+}
+
+/// Returns a value for each system.
+pub(super) fn each(value: impl FnMut(usize) -> f64) -> Lanes {
+    Lanes(std::array::from_fn(value))
+}
