@@ -3,14 +3,25 @@
 use super::arguments::{SceneArgs, refuse_petsc_options};
 use super::help;
 use super::printing::{command_line, print};
+#[cfg(feature = "petsc")]
+use super::ranks;
 use super::{launch, signal};
+#[cfg(feature = "petsc")]
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
 use crate::output::claim::RunLock;
-use crate::scene::{EngineName, Scene};
-use crate::sweep::{self, CarriedState, SweepRecord, SweepReport, SweepRow, SweepStore};
+#[cfg(feature = "petsc")]
+use crate::petsc::Context;
+use crate::scene::{EngineName, Scene, SweepSpec};
+#[cfg(not(feature = "petsc"))]
+use crate::simulation::Model;
+use crate::sweep::{self, CarriedState, Loader, SweepRecord, SweepReport, SweepRow, SweepStore};
+#[cfg(feature = "petsc")]
+use crate::sweep::{RankedSweep, SweepPart};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 /// Make many runs over one or two keys.
@@ -27,7 +38,10 @@ pub struct SweepArgs {
     overwrite: bool,
     /// Number of simultaneous runs, or of simultaneous rows of runs that carry their state on
     #[arg(long, value_name = "N", default_value = "1")]
-    jobs: std::num::NonZeroUsize,
+    jobs: NonZeroUsize,
+    /// Number of ranks of each run on PETSc; default: all that mpirun started
+    #[arg(long, value_name = "N", conflicts_with = "jobs")]
+    ranks_per_run: Option<NonZeroUsize>,
     #[command(flatten)]
     of: Settings,
 }
@@ -88,8 +102,6 @@ impl Settings {
 
 impl SweepArgs {
     pub(super) fn execute(&self) -> Result<()> {
-        launch::one_process("sweep runs")?;
-        refuse_petsc_options(&self.scene.petsc)?;
         let settings = self.of.overrides();
         let load =
             |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
@@ -99,40 +111,99 @@ impl SweepArgs {
                 "has no [sweep]; expected --over with --period, such as --over 'load.pressure=90..250:161'";
             return Err(Error::Usage(format!("{}: it {wrong}", self.scene.scene.display())));
         };
-        if scene.solver.engine != EngineName::Native {
-            let wrong = "sweep runs on the native engine; expected --engine native";
-            return Err(Error::Usage(wrong.into()));
-        }
         let groups = sweep::groups(of);
         if let Some(first) = groups.first().and_then(|runs| runs.first()) {
             // A key that does not exist ends the sweep before its first run.
             sweep::scene_at(of, &load, &first.values)?;
         }
+        match scene.solver.engine {
+            EngineName::Native => self.in_process(&scene, of, &load),
+            #[cfg(feature = "petsc")]
+            EngineName::Petsc => self.on_ranks(&scene, of, &load),
+            #[cfg(not(feature = "petsc"))]
+            EngineName::Petsc => Model::new(&scene).map(drop), // says that this build has no such engine
+        }
+    }
+
+    /// Makes the runs on the native engine.
+    fn in_process(&self, scene: &Scene, of: &SweepSpec, load: &Loader) -> Result<()> {
+        launch::one_process("the native engine runs")?;
+        refuse_petsc_options(&self.scene.petsc)?;
+        if self.ranks_per_run.is_some() {
+            return Err(Error::Usage("--ranks-per-run: runs on ranks need --engine petsc".into()));
+        }
         let folder = self.folder();
-        let _lock = RunLock::new(&folder, &Identity::of(&scene)?)?;
+        let _lock = RunLock::new(&folder, &Identity::of(scene)?)?;
         let store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
         signal::listen()?;
         let cache = self.scene.open_cache();
-        let runs = groups.iter().map(Vec::len).sum();
-        let mut files = SweepProgress::new(store, runs, self.scene.voice.is_silent());
-        let rows = sweep::conduct(of, &load, &mut files, self.jobs.get(), &|| signal::signal_received());
-        files.line.finish_and_clear();
+        let line = ProgressLine::new(count(of), store.count(), self.scene.voice.is_silent());
+        let mut files = SweepProgress { store, line };
+        let rows = sweep::conduct(of, load, &mut files, self.jobs.get(), &|| signal::signal_received());
+        files.line.0.finish_and_clear();
         drop(cache);
-        self.finish(&scene, &folder, files.store, rows)
+        self.finish(scene, &folder, files.store, rows.map(drop))
+    }
+
+    /// Makes the runs on PETSc, on groups of ranks. Collective.
+    #[cfg(feature = "petsc")]
+    fn on_ranks(&self, scene: &Scene, of: &SweepSpec, load: &Loader) -> Result<()> {
+        if self.jobs.get() > 1 {
+            return Err(Error::Usage("--jobs: on PETSc expected --ranks-per-run, and mpirun -n".into()));
+        }
+        let (all, ranks) = (launch::size(), self.ranks_per_run.map(NonZeroUsize::get));
+        if let Some(ranks) = ranks.filter(|ranks| !all.is_multiple_of(*ranks)) {
+            let wrong = format!("--ranks-per-run {ranks} does not divide the number of ranks, {all}");
+            return Err(Error::Usage(wrong));
+        }
+        let context = Context::start_in_groups(&self.scene.petsc, ranks)?;
+        let everyone = context.everyone();
+        let speaks = everyone.rank() == 0;
+        let sweep = || {
+            let (folder, hash) = (self.folder(), scene.hash());
+            let lock = speaks.then(|| RunLock::new(&folder, &Identity::of(scene)?)).transpose();
+            let _lock = everyone.all_ok(lock)?;
+            let store = speaks.then(|| SweepStore::open(&folder, &hash, self.overwrite)).transpose();
+            let store = everyone.all_ok(store)?;
+            let known = store.map_or_else(Vec::new, |store| store.indices());
+            let known = everyone.broadcast_value(&known)?;
+            let group = everyone.rank() / context.size();
+            let is_first = context.rank() == 0;
+            let part = is_first.then(|| SweepPart::start(&folder, &hash, group)).transpose();
+            let part = everyone.all_ok(part)?;
+            signal::listen()?;
+            let ranked =
+                RankedSweep { sweep: of, load, context: &context, known: &known, patience: ranks::PATIENCE };
+            // The first group tells how far it is, and each tells of its own failures.
+            let line = ProgressLine::new(ranked.count(), 0, !speaks || self.scene.voice.is_silent());
+            let mut told = |row: &SweepRow| {
+                if is_first {
+                    line.tell(row);
+                }
+            };
+            let ended = ranked.conduct(part, &mut told, &|| signal::signal_received());
+            line.0.finish_and_clear();
+            let ended = everyone.all_ok(ended);
+            let is_stopped = |error: &Error| error.exit_code() == Error::Stopped(String::new()).exit_code();
+            if ended.as_ref().is_err_and(|error| !is_stopped(error)) {
+                return ended;
+            }
+            // All rows are written; rank 0 joins them.
+            let joined = speaks.then(|| {
+                let store = SweepStore::open(&folder, &hash, false)?;
+                self.finish(scene, &folder, store, ended)
+            });
+            everyone.all_ok(joined.unwrap_or(Ok(())))
+        };
+        ranks::ended(&context, sweep())
     }
 
     /// Writes table, report and pictures of all runs, or the table of those that are done.
-    fn finish(
-        &self,
-        scene: &Scene,
-        folder: &Path,
-        mut store: SweepStore,
-        rows: Result<Vec<SweepRow>>,
-    ) -> Result<()> {
-        let is_complete = rows.is_ok();
+    fn finish(&self, scene: &Scene, folder: &Path, mut store: SweepStore, ended: Result<()>) -> Result<()> {
+        let is_complete = ended.is_ok();
         let report = SweepReport::new(scene, command_line(), store.rows());
         report.write(folder)?;
-        rows?;
+        ended?;
         let pictures = sweep::draw(&report, folder)?;
         if is_complete {
             store.clear_states()?;
@@ -156,26 +227,42 @@ impl SweepArgs {
     }
 }
 
-/// Store of the rows that shows the progress on the terminal.
-struct SweepProgress {
-    store: SweepStore,
-    line: ProgressBar,
+/// Returns the number of runs of a sweep.
+fn count(of: &SweepSpec) -> usize {
+    sweep::groups(of).iter().map(Vec::len).sum()
 }
 
-impl SweepProgress {
-    fn new(store: SweepStore, runs: usize, quiet: bool) -> SweepProgress {
+/// Progress of a sweep on the terminal.
+struct ProgressLine(ProgressBar);
+
+impl ProgressLine {
+    fn new(runs: usize, known: usize, quiet: bool) -> ProgressLine {
         let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let style = ProgressStyle::with_template("{pos}/{len} runs  {elapsed}, {eta} left  {wide_msg}")
             .expect("the template is well-formed");
         let line = ProgressBar::with_draw_target(Some(runs as u64), target).with_style(style);
-        let known = store.count();
         if known > 0 && !quiet {
             eprintln!("going on: {known} of {runs} runs are known");
         }
         line.set_position(known as u64);
         line.reset_eta();
-        SweepProgress { store, line }
+        ProgressLine(line)
     }
+
+    fn tell(&self, row: &SweepRow) {
+        let values: Vec<String> = row.values.iter().map(|value| format!("{value}")).collect();
+        if let Some(why) = &row.failure {
+            self.0.suspend(|| eprintln!("failed at {}: {why}", values.join(", ")));
+        }
+        self.0.set_message(values.join(", "));
+        self.0.inc(1);
+    }
+}
+
+/// Store of the rows that shows the progress.
+struct SweepProgress {
+    store: SweepStore,
+    line: ProgressLine,
 }
 
 impl SweepRecord for SweepProgress {
@@ -189,12 +276,7 @@ impl SweepRecord for SweepProgress {
 
     fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()> {
         self.store.done(group, row, state)?;
-        let values: Vec<String> = row.values.iter().map(|value| format!("{value}")).collect();
-        if let Some(why) = &row.failure {
-            self.line.suspend(|| eprintln!("failed at {}: {why}", values.join(", ")));
-        }
-        self.line.set_message(values.join(", "));
-        self.line.inc(1);
+        self.line.tell(row);
         Ok(())
     }
 }

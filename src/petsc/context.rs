@@ -34,8 +34,10 @@ pub enum Comm {
 /// Every handle owns a reference to its context, so that none outlives PETSc. Neither contexts nor
 /// handles leave their thread.
 pub struct Context {
-    /// Communicator of all ranks, dropped after PETSc has ended.
+    /// Communicator of the ranks that work together, dropped after PETSc has ended.
     comm: WorldComm,
+    /// Communicator of all ranks.
+    everyone: WorldComm,
     /// Names of the options that the program set as defaults, which may remain unused.
     pub(super) ours: RefCell<BTreeSet<String>>,
     /// Options prefixes of the solvers created so far.
@@ -62,6 +64,17 @@ impl Context {
     /// whichever its source; [`Error::Petsc`] where MPI was started before (it starts once per
     /// process) or PETSc fails to start.
     pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
+        Context::start_in_groups(arguments, None)
+    }
+
+    /// Starts MPI and PETSc as [`Context::start`] does, on groups of `ranks` neighbours that work
+    /// apart from each other, or on one group of all. The context and its objects are those of the
+    /// own group. Collective over all ranks.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Context::start`], and [`Error::Usage`] where the ranks do not divide
+    /// into such groups.
+    pub fn start_in_groups(arguments: &[String], ranks: Option<usize>) -> Result<Rc<Self>> {
         words::validate(arguments)?;
         let variable = std::env::var(words::VARIABLE).unwrap_or_default();
         // Newer releases of PETSc also report our own unused defaults at the end;
@@ -80,10 +93,11 @@ impl Context {
         one_blas_thread();
         let (universe, _) = mpi::initialize_with_threading(Threading::Funneled)
             .ok_or_else(|| Error::Petsc("MPI was started by something else in this process".into()))?;
-        let comm = WorldComm::new(universe);
-        if comm.size() > 1 {
+        let everyone = WorldComm::new(universe);
+        if everyone.size() > 1 {
             ending::abort_on_panic();
         }
+        let comm = ranks.map_or(Ok(everyone.clone()), |ranks| everyone.group(ranks))?;
 
         let mut pointers: Vec<*mut c_char> = owned.iter().map(|text| text.as_ptr().cast_mut()).collect();
         let mut count = pointers.len() as c_int;
@@ -101,6 +115,7 @@ impl Context {
         check(code, "PetscInitialize")?;
         let context = Rc::new(Self {
             comm,
+            everyone,
             ours: RefCell::default(),
             prefixes: RefCell::default(),
             _arguments: (owned, pointers),
@@ -111,19 +126,24 @@ impl Context {
         Ok(context)
     }
 
-    /// Returns the number of this rank, from 0.
+    /// Returns the number of this rank in its group, from 0.
     pub fn rank(&self) -> usize {
         self.comm.rank()
     }
 
-    /// Returns the number of ranks.
+    /// Returns the number of ranks that work together.
     pub fn size(&self) -> usize {
         self.comm.size()
     }
 
-    /// Returns the communicator of all ranks.
+    /// Returns the communicator of the ranks that work together.
     pub fn comm(&self) -> &WorldComm {
         &self.comm
+    }
+
+    /// Returns the communicator of all ranks, of which the own group may be a part.
+    pub fn everyone(&self) -> &WorldComm {
+        &self.everyone
     }
 
     /// Returns the number of ranks of a communicator.
@@ -147,7 +167,7 @@ impl Context {
     /// A rank that does not arrive waits inside a call that the others have left, so that only
     /// [`Context::fail`] can follow.
     pub fn all_arrive(&self, within: Duration) -> bool {
-        self.comm.arrive(Some(within))
+        self.everyone.arrive(Some(within))
     }
 
     /// Ends the common work of all ranks with one report of the first error. Collective.
@@ -161,11 +181,27 @@ impl Context {
     /// Returns the first error, on rank 0 only.
     pub fn settle(&self, ended: Result<()>, patience: Duration) -> Result<()> {
         match ended {
-            Err(error) if !self.comm.arrive(Some(patience)) => self.fail(&error),
-            Ok(()) => self.comm.arrive(None),
+            Err(error) if !self.everyone.arrive(Some(patience)) => self.fail(&error),
+            Ok(()) => self.everyone.arrive(None),
             _ => true,
         };
-        self.comm.all_ok(ended).or_else(|error| if self.rank() == 0 { Err(error) } else { Ok(()) })
+        let is_first = self.everyone.rank() == 0;
+        self.everyone.all_ok(ended).or_else(|error| if is_first { Err(error) } else { Ok(()) })
+    }
+
+    /// Returns the outcome of the ranks that work together: the first error, if any has one.
+    /// A rank that has an error, and waits for the others longer than `patience`, ends all with
+    /// [`Context::fail`]. Collective.
+    ///
+    /// # Errors
+    /// Returns the first error, on every rank.
+    pub fn agree<T>(&self, own: Result<T>, patience: Duration) -> Result<T> {
+        match &own {
+            Err(error) if !self.comm.arrive(Some(patience)) => self.fail(error),
+            Ok(_) => self.comm.arrive(None),
+            Err(_) => true,
+        };
+        self.comm.all_ok(own)
     }
 
     /// Reports an error and ends the program on every rank, with the error's exit code.
@@ -173,12 +209,12 @@ impl Context {
     /// One rank suffices (not collective). If several ranks have the same error, the lowest one
     /// reports it.
     pub fn fail(&self, error: &Error) -> ! {
-        ending::fail(self.comm.world(), error)
+        ending::fail(self.everyone.world(), error)
     }
 
     /// Ends the program on every rank at once. Not collective.
     pub fn abort(&self, code: u8) -> ! {
-        ending::abort(self.comm.world(), code)
+        ending::abort(self.everyone.world(), code)
     }
 
     /// Returns the number of OpenBLAS threads, or `None` if BLAS is another library.

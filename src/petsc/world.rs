@@ -1,4 +1,4 @@
-//! Communicator of all ranks of MPI.
+//! Communicator of all ranks of MPI, or of a group of them.
 
 use super::ending;
 use crate::communicator::{Communicator, Plain, from_bytes, to_bytes};
@@ -6,14 +6,14 @@ use crate::error::{Error, Result};
 use mpi::collective::SystemOperation;
 use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
-use mpi::topology::SimpleCommunicator;
+use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::{Communicator as _, CommunicatorCollectives, Root};
 use serde::{Serialize, de::DeserializeOwned};
 use std::ffi::c_int;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-/// Communicator of all ranks of MPI, which ends when the last copy is dropped.
+/// Communicator of all ranks of MPI, or of a group of them. MPI ends when the last one is dropped.
 #[derive(Clone)]
 pub struct WorldComm(Rc<World>);
 
@@ -21,13 +21,31 @@ struct World {
     /// Communicator of the `mpi` crate.
     all: SimpleCommunicator,
     /// Environment of MPI, kept for its end.
-    _universe: Universe,
+    universe: Rc<Universe>,
 }
 
 impl WorldComm {
     /// Takes over MPI, which has been started.
     pub(super) fn new(universe: Universe) -> WorldComm {
-        WorldComm(Rc::new(World { all: universe.world(), _universe: universe }))
+        WorldComm(Rc::new(World { all: universe.world(), universe: universe.into() }))
+    }
+
+    /// Divides the ranks into groups of `ranks` neighbours. Returns the communicator of the own
+    /// group. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] where the number does not divide that of all ranks.
+    pub(super) fn group(&self, ranks: usize) -> Result<WorldComm> {
+        let size = self.size();
+        if ranks == 0 || !size.is_multiple_of(ranks) {
+            return Err(Error::Usage(format!(
+                "groups of {ranks} ranks do not divide the {size} ranks that mpirun started"
+            )));
+        }
+        let color = Color::with_value((self.rank() / ranks) as i32);
+        let none = || Error::Petsc("MPI made no communicator for a group of ranks".into());
+        let all = self.world().split_by_color(color).ok_or_else(none)?;
+        Ok(WorldComm(Rc::new(World { all, universe: self.0.universe.clone() })))
     }
 
     /// Returns the communicator of the `mpi` crate.
@@ -119,17 +137,17 @@ impl Communicator for WorldComm {
         if self.size() == 1 {
             return (own.to_vec(), 0);
         }
-        let own = to_bytes(own);
+        let own = sent(own);
         let counts = self.counts(&own);
         let starts = starts(&counts);
         let offset = starts[self.rank()] as usize / T::BYTES.max(1);
-        let mut all = vec![0_u8; counts.iter().sum::<c_int>() as usize];
+        let mut all = room(&counts);
         self.world().all_gather_varcount_into(&own[..], &mut PartitionMut::new(&mut all[..], counts, starts));
         (from_bytes(&all), offset)
     }
 
     fn gather<T: Plain>(&self, own: &[T]) -> Vec<Vec<T>> {
-        let own = to_bytes(own);
+        let own = sent(own);
         let counts = self.counts(&own);
         let first = self.world().process_at_rank(0);
         if self.rank() > 0 {
@@ -137,7 +155,7 @@ impl Communicator for WorldComm {
             return Vec::new();
         }
         let starts = starts(&counts);
-        let mut all = vec![0_u8; counts.iter().sum::<c_int>() as usize];
+        let mut all = room(&counts);
         first.gather_varcount_into_root(
             &own[..],
             &mut PartitionMut::new(&mut all[..], &counts[..], &starts[..]),
@@ -147,7 +165,7 @@ impl Communicator for WorldComm {
     }
 
     fn broadcast<T: Plain>(&self, values: &mut [T]) {
-        let mut bytes = to_bytes(values);
+        let mut bytes = sent(values);
         self.world().process_at_rank(0).broadcast_into(&mut bytes[..]);
         values.iter_mut().zip(from_bytes(&bytes)).for_each(|(value, first)| *value = first);
     }
@@ -180,6 +198,22 @@ fn in_c_integers(counts: &[usize]) -> Result<Vec<c_int>> {
         )));
     }
     Ok(counts.iter().map(|&count| count as c_int).collect())
+}
+
+/// Returns the bytes of values for other ranks, with room, as [`room`] tells.
+fn sent<T: Plain>(values: &[T]) -> Vec<u8> {
+    let mut bytes = to_bytes(values);
+    bytes.reserve(1);
+    bytes
+}
+
+/// Returns room for the bytes of all ranks. The pointer of an empty vector without room is that by
+/// which MPI knows operations in place.
+fn room(counts: &[c_int]) -> Vec<u8> {
+    let size = counts.iter().sum::<c_int>() as usize;
+    let mut room = Vec::with_capacity(size.max(1));
+    room.resize(size, 0);
+    room
 }
 
 /// Returns the offsets of contiguous parts with these lengths.

@@ -7,6 +7,7 @@ use super::report::SweepRow;
 use crate::error::{Error, Result};
 use crate::linalg::Ensemble;
 use crate::scene::{Scene, SweepSpec};
+use crate::simulation::{Model, condensed};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread;
@@ -156,7 +157,7 @@ impl Conductor<'_> {
     /// Prepares one run.
     fn prepare(&self, planned: &PlannedRun, state: Option<&CarriedState>) -> Result<PreparedRun> {
         let (scene, sweep) = scene_at(self.sweep, self.load, &planned.values)?;
-        PreparedRun::new(scene, sweep, state)
+        PreparedRun::new(scene, sweep, state, Model::new)
     }
 }
 
@@ -196,7 +197,7 @@ fn make_all(
                 return Ok(finished);
             }
         }
-        run.run_alone(interrupts)
+        run.run_alone(&condensed, interrupts)
     };
     let all: Vec<Result<Finished>> = prepared.into_iter().map(|run| run.and_then(&mut one)).collect();
     let is_interrupted = all.iter().any(|made| matches!(made, Err(Error::Interrupted { .. })));

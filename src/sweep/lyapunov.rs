@@ -11,7 +11,7 @@
 
 use crate::archive::{Archive, Entry};
 use crate::error::Result;
-use crate::linalg::{Engine, Native};
+use crate::linalg::Engine;
 use crate::scheme::{Scheme, System};
 
 /// Distance of the two motions, relative to the motion itself.
@@ -78,13 +78,13 @@ impl Exponent {
 }
 
 /// Two runs of a scheme, the second one beside the first.
-pub(super) struct TwoRuns<'r, 's> {
-    pub system: &'s System<Native>,
+pub(super) struct TwoRuns<'r, 's, E: Engine> {
+    pub system: &'s System<E>,
     pub first: &'r mut dyn Scheme,
     pub second: &'r mut dyn Scheme,
 }
 
-impl TwoRuns<'_, '_> {
+impl<E: Engine> TwoRuns<'_, '_, E> {
     /// Puts the second run a small distance beside the first.
     pub fn part(&mut self) -> Result<()> {
         let first = entries(self.first)?;
@@ -92,7 +92,7 @@ impl TwoRuns<'_, '_> {
     }
 }
 
-impl Neighbours for TwoRuns<'_, '_> {
+impl<E: Engine> Neighbours for TwoRuns<'_, '_, E> {
     /// Returns the root of the energy of the difference.
     fn distance(&mut self) -> Result<f64> {
         let System { engine, stiffness, mass, .. } = self.system;

@@ -1,8 +1,9 @@
 //! Measures of a periodically driven motion, from its steps; `docs/sweeps.md` defines each.
 
+use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::Result;
-use crate::linalg::Native;
+use crate::linalg::Engine;
 use crate::scheme::Scheme;
 use crate::simulation::StepMonitor;
 use serde::{Deserialize, Serialize};
@@ -83,8 +84,8 @@ struct ProbeSums {
 }
 
 /// Measures of the steps of a run so far.
-pub(super) struct PeriodRecorder<'m> {
-    monitor: StepMonitor<'m, Native>,
+pub(super) struct PeriodRecorder<'m, E: Engine> {
+    monitor: StepMonitor<'m, E>,
     /// Sine and cosine of the phase of the drive, one pair per step of a period.
     phases: Vec<[f64; 2]>,
     /// Number of steps before the measured ones.
@@ -101,14 +102,14 @@ pub(super) struct PeriodRecorder<'m> {
     energies: Energies,
 }
 
-impl<'m> PeriodRecorder<'m> {
+impl<'m, E: Engine> PeriodRecorder<'m, E> {
     /// Prepares the measures of a run with a number of probes.
     pub fn new(
-        monitor: StepMonitor<'m, Native>,
+        monitor: StepMonitor<'m, E>,
         probes: usize,
         per_period: u64,
         settle: u64,
-    ) -> PeriodRecorder<'m> {
+    ) -> PeriodRecorder<'m, E> {
         let sums = || ProbeSums {
             section: Vec::new(),
             max: f64::NEG_INFINITY,
@@ -135,7 +136,7 @@ impl<'m> PeriodRecorder<'m> {
         }
     }
 
-    /// Checks and records the step just made; the start is step 0.
+    /// Checks and records the step just made; the start is step 0. Collective.
     pub fn note(&mut self, scheme: &mut dyn Scheme) -> Result<()> {
         self.monitor.note(scheme, &mut self.values)?;
         let step = scheme.step();
@@ -165,6 +166,7 @@ impl<'m> PeriodRecorder<'m> {
             force += record.reaction[bound].abs();
             impulse += record.impulses[bound].abs();
         }
+        let [force, impulse] = self.monitor.comm().all_reduce_sum([force, impulse]);
         let touches = force > 0.0 || !events.is_empty();
         let is_impact = touches && self.free >= APART;
         self.free = if touches { 0 } else { self.free.saturating_add(1) };

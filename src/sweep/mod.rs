@@ -9,6 +9,8 @@
 mod conduct;
 pub mod lyapunov;
 mod measures;
+#[cfg(feature = "petsc")]
+mod on_ranks;
 mod one_run;
 mod pictures;
 mod plan;
@@ -17,8 +19,12 @@ mod store;
 
 pub use conduct::{Loader, SweepRecord, conduct, scene_at};
 pub use measures::{Measures, ProbeMeasures, repetition};
+#[cfg(feature = "petsc")]
+pub use on_ranks::RankedSweep;
 pub use one_run::CarriedState;
 pub use pictures::{PICTURES, draw, figures};
 pub use plan::{Direction, PlannedRun, groups};
 pub use report::{CSV, JSON, ProbeHead, SweepReport, SweepRow};
+#[cfg(feature = "petsc")]
+pub use store::SweepPart;
 pub use store::SweepStore;

@@ -3,11 +3,14 @@
 
 use super::lyapunov::{Exponent, TwoRuns};
 use super::measures::{Measures, PeriodRecorder};
+use crate::communicator::Communicator;
+#[cfg(feature = "petsc")]
+use crate::distributed::Distributed;
 use crate::error::{Error, Result};
-use crate::linalg::MassModes;
+use crate::linalg::{Engine, MassModes, Native};
 use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
 use crate::scheme::{NewmarkParameters, Scheme, SharedModes, SideBySide, Start};
-use crate::simulation::{Model, StepMonitor, condensed};
+use crate::simulation::{Model, SolverFactory, StepMonitor};
 use serde::{Deserialize, Serialize};
 use std::cell::OnceCell;
 use std::rc::Rc;
@@ -29,7 +32,7 @@ pub struct CarriedState {
 impl CarriedState {
     /// Returns the initial conditions in a model, with deflections moved into its bounds, which may
     /// be others than those of the run before.
-    fn start(&self, model: &Model) -> Result<Start> {
+    fn start<E: Engine>(&self, model: &Model<E>) -> Result<Start> {
         let (here, there) = (model.start.displacement.len(), self.displacement.len());
         if here != there {
             return Err(Error::Usage(format!(
@@ -51,10 +54,10 @@ impl CarriedState {
 pub(super) type Finished = (Measures, CarriedState);
 
 /// Run that is ready to start: the model of its scene and its initial conditions.
-pub(super) struct PreparedRun {
+pub(super) struct PreparedRun<E: Engine = Native> {
     scene: Scene,
     sweep: SweepSpec,
-    model: Rc<Model>,
+    model: Rc<Model<E>>,
     start: Start,
     /// Periods of the drive before the run.
     before: u64,
@@ -62,22 +65,54 @@ pub(super) struct PreparedRun {
     modes: OnceCell<Option<Rc<MassModes>>>,
 }
 
-impl PreparedRun {
-    /// Builds the model of a scene whose step divides the period and whose end is that of the run.
+impl<E: Engine> PreparedRun<E> {
+    /// Prepares a run of a scene whose step divides the period and whose end is that of the run,
+    /// from a state or from the start of the scene, with a model that `build` makes. Collective.
     ///
     /// # Errors
-    /// Returns the errors of the model.
-    pub fn new(scene: Scene, sweep: SweepSpec, carried: Option<&CarriedState>) -> Result<PreparedRun> {
+    /// Returns the errors of the model, and [`Error::Usage`] where the state does not fit it.
+    pub fn new(
+        scene: Scene,
+        sweep: SweepSpec,
+        carried: Option<&CarriedState>,
+        build: impl FnOnce(&Scene) -> Result<Model<E>>,
+    ) -> Result<PreparedRun<E>> {
         let before = carried.map_or(0, |carried| carried.periods);
         let scene = match before {
             0 => scene,
             _ => scene.from_time(before as f64 * sweep.period()),
         };
-        let model = Rc::new(Model::new(&scene)?);
-        let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model))?;
+        let model = Rc::new(build(&scene)?);
+        let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model));
+        let start = model.system.engine.comm().all_ok(start)?;
         Ok(PreparedRun { scene, sweep, model, start, before, modes: OnceCell::new() })
     }
 
+    /// Makes the run by itself, with contact solvers from a factory. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of a run, and [`Error::Interrupted`] once `interrupts` says so.
+    pub fn run_alone(&self, solver: &SolverFactory<E>, interrupts: &dyn Fn() -> bool) -> Result<Finished> {
+        let again = || {
+            let Scene { time, .. } = &self.scene;
+            time.scheme.start(&self.model.system, time.step, self.start.clone(), solver)
+        };
+        let mut run = [PeriodicRun::new(self, again()?, Some(&again))?];
+        make(&mut run, interrupts)?;
+        let [run] = run;
+        run.finish()
+    }
+}
+
+#[cfg(feature = "petsc")]
+impl PreparedRun<Distributed> {
+    /// Returns a factory of the contact solver that the scene names.
+    pub fn solver(&self) -> Box<SolverFactory<Distributed>> {
+        self.model.solver(&self.scene)
+    }
+}
+
+impl PreparedRun {
     /// Returns the parameters of the Newmark scheme, if the run is one that may go in lock step.
     fn parameters(&self) -> Option<NewmarkParameters> {
         let Scene { time, .. } = &self.scene;
@@ -105,24 +140,6 @@ impl PreparedRun {
             && timing(self) == timing(other)
             && SideBySide::are_equal(&self.model.system, &other.model.system)
             && if in_modes { goes_in_modes(self) } else { self.scene.time.mass != Mass::Modal }
-    }
-
-    /// Makes the run by itself.
-    ///
-    /// # Errors
-    /// Returns the errors of a run, and [`Error::Interrupted`] once `interrupts` says so.
-    pub fn run_alone(&self, interrupts: &dyn Fn() -> bool) -> Result<Finished> {
-        let scheme = self.scheme()?;
-        let mut run = [PeriodicRun::new(self, scheme)?];
-        make(&mut run, interrupts)?;
-        let [run] = run;
-        run.finish()
-    }
-
-    /// Starts the scheme by itself.
-    fn scheme(&self) -> Result<Box<dyn Scheme + '_>> {
-        let Scene { time, .. } = &self.scene;
-        time.scheme.start(&self.model.system, time.step, self.start.clone(), &condensed)
     }
 }
 
@@ -156,14 +173,14 @@ fn finish_all<'m>(
     interrupts: &dyn Fn() -> bool,
 ) -> Result<Vec<Finished>> {
     let lanes = lanes.into_iter().zip(runs);
-    let made = lanes.map(|(lane, run)| PeriodicRun::new(run, Box::new(lane)));
-    let mut made: Vec<PeriodicRun> = made.collect::<Result<_>>()?;
+    let made = lanes.map(|(lane, run)| PeriodicRun::new(run, Box::new(lane), None));
+    let mut made: Vec<PeriodicRun<Native>> = made.collect::<Result<_>>()?;
     make(&mut made, interrupts)?;
     made.into_iter().map(PeriodicRun::finish).collect()
 }
 
 /// Advances runs with equally many steps in turn, to their end.
-fn make(runs: &mut [PeriodicRun], interrupts: &dyn Fn() -> bool) -> Result<()> {
+fn make<E: Engine>(runs: &mut [PeriodicRun<E>], interrupts: &dyn Fn() -> bool) -> Result<()> {
     let steps = runs.iter().map(PeriodicRun::steps).max().unwrap_or(0);
     for step in 0..steps {
         if step.is_multiple_of(ASK_EVERY) && interrupts() {
@@ -177,26 +194,35 @@ fn make(runs: &mut [PeriodicRun], interrupts: &dyn Fn() -> bool) -> Result<()> {
     Ok(())
 }
 
+/// Start of a run once more, beside itself.
+type StartAgain<'m> = dyn Fn() -> Result<Box<dyn Scheme + 'm>> + 'm;
+
 /// Run on its way.
-struct PeriodicRun<'m> {
-    of: &'m PreparedRun,
+struct PeriodicRun<'m, E: Engine> {
+    of: &'m PreparedRun<E>,
     scheme: Box<dyn Scheme + 'm>,
-    recorder: PeriodRecorder<'m>,
+    recorder: PeriodRecorder<'m, E>,
     per_period: u64,
+    again: Option<&'m StartAgain<'m>>,
     /// Second motion for the Lyapunov exponent.
     beside: Option<(Box<dyn Scheme + 'm>, Exponent)>,
 }
 
-impl<'m> PeriodicRun<'m> {
-    /// Starts to measure a scheme at its start.
-    fn new(of: &'m PreparedRun, mut scheme: Box<dyn Scheme + 'm>) -> Result<PeriodicRun<'m>> {
+impl<'m, E: Engine> PeriodicRun<'m, E> {
+    /// Starts to measure a scheme at its start. A second one for the Lyapunov exponent starts by
+    /// `again`.
+    fn new(
+        of: &'m PreparedRun<E>,
+        mut scheme: Box<dyn Scheme + 'm>,
+        again: Option<&'m StartAgain<'m>>,
+    ) -> Result<PeriodicRun<'m, E>> {
         let PreparedRun { scene, sweep, model, .. } = of;
         let per_period = (sweep.period() / scene.time.step).round() as u64;
         let monitor = StepMonitor::new(scene, model, scheme.as_ref())?;
         let probes = scene.output.probes.len();
         let mut recorder = PeriodRecorder::new(monitor, probes, per_period, sweep.settle * per_period);
         recorder.note(scheme.as_mut())?;
-        Ok(PeriodicRun { of, scheme, recorder, per_period, beside: None })
+        Ok(PeriodicRun { of, scheme, recorder, per_period, again, beside: None })
     }
 
     fn steps(&self) -> u64 {
@@ -205,10 +231,10 @@ impl<'m> PeriodicRun<'m> {
 
     /// Advances by one step.
     fn advance(&mut self) -> Result<()> {
-        let PeriodicRun { of, scheme, recorder, per_period, beside } = self;
+        let PeriodicRun { of, scheme, recorder, per_period, again, beside } = self;
         let PreparedRun { sweep, model, .. } = *of;
-        if sweep.lyapunov && scheme.step() == sweep.settle * *per_period {
-            let mut second = of.scheme()?;
+        if let Some(again) = again.filter(|_| sweep.lyapunov && scheme.step() == sweep.settle * *per_period) {
+            let mut second = again()?;
             let mut runs = TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
             runs.part()?;
             let exponent = Exponent::new(&mut runs, sweep.periods - sweep.settle)?;

@@ -2,6 +2,7 @@
 //!
 //! `rows.jsonl` has a line with the hash of the scene, and one line per finished run. The state
 //! from which the next run of a group starts is in `state-N.bin`, until the sweep is complete.
+//! Groups of ranks write files `rows-N.jsonl` of their own, which the next opening joins to it.
 
 use super::conduct::SweepRecord;
 use super::one_run::CarriedState;
@@ -37,7 +38,9 @@ impl SweepStore {
     pub fn open(folder: &Path, hash: &str, overwrite: bool) -> Result<SweepStore> {
         let is_state = |name: &str| name.starts_with("state-") && name.ends_with(".bin");
         let is_own = |name: &str| {
-            [ROWS, JSON, CSV, plot::FOLDER, report::FILE, ".lock"].contains(&name) || is_state(name)
+            [ROWS, JSON, CSV, plot::FOLDER, report::FILE, ".lock"].contains(&name)
+                || is_state(name)
+                || name.starts_with("rows-") && name.ends_with(".jsonl")
         };
         refuse_foreign(folder, "sweep", "--out", is_own)?;
         let path = folder.join(ROWS);
@@ -46,9 +49,8 @@ impl SweepStore {
             Err(why) if why.kind() != ErrorKind::NotFound => return Err(Error::io(path)(why)),
             _ => String::new(),
         };
-        let mut lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
-        let head = json!({ "scene": hash }).to_string();
-        if lines.next().is_some_and(|first| first.trim_end() != head) {
+        let (head, found) = (head(hash), rows_of(&text));
+        if found.as_ref().is_some_and(|(first, _)| *first != head) {
             return Err(Error::Usage(format!(
                 "{} holds the sweep of another scene, or with other values: --out DIR names another folder, --overwrite \
                  replaces it",
@@ -56,14 +58,21 @@ impl SweepStore {
             )));
         }
         remove(&folder.join(report::FILE))?;
-        let rows = lines.filter_map(|line| serde_json::from_str::<SweepRow>(line).ok());
+        let rows = found.map(|(_, rows)| rows).unwrap_or_default();
         let mut store = SweepStore {
-            known: rows.map(|row| (row.index, row)).collect(),
+            known: rows.into_iter().map(|row| (row.index, row)).collect(),
             states: BTreeMap::new(),
             file: File::options().create(true).append(true).open(&path).map_err(Error::io(&path))?,
             folder: folder.to_owned(),
         };
+        let parts = paths_between(folder, "rows-", ".jsonl");
+        for (_, part) in parts.iter().filter(|_| !overwrite) {
+            let text = fs::read_to_string(part).map_err(Error::io(part))?;
+            let rows = rows_of(&text).filter(|(first, _)| *first == head);
+            store.known.extend(rows.into_iter().flat_map(|(_, rows)| rows).map(|row| (row.index, row)));
+        }
         store.start_file(&head)?;
+        parts.iter().try_for_each(|(_, part)| remove(part))?;
         if overwrite {
             store.clear_states()?;
         }
@@ -74,6 +83,11 @@ impl SweepStore {
     /// Returns the number of runs that are known.
     pub fn count(&self) -> usize {
         self.known.len()
+    }
+
+    /// Returns the indices of the runs that are known.
+    pub fn indices(&self) -> Vec<usize> {
+        self.known.keys().copied().collect()
     }
 
     /// Writes the file anew from the known runs, without lines that a kill cut off.
@@ -88,12 +102,7 @@ impl SweepStore {
 
     /// Returns the paths of the states by group.
     fn state_paths(&self) -> Vec<(usize, PathBuf)> {
-        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
-        let of_name = |path: PathBuf| {
-            let name = path.file_name()?.to_str()?.strip_prefix("state-")?.strip_suffix(".bin")?;
-            Some((name.parse().ok()?, path))
-        };
-        entries.filter_map(|entry| of_name(entry.path())).collect()
+        paths_between(&self.folder, "state-", ".bin")
     }
 
     /// Reads the states of the groups. A state without its row was written just before a kill.
@@ -129,6 +138,58 @@ impl SweepStore {
     pub fn rows(&self) -> Vec<SweepRow> {
         self.known.values().cloned().collect()
     }
+}
+
+/// Rows of one group of ranks, in a file of their own.
+#[cfg(feature = "petsc")]
+pub struct SweepPart {
+    path: PathBuf,
+    file: File,
+}
+
+#[cfg(feature = "petsc")]
+impl SweepPart {
+    /// Starts the file of a group of ranks, for the scene with this hash.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] where it cannot be written.
+    pub fn start(folder: &Path, hash: &str, group: usize) -> Result<SweepPart> {
+        let path = folder.join(format!("rows-{group}.jsonl"));
+        write_atomic(&path, (head(hash) + "\n").as_bytes())?;
+        let file = File::options().append(true).open(&path).map_err(Error::io(&path))?;
+        Ok(SweepPart { path, file })
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] where it cannot be written.
+    pub fn add(&mut self, row: &SweepRow) -> Result<()> {
+        self.file.write_all(line(row).as_bytes()).map_err(Error::io(&self.path))
+    }
+}
+
+/// Returns the first line of a file of rows, for the scene with this hash.
+fn head(hash: &str) -> String {
+    json!({ "scene": hash }).to_string()
+}
+
+/// Returns the first line of a file of rows, and its rows but for a line that a kill cut off, or
+/// `None` for an empty file.
+fn rows_of(text: &str) -> Option<(String, Vec<SweepRow>)> {
+    let mut lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+    let first = lines.next()?.trim_end().to_owned();
+    Some((first, lines.filter_map(|line| serde_json::from_str(line).ok()).collect()))
+}
+
+/// Returns the paths of the files in a folder whose names are a number between two texts.
+fn paths_between(folder: &Path, before: &str, after: &str) -> Vec<(usize, PathBuf)> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let of_name = |path: PathBuf| {
+        let name = path.file_name()?.to_str()?.strip_prefix(before)?.strip_suffix(after)?;
+        Some((name.parse().ok()?, path))
+    };
+    entries.filter_map(|entry| of_name(entry.path())).collect()
 }
 
 /// Row as JSON, which keeps its optional entries.

@@ -179,13 +179,13 @@ fn what_a_sweep_cannot_do_is_said() {
     assert_fails(&rebond(&folder, &["sweep", "plain.toml"]), 2, &["plain.toml", "no [sweep]", "--over"]);
     let over = ["sweep", "plain.toml", "--over", "a=1,2"];
     assert_fails(&rebond(&folder, &over), 2, &["sweep.period: missing"]);
-    let petsc = ["sweep", "fall.toml", "--engine", "petsc"];
-    assert_fails(&rebond(&folder, &petsc), 2, &["sweep runs on the native engine"]);
+    let native = ["sweep", "fall.toml", "--ranks-per-run", "2"];
+    assert_fails(&rebond(&folder, &native), 2, &["--ranks-per-run", "need --engine petsc"]);
     let ranks = Command::new(env!("CARGO_BIN_EXE_rebond"))
-        .args(["sweep", "fall.toml"])
+        .args(["sweep", "fall.toml", "--engine", "native"])
         .env("OMPI_COMM_WORLD_SIZE", "2")
         .current_dir(&folder)
         .output()
         .unwrap();
-    assert_fails(&ranks, 2, &["sweep runs in one process", "mpirun started 2"]);
+    assert_fails(&ranks, 2, &["the native engine runs in one process", "mpirun started 2"]);
 }

@@ -7,4 +7,5 @@ mod effects;
 mod multigrid;
 mod options;
 mod runs;
+mod sweeps;
 mod vi;

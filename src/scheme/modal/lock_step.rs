@@ -56,7 +56,7 @@ const MOST_BOUNDS: usize = 24;
 /// them, cost less than those of [`ModalScheme`](super::ModalScheme), which seldom do.
 const MOST_SHAPES: usize = 2000;
 
-/// Modes and compliance of equal systems; see the [module page](self).
+/// Modes and compliance of equal systems whose runs go in lock step.
 pub struct SharedModes<'s> {
     system: &'s System<Native>,
     modes: Rc<MassModes>,
