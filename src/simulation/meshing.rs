@@ -60,7 +60,7 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, facto
         _ => format!("the part of a run with {all} cells on each of {ranks} ranks"),
     };
     let bytes = needed(1.0);
-    memory::require_of_each(bytes, ranks.min(memory::processes_here()), &what, |part| {
+    memory::require_of_each(bytes, memory::processes_here(), &what, |part| {
         let room = (bytes as f64 * part) as u64;
         let fits = (1..=200).map(|i| 0.9_f64.powi(i)).find(|part| needed(*part) <= room).unwrap_or(0.0);
         if scene.file.is_none() && grid.refine == 0 {
@@ -81,7 +81,7 @@ pub(super) fn memory_with_factors(scene: &Scene, cells: [u64; 2], ranks: usize) 
         None => (*scene.mesh.cells.iter().min().unwrap_or(&1) as u64) << scene.mesh.refine,
     };
     let needed = least_memory(scene, cells.map(|count| count * pieces), across, scene.time.factors());
-    let room = memory::room(ranks.min(memory::processes_here()))?;
+    let room = memory::room(memory::processes_here())?;
     Some([needed, room.bytes.saturating_mul(ranks as u64)])
 }
 

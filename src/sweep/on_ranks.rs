@@ -33,8 +33,7 @@ pub struct RankedSweep<'s> {
 
 impl RankedSweep<'_> {
     /// Makes the own group's share of the runs that are not known; the first rank of the group adds
-    /// their rows to its part. `told` receives each row.
-    /// Collective over the group.
+    /// their rows to its part. `told` receives each row. Collective over the group.
     ///
     /// # Errors
     /// Returns the errors of the part and of options that nothing has used, and [`Error::Stopped`]

@@ -121,7 +121,7 @@ impl AllBounds {
         // The rows are transposed.
         let bytes = 2 * 8 * (count * self.count) as u64;
         let what = format!("{count} modes at {} bounded dofs, on each rank,", self.count);
-        let here = comm.size().min(memory::processes_here());
+        let here = memory::processes_here();
         comm.all_ok(memory::require_of_each(bytes, here, &what, |part| {
             format!("time.modes = {} would fit", (count as f64 * part) as usize)
         }))?;
