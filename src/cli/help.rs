@@ -54,7 +54,7 @@ Examples:
   rebond sweep shaker.toml                                  # the scene's table [sweep]
   rebond sweep shaker.toml --over frequency=15..30:61 --period 1/frequency --up-and-down
   rebond sweep shaker.toml --over frequency=15..30:16 --over amplitude=1e-4,2e-4 --jobs 2
-  mpirun -n 4 rebond sweep shaker.toml --ranks-per-run 2    # on PETSc
+  mpirun -n 2 rebond sweep shaker.toml --ranks-per-run 1    # on PETSc, two runs at a time
 
 Ctrl-C stops it; the same command goes on with the runs that are missing.";
 
