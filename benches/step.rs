@@ -262,8 +262,9 @@ impl Observer for Nobody {
     }
 }
 
-/// Returns two times of a step, in s: by the scheme alone, and in the main loop of a run that writes
-/// a row every thousand steps. Each is the mean over the same steps, and the least of five turns.
+/// Returns two times of a step, in s: by the scheme alone, and in the main loop of a run that
+/// writes a row every thousand steps. Each is the mean over the same steps, and the least of five
+/// turns.
 fn run_and_steps(scene: &Scene, model: &Model, steps: u64) -> [f64; 2] {
     let mut scene = scene.clone();
     let steps = steps.max(20);
