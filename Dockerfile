@@ -2,7 +2,7 @@
 #
 #   docker build --tag rebond .
 #   docker run --rm --volume "$PWD:/work" --user "$(id -u):$(id -g)" rebond run plate.toml
-#   docker run --rm --volume "$PWD:/work" --entrypoint mpirun rebond -n 2 rebond run plate.toml
+#   docker run --rm --volume "$PWD:/work" --user "$(id -u):$(id -g)" --entrypoint mpirun rebond -n 2 rebond run plate.toml
 FROM rust:1-bookworm AS build
 WORKDIR /source
 # Packages are fetched again only where their list changes.
@@ -20,8 +20,10 @@ RUN apt-get update \
  && apt-get install --yes --no-install-recommends libpetsc-real3.18 openmpi-bin libopenblas0-pthread \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/rebond /usr/local
-# Open MPI refuses to start as root otherwise, as which containers run by default.
-ENV OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 REBOND_CACHE=/tmp/rebond
+# Open MPI refuses to start as root otherwise, as which containers run by default. A container may not
+# read the memory of another process, which Open MPI would try, and complain of, before it copies.
+ENV OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 \
+    OMPI_MCA_btl_vader_single_copy_mechanism=none REBOND_CACHE=/tmp/rebond
 WORKDIR /work
 ENTRYPOINT ["rebond"]
 CMD ["--help"]

@@ -102,7 +102,7 @@ STATIC := $(shell uname -m)-unknown-linux-musl
 static: ## build the native program as one file that runs on any Linux, target/*-musl/release/rebond
 	$(call say,static program)
 	@rustup --quiet target add $(STATIC)
-	@cargo build --release --locked $(NATIVE) --target $(STATIC) --config 'profile.release.strip="debuginfo"'
+	@cargo build --release --locked $(NATIVE) --target $(STATIC)
 	@ls -sh target/$(STATIC)/release/rebond
 
 # dpkg-dev finds the packages that the program depends on.

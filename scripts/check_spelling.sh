@@ -5,16 +5,7 @@
 set -eu
 cd "$(dirname "$0")/.."
 
-version=2.4.3
-codespell=${CARGO_TARGET_DIR:-target}/codespell-$version
-if [ ! -e "$codespell/complete" ]; then
-    rm -rf "$codespell"
-    if ! said=$(python3 -m pip install --quiet --no-deps --target "$codespell" "codespell==$version" 2>&1); then
-        printf 'skipped: pip cannot install codespell %s for this python: %s\n' "$version" "$(tail -n 1 <<<"$said")"
-        exit 0
-    fi
-    touch "$codespell/complete"
-fi
+codespell=$(scripts/from_pypi.sh codespell 2.4.3) || { echo 'the check of the spelling is skipped' && exit 0; }
 
 if [ $# -eq 0 ]; then
     mapfile -t files < <(git -c safe.directory='*' ls-files 2>/dev/null ||

@@ -40,7 +40,9 @@ reach() {
 follow_command() {
     local page=$1 command=$2 begin
     begin=$(now)
-    if ! eval "$command" >"$scratch/output" 2>&1 </dev/null; then
+    # A run in the background may still write there: the shell appends what it says.
+    : >"$scratch/output"
+    if ! eval "$command" >>"$scratch/output" 2>&1 </dev/null; then
         tail -n 30 "$scratch/output" >&2
         fail "$page: this command failed: $command"
     fi

@@ -13,6 +13,7 @@
 //! problem. Rigid bounds are the limit of infinite k.
 
 use crate::error::{Error, Result};
+use crate::linalg::vectors::largest;
 
 /// Reaction of Hertz's law for a stiffness k (N/m^1.5) and a depth d (m), in N.
 pub fn hertz_force(k: f64, d: f64) -> f64 {
@@ -179,7 +180,7 @@ impl Bounds {
     /// Returns the largest finite magnitude of the bounds, or [`Bounds::size`] if that is larger,
     /// in m.
     pub fn magnitude(&self) -> f64 {
-        let bounds = self.lower.iter().chain(&self.upper).map(|b| b.abs());
-        bounds.fold(self.size, |m, b| if b > m && b.is_finite() { b } else { m })
+        let finite = |b: &f64| if b.is_finite() { *b } else { 0.0 };
+        [&self.lower, &self.upper].into_iter().fold(self.size, |m, of| m.max(largest(of.iter().map(finite))))
     }
 }

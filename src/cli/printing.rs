@@ -1,5 +1,6 @@
 //! Standard output of the commands: reports for readers, or JSON.
 
+use super::launch;
 use crate::error::{Error, Result};
 use clap::Args;
 use std::io::Write;
@@ -51,11 +52,38 @@ pub(super) fn print(text: &str) -> Result<()> {
     }
 }
 
-/// Returns the command as typed, for the foot of a plot.
+/// Returns the command as a shell would take it again, for the foot of a plot.
 pub(super) fn command_line() -> String {
     let mut words = std::env::args();
     let program = words.next().map(PathBuf::from);
     let program = program.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy());
-    let quoted = words.map(|word| if word.contains([' ', '"', '[']) { format!("'{word}'") } else { word });
-    std::iter::once(program.unwrap_or_default().into_owned()).chain(quoted).collect::<Vec<_>>().join(" ")
+    let launcher = match launch::size() {
+        1 => String::new(),
+        ranks => format!("mpirun -n {ranks} "),
+    };
+    let words = words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ");
+    format!("{launcher}{} {words}", program.unwrap_or_default())
+}
+
+/// Returns a word in quotes where a shell would not take it as it stands.
+fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./,:=+@%".contains(letter);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn words_are_quoted_for_the_shell() {
+        assert_eq!(quoted("time.step=1e-5"), "time.step=1e-5");
+        assert_eq!(quoted("mesh.cells=[4, 2]"), "'mesh.cells=[4, 2]'");
+        assert_eq!(quoted("load.pressure=2*sin(t)"), "'load.pressure=2*sin(t)'");
+        assert_eq!(quoted("title=the plate's"), r"'title=the plate'\''s'");
+        assert_eq!(quoted(""), "''");
+    }
 }

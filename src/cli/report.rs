@@ -1,6 +1,6 @@
 //! Report printed at the end of a run.
 
-use crate::output::text::{Report, significant};
+use crate::output::text::{Report, significant, two_digits};
 use crate::scene::Scene;
 use crate::scheme::RelaxationStatistics;
 use crate::simulation::{Extremes, HardestImpact, LinearIterations, NamedForce, Outcome, StressPeak};
@@ -58,7 +58,7 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
         let most = (energy.max - energy.start).max(energy.start - energy.min) / energy.start.abs();
         report
             .number("  over start", energy.end / energy.start, "")
-            .text("  largest change", format!("{most:.1e}"));
+            .text("  largest change", two_digits(most));
     }
     if let Some(RelaxationStatistics { relaxed_steps, halved_steps, least_gamma, largest_gamma, .. }) =
         outcome.relaxation
@@ -75,9 +75,9 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     if let LinearIterations { iterations_mean: Some(mean), iterations_max: Some(most), .. } = outcome.linear {
         report.text("iterations per solve", format!("{mean:.1}, at most {most}"));
     }
-    report.text("worst KKT residual", format!("{:.1e}", outcome.worst_kkt));
+    report.text("worst KKT residual", two_digits(outcome.worst_kkt));
     if scene.has_contact() {
-        report.text("worst penetration", format!("{:.1e} m", outcome.worst_penetration));
+        report.text("worst penetration", format!("{} m", two_digits(outcome.worst_penetration)));
     }
     report.text("written to", format!("{}", folder.display()));
     report

@@ -167,7 +167,7 @@ impl SweepArgs {
             let store = everyone.all_ok(store)?;
             let known = store.map_or_else(Vec::new, |store| store.indices());
             let known = everyone.broadcast_value(&known)?;
-            let group = everyone.rank() / context.size();
+            let (group, _) = context.group();
             let is_first = context.rank() == 0;
             let part = is_first.then(|| SweepPart::start(&folder, &hash, group)).transpose();
             let part = everyone.all_ok(part)?;

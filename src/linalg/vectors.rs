@@ -89,6 +89,13 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
+/// Returns the largest magnitude of some numbers, and NaN if one is: magnitudes order like their
+/// bits, with NaN last.
+#[inline(always)]
+pub(crate) fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    f64::from_bits(values.map(|value| value.abs().to_bits()).max().unwrap_or(0))
+}
+
 /// Sets each entry of y to `map` of the entries of x and y.
 #[inline(always)]
 fn update(x: &[f64], y: &mut [f64], map: impl Fn(f64, f64) -> f64) {

@@ -184,6 +184,11 @@ pub fn significant(value: f64) -> String {
     without_idle_zeros(&format!("{value:.decimals$}")).to_owned()
 }
 
+/// Formats two significant digits with an exponent, as errors and residuals are told.
+pub fn two_digits(value: f64) -> String {
+    if value == 0.0 { "0".into() } else { format!("{value:.1e}") }
+}
+
 fn without_idle_zeros(decimal: &str) -> &str {
     if decimal.contains('.') { decimal.trim_end_matches('0').trim_end_matches('.') } else { decimal }
 }

@@ -146,6 +146,11 @@ impl Context {
         &self.everyone
     }
 
+    /// Returns the number of the own group of ranks, from 0, and the number of groups.
+    pub fn group(&self) -> (usize, usize) {
+        (self.everyone.rank() / self.size(), self.everyone.size() / self.size())
+    }
+
     /// Returns the number of ranks of a communicator.
     pub fn ranks(&self, comm: Comm) -> usize {
         match comm {

@@ -54,7 +54,7 @@ use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{axpy, aypx, copy_scaled, scale, waxpy};
+use crate::linalg::vectors::{axpy, aypx, copy_scaled, largest, scale, waxpy};
 use crate::linalg::{Engine, Form, LinearCombination, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
@@ -165,9 +165,8 @@ impl<E: Engine> System<E> {
 
     /// Returns the length scale of the deflections and bounds, in m. Collective.
     fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
-        let deflections = bounds.dofs.iter().map(|&dof| u[dof].abs());
-        let largest = deflections.fold(bounds.magnitude(), |m, w| if w > m { w } else { m });
-        Ok(self.engine.comm().all_reduce_max(largest))
+        let deflection = largest(bounds.dofs.iter().map(|&dof| u[dof]));
+        Ok(self.engine.comm().all_reduce_max(bounds.magnitude().max(deflection)))
     }
 
     /// Returns the time-dependent data at `time` (s).

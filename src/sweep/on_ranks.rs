@@ -79,8 +79,7 @@ impl RankedSweep<'_> {
     /// Returns the runs that the own group makes. Runs that continue each other are made again from
     /// the first one where any of them is missing, since no state is kept.
     fn own_groups(&self) -> Vec<Vec<PlannedRun>> {
-        let ranks = self.context.size();
-        let (own, count) = (self.context.everyone().rank() / ranks, self.context.everyone().size() / ranks);
+        let (own, count) = self.context.group();
         let is_missing = |runs: &Vec<PlannedRun>| runs.iter().any(|run| !self.known.contains(&run.index));
         let missing = groups(self.sweep).into_iter().filter(is_missing).enumerate();
         missing.filter(|(place, _)| place % count == own).map(|(_, runs)| runs).collect()

@@ -21,6 +21,7 @@
 
 use crate::communicator::Communicator;
 use crate::error::Result;
+use crate::linalg::vectors::largest;
 use crate::linalg::wide::widest;
 use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{hertz_depth, hertz_force};
@@ -69,13 +70,6 @@ impl Residual {
 /// Returns the larger of two numbers, and NaN if either is, which a comparison would hide.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
-}
-
-/// Returns the largest magnitude of some numbers, and NaN if one is: magnitudes order like their
-/// bits, with NaN last.
-#[inline(always)]
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    f64::from_bits(values.map(|value| value.abs().to_bits()).max().unwrap_or(0))
 }
 
 /// Returns a / b, and 0 where a is 0 whatever b is.
