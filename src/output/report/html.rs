@@ -7,7 +7,7 @@ use serde_json::Value;
 /// Largest number of contacts in the table.
 const MOST_CONTACTS: usize = 400;
 /// Parts of a scene that the page tells in its first section, with their titles.
-const PARTS: [(&str, &str); 16] = [
+const PARTS: [(&str, &str); 18] = [
     ("parameters", "Parameters"),
     ("plate", "Plate"),
     ("part", "Parts"),
@@ -24,6 +24,8 @@ const PARTS: [(&str, &str); 16] = [
     ("damping", "Damping"),
     ("time", "Time"),
     ("solver", "Solver"),
+    ("sweep", "Sweep"),
+    ("study", "Study"),
 ];
 
 /// Escapes a text for HTML and its attributes.
