@@ -119,9 +119,14 @@ fn read_summary(folder: &Path) -> Result<Value> {
             };
             return Err(Error::io(path)(io::Error::new(io::ErrorKind::NotFound, what)));
         }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            let what = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
+            return Err(Error::io(folder)(what));
+        }
         text => text.map_err(Error::io(&path))?,
     };
-    let summary: Value = serde_json::from_str(&text).map_err(|why| invalid(&path, &why.to_string()))?;
+    let summary: Value =
+        serde_json::from_str(&text).map_err(|why| invalid(&path, &format!("damaged: {why}")))?;
     if summary["program"] != env!("CARGO_PKG_NAME") || !summary["scene"].is_object() {
         return Err(invalid(&path, "not the summary of a run of rebond"));
     }

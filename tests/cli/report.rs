@@ -224,14 +224,14 @@ fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
 fn other_folders_are_refused_in_one_line() {
     let folder = folder("report-bad", SCENE);
     let report = |run: &str| rebond(&folder, &["report", run]);
-    assert_fails(&report("nowhere"), 4, &["nowhere/summary.json"]);
+    assert_fails(&report("nowhere"), 4, &["nowhere: there is no such folder"]);
     fs::create_dir(folder.join("empty")).unwrap();
     assert_fails(&report("empty"), 4, &["empty/summary.json", "holds no run"]);
     succeeds(&rebond(&folder, &RUN));
     let summary = folder.join("run/summary.json");
     let whole = fs::read(&summary).unwrap();
     for (broken, words) in [
-        (&whole[..whole.len() / 2], "EOF"),
+        (&whole[..whole.len() / 2], "damaged: EOF"),
         (b"{}", "not the summary of a run"),
         (b"{\"program\":\"other\",\"scene\":{}}", "not the summary of a run"),
     ] {

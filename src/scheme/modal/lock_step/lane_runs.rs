@@ -1,0 +1,244 @@
+//! Runs of several systems in lock step, with what is computed from their coordinates.
+
+use super::lane_levels::{Data, LaneLevels, Launch, MasslessPart, ZERO, along, each};
+use super::lane_start::{LaneStart, own_factors};
+use super::load_laws::{LoadLaws, load_of};
+use super::shared_modes::SharedModes;
+use crate::error::Result;
+use crate::linalg::vectors::{axpy, dot};
+use crate::linalg::{Engine, Lanes, Native};
+use crate::obstacle::Bounds;
+use crate::scheme::modal::data::{ModalData, ModalLoads};
+use crate::scheme::{NewmarkParameters, Start, System};
+use faer::Mat;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+/// Runs of all lanes.
+pub(super) struct LaneRuns<'s> {
+    pub shared: &'s SharedModes<'s>,
+    pub laws: LoadLaws<'s>,
+    pub levels: LaneLevels,
+    loads: Vec<ModalLoads>,
+    pub starts: Vec<LaneStart>,
+    pub step: u64,
+    dt: f64,
+    at_dofs: RefCell<BTreeMap<usize, DofRow>>,
+}
+
+/// Deflections of a dof per unit of the coordinates, and the present ones.
+struct DofRow {
+    shared: Vec<f64>,
+    own: Vec<Lanes>,
+    deflections: Lanes,
+    step: u64,
+}
+
+impl<'s> LaneRuns<'s> {
+    /// Starts one run per system.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine and of the loads.
+    pub fn new(
+        shared: &'s SharedModes<'s>,
+        systems: &[&'s System<Native>],
+        parameters: NewmarkParameters,
+        starts: &[Start],
+    ) -> Result<LaneRuns<'s>> {
+        let loads =
+            systems.iter().map(|system| ModalLoads::new(system, &shared.modes, &shared.saddle, &shared.all));
+        let loads: Vec<ModalLoads> = loads.collect::<Result<_>>()?;
+        let laws = LoadLaws::new(systems);
+        let terms = laws.count();
+        let [mut now, mut next] = [0.0, parameters.step].map(|_| vec![ZERO; terms]);
+        laws.set(0.0, &mut now)?;
+        laws.set(parameters.step, &mut next)?;
+        let lanes = systems.iter().zip(starts).zip(&loads).enumerate();
+        let lanes = lanes.map(|(lane, ((_, start), loads))| LaneStart::new(shared, lane, start, loads, &now));
+        let lanes: Vec<LaneStart> = lanes.collect();
+        let (z, launch) = gathered_starts(shared, terms, &now, &lanes);
+        let data = lane_data(shared, systems, terms, &loads, &lanes);
+        let equations = shared.equations(parameters, z.len());
+        let levels = LaneLevels::new(equations, data, systems.len(), z, [now, next], &launch);
+        Ok(LaneRuns {
+            shared,
+            laws,
+            levels,
+            loads,
+            starts: lanes,
+            step: 0,
+            dt: parameters.step,
+            at_dofs: RefCell::default(),
+        })
+    }
+
+    /// Makes one step of all lanes.
+    ///
+    /// # Errors
+    /// Returns the errors of the loads.
+    pub fn advance(&mut self) -> Result<()> {
+        self.step += 1;
+        let LaneRuns { laws, levels, step, dt, .. } = self;
+        let ahead = (*step + 1) as f64 * *dt;
+        let mut outcome = Ok(());
+        levels.advance(|factors| outcome = laws.set(ahead, factors));
+        outcome
+    }
+
+    /// Returns the vector over the dofs of one lane with given coordinates.
+    pub fn vector(&self, lane: usize, coordinate: impl Fn(usize) -> f64) -> Vec<f64> {
+        let SharedModes { system, modes, massless, model, .. } = self.shared;
+        let mut u = vec![0.0; system.engine.dofs()];
+        let mut at = modes.count();
+        (0..at).for_each(|k| axpy(coordinate(k), modes.shapes.col_as_slice(k), &mut u));
+        if *massless == MasslessPart::None {
+            return u;
+        }
+        for column in &model.flexibility {
+            axpy(coordinate(at), column, &mut u);
+            at += 1;
+        }
+        let terms = self.levels.factors[1].len();
+        let factors = (at..at + self.loads[lane].count()).map(&coordinate).collect();
+        self.loads[lane].add_response(&ModalData { factors, ..ModalData::default() }, &mut u);
+        if *massless == MasslessPart::Swings {
+            axpy(coordinate(at + terms), &self.starts[lane].massless, &mut u);
+        }
+        u
+    }
+
+    /// Returns the deflections of a dof in all lanes, in m.
+    pub fn deflections(&self, dof: usize) -> Lanes {
+        if let Ok(bound) = self.shared.system.bounds.dofs.binary_search(&dof) {
+            return self.levels.u[bound];
+        }
+        let mut rows = self.at_dofs.borrow_mut();
+        let row = rows.entry(dof).or_insert_with(|| self.dof_row(dof));
+        if row.step != self.step {
+            row.step = self.step;
+            row.deflections = along(&row.shared, &row.own, &self.levels.z);
+        }
+        row.deflections
+    }
+
+    fn dof_row(&self, dof: usize) -> DofRow {
+        let SharedModes { modes, massless, model, .. } = self.shared;
+        let mut shared: Vec<f64> = (0..modes.count()).map(|k| modes.shapes[(dof, k)]).collect();
+        let mut own: Vec<Lanes> = Vec::new();
+        if *massless != MasslessPart::None {
+            shared.extend(model.flexibility.iter().map(|column| column[dof]));
+            let terms = self.levels.factors[1].len();
+            let response = |load: usize| {
+                each(|k| self.loads.get(k).map_or(0.0, |loads| entry(&loads.responses, dof, load)))
+            };
+            own.extend((0..terms).map(response));
+        }
+        if *massless == MasslessPart::Swings {
+            own.push(each(|k| self.starts.get(k).map_or(0.0, |start| start.massless[dof])));
+        }
+        let deflections = along(&shared, &own, &self.levels.z);
+        DofRow { shared, own, deflections, step: self.step }
+    }
+
+    /// Returns the work of all loads on one lane up to the present instant, in J, given its
+    /// displacement.
+    pub fn work(&self, lane: usize, u: &[f64]) -> Result<f64> {
+        let SharedModes { massless, model, .. } = self.shared;
+        let by_time = self.levels.work.0[lane];
+        if *massless != MasslessPart::Follows {
+            return Ok(self.laws.systems[lane].work(u)? + by_time);
+        }
+        // The work that reactions and loads do on the massless part is stored there.
+        let (levels, loads, modes) = (&self.levels, &self.loads[lane], self.levels.modes());
+        let data =
+            ModalData { factors: own_factors(loads, &levels.factors[1], lane), ..ModalData::default() };
+        let shift = loads.shift(&data);
+        let reactions = (0..model.candidates.len()).map(|i| levels.z[modes + i].0[lane] * shift[i]);
+        let constant = loads.constant_force().iter().zip(&levels.z).map(|(force, q)| force * q.0[lane]);
+        let stored = loads.elastic(&data) + reactions.sum::<f64>();
+        Ok(self.starts[lane].work + constant.sum::<f64>() + stored + by_time)
+    }
+}
+
+/// Returns the coordinates at the start, and the initial velocities.
+fn gathered_starts(
+    shared: &SharedModes,
+    terms: usize,
+    factors: &[Lanes],
+    lanes: &[LaneStart],
+) -> (Vec<Lanes>, Launch) {
+    let gathered = |of: &dyn Fn(&LaneStart) -> &[f64], count: usize| -> Vec<Lanes> {
+        (0..count).map(|j| each(|k| lanes.get(k).map_or(0.0, |lane| of(lane)[j]))).collect()
+    };
+    let modes = shared.modes.count();
+    let mut z = gathered(&|lane| &lane.q, modes);
+    let launch = Launch {
+        modes: gathered(&|lane| &lane.v, modes),
+        bounded: gathered(&|lane| &lane.bounded_velocity, shared.rows.ncols()),
+    };
+    if shared.massless != MasslessPart::None {
+        z.extend(gathered(&|lane| &lane.reaction, shared.model.candidates.len()));
+        z.extend(&factors[..terms]);
+    }
+    if shared.massless == MasslessPart::Swings {
+        z.push(each(|_| 1.0));
+    }
+    (z, launch)
+}
+
+/// Returns loads, bounds and starts of all lanes.
+fn lane_data(
+    shared: &SharedModes,
+    systems: &[&System<Native>],
+    terms: usize,
+    loads: &[ModalLoads],
+    lanes: &[LaneStart],
+) -> Data {
+    let bounded = &shared.system.bounds.dofs;
+    let (has_massless, swings) =
+        (shared.massless != MasslessPart::None, shared.massless == MasslessPart::Swings);
+    let of_load = |of: &dyn Fn(&ModalLoads) -> &Mat<f64>, row: usize, load: usize| {
+        each(|k| loads.get(k).map_or(0.0, |loads| entry(of(loads), row, load)))
+    };
+    let start_at = |dof: usize| each(|k| lanes.get(k).map_or(0.0, |lane| lane.massless[dof]));
+    let row = |i: usize| {
+        let mut row: Vec<Lanes> = Vec::new();
+        if has_massless {
+            row.extend((0..terms).map(|load| of_load(&|loads| &loads.shifts, i, load)));
+        }
+        if swings {
+            row.push(start_at(bounded[i]));
+        }
+        row
+    };
+    let force = |load: usize| {
+        let modes = 0..shared.modes.count();
+        let mut forces: Vec<Lanes> = modes.map(|mode| of_load(&|loads| &loads.forces, mode, load)).collect();
+        if swings {
+            let shifts = 0..bounded.len();
+            forces.extend(shifts.map(|i| of_load(&|loads| &loads.shifts, i, load)));
+            forces.extend((0..terms).map(|other| of_load(&|loads| &loads.energies, other, load)));
+            let own = |k: usize, lane: &LaneStart| {
+                load_of(systems[k], load).map_or(0.0, |force| dot(force, &lane.massless))
+            };
+            forces.push(each(|k| lanes.get(k).map_or(0.0, |lane| own(k, lane))));
+        }
+        forces
+    };
+    let bound = |of: fn(&Bounds) -> &[f64], absent: f64| -> Vec<Lanes> {
+        let at = |i: usize| each(|k| systems.get(k).map_or(absent, |system| of(&system.bounds)[i]));
+        (0..bounded.len()).map(at).collect()
+    };
+    Data {
+        rows: (0..bounded.len()).map(row).collect(),
+        forces: (0..terms).map(force).collect(),
+        lower: bound(|bounds| &bounds.lower, f64::NEG_INFINITY),
+        upper: bound(|bounds| &bounds.upper, f64::INFINITY),
+        magnitude: each(|k| systems.get(k).map_or(0.0, |system| system.bounds.magnitude())),
+    }
+}
+
+/// Returns an entry of a matrix, 0 beyond its columns.
+fn entry(matrix: &Mat<f64>, row: usize, column: usize) -> f64 {
+    if row < matrix.nrows() && column < matrix.ncols() { matrix[(row, column)] } else { 0.0 }
+}

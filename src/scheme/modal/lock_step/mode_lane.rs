@@ -1,0 +1,157 @@
+//! One of several runs in lock step, as a [`Scheme`].
+
+use super::lane_levels::{LaneLevels, MasslessPart};
+use super::lane_runs::LaneRuns;
+use super::shared_modes::SharedModes;
+use crate::archive::Archive;
+use crate::energy::Energies;
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Native};
+use crate::obstacle::Bounds;
+use crate::scheme::{Approach, NewmarkParameters, Scheme, Start, StepBalance, StepRecord, System};
+use std::cell::{OnceCell, RefCell};
+use std::rc::Rc;
+
+/// Newmark run of one of several equal systems in lock step. The first of the runs that advances
+/// solves the step for all. None may be two steps ahead of another.
+pub struct ModeLane<'s> {
+    runs: Rc<RefCell<LaneRuns<'s>>>,
+    lane: usize,
+    system: &'s System<Native>,
+    record: StepRecord,
+    /// Displacement, in m, one entry per dof, where it was asked for.
+    shown: OnceCell<Vec<f64>>,
+}
+
+impl<'s> SharedModes<'s> {
+    /// Starts one Newmark run per system, up to as many as a register has lanes, with the same
+    /// parameters. The runs advance in turn, each by one step.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine and of the loads.
+    pub fn start(
+        &'s self,
+        systems: &[&'s System<Native>],
+        parameters: NewmarkParameters,
+        starts: &[Start],
+    ) -> Result<Vec<ModeLane<'s>>> {
+        let runs = Rc::new(RefCell::new(LaneRuns::new(self, systems, parameters, starts)?));
+        let lane = |(lane, &system): (usize, &&'s System<Native>)| {
+            let record = StepRecord {
+                candidates: Some(Vec::new()),
+                ..StepRecord::new(parameters.step, system.bounds.len())
+            };
+            let mut run = ModeLane { runs: runs.clone(), lane, system, record, shown: OnceCell::new() };
+            run.refresh(&runs.borrow());
+            run
+        };
+        Ok(systems.iter().enumerate().map(lane).collect())
+    }
+}
+
+impl ModeLane<'_> {
+    /// Copies the own part of the record of all runs.
+    fn refresh(&mut self, runs: &LaneRuns) {
+        let (lane, levels) = (self.lane, &runs.levels);
+        let StepRecord { dt, step, admissible, reaction, impulses, candidates, report } = &mut self.record;
+        (*step, *report) = (runs.step, levels.reports[lane]);
+        let listed = candidates.get_or_insert_default();
+        for i in listed.drain(..) {
+            (reaction[i], impulses[i]) = (0.0, 0.0);
+        }
+        let presses = levels.presses.iter().any(|of| of[lane]);
+        for i in 0..if presses { reaction.len() } else { 0 } {
+            let [before, now] = [levels.reaction_before[i].0[lane], levels.reaction[i].0[lane]];
+            if before != 0.0 || now != 0.0 {
+                listed.push(i);
+                admissible[i] = levels.admissible[i].0[lane];
+                reaction[i] = now;
+                impulses[i] = 0.5 * *dt * (before + now);
+            }
+        }
+        self.shown.take();
+    }
+
+    /// Returns the central velocity, in m/s, one entry per dof.
+    fn central_velocity(&self) -> Vec<f64> {
+        let runs = self.runs.borrow();
+        if runs.step == 0 && runs.shared.massless == MasslessPart::Swings {
+            return runs.starts[self.lane].velocity.clone();
+        }
+        let LaneLevels { d, d_next, .. } = &runs.levels;
+        let twice = 2.0 * self.record.dt;
+        runs.vector(self.lane, |j| (d[j].0[self.lane] + d_next[j].0[self.lane]) / twice)
+    }
+}
+
+impl Scheme for ModeLane<'_> {
+    fn advance(&mut self) -> Result<()> {
+        let runs = self.runs.clone();
+        let mut all = runs.borrow_mut();
+        match all.step.checked_sub(self.record.step) {
+            Some(0) => all.advance()?,
+            Some(1) => {}
+            _ => return Err(Error::Usage("runs in lock step advance in turn".into())),
+        }
+        self.refresh(&all);
+        Ok(())
+    }
+
+    fn record(&self) -> &StepRecord {
+        &self.record
+    }
+
+    fn displacement(&self) -> &[f64] {
+        self.shown.get_or_init(|| {
+            let runs = self.runs.borrow();
+            let mut u = runs.vector(self.lane, |j| runs.levels.z[j].0[self.lane]);
+            let bounds = self.system.bounds.dofs.iter().zip(&runs.levels.u);
+            bounds.for_each(|(&dof, deflection)| u[dof] = deflection.0[self.lane]);
+            u
+        })
+    }
+
+    fn displacement_of(&self, dof: usize) -> f64 {
+        self.runs.borrow().deflections(dof).0[self.lane]
+    }
+
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        Ok(self.central_velocity())
+    }
+
+    fn limits(&self) -> &Bounds {
+        &self.system.bounds
+    }
+
+    fn energies(&self) -> Result<Energies> {
+        let System { engine, stiffness, mass, .. } = self.system;
+        let u = self.displacement();
+        let elastic = 0.5 * engine.multiply(stiffness, u, &mut vec![0.0; u.len()])?;
+        let mut v = vec![0.0; engine.velocities(mass)];
+        let kinetic = self.system.kinetic_energy(&self.central_velocity(), &mut v)?;
+        Ok(Energies { kinetic, elastic, work: self.runs.borrow().work(self.lane, u)? })
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        let runs = self.runs.borrow();
+        let LaneLevels { u, u_before, .. } = &runs.levels;
+        let deflection = u[bound].0[self.lane];
+        let velocity = match self.record.step {
+            0 => runs.starts[self.lane].bounded_velocity[bound],
+            _ => (deflection - u_before[bound].0[self.lane]) / self.record.dt,
+        };
+        Approach { time: self.record.time(), deflection, velocity }
+    }
+
+    fn balance(&mut self) -> Result<StepBalance> {
+        Err(Error::Usage("a run in lock step keeps no balance of forces".into()))
+    }
+
+    fn archive(&mut self, _: &mut Archive) -> Result<()> {
+        Err(Error::Usage("a run in lock step cannot be saved".into()))
+    }
+
+    fn factorisations(&self) -> u64 {
+        0
+    }
+}

@@ -1,0 +1,116 @@
+//! Modes and compliance that equal systems in lock step share.
+
+use super::lane_levels::{Equations, MasslessPart};
+use crate::error::Result;
+use crate::linalg::{Engine, Form, MassModes, Native};
+use crate::modes::modes_with_mass;
+use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
+use crate::scheme::modal::all_bounds::AllBounds;
+use crate::scheme::modal::contact_model::{BoundRows, ContactModel};
+use crate::scheme::{NewmarkParameters, SideBySide, System};
+use faer::Mat;
+use std::rc::Rc;
+
+/// Largest numbers of dofs and of bounds for which all modes with inertia pay.
+const MOST_DOFS: usize = 600;
+const MOST_BOUNDS: usize = 24;
+/// Largest number of mode shapes at bounds for which steps in lock step, which evaluate all of
+/// them, cost less than those of [`ModalScheme`](super::ModalScheme), which seldom do.
+const MOST_SHAPES: usize = 2000;
+
+/// Modes and compliance of equal systems whose runs go in lock step.
+pub struct SharedModes<'s> {
+    pub(super) system: &'s System<Native>,
+    pub(super) modes: Rc<MassModes>,
+    pub(super) massless: MasslessPart,
+    pub(super) saddle: ModalSaddlePoint<'s, Native>,
+    pub(super) all: Rc<AllBounds>,
+    /// Massless responses at all bounds; without candidates where there are none.
+    pub(super) model: ContactModel,
+    /// Mode shapes at the bounds, one column each.
+    pub(super) rows: Mat<f64>,
+}
+
+impl<'s> SharedModes<'s> {
+    /// Returns the modes in which a system goes in lock step with others; `None` where it does not,
+    /// since there are too many of them, or rounding spoils them.
+    ///
+    /// # Errors
+    /// Returns the errors of the dense eigenvalues.
+    pub fn modes(system: &System<Native>) -> Result<Option<Rc<MassModes>>> {
+        let System { engine, stiffness, mass, bounds, drive, .. } = system;
+        if !SideBySide::takes(system) || drive.load.is_some() {
+            return Ok(None);
+        }
+        if let Form::Modal { modes, .. } = mass {
+            return Ok((modes.count() * bounds.len() <= MOST_SHAPES).then(|| modes.clone()));
+        }
+        if engine.dofs() > MOST_DOFS || bounds.len() > MOST_BOUNDS {
+            return Ok(None);
+        }
+        Ok(modes_with_mass(engine, stiffness, mass)?.map(Rc::new))
+    }
+
+    /// Computes the massless responses of a system with given modes, at all bounds.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] where the modes leave the bounded dofs no compliance of their own,
+    /// and the errors of the engine.
+    pub fn new(system: &'s System<Native>, modes: &Rc<MassModes>) -> Result<SharedModes<'s>> {
+        let System { engine, mass, bounds, .. } = system;
+        let (massless, inertia) = match mass {
+            Form::Modal { consistent, .. } => (MasslessPart::Follows, Form::Cells(consistent.clone())),
+            _ if modes.count() == engine.dofs() => (MasslessPart::None, mass.clone()),
+            _ => (MasslessPart::Swings, mass.clone()),
+        };
+        let saddle = ModalSaddlePoint::new(system, &inertia, modes)?;
+        let all = Rc::new(AllBounds::new(system));
+        let comm = engine.comm();
+        let rows = all.shapes(comm, modes)?;
+        let mut model = ContactModel::new(bounds.size);
+        let numbers: Vec<usize> = (0..bounds.len()).collect();
+        if massless != MasslessPart::None && !numbers.is_empty() {
+            let at = BoundRows { shapes: &rows, places: &numbers, lanes: numbers.len() };
+            model.extend(&saddle, &all, &all.limits(comm, bounds), at, &numbers)?;
+        }
+        Ok(SharedModes { system, modes: modes.clone(), massless, saddle, all, model, rows })
+    }
+
+    /// Returns the equations of a number of coordinates.
+    pub(super) fn equations(&self, parameters: NewmarkParameters, size: usize) -> Equations {
+        let NewmarkParameters { beta, step: dt, .. } = parameters;
+        let (modes, squares) = (self.modes.count(), &self.modes.squares);
+        let massless = size - modes;
+        let slow = if self.massless == MasslessPart::Swings { self.system.damping.stiffness } else { 0.0 };
+        let mut decay = self.system.decay_rates(&self.modes);
+        decay.extend(vec![slow; massless]);
+        let mut stiffness = squares.clone();
+        stiffness.extend(vec![1.0; massless]);
+        let inverse = |j: usize| {
+            let inertia = if j < modes { 1.0 / (dt * dt) } else { 0.0 };
+            1.0 / (inertia + beta * stiffness[j] + 0.5 * decay[j] / dt)
+        };
+        let inverse: Vec<f64> = (0..size).map(inverse).collect();
+        let compliance = &self.model.compliance;
+        let row = |i: usize| {
+            let mut row = self.rows.col_as_slice(i).to_vec();
+            row.extend((0..compliance.ncols()).map(|j| compliance[(i, j)]));
+            row
+        };
+        let rows: Vec<Vec<f64>> = (0..self.rows.ncols()).map(row).collect();
+        let entry = |i: usize, j: usize| {
+            let inertial: f64 = (0..modes).map(|k| inverse[k] * rows[i][k] * rows[j][k]).sum();
+            inertial + rows[i].get(modes + j).map_or(0.0, |of| of * inverse[modes + j])
+        };
+        Equations {
+            compliance: Mat::from_fn(rows.len(), rows.len(), |i, j| 0.5 * (entry(i, j) + entry(j, i))),
+            parameters,
+            massless: self.massless,
+            modes,
+            stiffness,
+            decay: decay.iter().map(|decay| decay / dt).collect(),
+            inverse,
+            rows,
+        }
+    }
+}
