@@ -289,6 +289,23 @@ impl Surface {
     }
 }
 
+/// Largest deflection of a point of an edge that is held, relative to the largest one: values
+/// between the nodes are interpolated, and rounded.
+const HELD: f64 = 1e-12;
+
+/// Returns whether each point stays at zero in all snapshots, given their deflections, while others
+/// move.
+pub fn held_points<'d>(snapshots: impl Iterator<Item = &'d [f64]> + Clone) -> Vec<bool> {
+    let largest = snapshots.clone().flatten().fold(0.0, |most: f64, w| most.max(w.abs()));
+    let mut held = vec![largest > 0.0; snapshots.clone().next().map_or(0, <[f64]>::len)];
+    for deflection in snapshots {
+        for (point, held) in held.iter_mut().enumerate() {
+            *held &= deflection.get(point).is_some_and(|w| w.abs() <= HELD * largest);
+        }
+    }
+    held
+}
+
 /// Returns times (in s) and files of the snapshots in a run folder; none where it has no index.
 ///
 /// # Errors
@@ -402,4 +419,19 @@ fn attribute<'t>(tag: &'t str, name: &str) -> Option<&'t str> {
 
 fn malformed(path: &Path, what: &str) -> Error {
     Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::held_points;
+
+    #[test]
+    fn points_are_held_to_rounding() {
+        let snapshots = [vec![0.0, -0.0, 1e-19, 1e-3, 0.0], vec![0.0, 2e-18, -1e-19, 0.0, 1e-9]];
+        let held = held_points(snapshots.iter().map(Vec::as_slice));
+        assert_eq!(held, [true, true, true, false, false]);
+        let at_rest = [vec![0.0; 3]];
+        assert_eq!(held_points(at_rest.iter().map(Vec::as_slice)), [false; 3], "nothing moves");
+        assert_eq!(held_points([].into_iter()), Vec::<bool>::new());
+    }
 }

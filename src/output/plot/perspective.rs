@@ -6,7 +6,7 @@ use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
 use crate::output::text::significant;
-use crate::output::vtu::Surface;
+use crate::output::vtu::{Surface, held_points};
 
 /// Largest number of snapshots in a figure.
 const MOST: usize = 6;
@@ -191,16 +191,20 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     (ramp, panels)
 }
 
-/// Returns the edges of the plate's border that stay at zero in all snapshots while others move.
+/// Returns the edges of the plate's border that stay at zero in all snapshots while others move, each
+/// a little longer at both ends, so that no seam shows between neighbours.
 fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
     let Some((_, first)) = snapshots.first() else { return Vec::new() };
-    let is_zero = |(_, surface): &(f64, Surface), point: usize| surface.deflection.get(point) == Some(&0.0);
-    if snapshots.iter().all(|(_, surface)| surface.deflection.iter().all(|w| *w == 0.0)) {
-        return Vec::new();
-    }
-    let is_held = |point: &usize| snapshots.iter().all(|snapshot| is_zero(snapshot, *point));
+    let held = held_points(snapshots.iter().map(|(_, surface)| &*surface.deflection));
     let border = first.boundary(&first.cells.iter().collect::<Vec<_>>()).into_iter();
-    border.filter(|side| side.iter().all(is_held)).map(|side| side.map(|point| first.points[point])).collect()
+    border
+        .filter(|side| side.iter().all(|&point| held[point]))
+        .map(|[a, b]| {
+            let [a, b] = [first.points[a], first.points[b]];
+            let beyond = |from: [f64; 2], to: [f64; 2]| [0, 1].map(|axis| 1.1 * to[axis] - 0.1 * from[axis]);
+            [beyond(b, a), beyond(a, b)]
+        })
+        .collect()
 }
 
 /// Draws an obstacle at single points as a peg that stands below the plate or hangs above it.

@@ -160,12 +160,9 @@ impl Frames {
 
     /// Returns the ends of the border's edges that stay at zero while other points move.
     fn held(&self) -> Vec<u32> {
-        let is_held = |point: u32| self.deflection.iter().all(|frame| frame[point as usize] == 0.0);
-        if self.deflection.iter().flatten().all(|w| *w == 0.0) {
-            return Vec::new();
-        }
+        let held = vtu::held_points(self.deflection.iter().map(Vec::as_slice));
         let border = self.shown.border.iter();
-        border.filter(|ends| ends.iter().all(|&end| is_held(end))).flatten().copied().collect()
+        border.filter(|ends| ends.iter().all(|&end| held[end as usize])).flatten().copied().collect()
     }
 }
 
