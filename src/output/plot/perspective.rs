@@ -191,8 +191,8 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     (ramp, panels)
 }
 
-/// Returns the edges of the plate's border that stay at zero in all snapshots while others move, each
-/// a little longer at both ends, so that no seam shows between neighbours.
+/// Returns the edges of the plate's border that stay at zero in all snapshots while others move,
+/// each a little longer at both ends, so that no seam shows between neighbours.
 fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
     let Some((_, first)) = snapshots.first() else { return Vec::new() };
     let held = held_points(snapshots.iter().map(|(_, surface)| &*surface.deflection));
