@@ -4,11 +4,11 @@
 The paper's plate, bent by 14600 Pa, is pushed down by 1e5 Pa onto an obstacle just under its tip
 (singular mass, 1e-4 s). Each row is the difference between a run of 30 steps and one of 10, so that
 it has steps alone: in most of them the free edge is in contact. Of several rounds the one with the
-median time counts. Messages and bytes are those of the
-rank that sends most. Open MPI's monitoring counts them below MPI, so that those of MUMPS and of
-collectives are included, but for persistent messages, PETSc's exchanges, which PETSc's log counts.
-MUMPS exchanges other amounts of data in each set-up, so that its difference may hide that of the
-steps; there the table has no bytes. With --free the obstacle is out of reach.
+median time counts. Messages and bytes are those of the rank that sends most. Open MPI's monitoring
+counts them below MPI, so that those of MUMPS and of collectives are included, but for persistent
+messages, PETSc's exchanges, which PETSc's log counts. MUMPS exchanges other amounts of data in each
+set-up, so that its difference may hide that of the steps; there the table has no bytes. With --free
+the obstacle is out of reach.
 
 strong: one mesh on more ranks. weak: as many cells per rank on more ranks.
 

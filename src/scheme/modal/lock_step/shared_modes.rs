@@ -54,8 +54,8 @@ impl<'s> SharedModes<'s> {
     /// Computes the massless responses of a system with given modes, at all bounds.
     ///
     /// # Errors
-    /// Returns [`Error::Usage`] where the modes leave the bounded dofs no compliance of their own,
-    /// and the errors of the engine.
+    /// Returns [`crate::error::Error::Usage`] where the modes leave the bounded dofs no compliance
+    /// of their own, and the errors of the engine.
     pub fn new(system: &'s System<Native>, modes: &Rc<MassModes>) -> Result<SharedModes<'s>> {
         let System { engine, mass, bounds, .. } = system;
         let (massless, inertia) = match mass {
