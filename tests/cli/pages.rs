@@ -2,8 +2,8 @@
 //!
 //! The words after a fence's three backticks say what a block is:
 //!
-//! - `sh`: commands; `sh mpi` runs where there is PETSc, `sh gmsh` needs Gmsh and is not run, `sh
-//!   python` needs the Python package, whose own tests run the tutorial's program;
+//! - `sh`: commands; `sh mpi` runs where there is PETSc, `sh gmsh` where there is Gmsh, `sh python`
+//!   needs the Python package, whose own tests run the tutorial's program;
 //! - `toml FILE` and the like: the text of a file; `toml >> FILE` is appended to it;
 //! - `text`: lines that the commands before print, among others;
 //! - `rust`: code, which documentation tests run.
@@ -86,7 +86,11 @@ fn follow(page: &str, name: &str) -> usize {
                 said = cfg!(feature = "petsc").then(|| run(&folder, text));
                 count += text.lines().count();
             }
-            ["sh", "gmsh" | "python"] => said = None,
+            ["sh", "gmsh"] => {
+                let is_there = Command::new("gmsh").arg("--version").output().is_ok();
+                said = is_there.then(|| run(&folder, text));
+            }
+            ["sh", "python"] => said = None,
             ["text"] => {
                 let Some(said) = &said else { continue };
                 let all = squeezed(said);
