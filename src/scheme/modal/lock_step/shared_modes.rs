@@ -15,7 +15,7 @@ use std::rc::Rc;
 const MOST_DOFS: usize = 600;
 const MOST_BOUNDS: usize = 24;
 /// Largest number of mode shapes at bounds for which steps in lock step, which evaluate all of
-/// them, cost less than those of [`ModalScheme`](super::ModalScheme), which seldom do.
+/// them, cost less than those of [`ModalScheme`](super::super::ModalScheme), which seldom do.
 const MOST_SHAPES: usize = 2000;
 
 /// Modes and compliance of equal systems whose runs go in lock step.
