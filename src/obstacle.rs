@@ -174,7 +174,11 @@ impl Bounds {
     /// Returns whether x lies beyond any bound, rigid or not.
     pub fn are_crossed(&self, x: &[f64]) -> bool {
         let limits = self.lower.iter().zip(&self.upper);
-        self.dofs.iter().zip(limits).any(|(&dof, (lower, upper))| x[dof] < *lower || x[dof] > *upper)
+        // Without an early end the loop has no branches.
+        self.dofs
+            .iter()
+            .zip(limits)
+            .fold(false, |crossed, (&dof, (lower, upper))| crossed | (x[dof] < *lower) | (x[dof] > *upper))
     }
 
     /// Returns the largest finite magnitude of the bounds, or [`Bounds::size`] if that is larger,

@@ -6,6 +6,7 @@
 //! local dofs at once, from eight consecutive positions.
 
 use super::BARE;
+use super::vectors::waxpy;
 use std::collections::BTreeMap;
 use std::ops::{Add, AddAssign, Mul, Sub};
 use std::rc::Rc;
@@ -173,6 +174,27 @@ impl Layout {
         }
         for (value, &place) in x.iter_mut().zip(&self.places) {
             *value = laid[place as usize];
+        }
+    }
+
+    /// Copies a vector `part` in layout order back into z, and sets y to `rest` + weight `part`.
+    #[inline(always)]
+    pub(super) fn collect_with_part(
+        &self,
+        weight: f64,
+        part: &[f64],
+        rest: &[f64],
+        (y, z): (&mut [f64], &mut [f64]),
+    ) {
+        if self.is_identity {
+            z.copy_from_slice(&part[..z.len()]);
+            return waxpy(weight, z, &rest[..z.len()], y);
+        }
+        // Equal lengths spare a check of each index.
+        let rest = &rest[..part.len()];
+        for ((y, z), &place) in y.iter_mut().zip(z).zip(&self.places) {
+            *z = part[place as usize];
+            *y = rest[place as usize] + weight * *z;
         }
     }
 }

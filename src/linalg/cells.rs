@@ -54,12 +54,12 @@ impl Strains {
         }
     }
 
-    /// Computes result = A local and returns local^T A local; `local` becomes the cells'
+    /// Computes result = A local and returns local^T A local; `work` becomes the cells'
     /// deformation.
     #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
-        remove_rigid_motion(local, &self.arms);
-        let form = square_product(simd, &self.root, &local[3..], &mut result[3..]);
+    fn apply<S: Simd>(&self, simd: S, local: &[Lanes], work: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
+        remove_rigid_motion(local, &self.arms, work);
+        let form = square_product(simd, &self.root, &work[3..], &mut result[3..]);
         return_rigid_forces(result, &self.arms);
         form
     }
@@ -78,12 +78,11 @@ impl Panel {
         }
     }
 
-    /// Computes result = A local and returns local^T A local; `local` may become the cells'
-    /// deformation.
+    /// Computes result = A local and returns local^T A local.
     #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, local: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
+    fn apply<S: Simd>(&self, simd: S, local: &[Lanes], work: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
-            return strains.apply(simd, local, result);
+            return strains.apply(simd, local, work, result);
         }
         if self.is_difference {
             let difference = local[0] - local[1];
@@ -126,11 +125,10 @@ impl Panel {
         }
         matrix_product::<S, true>(simd, &self.matrix, work, result);
         add(m, result);
-        for (work, value) in work.iter_mut().zip(local) {
-            *work = scale * *value;
+        self.apply(simd, local, work, result);
+        for (y, term) in y.iter_mut().zip(result) {
+            *y += scale * *term;
         }
-        self.apply(simd, work, result);
-        add(y, result);
     }
 }
 
@@ -265,16 +263,18 @@ fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     }
 }
 
-/// Subtracts the rigid motion of a cell's first node from the dofs of the other nodes, by
-/// differences of nearby values. The first node's own deformation is zero and is not written.
+/// Computes the deformation of cells: the dofs of all nodes but the first, less the rigid motion of
+/// the first, by differences of nearby values. The first node's own deformation is zero and is not
+/// written.
 #[inline(always)]
-fn remove_rigid_motion(local: &mut [Lanes], arms: &[[Lanes; 2]]) {
-    let (first, others) = local.split_at_mut(3);
+fn remove_rigid_motion(local: &[Lanes], arms: &[[Lanes; 2]], deformation: &mut [Lanes]) {
+    let (first, others) = local.split_at(3);
     let [w, w_x, w_y] = [first[0], first[1], first[2]];
-    for (node, arm) in others.chunks_exact_mut(3).zip(arms) {
-        node[0] = (node[0] - w) - (w_x * arm[0] + w_y * arm[1]);
-        node[1] = node[1] - w_x;
-        node[2] = node[2] - w_y;
+    let nodes = others.chunks_exact(3).zip(deformation[3..].chunks_exact_mut(3));
+    for ((node, deformed), arm) in nodes.zip(arms) {
+        deformed[0] = (node[0] - w) - (w_x * arm[0] + w_y * arm[1]);
+        deformed[1] = node[1] - w_x;
+        deformed[2] = node[2] - w_y;
     }
 }
 
@@ -342,11 +342,11 @@ impl CellForm {
         batch: &Batch,
         x: &[f64],
         y: &mut [f64],
-        (local, room): (&mut [Lanes], Room),
+        (local, Room { work, result, .. }): (&mut [Lanes], Room),
     ) -> Lanes {
         batch.gather(x, local);
-        let form = self.panels[batch.panel].apply(simd, local, room.result);
-        batch.scatter(room.result, y);
+        let form = self.panels[batch.panel].apply(simd, local, work, result);
+        batch.scatter(result, y);
         form
     }
 }
@@ -613,8 +613,8 @@ fn add_batch_with_magnitude<S: Simd>(
     batch.scatter(room.m, sums.m);
 }
 
-/// Adds A x to y for a sum of forms and `part` x to z, with `part` one of the forms. Successive
-/// forms over the same cells are applied in one pass over their batches.
+/// Adds `part` x to z, with `part` one form of a sum, and the weighted products of x with all other
+/// forms to y. Successive forms over the same cells are applied in one pass over their batches.
 #[inline(always)]
 pub(super) fn add_with_part<S: Simd>(
     simd: S,
@@ -636,7 +636,8 @@ pub(super) fn add_with_part<S: Simd>(
     }
 }
 
-/// Vectors to which A x and the product of one form of A are added, one entry per dof.
+/// Vectors to which the product of one form, z, and those of all others, y, are added, one entry
+/// per dof.
 struct PartProducts<'a> {
     part: &'a Form,
     y: &'a mut [f64],
@@ -652,29 +653,26 @@ fn add_batch_with_part<S: Simd>(
     forms: &[(f64, &Form)],
     x: &[f64],
     products: &mut PartProducts,
-    (local, Room { work, result, y, .. }): (&mut [Lanes], Room),
+    (local, Room { work, result, .. }): (&mut [Lanes], Room),
 ) {
     batch.gather(x, local);
-    y.fill(Lanes::default());
     for &(scale, form) in forms {
+        let is_part = std::ptr::eq(form, products.part);
+        let scale = if is_part { 1.0 } else { scale };
         match form {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                work.copy_from_slice(local);
-                cells.panels[batch.panel].apply(simd, work, result);
+                cells.panels[batch.panel].apply(simd, local, work, result);
+                if !is_part {
+                    result.iter_mut().for_each(|term| *term = scale * *term);
+                }
             }
             Form::SingularMassCells(averages) => {
                 let rows = &averages.panels[batch.panel];
-                rows.spread(rows.velocities(local), result);
+                rows.spread(scale * rows.velocities(local), result);
             }
         }
-        for (sum, term) in y.iter_mut().zip(&*result) {
-            *sum += scale * *term;
-        }
-        if std::ptr::eq(form, products.part) {
-            batch.scatter(result, products.z);
-        }
+        batch.scatter(result, if is_part { &mut *products.z } else { &mut *products.y });
     }
-    batch.scatter(y, products.y);
 }
 
 /// Scratch space for the local vectors of one batch.

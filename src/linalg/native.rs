@@ -219,7 +219,8 @@ impl WithSimd for WithMagnitude<'_> {
     }
 }
 
-/// Products y += A x and z += `part` x on vectors in layout order.
+/// Products of vectors in layout order: z += `part` x with one form of a sum, and y += A x with the
+/// others.
 struct WithPart<'a> {
     sum: &'a LinearCombination<'a>,
     part: &'a Form,
@@ -341,9 +342,10 @@ impl Engine for Native {
         self.layout.lay_out(x, laid);
         product.fill(0.0);
         other.fill(0.0);
-        self.arch.dispatch(WithPart { sum, part, x: laid, products: (product, other), scratch });
-        self.layout.collect(product, y);
-        self.layout.collect(other, z);
+        self.arch.dispatch(WithPart { sum, part, x: laid, products: (other, product), scratch });
+        let weights = sum.terms().iter().filter(|(_, form)| std::ptr::eq(*form, part));
+        let weight: f64 = weights.map(|(weight, _)| weight).sum();
+        self.layout.collect_with_part(weight, product, other, (y, z));
         Ok(true)
     }
 

@@ -89,11 +89,33 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
-/// Returns the largest magnitude of some numbers, and NaN if one is: magnitudes order like their
-/// bits, with NaN last.
+/// Largest magnitude of some numbers, and NaN if one is: magnitudes order like their bits, with NaN
+/// last. Vector registers compare signed integers only.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Largest(i64);
+
+impl Largest {
+    /// Takes note of a number.
+    #[inline(always)]
+    pub fn note(&mut self, value: f64) {
+        self.0 = self.0.max(value.abs().to_bits() as i64);
+    }
+
+    /// Returns the largest magnitude so far, 0 without any number.
+    #[inline(always)]
+    pub fn value(self) -> f64 {
+        f64::from_bits(self.0 as u64)
+    }
+}
+
+/// Returns the largest magnitude of some numbers, and NaN if one is.
 #[inline(always)]
 pub(crate) fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    f64::from_bits(values.map(|value| value.abs().to_bits()).max().unwrap_or(0))
+    let mut largest = Largest::default();
+    for value in values {
+        largest.note(value);
+    }
+    largest.value()
 }
 
 /// Sets each entry of y to `map` of the entries of x and y.

@@ -163,10 +163,11 @@ impl<E: Engine> System<E> {
         Ok(0.5 * self.engine.mass_norm_squared(&self.mass, v)?)
     }
 
-    /// Returns the length scale of the deflections and bounds, in m. Collective.
-    fn length(&self, bounds: &Bounds, u: &[f64]) -> Result<f64> {
+    /// Returns the length scale of the deflections and of bounds with a magnitude, in m.
+    /// Collective.
+    fn length(&self, bounds: &Bounds, magnitude: f64, u: &[f64]) -> Result<f64> {
         let deflection = largest(bounds.dofs.iter().map(|&dof| u[dof]));
-        Ok(self.engine.comm().all_reduce_max(bounds.magnitude().max(deflection)))
+        Ok(self.engine.comm().all_reduce_max(magnitude.max(deflection)))
     }
 
     /// Returns the time-dependent data at `time` (s).

@@ -315,7 +315,8 @@ impl<'s, E: Engine> Potential<'s, E> {
     /// whole displacement of p, in m kg^1/2.
     fn reach(&mut self, increment: f64, instant: &InstantData) -> Result<StepReport> {
         let System { engine, bounds, .. } = self.system;
-        let length = self.system.length(instant.bounds(bounds), &self.u)?;
+        let limits = instant.bounds(bounds);
+        let length = self.system.length(limits, limits.magnitude(), &self.u)?;
         for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.residual]) {
             kept.clone_from(from);
         }

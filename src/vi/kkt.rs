@@ -21,7 +21,7 @@
 
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::largest;
+use crate::linalg::vectors::{Largest, largest};
 use crate::linalg::wide::widest;
 use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{hertz_depth, hertz_force};
@@ -77,11 +77,6 @@ fn ratio(a: f64, b: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a / b }
 }
 
-/// Returns the terms of the right-hand side.
-fn terms<'t>(problem: &Problem<'t>, more: &'t [&'t [f64]]) -> impl Iterator<Item = &'t [f64]> {
-    std::iter::once(problem.rhs).chain(more.iter().copied())
-}
-
 /// Subtracts a term of the right-hand side from the residual, and adds its magnitude.
 fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
     widest(
@@ -96,18 +91,12 @@ fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
     )
 }
 
-/// Returns the largest magnitude of x times its scale, and of b divided by its scale where that is
-/// positive.
-fn largest_of_scaled(x: &[f64], b: &[f64], scale: &[f64]) -> f64 {
-    let scaled = |((x, b), scale): ((&f64, &f64), &f64)| {
-        let force = if *scale > 0.0 { b / scale } else { 0.0 };
-        // The bits are compared, since `f64::max` would hide a NaN.
-        f64::from_bits((scale * x).abs().to_bits().max(force.abs().to_bits()))
-    };
+/// Returns the largest magnitude of b divided by its scale.
+fn largest_scaled_term(b: &[f64], inverse_scale: &[f64]) -> f64 {
     widest(
         Arch::new(),
         #[inline(always)]
-        || largest(x.iter().zip(b).zip(scale).map(scaled)),
+        || largest(b.iter().zip(inverse_scale).map(|(b, inverse)| inverse * b)),
     )
 }
 
@@ -132,11 +121,13 @@ fn largest_ratio(residual: &[f64], magnitude: &mut [f64], scale: &[f64], floor: 
 pub struct KktCheck {
     /// Square roots of the diagonal of A, sqrt(A_ii).
     scale: Vec<f64>,
+    /// Reciprocals of the scales, and 0 where a scale is 0.
+    inverse_scale: Vec<f64>,
     /// Dofs without stiffness, each with the scale of its inertia; `None` where inertia does not
     /// count.
     loose: Option<Vec<(usize, f64)>>,
-    /// Coupling of each dof that bounds the magnitude of its row from below.
-    couplings: Vec<RowCoupling>,
+    /// Dofs with a coupling, which bounds the magnitude of their row from below.
+    couplings: Vec<(u32, RowCoupling)>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
@@ -148,9 +139,18 @@ impl KktCheck {
     /// Returns the errors of the engine.
     pub fn new<E: Engine>(engine: &E, matrix: &LinearCombination) -> Result<KktCheck> {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
+        let inverse_scale = scale.iter().map(|scale| if *scale > 0.0 { 1.0 / scale } else { 0.0 }).collect();
         let zeros = vec![0.0; scale.len()];
-        let couplings = engine.couplings(matrix)?;
-        Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, couplings, loose: None })
+        let couplings = (0..).zip(engine.couplings(matrix)?);
+        let couplings = couplings.filter(|(_, coupling)| coupling.magnitude > 0.0).collect();
+        Ok(KktCheck {
+            residual: zeros.clone(),
+            magnitude: zeros,
+            scale,
+            inverse_scale,
+            couplings,
+            loose: None,
+        })
     }
 
     /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
@@ -212,29 +212,46 @@ impl KktCheck {
         if !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))? {
             return Ok(None);
         }
-        self.subtract_with_diagonal(problem.rhs, x);
-        more.iter().for_each(|term| subtract_term(term, &mut self.residual, &mut self.magnitude));
+        let size = self.subtract_with_diagonal(problem.rhs, x);
+        let size = larger(size, self.subtract_terms(more));
         let length = problem.length(engine, answer);
-        let own = self.compare(engine, &Problem { length, ..*problem }, more, answer)?.worst();
+        let own = self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst();
         Ok(Some(engine.comm().all_reduce_max(own)))
     }
 
     /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that
-    /// of its right-hand side and of its part in [`KktCheck::limit`].
-    fn subtract_with_diagonal(&mut self, rhs: &[f64], x: &[f64]) {
-        let KktCheck { scale, couplings, residual, magnitude, .. } = self;
+    /// of its right-hand side and of its part in [`KktCheck::limit`]. Returns the largest magnitude
+    /// of x times its scale, and of the right-hand side divided by its scale.
+    fn subtract_with_diagonal(&mut self, rhs: &[f64], x: &[f64]) -> f64 {
+        let KktCheck { scale, inverse_scale, couplings, residual, magnitude, .. } = self;
         widest(
             Arch::new(),
             #[inline(always)]
             || {
                 let rows = residual.iter_mut().zip(magnitude.iter_mut()).zip(x.iter().zip(rhs));
-                for (((r, m), (own, b)), (scale, coupling)) in rows.zip(scale.iter().zip(&*couplings)) {
+                let scales = scale.iter().zip(&*inverse_scale);
+                let mut size = Largest::default();
+                for (((r, m), (own, b)), (scale, inverse)) in rows.zip(scales) {
                     *r -= b;
-                    let coupled = coupling.magnitude * x[coupling.to as usize].abs();
-                    *m = scale * scale * own.abs() + coupled + b.abs();
+                    *m = scale * scale * own.abs() + b.abs();
+                    size.note(scale * own);
+                    size.note(inverse * b);
                 }
+                for (dof, coupling) in &*couplings {
+                    magnitude[*dof as usize] += coupling.magnitude * x[coupling.to as usize].abs();
+                }
+                size.value()
             },
-        );
+        )
+    }
+
+    /// Subtracts terms of the right-hand side from the residual, and adds their magnitudes. Returns
+    /// their largest magnitude, divided by its scale.
+    fn subtract_terms(&mut self, terms: &[&[f64]]) -> f64 {
+        terms.iter().fold(0.0, |size, term| {
+            subtract_term(term, &mut self.residual, &mut self.magnitude);
+            larger(size, largest_scaled_term(term, &self.inverse_scale))
+        })
     }
 
     /// Returns the residual A x - b - G^T r of the last check, in N, one entry per dof.
@@ -254,30 +271,35 @@ impl KktCheck {
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<Residual> {
-        let KktCheck { residual, magnitude, .. } = self;
-        engine.multiply_with_magnitude(problem.matrix, answer.x, residual, magnitude)?;
-        terms(problem, more).for_each(|term| subtract_term(term, residual, magnitude));
-        self.compare(engine, problem, more, answer)
+        let x = &*answer.x;
+        engine.multiply_with_magnitude(problem.matrix, x, &mut self.residual, &mut self.magnitude)?;
+        let size = largest(self.scale.iter().zip(x).map(|(scale, x)| scale * x));
+        let size = larger(size, self.subtract_terms(&[problem.rhs]));
+        let size = larger(size, self.subtract_terms(more));
+        self.compare(engine, problem, size, answer)
     }
 
     /// Returns the parts of the residual on this rank, given A x less all terms of the right-hand
-    /// side, and the magnitude of each row. Collective.
+    /// side, the magnitude of each row, and the largest magnitude of x times its scale and of the
+    /// terms divided by their scales. Collective.
     fn compare<E: Engine>(
         &mut self,
         engine: &E,
         problem: &Problem,
-        more: &[&[f64]],
+        size: f64,
         answer: &Answer,
     ) -> Result<Residual> {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
-            residual[dof] -= r;
-            magnitude[dof] += r.abs();
+        let are_free = reaction.iter().all(|r| *r == 0.0) && !bounds.are_crossed(x);
+        if !are_free {
+            for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
+                residual[dof] -= r;
+                magnitude[dof] += r.abs();
+            }
         }
-        let sizes = terms(problem, more).map(|b| largest_of_scaled(x, b, scale));
-        let size = engine.comm().all_reduce_max(sizes.fold(0.0, larger));
+        let size = engine.comm().all_reduce_max(size);
         if let Some(loose) = loose {
             let size =
                 engine.comm().all_reduce_max(largest(loose.iter().map(|(dof, scale)| scale * x[*dof])));
@@ -289,6 +311,9 @@ impl KktCheck {
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
+        if are_free {
+            return Ok(parts);
+        }
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
             if r == 0.0 && below >= 0.0 && above >= 0.0 {
