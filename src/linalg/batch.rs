@@ -8,7 +8,7 @@
 use super::BARE;
 use super::vectors::waxpy;
 use std::collections::BTreeMap;
-use std::ops::{Add, AddAssign, Mul, Sub};
+use std::ops::{Add, AddAssign, Div, Mul, Sub};
 use std::rc::Rc;
 
 /// Number of cells per batch.
@@ -31,11 +31,36 @@ impl Lanes {
         Lanes(lanes)
     }
 
+    /// Returns a number in the first lane, and 0 in the others.
+    pub fn first(value: f64) -> Lanes {
+        let mut lanes = Lanes::default();
+        lanes.0[0] = value;
+        lanes
+    }
+
     /// Returns the magnitudes.
     #[inline(always)]
     pub fn abs(mut self) -> Lanes {
         for lane in 0..LANES {
             self.0[lane] = self.0[lane].abs();
+        }
+        self
+    }
+
+    /// Returns the larger number of each pair.
+    #[inline(always)]
+    pub fn max(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] = if self.0[lane] > other.0[lane] { self.0[lane] } else { other.0[lane] };
+        }
+        self
+    }
+
+    /// Returns the smaller number of each pair.
+    #[inline(always)]
+    pub fn min(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] = if self.0[lane] < other.0[lane] { self.0[lane] } else { other.0[lane] };
         }
         self
     }
@@ -84,6 +109,18 @@ impl Mul for Lanes {
     fn mul(mut self, other: Lanes) -> Lanes {
         for lane in 0..LANES {
             self.0[lane] *= other.0[lane];
+        }
+        self
+    }
+}
+
+impl Div for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn div(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] /= other.0[lane];
         }
         self
     }

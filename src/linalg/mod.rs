@@ -24,6 +24,7 @@ pub(crate) mod decoupling;
 mod double_double;
 mod ensemble;
 pub(crate) mod eigen;
+mod lane_mask;
 pub(crate) mod lanes;
 pub mod modal;
 mod native;
@@ -39,6 +40,7 @@ pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
 pub use ensemble::{Ensemble, SharedFactor};
+pub(crate) use lane_mask::LaneMask;
 pub use modal::MassModes;
 pub use native::Native;
 

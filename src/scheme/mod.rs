@@ -45,7 +45,7 @@ pub use drive::{BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, Suppo
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
-pub use modal::{ContactCompliance, ModalScheme, ModeLane, SharedModes};
+pub use modal::{ContactCompliance, ModalScheme, ModeLane, ModeRuns, SharedModes};
 pub use newmark::{LaneRun, Newmark, NewmarkParameters, SideBySide};
 pub use potential::Potential;
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};

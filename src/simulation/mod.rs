@@ -335,6 +335,12 @@ impl<E: Engine> Model<E> {
         self.extremes.as_ref().map(|sites| StressWatch::new(sites, &self.system.engine))
     }
 
+    /// Returns whether the values at all probes are those of [`Model::probes`]: deflections beside
+    /// supports that do not move.
+    pub fn probes_deflections_only(&self) -> bool {
+        self.readings.are_none() && self.frame.0.is_empty()
+    }
+
     /// Computes the quantities at the probes at the present instant of a scheme. Collective.
     fn probe(
         &self,

@@ -81,6 +81,11 @@ impl Readings {
         Ok(Readings(readings))
     }
 
+    /// Returns whether all probes record deflections.
+    pub fn are_none(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Replaces the deflections of the other probes in `values` by their quantities. Collective.
     pub fn read<E: Engine>(
         &self,
@@ -90,7 +95,7 @@ impl Readings {
         scheme: &mut dyn Scheme,
         values: &mut [f64],
     ) -> Result<()> {
-        if self.0.is_empty() {
+        if self.are_none() {
             return Ok(());
         }
         let is_velocity = |reading: &&Reading| reading.quantity == ProbeQuantity::Velocity;

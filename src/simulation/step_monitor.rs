@@ -4,14 +4,14 @@ use super::outcome::first_impact;
 use super::readings::Accelerations;
 use super::step_check::{advice, check_residual};
 use super::{Impact, Model};
-use crate::energy::Guard;
+use crate::energy::{Energies, Guard};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::Scheme;
 
-/// Number of steps between checks of the energy.
-const GUARD_EVERY: u64 = 100;
+/// Number of steps between checks of the energy, which cost more than some steps.
+const GUARD_EVERY: u64 = 1000;
 
 /// Checks of every step, as in a run, and readings of the probes.
 pub struct StepMonitor<'m, E: Engine> {
@@ -42,14 +42,39 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     /// # Errors
     /// Returns the errors with which a run stops.
     pub fn note(&mut self, scheme: &mut dyn Scheme, probes: &mut [f64]) -> Result<()> {
-        let (step, time, kkt) = (scheme.step(), scheme.time(), scheme.step_report().kkt);
-        check_residual(step, time, kkt, self.scene.solver.tolerance)?;
-        if step.is_multiple_of(GUARD_EVERY) {
-            self.guard.check(step, time, scheme.energies()?)?;
-        }
+        self.check(scheme)?;
         let Model { readings, system, frame, .. } = self.model;
         self.accelerations.note(readings, system, frame, scheme)?;
         self.model.probe(scheme, &self.accelerations, probes)
+    }
+
+    /// Returns whether a step with a residual needs [`StepMonitor::check`].
+    pub fn is_due(&self, step: u64, kkt: f64) -> bool {
+        step.is_multiple_of(GUARD_EVERY) || kkt.is_nan() || kkt > self.scene.solver.tolerance
+    }
+
+    /// Checks residual and energy of the step just made. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors with which a run stops.
+    pub fn check(&mut self, scheme: &dyn Scheme) -> Result<()> {
+        let (step, time, kkt) = (scheme.step(), scheme.time(), scheme.step_report().kkt);
+        check_residual(step, time, kkt, self.scene.solver.tolerance)?;
+        if step.is_multiple_of(GUARD_EVERY) {
+            self.check_energies(scheme)?;
+        }
+        Ok(())
+    }
+
+    /// Checks the energies of the step just made, and returns them. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::EnergyGuard`] or [`crate::Error::NotFinite`] where the energies are
+    /// impossible, and the errors of the engine.
+    pub fn check_energies(&mut self, scheme: &dyn Scheme) -> Result<Energies> {
+        let energies = scheme.energies()?;
+        self.guard.check(scheme.step(), scheme.time(), energies)?;
+        Ok(energies)
     }
 
     /// Returns the earliest impact of the step just made. Collective.

@@ -1,8 +1,9 @@
 //! Execution of the runs of a sweep, on one or several threads, in lock step where they share their
 //! matrices.
 
-use super::one_run::{CarriedState, Finished, PreparedRun, run_together};
+use super::one_run::run_together;
 use super::plan::{PlannedRun, groups};
+use super::prepared_run::{CarriedState, Finished, PreparedRun};
 use super::report::SweepRow;
 use crate::error::{Error, Result};
 use crate::linalg::Ensemble;

@@ -1,11 +1,9 @@
 //! Measures of a periodically driven motion, from its steps; `docs/sweeps.md` defines each.
 
-use crate::communicator::Communicator;
 use crate::energy::Energies;
-use crate::error::Result;
-use crate::linalg::Engine;
-use crate::scheme::Scheme;
-use crate::simulation::StepMonitor;
+use crate::linalg::wide::widest;
+use crate::linalg::{Ensemble, Lanes};
+use pulp::Arch;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -70,167 +68,189 @@ pub fn repetition(sections: &[(&[f64], f64)], tolerance: f64) -> Option<usize> {
     (1..=LONGEST.min(count / 2)).find(|&after| repeats(after))
 }
 
-/// Sums over the steps at a probe.
+/// Sums over the steps at a probe, one per run.
 struct ProbeSums {
-    section: Vec<f64>,
-    max: f64,
-    min: f64,
+    /// Values at the ends of the periods.
+    section: Vec<Lanes>,
+    max: Lanes,
+    min: Lanes,
     /// First value, from which the sums count.
-    origin: f64,
-    sum: f64,
-    squares: f64,
-    sine: f64,
-    cosine: f64,
+    origin: Lanes,
+    sum: Lanes,
+    squares: Lanes,
+    sine: Lanes,
+    cosine: Lanes,
 }
 
-/// Measures of the steps of a run so far.
-pub(super) struct PeriodRecorder<'m, E: Engine> {
-    monitor: StepMonitor<'m, E>,
-    /// Sine and cosine of the phase of the drive, one pair per step of a period.
-    phases: Vec<[f64; 2]>,
-    /// Number of steps before the measured ones.
-    settle: u64,
-    values: Vec<f64>,
-    probes: Vec<ProbeSums>,
-    /// Steps since the last contact.
-    free: u64,
+/// Contact during a step.
+#[derive(Clone, Copy, Default)]
+pub(super) struct TotalContact {
+    /// Whether the plate touches an obstacle.
+    pub touches: bool,
+    /// Sum of the magnitudes of all reactions at the end of the step, in N.
+    pub force: f64,
+    /// Largest force of an event within the step, in N.
+    pub peak: f64,
+    /// Sum of the magnitudes of all impulses, in N s.
+    pub impulse: f64,
+}
+
+/// Contacts of a run so far.
+#[derive(Clone, Copy, Default)]
+struct ContactSums {
+    /// Last step with contact.
+    touched: Option<u64>,
     peak_force: f64,
     impulse: f64,
     impacts: u64,
     impact_velocity: f64,
-    /// Energies at the beginning of the measured periods.
-    energies: Energies,
 }
 
-impl<'m, E: Engine> PeriodRecorder<'m, E> {
-    /// Prepares the measures of a run with a number of probes.
-    pub fn new(
-        monitor: StepMonitor<'m, E>,
-        probes: usize,
-        per_period: u64,
-        settle: u64,
-    ) -> PeriodRecorder<'m, E> {
+/// Measures of the steps so far of one run, or of several in lock step.
+pub(super) struct PeriodRecorder {
+    /// Sine and cosine of the phase of the drive, one pair per step of a period.
+    phases: Vec<[f64; 2]>,
+    /// Number of steps before the measured ones.
+    settle: u64,
+    probes: Vec<ProbeSums>,
+    contacts: [ContactSums; Ensemble::SYSTEMS],
+    /// Energies at the beginning of the measured periods.
+    energies: [Energies; Ensemble::SYSTEMS],
+}
+
+impl PeriodRecorder {
+    /// Prepares the measures of runs with a number of probes.
+    pub fn new(probes: usize, per_period: u64, settle: u64) -> PeriodRecorder {
+        let all = |value: f64| Lanes([value; Ensemble::SYSTEMS]);
+        let none = Lanes::default();
         let sums = || ProbeSums {
             section: Vec::new(),
-            max: f64::NEG_INFINITY,
-            min: f64::INFINITY,
-            origin: 0.0,
-            sum: 0.0,
-            squares: 0.0,
-            sine: 0.0,
-            cosine: 0.0,
+            max: all(f64::NEG_INFINITY),
+            min: all(f64::INFINITY),
+            origin: none,
+            sum: none,
+            squares: none,
+            sine: none,
+            cosine: none,
         };
         let phase = |step: u64| (TAU * step as f64 / per_period as f64).sin_cos().into();
         PeriodRecorder {
-            monitor,
             phases: (0..per_period).map(phase).collect(),
             settle,
-            values: vec![0.0; probes],
             probes: std::iter::repeat_with(sums).take(probes).collect(),
-            free: APART,
-            peak_force: 0.0,
-            impulse: 0.0,
-            impacts: 0,
-            impact_velocity: 0.0,
-            energies: Energies::default(),
+            contacts: Default::default(),
+            energies: Default::default(),
         }
     }
 
-    /// Checks and records the step just made; the start is step 0. Collective.
-    pub fn note(&mut self, scheme: &mut dyn Scheme) -> Result<()> {
-        self.monitor.note(scheme, &mut self.values)?;
-        let step = scheme.step();
-        let is_measured = step > self.settle;
-        self.note_contact(scheme, is_measured)?;
-        if step == self.settle {
-            self.energies = scheme.energies()?;
-            for (sums, value) in self.probes.iter_mut().zip(&self.values) {
-                sums.origin = *value;
-            }
-        }
-        if is_measured {
-            let place = (step % self.phases.len() as u64) as usize;
-            for (sums, &value) in self.probes.iter_mut().zip(&self.values) {
-                sums.note(value, self.phases[place], place == 0);
-            }
-        }
-        Ok(())
+    /// Returns whether a step is among the measured ones.
+    pub fn measures_step(&self, step: u64) -> bool {
+        step > self.settle
     }
 
-    /// Records forces, impulses and impacts of the step.
-    fn note_contact(&mut self, scheme: &mut dyn Scheme, is_measured: bool) -> Result<()> {
-        let events = scheme.take_events();
-        let record = scheme.record();
-        let (mut force, mut impulse) = (0.0, 0.0);
-        for bound in record.candidates() {
-            force += record.reaction[bound].abs();
-            impulse += record.impulses[bound].abs();
-        }
-        let [force, impulse] = self.monitor.comm().all_reduce_sum([force, impulse]);
-        let touches = force > 0.0 || !events.is_empty();
-        let is_impact = touches && self.free >= APART;
-        self.free = if touches { 0 } else { self.free.saturating_add(1) };
-        if !is_measured {
-            return Ok(());
-        }
-        self.peak_force = events.iter().fold(self.peak_force.max(force), |peak, of| peak.max(of.force.abs()));
-        self.impulse += impulse;
-        self.impacts += u64::from(is_impact);
-        let closing = events.iter().filter(|event| event.closes).map(|event| event.velocity.abs());
-        self.impact_velocity = closing.fold(self.impact_velocity, f64::max);
-        if is_impact && events.is_empty() {
-            let met = self.monitor.impact(scheme)?;
-            self.impact_velocity = met.map_or(0.0, |met| met.velocity.abs()).max(self.impact_velocity);
-        }
-        Ok(())
+    /// Returns whether the measures begin after a step.
+    pub fn begins_after(&self, step: u64) -> bool {
+        step == self.settle
     }
 
-    /// Returns the measures of the run, at its end.
-    pub fn measures(self, scheme: &dyn Scheme, tolerance: f64, lyapunov: Option<f64>) -> Result<Measures> {
-        let steps = scheme.step() - self.settle;
-        let periods = steps as f64 / self.phases.len() as f64;
-        let now = scheme.energies()?;
-        let probes: Vec<ProbeMeasures> =
-            self.probes.into_iter().map(|sums| sums.measures(steps as f64)).collect();
+    /// Takes the energies of a run at the step after which the measures begin.
+    pub fn begin(&mut self, run: usize, energies: Energies) {
+        self.energies[run] = energies;
+    }
+
+    /// Records the values at the probes after a step, one number per run; the start is step 0.
+    pub fn note(&mut self, step: u64, values: &[Lanes]) {
+        let PeriodRecorder { phases, settle, probes, .. } = self;
+        let probes = probes.iter_mut().zip(values);
+        if step == *settle {
+            probes.for_each(|(sums, value)| sums.origin = *value);
+        } else if step > *settle {
+            let place = (step % phases.len() as u64) as usize;
+            probes.for_each(|(sums, value)| sums.note(*value, phases[place], place == 0));
+        }
+    }
+
+    /// Records the contact of a run during a step. Returns whether it is a measured impact.
+    pub fn note_contact(&mut self, run: usize, step: u64, contact: TotalContact) -> bool {
+        let TotalContact { touches, force, peak, impulse } = contact;
+        let sums = &mut self.contacts[run];
+        let is_impact = touches && sums.touched.is_none_or(|touched| step - touched > APART);
+        if touches {
+            sums.touched = Some(step);
+        }
+        if step <= self.settle {
+            return false;
+        }
+        sums.peak_force = sums.peak_force.max(force).max(peak);
+        sums.impulse += impulse;
+        sums.impacts += u64::from(is_impact);
+        is_impact
+    }
+
+    /// Records the speed at which a gap closed in a run, in m/s.
+    pub fn note_closing(&mut self, run: usize, speed: f64) {
+        let sums = &mut self.contacts[run];
+        sums.impact_velocity = speed.max(sums.impact_velocity);
+    }
+
+    /// Returns the measures of a run after its last step, with its energies there.
+    pub fn measures(
+        &self,
+        run: usize,
+        step: u64,
+        now: Energies,
+        tolerance: f64,
+        lyapunov: Option<f64>,
+    ) -> Measures {
+        let steps = (step - self.settle) as f64;
+        let periods = steps / self.phases.len() as f64;
+        let probes: Vec<ProbeMeasures> = self.probes.iter().map(|sums| sums.measures(run, steps)).collect();
         let sections: Vec<(&[f64], f64)> =
             probes.iter().map(|of| (of.section.as_slice(), of.max - of.min)).collect();
-        Ok(Measures {
+        let ContactSums { peak_force, impulse, impacts, impact_velocity, .. } = self.contacts[run];
+        Measures {
             period: repetition(&sections, tolerance),
             lyapunov,
-            peak_force: self.peak_force,
-            impulse: self.impulse / periods,
-            impacts: self.impacts as f64 / periods,
-            impact_velocity: self.impact_velocity,
-            work: (now.work - self.energies.work) / periods,
-            loss: (self.energies.total() - now.total()) / periods,
+            peak_force,
+            impulse: impulse / periods,
+            impacts: impacts as f64 / periods,
+            impact_velocity,
+            work: (now.work - self.energies[run].work) / periods,
+            loss: (self.energies[run].total() - now.total()) / periods,
             probes,
-        })
+        }
     }
 }
 
 impl ProbeSums {
     /// Adds the value of a step, given sine and cosine of the drive's phase.
-    fn note(&mut self, value: f64, [sine, cosine]: [f64; 2], ends_period: bool) {
+    fn note(&mut self, value: Lanes, [sine, cosine]: [f64; 2], ends_period: bool) {
         if ends_period {
             self.section.push(value);
         }
-        (self.max, self.min) = (self.max.max(value), self.min.min(value));
-        let value = value - self.origin;
-        self.sum += value;
-        self.squares += value * value;
-        self.sine += value * sine;
-        self.cosine += value * cosine;
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                (self.max, self.min) = (self.max.max(value), self.min.min(value));
+                let value = value - self.origin;
+                self.sum += value;
+                self.squares += value * value;
+                self.sine += sine * value;
+                self.cosine += cosine * value;
+            },
+        );
     }
 
-    fn measures(self, count: f64) -> ProbeMeasures {
-        let mean = self.sum / count;
+    fn measures(&self, run: usize, count: f64) -> ProbeMeasures {
+        let mean = self.sum.0[run] / count;
         // The sums over whole periods are those of a discrete Fourier transform.
-        let [sine, cosine] = [self.sine, self.cosine].map(|sum| 2.0 * sum / count);
+        let [sine, cosine] = [self.sine, self.cosine].map(|sum| 2.0 * sum.0[run] / count);
         ProbeMeasures {
-            section: self.section,
-            max: self.max,
-            min: self.min,
-            rms: (self.squares / count - mean * mean).max(0.0).sqrt(),
+            section: self.section.iter().map(|values| values.0[run]).collect(),
+            max: self.max.0[run],
+            min: self.min.0[run],
+            rms: (self.squares.0[run] / count - mean * mean).max(0.0).sqrt(),
             amplitude: sine.hypot(cosine),
             phase: cosine.atan2(sine),
         }

@@ -12,8 +12,10 @@ mod measures;
 #[cfg(feature = "petsc")]
 mod on_ranks;
 mod one_run;
+mod periodic_mode_runs;
 mod pictures;
 mod plan;
+mod prepared_run;
 mod report;
 mod store;
 
@@ -21,9 +23,9 @@ pub use conduct::{Loader, SweepRecord, conduct, scene_at};
 pub use measures::{Measures, ProbeMeasures, repetition};
 #[cfg(feature = "petsc")]
 pub use on_ranks::RankedSweep;
-pub use one_run::CarriedState;
 pub use pictures::{PICTURES, draw, figures};
 pub use plan::{Direction, PlannedRun, groups};
+pub use prepared_run::CarriedState;
 pub use report::{CSV, JSON, ProbeHead, SweepReport, SweepRow};
 #[cfg(feature = "petsc")]
 pub use store::SweepPart;

@@ -5,8 +5,8 @@
 //! own, so that no rank waits for another one but those of its own run.
 
 use super::conduct::{Loader, scene_at};
-use super::one_run::{CarriedState, Finished, PreparedRun};
 use super::plan::{PlannedRun, groups};
+use super::prepared_run::{CarriedState, Finished, PreparedRun};
 use super::report::SweepRow;
 use super::store::SweepPart;
 use crate::communicator::Communicator;

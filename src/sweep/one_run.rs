@@ -2,92 +2,18 @@
 //! another run. Several runs of equal systems go in lock step.
 
 use super::lyapunov::{Exponent, TwoRuns};
-use super::measures::{Measures, PeriodRecorder};
+use super::measures::{PeriodRecorder, TotalContact};
+use super::periodic_mode_runs::PeriodicModeRuns;
+use super::prepared_run::{ASK_EVERY, Finished, PreparedRun};
 use crate::communicator::Communicator;
-#[cfg(feature = "petsc")]
-use crate::distributed::Distributed;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, MassModes, Native};
-use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
-use crate::scheme::{NewmarkParameters, Scheme, SharedModes, SideBySide, Start};
+use crate::linalg::{Engine, Lanes, Native};
+use crate::scene::Scene;
+use crate::scheme::{Scheme, SharedModes, SideBySide, Start};
 use crate::simulation::{Model, SolverFactory, StepMonitor};
-use serde::{Deserialize, Serialize};
-use std::cell::OnceCell;
 use std::rc::Rc;
 
-/// Number of steps between questions whether to stop.
-const ASK_EVERY: u64 = 256;
-
-/// State of a run at its end, from which the next value continues.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CarriedState {
-    /// Displacement, in m, one entry per dof.
-    displacement: Vec<f64>,
-    /// Velocity, in m/s, one entry per dof.
-    velocity: Vec<f64>,
-    /// Periods of the drive since the first of the runs began.
-    periods: u64,
-}
-
-impl CarriedState {
-    /// Returns the initial conditions in a model, with deflections moved into its bounds, which may
-    /// be others than those of the run before.
-    fn start<E: Engine>(&self, model: &Model<E>) -> Result<Start> {
-        let (here, there) = (model.start.displacement.len(), self.displacement.len());
-        if here != there {
-            return Err(Error::Usage(format!(
-                "the state of {there} dofs does not fit {here}; expected a sweep over keys that keep mesh and supports, \
-                 or sweep.direction = \"apart\""
-            )));
-        }
-        let mut start = Start { displacement: self.displacement.clone(), velocity: self.velocity.clone() };
-        let bounds = &model.system.bounds;
-        for (bound, &dof) in bounds.dofs.iter().enumerate() {
-            let (u, [lower, upper]) = (&mut start.displacement[dof], bounds.rigid(bound));
-            *u = u.max(lower).min(upper);
-        }
-        Ok(start)
-    }
-}
-
-/// Measures of a run and its last state.
-pub(super) type Finished = (Measures, CarriedState);
-
-/// Run that is ready to start: the model of its scene and its initial conditions.
-pub(super) struct PreparedRun<E: Engine = Native> {
-    scene: Scene,
-    sweep: SweepSpec,
-    model: Rc<Model<E>>,
-    start: Start,
-    /// Periods of the drive before the run.
-    before: u64,
-    /// Modes in which runs go in lock step with this one, once they are needed.
-    modes: OnceCell<Option<Rc<MassModes>>>,
-}
-
 impl<E: Engine> PreparedRun<E> {
-    /// Prepares a run of a scene whose step divides the period and whose end is that of the run,
-    /// from a state or from the start of the scene, with a model that `build` makes. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the model, and [`Error::Usage`] where the state does not fit it.
-    pub fn new(
-        scene: Scene,
-        sweep: SweepSpec,
-        carried: Option<&CarriedState>,
-        build: impl FnOnce(&Scene) -> Result<Model<E>>,
-    ) -> Result<PreparedRun<E>> {
-        let before = carried.map_or(0, |carried| carried.periods);
-        let scene = match before {
-            0 => scene,
-            _ => scene.from_time(before as f64 * sweep.period()),
-        };
-        let model = Rc::new(build(&scene)?);
-        let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model));
-        let start = model.system.engine.comm().all_ok(start)?;
-        Ok(PreparedRun { scene, sweep, model, start, before, modes: OnceCell::new() })
-    }
-
     /// Makes the run by itself, with contact solvers from a factory. Collective.
     ///
     /// # Errors
@@ -101,45 +27,6 @@ impl<E: Engine> PreparedRun<E> {
         make(&mut run, interrupts)?;
         let [run] = run;
         run.finish()
-    }
-}
-
-#[cfg(feature = "petsc")]
-impl PreparedRun<Distributed> {
-    /// Returns a factory of the contact solver that the scene names.
-    pub fn solver(&self) -> Box<SolverFactory<Distributed>> {
-        self.model.solver(&self.scene)
-    }
-}
-
-impl PreparedRun {
-    /// Returns the parameters of the Newmark scheme, if the run is one that may go in lock step.
-    fn parameters(&self) -> Option<NewmarkParameters> {
-        let Scene { time, .. } = &self.scene;
-        let SchemeSpec::Newmark { beta, restitution } = time.scheme else { return None };
-        // With beta = 1/4 the scheme refuses a modal mass.
-        let takes = !self.sweep.lyapunov && (time.mass != Mass::Modal || beta > 0.25);
-        let takes = takes && SideBySide::takes(&self.model.system);
-        takes.then_some(NewmarkParameters { beta, restitution, step: time.step })
-    }
-
-    /// Returns the modes for runs in lock step with this one, if they go in modes.
-    fn modes(&self) -> Option<Rc<MassModes>> {
-        self.modes.get_or_init(|| SharedModes::modes(&self.model.system).ok().flatten()).clone()
-    }
-
-    /// Returns whether the run can go in lock step with another one.
-    pub fn goes_with(&self, other: &PreparedRun) -> bool {
-        let timing = |run: &PreparedRun| {
-            let SweepSpec { periods, settle, .. } = run.sweep;
-            run.parameters().map(|parameters| (parameters, run.sweep.period().to_bits(), periods, settle))
-        };
-        let goes_in_modes = |run: &PreparedRun| run.model.system.drive.load.is_none();
-        let in_modes = other.modes().is_some();
-        timing(self).is_some()
-            && timing(self) == timing(other)
-            && SideBySide::are_equal(&self.model.system, &other.model.system)
-            && if in_modes { goes_in_modes(self) } else { self.scene.time.mass != Mass::Modal }
     }
 }
 
@@ -160,7 +47,12 @@ pub(super) fn run_together(
     let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
     if let Some(modes) = model.modes() {
         let shared = SharedModes::new(&model.model.system, &modes)?;
-        return finish_all(runs, shared.start(&systems, parameters, &starts)?, interrupts);
+        let all = shared.start(&systems, parameters, &starts)?;
+        let probes = &runs[0].model.probes;
+        if models.iter().all(|model| model.probes_deflections_only() && model.probes == *probes) {
+            return PeriodicModeRuns::new(runs, all)?.run(interrupts);
+        }
+        return finish_all(runs, all.into_lanes(), interrupts);
     }
     let all = SideBySide::new(&models, |model: &Model| &model.system)?;
     finish_all(runs, all.start(&systems, parameters, &starts)?, interrupts)
@@ -181,7 +73,7 @@ fn finish_all<'m>(
 
 /// Advances runs with equally many steps in turn, to their end.
 fn make<E: Engine>(runs: &mut [PeriodicRun<E>], interrupts: &dyn Fn() -> bool) -> Result<()> {
-    let steps = runs.iter().map(PeriodicRun::steps).max().unwrap_or(0);
+    let steps = runs.iter().map(|run| run.of.steps()).max().unwrap_or(0);
     for step in 0..steps {
         if step.is_multiple_of(ASK_EVERY) && interrupts() {
             let time = runs.first().map_or(0.0, |run| run.scheme.time());
@@ -201,8 +93,10 @@ type StartAgain<'m> = dyn Fn() -> Result<Box<dyn Scheme + 'm>> + 'm;
 struct PeriodicRun<'m, E: Engine> {
     of: &'m PreparedRun<E>,
     scheme: Box<dyn Scheme + 'm>,
-    recorder: PeriodRecorder<'m, E>,
-    per_period: u64,
+    monitor: StepMonitor<'m, E>,
+    /// Measures, of which those of the first run count.
+    recorder: PeriodRecorder,
+    values: Vec<f64>,
     again: Option<&'m StartAgain<'m>>,
     /// Second motion for the Lyapunov exponent.
     beside: Option<(Box<dyn Scheme + 'm>, Exponent)>,
@@ -213,53 +107,84 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
     /// `again`.
     fn new(
         of: &'m PreparedRun<E>,
-        mut scheme: Box<dyn Scheme + 'm>,
+        scheme: Box<dyn Scheme + 'm>,
         again: Option<&'m StartAgain<'m>>,
     ) -> Result<PeriodicRun<'m, E>> {
-        let PreparedRun { scene, sweep, model, .. } = of;
-        let per_period = (sweep.period() / scene.time.step).round() as u64;
-        let monitor = StepMonitor::new(scene, model, scheme.as_ref())?;
-        let probes = scene.output.probes.len();
-        let mut recorder = PeriodRecorder::new(monitor, probes, per_period, sweep.settle * per_period);
-        recorder.note(scheme.as_mut())?;
-        Ok(PeriodicRun { of, scheme, recorder, per_period, again, beside: None })
-    }
-
-    fn steps(&self) -> u64 {
-        self.of.sweep.periods * self.per_period
+        let mut run = PeriodicRun {
+            monitor: of.monitor(scheme.as_ref())?,
+            recorder: of.recorder(),
+            values: vec![0.0; of.scene.output.probes.len()],
+            of,
+            scheme,
+            again,
+            beside: None,
+        };
+        run.note()?;
+        Ok(run)
     }
 
     /// Advances by one step.
     fn advance(&mut self) -> Result<()> {
-        let PeriodicRun { of, scheme, recorder, per_period, again, beside } = self;
-        let PreparedRun { sweep, model, .. } = *of;
-        if let Some(again) = again.filter(|_| sweep.lyapunov && scheme.step() == sweep.settle * *per_period) {
+        let PreparedRun { sweep, model, .. } = self.of;
+        let PeriodicRun { scheme, again, .. } = self;
+        if let Some(again) = again.filter(|_| sweep.lyapunov && self.recorder.begins_after(scheme.step())) {
             let mut second = again()?;
             let mut runs = TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
             runs.part()?;
             let exponent = Exponent::new(&mut runs, sweep.periods - sweep.settle)?;
-            *beside = Some((second, exponent));
+            self.beside = Some((second, exponent));
         }
-        scheme.advance()?;
-        recorder.note(scheme.as_mut())?;
+        self.scheme.advance()?;
+        self.note()?;
+        let PeriodicRun { scheme, beside, .. } = self;
         let Some((second, exponent)) = beside else { return Ok(()) };
         second.advance()?;
         second.take_events();
-        if scheme.step().is_multiple_of(*per_period) {
+        if scheme.step().is_multiple_of(self.of.per_period()) {
             let mut runs = TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
             exponent.note(&mut runs)?;
         }
         Ok(())
     }
 
+    /// Checks and records the step just made; the start is step 0. Collective.
+    fn note(&mut self) -> Result<()> {
+        let PeriodicRun { scheme, monitor, recorder, values, .. } = self;
+        let scheme = scheme.as_mut();
+        monitor.note(scheme, values)?;
+        let step = scheme.step();
+        let events = scheme.take_events();
+        let record = scheme.record();
+        let (mut force, mut impulse) = (0.0, 0.0);
+        for bound in record.candidates() {
+            force += record.reaction[bound].abs();
+            impulse += record.impulses[bound].abs();
+        }
+        let [force, impulse] = monitor.comm().all_reduce_sum([force, impulse]);
+        let touches = force > 0.0 || !events.is_empty();
+        let peak = events.iter().map(|event| event.force.abs()).fold(0.0, f64::max);
+        let is_impact = recorder.note_contact(0, step, TotalContact { touches, force, peak, impulse });
+        if recorder.measures_step(step) {
+            let closing = events.iter().filter(|event| event.closes);
+            closing.for_each(|event| recorder.note_closing(0, event.velocity.abs()));
+        }
+        if is_impact && events.is_empty() {
+            let met = monitor.impact(scheme)?;
+            recorder.note_closing(0, met.map_or(0.0, |met| met.velocity.abs()));
+        }
+        if recorder.begins_after(step) {
+            recorder.begin(0, scheme.energies()?);
+        }
+        let values: Vec<Lanes> = values.iter().map(|&value| Lanes::first(value)).collect();
+        recorder.note(step, &values);
+        Ok(())
+    }
+
     /// Returns the measures and the last state.
     fn finish(mut self) -> Result<Finished> {
-        let PreparedRun { sweep, before, .. } = self.of;
+        let now = self.monitor.check_energies(self.scheme.as_ref())?;
         let lyapunov = self.beside.and_then(|(_, exponent)| exponent.per_period());
-        let lyapunov = lyapunov.map(|per| per / sweep.period());
-        let displacement = self.scheme.displacement().to_vec();
-        let velocity = self.scheme.velocity()?;
-        let measures = self.recorder.measures(self.scheme.as_ref(), sweep.tolerance, lyapunov)?;
-        Ok((measures, CarriedState { displacement, velocity, periods: before + sweep.periods }))
+        let lyapunov = lyapunov.map(|per| per / self.of.sweep.period());
+        self.of.finished(self.scheme.as_mut(), now, (&self.recorder, 0), lyapunov)
     }
 }

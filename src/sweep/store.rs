@@ -5,7 +5,7 @@
 //! Groups of ranks write files `rows-N.jsonl` of their own, which the next opening joins to it.
 
 use super::conduct::SweepRecord;
-use super::one_run::CarriedState;
+use super::prepared_run::CarriedState;
 use super::report::{CSV, JSON, SweepRow};
 use crate::archive;
 use crate::error::{Error, Result};

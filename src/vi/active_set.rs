@@ -54,7 +54,7 @@ impl BoundStatus {
 }
 
 /// Number of roundings of the magnitude of its row that a reaction of the wrong sign must exceed.
-const ROUNDINGS: f64 = 64.0;
+pub(crate) const SIGN_ROUNDINGS: f64 = 64.0;
 
 /// Choice among the indices that violate a condition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,7 +133,7 @@ pub(super) struct BoundValues<'a> {
 pub(super) fn broken(sides: &[BoundStatus], values: BoundValues) -> Vec<(usize, BoundStatus)> {
     let BoundValues { lower, upper, x, reaction, magnitude } = values;
     let wanted = |i: usize| {
-        let rounding = ROUNDINGS * f64::EPSILON * magnitude[i];
+        let rounding = SIGN_ROUNDINGS * f64::EPSILON * magnitude[i];
         match sides[i] {
             BoundStatus::Free if x[i] < lower[i] => BoundStatus::Lower,
             BoundStatus::Free if x[i] > upper[i] => BoundStatus::Upper,

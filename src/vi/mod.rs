@@ -25,6 +25,7 @@ pub mod snes;
 #[cfg(feature = "petsc")]
 pub mod tao;
 
+pub(crate) use active_set::SIGN_ROUNDINGS;
 pub use active_set::{BoundStatus, DenseProblem};
 pub use compliance::{ComplianceProblem, ComplianceSolver};
 pub use condensed::Condensed;

@@ -26,12 +26,16 @@
 //! the loads at once, has no damping and starts in equilibrium (see [`super::newmark`]). With a
 //! mass of cells it obeys the scheme like all else, and Rayleigh damping acts on it.
 
+mod lane_contacts;
 mod lane_levels;
 mod lane_runs;
 mod lane_start;
+mod lane_sums;
 mod load_laws;
 mod mode_lane;
+mod mode_runs;
 mod shared_modes;
 
 pub use mode_lane::ModeLane;
+pub use mode_runs::ModeRuns;
 pub use shared_modes::SharedModes;

@@ -78,7 +78,7 @@ mod state;
 mod stepping;
 
 pub use compliance::ContactCompliance;
-pub use lock_step::{ModeLane, SharedModes};
+pub use lock_step::{ModeLane, ModeRuns, SharedModes};
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;
 use super::{Approach, NewmarkParameters, RelaxationStatistics, Start, StepRecord, System};

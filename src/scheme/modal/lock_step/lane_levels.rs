@@ -1,14 +1,15 @@
 //! Newmark steps of several systems, each in a lane of the processor's registers.
 
+use super::lane_contacts::{LaneContacts, LaneReactions, ZERO};
+use super::lane_sums::{Coordinate, all_along, push_all};
 use crate::linalg::wide::widest;
-use crate::linalg::{Ensemble, Lanes};
+use crate::linalg::{Ensemble, LaneMask, Lanes};
 use crate::scheme::NewmarkParameters;
 use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
 use faer::Mat;
 use pulp::Arch;
 
 const LANES: usize = Ensemble::SYSTEMS;
-pub(super) const ZERO: Lanes = Lanes([0.0; LANES]);
 
 /// Motion of the massless part of the displacement.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,12 +29,8 @@ pub(super) struct Equations {
     pub massless: MasslessPart,
     /// Number of modes.
     pub modes: usize,
-    /// Stiffness of each coordinate: the squared frequency of a mode, 1 without mass.
-    pub stiffness: Vec<f64>,
-    /// Decay rate over the step of each coordinate.
-    pub decay: Vec<f64>,
-    /// Inverse of the step matrix.
-    pub inverse: Vec<f64>,
+    /// Numbers of each coordinate.
+    pub coordinates: Vec<Coordinate>,
     /// Deflections of each bounded dof per unit of the modes and of the reactions.
     pub rows: Vec<Vec<f64>>,
     /// Compliance S of the step at the bounded dofs, in m/N.
@@ -47,6 +44,8 @@ pub(super) struct Data {
     /// Forces of each load on the modes, and on all other coordinates where these count for the
     /// work.
     pub forces: Vec<Vec<Lanes>>,
+    /// Loads that are not zero.
+    pub pushing: Vec<usize>,
     /// Bounds of each bounded dof, in m.
     pub lower: Vec<Lanes>,
     pub upper: Vec<Lanes>,
@@ -82,9 +81,11 @@ pub(super) struct LaneLevels {
     /// Work of the loads in time up to the instant n, and its increment there, in J.
     pub work: Lanes,
     increment: Lanes,
-    /// Whether there are reactions on a system at the instant n, and at n - 1.
-    pub presses: [[bool; LANES]; 2],
+    /// Systems with reactions at the instant n, and at n - 1.
+    pub presses: [LaneMask; 2],
     pub reports: [StepReport; LANES],
+    /// Bound that each bounded dof touched last, as in [`LaneContacts::solve`].
+    sides: Vec<Lanes>,
     solvers: Vec<ComplianceSolver>,
     gathered: Gathered,
     arch: Arch,
@@ -136,8 +137,9 @@ impl LaneLevels {
             reaction_before: none,
             work: ZERO,
             increment: ZERO,
-            presses: [[false; LANES]; 2],
+            presses: Default::default(),
             reports: [StepReport::default(); LANES],
+            sides: vec![ZERO; bounds],
             solvers: vec![ComplianceSolver::new(bounds); systems],
             gathered: Gathered::default(),
             arch: Arch::new(),
@@ -145,7 +147,7 @@ impl LaneLevels {
             equations,
             data,
         };
-        levels.deflect();
+        all_along(&levels.equations.rows, &levels.data.rows, &levels.z, &mut levels.u);
         levels.solve(Some(launch));
         levels.account(true);
         levels
@@ -154,42 +156,28 @@ impl LaneLevels {
     /// Makes the level n + 1 the present one and solves for the next; `ahead` sets the factors of
     /// the loads there.
     pub fn advance(&mut self, ahead: impl FnOnce(&mut [Lanes])) {
-        let LaneLevels { z, d, d_next, factors, arch, .. } = self;
-        widest(
-            *arch,
-            #[inline(always)]
-            || {
-                for (z, d) in z.iter_mut().zip(&*d_next) {
-                    *z += *d;
-                }
-            },
-        );
-        std::mem::swap(d, d_next);
-        factors.rotate_left(1);
-        ahead(&mut factors[2]);
-        if self.equations.massless == MasslessPart::Follows {
-            let first = self.equations.first_load();
-            self.z[first..first + self.factors[1].len()].copy_from_slice(&self.factors[1]);
-        }
+        std::mem::swap(&mut self.d, &mut self.d_next);
         std::mem::swap(&mut self.u, &mut self.u_before);
         std::mem::swap(&mut self.reaction, &mut self.reaction_before);
-        self.deflect();
-        self.solve(None);
-        self.account(false);
-    }
-
-    /// Computes the deflections of the bounded dofs.
-    fn deflect(&mut self) {
-        let LaneLevels { equations, data, z, u, arch, .. } = self;
+        self.factors.rotate_left(1);
+        ahead(&mut self.factors[2]);
+        let LaneLevels { equations, data, z, d, u, factors, arch, .. } = self;
         widest(
             *arch,
             #[inline(always)]
             || {
-                for (i, u) in u.iter_mut().enumerate() {
-                    *u = along(&equations.rows[i], &data.rows[i], z);
+                for (z, d) in z.iter_mut().zip(&*d) {
+                    *z += *d;
                 }
+                if equations.massless == MasslessPart::Follows {
+                    let first = equations.first_load();
+                    z[first..first + factors[1].len()].copy_from_slice(&factors[1]);
+                }
+                all_along(&equations.rows, &data.rows, z, u);
             },
         );
+        self.solve(None);
+        self.account(false);
     }
 
     /// Solves for the level n + 1; at the start, with initial velocities, for the ghost level too.
@@ -199,31 +187,33 @@ impl LaneLevels {
         let dt = self.equations.parameters.step;
         let share = if first.is_some() { 0.5 } else { 1.0 / (1.0 + e) };
         let LaneLevels { data, u, u_before, unknown, admissible, arch, .. } = self;
-        let mut beyond = [false; LANES];
+        let mut beyond = LaneMask::default();
         widest(
             *arch,
             #[inline(always)]
             || {
-                for (i, place) in admissible.iter_mut().enumerate() {
+                let bounds = data.lower.iter().zip(&data.upper);
+                let deflections = u.iter().zip(&*u_before).zip(&*unknown);
+                for (i, (place, ((u, u_before), unknown))) in
+                    admissible.iter_mut().zip(deflections).enumerate()
+                {
                     let drift = match first {
                         Some(launch) => (-2.0 * dt * e / (1.0 + e)) * launch.bounded[i],
-                        None => ((1.0 - e) / (1.0 + e)) * (u[i] - u_before[i]),
+                        None => ((1.0 - e) / (1.0 + e)) * (*u - *u_before),
                     };
-                    *place = u[i] + (share * unknown[i] + drift);
-                    let (lower, upper) = (data.lower[i].0, data.upper[i].0);
-                    for k in 0..LANES {
-                        beyond[k] |= (place.0[k] < lower[k]) | (place.0[k] > upper[k]);
-                    }
+                    *place = *u + (share * *unknown + drift);
+                }
+                for (place, (lower, upper)) in admissible.iter().zip(bounds) {
+                    beyond = beyond | place.is_below(*lower) | upper.is_below(*place);
                 }
             },
         );
-        self.reaction.fill(ZERO);
         self.presses = [beyond, self.presses[0]];
-        for lane in (0..self.systems).filter(|&lane| beyond[lane]) {
-            self.solve_contact(lane, share);
-        }
-        if beyond.contains(&true) {
+        if beyond.any() {
+            self.solve_contacts(beyond, share);
             self.react();
+        } else {
+            self.reaction.fill(ZERO);
         }
         self.update(first);
     }
@@ -231,7 +221,7 @@ impl LaneLevels {
     /// Computes the unknown of the step without reactions, and that of the bounded deflections.
     fn solve_without_contact(&mut self, first: Option<&Launch>) {
         let LaneLevels { equations, data, z, d, x, factors, mean, unknown, reports, arch, .. } = self;
-        let Equations { parameters, massless, modes, stiffness, decay, inverse, rows, .. } = equations;
+        let Equations { parameters, massless, modes, coordinates, rows, .. } = equations;
         let NewmarkParameters { beta, restitution: e, step: dt } = *parameters;
         let [prev, now, next] = &*factors;
         let after = *modes + if *massless == MasslessPart::None { 0 } else { rows.len() };
@@ -239,27 +229,30 @@ impl LaneLevels {
             *arch,
             #[inline(always)]
             || {
-                for (l, mean) in mean.iter_mut().enumerate() {
-                    *mean = now[l] + beta * ((next[l] - 2.0 * now[l]) + prev[l]);
+                let of_time = prev.iter().zip(now).zip(next);
+                for (mean, ((prev, now), next)) in mean.iter_mut().zip(of_time) {
+                    *mean = *now + beta * ((*next - 2.0 * *now) + *prev);
                 }
-                let size = x.len();
-                let (z, d) = (&z[..size], &d[..size]);
-                let (stiffness, decay, inverse) = (&stiffness[..size], &decay[..size], &inverse[..size]);
-                for j in 0..size {
-                    let mut pull = ZERO;
-                    if j < *modes {
-                        for (forces, mean) in data.forces.iter().zip(&*mean) {
-                            pull += forces[j] * *mean;
-                        }
-                    } else if let Some(mean) = mean.get(j.wrapping_sub(after)) {
-                        pull = *mean;
+                x.fill(ZERO);
+                for &load in &data.pushing {
+                    let mean = mean[load];
+                    for (x, force) in x[..*modes].iter_mut().zip(&data.forces[load]) {
+                        *x += *force * mean;
                     }
-                    match first {
-                        None => pull = pull - decay[j] * d[j],
-                        Some(launch) if j < *modes => pull += (2.0 / dt) * launch.modes[j],
-                        Some(_) => {}
+                }
+                if *massless == MasslessPart::Swings {
+                    x[after..after + mean.len()].copy_from_slice(mean);
+                }
+                if let Some(launch) = first {
+                    for (x, velocity) in x[..*modes].iter_mut().zip(&launch.modes) {
+                        *x += (2.0 / dt) * *velocity;
                     }
-                    x[j] = inverse[j] * (pull - stiffness[j] * z[j]);
+                }
+                // A value that is not finite spoils the sum.
+                let mut sum = ZERO;
+                for (x, ((z, d), of)) in x.iter_mut().zip(z.iter().zip(&*d).zip(&*coordinates)) {
+                    *x = of.inverse * ((*x - of.decay * *d) - of.stiffness * *z);
+                    sum += *x;
                 }
                 if *massless == MasslessPart::Follows {
                     for (l, x) in x[after..].iter_mut().enumerate() {
@@ -269,14 +262,7 @@ impl LaneLevels {
                         };
                     }
                 }
-                for (i, unknown) in unknown.iter_mut().enumerate() {
-                    *unknown = along(&rows[i], &data.rows[i], x);
-                }
-                // A value that is not finite spoils the sum.
-                let mut sum = ZERO;
-                for x in &*x {
-                    sum += *x;
-                }
+                all_along(rows, &data.rows, x, unknown);
                 for (report, sum) in reports.iter_mut().zip(sum.0) {
                     *report = StepReport { kkt: 0.0 * sum, ..StepReport::default() };
                 }
@@ -284,10 +270,73 @@ impl LaneLevels {
         );
     }
 
+    /// Solves for the reactions on chosen systems, whose bounded configuration moves by a share of
+    /// the unknown.
+    fn solve_contacts(&mut self, chosen: LaneMask, share: f64) {
+        let left = match self.unknown.len() {
+            1 => self.solve_contacts_at_once::<1>(chosen, share),
+            2 => self.solve_contacts_at_once::<2>(chosen, share),
+            3 => self.solve_contacts_at_once::<3>(chosen, share),
+            4 => self.solve_contacts_at_once::<4>(chosen, share),
+            _ => {
+                self.reaction.fill(ZERO);
+                chosen
+            }
+        };
+        for lane in (0..self.systems).filter(|&lane| left.holds(lane)) {
+            self.solve_contact(lane, share);
+        }
+    }
+
+    /// Solves for the reactions on chosen systems at once. Returns those that are left to
+    /// [`LaneLevels::solve_contact`].
+    fn solve_contacts_at_once<const N: usize>(&mut self, chosen: LaneMask, share: f64) -> LaneMask {
+        let LaneLevels { equations, data, u, unknown, admissible, reaction, reports, sides, arch, .. } = self;
+        let mut left = chosen;
+        let (mut kkt, mut exchanges) = (ZERO, ZERO);
+        widest(
+            *arch,
+            #[inline(always)]
+            || {
+                let free: [Lanes; N] = std::array::from_fn(|i| unknown[i]);
+                let unit = 1.0 / share;
+                let problem = LaneContacts {
+                    compliance: LaneContacts::rows(&equations.compliance),
+                    lower: std::array::from_fn(|i| free[i] + unit * (data.lower[i] - admissible[i])),
+                    upper: std::array::from_fn(|i| free[i] + unit * (data.upper[i] - admissible[i])),
+                    free,
+                    chosen,
+                };
+                let LaneReactions { x, reaction: r, residual, iterations, unsolved } = problem.solve(sides);
+                reaction.copy_from_slice(&r);
+                let solved = chosen & !unsolved;
+                let mut largest = data.magnitude;
+                for (i, place) in admissible.iter_mut().enumerate() {
+                    let [low, high] = [data.lower[i], data.upper[i]];
+                    let moved = (*place + share * (x[i] - free[i])).max(low).min(high);
+                    let moved = sides[i].is_below(ZERO).pick(low, moved);
+                    let moved = ZERO.is_below(sides[i]).pick(high, moved);
+                    *place = solved.pick(moved, *place);
+                    largest = largest.max(u[i].abs());
+                }
+                // Without any length the residual is 0, too.
+                kkt = ZERO.is_below(residual).pick(residual / largest, ZERO);
+                (exchanges, left) = (iterations, unsolved);
+            },
+        );
+        for lane in (0..LANES).filter(|&lane| chosen.holds(lane) && !left.holds(lane)) {
+            let solved = StepReport { iterations: exchanges.0[lane] as u32, kkt: kkt.0[lane], retries: 0 };
+            reports[lane] = reports[lane].and(solved);
+        }
+        left
+    }
+
     /// Solves for the reactions on one system, whose bounded configuration moves by a share of the
     /// unknown.
     fn solve_contact(&mut self, lane: usize, share: f64) {
-        let LaneLevels { equations, data, u, unknown, admissible, reaction, reports, gathered, .. } = self;
+        let LaneLevels {
+            equations, data, u, unknown, admissible, reaction, reports, sides, gathered, ..
+        } = self;
         let Gathered { free, lower, upper, x, reaction: r } = gathered;
         let bounds = 0..unknown.len();
         for of in [&mut *free, &mut *lower, &mut *upper, &mut *x, &mut *r] {
@@ -310,6 +359,13 @@ impl LaneLevels {
             let solved = StepReport { iterations: solver.iterations, kkt, retries: 0 };
             reports[lane] = reports[lane].and(solved);
         }
+        for (own, side) in sides.iter_mut().zip(&solver.sides) {
+            own.0[lane] = match side {
+                BoundStatus::Lower => -1.0,
+                BoundStatus::Free => 0.0,
+                BoundStatus::Upper => 1.0,
+            };
+        }
         for i in bounds {
             let [low, high] = [data.lower[i].0[lane], data.upper[i].0[lane]];
             reaction[i].0[lane] = r[i];
@@ -326,18 +382,17 @@ impl LaneLevels {
     /// Adds what the reactions do to the unknown.
     fn react(&mut self) {
         let LaneLevels { equations, x, reaction, arch, .. } = self;
-        let Equations { massless, modes, inverse, rows, .. } = equations;
+        let Equations { massless, modes, coordinates, rows, .. } = equations;
         widest(
             *arch,
             #[inline(always)]
             || {
-                for (i, r) in reaction.iter().enumerate() {
-                    for (x, (inverse, weight)) in x[..*modes].iter_mut().zip(inverse.iter().zip(&rows[i])) {
-                        *x += (inverse * weight) * *r;
-                    }
-                    if *massless != MasslessPart::None {
-                        let j = *modes + i;
-                        x[j] += inverse[j] * *r;
+                let (of_modes, others) = x.split_at_mut(*modes);
+                let (modal, massless_part) = coordinates.split_at(*modes);
+                push_all(rows, reaction, modal, of_modes);
+                if *massless != MasslessPart::None {
+                    for ((x, r), of) in others.iter_mut().zip(&*reaction).zip(massless_part) {
+                        *x += of.inverse * *r;
                     }
                 }
             },
@@ -381,12 +436,12 @@ impl LaneLevels {
             #[inline(always)]
             || {
                 let mut sum = ZERO;
-                for (forces, mean) in data.forces.iter().zip(&*mean).skip(1) {
+                for &load in data.pushing.iter().filter(|load| **load > 0) {
                     let mut moved = ZERO;
-                    for (force, (d, next)) in forces.iter().zip(d.iter().zip(&*d_next)) {
+                    for (force, (d, next)) in data.forces[load].iter().zip(d.iter().zip(&*d_next)) {
                         moved += *force * (*d + *next);
                     }
-                    sum += 0.5 * (*mean * moved);
+                    sum += 0.5 * (mean[load] * moved);
                 }
                 if equations.massless == MasslessPart::Follows && touches {
                     // Reactions work on the response of the massless part to the loads.
@@ -416,20 +471,6 @@ impl Equations {
     pub fn first_load(&self) -> usize {
         self.modes + self.rows.len()
     }
-}
-
-/// Returns the sum of coordinates with weights, the first ones common to all systems.
-#[inline(always)]
-pub(super) fn along(shared: &[f64], own: &[Lanes], z: &[Lanes]) -> Lanes {
-    let mut sum = ZERO;
-    let (first, rest) = z.split_at(shared.len());
-    for (weight, z) in shared.iter().zip(first) {
-        sum += *weight * *z;
-    }
-    for (weight, z) in own.iter().zip(rest) {
-        sum += *weight * *z;
-    }
-    sum
 }
 
 /// Returns a value for each system.

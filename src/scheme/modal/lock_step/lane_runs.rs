@@ -1,7 +1,9 @@
 //! Runs of several systems in lock step, with what is computed from their coordinates.
 
-use super::lane_levels::{Data, LaneLevels, Launch, MasslessPart, ZERO, along, each};
+use super::lane_contacts::ZERO;
+use super::lane_levels::{Data, LaneLevels, Launch, MasslessPart, each};
 use super::lane_start::{LaneStart, own_factors};
+use super::lane_sums::along;
 use super::load_laws::{LoadLaws, load_of};
 use super::shared_modes::SharedModes;
 use crate::error::Result;
@@ -22,7 +24,8 @@ pub(super) struct LaneRuns<'s> {
     loads: Vec<ModalLoads>,
     pub starts: Vec<LaneStart>,
     pub step: u64,
-    dt: f64,
+    /// Time step, in s.
+    pub dt: f64,
     at_dofs: RefCell<BTreeMap<usize, DofRow>>,
 }
 
@@ -229,9 +232,11 @@ fn lane_data(
         let at = |i: usize| each(|k| systems.get(k).map_or(absent, |system| of(&system.bounds)[i]));
         (0..bounded.len()).map(at).collect()
     };
+    let forces: Vec<Vec<Lanes>> = (0..terms).map(force).collect();
     Data {
+        pushing: (0..terms).filter(|&load| forces[load].iter().any(|force| *force != ZERO)).collect(),
         rows: (0..bounded.len()).map(row).collect(),
-        forces: (0..terms).map(force).collect(),
+        forces,
         lower: bound(|bounds| &bounds.lower, f64::NEG_INFINITY),
         upper: bound(|bounds| &bounds.upper, f64::INFINITY),
         magnitude: each(|k| systems.get(k).map_or(0.0, |system| system.bounds.magnitude())),

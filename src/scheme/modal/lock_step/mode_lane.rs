@@ -2,13 +2,12 @@
 
 use super::lane_levels::{LaneLevels, MasslessPart};
 use super::lane_runs::LaneRuns;
-use super::shared_modes::SharedModes;
 use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native};
 use crate::obstacle::Bounds;
-use crate::scheme::{Approach, NewmarkParameters, Scheme, Start, StepBalance, StepRecord, System};
+use crate::scheme::{Approach, Scheme, StepBalance, StepRecord, System};
 use std::cell::{OnceCell, RefCell};
 use std::rc::Rc;
 
@@ -23,33 +22,33 @@ pub struct ModeLane<'s> {
     shown: OnceCell<Vec<f64>>,
 }
 
-impl<'s> SharedModes<'s> {
-    /// Starts one Newmark run per system, up to as many as a register has lanes, with the same
-    /// parameters. The runs advance in turn, each by one step.
-    ///
-    /// # Errors
-    /// Returns the errors of the engine and of the loads.
-    pub fn start(
-        &'s self,
-        systems: &[&'s System<Native>],
-        parameters: NewmarkParameters,
-        starts: &[Start],
-    ) -> Result<Vec<ModeLane<'s>>> {
-        let runs = Rc::new(RefCell::new(LaneRuns::new(self, systems, parameters, starts)?));
-        let lane = |(lane, &system): (usize, &&'s System<Native>)| {
-            let record = StepRecord {
-                candidates: Some(Vec::new()),
-                ..StepRecord::new(parameters.step, system.bounds.len())
-            };
-            let mut run = ModeLane { runs: runs.clone(), lane, system, record, shown: OnceCell::new() };
-            run.refresh(&runs.borrow());
-            run
+impl<'s> ModeLane<'s> {
+    /// Shows one of the runs at its present step.
+    pub(super) fn new(
+        runs: &Rc<RefCell<LaneRuns<'s>>>,
+        lane: usize,
+        system: &'s System<Native>,
+    ) -> ModeLane<'s> {
+        let record = StepRecord {
+            candidates: Some(Vec::new()),
+            ..StepRecord::new(runs.borrow().dt, system.bounds.len())
         };
-        Ok(systems.iter().enumerate().map(lane).collect())
+        let mut run = ModeLane { runs: runs.clone(), lane, system, record, shown: OnceCell::new() };
+        run.refresh(&runs.borrow());
+        run
     }
 }
 
 impl ModeLane<'_> {
+    /// Shows the last step of the runs, which may have advanced by several.
+    pub(super) fn catch_up(&mut self) {
+        let runs = self.runs.clone();
+        let all = runs.borrow();
+        if self.record.step != all.step {
+            self.refresh(&all);
+        }
+    }
+
     /// Copies the own part of the record of all runs.
     fn refresh(&mut self, runs: &LaneRuns) {
         let (lane, levels) = (self.lane, &runs.levels);
@@ -59,7 +58,7 @@ impl ModeLane<'_> {
         for i in listed.drain(..) {
             (reaction[i], impulses[i]) = (0.0, 0.0);
         }
-        let presses = levels.presses.iter().any(|of| of[lane]);
+        let presses = levels.presses.iter().any(|of| of.holds(lane));
         for i in 0..if presses { reaction.len() } else { 0 } {
             let [before, now] = [levels.reaction_before[i].0[lane], levels.reaction[i].0[lane]];
             if before != 0.0 || now != 0.0 {

@@ -1,6 +1,7 @@
 //! Modes and compliance that equal systems in lock step share.
 
 use super::lane_levels::{Equations, MasslessPart};
+use super::lane_sums::Coordinate;
 use crate::error::Result;
 use crate::linalg::{Engine, Form, MassModes, Native};
 use crate::modes::modes_with_mass;
@@ -90,7 +91,9 @@ impl<'s> SharedModes<'s> {
             let inertia = if j < modes { 1.0 / (dt * dt) } else { 0.0 };
             1.0 / (inertia + beta * stiffness[j] + 0.5 * decay[j] / dt)
         };
-        let inverse: Vec<f64> = (0..size).map(inverse).collect();
+        let coordinate =
+            |j: usize| Coordinate { stiffness: stiffness[j], decay: decay[j] / dt, inverse: inverse(j) };
+        let coordinates: Vec<Coordinate> = (0..size).map(coordinate).collect();
         let compliance = &self.model.compliance;
         let row = |i: usize| {
             let mut row = self.rows.col_as_slice(i).to_vec();
@@ -99,17 +102,15 @@ impl<'s> SharedModes<'s> {
         };
         let rows: Vec<Vec<f64>> = (0..self.rows.ncols()).map(row).collect();
         let entry = |i: usize, j: usize| {
-            let inertial: f64 = (0..modes).map(|k| inverse[k] * rows[i][k] * rows[j][k]).sum();
-            inertial + rows[i].get(modes + j).map_or(0.0, |of| of * inverse[modes + j])
+            let inertial: f64 = (0..modes).map(|k| coordinates[k].inverse * rows[i][k] * rows[j][k]).sum();
+            inertial + rows[i].get(modes + j).map_or(0.0, |of| of * coordinates[modes + j].inverse)
         };
         Equations {
             compliance: Mat::from_fn(rows.len(), rows.len(), |i, j| 0.5 * (entry(i, j) + entry(j, i))),
             parameters,
             massless: self.massless,
             modes,
-            stiffness,
-            decay: decay.iter().map(|decay| decay / dt).collect(),
-            inverse,
+            coordinates,
             rows,
         }
     }
