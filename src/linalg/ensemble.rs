@@ -12,7 +12,7 @@
 
 use super::batch::LANES;
 use super::native::{in_double_doubles, in_doubles};
-use super::{Cholesky, Engine, Factor, Form, LinearCombination, MOST_SPOILT, Native};
+use super::{Cholesky, Engine, Factor, Form, LinearCombination, MOST_SPOILT, Native, RowCoupling};
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
 use faer::Mat;
@@ -109,6 +109,15 @@ impl Engine for Ensemble {
         products: (&mut [f64], &mut [f64]),
     ) -> Result<bool> {
         self.all.multiply_with_part(sum, part, x, products)
+    }
+
+    fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
+        let of_one = Native::new(self.dofs() / LANES).couplings(sum)?;
+        let of_all = |coupling: RowCoupling| {
+            (0..LANES as u32)
+                .map(move |lane| RowCoupling { to: LANES as u32 * coupling.to + lane, ..coupling })
+        };
+        Ok(of_one.into_iter().flat_map(of_all).collect())
     }
 
     fn velocities(&self, mass: &Form) -> usize {

@@ -126,14 +126,30 @@ impl<E: Engine> System<E> {
         }
     }
 
-    /// Subtracts `weight` times the damping force D `rate` from `force`; `product` is work space.
-    fn damp(&self, rate: &[f64], weight: f64, force: &mut [f64], product: &mut [f64]) -> Result<()> {
+    /// Subtracts `weight` times the damping force D `rate` from `force`; `known` is the product of
+    /// the stiffness with `rate`, if it is known, and `product` is work space.
+    fn damp(
+        &self,
+        rate: &[f64],
+        known: Option<&[f64]>,
+        weight: f64,
+        force: &mut [f64],
+        product: &mut [f64],
+    ) -> Result<()> {
         let Damping { mass, stiffness } = self.damping;
-        for (factor, form) in [(mass, &self.mass), (stiffness, &self.stiffness)] {
-            if factor != 0.0 {
-                self.engine.multiply(form, rate, product)?;
-                axpy(-weight * factor, product, force);
-            }
+        if mass != 0.0 {
+            self.engine.multiply(&self.mass, rate, product)?;
+            axpy(-weight * mass, product, force);
+        }
+        if stiffness != 0.0 {
+            let of_rate = match known {
+                Some(known) => known,
+                None => {
+                    self.engine.multiply(&self.stiffness, rate, product)?;
+                    &*product
+                }
+            };
+            axpy(-weight * stiffness, of_rate, force);
         }
         if let Some(dashpots) = &self.drive.dashpots {
             self.engine.multiply(dashpots, rate, product)?;

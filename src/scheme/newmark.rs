@@ -121,7 +121,8 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
     /// `$b = F - K U^n - D (U^n - U^{n-1}) / \Delta t$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
         self.force(b);
-        self.system.damp(&self.d_n, 1.0 / self.parameters.step, b, &mut self.product)
+        let known = self.force.of_increment();
+        self.system.damp(&self.d_n, known, 1.0 / self.parameters.step, b, &mut self.product)
     }
 
     fn modal_velocities(&self, modal: &ModalDamping) -> Result<Vec<f64>> {

@@ -72,6 +72,12 @@ impl StiffnessForce {
         Ok(())
     }
 
+    /// Returns the product with the increment `$U^n - U^{n-1}$` to the present instant, in N, one
+    /// entry per dof; `None` where it is not known.
+    pub fn of_increment(&self) -> Option<&[f64]> {
+        self.is_summed.then_some(&self.of_d)
+    }
+
     /// Computes `$K U^n$` as a product.
     pub fn renew<E: Engine>(&mut self, system: &System<E>, u_n: &[f64]) -> Result<()> {
         self.elastic = Some(0.5 * system.engine.multiply(&system.stiffness, u_n, &mut self.of_u)?);
