@@ -51,7 +51,7 @@ impl ContactRecorder {
             self.extend(event.bound, event.time);
         }
         let impulses = scheme.impulses();
-        for bound in scheme.record().candidates() {
+        scheme.record().candidates().for_each(|bound| {
             let (r, impulse) = (reactions[bound], impulses[bound]);
             if r != 0.0 || impulse != 0.0 && self.state[bound].is_none() {
                 self.extend(bound, time);
@@ -59,7 +59,7 @@ impl ContactRecorder {
             if let Some([.., sum]) = &mut self.state[bound] {
                 *sum += impulse;
             }
-        }
+        });
         self.close(sites, time - 1.5 * step);
     }
 

@@ -266,13 +266,13 @@ impl Outcome {
         let (engine, bounds) = (&model.system.engine, scheme.limits());
         let (mut nodes, mut force, mut penetration) = (0, 0.0, 0.0_f64);
         let (record, reaction) = (scheme.record(), scheme.reaction());
-        for i in record.candidates() {
+        record.candidates().for_each(|i| {
             let (r, z) = (reaction[i], record.admissible[i]);
             nodes += usize::from(r != 0.0);
             force += r;
             let [lower, upper] = bounds.rigid(i);
             penetration = penetration.max(lower - z).max(z - upper);
-        }
+        });
         let (nodes, force, penetration) = engine
             .comm()
             .all_reduce((nodes, force, penetration), |a, b| (a.0 + b.0, a.1 + b.1, a.2.max(b.2)));

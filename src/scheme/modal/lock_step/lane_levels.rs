@@ -214,6 +214,8 @@ impl LaneLevels {
             self.react();
         } else {
             self.reaction.fill(ZERO);
+            // The next contact of a system must not depend on those of the others.
+            self.sides.fill(ZERO);
         }
         self.update(first);
     }
