@@ -96,7 +96,9 @@ struct PeriodicRun<'m, E: Engine> {
     monitor: StepMonitor<'m, E>,
     /// Measures, of which those of the first run count.
     recorder: PeriodRecorder,
+    /// Values at the probes, and the same in the first lane.
     values: Vec<f64>,
+    lanes: Vec<Lanes>,
     again: Option<&'m StartAgain<'m>>,
     /// Second motion for the Lyapunov exponent.
     beside: Option<(Box<dyn Scheme + 'm>, Exponent)>,
@@ -114,6 +116,7 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
             monitor: of.monitor(scheme.as_ref())?,
             recorder: of.recorder(),
             values: vec![0.0; of.scene.output.probes.len()],
+            lanes: vec![Lanes::default(); of.scene.output.probes.len()],
             of,
             scheme,
             again,
@@ -149,7 +152,7 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
 
     /// Checks and records the step just made; the start is step 0. Collective.
     fn note(&mut self) -> Result<()> {
-        let PeriodicRun { scheme, monitor, recorder, values, .. } = self;
+        let PeriodicRun { scheme, monitor, recorder, values, lanes, .. } = self;
         let scheme = scheme.as_mut();
         monitor.note(scheme, values)?;
         let step = scheme.step();
@@ -175,8 +178,8 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
         if recorder.begins_after(step) {
             recorder.begin(0, scheme.energies()?);
         }
-        let values: Vec<Lanes> = values.iter().map(|&value| Lanes::first(value)).collect();
-        recorder.note(step, &values);
+        lanes.iter_mut().zip(&*values).for_each(|(lanes, value)| *lanes = Lanes::first(*value));
+        recorder.note(step, lanes);
         Ok(())
     }
 

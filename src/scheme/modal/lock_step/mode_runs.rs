@@ -46,11 +46,6 @@ impl<'s> ModeRuns<'s> {
         self.runs.borrow_mut().advance()
     }
 
-    /// Returns the number of runs.
-    pub fn count(&self) -> usize {
-        self.lanes.len()
-    }
-
     /// Returns the index of the last step.
     pub fn step(&self) -> u64 {
         self.runs.borrow().step
