@@ -10,8 +10,8 @@ use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::Scheme;
 
-/// Number of steps between checks of the energy, which cost more than some steps.
-const GUARD_EVERY: u64 = 1000;
+/// Number of steps between checks of the energy.
+const GUARD_EVERY: u64 = 100;
 
 /// Checks of every step, as in a run, and readings of the probes.
 pub struct StepMonitor<'m, E: Engine> {

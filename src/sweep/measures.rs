@@ -143,7 +143,7 @@ impl PeriodRecorder {
         }
     }
 
-    /// Returns whether a step is among the measured ones.
+    /// Returns whether a step belongs to the measured periods.
     pub fn measures_step(&self, step: u64) -> bool {
         step > self.settle
     }
@@ -158,7 +158,8 @@ impl PeriodRecorder {
         self.energies[run] = energies;
     }
 
-    /// Records the values at the probes after a step, one number per run; the start is step 0.
+    /// Records the values at the probes at the end of a step, which are one number per run. Step 0
+    /// is the start.
     pub fn note(&mut self, step: u64, values: &[Lanes]) {
         let PeriodRecorder { phases, settle, probes, .. } = self;
         let probes = probes.iter_mut().zip(values);

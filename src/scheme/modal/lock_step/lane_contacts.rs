@@ -87,7 +87,8 @@ impl<const N: usize> LaneContacts<N> {
             held[i] = ZERO.is_below(sides[i]).pick(upper[i], held[i]);
             reaction[i] = held[i] - free[i];
         }
-        // The factor is L D L^T. Until a row is done, its entries hold L D.
+        // The compliance is factored as L D L^T, with D diagonal and ones on the diagonal of L. The
+        // rows of the factor after row j still contain L D in place of L.
         let mut factor = [[ZERO; N]; N];
         let mut inverse = [ZERO; N];
         let mut least = ONE;

@@ -321,8 +321,10 @@ impl LaneLevels {
                     *place = solved.pick(moved, *place);
                     largest = largest.max(u[i].abs());
                 }
+                // A reaction that is not finite spoils the sum.
+                let sum = r.iter().fold(ZERO, |sum, r| sum + *r);
                 // Without any length the residual is 0, too.
-                kkt = ZERO.is_below(residual).pick(residual / largest, ZERO);
+                kkt = ZERO.is_below(residual).pick(residual / largest, ZERO) + 0.0 * sum;
                 (exchanges, left) = (iterations, unsolved);
             },
         );
