@@ -42,7 +42,7 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     /// # Errors
     /// Returns the errors with which a run stops.
     pub fn note(&mut self, scheme: &mut dyn Scheme, probes: &mut [f64]) -> Result<()> {
-        self.check(scheme)?;
+        self.check(scheme, || scheme.energies())?;
         let Model { readings, system, frame, .. } = self.model;
         self.accelerations.note(readings, system, frame, scheme)?;
         self.model.probe(scheme, &self.accelerations, probes)
@@ -53,15 +53,16 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
         step.is_multiple_of(GUARD_EVERY) || kkt.is_nan() || kkt > self.scene.solver.tolerance
     }
 
-    /// Checks residual and energy of the step just made. Collective.
+    /// Checks residual and energies of the step just made; `energies` is called where the energies
+    /// are due. Collective.
     ///
     /// # Errors
     /// Returns the errors with which a run stops.
-    pub fn check(&mut self, scheme: &dyn Scheme) -> Result<()> {
+    pub fn check(&mut self, scheme: &dyn Scheme, energies: impl FnOnce() -> Result<Energies>) -> Result<()> {
         let (step, time, kkt) = (scheme.step(), scheme.time(), scheme.step_report().kkt);
         check_residual(step, time, kkt, self.scene.solver.tolerance)?;
         if step.is_multiple_of(GUARD_EVERY) {
-            self.check_energies(scheme)?;
+            self.guard.check(step, time, energies()?)?;
         }
         Ok(())
     }

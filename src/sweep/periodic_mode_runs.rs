@@ -56,8 +56,8 @@ impl<'m> PeriodicModeRuns<'m> {
         let step = all.step();
         let kkt = all.kkt();
         if monitors.iter().any(|monitor| monitor.is_due(step, kkt)) {
-            for (lane, monitor) in monitors.iter_mut().enumerate() {
-                monitor.check(all.lane(lane))?;
+            for ((lane, monitor), energies) in monitors.iter_mut().enumerate().zip(all.energies()) {
+                monitor.check(all.lane(lane), || Ok(energies))?;
             }
         }
         if let Some([forces, impulses]) = all.contacts() {

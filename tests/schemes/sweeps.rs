@@ -5,6 +5,7 @@ use crate::common::models::UNIT;
 use crate::common::scenes::close;
 use rebond::linalg::{Engine, Ensemble, Form, Native};
 use rebond::scene::Scene;
+use rebond::scheme::{NewmarkParameters, Scheme, SharedModes, Start};
 use rebond::simulation::Model;
 use rebond::sweep::lyapunov::{Exponent, Neighbours};
 use rebond::sweep::{CarriedState, Direction, Measures, SweepRecord, SweepRow, conduct, repetition};
@@ -468,6 +469,50 @@ fn the_exponent_of_a_damped_motion_is_minus_its_decay_rate() {
     ));
     for (.., measures) in rows {
         close("exponent", measures.lyapunov.unwrap(), -0.5 * DECAY, 1e-2);
+    }
+}
+
+/// The energies that the guard of a sweep takes from coordinates are those of the matrices, at every
+/// step of motions that touch an obstacle.
+#[test]
+fn energies_of_coordinates_are_those_of_the_matrices() {
+    let scene = |mass: &str, load: f64| {
+        let text = [
+            UNIT,
+            "mesh = { element = \"fvs\", cells = [4, 2] }\nsupport = [{ edge = \"left\", kind = \"clamped\" }]\n",
+            &format!("load = {{ pressure = \"{load}*(1 + x)*sin(3*t) + 0.02*y*cos(6*t) + 0.05*x\" }}\n"),
+            "initial = { static_pressure = -0.02, velocity = \"0.1*x*y\" }\n",
+            "obstacle = [{ side = \"below\", height = -0.05, where = \"x > 0.9\" }, { side = \"above\", height = 0.05, where = \"x > 0.9\" }]\n",
+            &format!(
+                "time = {{ scheme = \"newmark\", mass = \"{mass}\", restitution = 0.2, step = 0.01, end = 1 }}\n"
+            ),
+        ];
+        Scene::from_str(&text.concat(), "sweep.toml", &[]).unwrap()
+    };
+    let parameters = NewmarkParameters { beta: 0.5, restitution: 0.2, step: 0.01 };
+    for mass in ["singular", "consistent", "modal"] {
+        let models = [0.3, 0.7].map(|load| Model::new(&scene(mass, load)).unwrap());
+        let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
+        let starts: Vec<Start> = models.iter().map(|model| model.start.clone()).collect();
+        let modes = SharedModes::modes(systems[0]).unwrap().unwrap();
+        let shared = SharedModes::new(systems[0], &modes).unwrap();
+        let mut runs = shared.start(&systems, parameters, &starts).unwrap();
+        let mut touched = 0;
+        for step in 0..100 {
+            let found = runs.energies();
+            for (lane, found) in found.iter().enumerate() {
+                let from_matrices = runs.lane(lane).energies().unwrap();
+                let size = from_matrices.kinetic + from_matrices.elastic;
+                let near = |what, a: f64, b: f64| {
+                    assert!((a - b).abs() <= 1e-9 * size, "{mass}, step {step}, {what}: {a} {b} of {size}");
+                };
+                near("kinetic", found.kinetic, from_matrices.kinetic);
+                near("elastic", found.elastic, from_matrices.elastic);
+                touched += usize::from(runs.lane(lane).record().reaction.iter().any(|r| *r != 0.0));
+            }
+            runs.advance().unwrap();
+        }
+        assert!(touched > 10, "{mass}: {touched} steps in contact");
     }
 }
 

@@ -44,6 +44,8 @@ pub(super) struct Data {
     /// Forces of each load on the modes, and on all other coordinates where these count for the
     /// work.
     pub forces: Vec<Vec<Lanes>>,
+    /// Stiffness between the responses to the loads and the start, in J per unit of both.
+    pub stiffness: Vec<Vec<Lanes>>,
     /// Loads that are not zero.
     pub pushing: Vec<usize>,
     /// Bounds of each bounded dof, in m.
@@ -55,8 +57,8 @@ pub(super) struct Data {
 
 /// Levels n - 1, n and n + 1 of all systems.
 pub(super) struct LaneLevels {
-    equations: Equations,
-    data: Data,
+    pub equations: Equations,
+    pub data: Data,
     /// Number of systems.
     systems: usize,
     /// Coordinates at the instant n, their increments to it and from it, and the unknown, one entry
@@ -462,11 +464,6 @@ impl LaneLevels {
                 *increment = sum;
             },
         );
-    }
-
-    /// Returns the number of modes.
-    pub fn modes(&self) -> usize {
-        self.equations.modes
     }
 }
 

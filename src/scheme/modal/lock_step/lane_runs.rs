@@ -2,7 +2,7 @@
 
 use super::lane_contacts::ZERO;
 use super::lane_levels::{Data, LaneLevels, Launch, MasslessPart, each};
-use super::lane_start::{LaneStart, own_factors};
+use super::lane_start::LaneStart;
 use super::lane_sums::along;
 use super::load_laws::{LoadLaws, load_of};
 use super::shared_modes::SharedModes;
@@ -60,7 +60,7 @@ impl<'s> LaneRuns<'s> {
         let lanes = lanes.map(|(lane, ((_, start), loads))| LaneStart::new(shared, lane, start, loads, &now));
         let lanes: Vec<LaneStart> = lanes.collect();
         let (z, launch) = gathered_starts(shared, terms, &now, &lanes);
-        let data = lane_data(shared, systems, terms, &loads, &lanes);
+        let data = lane_data(shared, systems, terms, &loads, &lanes)?;
         let equations = shared.equations(parameters, z.len());
         let levels = LaneLevels::new(equations, data, systems.len(), z, [now, next], &launch);
         Ok(LaneRuns {
@@ -142,25 +142,6 @@ impl<'s> LaneRuns<'s> {
         let deflections = along(&shared, &own, &self.levels.z);
         DofRow { shared, own, deflections, step: self.step }
     }
-
-    /// Returns the work of all loads on one lane up to the present instant, in J, given its
-    /// displacement.
-    pub fn work(&self, lane: usize, u: &[f64]) -> Result<f64> {
-        let SharedModes { massless, model, .. } = self.shared;
-        let by_time = self.levels.work.0[lane];
-        if *massless != MasslessPart::Follows {
-            return Ok(self.laws.systems[lane].work(u)? + by_time);
-        }
-        // The work that reactions and loads do on the massless part is stored there.
-        let (levels, loads, modes) = (&self.levels, &self.loads[lane], self.levels.modes());
-        let data =
-            ModalData { factors: own_factors(loads, &levels.factors[1], lane), ..ModalData::default() };
-        let shift = loads.shift(&data);
-        let reactions = (0..model.candidates.len()).map(|i| levels.z[modes + i].0[lane] * shift[i]);
-        let constant = loads.constant_force().iter().zip(&levels.z).map(|(force, q)| force * q.0[lane]);
-        let stored = loads.elastic(&data) + reactions.sum::<f64>();
-        Ok(self.starts[lane].work + constant.sum::<f64>() + stored + by_time)
-    }
 }
 
 /// Returns the coordinates at the start, and the initial velocities.
@@ -196,7 +177,7 @@ fn lane_data(
     terms: usize,
     loads: &[ModalLoads],
     lanes: &[LaneStart],
-) -> Data {
+) -> Result<Data> {
     let bounded = &shared.system.bounds.dofs;
     let (has_massless, swings) =
         (shared.massless != MasslessPart::None, shared.massless == MasslessPart::Swings);
@@ -214,17 +195,34 @@ fn lane_data(
         }
         row
     };
+    let on_start = |load: usize| {
+        let own = |k: usize, start: &LaneStart| {
+            load_of(systems[k], load).map_or(0.0, |force| dot(force, &start.massless))
+        };
+        each(|k| lanes.get(k).map_or(0.0, |start| own(k, start)))
+    };
+    let mut stiffness: Vec<Vec<Lanes>> = Vec::new();
+    if has_massless {
+        let others = |load| (0..terms).map(move |other| of_load(&|loads| &loads.energies, other, load));
+        stiffness.extend((0..terms).map(|load| others(load).collect()));
+    }
+    if swings {
+        let mut of_start: Vec<Lanes> = (0..terms).map(on_start).collect();
+        stiffness.iter_mut().zip(&of_start).for_each(|(row, of)| row.push(*of));
+        let System { engine, stiffness: matrix, .. } = shared.system;
+        let mut own = ZERO;
+        for (own, start) in own.0.iter_mut().zip(lanes) {
+            *own = engine.multiply(matrix, &start.massless, &mut vec![0.0; engine.dofs()])?;
+        }
+        of_start.push(own);
+        stiffness.push(of_start);
+    }
     let force = |load: usize| {
         let modes = 0..shared.modes.count();
         let mut forces: Vec<Lanes> = modes.map(|mode| of_load(&|loads| &loads.forces, mode, load)).collect();
         if swings {
-            let shifts = 0..bounded.len();
-            forces.extend(shifts.map(|i| of_load(&|loads| &loads.shifts, i, load)));
-            forces.extend((0..terms).map(|other| of_load(&|loads| &loads.energies, other, load)));
-            let own = |k: usize, lane: &LaneStart| {
-                load_of(systems[k], load).map_or(0.0, |force| dot(force, &lane.massless))
-            };
-            forces.push(each(|k| lanes.get(k).map_or(0.0, |lane| own(k, lane))));
+            forces.extend((0..bounded.len()).map(|i| of_load(&|loads| &loads.shifts, i, load)));
+            forces.extend(&stiffness[load]);
         }
         forces
     };
@@ -233,14 +231,15 @@ fn lane_data(
         (0..bounded.len()).map(at).collect()
     };
     let forces: Vec<Vec<Lanes>> = (0..terms).map(force).collect();
-    Data {
+    Ok(Data {
         pushing: (0..terms).filter(|&load| forces[load].iter().any(|force| *force != ZERO)).collect(),
         rows: (0..bounded.len()).map(row).collect(),
         forces,
+        stiffness,
         lower: bound(|bounds| &bounds.lower, f64::NEG_INFINITY),
         upper: bound(|bounds| &bounds.upper, f64::INFINITY),
         magnitude: each(|k| systems.get(k).map_or(0.0, |system| system.bounds.magnitude())),
-    }
+    })
 }
 
 /// Returns an entry of a matrix, 0 beyond its columns.

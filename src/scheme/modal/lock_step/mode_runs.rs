@@ -5,6 +5,7 @@ use super::lane_levels::LaneLevels;
 use super::lane_runs::LaneRuns;
 use super::mode_lane::ModeLane;
 use super::shared_modes::SharedModes;
+use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Lanes, Native};
 use crate::scheme::{NewmarkParameters, Start, System};
@@ -69,6 +70,12 @@ impl<'s> ModeRuns<'s> {
         let runs = self.runs.borrow();
         let worse = |worst: f64, kkt: f64| if kkt <= worst { worst } else { kkt };
         runs.levels.reports[..self.lanes.len()].iter().map(|report| report.kkt).fold(0.0, worse)
+    }
+
+    /// Returns the energies of each run at the last step, from its coordinates. Those of a
+    /// [`ModeLane`] come from the matrices instead, at a much higher cost.
+    pub fn energies(&self) -> Vec<Energies> {
+        self.runs.borrow().energies()
     }
 
     /// Returns the deflections of a dof, in m, one per run.
