@@ -40,6 +40,12 @@ pub fn room(processes: usize) -> Option<Room> {
     room_of(&Sources::system(), processes as u64)
 }
 
+/// Returns whether work takes less than a quarter of the memory that is left, as far as the system
+/// tells. Small work always does.
+pub fn is_plenty_for(bytes: u64) -> bool {
+    bytes < SMALL || room(1).is_none_or(|room| bytes < room.bytes / 4)
+}
+
 /// Checks that work fits into the memory that is left.
 ///
 /// # Errors

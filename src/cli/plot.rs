@@ -4,6 +4,7 @@ use super::help;
 use super::printing::print;
 use super::run_folder::{RunFolder, RunPictures};
 use crate::error::Result;
+use crate::output::plot::{self, Figure};
 use crate::sweep::{self, SweepReport};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -23,12 +24,11 @@ impl Plot {
         }
         let run = RunFolder::read(&self.folder)?;
         let RunPictures { figures, absent } = run.pictures()?;
-        let mut report = String::new();
-        for (name, figure) in figures {
-            let path = run.folder.join("plots").join(name);
-            figure.write(&path)?;
-            report += &format!("{}.svg, .png\n", path.display());
-        }
+        let placed = |(name, figure)| (run.folder.join(plot::FOLDER).join(name), figure);
+        let figures: Vec<(PathBuf, Figure)> = figures.into_iter().map(placed).collect();
+        Figure::write_all(&figures)?;
+        let line = |(path, _): &(PathBuf, Figure)| format!("{}.svg, .png\n", path.display());
+        let mut report: String = figures.iter().map(line).collect();
         for what in absent {
             report += &format!("{what}\n");
         }
@@ -39,6 +39,6 @@ impl Plot {
 /// Draws the pictures of a sweep.
 fn draw_sweep(folder: &Path) -> Result<()> {
     let names = sweep::draw(&SweepReport::read(folder)?, folder)?;
-    let line = |name: &str| format!("{}.svg, .png\n", folder.join("plots").join(name).display());
+    let line = |name: &str| format!("{}.svg, .png\n", folder.join(plot::FOLDER).join(name).display());
     print(&names.into_iter().map(line).collect::<String>())
 }

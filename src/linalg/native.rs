@@ -424,7 +424,7 @@ impl Engine for Native {
         let dofs = self.dofs() as u64;
         let fullest = 40 * u64::from(dofs.max(2).ilog2() + 1);
         let bytes = size_of::<f64>() as u64 * dofs * fullest * factors as u64;
-        if memory::room(1).is_none_or(|room| bytes < room.bytes / 4) {
+        if memory::is_plenty_for(bytes) {
             return Ok(());
         }
         let size = Cholesky::size(&assembled(self.dofs(), sum)?)?;

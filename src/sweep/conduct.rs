@@ -3,7 +3,7 @@
 
 use super::one_run::run_together;
 use super::plan::{PlannedRun, groups};
-use super::prepared_run::{CarriedState, Finished, PreparedRun};
+use super::prepared_run::{CarriedState, Finished, Leader, PreparedRun};
 use super::report::SweepRow;
 use crate::error::{Error, Result};
 use crate::linalg::Ensemble;
@@ -56,7 +56,7 @@ struct Conductor<'c> {
     interrupts: &'c (dyn Fn() -> bool + Sync),
     /// First run of the plan, which decides what goes in lock step; `None` where nothing can, as
     /// there is one group.
-    model: Option<PlannedRun>,
+    leader: Option<PlannedRun>,
     waiting: Vec<Waiting>,
     /// Number of groups that a thread takes at once.
     lot: usize,
@@ -79,7 +79,7 @@ pub fn conduct(
     let mut rows = Vec::new();
     let mut waiting = Vec::new();
     let groups = groups(sweep);
-    let model = groups.first().filter(|_| groups.len() > 1).and_then(|runs| runs.first()).cloned();
+    let leader = groups.first().filter(|_| groups.len() > 1).and_then(|runs| runs.first()).cloned();
     for (group, runs) in groups.into_iter().enumerate() {
         let known: Vec<SweepRow> = runs.iter().map_while(|run| record.known(run.index)).collect();
         let rest = runs[known.len()..].to_vec();
@@ -91,7 +91,7 @@ pub fn conduct(
     }
     let total = rows.len() + waiting.iter().map(|of| of.runs.len()).sum::<usize>();
     let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Ensemble::SYSTEMS);
-    let conductor = Conductor { sweep, load, interrupts, model, waiting, lot, next: AtomicUsize::new(0) };
+    let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot, next: AtomicUsize::new(0) };
     let (sender, receiver) = channel();
     thread::scope(|scope| {
         for _ in 0..threads.min(conductor.waiting.len().div_ceil(lot)) {
@@ -118,12 +118,13 @@ impl Conductor<'_> {
     /// Makes lots of groups one after the other, until none is left or the sweep stops.
     fn work(&self, finished: &Sender<Noted>) {
         // A run that fails here fails again where it is due, and says why.
-        let model = self.model.as_ref().and_then(|planned| self.prepare(planned, None).ok());
+        let run = self.leader.as_ref().and_then(|planned| self.prepare(planned, None).ok());
+        let leader = run.as_ref().map(Leader::new);
         loop {
             let first = self.next.fetch_add(self.lot, Ordering::Relaxed);
             let last = self.waiting.len().min(first + self.lot);
             let Some(lot) = self.waiting.get(first..last).filter(|lot| !lot.is_empty()) else { return };
-            if self.make_lot(lot.to_vec(), model.as_ref(), finished).is_none() {
+            if self.make_lot(lot.to_vec(), leader.as_ref(), finished).is_none() {
                 return;
             }
         }
@@ -134,7 +135,7 @@ impl Conductor<'_> {
     fn make_lot(
         &self,
         mut lot: Vec<Waiting>,
-        model: Option<&PreparedRun>,
+        leader: Option<&Leader>,
         finished: &Sender<Noted>,
     ) -> Option<()> {
         let most = lot.iter().map(|of| of.runs.len()).max().unwrap_or(0);
@@ -142,7 +143,7 @@ impl Conductor<'_> {
             let mut due: Vec<&mut Waiting> = lot.iter_mut().filter(|of| place < of.runs.len()).collect();
             let prepared: Vec<Result<PreparedRun>> =
                 due.iter().map(|of| self.prepare(&of.runs[place], of.state.as_ref())).collect();
-            let made = make_all(prepared, model, self.interrupts)?;
+            let made = make_all(prepared, leader, self.interrupts)?;
             for (of, made) in due.iter_mut().zip(made) {
                 let outcome = made.map(|(measures, last)| {
                     of.state = of.is_carried.then_some(last);
@@ -162,22 +163,22 @@ impl Conductor<'_> {
     }
 }
 
-/// Makes some runs: those that go with the model in lock step, the others one by one. Returns
+/// Makes some runs: those that go with the leader in lock step, the others one by one. Returns
 /// `None` once `interrupts` says so.
 ///
 /// Runs in lock step end together at an error of any. Each is then made in lanes of its own, which
 /// gives the same numbers to the bit, and one that fails there by itself.
 fn make_all(
     prepared: Vec<Result<PreparedRun>>,
-    model: Option<&PreparedRun>,
+    leader: Option<&Leader>,
     interrupts: &dyn Fn() -> bool,
 ) -> Option<Vec<Result<Finished>>> {
     if interrupts() {
         return None;
     }
-    let goes = |run: &&PreparedRun| model.is_some_and(|model| run.goes_with(model));
-    let in_lanes = |runs: &[&PreparedRun]| match model {
-        Some(model) if !runs.is_empty() => run_together(runs, model, interrupts),
+    let goes = |run: &&PreparedRun| leader.is_some_and(|leader| leader.takes(run));
+    let in_lanes = |runs: &[&PreparedRun]| match leader {
+        Some(leader) if !runs.is_empty() => run_together(runs, leader, interrupts),
         _ => Ok(Vec::new()),
     };
     let together: Vec<&PreparedRun> =

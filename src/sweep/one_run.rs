@@ -4,12 +4,12 @@
 use super::lyapunov::{Exponent, TwoRuns};
 use super::measures::{PeriodRecorder, TotalContact};
 use super::periodic_mode_runs::PeriodicModeRuns;
-use super::prepared_run::{ASK_EVERY, Finished, PreparedRun};
+use super::prepared_run::{ASK_EVERY, Finished, Leader, PreparedRun};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Lanes, Native};
 use crate::scene::Scene;
-use crate::scheme::{Scheme, SharedModes, SideBySide, Start};
+use crate::scheme::{Scheme, SideBySide, Start};
 use crate::simulation::{Model, SolverFactory, StepMonitor};
 use std::rc::Rc;
 
@@ -30,7 +30,7 @@ impl<E: Engine> PreparedRun<E> {
     }
 }
 
-/// Makes runs that go with a model in lock step. The result of each does not depend on the
+/// Makes runs that go with a leader in lock step. The result of each does not depend on the
 /// others, to the bit.
 ///
 /// # Errors
@@ -38,15 +38,14 @@ impl<E: Engine> PreparedRun<E> {
 /// so.
 pub(super) fn run_together(
     runs: &[&PreparedRun],
-    model: &PreparedRun,
+    leader: &Leader,
     interrupts: &dyn Fn() -> bool,
 ) -> Result<Vec<Finished>> {
     let Some(parameters) = runs.first().and_then(|run| run.parameters()) else { return Ok(Vec::new()) };
     let models: Vec<Rc<Model>> = runs.iter().map(|run| run.model.clone()).collect();
     let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
     let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
-    if let Some(modes) = model.modes() {
-        let shared = SharedModes::new(&model.model.system, &modes)?;
+    if let Some(shared) = leader.shared() {
         let all = shared.start(&systems, parameters, &starts)?;
         let probes = &runs[0].model.probes;
         if models.iter().all(|model| model.probes_deflections_only() && model.probes == *probes) {

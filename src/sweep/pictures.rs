@@ -26,11 +26,10 @@ const DIRECTIONS: [(Direction, &str); 3] =
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) where a file cannot be written.
 pub fn draw(report: &SweepReport, folder: &Path) -> Result<Vec<&'static str>> {
-    let mut names = Vec::new();
-    for (name, figure) in figures(report) {
-        figure.write(&folder.join(FOLDER).join(name))?;
-        names.push(name);
-    }
+    let figures = figures(report);
+    let names = figures.iter().map(|(name, _)| *name).collect();
+    let placed = |(name, figure)| (folder.join(FOLDER).join(name), figure);
+    Figure::write_all(&figures.into_iter().map(placed).collect::<Vec<_>>())?;
     Ok(names)
 }
 

@@ -6,7 +6,7 @@ use crate::communicator::Communicator;
 use crate::distributed::Distributed;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, MassModes, Native};
+use crate::linalg::{Engine, Native};
 use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
 use crate::scheme::{NewmarkParameters, Scheme, SharedModes, SideBySide, Start};
 #[cfg(feature = "petsc")]
@@ -62,8 +62,6 @@ pub(super) struct PreparedRun<E: Engine = Native> {
     pub start: Start,
     /// Periods of the drive before the run.
     before: u64,
-    /// Modes in which runs go in lock step with this one, once they are needed.
-    modes: OnceCell<Option<Rc<MassModes>>>,
 }
 
 impl<E: Engine> PreparedRun<E> {
@@ -86,7 +84,7 @@ impl<E: Engine> PreparedRun<E> {
         let model = Rc::new(build(&scene)?);
         let start = carried.map_or(Ok(model.start.clone()), |carried| carried.start(&model));
         let start = model.system.engine.comm().all_ok(start)?;
-        Ok(PreparedRun { scene, sweep, model, start, before, modes: OnceCell::new() })
+        Ok(PreparedRun { scene, sweep, model, start, before })
     }
 
     /// Returns the number of steps per period of the drive.
@@ -136,24 +134,43 @@ impl PreparedRun {
         let takes = takes && SideBySide::takes(&self.model.system);
         takes.then_some(NewmarkParameters { beta, restitution, step: time.step })
     }
+}
 
-    /// Returns the modes for runs in lock step with this one, if they go in modes.
-    pub fn modes(&self) -> Option<Rc<MassModes>> {
-        self.modes.get_or_init(|| SharedModes::modes(&self.model.system).ok().flatten()).clone()
+/// Run that others go in lock step with, and what they share.
+pub(super) struct Leader<'m> {
+    pub run: &'m PreparedRun,
+    shared: OnceCell<Option<SharedModes<'m>>>,
+}
+
+impl<'m> Leader<'m> {
+    /// Makes a run one that others go with.
+    pub fn new(run: &'m PreparedRun) -> Leader<'m> {
+        Leader { run, shared: OnceCell::new() }
     }
 
-    /// Returns whether the run can go in lock step with another one.
-    pub fn goes_with(&self, other: &PreparedRun) -> bool {
+    /// Returns what the runs share, if they go in modes.
+    pub fn shared(&self) -> Option<&SharedModes<'m>> {
+        let found = || {
+            let system = &self.run.model.system;
+            let modes = SharedModes::modes(system).ok().flatten()?;
+            SharedModes::new(system, &modes).ok()
+        };
+        self.shared.get_or_init(found).as_ref()
+    }
+
+    /// Returns whether a run can go in lock step with this one.
+    pub fn takes(&self, run: &PreparedRun) -> bool {
         let timing = |run: &PreparedRun| {
             let SweepSpec { periods, settle, .. } = run.sweep;
             run.parameters().map(|parameters| (parameters, run.sweep.period().to_bits(), periods, settle))
         };
-        let goes_in_modes = |run: &PreparedRun| run.model.system.drive.load.is_none();
-        let in_modes = other.modes().is_some();
-        timing(self).is_some()
-            && timing(self) == timing(other)
-            && SideBySide::are_equal(&self.model.system, &other.model.system)
-            && if in_modes { goes_in_modes(self) } else { self.scene.time.mass != Mass::Modal }
+        timing(run).is_some()
+            && timing(run) == timing(self.run)
+            && SideBySide::are_equal(&run.model.system, &self.run.model.system)
+            && match self.shared() {
+                Some(_) => run.model.system.drive.load.is_none(),
+                None => run.scene.time.mass != Mass::Modal,
+            }
     }
 }
 

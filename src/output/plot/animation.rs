@@ -4,9 +4,10 @@
 //! frame. A frame has only the rectangle that differs from the frame before.
 
 use super::Figure;
+use super::paper::encoder;
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
-use png::{BitDepth, ColorType, Encoder, EncodingError, Writer};
+use png::{EncodingError, Writer};
 use std::io;
 use std::path::Path;
 use std::time::Duration;
@@ -63,10 +64,7 @@ pub fn write(path: &Path, figures: &[Figure], width: u32, delay: Duration) -> Re
     let Some(first) = figures.first() else { return Err(invalid("no figure to animate")) };
     let mut before = frame(first)?;
     let mut bytes = Vec::new();
-    let [width, height] = before.size.map(|length| length as u32);
-    let mut encoder = Encoder::new(&mut bytes, width, height);
-    encoder.set_color(ColorType::Rgb);
-    encoder.set_depth(BitDepth::Eight);
+    let mut encoder = encoder(&mut bytes, before.size.map(|length| length as u32));
     encoder.set_animated(figures.len() as u32, 0).map_err(failed)?;
     let millis = u16::try_from(delay.as_millis()).unwrap_or(u16::MAX).min(60_000);
     encoder.set_frame_delay(millis, 1000).map_err(failed)?;

@@ -7,7 +7,11 @@ use super::strokes::{HATCH, LABEL, MARKER, RULE, TICK_LABEL, draw_marker, draw_s
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
 use std::fs;
-use std::path::Path;
+use std::num::NonZero;
+use std::panic::resume_unwind;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 
 /// Widths of a journal's column (85 mm) and page (180 mm), in points.
 const COLUMN: f64 = 240.94;
@@ -76,10 +80,28 @@ impl Figure {
     /// # Errors
     /// Returns [`Error::Io`] where a file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let svg = self.svg();
-        let png_path = path.with_extension("png");
-        write_in_folder(&path.with_extension("svg"), svg.as_bytes())?;
-        write_atomic(&png_path, &png(&svg, &png_path)?)
+        write_both(path, &self.svg())
+    }
+
+    /// Writes figures as [`Figure::write`] does, several at once.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] where a file cannot be written.
+    pub fn write_all(figures: &[(PathBuf, Figure)]) -> Result<()> {
+        let drawn: Vec<(&Path, String)> =
+            figures.iter().map(|(path, figure)| (path.as_path(), figure.svg())).collect();
+        let next = AtomicUsize::new(0);
+        let write = || {
+            while let Some((path, svg)) = drawn.get(next.fetch_add(1, Ordering::Relaxed)) {
+                write_both(path, svg)?;
+            }
+            Ok(())
+        };
+        let count = thread::available_parallelism().map_or(1, NonZero::get).min(drawn.len());
+        thread::scope(|scope| {
+            let threads: Vec<_> = (0..count).map(|_| scope.spawn(write)).collect();
+            threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|why| resume_unwind(why)))
+        })
     }
 
     /// Returns width and height and three bytes per pixel, row by row, at a number of pixels per
@@ -281,6 +303,13 @@ impl Key<'_> {
         }
         paper.text(self.name(), [end + 3.0, y], KEY, Anchor::Start);
     }
+}
+
+/// Writes a figure, given as SVG, as SVG and PNG.
+fn write_both(path: &Path, svg: &str) -> Result<()> {
+    let png_path = path.with_extension("png");
+    write_in_folder(&path.with_extension("svg"), svg.as_bytes())?;
+    write_atomic(&png_path, &png(svg, &png_path)?)
 }
 
 fn write_in_folder(path: &Path, bytes: &[u8]) -> Result<()> {

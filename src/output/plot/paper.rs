@@ -3,6 +3,7 @@
 //! Lengths are in points (1/72 inch), with y downwards.
 
 use crate::error::{Error, Result};
+use png::{BitDepth, ColorType, DeflateCompression, Encoder, Filter, PixelDimensions, Unit};
 use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree, fontdb};
 use std::fmt::Write;
@@ -236,8 +237,27 @@ impl Canvas {
 /// Renders an SVG of [`Canvas`] as PNG with 400 dots per inch; `path` appears in errors.
 pub(super) fn png(svg: &str, path: &Path) -> Result<Vec<u8>> {
     // SVG has 96 pixels per inch.
-    let pixels = pixels(svg, PIXELS_PER_POINT * 72.0 / 96.0, path)?;
-    pixels.encode_png().map_err(|why| failed(path, &why))
+    let (size, rgb) = rgb(svg, PIXELS_PER_POINT * 72.0 / 96.0, path)?;
+    let per_metre = (f64::from(PIXELS_PER_POINT) * POINTS_PER_MM * 1e3).round() as u32;
+    let mut bytes = Vec::new();
+    let mut encoder = encoder(&mut bytes, size);
+    encoder.set_pixel_dims(Some(PixelDimensions { xppu: per_metre, yppu: per_metre, unit: Unit::Meter }));
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&rgb));
+    written.map_err(|why| failed(path, &why))?;
+    Ok(bytes)
+}
+
+/// Returns an encoder of PNG for three bytes per pixel.
+///
+/// Most pixels of a figure are like their neighbours, which filters of PNG hide: without them files
+/// are a fifth smaller, and a higher level than this gains 3 % more in twice the time.
+pub(super) fn encoder(bytes: &mut Vec<u8>, [width, height]: [u32; 2]) -> Encoder<'static, &mut Vec<u8>> {
+    let mut encoder = Encoder::new(bytes, width, height);
+    encoder.set_color(ColorType::Rgb);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_deflate_compression(DeflateCompression::Level(4));
+    encoder.set_filter(Filter::NoFilter);
+    encoder
 }
 
 /// Renders an SVG of [`Canvas`]. Returns width and height and three bytes per pixel, row by row.

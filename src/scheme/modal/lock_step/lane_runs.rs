@@ -51,11 +51,11 @@ impl<'s> LaneRuns<'s> {
         let loads =
             systems.iter().map(|system| ModalLoads::new(system, &shared.modes, &shared.saddle, &shared.all));
         let loads: Vec<ModalLoads> = loads.collect::<Result<_>>()?;
-        let laws = LoadLaws::new(systems);
+        let laws = LoadLaws::new(systems, parameters.step, &shared.factors);
         let terms = laws.count();
         let [mut now, mut next] = [0.0, parameters.step].map(|_| vec![ZERO; terms]);
-        laws.set(0.0, &mut now)?;
-        laws.set(parameters.step, &mut next)?;
+        laws.set(0, &mut now)?;
+        laws.set(1, &mut next)?;
         let lanes = systems.iter().zip(starts).zip(&loads).enumerate();
         let lanes = lanes.map(|(lane, ((_, start), loads))| LaneStart::new(shared, lane, start, loads, &now));
         let lanes: Vec<LaneStart> = lanes.collect();
@@ -81,10 +81,9 @@ impl<'s> LaneRuns<'s> {
     /// Returns the errors of the loads.
     pub fn advance(&mut self) -> Result<()> {
         self.step += 1;
-        let LaneRuns { laws, levels, step, dt, .. } = self;
-        let ahead = (*step + 1) as f64 * *dt;
+        let LaneRuns { laws, levels, step, .. } = self;
         let mut outcome = Ok(());
-        levels.advance(|factors| outcome = laws.set(ahead, factors));
+        levels.advance(|factors| outcome = laws.set(*step + 1, factors));
         outcome
     }
 

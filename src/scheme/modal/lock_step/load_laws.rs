@@ -3,42 +3,100 @@
 use super::lane_levels::each;
 use crate::error::Result;
 use crate::linalg::{Lanes, Native};
-use crate::scheme::System;
+use crate::scheme::{LoadTerm, System};
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// Largest number of instants at which the factors of a law are kept.
+const MOST_KEPT: usize = 1 << 20;
+
+/// Factors of laws at the instants of the steps so far, by the texts of the laws and the bits of the
+/// time step. Runs that are made one after the other have most of them in common.
+#[derive(Default)]
+pub(super) struct KnownFactors {
+    of_laws: RefCell<HashMap<(String, u64), KeptFactors>>,
+}
+
+/// Factors of one law, one per instant from the start on.
+type KeptFactors = Rc<RefCell<Vec<f64>>>;
+
+impl KnownFactors {
+    fn of(&self, law: &str, dt: f64) -> KeptFactors {
+        self.of_laws.borrow_mut().entry((law.to_owned(), dt.to_bits())).or_default().clone()
+    }
+}
 
 /// Laws in time of the loads of all lanes. Laws that lanes have in common are evaluated once.
 pub(super) struct LoadLaws<'s> {
-    pub systems: Vec<&'s System<Native>>,
-    /// First lane with the same law as a lane, one entry per term of each system.
-    first: Vec<Vec<usize>>,
+    /// Time step, in s.
+    dt: f64,
+    /// Terms of the load of each system.
+    of_lanes: Vec<Vec<LaneLaw<'s>>>,
+}
+
+/// Law of a term of the load of one lane.
+struct LaneLaw<'s> {
+    term: &'s LoadTerm,
+    /// First lane with the same law, where it is not this one.
+    first: Option<usize>,
+    kept: Option<KeptFactors>,
+}
+
+impl LaneLaw<'_> {
+    /// Returns the factor after a number of steps of `dt` seconds.
+    fn factor(&self, step: usize, dt: f64) -> Result<f64> {
+        let evaluated = || (self.term.factor)(step as f64 * dt);
+        let Some(kept) = &self.kept else { return evaluated() };
+        let mut kept = kept.borrow_mut();
+        if let Some(factor) = kept.get(step) {
+            return Ok(*factor);
+        }
+        let factor = evaluated()?;
+        if kept.len() == step && step < MOST_KEPT {
+            kept.push(factor);
+        }
+        Ok(factor)
+    }
 }
 
 impl<'s> LoadLaws<'s> {
-    /// Finds the laws that lanes have in common.
-    pub fn new(systems: &[&'s System<Native>]) -> LoadLaws<'s> {
+    /// Finds the laws that lanes have in common with each other, and with runs before. All runs
+    /// have steps of `dt` seconds.
+    pub fn new(systems: &[&'s System<Native>], dt: f64, known: &KnownFactors) -> LoadLaws<'s> {
         let law = |lane: usize, term: usize| systems[lane].drive.terms.get(term)?.law.as_ref();
-        let first = |lane: usize, term: usize| {
-            let own = law(lane, term);
-            (0..lane).find(|&other| own.is_some() && law(other, term) == own).unwrap_or(lane)
+        let of_term = |lane: usize, (number, term): (usize, &'s LoadTerm)| {
+            let own = law(lane, number);
+            LaneLaw {
+                term,
+                first: (0..lane).find(|&other| own.is_some() && law(other, number) == own),
+                kept: own.map(|law| known.of(law, dt)),
+            }
         };
-        let of_lane =
-            |lane: usize| (0..systems[lane].drive.terms.len()).map(|term| first(lane, term)).collect();
-        LoadLaws { systems: systems.to_vec(), first: (0..systems.len()).map(of_lane).collect() }
+        let of_lane = |(lane, system): (usize, &&'s System<Native>)| {
+            system.drive.terms.iter().enumerate().map(|of| of_term(lane, of)).collect()
+        };
+        LoadLaws { dt, of_lanes: systems.iter().enumerate().map(of_lane).collect() }
     }
 
     /// Returns the number of loads, with a constant one.
     pub fn count(&self) -> usize {
-        1 + self.first.iter().map(Vec::len).max().unwrap_or(0)
+        1 + self.of_lanes.iter().map(Vec::len).max().unwrap_or(0)
     }
 
-    /// Sets the factors of the loads at an instant (s): 1 for the constant one, which is the first.
+    /// Sets the factors of the loads after a number of steps: 1 for the constant one, which is the
+    /// first.
     ///
     /// # Errors
     /// Returns the errors of the laws.
-    pub fn set(&self, time: f64, factors: &mut [Lanes]) -> Result<()> {
+    pub fn set(&self, step: u64, factors: &mut [Lanes]) -> Result<()> {
         factors[0] = each(|_| 1.0);
-        for (lane, (system, first)) in self.systems.iter().zip(&self.first).enumerate() {
-            for ((factors, term), &first) in factors[1..].iter_mut().zip(&system.drive.terms).zip(first) {
-                factors.0[lane] = if first < lane { factors.0[first] } else { (term.factor)(time)? };
+        for (lane, laws) in self.of_lanes.iter().enumerate() {
+            for (factors, law) in factors[1..].iter_mut().zip(laws) {
+                factors.0[lane] = match law.first {
+                    Some(first) => factors.0[first],
+                    None => law.factor(step as usize, self.dt)?,
+                };
             }
         }
         Ok(())

@@ -2,6 +2,7 @@
 
 use super::lane_levels::{Equations, MasslessPart};
 use super::lane_sums::Coordinate;
+use super::load_laws::KnownFactors;
 use crate::error::Result;
 use crate::linalg::{Engine, Form, MassModes, Native};
 use crate::modes::modes_with_mass;
@@ -30,6 +31,7 @@ pub struct SharedModes<'s> {
     pub(super) model: ContactModel,
     /// Mode shapes at the bounds, one column each.
     pub(super) rows: Mat<f64>,
+    pub(super) factors: KnownFactors,
 }
 
 impl<'s> SharedModes<'s> {
@@ -74,7 +76,16 @@ impl<'s> SharedModes<'s> {
             let at = BoundRows { shapes: &rows, places: &numbers, lanes: numbers.len() };
             model.extend(&saddle, &all, &all.limits(comm, bounds), at, &numbers)?;
         }
-        Ok(SharedModes { system, modes: modes.clone(), massless, saddle, all, model, rows })
+        Ok(SharedModes {
+            system,
+            modes: modes.clone(),
+            massless,
+            saddle,
+            all,
+            model,
+            rows,
+            factors: KnownFactors::default(),
+        })
     }
 
     /// Returns the equations of a number of coordinates.
