@@ -27,6 +27,7 @@
 //! mass of cells it obeys the scheme like all else, and Rayleigh damping acts on it.
 
 mod lane_contacts;
+mod lane_coordinates;
 mod lane_energies;
 mod lane_levels;
 mod lane_runs;

@@ -22,9 +22,7 @@ const MOST_EXCHANGES: usize = 6;
 pub(super) struct LaneContacts<const N: usize> {
     /// Compliance R, in m/N.
     pub compliance: [[f64; N]; N],
-    /// Unknowns without reactions, in m.
-    pub free: [Lanes; N],
-    /// Bounds on the unknowns, in m.
+    /// Bounds on the unknowns, less the unknowns without reactions, in m.
     pub lower: [Lanes; N],
     pub upper: [Lanes; N],
     /// Lanes to solve. The others get no reactions.
@@ -34,7 +32,7 @@ pub(super) struct LaneContacts<const N: usize> {
 /// Solution of [`LaneContacts`].
 #[derive(Clone, Copy)]
 pub(super) struct LaneReactions<const N: usize> {
-    /// Unknowns, in m.
+    /// What the reactions add to the unknowns, in m.
     pub x: [Lanes; N],
     /// Reactions, in N.
     pub reaction: [Lanes; N],
@@ -74,19 +72,17 @@ impl<const N: usize> LaneContacts<N> {
         LaneReactions { iterations, ..last }
     }
 
-    /// Computes the reactions that hold the dofs in contact at their bounds, and the unknowns by
-    /// them. Lanes are unsolved whose compliance is not positive definite to rounding.
+    /// Computes the reactions that hold the dofs in contact at their bounds, and what they add to the
+    /// unknowns. Lanes are unsolved whose compliance is not positive definite to rounding.
     #[inline(always)]
     fn hold(&self, sides: &[Lanes; N]) -> LaneReactions<N> {
-        let LaneContacts { compliance, free, lower, upper, .. } = self;
+        let LaneContacts { compliance, lower, upper, .. } = self;
         let touches = sides.map(|side| side * side);
-        let mut held = *free;
-        let mut reaction = [ZERO; N];
-        for i in 0..N {
-            held[i] = sides[i].is_below(ZERO).pick(lower[i], held[i]);
-            held[i] = ZERO.is_below(sides[i]).pick(upper[i], held[i]);
-            reaction[i] = held[i] - free[i];
-        }
+        let held: [Lanes; N] = std::array::from_fn(|i| {
+            let at_lower = sides[i].is_below(ZERO).pick(lower[i], ZERO);
+            ZERO.is_below(sides[i]).pick(upper[i], at_lower)
+        });
+        let mut reaction = held;
         // The compliance is factored as L D L^T, with D diagonal and ones on the diagonal of L. The
         // rows of the factor after row j still contain L D in place of L.
         let mut factor = [[ZERO; N]; N];
@@ -116,7 +112,7 @@ impl<const N: usize> LaneContacts<N> {
                 reaction[j] = reaction[j] - factor[i][j] * reaction[i];
             }
         }
-        let mut x = *free;
+        let mut x = [ZERO; N];
         let mut residual = ZERO;
         for i in 0..N {
             for k in 0..N {
@@ -168,11 +164,15 @@ mod tests {
             let mut vector = |scale: f64, shift: f64| -> [Lanes; N] {
                 std::array::from_fn(|_| Lanes(std::array::from_fn(|_| shift + scale * random.unit())))
             };
+            let free = vector(4.0, -2.0);
+            let mut bound = |shift: f64| {
+                let bound = vector(1.0, shift);
+                std::array::from_fn(|i| bound[i] - free[i])
+            };
             let problem = LaneContacts {
                 compliance: LaneContacts::rows(&compliance),
-                free: vector(4.0, -2.0),
-                lower: vector(1.0, -1.5),
-                upper: vector(1.0, 0.5),
+                lower: bound(-1.5),
+                upper: bound(0.5),
                 chosen: ZERO.is_below(Lanes(std::array::from_fn(|lane| f64::from(lane != 3)))),
             };
             let solved = problem.solve(&mut sides);
@@ -180,8 +180,8 @@ mod tests {
             for (lane, solver) in solvers.iter_mut().enumerate() {
                 let of = |vector: &[Lanes; N]| vector.map(|lanes| lanes.0[lane]);
                 let (mut x, mut reaction) = ([0.0; N], [0.0; N]);
-                let (free, lower, upper) = (of(&problem.free), of(&problem.lower), of(&problem.upper));
-                let [free, lower, upper] = [&free, &lower, &upper].map(|of| of.as_slice());
+                let (lower, upper) = (of(&problem.lower), of(&problem.upper));
+                let (free, lower, upper) = (&[0.0; N], &lower, &upper);
                 let alone = ComplianceProblem { compliance: &compliance, free, lower, upper, hertz: &[] };
                 solver.solve(alone, &mut x, &mut reaction);
                 if lane == 3 {

@@ -1,7 +1,8 @@
 //! Newmark steps of several systems, each in a lane of the processor's registers.
 
 use super::lane_contacts::{LaneContacts, LaneReactions, ZERO};
-use super::lane_sums::{Coordinate, all_along, push_all};
+use super::lane_coordinates::{Coordinate, LaneCoordinates};
+use super::lane_sums::{all_along, work_along};
 use crate::linalg::wide::widest;
 use crate::linalg::{Ensemble, LaneMask, Lanes};
 use crate::scheme::NewmarkParameters;
@@ -61,20 +62,20 @@ pub(super) struct LaneLevels {
     pub data: Data,
     /// Number of systems.
     systems: usize,
-    /// Coordinates at the instant n, their increments to it and from it, and the unknown, one entry
-    /// per coordinate.
+    /// Coordinates at the instants n and n + 1, and their increments to n and from it.
     pub z: Vec<Lanes>,
+    z_next: Vec<Lanes>,
     pub d: Vec<Lanes>,
     pub d_next: Vec<Lanes>,
-    x: Vec<Lanes>,
     /// Factors of the loads at the instants n - 1, n and n + 1, and their beta-averages.
     pub factors: [Vec<Lanes>; 3],
     mean: Vec<Lanes>,
-    /// Deflections of the bounded dofs at the instants n and n - 1, in m.
-    pub u: Vec<Lanes>,
+    /// Deflections of the bounded dofs at the instants n - 1, n and n + 1, in m.
     pub u_before: Vec<Lanes>,
-    /// Unknown of the bounded deflections without reactions, in m.
-    unknown: Vec<Lanes>,
+    pub u: Vec<Lanes>,
+    u_next: Vec<Lanes>,
+    /// What the reactions add to the unknown of the bounded deflections, in m.
+    response: Vec<Lanes>,
     /// Bounded configuration, in m.
     pub admissible: Vec<Lanes>,
     /// Reactions at the instants n and n - 1, in N.
@@ -83,6 +84,10 @@ pub(super) struct LaneLevels {
     /// Work of the loads in time up to the instant n, and its increment there, in J.
     pub work: Lanes,
     increment: Lanes,
+    /// Work of each load at the factor 1 from the instant n - 1 to n + 1, in J, and the part of it
+    /// that a unit reaction at each bounded dof brings about.
+    moved: Vec<Lanes>,
+    reach: Vec<Vec<Lanes>>,
     /// Systems with reactions at the instant n, and at n - 1.
     pub presses: [LaneMask; 2],
     pub reports: [StepReport; LANES],
@@ -126,14 +131,17 @@ impl LaneLevels {
         let none = vec![ZERO; bounds];
         let mut levels = LaneLevels {
             systems,
+            z_next: z.clone(),
             d: vec![ZERO; size],
             d_next: vec![ZERO; size],
-            x: vec![ZERO; size],
+            moved: vec![ZERO; now.len()],
+            reach: (0..now.len()).map(|load| reach(&equations, &data.forces[load])).collect(),
             mean: now.clone(),
             factors: [before.collect(), now, next],
-            u: none.clone(),
             u_before: none.clone(),
-            unknown: none.clone(),
+            u: none.clone(),
+            u_next: none.clone(),
+            response: none.clone(),
             admissible: none.clone(),
             reaction: none.clone(),
             reaction_before: none,
@@ -150,7 +158,9 @@ impl LaneLevels {
             data,
         };
         all_along(&levels.equations.rows, &levels.data.rows, &levels.z, &mut levels.u);
-        levels.solve(Some(launch));
+        levels.start(launch);
+        levels.touch(0.5, 0.5);
+        levels.look_back(launch);
         levels.account(true);
         levels
     }
@@ -158,54 +168,140 @@ impl LaneLevels {
     /// Makes the level n + 1 the present one and solves for the next; `ahead` sets the factors of
     /// the loads there.
     pub fn advance(&mut self, ahead: impl FnOnce(&mut [Lanes])) {
+        std::mem::swap(&mut self.z, &mut self.z_next);
         std::mem::swap(&mut self.d, &mut self.d_next);
-        std::mem::swap(&mut self.u, &mut self.u_before);
+        std::mem::swap(&mut self.u_before, &mut self.u);
+        std::mem::swap(&mut self.u, &mut self.u_next);
         std::mem::swap(&mut self.reaction, &mut self.reaction_before);
         self.factors.rotate_left(1);
         ahead(&mut self.factors[2]);
-        let LaneLevels { equations, data, z, d, u, factors, arch, .. } = self;
-        widest(
-            *arch,
-            #[inline(always)]
-            || {
-                for (z, d) in z.iter_mut().zip(&*d) {
-                    *z += *d;
-                }
-                if equations.massless == MasslessPart::Follows {
-                    let first = equations.first_load();
-                    z[first..first + factors[1].len()].copy_from_slice(&factors[1]);
-                }
-                all_along(&equations.rows, &data.rows, z, u);
-            },
-        );
-        self.solve(None);
+        self.advance_without_contact();
+        self.touch(1.0 / (1.0 + self.equations.parameters.restitution), 1.0);
         self.account(false);
     }
 
-    /// Solves for the level n + 1; at the start, with initial velocities, for the ghost level too.
-    fn solve(&mut self, first: Option<&Launch>) {
-        self.solve_without_contact(first);
+    /// Solves for the first step as if nothing touched, given the initial velocities. The level
+    /// before the start, a ghost, follows from them.
+    fn start(&mut self, launch: &Launch) {
+        let LaneLevels { equations, data, z, z_next, d_next, factors, mean, u_before, u_next, .. } = self;
+        let Equations { parameters, massless, modes, coordinates, rows, .. } = &*equations;
+        let dt = parameters.step;
+        let at_loads = equations.first_load();
+        average(factors, parameters.beta, mean);
+        let force_on = |j: usize| match massless {
+            _ if j < *modes => {
+                data.pushing.iter().fold(ZERO, |sum, &load| sum + data.forces[load][j] * mean[load])
+            }
+            MasslessPart::Swings => {
+                j.checked_sub(at_loads).and_then(|load| mean.get(load)).copied().unwrap_or(ZERO)
+            }
+            _ => ZERO,
+        };
+        for (j, (of, z)) in coordinates.iter().zip(&*z).enumerate() {
+            let force = force_on(j) + (2.0 / dt) * launch.of_mode(j);
+            d_next[j] = 0.5 * (of.inverse * (force - of.stiffness * *z));
+        }
+        let mut travels: Vec<Lanes> = launch.bounded.iter().map(|velocity| (2.0 * dt) * *velocity).collect();
+        if *massless == MasslessPart::Follows {
+            let [_, now, next] = &*factors;
+            for (l, (now, next)) in now.iter().zip(next).enumerate() {
+                d_next[at_loads + l] = *next - *now;
+                let travel = travels.iter_mut().zip(&data.rows);
+                travel.for_each(|(travel, row)| *travel += 2.0 * (row[l] * d_next[at_loads + l]));
+            }
+        }
+        for (z_next, (z, d)) in z_next.iter_mut().zip(z.iter().zip(&*d_next)) {
+            *z_next = *z + *d;
+        }
+        all_along(rows, &data.rows, z_next, u_next);
+        for (before, (next, travel)) in u_before.iter_mut().zip(u_next.iter().zip(travels)) {
+            *before = *next - travel;
+        }
+        report_finite(d_next.iter().fold(ZERO, |sum, d| sum + *d), &mut self.reports);
+    }
+
+    /// Sets the increments from the ghost before the start.
+    fn look_back(&mut self, launch: &Launch) {
+        let LaneLevels { equations, data, d, d_next, moved, .. } = self;
+        let Equations { parameters, massless, .. } = &*equations;
+        for (j, (d, next)) in d.iter_mut().zip(&*d_next).enumerate() {
+            let follows = *massless == MasslessPart::Follows && j >= equations.first_load();
+            let back = (2.0 * parameters.step) * launch.of_mode(j) - *next;
+            *d = if follows { *next } else { back };
+        }
+        for (moved, force) in moved.iter_mut().zip(&data.forces) {
+            *moved = work_along(force, d, d_next);
+        }
+    }
+
+    /// Moves on to the level n + 1 as if nothing touched.
+    fn advance_without_contact(&mut self) {
+        let LaneLevels { equations, data, z, z_next, d, d_next, factors, mean, .. } = self;
+        let Equations { parameters, massless, modes, coordinates, rows, .. } = &*equations;
+        let [before, now, next] = &*factors;
+        let at_loads = equations.first_load();
+        let (u_next, moved, reports) = (&mut self.u_next, &mut self.moved, &mut self.reports);
+        // Without any load, the constant one is zero.
+        let (last, others) = data.pushing.split_last().unwrap_or((&0, &[]));
+        widest(
+            self.arch,
+            #[inline(always)]
+            || {
+                average(factors, parameters.beta, mean);
+                let force = &data.forces[*last];
+                let (of_modes, of_others) = force.split_at(*modes);
+                for &load in others {
+                    for (sum, force) in d_next[..*modes].iter_mut().zip(&data.forces[load]) {
+                        let earlier = if load == others[0] { ZERO } else { *sum };
+                        *sum = earlier + *force * mean[load];
+                    }
+                }
+                d_next[*modes..].fill(ZERO);
+                if *massless == MasslessPart::Swings {
+                    d_next[at_loads..at_loads + mean.len()].copy_from_slice(mean);
+                }
+                let levels = LaneCoordinates { z, d, d_next, z_next };
+                let [inertial, massless_part] = levels.split_at(*modes);
+                let (modal, of_rest) = coordinates.split_at(*modes);
+                let [sum, work] = if others.is_empty() {
+                    inertial.advance::<false>(modal, |j| of_modes[j], mean[*last])
+                } else {
+                    inertial.advance::<true>(modal, |j| of_modes[j], mean[*last])
+                };
+                let [other_sum, _] = massless_part.advance::<true>(of_rest, |_| ZERO, ZERO);
+                report_finite(sum + other_sum, reports);
+                if *massless == MasslessPart::Follows {
+                    for (l, (before, (now, next))) in before.iter().zip(now.iter().zip(next)).enumerate() {
+                        let of_load = at_loads + l;
+                        d_next[of_load] = d[of_load] + ((*next - 2.0 * *now) + *before);
+                        z_next[of_load] = *next;
+                    }
+                }
+                all_along(rows, &data.rows, z_next, u_next);
+                moved[*last] = work + work_along(of_others, &d[*modes..], &d_next[*modes..]);
+                for &load in others {
+                    moved[load] = work_along(&data.forces[load], d, d_next);
+                }
+            },
+        );
+    }
+
+    /// Adds the reactions where the bounded configuration is beyond the bounds. Per unit of the
+    /// unknown, this configuration moves by `share`, and the deflections by `part`.
+    fn touch(&mut self, share: f64, part: f64) {
         let e = self.equations.parameters.restitution;
-        let dt = self.equations.parameters.step;
-        let share = if first.is_some() { 0.5 } else { 1.0 / (1.0 + e) };
-        let LaneLevels { data, u, u_before, unknown, admissible, arch, .. } = self;
+        let LaneLevels { data, u_before, u_next, admissible, arch, .. } = self;
         let mut beyond = LaneMask::default();
         widest(
             *arch,
             #[inline(always)]
             || {
+                let deflections = u_next.iter().zip(&*u_before);
                 let bounds = data.lower.iter().zip(&data.upper);
-                let deflections = u.iter().zip(&*u_before).zip(&*unknown);
-                for (i, (place, ((u, u_before), unknown))) in
-                    admissible.iter_mut().zip(deflections).enumerate()
+                for ((place, (next, before)), (lower, upper)) in
+                    admissible.iter_mut().zip(deflections).zip(bounds)
                 {
-                    let drift = match first {
-                        Some(launch) => (-2.0 * dt * e / (1.0 + e)) * launch.bounded[i],
-                        None => ((1.0 - e) / (1.0 + e)) * (*u - *u_before),
-                    };
-                    *place = *u + (share * *unknown + drift);
-                }
-                for (place, (lower, upper)) in admissible.iter().zip(bounds) {
+                    *place = (1.0 / (1.0 + e)) * (*next + e * *before);
                     beyond = beyond | place.is_below(*lower) | upper.is_below(*place);
                 }
             },
@@ -213,77 +309,25 @@ impl LaneLevels {
         self.presses = [beyond, self.presses[0]];
         if beyond.any() {
             self.solve_contacts(beyond, share);
-            self.react();
+            self.react(part);
         } else {
             self.reaction.fill(ZERO);
             // The next contact of a system must not depend on those of the others.
             self.sides.fill(ZERO);
         }
-        self.update(first);
-    }
-
-    /// Computes the unknown of the step without reactions, and that of the bounded deflections.
-    fn solve_without_contact(&mut self, first: Option<&Launch>) {
-        let LaneLevels { equations, data, z, d, x, factors, mean, unknown, reports, arch, .. } = self;
-        let Equations { parameters, massless, modes, coordinates, rows, .. } = equations;
-        let NewmarkParameters { beta, restitution: e, step: dt } = *parameters;
-        let [prev, now, next] = &*factors;
-        let after = *modes + if *massless == MasslessPart::None { 0 } else { rows.len() };
-        widest(
-            *arch,
-            #[inline(always)]
-            || {
-                let of_time = prev.iter().zip(now).zip(next);
-                for (mean, ((prev, now), next)) in mean.iter_mut().zip(of_time) {
-                    *mean = *now + beta * ((*next - 2.0 * *now) + *prev);
-                }
-                x.fill(ZERO);
-                for &load in &data.pushing {
-                    let mean = mean[load];
-                    for (x, force) in x[..*modes].iter_mut().zip(&data.forces[load]) {
-                        *x += *force * mean;
-                    }
-                }
-                if *massless == MasslessPart::Swings {
-                    x[after..after + mean.len()].copy_from_slice(mean);
-                }
-                if let Some(launch) = first {
-                    for (x, velocity) in x[..*modes].iter_mut().zip(&launch.modes) {
-                        *x += (2.0 / dt) * *velocity;
-                    }
-                }
-                // A value that is not finite spoils the sum.
-                let mut sum = ZERO;
-                for (x, ((z, d), of)) in x.iter_mut().zip(z.iter().zip(&*d).zip(&*coordinates)) {
-                    *x = of.inverse * ((*x - of.decay * *d) - of.stiffness * *z);
-                    sum += *x;
-                }
-                if *massless == MasslessPart::Follows {
-                    for (l, x) in x[after..].iter_mut().enumerate() {
-                        *x = match first {
-                            Some(_) => (2.0 * (1.0 - e) / (1.0 + e)) * (next[l] - now[l]),
-                            None => (next[l] - 2.0 * now[l]) + prev[l],
-                        };
-                    }
-                }
-                all_along(rows, &data.rows, x, unknown);
-                for (report, sum) in reports.iter_mut().zip(sum.0) {
-                    *report = StepReport { kkt: 0.0 * sum, ..StepReport::default() };
-                }
-            },
-        );
     }
 
     /// Solves for the reactions on chosen systems, whose bounded configuration moves by a share of
     /// the unknown.
     fn solve_contacts(&mut self, chosen: LaneMask, share: f64) {
-        let left = match self.unknown.len() {
+        let left = match self.response.len() {
             1 => self.solve_contacts_at_once::<1>(chosen, share),
             2 => self.solve_contacts_at_once::<2>(chosen, share),
             3 => self.solve_contacts_at_once::<3>(chosen, share),
             4 => self.solve_contacts_at_once::<4>(chosen, share),
             _ => {
                 self.reaction.fill(ZERO);
+                self.response.fill(ZERO);
                 chosen
             }
         };
@@ -295,29 +339,29 @@ impl LaneLevels {
     /// Solves for the reactions on chosen systems at once. Returns those that are left to
     /// [`LaneLevels::solve_contact`].
     fn solve_contacts_at_once<const N: usize>(&mut self, chosen: LaneMask, share: f64) -> LaneMask {
-        let LaneLevels { equations, data, u, unknown, admissible, reaction, reports, sides, arch, .. } = self;
+        let LaneLevels { equations, data, u, response, admissible, reaction, reports, sides, arch, .. } =
+            self;
         let mut left = chosen;
         let (mut kkt, mut exchanges) = (ZERO, ZERO);
         widest(
             *arch,
             #[inline(always)]
             || {
-                let free: [Lanes; N] = std::array::from_fn(|i| unknown[i]);
                 let unit = 1.0 / share;
-                let problem = LaneContacts {
+                let problem = LaneContacts::<N> {
                     compliance: LaneContacts::rows(&equations.compliance),
-                    lower: std::array::from_fn(|i| free[i] + unit * (data.lower[i] - admissible[i])),
-                    upper: std::array::from_fn(|i| free[i] + unit * (data.upper[i] - admissible[i])),
-                    free,
+                    lower: std::array::from_fn(|i| unit * (data.lower[i] - admissible[i])),
+                    upper: std::array::from_fn(|i| unit * (data.upper[i] - admissible[i])),
                     chosen,
                 };
                 let LaneReactions { x, reaction: r, residual, iterations, unsolved } = problem.solve(sides);
                 reaction.copy_from_slice(&r);
+                response.copy_from_slice(&x);
                 let solved = chosen & !unsolved;
                 let mut largest = data.magnitude;
                 for (i, place) in admissible.iter_mut().enumerate() {
                     let [low, high] = [data.lower[i], data.upper[i]];
-                    let moved = (*place + share * (x[i] - free[i])).max(low).min(high);
+                    let moved = (*place + share * x[i]).max(low).min(high);
                     let moved = sides[i].is_below(ZERO).pick(low, moved);
                     let moved = ZERO.is_below(sides[i]).pick(high, moved);
                     *place = solved.pick(moved, *place);
@@ -341,18 +385,18 @@ impl LaneLevels {
     /// unknown.
     fn solve_contact(&mut self, lane: usize, share: f64) {
         let LaneLevels {
-            equations, data, u, unknown, admissible, reaction, reports, sides, gathered, ..
+            equations, data, u, response, admissible, reaction, reports, sides, gathered, ..
         } = self;
         let Gathered { free, lower, upper, x, reaction: r } = gathered;
-        let bounds = 0..unknown.len();
+        let bounds = 0..response.len();
         for of in [&mut *free, &mut *lower, &mut *upper, &mut *x, &mut *r] {
             of.clear();
         }
         for i in bounds.clone() {
-            let (unknown, place) = (unknown[i].0[lane], admissible[i].0[lane]);
-            free.push(unknown);
-            lower.push(unknown + (data.lower[i].0[lane] - place) / share);
-            upper.push(unknown + (data.upper[i].0[lane] - place) / share);
+            let place = admissible[i].0[lane];
+            free.push(0.0);
+            lower.push((data.lower[i].0[lane] - place) / share);
+            upper.push((data.upper[i].0[lane] - place) / share);
         }
         x.resize(free.len(), 0.0);
         r.resize(free.len(), 0.0);
@@ -374,80 +418,52 @@ impl LaneLevels {
         }
         for i in bounds {
             let [low, high] = [data.lower[i].0[lane], data.upper[i].0[lane]];
-            reaction[i].0[lane] = r[i];
+            (reaction[i].0[lane], response[i].0[lane]) = (r[i], x[i]);
             admissible[i].0[lane] = match solver.sides[i] {
                 BoundStatus::Lower => low,
                 BoundStatus::Upper => high,
-                BoundStatus::Free => {
-                    (admissible[i].0[lane] + share * (x[i] - unknown[i].0[lane])).max(low).min(high)
-                }
+                BoundStatus::Free => (admissible[i].0[lane] + share * x[i]).max(low).min(high),
             };
         }
     }
 
-    /// Adds what the reactions do to the unknown.
-    fn react(&mut self) {
-        let LaneLevels { equations, x, reaction, arch, .. } = self;
-        let Equations { massless, modes, coordinates, rows, .. } = equations;
+    /// Adds what the reactions do to the level n + 1, where a `part` of the unknown is the increment.
+    fn react(&mut self, part: f64) {
+        let LaneLevels { equations, data, z, z_next, d, d_next, u_next, .. } = self;
+        let Equations { modes, coordinates, rows, .. } = &*equations;
+        let (reaction, response, moved, reach) =
+            (&self.reaction, &self.response, &mut self.moved, &self.reach);
         widest(
-            *arch,
+            self.arch,
             #[inline(always)]
             || {
-                let (of_modes, others) = x.split_at_mut(*modes);
-                let (modal, massless_part) = coordinates.split_at(*modes);
-                push_all(rows, reaction, modal, of_modes);
-                if *massless != MasslessPart::None {
-                    for ((x, r), of) in others.iter_mut().zip(&*reaction).zip(massless_part) {
-                        *x += of.inverse * *r;
+                let levels = LaneCoordinates { z, d, d_next, z_next };
+                let [mut inertial, mut massless_part] = levels.split_at(*modes);
+                inertial.push_all(&coordinates[..*modes], part, rows, reaction);
+                massless_part.push_each(&coordinates[*modes..], part, reaction);
+                for (u, response) in u_next.iter_mut().zip(response) {
+                    *u += part * *response;
+                }
+                for &load in &data.pushing {
+                    for (reach, r) in reach[load].iter().zip(reaction) {
+                        moved[load] += *reach * *r;
                     }
                 }
             },
         );
     }
 
-    /// Moves the coordinates to the level n + 1.
-    fn update(&mut self, first: Option<&Launch>) {
-        let LaneLevels { equations, x, d, d_next, factors, arch, .. } = self;
-        let dt = equations.parameters.step;
-        widest(
-            *arch,
-            #[inline(always)]
-            || {
-                for (d_next, (d, x)) in d_next.iter_mut().zip(d.iter().zip(&*x)) {
-                    *d_next = if first.is_some() { 0.5 * *x } else { *d + *x };
-                }
-            },
-        );
-        let Some(launch) = first else { return };
-        for (j, (d, x)) in d.iter_mut().zip(&*x).enumerate() {
-            let rate = launch.modes.get(j).copied().unwrap_or(ZERO);
-            *d = (2.0 * dt) * rate - 0.5 * *x;
-        }
-        if equations.massless == MasslessPart::Follows {
-            let first = equations.first_load();
-            for l in 0..factors[1].len() {
-                d[first + l] = factors[2][l] - factors[1][l];
-                d_next[first + l] = d[first + l];
-            }
-        }
-    }
-
     /// Adds the work of the loads in time up to the instant n.
     fn account(&mut self, is_start: bool) {
-        let LaneLevels { equations, data, d, d_next, factors, mean, reaction, work, increment, arch, .. } =
-            self;
-        let touches = reaction.iter().any(|of| *of != ZERO);
+        let LaneLevels { equations, data, moved, factors, mean, reaction, work, increment, arch, .. } = self;
+        let touches = self.presses[0].any();
         widest(
             *arch,
             #[inline(always)]
             || {
                 let mut sum = ZERO;
                 for &load in data.pushing.iter().filter(|load| **load > 0) {
-                    let mut moved = ZERO;
-                    for (force, (d, next)) in data.forces[load].iter().zip(d.iter().zip(&*d_next)) {
-                        moved += *force * (*d + *next);
-                    }
-                    sum += 0.5 * (mean[load] * moved);
+                    sum += 0.5 * (mean[load] * moved[load]);
                 }
                 if equations.massless == MasslessPart::Follows && touches {
                     // Reactions work on the response of the massless part to the loads.
@@ -467,11 +483,48 @@ impl LaneLevels {
     }
 }
 
+impl Launch {
+    /// Returns the initial velocity of a mode, 0 for all other coordinates.
+    fn of_mode(&self, coordinate: usize) -> Lanes {
+        self.modes.get(coordinate).copied().unwrap_or(ZERO)
+    }
+}
+
 impl Equations {
     /// Returns the place of the first load among the coordinates.
     pub fn first_load(&self) -> usize {
         self.modes + self.rows.len()
     }
+}
+
+/// Sets the beta-averages of the factors at three instants.
+#[inline(always)]
+fn average([before, now, next]: &[Vec<Lanes>; 3], beta: f64, mean: &mut [Lanes]) {
+    let of_time = before.iter().zip(now).zip(next);
+    for (mean, ((before, now), next)) in mean.iter_mut().zip(of_time) {
+        *mean = *now + beta * ((*next - 2.0 * *now) + *before);
+    }
+}
+
+/// Starts the reports of a step, which a sum that is not finite spoils.
+#[inline(always)]
+fn report_finite(sum: Lanes, reports: &mut [StepReport; LANES]) {
+    for (report, sum) in reports.iter_mut().zip(sum.0) {
+        *report = StepReport { kkt: 0.0 * sum, ..StepReport::default() };
+    }
+}
+
+/// Returns the work of a load at the factor 1 on what a unit reaction at each bounded dof adds to the
+/// increment of a step, in J.
+fn reach(equations: &Equations, force: &[Lanes]) -> Vec<Lanes> {
+    let Equations { modes, coordinates, rows, .. } = equations;
+    let of_bound = |(bound, row): (usize, &Vec<f64>)| {
+        let inertial = coordinates.iter().zip(row).zip(force).take(*modes);
+        let inertial = inertial.fold(ZERO, |sum, ((of, row), force)| sum + (of.inverse * row) * *force);
+        let massless = force.get(modes + bound).map(|force| coordinates[modes + bound].inverse * *force);
+        inertial + massless.unwrap_or(ZERO)
+    };
+    rows.iter().enumerate().map(of_bound).collect()
 }
 
 /// Returns a value for each system.

@@ -5,18 +5,7 @@ use crate::linalg::Lanes;
 
 /// Number of rows whose sums the registers hold at once. Sums side by side do not wait for each
 /// other.
-const ROWS: usize = 3;
-
-/// Equation of one coordinate.
-#[derive(Clone, Copy)]
-pub(super) struct Coordinate {
-    /// Stiffness: the squared frequency of a mode, 1 without mass.
-    pub stiffness: f64,
-    /// Decay rate over the step.
-    pub decay: f64,
-    /// Inverse of the step matrix.
-    pub inverse: f64,
-}
+pub(super) const ROWS: usize = 3;
 
 /// Returns the sum of coordinates with weights, the first ones common to all systems.
 #[inline(always)]
@@ -25,45 +14,28 @@ pub(super) fn along(shared: &[f64], own: &[Lanes], z: &[Lanes]) -> Lanes {
     sum
 }
 
-/// Adds to the unknowns of modes what reactions do to them, with the deflections per unit of the
-/// modes where they act.
+/// Returns the sum of forces times two increments of their coordinates.
 #[inline(always)]
-pub(super) fn push_all(rows: &[Vec<f64>], reactions: &[Lanes], modes: &[Coordinate], x: &mut [Lanes]) {
-    for (rows, reactions) in rows.chunks(ROWS).zip(reactions.chunks(ROWS)) {
-        match rows {
-            [a, b, c] => push([a, b, c], reactions, modes, x),
-            [a, b] => push([a, b], reactions, modes, x),
-            _ => push([&rows[0]], reactions, modes, x),
-        }
+pub(super) fn work_along(force: &[Lanes], d: &[Lanes], d_next: &[Lanes]) -> Lanes {
+    let mut moved = ZERO;
+    for (force, (d, next)) in force.iter().zip(d.iter().zip(d_next)) {
+        moved += *force * (*d + *next);
     }
-}
-
-/// Adds to the unknowns of modes what a few reactions do to them.
-#[inline(always)]
-fn push<const N: usize>(rows: [&[f64]; N], reactions: &[Lanes], modes: &[Coordinate], x: &mut [Lanes]) {
-    let rows = rows.map(|row| &row[..modes.len()]);
-    let reactions: [Lanes; N] = std::array::from_fn(|i| reactions[i]);
-    for (j, (x, of)) in x.iter_mut().zip(modes).enumerate() {
-        let mut force = ZERO;
-        for (row, r) in rows.iter().zip(&reactions) {
-            force += row[j] * *r;
-        }
-        *x += of.inverse * force;
-    }
+    moved
 }
 
 /// Sets the sums of coordinates with several rows of weights.
 #[inline(always)]
 pub(super) fn all_along(shared: &[Vec<f64>], own: &[Vec<Lanes>], z: &[Lanes], sums: &mut [Lanes]) {
-    let rows = shared.chunks_exact(ROWS).zip(own.chunks_exact(ROWS)).zip(sums.chunks_exact_mut(ROWS));
+    let rows = shared.chunks(ROWS).zip(own.chunks(ROWS)).zip(sums.chunks_mut(ROWS));
     for ((shared, own), sums) in rows {
-        let shared: [&[f64]; ROWS] = std::array::from_fn(|i| &*shared[i]);
-        let own: [&[Lanes]; ROWS] = std::array::from_fn(|i| &*own[i]);
-        sums.copy_from_slice(&several_along(shared, own, z));
-    }
-    let whole = sums.len() - sums.len() % ROWS;
-    for (sum, (shared, own)) in sums[whole..].iter_mut().zip(shared[whole..].iter().zip(&own[whole..])) {
-        *sum = along(shared, own, z);
+        match (shared, own) {
+            ([a, b, c], [of_a, of_b, of_c]) => {
+                sums.copy_from_slice(&several_along([a, b, c], [of_a, of_b, of_c], z));
+            }
+            ([a, b], [of_a, of_b]) => sums.copy_from_slice(&several_along([a, b], [of_a, of_b], z)),
+            _ => sums[0] = along(&shared[0], &own[0], z),
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Modes and compliance that equal systems in lock step share.
 
+use super::lane_coordinates::Coordinate;
 use super::lane_levels::{Equations, MasslessPart};
-use super::lane_sums::Coordinate;
 use super::load_laws::KnownFactors;
 use crate::error::Result;
 use crate::linalg::{Engine, Form, MassModes, Native};
