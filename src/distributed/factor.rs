@@ -1,5 +1,6 @@
 //! Factors of matrices over all ranks.
 
+use super::cascade::Cascade;
 use super::flexibility::Flexibility;
 use super::hierarchy::Hierarchy;
 use super::products::CellOperator;
@@ -7,7 +8,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{add, subtract};
-use crate::linalg::{Factor, LinearMethod, LinearSolves};
+use crate::linalg::{BoundedDofs, Factor, LinearMethod, LinearSolves};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Plex, Vector};
 use faer::Mat;
 use std::cell::{Cell, RefCell};
@@ -35,6 +36,8 @@ pub struct DistributedFactor {
     linear: SystemSolver,
     /// Levels of multigrid, whose solver holds dofs itself.
     levels: Option<MultigridLevels>,
+    /// Problems of the coarse meshes, once contact is wide.
+    cascade: Option<Cascade>,
     /// Matrix in which other methods held dofs last, and its solver.
     pinned: Option<(Matrix, Ksp)>,
     /// Held dofs that this rank owns, and whether any rank holds some.
@@ -80,6 +83,7 @@ impl DistributedFactor {
             solver,
             linear,
             levels,
+            cascade: None,
             pinned: None,
             held,
             holds: false,
@@ -322,6 +326,28 @@ impl Factor for DistributedFactor {
         let (solver, _) = solver(&self.context, &held, operator, None)?;
         self.pinned = Some((held, solver));
         Ok(())
+    }
+
+    fn find_contact(
+        &mut self,
+        b: &[f64],
+        bounded: &BoundedDofs,
+        x: &mut [f64],
+        sides: &mut [i8],
+    ) -> Result<bool> {
+        let SystemSolver::Multigrid(hierarchy) = &self.linear else { return Ok(false) };
+        let hierarchy = hierarchy.clone();
+        self.pin(&[])?;
+        let Some(levels) = &self.levels else { return Ok(false) };
+        let cascade = match self.cascade.take() {
+            Some(cascade) => cascade,
+            None => Cascade::new(&self.context, levels.coarse(), hierarchy.steps())?,
+        };
+        let cascade = self.cascade.insert(cascade);
+        self.right.set_local(b)?;
+        cascade.find(hierarchy.steps(), &self.right, bounded, &mut self.solution, sides)?;
+        self.solution.copy_to(x)?;
+        Ok(true)
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {

@@ -29,8 +29,16 @@ const SYMMETRIC: f64 = 1e-9;
 
 /// Interpolation from level to level of the meshes that a refinement has passed.
 pub struct Hierarchy {
-    /// Interpolation to each mesh from the next coarser one, coarsest first.
-    interpolations: Vec<Matrix>,
+    /// Steps to each mesh from the next coarser one, coarsest first.
+    steps: Vec<Step>,
+}
+
+/// Step from a mesh to the next finer one.
+pub(super) struct Step {
+    pub interpolation: Matrix,
+    /// Deflections of the nodes that both meshes have: the dof of the fine mesh, and that of the
+    /// coarse one, among those of this rank.
+    pub shared: Vec<[usize; 2]>,
 }
 
 /// Mesh with its dofs, one level of the hierarchy.
@@ -61,25 +69,30 @@ impl Hierarchy {
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error, and [`crate::Error::Mesh`] for
     /// a cell that cannot carry its element.
     pub(super) fn new(passed: &[(Plex, Refinement)], finest: &Level) -> Result<Hierarchy> {
-        let mut interpolations = Vec::new();
-        add_levels(passed, finest, &mut interpolations)?;
-        interpolations.reverse();
-        Ok(Hierarchy { interpolations })
+        let mut steps = Vec::new();
+        add_levels(passed, finest, &mut steps)?;
+        steps.reverse();
+        Ok(Hierarchy { steps })
     }
 
     /// Returns the number of levels.
     pub fn levels(&self) -> usize {
-        self.interpolations.len() + 1
+        self.steps.len() + 1
+    }
+
+    /// Returns the step to each mesh from the next coarser one, coarsest first.
+    pub(super) fn steps(&self) -> &[Step] {
+        &self.steps
     }
 
     /// Returns the interpolation to each mesh from the next coarser one, coarsest first.
     pub fn interpolations(&self) -> Vec<&Matrix> {
-        self.interpolations.iter().collect()
+        self.steps.iter().map(|step| &step.interpolation).collect()
     }
 }
 
-/// Adds the interpolations to a level and to all coarser ones, finest first. Collective.
-fn add_levels(passed: &[(Plex, Refinement)], fine: &Level, interpolations: &mut Vec<Matrix>) -> Result<()> {
+/// Adds the steps to a level and to all coarser ones, finest first. Collective.
+fn add_levels(passed: &[(Plex, Refinement)], fine: &Level, steps: &mut Vec<Step>) -> Result<()> {
     let Some(((plex, refinement), passed)) = passed.split_last() else { return Ok(()) };
     let owned = plex.owned()?;
     let (start, vertices) = (plex.chart().start, plex.vertices());
@@ -103,8 +116,8 @@ fn add_levels(passed: &[(Plex, Refinement)], fine: &Level, interpolations: &mut 
         extra_cells: &extra_cells,
     };
     let extra: Vec<usize> = extra.into_iter().map(|(_, dof)| dof).collect();
-    interpolations.push(interpolation(&fine_nodes, &extra, &coarse, fine)?);
-    add_levels(passed, &coarse, interpolations)
+    steps.push(Step::new(&fine_nodes, &extra, &coarse, fine)?);
+    add_levels(passed, &coarse, steps)
 }
 
 /// Nodes of the fine mesh that the points of the coarse one become, on this rank.
@@ -184,44 +197,48 @@ impl FineNodes {
     }
 }
 
-/// Creates the interpolation from one level to the next finer one. `extra` is the fine dof of each
-/// extra dof of the coarse mesh. Collective.
-fn interpolation(fine_nodes: &FineNodes, extra: &[usize], coarse: &Level, fine: &Level) -> Result<Matrix> {
-    let mut entries = Entries::new(coarse, fine)?;
-    extra.iter().enumerate().for_each(|(column, &row)| entries.push(row, column, 1.0));
-    for (node, &same) in fine_nodes.of_nodes.iter().enumerate() {
-        if fine.owns[same] {
-            entries.add(same, node, &SAME);
+impl Step {
+    /// Creates the step from one level to the next finer one. `extra` is the fine dof of each extra
+    /// dof of the coarse mesh. Collective.
+    fn new(fine_nodes: &FineNodes, extra: &[usize], coarse: &Level, fine: &Level) -> Result<Step> {
+        let mut entries = Entries::new(coarse, fine)?;
+        let mut shared = Vec::new();
+        extra.iter().enumerate().for_each(|(column, &row)| entries.push(row, column, 1.0));
+        for (node, &same) in fine_nodes.of_nodes.iter().enumerate() {
+            if fine.owns[same] {
+                entries.add(same, node, &SAME);
+                shared.extend(entries.deflections(same, node));
+            }
         }
-    }
-    let mesh = coarse.mesh;
-    let diagonals = fine_nodes.diagonals(coarse, fine)?;
-    for (cell, corners) in mesh.cells.iter().enumerate() {
-        let element = mesh.element(cell)?;
-        let corners = corners.nodes();
-        let mut evaluate = |node: usize, at: &[usize]| {
-            let functions = element.basis_at(fine.mesh.nodes[node]);
-            for (of, corner) in functions.chunks_exact(PER_NODE).zip(corners) {
-                if at.contains(corner) {
-                    entries.add(node, *corner, &block(of, 1.0));
+        let mesh = coarse.mesh;
+        let diagonals = fine_nodes.diagonals(coarse, fine)?;
+        for (cell, corners) in mesh.cells.iter().enumerate() {
+            let element = mesh.element(cell)?;
+            let corners = corners.nodes();
+            let mut evaluate = |node: usize, at: &[usize]| {
+                let functions = element.basis_at(fine.mesh.nodes[node]);
+                for (of, corner) in functions.chunks_exact(PER_NODE).zip(corners) {
+                    if at.contains(corner) {
+                        entries.add(node, *corner, &block(of, 1.0));
+                    }
+                }
+            };
+            if let Some(centre) = fine_nodes.of_cells[cell] {
+                evaluate(centre, corners);
+            }
+            for &edge in &fine_nodes.edges[cell] {
+                let middle = fine_nodes.of_edges[edge];
+                if fine.owns[middle] && fine_nodes.cells[edge] == cell && !diagonals[edge] {
+                    evaluate(middle, &fine_nodes.ends[edge]);
                 }
             }
-        };
-        if let Some(centre) = fine_nodes.of_cells[cell] {
-            evaluate(centre, corners);
-        }
-        for &edge in &fine_nodes.edges[cell] {
-            let middle = fine_nodes.of_edges[edge];
-            if fine.owns[middle] && fine_nodes.cells[edge] == cell && !diagonals[edge] {
-                evaluate(middle, &fine_nodes.ends[edge]);
+            let apex = fine_nodes.apex(mesh, cell).filter(|(_, edge, _)| diagonals[*edge]);
+            if let Some((apex, edge, _)) = apex {
+                entries.add_diagonal(mesh, corners, [apex, fine_nodes.of_edges[edge]])?;
             }
         }
-        let apex = fine_nodes.apex(mesh, cell).filter(|(_, edge, _)| diagonals[*edge]);
-        if let Some((apex, edge, _)) = apex {
-            entries.add_diagonal(mesh, corners, [apex, fine_nodes.of_edges[edge]])?;
-        }
+        Ok(Step { interpolation: entries.matrix()?, shared })
     }
-    entries.matrix()
 }
 
 /// Returns the values and slopes of the three functions of a node, times a weight.
@@ -234,8 +251,10 @@ fn block(functions: &[BasisFunction], weight: f64) -> Block {
 struct Entries<'e> {
     coarse: &'e Level<'e>,
     fine: &'e Level<'e>,
-    /// Position of each local dof in global vectors of the fine and of the coarse mesh.
+    /// Position of each local dof in global vectors of the fine and of the coarse mesh, and that of
+    /// the first dof of this rank.
     positions: [Vec<Index>; 2],
+    first: [Index; 2],
     /// Dofs of tips of compliant stops, by node of the fine mesh: they move with their nodes.
     tips: HashMap<usize, Vec<usize>>,
     rows: Vec<Index>,
@@ -249,6 +268,7 @@ impl<'e> Entries<'e> {
         fine.space.tips().iter().for_each(|&(dof, node)| tips.entry(node).or_default().push(dof));
         Ok(Entries {
             positions: [fine.plex.global_dofs()?, coarse.plex.global_dofs()?],
+            first: [fine.plex.global_vector()?.range().start, coarse.plex.global_vector()?.range().start],
             coarse,
             fine,
             tips,
@@ -256,6 +276,16 @@ impl<'e> Entries<'e> {
             columns: Vec::new(),
             values: Vec::new(),
         })
+    }
+
+    /// Returns the positions among the dofs of this rank, fine and coarse, of the deflection of a
+    /// node that both meshes have.
+    fn deflections(&self, node: usize, of: usize) -> Option<[usize; 2]> {
+        let (fine, _) = self.fine.space.dof(PER_NODE * node)?;
+        let (coarse, _) = self.coarse.space.dof(PER_NODE * of)?;
+        let own =
+            |level: usize, dof: usize| usize::try_from(self.positions[level][dof] - self.first[level]).ok();
+        Some([own(0, fine)?, own(1, coarse)?])
     }
 
     /// Adds an entry that is not zero, given by its local dofs of the fine and of the coarse mesh.

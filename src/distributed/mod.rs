@@ -5,6 +5,7 @@
 //! nodes of a part to those of the engine and of the other ranks.
 
 mod adder;
+mod cascade;
 mod engine;
 mod factor;
 mod flexibility;

@@ -414,6 +414,15 @@ pub trait Engine: Sized {
     }
 }
 
+/// Bounded dofs, ascending, with their lower and their upper bounds.
+#[derive(Debug, Clone, Copy)]
+pub struct BoundedDofs<'b> {
+    /// Dofs.
+    pub dofs: &'b [usize],
+    /// Lower and upper bounds, infinite where there is none.
+    pub limits: [&'b [f64]; 2],
+}
+
 /// Factor of a symmetric positive definite matrix A; see the [module page](self).
 ///
 /// Vectors over the contact dofs are the same on every rank: the contact dofs of the first rank,
@@ -490,6 +499,24 @@ pub trait Factor {
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
+
+    /// Finds the bounds that the unknown x with A x = b + G^T r is likely to touch, by problems that
+    /// are coarser than A, and an unknown x to start from. `sides` becomes -1 at a lower bound, 1 at
+    /// an upper one, and 0 elsewhere. Returns whether there are such problems; then nothing is
+    /// pinned any more. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Factor::pin`].
+    fn find_contact(
+        &mut self,
+        b: &[f64],
+        bounded: &BoundedDofs,
+        x: &mut [f64],
+        sides: &mut [i8],
+    ) -> Result<bool> {
+        let _ = (b, bounded, x, sides);
+        Ok(false)
+    }
 
     /// Saves or restores the rounding that earlier changes of contact dofs left in the factor. The
     /// factor already has its present contact dofs.

@@ -217,6 +217,14 @@ impl Matrix {
         call!(MatMult(self.raw, x.raw, y.raw))
     }
 
+    /// Computes y = A^T x. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the layouts differ.
+    pub fn multiply_transposed(&self, x: &Vector, y: &mut Vector) -> Result<()> {
+        call!(MatMultTranspose(self.raw, x.raw, y.raw))
+    }
+
     /// Multiplies the matrix by a factor. Collective.
     ///
     /// # Errors

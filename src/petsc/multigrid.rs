@@ -79,6 +79,12 @@ impl MultigridLevels {
         Ok(())
     }
 
+    /// Returns the matrix of each level but the finest, coarsest first, as it is with the dofs that
+    /// are held at present.
+    pub fn coarse(&self) -> &[Matrix] {
+        &self.coarse
+    }
+
     /// Computes the coarse matrices again, on their patterns. Collective.
     fn multiply_again(&mut self, matrix: &Matrix) -> Result<()> {
         let mut fine = matrix;

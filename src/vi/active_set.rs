@@ -32,6 +32,24 @@ impl BoundStatus {
         [BoundStatus::Free, BoundStatus::Lower, BoundStatus::Upper][usize::from(code) % 3]
     }
 
+    /// Returns -1 on the lower bound, 1 on the upper one, and 0 between them.
+    pub(super) fn sign(self) -> i8 {
+        match self {
+            BoundStatus::Lower => -1,
+            BoundStatus::Free => 0,
+            BoundStatus::Upper => 1,
+        }
+    }
+
+    /// Returns the status of a sign.
+    pub(super) fn of_sign(sign: i8) -> BoundStatus {
+        match sign {
+            ..0 => BoundStatus::Lower,
+            0 => BoundStatus::Free,
+            1.. => BoundStatus::Upper,
+        }
+    }
+
     /// Saves or restores statuses, one per bound.
     pub(super) fn archive(sides: &mut [BoundStatus], archive: &mut Archive) -> Result<()> {
         archive.items(

@@ -5,13 +5,17 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::hash;
 use crate::linalg::vectors::{add, axpy, waxpy};
-use crate::linalg::{Engine, Factor};
+use crate::linalg::{BoundedDofs, Engine, Factor};
 use crate::obstacle::Bounds;
 use crate::vi::active_set::{self, BoundStatus, BoundValues, Exchange, Move};
 use crate::vi::hertz::{HertzBound, YieldingProblem};
 use crate::vi::{Answer, DenseProblem, Problem, apply};
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side as Triangle};
+
+/// Number of violated conditions above which the active set is first sought on coarse meshes. Fewer
+/// take at most some five exchanges more without, which cost as much.
+const FEW: usize = 64;
 
 impl<E: Engine> Condensed<E> {
     /// Solves a step with the active dofs pinned in the sparse matrix.
@@ -112,11 +116,20 @@ impl<E: Engine> Condensed<E> {
             let all = engine.comm().all_gather_one((broken.len(), print));
             let last = all.iter().rposition(|(count, _)| *count > 0);
             let print = all.iter().fold(0, |print, (_, own)| hash::extend(print, *own));
-            let next = exchange.next(all.iter().map(|(count, _)| count).sum(), print);
+            let count: usize = all.iter().map(|(count, _)| count).sum();
+            let next = exchange.next(count, print);
             if is_rough && next != Some(Move::All) {
                 is_rough = false;
                 exchange.forget();
                 continue;
+            }
+            if is_rough && exchange.iterations == 1 && count > FEW {
+                let bounded = BoundedDofs { dofs: &bounds.dofs, limits: [&lower, &upper] };
+                if start_coarsely(&mut self.factor, b, &bounded, x, &mut self.sides)? {
+                    pinned.fill(BoundStatus::Free);
+                    exchange.forget();
+                    continue;
+                }
             }
             match next {
                 None => break,
@@ -129,6 +142,23 @@ impl<E: Engine> Condensed<E> {
         }
         Ok(exchange.iterations + yields + u32::from(engine.comm().all_reduce_any(touching(&self.sides))))
     }
+}
+
+/// Sets unknown and statuses to those that coarser problems suggest. Returns whether there are any.
+/// Collective.
+fn start_coarsely<F: Factor>(
+    factor: &mut F,
+    b: &[f64],
+    bounded: &BoundedDofs,
+    x: &mut [f64],
+    sides: &mut [BoundStatus],
+) -> Result<bool> {
+    let mut codes: Vec<i8> = sides.iter().map(|side| side.sign()).collect();
+    let found = factor.find_contact(b, bounded, x, &mut codes)?;
+    if found {
+        sides.iter_mut().zip(codes).for_each(|(side, sign)| *side = BoundStatus::of_sign(sign));
+    }
+    Ok(found)
 }
 
 /// Displacement that a unit force on a bound that yields causes.
