@@ -34,6 +34,22 @@ output = { every = 1, probes = [{ name = "corner", at = [1.2, 0.0] }] }
 "#
 );
 
+/// A plate that is thrown onto an uneven obstacle close below it. The area of contact changes by
+/// hundreds of nodes from step to step, and holes open in it.
+const UNEVEN: &str = concat!(
+    "title = \"a plate thrown onto an uneven obstacle\"\n",
+    literal!(PAPER_PLATE),
+    r#"
+mesh = { element = "fvs", cells = [40, 16] }
+support = [{ edge = "left", kind = "clamped" }]
+obstacle = [{ side = "below", height = "-2e-4 - 1e-4*cos(7*x)*cos(11*y)" }]
+initial = { velocity = "-x^2*(1 + 0.3*sin(9*y))" }
+solver = { engine = "petsc", linear = "multigrid" }
+time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 1e-3 }
+output = { every = 1, probes = [{ name = "corner", at = [1.2, 0.0] }] }
+"#
+);
+
 /// A plate on a simply supported edge, an elastic one and a column, with a point mass, a falling
 /// ball and a compliant stop.
 const FURNISHED: &str = concat!(
@@ -144,6 +160,38 @@ fn multigrid_moves_the_plate_as_factors_do_up_to_the_second_impact() {
 fn a_wide_contact_is_found_by_multigrid_too() {
     let folder = folder("thrown", THROWN);
     for (ranks, element) in [(1, "mesh.element=fvs"), (1, "mesh.element=hct"), (2, "mesh.element=fvs")] {
+        assert_native(&folder, ranks, "fall.toml", &[element]);
+    }
+}
+
+/// On the finest mesh alone, exchanges move the edge of a contact area by a few rows of nodes, so
+/// that a step of 1e-3 s took 7, 16 and 43 of them on these meshes of quadrilaterals. From the
+/// answers of coarser meshes it takes 8 at most.
+#[test]
+fn wide_contact_takes_no_more_exchanges_on_finer_meshes() {
+    let folder = folder("uneven", UNEVEN);
+    let cases = [("fvs", "[20, 8]"), ("fvs", "[40, 16]"), ("hct", "[40, 16]"), ("fvs", "[80, 32]")];
+    for (element, cells) in cases {
+        for step in [1e-4, 1e-3] {
+            let settings = [
+                format!("mesh.element={element}"),
+                format!("mesh.cells={cells}"),
+                format!("time.step={step}"),
+                format!("time.end={}", 5.0 * step),
+            ];
+            iterations(&folder, 1, &settings.each_ref().map(String::as_str));
+            // The ninth column has the exchanges of each step.
+            let exchanges: Vec<f64> = history(&folder.join("run")).iter().map(|row| row[8]).collect();
+            let most = exchanges.iter().fold(0.0, |most: f64, own| most.max(*own));
+            assert!((3.0..=12.0).contains(&most), "{element} {cells} {step}: {exchanges:?}");
+        }
+    }
+}
+
+#[test]
+fn wide_contact_found_on_coarse_meshes_is_that_of_factors() {
+    let folder = folder("uneven-native", UNEVEN);
+    for (ranks, element) in [(1, "mesh.element=hct"), (2, "mesh.element=fvs")] {
         assert_native(&folder, ranks, "fall.toml", &[element]);
     }
 }
