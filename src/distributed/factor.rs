@@ -337,11 +337,16 @@ impl Factor for DistributedFactor {
     ) -> Result<bool> {
         let SystemSolver::Multigrid(hierarchy) = &self.linear else { return Ok(false) };
         let hierarchy = hierarchy.clone();
-        self.pin(&[])?;
-        let Some(levels) = &self.levels else { return Ok(false) };
         let cascade = match self.cascade.take() {
             Some(cascade) => cascade,
-            None => Cascade::new(&self.context, levels.coarse(), hierarchy.steps())?,
+            None => {
+                let held = self.held.take();
+                self.pin(&[])?;
+                let Some(levels) = &self.levels else { return Ok(false) };
+                let cascade = Cascade::new(&self.context, levels.coarse(), hierarchy.steps())?;
+                self.pin(&held)?;
+                cascade
+            }
         };
         let cascade = self.cascade.insert(cascade);
         self.right.set_local(b)?;

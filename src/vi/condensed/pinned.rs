@@ -126,7 +126,6 @@ impl<E: Engine> Condensed<E> {
             if is_rough && exchange.iterations == 1 && count > FEW {
                 let bounded = BoundedDofs { dofs: &bounds.dofs, limits: [&lower, &upper] };
                 if start_coarsely(&mut self.factor, b, &bounded, x, &mut self.sides)? {
-                    pinned.fill(BoundStatus::Free);
                     exchange.forget();
                     continue;
                 }
