@@ -21,6 +21,7 @@ use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::petsc::{Comm, Index, Matrix, Plex, Refinement};
 use std::collections::HashMap;
+use std::ops::Range;
 use std::rc::Rc;
 
 /// Distance of the midpoint of the apices of two triangles from that of their common edge,
@@ -251,10 +252,10 @@ fn block(functions: &[BasisFunction], weight: f64) -> Block {
 struct Entries<'e> {
     coarse: &'e Level<'e>,
     fine: &'e Level<'e>,
-    /// Position of each local dof in global vectors of the fine and of the coarse mesh, and that of
-    /// the first dof of this rank.
+    /// Position of each local dof in global vectors of the fine and of the coarse mesh, and positions
+    /// of the dofs of this rank.
     positions: [Vec<Index>; 2],
-    first: [Index; 2],
+    own: [Range<Index>; 2],
     /// Dofs of tips of compliant stops, by node of the fine mesh: they move with their nodes.
     tips: HashMap<usize, Vec<usize>>,
     rows: Vec<Index>,
@@ -268,7 +269,7 @@ impl<'e> Entries<'e> {
         fine.space.tips().iter().for_each(|&(dof, node)| tips.entry(node).or_default().push(dof));
         Ok(Entries {
             positions: [fine.plex.global_dofs()?, coarse.plex.global_dofs()?],
-            first: [fine.plex.global_vector()?.range().start, coarse.plex.global_vector()?.range().start],
+            own: [fine.plex.global_vector()?.range(), coarse.plex.global_vector()?.range()],
             coarse,
             fine,
             tips,
@@ -283,8 +284,10 @@ impl<'e> Entries<'e> {
     fn deflections(&self, node: usize, of: usize) -> Option<[usize; 2]> {
         let (fine, _) = self.fine.space.dof(PER_NODE * node)?;
         let (coarse, _) = self.coarse.space.dof(PER_NODE * of)?;
-        let own =
-            |level: usize, dof: usize| usize::try_from(self.positions[level][dof] - self.first[level]).ok();
+        let own = |level: usize, dof: usize| {
+            let position = self.positions[level][dof];
+            self.own[level].contains(&position).then(|| (position - self.own[level].start) as usize)
+        };
         Some([own(0, fine)?, own(1, coarse)?])
     }
 
