@@ -4,9 +4,9 @@
 //! so that a plate thrown flat would take the more of them the finer its mesh. The problem is
 //! therefore solved on the coarsest mesh first, to a few digits, and from mesh to mesh its answer
 //! starts the next one (a cascadic iteration: F. A. Bornemann and P. Deuflhard, Numerische
-//! Mathematik 75 (1996) 135-152). The coarse matrices are those of multigrid, and the bounds hold at
-//! the nodes that a mesh shares with the finest. A new node touches if all nodes that its deflection
-//! is interpolated from do.
+//! Mathematik 75 (1996) 135-152). The coarse matrices are those of multigrid, and the bounds hold
+//! at the nodes that a mesh shares with the finest. A new node touches if all nodes do that its
+//! deflection is interpolated from.
 
 use super::hierarchy::Step;
 use crate::communicator::Communicator;
@@ -80,20 +80,20 @@ impl Cascade {
     ) -> Result<()> {
         let mut numbers = vec![None; b.local_size()];
         bounded.dofs.iter().enumerate().for_each(|(bound, &dof)| numbers[dof] = Some(bound));
-        let problem = Problem { comm: self.context.comm(), bounded, b, numbers: &numbers };
+        let problem = LevelContact { comm: self.context.comm(), bounded, b, numbers: &numbers };
         problem.start(&mut self.meshes, steps, x, sides)
     }
 }
 
 /// Contact problem of a mesh.
-struct Problem<'p, C: Communicator> {
+struct LevelContact<'p, C: Communicator> {
     comm: &'p C,
     bounded: &'p BoundedDofs<'p>,
     b: &'p Vector,
     numbers: &'p Numbers,
 }
 
-impl<C: Communicator> Problem<'_, C> {
+impl<C: Communicator> LevelContact<'_, C> {
     /// Sets an unknown to start from, and the bounds that it touches, by the answer of the next
     /// coarser mesh. Collective.
     fn start(
@@ -111,7 +111,7 @@ impl<C: Communicator> Problem<'_, C> {
         let mut numbers = vec![None; b.local_size()];
         step.shared.iter().for_each(|&[fine, coarse]| numbers[coarse] = self.numbers[fine]);
         step.interpolation.multiply_transposed(self.b, b)?;
-        let problem = Problem { b, numbers: &numbers, ..*self };
+        let problem = LevelContact { b, numbers: &numbers, ..*self };
         problem.start(coarser, steps, coarse_x, sides)?;
         system.solve(&problem, coarse_x, sides)?;
         self.touch_between(step, &numbers, &mut system.increment, x, sides)?;
@@ -181,11 +181,11 @@ impl HeldSystem {
     /// there have been many exchanges. Collective.
     fn solve<C: Communicator>(
         &mut self,
-        problem: &Problem<C>,
+        problem: &LevelContact<C>,
         x: &mut Vector,
         sides: &mut [i8],
     ) -> Result<()> {
-        let Problem { comm, bounded: BoundedDofs { limits: [lower, upper], .. }, b, numbers } = problem;
+        let LevelContact { comm, bounded: BoundedDofs { limits: [lower, upper], .. }, b, numbers } = problem;
         let places = numbers.iter().enumerate().filter_map(|(dof, bound)| Some((dof, (*bound)?)));
         let places: Vec<(usize, usize)> = places.collect();
         let HeldSystem { matrix, held, solver, levels, residual, increment } = self;

@@ -252,8 +252,8 @@ fn block(functions: &[BasisFunction], weight: f64) -> Block {
 struct Entries<'e> {
     coarse: &'e Level<'e>,
     fine: &'e Level<'e>,
-    /// Position of each local dof in global vectors of the fine and of the coarse mesh, and positions
-    /// of the dofs of this rank.
+    /// Position of each local dof in global vectors of the fine and of the coarse mesh, and
+    /// positions of the dofs of this rank.
     positions: [Vec<Index>; 2],
     own: [Range<Index>; 2],
     /// Dofs of tips of compliant stops, by node of the fine mesh: they move with their nodes.

@@ -500,9 +500,10 @@ pub trait Factor {
     /// Returns [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
 
-    /// Finds the bounds that the unknown x with A x = b + G^T r is likely to touch, by problems that
-    /// are coarser than A, and an unknown x to start from. `sides` becomes -1 at a lower bound, 1 at
-    /// an upper one, and 0 elsewhere. Returns whether there are such problems. Collective.
+    /// Finds the bounds that the unknown x with A x = b + G^T r is likely to touch, by problems
+    /// that are coarser than A, and an unknown x to start from. `sides` becomes -1 at a lower
+    /// bound, 1 at an upper one, and 0 elsewhere. Returns whether there are such problems.
+    /// Collective.
     ///
     /// # Errors
     /// Returns the errors of [`Factor::pin`].

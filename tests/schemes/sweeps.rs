@@ -472,8 +472,8 @@ fn the_exponent_of_a_damped_motion_is_minus_its_decay_rate() {
     }
 }
 
-/// The energies that the guard of a sweep takes from coordinates are those of the matrices, at every
-/// step of motions that touch an obstacle.
+/// The energies that the guard of a sweep takes from coordinates are those of the matrices, at
+/// every step of motions that touch an obstacle.
 #[test]
 fn energies_of_coordinates_are_those_of_the_matrices() {
     let scene = |mass: &str, load: f64| {

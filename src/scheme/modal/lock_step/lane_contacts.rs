@@ -32,7 +32,7 @@ pub(super) struct LaneContacts<const N: usize> {
 /// Solution of [`LaneContacts`].
 #[derive(Clone, Copy)]
 pub(super) struct LaneReactions<const N: usize> {
-    /// What the reactions add to the unknowns, in m.
+    /// Changes of the unknowns by the reactions, in m.
     pub x: [Lanes; N],
     /// Reactions, in N.
     pub reaction: [Lanes; N],
@@ -72,8 +72,8 @@ impl<const N: usize> LaneContacts<N> {
         LaneReactions { iterations, ..last }
     }
 
-    /// Computes the reactions that hold the dofs in contact at their bounds, and what they add to the
-    /// unknowns. Lanes are unsolved whose compliance is not positive definite to rounding.
+    /// Computes the reactions that hold the dofs in contact at their bounds, and the changes of the
+    /// unknowns by them. Lanes are unsolved whose compliance is not positive definite to rounding.
     #[inline(always)]
     fn hold(&self, sides: &[Lanes; N]) -> LaneReactions<N> {
         let LaneContacts { compliance, lower, upper, .. } = self;

@@ -1,4 +1,4 @@
-//! Equations of the coordinates of systems in lock step, each in a lane of the processor's registers.
+//! Coordinates of systems in lock step, each system in a lane of registers, and their equations.
 
 use super::lane_contacts::ZERO;
 use super::lane_sums::ROWS;

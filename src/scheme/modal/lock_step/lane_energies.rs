@@ -42,7 +42,7 @@ impl LaneLevels {
             kinetic += 0.5 * (v * v);
             elastic += (0.5 * of.stiffness) * (z[j] * z[j]);
         }
-        // The work that reactions and loads do on a massless part that follows them is stored there.
+        // A massless part that follows reactions and loads stores the work that they do on it.
         let mut stored = ZERO;
         if *massless != MasslessPart::None {
             let (reactions, others) = z[*modes..].split_at(rows.len());

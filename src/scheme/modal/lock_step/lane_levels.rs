@@ -74,7 +74,7 @@ pub(super) struct LaneLevels {
     pub u_before: Vec<Lanes>,
     pub u: Vec<Lanes>,
     u_next: Vec<Lanes>,
-    /// What the reactions add to the unknown of the bounded deflections, in m.
+    /// Changes of the unknown of the bounded deflections by the reactions, in m.
     response: Vec<Lanes>,
     /// Bounded configuration, in m.
     pub admissible: Vec<Lanes>,
@@ -427,7 +427,8 @@ impl LaneLevels {
         }
     }
 
-    /// Adds what the reactions do to the level n + 1, where a `part` of the unknown is the increment.
+    /// Adds the effect of the reactions on the level n + 1, where a `part` of the unknown is the
+    /// increment.
     fn react(&mut self, part: f64) {
         let LaneLevels { equations, data, z, z_next, d, d_next, u_next, .. } = self;
         let Equations { modes, coordinates, rows, .. } = &*equations;
@@ -514,8 +515,8 @@ fn report_finite(sum: Lanes, reports: &mut [StepReport; LANES]) {
     }
 }
 
-/// Returns the work of a load at the factor 1 on what a unit reaction at each bounded dof adds to the
-/// increment of a step, in J.
+/// Returns the work of a load at the factor 1 on the increment by a unit reaction at each bounded
+/// dof, in J.
 fn reach(equations: &Equations, force: &[Lanes]) -> Vec<Lanes> {
     let Equations { modes, coordinates, rows, .. } = equations;
     let of_bound = |(bound, row): (usize, &Vec<f64>)| {

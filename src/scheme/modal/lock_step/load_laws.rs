@@ -11,8 +11,8 @@ use std::rc::Rc;
 /// Largest number of instants at which the factors of a law are kept.
 const MOST_KEPT: usize = 1 << 20;
 
-/// Factors of laws at the instants of the steps so far, by the texts of the laws and the bits of the
-/// time step. Runs that are made one after the other have most of them in common.
+/// Factors of laws at the instants of the steps so far, by the texts of the laws and the bits of
+/// the time step. Runs that are made one after the other have most of them in common.
 #[derive(Default)]
 pub(super) struct KnownFactors {
     of_laws: RefCell<HashMap<(String, u64), KeptFactors>>,
