@@ -5,9 +5,9 @@ The paper's plate makes 5 steps of Newmark's scheme on one rank. free: it flies 
 from the velocity x^2. contact: its free edge is thrown down from rest at the speed x^2, onto an
 obstacle 1e-7 m below it along this edge, and pressed down by 1e5 Pa, so that all steps are in contact.
 
-For each case and mesh the table has the iterations of all solves, that of the start too, over the
-number of steps and, in brackets, those of the longest solve, for a reduction of the error by 1e-14.
-The last column is the largest entry over the least.
+For each case and mesh the table has the iterations of all solves, those of the start and on coarse
+meshes too, over the number of steps and, in brackets, those of the longest solve, for a reduction of
+the error by 1e-14. The last column is the largest entry over the least.
 
 Usage: scripts/multigrid_iterations.py [--cells 20x8,40x16,...] [--steps 1e-3,1e-4,1e-5]
                                        [--elements fvs,hct] [--motions free,contact] [--program FILE]
