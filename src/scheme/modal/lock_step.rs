@@ -20,7 +20,7 @@
 //! with `$\mu = 1$`, `$k = \omega^2$` and `$g = \Phi^T (F + G^T r)$` for a mode, and `$\mu = 0$`,
 //! `$k = 1$` and g = r, the factor of the load, or 0 for the others. The modes are those of the
 //! modal mass, or with a mass of cells all modes with inertia, of which the paper's singular mass
-//! has no more than cells. Lanes lane of the registers of the processor computes for one system.
+//! has no more than cells. Each lane of the registers of the processor computes for one system.
 //!
 //! The modal mass and a mass of cells differ in their massless part. That of the modal mass follows
 //! the loads at once, has no damping and starts in equilibrium (see [`super::newmark`]). With a
