@@ -350,9 +350,12 @@ impl Factor for DistributedFactor {
         };
         let cascade = self.cascade.insert(cascade);
         self.right.set_local(b)?;
-        cascade.find(hierarchy.steps(), &self.right, bounded, &mut self.solution, sides)?;
-        self.solution.copy_to(x)?;
-        Ok(true)
+        // An iteration that gives up on a coarse mesh suggests nothing, and harms no answer.
+        let found = cascade.find(hierarchy.steps(), &self.right, bounded, &mut self.solution, sides);
+        if found.is_ok() {
+            self.solution.copy_to(x)?;
+        }
+        Ok(found.is_ok())
     }
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {

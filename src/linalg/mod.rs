@@ -502,8 +502,8 @@ pub trait Factor {
 
     /// Finds the bounds that the unknown x with A x = b + G^T r is likely to touch, by problems
     /// that are coarser than A, and an unknown x to start from. `sides` becomes -1 at a lower
-    /// bound, 1 at an upper one, and 0 elsewhere. Returns whether there are such problems.
-    /// Collective.
+    /// bound, 1 at an upper one, and 0 elsewhere. Returns whether there are such problems and they
+    /// have answers. Collective.
     ///
     /// # Errors
     /// Returns the errors of [`Factor::pin`].

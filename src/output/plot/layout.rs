@@ -99,8 +99,13 @@ impl Figure {
         };
         let count = thread::available_parallelism().map_or(1, NonZero::get).min(drawn.len());
         thread::scope(|scope| {
-            let threads: Vec<_> = (0..count).map(|_| scope.spawn(write)).collect();
-            threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|why| resume_unwind(why)))
+            // This thread writes too, so that none need start.
+            let start = |_| thread::Builder::new().spawn_scoped(scope, write).ok();
+            let threads: Vec<_> = (1..count).map_while(start).collect();
+            let own = write();
+            let mut others =
+                threads.into_iter().map(|thread| thread.join().unwrap_or_else(|why| resume_unwind(why)));
+            others.try_for_each(|other| other).and(own)
         })
     }
 
