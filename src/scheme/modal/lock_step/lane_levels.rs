@@ -4,13 +4,11 @@ use super::lane_contacts::{LaneContacts, LaneReactions, ZERO};
 use super::lane_coordinates::{Coordinate, LaneCoordinates};
 use super::lane_sums::{all_along, work_along};
 use crate::linalg::wide::widest;
-use crate::linalg::{Ensemble, LaneMask, Lanes};
+use crate::linalg::{LaneMask, Lanes};
 use crate::scheme::NewmarkParameters;
 use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
 use faer::Mat;
 use pulp::Arch;
-
-const LANES: usize = Ensemble::SYSTEMS;
 
 /// Motion of the massless part of the displacement.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,7 +88,9 @@ pub(super) struct LaneLevels {
     reach: Vec<Vec<Lanes>>,
     /// Systems with reactions at the instant n, and at n - 1.
     pub presses: [LaneMask; 2],
-    pub reports: [StepReport; LANES],
+    /// Relative KKT residuals of the step, and numbers of exchanges of contact dofs.
+    pub kkt: Lanes,
+    exchanges: Lanes,
     /// Bound that each bounded dof touched last, as in [`LaneContacts::solve`].
     sides: Vec<Lanes>,
     solvers: Vec<ComplianceSolver>,
@@ -148,7 +148,8 @@ impl LaneLevels {
             work: ZERO,
             increment: ZERO,
             presses: Default::default(),
-            reports: [StepReport::default(); LANES],
+            kkt: ZERO,
+            exchanges: ZERO,
             sides: vec![ZERO; bounds],
             solvers: vec![ComplianceSolver::new(bounds); systems],
             gathered: Gathered::default(),
@@ -217,7 +218,8 @@ impl LaneLevels {
         for (before, (next, travel)) in u_before.iter_mut().zip(u_next.iter().zip(travels)) {
             *before = *next - travel;
         }
-        report_finite(d_next.iter().fold(ZERO, |sum, d| sum + *d), &mut self.reports);
+        // A value that is not finite spoils the sum.
+        self.kkt = 0.0 * d_next.iter().fold(ZERO, |sum, d| sum + *d);
     }
 
     /// Sets the increments from the ghost before the start.
@@ -240,7 +242,8 @@ impl LaneLevels {
         let Equations { parameters, massless, modes, coordinates, rows, .. } = &*equations;
         let [before, now, next] = &*factors;
         let at_loads = equations.first_load();
-        let (u_next, moved, reports) = (&mut self.u_next, &mut self.moved, &mut self.reports);
+        let (u_next, moved, kkt) = (&mut self.u_next, &mut self.moved, &mut self.kkt);
+        self.exchanges = ZERO;
         // Without any load, the constant one is zero.
         let (last, others) = data.pushing.split_last().unwrap_or((&0, &[]));
         widest(
@@ -269,7 +272,8 @@ impl LaneLevels {
                     inertial.advance::<true>(modal, |j| of_modes[j], mean[*last])
                 };
                 let [other_sum, _] = massless_part.advance::<true>(of_rest, |_| ZERO, ZERO);
-                report_finite(sum + other_sum, reports);
+                // A value that is not finite spoils the sum.
+                *kkt = 0.0 * (sum + other_sum);
                 if *massless == MasslessPart::Follows {
                     for (l, (before, (now, next))) in before.iter().zip(now.iter().zip(next)).enumerate() {
                         let of_load = at_loads + l;
@@ -339,10 +343,9 @@ impl LaneLevels {
     /// Solves for the reactions on chosen systems at once. Returns those that are left to
     /// [`LaneLevels::solve_contact`].
     fn solve_contacts_at_once<const N: usize>(&mut self, chosen: LaneMask, share: f64) -> LaneMask {
-        let LaneLevels { equations, data, u, response, admissible, reaction, reports, sides, arch, .. } =
-            self;
+        let LaneLevels { equations, data, u, response, admissible, reaction, sides, arch, .. } = self;
+        let (kkt, exchanges) = (&mut self.kkt, &mut self.exchanges);
         let mut left = chosen;
-        let (mut kkt, mut exchanges) = (ZERO, ZERO);
         widest(
             *arch,
             #[inline(always)]
@@ -370,14 +373,12 @@ impl LaneLevels {
                 // A reaction that is not finite spoils the sum.
                 let sum = r.iter().fold(ZERO, |sum, r| sum + *r);
                 // Without any length the residual is 0, too.
-                kkt = ZERO.is_below(residual).pick(residual / largest, ZERO) + 0.0 * sum;
-                (exchanges, left) = (iterations, unsolved);
+                let of_contact = ZERO.is_below(residual).pick(residual / largest, ZERO) + 0.0 * sum;
+                *kkt += solved.pick(of_contact, ZERO);
+                *exchanges = solved.pick(iterations, ZERO);
+                left = unsolved;
             },
         );
-        for lane in (0..LANES).filter(|&lane| chosen.holds(lane) && !left.holds(lane)) {
-            let solved = StepReport { iterations: exchanges.0[lane] as u32, kkt: kkt.0[lane], retries: 0 };
-            reports[lane] = reports[lane].and(solved);
-        }
         left
     }
 
@@ -385,7 +386,17 @@ impl LaneLevels {
     /// unknown.
     fn solve_contact(&mut self, lane: usize, share: f64) {
         let LaneLevels {
-            equations, data, u, response, admissible, reaction, reports, sides, gathered, ..
+            equations,
+            data,
+            u,
+            response,
+            admissible,
+            reaction,
+            kkt,
+            exchanges,
+            sides,
+            gathered,
+            ..
         } = self;
         let Gathered { free, lower, upper, x, reaction: r } = gathered;
         let bounds = 0..response.len();
@@ -405,9 +416,8 @@ impl LaneLevels {
         solver.solve(ComplianceProblem { compliance, free, lower, upper, hertz: &[] }, x, r);
         let largest = bounds.clone().map(|i| u[i].0[lane].abs()).fold(data.magnitude.0[lane], f64::max);
         if !solver.active().is_empty() {
-            let kkt = if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };
-            let solved = StepReport { iterations: solver.iterations, kkt, retries: 0 };
-            reports[lane] = reports[lane].and(solved);
+            kkt.0[lane] += if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };
+            exchanges.0[lane] = f64::from(solver.iterations);
         }
         for (own, side) in sides.iter_mut().zip(&solver.sides) {
             own.0[lane] = match side {
@@ -452,6 +462,11 @@ impl LaneLevels {
                 }
             },
         );
+    }
+
+    /// Returns the report of the step of one system.
+    pub fn report(&self, lane: usize) -> StepReport {
+        StepReport { iterations: self.exchanges.0[lane] as u32, kkt: self.kkt.0[lane], retries: 0 }
     }
 
     /// Adds the work of the loads in time up to the instant n.
@@ -504,14 +519,6 @@ fn average([before, now, next]: &[Vec<Lanes>; 3], beta: f64, mean: &mut [Lanes])
     let of_time = before.iter().zip(now).zip(next);
     for (mean, ((before, now), next)) in mean.iter_mut().zip(of_time) {
         *mean = *now + beta * ((*next - 2.0 * *now) + *before);
-    }
-}
-
-/// Starts the reports of a step, which a sum that is not finite spoils.
-#[inline(always)]
-fn report_finite(sum: Lanes, reports: &mut [StepReport; LANES]) {
-    for (report, sum) in reports.iter_mut().zip(sum.0) {
-        *report = StepReport { kkt: 0.0 * sum, ..StepReport::default() };
     }
 }
 

@@ -33,6 +33,8 @@ pub(super) struct LoadLaws<'s> {
     dt: f64,
     /// Terms of the load of each system.
     of_lanes: Vec<Vec<LaneLaw<'s>>>,
+    /// Whether all systems have the laws of the first one.
+    are_alike: bool,
 }
 
 /// Law of a term of the load of one lane.
@@ -76,7 +78,11 @@ impl<'s> LoadLaws<'s> {
         let of_lane = |(lane, system): (usize, &&'s System<Native>)| {
             system.drive.terms.iter().enumerate().map(|of| of_term(lane, of)).collect()
         };
-        LoadLaws { dt, of_lanes: systems.iter().enumerate().map(of_lane).collect() }
+        let of_lanes: Vec<Vec<LaneLaw>> = systems.iter().enumerate().map(of_lane).collect();
+        let is_like_first = |laws: &Vec<LaneLaw>| {
+            laws.len() == of_lanes[0].len() && laws.iter().all(|law| law.first == Some(0))
+        };
+        LoadLaws { dt, are_alike: of_lanes.iter().skip(1).all(is_like_first), of_lanes }
     }
 
     /// Returns the number of loads, with a constant one.
@@ -91,6 +97,14 @@ impl<'s> LoadLaws<'s> {
     /// Returns the errors of the laws.
     pub fn set(&self, step: u64, factors: &mut [Lanes]) -> Result<()> {
         factors[0] = each(|_| 1.0);
+        if self.are_alike {
+            let laws = self.of_lanes.first().into_iter().flatten();
+            for (factors, law) in factors[1..].iter_mut().zip(laws) {
+                let factor = law.factor(step as usize, self.dt)?;
+                *factors = each(|_| factor);
+            }
+            return Ok(());
+        }
         for (lane, laws) in self.of_lanes.iter().enumerate() {
             for (factors, law) in factors[1..].iter_mut().zip(laws) {
                 factors.0[lane] = match law.first {

@@ -53,7 +53,7 @@ impl ModeLane<'_> {
     fn refresh(&mut self, runs: &LaneRuns) {
         let (lane, levels) = (self.lane, &runs.levels);
         let StepRecord { dt, step, admissible, reaction, impulses, candidates, report } = &mut self.record;
-        (*step, *report) = (runs.step, levels.reports[lane]);
+        (*step, *report) = (runs.step, levels.report(lane));
         let listed = candidates.get_or_insert_default();
         for i in listed.drain(..) {
             (reaction[i], impulses[i]) = (0.0, 0.0);

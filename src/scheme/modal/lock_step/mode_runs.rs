@@ -69,7 +69,7 @@ impl<'s> ModeRuns<'s> {
     pub fn kkt(&self) -> f64 {
         let runs = self.runs.borrow();
         let worse = |worst: f64, kkt: f64| if kkt <= worst { worst } else { kkt };
-        runs.levels.reports[..self.lanes.len()].iter().map(|report| report.kkt).fold(0.0, worse)
+        runs.levels.kkt.0[..self.lanes.len()].iter().copied().fold(0.0, worse)
     }
 
     /// Returns the energies of each run at the last step, from its coordinates. Those of a
