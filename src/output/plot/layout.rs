@@ -3,7 +3,7 @@
 use super::axis::Fitted;
 use super::panel::{Curve, Frame, Obstacle, Panel, Ramp};
 use super::paper::{Anchor, At, Canvas, Color, Type, png, rgb};
-use super::strokes::{HATCH, LABEL, MARKER, RULE, TICK_LABEL, draw_marker, draw_solid, wrapped};
+use super::strokes::{HATCH, LABEL, MARKER, RULE, TICK_LABEL, draw_markers, draw_solid, wrapped};
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
 use std::fs;
@@ -287,7 +287,7 @@ impl Key<'_> {
                     paper.polyline(&[[x, y], [end, y]], curve.pen);
                 }
                 if let Some(marker) = curve.marker {
-                    draw_marker(paper, [0.5 * (x + end), y], marker, curve);
+                    draw_markers(paper, &[[0.5 * (x + end), y]], marker, curve);
                 }
             }
             Key::Obstacle(_) => draw_solid(paper, [x, y - 0.5 * HATCH], [end, y + 0.5 * HATCH], HATCH),

@@ -176,6 +176,19 @@ impl Canvas {
         self.put(format_args!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{r}\" fill=\"{fill}\" {stroke}/>"));
     }
 
+    /// Draws discs of one colour as one shape: ends of lines without length, which are round.
+    ///
+    /// A diagram of thousands of points is drawn several times faster than by circles, and its file
+    /// is a quarter as long.
+    pub(super) fn discs(&mut self, centres: &[At], radius: f64, color: Color) {
+        let moves: String =
+            centres.iter().map(|&[x, y]| format!("M{} {}h0", number(x), number(y))).collect();
+        let width = number(2.0 * radius);
+        self.put(format_args!(
+            "<path fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" stroke-linecap=\"round\" d=\"{moves}\"/>"
+        ));
+    }
+
     /// Draws a text whose middle height is at the position.
     pub(super) fn text(&mut self, text: &str, [x, y]: At, look: Type, anchor: Anchor) {
         let (x, y) = (number(x), number(y + 0.36 * look.size));

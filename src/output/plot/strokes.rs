@@ -99,11 +99,9 @@ impl Panel {
         // Markers on the frame are not clipped.
         for curve in self.curves.iter().rev() {
             let Some(marker) = curve.marker else { continue };
-            for at in curve.points.iter().filter_map(|&point| at(point)) {
-                if within(left, right)(&at[0]) && within(top, bottom)(&at[1]) {
-                    draw_marker(paper, at, marker, curve);
-                }
-            }
+            let is_inside = |at: &At| within(left, right)(&at[0]) && within(top, bottom)(&at[1]);
+            let places = curve.points.iter().filter_map(|&point| at(point)).filter(is_inside);
+            draw_markers(paper, &places.collect::<Vec<_>>(), marker, curve);
         }
         for (place, text) in &self.labels {
             let Some([x, y]) = at(*place).filter(|at| within(left, right)(&at[0])) else { continue };
@@ -189,37 +187,39 @@ fn draw_line(paper: &mut Canvas, line: &[At], pen: Pen, width: f64) {
     paper.polyline(line, Pen { dashes, ..pen });
 }
 
-pub(super) fn draw_marker(paper: &mut Canvas, [x, y]: At, marker: Marker, curve: &Curve) {
+/// Draws the markers of a curve.
+pub(super) fn draw_markers(paper: &mut Canvas, places: &[At], marker: Marker, curve: &Curve) {
     let pen = Pen::solid(curve.pen.color, 0.8);
     let fill = if curve.is_open { Color::WHITE } else { curve.pen.color };
     let r = MARKER * curve.size;
-    match marker {
-        Marker::Circle if curve.is_open => paper.circle([x, y], r, fill, Some(pen)),
-        // A disc without an outline is drawn in half the time, and diagrams have thousands of them.
-        Marker::Circle => paper.circle([x, y], r + 0.5 * pen.width, fill, None),
-        Marker::Square => {
-            let r = 0.88 * r;
-            paper.polygon(&[[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]], fill, Some(pen));
-        }
-        Marker::Triangle => {
-            paper.polygon(
-                &[[x, y - 1.2 * r], [x + 1.1 * r, y + 0.8 * r], [x - 1.1 * r, y + 0.8 * r]],
-                fill,
-                Some(pen),
-            );
-        }
-        Marker::Diamond => {
-            let r = 1.25 * r;
-            paper.polygon(&[[x, y - r], [x + r, y], [x, y + r], [x - r, y]], fill, Some(pen));
-        }
-        Marker::Cross => {
-            paper.line([x - r, y - r], [x + r, y + r], pen);
-            paper.line([x - r, y + r], [x + r, y - r], pen);
-        }
-        Marker::Plus => {
-            let r = 1.3 * r;
-            paper.line([x - r, y], [x + r, y], pen);
-            paper.line([x, y - r], [x, y + r], pen);
+    if marker == Marker::Circle && !curve.is_open {
+        return paper.discs(places, r + 0.5 * pen.width, fill);
+    }
+    for &[x, y] in places {
+        match marker {
+            Marker::Circle => paper.circle([x, y], r, fill, Some(pen)),
+            Marker::Square => {
+                let r = 0.88 * r;
+                let corners = [[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]];
+                paper.polygon(&corners, fill, Some(pen));
+            }
+            Marker::Triangle => {
+                let corners = [[x, y - 1.2 * r], [x + 1.1 * r, y + 0.8 * r], [x - 1.1 * r, y + 0.8 * r]];
+                paper.polygon(&corners, fill, Some(pen));
+            }
+            Marker::Diamond => {
+                let r = 1.25 * r;
+                paper.polygon(&[[x, y - r], [x + r, y], [x, y + r], [x - r, y]], fill, Some(pen));
+            }
+            Marker::Cross => {
+                paper.line([x - r, y - r], [x + r, y + r], pen);
+                paper.line([x - r, y + r], [x + r, y - r], pen);
+            }
+            Marker::Plus => {
+                let r = 1.3 * r;
+                paper.line([x - r, y], [x + r, y], pen);
+                paper.line([x, y - r], [x, y + r], pen);
+            }
         }
     }
 }
