@@ -82,11 +82,13 @@ stability: setup ## recompute the tables of docs/stability.md, natively and on P
 report: setup ## write the report of the paper's plate, and check it in headless Chromium
 	@scripts/check_report.sh
 
-bench: setup ## time steps and their parts, effects, other programs, more ranks; tables into docs/performance
+bench: setup ## time steps and their parts, effects, sweeps, other programs, more ranks; tables into docs/performance
 	$(call say,benchmarks)
 	@cargo bench --locked
 	$(call say,steps)
 	@cargo bench --locked --bench step -- --report | tee docs/performance/steps.txt
+	$(call say,sweeps)
+	@scripts/sweep_speed.py --rounds 5 --before 46a1d2c | tee docs/performance/sweeps.txt
 	$(call say,other programs)
 	@benches/peers/compare.py | tee docs/performance/peers.txt
 	$(call say,PETSc on fine meshes)

@@ -1,5 +1,5 @@
 //! Finds PETSc and MPI and writes the Rust declarations of the PETSc functions that the crate
-//! calls.
+//! calls. MPI is linked; the program loads PETSc where it is needed.
 //!
 //! PETSc is that of `PETSC_DIR` (and `PETSC_ARCH`) where these are set, otherwise the one that
 //! pkg-config finds. Without the feature `petsc` this program does nothing. A missing component
@@ -19,6 +19,7 @@ fn main() {
 
 #[cfg(feature = "petsc")]
 mod petsc {
+    use std::collections::BTreeSet;
     use std::path::{Path, PathBuf};
     use std::process::Command;
 
@@ -27,30 +28,12 @@ mod petsc {
         #include <petscsys.h>\n#include <petscsnes.h>\n#include <petsctao.h>\n\
         #include <petscdmplex.h>\n#include <petscdmplextransform.h>\n#include <petscsf.h>\n#include <petscpartitioner.h>\n";
 
-    /// Functions that the crate calls, and no others.
-    const FUNCTIONS: &[&str] = &[
-        "Petsc(Initialize|Initialized|Finalize|Finalized|Error|PushErrorHandler|PopErrorHandler)",
-        "PetscGetVersionNumber",
-        "PetscObject(Reference|SetName|GetComm|SetOptionsPrefix)",
-        "PetscOptions.*",
-        "PetscViewer.*",
-        "PETSC_VIEWER_.*",
-        "PetscSection.*",
-        "PetscSF.*",
-        "PetscPartitioner.*",
-        "(Vec|Mat|IS|KSP|PC|SNES|Tao)[A-Z].*",
-        "DM(Plex|Label)?[A-Z].*",
-    ];
     const TYPES: &[&str] = &[
         "PetscErrorCode|PetscErrorType|PetscInt|PetscScalar|PetscReal|PetscBool|PetscMPIInt",
         "Vec|Mat|IS|KSP|PC|SNES|Tao|DM|DMLabel|Petsc(Section|SF|Partitioner|Options|Viewer|Object)",
         "(Vec|Mat|KSP|PC|SNES|Tao|DM|Insert|Norm).*(Type|Mode|Option|Reason|Info|Structure|Reuse)",
     ];
-    const CONSTANTS: &[&str] = &[
-        "PetscTrFree",
-        "PETSC_(ERR_.*|VERSION_.*|DETERMINE|DECIDE|DEFAULT|COMM_WORLD)",
-        "MATSOLVER.*|MAT(AIJ|DENSE|SHELL)|KSP[A-Z]+|PC[A-Z]+|SNES[A-Z]+|TAO[A-Z]+|PETSCPARTITIONER.*",
-    ];
+    const CONSTANTS: &str = "PETSC_(ERR_.*|VERSION_.*|DETERMINE|DEFAULT)";
 
     const ENVIRONMENT: &[&str] = &[
         "PETSC_DIR",
@@ -62,10 +45,15 @@ mod petsc {
         "PKG_CONFIG_LIBDIR",
     ];
 
+    /// Folder of the sources that call PETSc.
+    const SOURCES: &str = "src/petsc";
+
     /// Location of PETSc.
     struct Petsc {
         includes: Vec<PathBuf>,
-        libraries: Vec<PathBuf>,
+        /// Folders that may hold the library.
+        folders: Vec<PathBuf>,
+        /// Names that the library may have.
         names: Vec<String>,
         /// Whether programs must be told the folder of the library.
         rpath: bool,
@@ -75,7 +63,8 @@ mod petsc {
     /// so that a failure prints nothing else.
     pub fn bind() -> Result<Vec<String>, String> {
         let petsc = find()?;
-        suits(&petsc)?;
+        let release = suitable_release(&petsc)?;
+        let library = shared_library(&petsc, release)?;
         let mpi = mpi_includes()?;
 
         let arguments: Vec<_> =
@@ -91,16 +80,14 @@ mod petsc {
             // MPI's types are those of the `mpi` crate, so that a communicator needs no cast.
             .blocklist_type("(MPI_|ompi_|MPIR_).*")
             .raw_line("pub use mpi::ffi::*;")
+            // The program finds the functions when it first calls one.
+            .dynamic_library_name("Functions")
+            .dynamic_link_require_all(true)
             .layout_tests(false)
             .generate_comments(false);
-        for pattern in FUNCTIONS {
-            builder = builder.allowlist_function(pattern);
-        }
+        builder = builder.allowlist_function(names_in_sources()?).allowlist_var(CONSTANTS);
         for pattern in TYPES {
             builder = builder.allowlist_type(pattern);
-        }
-        for pattern in CONSTANTS {
-            builder = builder.allowlist_var(pattern);
         }
 
         let bindings = quietly(move || builder.generate())
@@ -119,14 +106,41 @@ mod petsc {
         for folder in petsc.includes.iter().filter(|folder| folder.join("petscconf.h").is_file()) {
             lines.push(format!("rerun-if-changed={}", folder.join("petscconf.h").display()));
         }
-        for folder in &petsc.libraries {
-            lines.push(format!("rustc-link-search=native={}", folder.display()));
-            if petsc.rpath {
-                lines.push(format!("rustc-link-arg=-Wl,-rpath,{}", folder.display()));
-            }
+        for folder in petsc.folders.iter().filter(|_| petsc.rpath) {
+            lines.push(format!("rustc-link-arg=-Wl,-rpath,{}", folder.display()));
         }
-        lines.extend(petsc.names.iter().map(|name| format!("rustc-link-lib={name}")));
+        lines.push(format!("rustc-env=REBOND_PETSC_LIBRARY={library}"));
+        lines.push(format!("rerun-if-changed={SOURCES}"));
         Ok(lines)
+    }
+
+    /// Returns a pattern of all names in the sources that call PETSc, of which the headers know some.
+    fn names_in_sources() -> Result<String, String> {
+        let unread = |error| format!("{SOURCES}: {error}");
+        let mut names = BTreeSet::new();
+        for file in std::fs::read_dir(SOURCES).map_err(unread)? {
+            let text = std::fs::read_to_string(file.map_err(unread)?.path()).map_err(unread)?;
+            let words = text.split(|c: char| !c.is_ascii_alphanumeric());
+            names.extend(words.filter(|word| word.starts_with(char::is_uppercase)).map(String::from));
+        }
+        Ok(names.into_iter().collect::<Vec<_>>().join("|"))
+    }
+
+    /// Returns the name by which programs load the shared library, with the release where it has one.
+    fn shared_library(petsc: &Petsc, [major, minor]: [u32; 2]) -> Result<String, String> {
+        let endings =
+            [format!("so.{major}.{minor}"), format!("{major}.{minor}.dylib"), "so".into(), "dylib".into()];
+        let mut names = petsc
+            .names
+            .iter()
+            .flat_map(|name| endings.iter().map(move |ending| format!("lib{name}.{ending}")));
+        names.find(|name| petsc.folders.iter().any(|folder| folder.join(name).is_file())).ok_or_else(|| {
+            let folders: Vec<_> = petsc.folders.iter().map(|folder| folder.display().to_string()).collect();
+            format!(
+                "PETSc's shared library is missing in {}: install the Debian package petsc-dev, or configure PETSc with shared libraries, {WAY_OUT}",
+                folders.join(" and ")
+            )
+        })
     }
 
     /// Runs a closure that may panic without printing the panic.
@@ -153,12 +167,7 @@ mod petsc {
         for name in ["PETSc", "petsc"] {
             let found = pkg_config::Config::new().cargo_metadata(false).env_metadata(false).probe(name);
             if let Ok(pkg_config::Library { include_paths, link_paths, libs, .. }) = found {
-                return Ok(Petsc {
-                    includes: include_paths,
-                    libraries: link_paths,
-                    names: libs,
-                    rpath: false,
-                });
+                return Ok(Petsc { includes: include_paths, folders: link_paths, names: libs, rpath: false });
             }
         }
         Err(format!("PETSc is missing: install the Debian package petsc-dev (or set PETSC_DIR), {WAY_OUT}"))
@@ -177,18 +186,12 @@ mod petsc {
         };
         let includes: Vec<_> =
             [folder.join("include"), root.join("include")].into_iter().filter(|path| path.is_dir()).collect();
-        let libraries = root.join("lib");
         if !includes.iter().any(|path| path.join("petscconf.h").is_file()) {
             return Err(absent());
         }
         // Debian's builds have their kind in the name: libpetsc_real.so.
-        let name = ["petsc", "petsc_real"]
-            .into_iter()
-            .find(|name| {
-                ["so", "dylib", "a"].iter().any(|end| libraries.join(format!("lib{name}.{end}")).is_file())
-            })
-            .ok_or_else(absent)?;
-        Ok(Petsc { includes, libraries: vec![libraries], names: vec![name.into()], rpath: true })
+        let names = ["petsc", "petsc_real"].map(String::from).to_vec();
+        Ok(Petsc { includes, folders: vec![root.join("lib")], names, rpath: true })
     }
 
     /// Returns the values of `#define NAME VALUE` lines in PETSc's own headers.
@@ -209,8 +212,9 @@ mod petsc {
         Ok(pairs.collect())
     }
 
-    /// Refuses a PETSc that is too old, complex, single precision, or built with 64-bit indices.
-    fn suits(petsc: &Petsc) -> Result<(), String> {
+    /// Returns the release of PETSc, and refuses one that is too old, complex, in single precision, or
+    /// built with 64-bit indices.
+    fn suitable_release(petsc: &Petsc) -> Result<[u32; 2], String> {
         let version = definitions(petsc, "petscversion.h")?;
         let number = |name: &str| -> u32 {
             version.iter().find(|(key, _)| key == name).and_then(|(_, value)| value.parse().ok()).unwrap_or(0)
@@ -230,7 +234,7 @@ mod petsc {
         } else if has("PETSC_USE_64BIT_INDICES") {
             "has 64-bit indices"
         } else {
-            return Ok(());
+            return Ok([major, minor]);
         };
         Err(format!(
             "this PETSc {fault}, a real one in double precision with 32-bit indices is needed: install the Debian package petsc-dev (libpetsc-real-dev) or set PETSC_DIR, {WAY_OUT}"

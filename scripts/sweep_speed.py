@@ -1,19 +1,25 @@
 #!/usr/bin/env python3
 """Measures what a sweep costs against one process per value, in turns.
 
-    scripts/sweep_speed.py [--values 161] [--rounds 1] [--jobs 2]
+    scripts/sweep_speed.py [--values 161] [--rounds 1] [--jobs 2] [--before COMMIT]
 
 Both make the runs of scenes/gallery/chaos.toml over its load, with the same periods and steps: one
 `rebond sweep`, and for each value one `rebond run` that writes a row per period, on as many threads.
 Each is made as the scene stands and with time.mass = "modal". The script prints seconds of the clock
 and of the processor, and their ratios.
+
+Before there was the command, scripts/bifurcation.py made the diagram with one process per value. With
+`--before 46a1d2c` the script and program of this commit are measured too, as that scene stands; they are
+built in target/before, which takes minutes.
 """
 import argparse
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,6 +34,7 @@ def arguments():
     parser.add_argument("--rounds", type=int, default=1, help="rounds of all measurements, of which the least count (1)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="threads of either way (all processors)")
     parser.add_argument("--rebond", default=str(ROOT / "target/release/rebond"), help="path of the program")
+    parser.add_argument("--before", metavar="COMMIT", help="measure the script of this commit too, such as 46a1d2c")
     parser.add_argument("--set", action="append", default=[], help="further setting of all runs")
     return parser.parse_args()
 
@@ -67,26 +74,43 @@ def sweep(args, mass):
         subprocess.run([*command, *over, *settings(args, mass)], check=True)
 
 
+def built(commit):
+    """Returns a clone of this repository at the commit, with the program built in it."""
+    clone = ROOT / "target/before" / commit
+    if not clone.exists():
+        subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
+    subprocess.run(["git", "checkout", "--quiet", commit], cwd=clone, check=True)
+    own = {name: value for name, value in os.environ.items() if name != "CARGO_TARGET_DIR"}
+    subprocess.run(["cargo", "build", "--release", "--locked", "--quiet"], cwd=clone, env=own, check=True)
+    return clone
+
+
+def script_before(clone, args):
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, clone / "scripts/bifurcation.py", clone / "scenes/gallery/chaos.toml"]
+        over = ['load.pressure="{}*sin(2*pi*40*t)"', str(FIRST), str(LAST), str(args.values), "--set=output.every=200"]
+        paths = ["--rebond", clone / "target/release/rebond", "--out", Path(folder) / "diagram"]
+        subprocess.run([*command, *over, *paths], check=True, stdout=subprocess.DEVNULL)
+
+
 def main():
     args = arguments()
-    ways = {"one process per value": one_process_per_value, "rebond sweep": sweep}
+    ways = {f"rebond sweep, {mass}": partial(sweep, args, mass) for mass in MASSES}
+    others = {f"one process per value, {mass}": partial(one_process_per_value, args, mass) for mass in MASSES}
+    if args.before:
+        others[f"script of {args.before}, singular"] = partial(script_before, built(args.before), args)
     least = {}
     for _ in range(args.rounds):
-        for mass in MASSES:
-            for name, way in ways.items():
-                seconds = measured(lambda: way(args, mass))
-                known = least.get((name, mass), seconds)
-                least[name, mass] = tuple(map(min, known, seconds))
-    print(f"{args.values} values, {args.jobs} threads: seconds of the clock, of the processor")
-    for (name, mass), (clock, used) in least.items():
-        print(f"{name}, {mass}: {clock:.2f} {used:.2f}")
-    base = least["one process per value", "singular"]
-    for mass in MASSES:
-        own, found = least["one process per value", mass], least["rebond sweep", mass]
-        against = [f"{a / b:.1f}" for a, b in zip(own, found)]
-        scene = [f"{a / b:.1f}" for a, b in zip(base, found)]
-        print(f"sweep, {mass}: {' '.join(against)} times faster than processes with this mass,"
-              f" {' '.join(scene)} times than processes as the scene stands")
+        for name, way in {**ways, **others}.items():
+            seconds = measured(way)
+            least[name] = tuple(map(min, least.get(name, seconds), seconds))
+    print(f"{args.values} values, {args.jobs} threads, least of {args.rounds}: seconds of the clock, of the processor; ratios")
+    print(f"{'':32}{'clock':>8}{'proc.':>8}" + "".join(f"  / {way.removeprefix('rebond '):17}" for way in ways).rstrip())
+    for name, seconds in least.items():
+        ratios = "".join(
+            f"  {seconds[0] / least[way][0]:8.1f} {seconds[1] / least[way][1]:8.1f}  " for way in ways if name in others
+        )
+        print(f"{name:32}{seconds[0]:8.2f}{seconds[1]:8.2f}{ratios}".rstrip())
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ mod terminal;
 
 use crate::error::Result;
 use crate::memory;
+use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
 
@@ -92,8 +93,16 @@ impl Cli {
     pub fn read<W: Into<OsString> + Clone>(
         words: impl IntoIterator<Item = W>,
     ) -> std::result::Result<Cli, clap::Error> {
-        let command = Cli::command().long_version(shell::version());
-        Cli::from_arg_matches(&command.try_get_matches_from(words)?)
+        let words: Vec<W> = words.into_iter().collect();
+        let read =
+            |command: clap::Command| Cli::from_arg_matches(&command.try_get_matches_from(words.clone())?);
+        match read(Cli::command()) {
+            // Libraries that a command may do without are loaded to tell their versions.
+            Err(why) if why.kind() == ErrorKind::DisplayVersion => {
+                read(Cli::command().long_version(shell::version()))
+            }
+            result => result,
+        }
     }
 }
 

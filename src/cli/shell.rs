@@ -93,12 +93,15 @@ pub(super) fn version() -> String {
     let own = env!("CARGO_PKG_VERSION");
     #[cfg(feature = "petsc")]
     {
-        let [major, minor, patch] = Context::library_version();
+        let petsc = match Context::library_version() {
+            Ok([major, minor, patch]) => format!("PETSc {major}.{minor}.{patch}"),
+            Err(absent) => absent.to_string(),
+        };
         // MPI answers before it is started. Its answer has one line, or several.
         let mpi = mpi::environment::library_version().unwrap_or_default();
         let mpi = mpi.lines().next().unwrap_or_default();
         let mpi = mpi.split(", package").next().unwrap_or(mpi).trim_matches(['\0', ' ']).to_owned();
-        format!("{own}\nfeatures: petsc\nengines: native, petsc\nPETSc {major}.{minor}.{patch}\n{mpi}")
+        format!("{own}\nfeatures: petsc\nengines: native, petsc\n{petsc}\n{mpi}")
     }
     #[cfg(not(feature = "petsc"))]
     format!("{own}\nfeatures: none (built without petsc)\nengines: native")

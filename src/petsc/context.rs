@@ -2,8 +2,8 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{c_string, call, check, keep};
-use super::{WorldComm, ending, sys, words};
+use super::error::{c_string, call, keep};
+use super::{WorldComm, ending, library, sys, words};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use mpi::Threading;
@@ -48,7 +48,7 @@ pub struct Context {
 }
 
 impl Context {
-    /// Starts MPI, then PETSc with its options.
+    /// Loads PETSc, starts MPI, then PETSc with its options.
     ///
     /// `arguments` are the words after `--` on the command line: `-name value` or `-name`. They
     /// override the environment variable `PETSC_OPTIONS`. PETSc ignores `.petscrc` files, so that a
@@ -62,7 +62,7 @@ impl Context {
     /// # Errors
     /// Returns [`Error::Usage`] where an argument is no option or the value of an option is NaN,
     /// whichever its source; [`Error::Petsc`] where MPI was started before (it starts once per
-    /// process) or PETSc fails to start.
+    /// process), or PETSc cannot be loaded or fails to start.
     pub fn start(arguments: &[String]) -> Result<Rc<Self>> {
         Context::start_in_groups(arguments, None)
     }
@@ -85,6 +85,7 @@ impl Context {
         for argument in words::skip_petscrc(&variable).iter().chain(arguments) {
             owned.push(c_string(argument)?);
         }
+        library::functions()?;
         if STARTED.swap(true, Ordering::SeqCst) {
             return Err(Error::Petsc(
                 "MPI starts once in the life of a process, and it has been started".into(),
@@ -103,16 +104,10 @@ impl Context {
         let mut count = pointers.len() as c_int;
         pointers.push(std::ptr::null_mut());
         let mut start = pointers.as_mut_ptr();
-        // PETSc allows an error handler before its own start.
-        // SAFETY: `keep` lives as long as the program and takes no context.
-        check(
-            unsafe { sys::PetscPushErrorHandler(Some(keep), std::ptr::null_mut()) },
-            "PetscPushErrorHandler",
-        )?;
-        // SAFETY: MPI runs; the strings and the array live in the context until PETSc has ended.
-        let code =
-            unsafe { sys::PetscInitialize(&mut count, &mut start, std::ptr::null(), std::ptr::null()) };
-        check(code, "PetscInitialize")?;
+        // PETSc allows an error handler before its own start. This one is there to the end.
+        call!(PetscPushErrorHandler(Some(keep), std::ptr::null_mut()))?;
+        // MPI runs, and the strings and the array live in the context until PETSc has ended.
+        call!(PetscInitialize(&mut count, &mut start, std::ptr::null(), std::ptr::null()))?;
         let context = Rc::new(Self {
             comm,
             everyone,
@@ -224,24 +219,21 @@ impl Context {
 
     /// Returns the number of OpenBLAS threads, or `None` if BLAS is another library.
     pub fn blas_threads(&self) -> Option<usize> {
-        let address = loaded_function(c"openblas_get_num_threads")?;
+        let address = library::address(c"openblas_get_num_threads")?;
         // SAFETY: the function has had this signature in every version.
         let threads = unsafe { std::mem::transmute::<*mut c_void, extern "C" fn() -> c_int>(address)() };
         Some(threads as usize)
     }
 
-    /// Returns the version of the PETSc library: major, minor, patch.
-    pub fn version(&self) -> [i32; 3] {
-        Context::library_version()
-    }
-
-    /// Returns the version of the PETSc library, which need not have been started.
-    pub fn library_version() -> [i32; 3] {
+    /// Returns the version of the PETSc library, which need not run: major, minor, patch.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the library cannot be loaded.
+    pub fn library_version() -> Result<[i32; 3]> {
         let mut version = [0; 3];
         let [major, minor, patch] = &mut version;
-        // This call cannot fail: it copies three constants.
-        let _ = call!(PetscGetVersionNumber(major, minor, patch, std::ptr::null_mut()));
-        version
+        call!(PetscGetVersionNumber(major, minor, patch, std::ptr::null_mut()))?;
+        Ok(version)
     }
 }
 
@@ -256,16 +248,16 @@ impl std::fmt::Debug for Context {
 
 impl Drop for Context {
     fn drop(&mut self) {
-        // SAFETY: no handle is left, since each owns a reference to the context; MPI still runs,
-        // for the communicator is dropped after this.
-        unsafe { sys::PetscFinalize() };
+        // No handle is left, since each owns a reference to the context. MPI still runs, for the
+        // communicator is dropped after this. An error has nowhere to go.
+        let _ = call!(PetscFinalize());
     }
 }
 
 /// Gives BLAS and OpenMP one thread, unless the environment sets their number.
 ///
-/// The libraries read their environment when they are loaded, before `main`, so that only a call to
-/// them has an effect here.
+/// The libraries read their environment when they are loaded, so that only a call to them has an
+/// effect here.
 fn one_blas_thread() {
     let free = |names: &[&str]| names.iter().all(|name| std::env::var_os(name).is_none());
     let mut setters = Vec::new();
@@ -276,24 +268,9 @@ fn one_blas_thread() {
         setters.push(c"omp_set_num_threads");
     }
     for name in setters {
-        if let Some(address) = loaded_function(name) {
+        if let Some(address) = library::address(name) {
             // SAFETY: both functions have had this signature in every version.
             unsafe { std::mem::transmute::<*mut c_void, extern "C" fn(c_int)>(address)(1) };
         }
     }
-}
-
-/// Returns the address of a function of the loaded libraries, if there is one.
-///
-/// Works on Linux only; returns `None` elsewhere.
-fn loaded_function(name: &std::ffi::CStr) -> Option<*mut c_void> {
-    unsafe extern "C" {
-        fn dlsym(library: *mut c_void, name: *const c_char) -> *mut c_void;
-    }
-    if cfg!(not(target_os = "linux")) {
-        return None;
-    }
-    // SAFETY: null is RTLD_DEFAULT on Linux.
-    let address = unsafe { dlsym(std::ptr::null_mut(), name.as_ptr()) };
-    (!address.is_null()).then_some(address)
 }

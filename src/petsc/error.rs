@@ -38,9 +38,12 @@ pub(super) fn check(code: sys::PetscErrorCode, call: &str) -> Result<()> {
 /// Calls a PETSc function and turns its code into a result that names it.
 macro_rules! call {
     ($function:ident($($argument:expr),* $(,)?)) => {
-        // SAFETY: the handles passed are alive, since each owns its object and the context; slices
-        // carry their lengths.
-        $crate::petsc::error::check(unsafe { $crate::petsc::sys::$function($($argument),*) }, stringify!($function))
+        match $crate::petsc::library::functions() {
+            // SAFETY: the handles passed are alive, since each owns its object and the context;
+            // slices carry their lengths.
+            Ok(petsc) => $crate::petsc::error::check(unsafe { petsc.$function($($argument),*) }, stringify!($function)),
+            Err(absent) => Err(absent),
+        }
     };
 }
 pub(super) use call;

@@ -22,6 +22,7 @@
 //! smaller, even 1e20, counts as a bound.
 
 mod sys;
+mod library;
 mod error;
 mod handle;
 mod callback;

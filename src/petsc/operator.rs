@@ -3,7 +3,7 @@
 #![allow(unsafe_code)]
 
 use super::callback::{Callback, Failure, guard, release};
-use super::error::{call, int};
+use super::error::{call, int, raise};
 use super::{Comm, Context, Matrix, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
@@ -64,10 +64,9 @@ impl Drop for Operator {
 
 unsafe extern "C" fn call_product(matrix: sys::Mat, x: sys::Vec, y: sys::Vec) -> sys::PetscErrorCode {
     let mut state = std::ptr::null_mut::<c_void>();
-    // SAFETY: PETSc writes the state that `Operator::new` registered.
-    let code = unsafe { sys::MatShellGetContext(matrix, (&raw mut state).cast()) };
-    if code != 0 {
-        return code;
+    // PETSc writes the state that `Operator::new` registered.
+    if let Err(error) = call!(MatShellGetContext(matrix, (&raw mut state).cast())) {
+        return raise(&error.to_string());
     }
     // SAFETY: the callback lives as long as the operator, and the solvers that apply it keep the
     // operator. Only this function borrows it, never twice: a product cannot reach its own

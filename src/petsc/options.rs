@@ -4,9 +4,9 @@
 
 use super::error::{c_string, call, check, text};
 use super::words::{is_name, refuse_nan};
-use super::{Context, sys};
+use super::{Context, library, sys};
 use crate::error::{Error, Result};
-use std::ffi::{CString, c_char};
+use std::ffi::{CString, c_char, c_int, c_void};
 
 pub use super::words::validate;
 
@@ -265,10 +265,11 @@ impl Context {
 }
 
 /// Frees memory that PETSc allocated for its caller.
-fn free(pointer: *mut std::ffi::c_char) -> Result<()> {
-    // SAFETY: PetscFree is a macro on this function pointer, which PetscInitialize sets.
-    let free = unsafe { sys::PetscTrFree };
-    let Some(free) = free else { return Ok(()) };
+fn free(pointer: *mut c_char) -> Result<()> {
+    type Free = unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char) -> sys::PetscErrorCode;
+    let Some(variable) = library::address(c"PetscTrFree") else { return Ok(()) };
+    // SAFETY: PetscFree is a macro on this variable of this type, which PetscInitialize sets.
+    let Some(free) = (unsafe { *variable.cast::<Option<Free>>() }) else { return Ok(()) };
     // SAFETY: the pointer came from PetscMalloc and is not used again.
     check(unsafe { free(pointer.cast(), 0, c"free".as_ptr(), c"options.rs".as_ptr()) }, "PetscFree")
 }

@@ -3,6 +3,8 @@
 use crate::common::command::{self, assert_fails, rebond, succeeds, text};
 use std::fs;
 use std::path::{Path, PathBuf};
+#[cfg(feature = "petsc")]
+use std::process::Command;
 
 const KINDS: [&str; 6] = ["plate", "gmsh", "shaker", "stop", "ball", "modal"];
 
@@ -84,6 +86,32 @@ fn the_version_names_the_engines() {
     assert_eq!(lines.len(), if cfg!(feature = "petsc") { 5 } else { 3 });
     let short = succeeds(&rebond(&folder, &["-V"]));
     assert_eq!(short, concat!("rebond ", env!("CARGO_PKG_VERSION"), "\n"));
+}
+
+/// A run of the native engine does not need PETSc; whoever asks for it hears what is missing.
+#[cfg(feature = "petsc")]
+#[test]
+fn petsc_is_loaded_where_it_is_needed() {
+    let folder = folder("library");
+    succeeds(&rebond(&folder, &["new", "plate"]));
+    let with = |library: &str, arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_rebond"))
+            .args(arguments)
+            .env("REBOND_PETSC_LIBRARY", library)
+            .current_dir(&folder)
+            .output()
+            .unwrap()
+    };
+    let run = ["run", "plate.toml", "--set", "time.end=1e-4", "--overwrite"];
+    let on_petsc = [&run[..], &["--engine", "petsc"]].concat();
+    succeeds(&with("/nowhere/libpetsc.so", &run));
+    let words = ["PETSc", "/nowhere/libpetsc.so", "install", "REBOND_PETSC_LIBRARY"];
+    assert_fails(&with("/nowhere/libpetsc.so", &on_petsc), 3, &words);
+    assert_fails(&with("libm.so.6", &on_petsc), 3, &["libm.so.6", "undefined symbol"]);
+    let version = succeeds(&with("/nowhere/libpetsc.so", &["--version"]));
+    assert!(version.lines().nth(3).unwrap().contains("cannot be loaded"), "{version}");
+    // Nothing in the variable is as no variable.
+    succeeds(&with("", &on_petsc));
 }
 
 /// Citation and change log speak of the version that the program has.

@@ -63,7 +63,7 @@ pub const CASES: &[Case] = &[
 fn start_and_stop(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     assert!(context.rank() < context.size());
-    let [major, minor, _] = context.version();
+    let [major, minor, _] = Context::library_version()?;
     assert!((major, minor) >= (3, 18));
     let second = Context::start(arguments);
     assert!(matches!(second, Err(Error::Petsc(text)) if text.contains("once")));
