@@ -33,19 +33,6 @@ use pulp::Arch;
 /// vanish in the answer, rounding of other rows is all that remains in it.
 const NEGLIGIBLE: f64 = 1e-4;
 
-impl Problem<'_> {
-    /// Returns the length scale, or the largest bounded entry of the answer where it is 0.
-    /// Collective.
-    fn length<E: Engine>(&self, engine: &E, answer: &Answer) -> f64 {
-        if self.length == 0.0 {
-            let bounded = self.bounds.dofs.iter().map(|&dof| answer.x[dof]);
-            engine.comm().all_reduce_max(largest(bounded))
-        } else {
-            self.length
-        }
-    }
-}
-
 /// Parts of the KKT residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
@@ -174,8 +161,8 @@ impl KktCheck {
     ///
     /// The slices of `more` are further terms of the right-hand side, added in turn to the one of
     /// the problem: each counts with its own magnitude, and an empty one is zero. Where the length
-    /// of the problem is 0, as at rest on obstacles at 0, the largest bounded entry of x takes its
-    /// place.
+    /// of the problem is 0, as at rest on obstacles at 0, the answer itself gives the scale of the
+    /// deflection.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -186,7 +173,7 @@ impl KktCheck {
         more: &[&[f64]],
         answer: &Answer,
     ) -> Result<f64> {
-        let length = problem.length(engine, answer);
+        let length = self.length(engine, problem, answer);
         let own = self.parts(engine, &Problem { length, ..*problem }, more, answer)?.worst();
         Ok(engine.comm().all_reduce_max(own))
     }
@@ -214,9 +201,24 @@ impl KktCheck {
         }
         let size = self.subtract_with_diagonal(problem.rhs, x);
         let size = larger(size, self.subtract_terms(more));
-        let length = problem.length(engine, answer);
+        let length = self.length(engine, problem, answer);
         let own = self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst();
         Ok(Some(engine.comm().all_reduce_max(own)))
+    }
+
+    /// Returns the length scale of a problem. Where it is 0, the answer gives one: its largest
+    /// deflection, or that of a bounded dof which has the energy of its largest entry. Deflections
+    /// alone may be what rounding left of slopes. Collective.
+    fn length<E: Engine>(&self, engine: &E, problem: &Problem, answer: &Answer) -> f64 {
+        if problem.length != 0.0 {
+            return problem.length;
+        }
+        let bounded = || problem.bounds.dofs.iter();
+        let deflection = engine.comm().all_reduce_max(largest(bounded().map(|&dof| answer.x[dof])));
+        let size = largest(self.scale.iter().zip(&*answer.x).map(|(scale, x)| scale * x));
+        let size = engine.comm().all_reduce_max(size);
+        let stiffest = engine.comm().all_reduce_max(largest(bounded().map(|&dof| self.scale[dof])));
+        if stiffest > 0.0 { larger(deflection, size / stiffest) } else { deflection }
     }
 
     /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that

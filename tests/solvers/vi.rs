@@ -285,6 +285,26 @@ fn ten_thousand_small_problems_agree_with_brute_force() {
     println!("contact in {touched}, worst residual {worst_kkt:.1e}, error {worst_ratio:.1} eps cond(A)");
 }
 
+/// A plate that a load presses flat onto an obstacle at 0 has no deflection but rounding errors of
+/// its slopes, which are no penetration.
+#[test]
+fn rounding_of_a_flat_plate_is_no_penetration() {
+    let engine = Native::new(2);
+    let form = dense_form(&engine, 2, &[4e8, 1e6, 1e6, 1e4]);
+    let sum = (&form).into();
+    let mut check = KktCheck::new(&engine, &sum).unwrap();
+    let bounds = Bounds::uniform(vec![0], 0.0, f64::INFINITY);
+    let problem = Problem { matrix: &sum, rhs: &[-400.0, 0.0], bounds: &bounds, length: 0.0 };
+    let mut residual = |deflection: f64| {
+        let (mut x, mut reaction) = ([deflection, 1e-21], [1e6 * 1e-21]);
+        let answer = Answer { x: &mut x, reaction: &mut reaction };
+        check.residual(&engine, &problem, &[&[400.0, 0.0]], &answer).unwrap()
+    };
+    assert!(residual(-1e-38) <= 1e-12);
+    // What is as large as the slopes themselves is one.
+    assert!(residual(-1e-24) > 0.1);
+}
+
 /// Returns the answer of a problem with every kind of row: at the lower bound, at the upper one,
 /// between them, without bounds.
 fn problem_with_answer() -> (SmallProblem, Vec<f64>, Vec<f64>) {
