@@ -341,6 +341,21 @@ impl StepRecord {
         self.candidates.iter().flatten().copied().chain(all)
     }
 
+    /// Returns whether nothing touches: no bound has a reaction or an impulse, and the bounded
+    /// configuration lies within `limits`. Where there are candidates, the answer may be no.
+    pub fn is_free(&self, limits: &Bounds) -> bool {
+        // Without an early end the loops have no branches.
+        let all_zero = |of: &[f64]| of.iter().fold(true, |zero, value| zero & (*value == 0.0));
+        let within = || {
+            let sides = limits.lower.iter().zip(&limits.upper);
+            self.admissible
+                .iter()
+                .zip(sides)
+                .fold(true, |within, (z, (lower, upper))| within & (*lower <= *z) & (*z <= *upper))
+        };
+        self.candidates.is_none() && all_zero(&self.reaction) && all_zero(&self.impulses) && within()
+    }
+
     /// Returns the time of the present instant, in s.
     pub fn time(&self) -> f64 {
         self.step as f64 * self.dt

@@ -42,24 +42,33 @@ pub(super) struct ContactRecorder {
 }
 
 impl ContactRecorder {
-    /// Records a step of a scheme and its events. A node without reaction for a single step remains
-    /// in contact.
-    pub fn note(&mut self, sites: &[DeflectionDof], step: f64, scheme: &dyn Scheme, events: &[Event]) {
+    /// Records a step of a scheme and its events, given whether nothing touches. A node without
+    /// reaction for a single step remains in contact.
+    pub fn note(
+        &mut self,
+        sites: &[DeflectionDof],
+        step: f64,
+        scheme: &dyn Scheme,
+        events: &[Event],
+        is_free: bool,
+    ) {
         let (time, reactions) = (scheme.time(), scheme.reaction());
         self.state.resize(reactions.len(), None);
         for event in events {
             self.extend(event.bound, event.time);
         }
-        let impulses = scheme.impulses();
-        scheme.record().candidates().for_each(|bound| {
-            let (r, impulse) = (reactions[bound], impulses[bound]);
-            if r != 0.0 || impulse != 0.0 && self.state[bound].is_none() {
-                self.extend(bound, time);
-            }
-            if let Some([.., sum]) = &mut self.state[bound] {
-                *sum += impulse;
-            }
-        });
+        if !is_free {
+            let impulses = scheme.impulses();
+            scheme.record().candidates().for_each(|bound| {
+                let (r, impulse) = (reactions[bound], impulses[bound]);
+                if r != 0.0 || impulse != 0.0 && self.state[bound].is_none() {
+                    self.extend(bound, time);
+                }
+                if let Some([.., sum]) = &mut self.state[bound] {
+                    *sum += impulse;
+                }
+            });
+        }
         self.close(sites, time - 1.5 * step);
     }
 

@@ -244,14 +244,15 @@ impl Outcome {
         Ok(events)
     }
 
-    /// Records a step and its events. Returns the number of nodes in contact and their total force,
-    /// in N.
+    /// Records a step, given whether it had events and whether nothing touched on this rank.
+    /// Returns the number of nodes in contact and their total force, in N. Collective.
     pub(super) fn note<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
         scheme: &dyn Scheme,
         events: bool,
+        is_free: bool,
     ) -> Result<(usize, f64)> {
         let verdict = scheme.step_report();
         self.steps = scheme.step();
@@ -266,13 +267,15 @@ impl Outcome {
         let (engine, bounds) = (&model.system.engine, scheme.limits());
         let (mut nodes, mut force, mut penetration) = (0, 0.0, 0.0_f64);
         let (record, reaction) = (scheme.record(), scheme.reaction());
-        record.candidates().for_each(|i| {
-            let (r, z) = (reaction[i], record.admissible[i]);
-            nodes += usize::from(r != 0.0);
-            force += r;
-            let [lower, upper] = bounds.rigid(i);
-            penetration = penetration.max(lower - z).max(z - upper);
-        });
+        if !is_free {
+            record.candidates().for_each(|i| {
+                let (r, z) = (reaction[i], record.admissible[i]);
+                nodes += usize::from(r != 0.0);
+                force += r;
+                let [lower, upper] = bounds.rigid(i);
+                penetration = penetration.max(lower - z).max(z - upper);
+            });
+        }
         let (nodes, force, penetration) = engine
             .comm()
             .all_reduce((nodes, force, penetration), |a, b| (a.0 + b.0, a.1 + b.1, a.2.max(b.2)));

@@ -37,6 +37,8 @@ struct StepContact {
     force: f64,
     /// Events of this process's nodes.
     events: Vec<Event>,
+    /// Whether none of this process's nodes touches.
+    is_free: bool,
 }
 
 /// Run on its way from step to step.
@@ -126,8 +128,10 @@ impl<E: Engine> TimeLoop<'_, E> {
     /// Records the step and its events in the outcome.
     fn record_events(&mut self) -> Result<StepContact> {
         let events = self.outcome.note_events(self.scene, self.model, self.scheme, self.observer)?;
-        let (nodes, force) = self.outcome.note(self.scene, self.model, self.scheme, !events.is_empty())?;
-        Ok(StepContact { nodes, force, events })
+        let is_free = self.scheme.record().is_free(self.scheme.limits());
+        let has_events = !events.is_empty();
+        let (nodes, force) = self.outcome.note(self.scene, self.model, self.scheme, has_events, is_free)?;
+        Ok(StepContact { nodes, force, events, is_free })
     }
 
     /// Checks the answer of the contact solver.
@@ -142,7 +146,7 @@ impl<E: Engine> TimeLoop<'_, E> {
     /// named supports and obstacles.
     fn follow_contacts(&mut self, contact: &StepContact) -> Result<()> {
         let TimeLoop { scene, model, scheme, monitor, .. } = self;
-        monitor.contacts.note(&model.sites, scene.time.step, *scheme, &contact.events);
+        monitor.contacts.note(&model.sites, scene.time.step, *scheme, &contact.events, contact.is_free);
         monitor.forces.note(scene, model, *scheme, &contact.events)
     }
 
