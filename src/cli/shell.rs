@@ -88,7 +88,7 @@ impl Schema {
     }
 }
 
-/// Returns the version of the program, and those of the libraries that it was built with.
+/// Returns the version of the program, and those of the libraries that it finds.
 pub(super) fn version() -> String {
     let own = env!("CARGO_PKG_VERSION");
     #[cfg(feature = "petsc")]
