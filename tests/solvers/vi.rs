@@ -301,7 +301,7 @@ fn rounding_of_a_flat_plate_is_no_penetration() {
         check.residual(&engine, &problem, &[&[400.0, 0.0]], &answer).unwrap()
     };
     assert!(residual(-1e-38) <= 1e-12);
-    // What is as large as the slopes themselves is one.
+    // A penetration as deep as the deflections that belong to these slopes is found.
     assert!(residual(-1e-24) > 0.1);
 }
 
