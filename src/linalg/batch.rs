@@ -7,6 +7,7 @@
 
 use super::BARE;
 use super::vectors::waxpy;
+use pulp::Simd;
 use std::collections::BTreeMap;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 use std::rc::Rc;
@@ -45,6 +46,27 @@ impl Lanes {
             self.0[lane] = self.0[lane].abs();
         }
         self
+    }
+
+    /// Sets the numbers to multiples of the magnitudes of others.
+    ///
+    /// From a loop over many [`Lanes`], the compiler may otherwise make vectors across them, which
+    /// it gathers and scatters; so with [`Lanes::add_scaled`].
+    #[inline(always)]
+    pub fn set_to_scaled_abs<S: Simd>(&mut self, simd: S, scale: f64, of: &Lanes) {
+        let scale = simd.splat_f64s(scale);
+        for (own, of) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&of.0).0) {
+            *own = simd.mul_f64s(scale, simd.abs_f64s(*of));
+        }
+    }
+
+    /// Adds multiples of other numbers.
+    #[inline(always)]
+    pub fn add_scaled<S: Simd>(&mut self, simd: S, scale: f64, other: &Lanes) {
+        let scale = simd.splat_f64s(scale);
+        for (own, other) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&other.0).0) {
+            *own = simd.add_f64s(*own, simd.mul_f64s(scale, *other));
+        }
     }
 
     /// Returns the larger number of each pair.

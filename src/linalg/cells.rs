@@ -5,7 +5,8 @@
 //! dofs are in layout order, see [`super::batch`].
 
 use super::batch::{Batch, Batches, Cell, LANES, Lanes};
-use super::{Bending, ElementMatrix, MassModes, SingularMassCell};
+use super::strains::Strains;
+use super::{ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -33,38 +34,6 @@ struct Panel {
     is_diagonal: bool,
 }
 
-/// [`Bending`] of eight cells.
-#[derive(Debug, Clone)]
-struct Strains {
-    arms: Vec<[Lanes; 2]>,
-    /// Root R, three rows after three rows, each column by column from the first of the three on.
-    root: Vec<[Lanes; 3]>,
-}
-
-impl Strains {
-    fn new(cells: [&Bending; LANES]) -> Strains {
-        let size = 3 * cells[0].arms.len();
-        let arm = |node: usize| [0, 1].map(|axis| Lanes(cells.map(|cell| cell.arms[node][axis])));
-        let entry = |row: usize, column: usize| Lanes(cells.map(|cell| cell.root[row * size + column]));
-        let rows = (0..size).step_by(3);
-        let root = rows.flat_map(|row| (row..size).map(move |column| [0, 1, 2].map(|k| (row + k, column))));
-        Strains {
-            arms: (0..cells[0].arms.len()).map(arm).collect(),
-            root: root.map(|entries| entries.map(|(row, column)| entry(row, column))).collect(),
-        }
-    }
-
-    /// Computes result = A local and returns local^T A local; `work` becomes the cells'
-    /// deformation.
-    #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, local: &[Lanes], work: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
-        remove_rigid_motion(local, &self.arms, work);
-        let form = square_product(simd, &self.root, &work[3..], &mut result[3..]);
-        return_rigid_forces(result, &self.arms);
-        form
-    }
-}
-
 impl Panel {
     fn new(cells: &[usize; LANES], blocks: &[ElementMatrix]) -> Panel {
         let size = blocks[cells[0]].dofs.len();
@@ -72,7 +41,7 @@ impl Panel {
         Panel {
             matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
             // Either all cells of a panel have it or none has.
-            strains: bending[0].map(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
+            strains: bending[0].and_then(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
             is_difference: cells.iter().all(|&cell| is_difference(&blocks[cell].matrix)),
             is_diagonal: size > 2 && cells.iter().all(|&cell| is_diagonal(&blocks[cell].matrix, size)),
         }
@@ -80,9 +49,9 @@ impl Panel {
 
     /// Computes result = A local and returns local^T A local.
     #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, local: &[Lanes], work: &mut [Lanes], result: &mut [Lanes]) -> Lanes {
+    fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
-            return strains.apply(simd, local, work, result);
+            return strains.apply(simd, local, result);
         }
         if self.is_difference {
             let difference = local[0] - local[1];
@@ -121,13 +90,15 @@ impl Panel {
             return;
         }
         for (work, value) in work.iter_mut().zip(local) {
-            *work = scale * value.abs();
+            work.set_to_scaled_abs(simd, scale, value);
         }
         matrix_product::<S, true>(simd, &self.matrix, work, result);
-        add(m, result);
-        self.apply(simd, local, work, result);
+        for (m, term) in m.iter_mut().zip(&*result) {
+            m.add_scaled(simd, 1.0, term);
+        }
+        self.apply(simd, local, result);
         for (y, term) in y.iter_mut().zip(result) {
-            *y += scale * *term;
+            y.add_scaled(simd, scale, term);
         }
     }
 }
@@ -142,76 +113,6 @@ fn is_diagonal(matrix: &[f64], size: usize) -> bool {
     matrix.iter().enumerate().all(|(place, entry)| place % (size + 1) == 0 || *entry == 0.0)
 }
 
-/// Adds terms to sums, entry by entry.
-#[inline(always)]
-fn add(sums: &mut [Lanes], terms: &[Lanes]) {
-    for (sum, term) in sums.iter_mut().zip(terms) {
-        *sum += *term;
-    }
-}
-
-/// Computes result = R^T R local, lane by lane, for a root stored as in [`Strains`], and returns
-/// |R local|^2. This is the inner loop of every step.
-#[inline(always)]
-fn square_product<S: Simd>(simd: S, root: &[[Lanes; 3]], local: &[Lanes], result: &mut [Lanes]) -> Lanes {
-    let mut form = Lanes::default();
-    let mut rest = root;
-    result.fill(Lanes::default());
-    for first in (0..local.len()).step_by(3) {
-        let (rows, below) = rest.split_at(local.len() - first);
-        let (local, result) = (&local[first..], &mut result[first..]);
-        // Two registers at once hide the latency of the sums.
-        let mut part = 0;
-        while part + 2 <= LANES / S::F64_LANES {
-            add_square::<S, 2>(simd, part, rows, local, result, &mut form);
-            part += 2;
-        }
-        if part < LANES / S::F64_LANES {
-            add_square::<S, 1>(simd, part, rows, local, result, &mut form);
-        }
-        rest = below;
-    }
-    form
-}
-
-/// Adds what three rows of a root contribute to R^T R local and to |R local|^2, in some of the
-/// registers that the lanes fill, from one on.
-#[inline(always)]
-fn add_square<S: Simd, const REGISTERS: usize>(
-    simd: S,
-    from: usize,
-    rows: &[[Lanes; 3]],
-    local: &[Lanes],
-    result: &mut [Lanes],
-    form: &mut Lanes,
-) {
-    let mut strains = [[simd.splat_f64s(0.0); REGISTERS]; 3];
-    for (column, value) in rows.iter().zip(local) {
-        let value = &S::as_simd_f64s(&value.0).0[from..][..REGISTERS];
-        for (strain, entry) in strains.iter_mut().zip(column) {
-            let entry = &S::as_simd_f64s(&entry.0).0[from..][..REGISTERS];
-            for k in 0..REGISTERS {
-                strain[k] = simd.mul_add_f64s(entry[k], value[k], strain[k]);
-            }
-        }
-    }
-    for (column, force) in rows.iter().zip(result) {
-        let force = &mut S::as_mut_simd_f64s(&mut force.0).0[from..][..REGISTERS];
-        for (strain, entry) in strains.iter().zip(column) {
-            let entry = &S::as_simd_f64s(&entry.0).0[from..][..REGISTERS];
-            for k in 0..REGISTERS {
-                force[k] = simd.mul_add_f64s(entry[k], strain[k], force[k]);
-            }
-        }
-    }
-    let form = &mut S::as_mut_simd_f64s(&mut form.0).0[from..][..REGISTERS];
-    for strain in strains {
-        for k in 0..REGISTERS {
-            form[k] = simd.mul_add_f64s(strain[k], strain[k], form[k]);
-        }
-    }
-}
-
 /// Computes result = matrix local, or |matrix| local, lane by lane.
 #[inline(always)]
 fn matrix_product<S: Simd, const MAGNITUDE: bool>(
@@ -222,19 +123,23 @@ fn matrix_product<S: Simd, const MAGNITUDE: bool>(
 ) {
     let width = local.len();
     // Several rows at once hide the latency of the sums.
-    let (triples, singles) = result.as_chunks_mut::<3>();
-    let mut rows = matrix;
+    let (sixes, others) = result.as_chunks_mut::<6>();
+    let (triples, singles) = others.as_chunks_mut::<3>();
+    let mut rest = matrix;
+    for result in sixes {
+        let (rows, below) = rest.split_at(6 * width);
+        rows_product::<S, 6, MAGNITUDE>(simd, rows, local, result);
+        rest = below;
+    }
     for result in triples {
-        let (a, rest) = rows.split_at(width);
-        let (b, rest) = rest.split_at(width);
-        let (c, rest) = rest.split_at(width);
-        rows_product::<S, 3, MAGNITUDE>(simd, [a, b, c], local, result);
-        rows = rest;
+        let (rows, below) = rest.split_at(3 * width);
+        rows_product::<S, 3, MAGNITUDE>(simd, rows, local, result);
+        rest = below;
     }
     for result in singles {
-        let (a, rest) = rows.split_at(width);
-        rows_product::<S, 1, MAGNITUDE>(simd, [a], local, std::array::from_mut(result));
-        rows = rest;
+        let (row, below) = rest.split_at(width);
+        rows_product::<S, 1, MAGNITUDE>(simd, row, local, std::array::from_mut(result));
+        rest = below;
     }
 }
 
@@ -242,54 +147,26 @@ fn matrix_product<S: Simd, const MAGNITUDE: bool>(
 #[inline(always)]
 fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
     simd: S,
-    rows: [&[Lanes]; ROWS],
+    rows: &[Lanes],
     local: &[Lanes],
     result: &mut [Lanes; ROWS],
 ) {
+    let rows = &rows[..ROWS * local.len()];
     // One pass for each register that the lanes fill.
     for part in 0..LANES / S::F64_LANES {
         let mut sums = [simd.splat_f64s(0.0); ROWS];
-        for (column, value) in local.iter().enumerate() {
-            let value = S::as_simd_f64s(&value.0).0[part];
-            for (sum, row) in sums.iter_mut().zip(rows) {
-                let entry = S::as_simd_f64s(&row[column].0).0[part];
+        for column in 0..local.len() {
+            let value = S::as_simd_f64s(&local[column].0).0[part];
+            for row in 0..ROWS {
+                let entry = S::as_simd_f64s(&rows[row * local.len() + column].0).0[part];
                 let entry = if MAGNITUDE { simd.abs_f64s(entry) } else { entry };
-                *sum = simd.mul_add_f64s(entry, value, *sum);
+                sums[row] = simd.mul_add_f64s(entry, value, sums[row]);
             }
         }
-        for (result, sum) in result.iter_mut().zip(sums) {
-            S::as_mut_simd_f64s(&mut result.0).0[part] = sum;
+        for row in 0..ROWS {
+            S::as_mut_simd_f64s(&mut result[row].0).0[part] = sums[row];
         }
     }
-}
-
-/// Computes the deformation of cells: the dofs of all nodes but the first, less the rigid motion of
-/// the first, by differences of nearby values. The first node's own deformation is zero and is not
-/// written.
-#[inline(always)]
-fn remove_rigid_motion(local: &[Lanes], arms: &[[Lanes; 2]], deformation: &mut [Lanes]) {
-    let (first, others) = local.split_at(3);
-    let [w, w_x, w_y] = [first[0], first[1], first[2]];
-    let nodes = others.chunks_exact(3).zip(deformation[3..].chunks_exact_mut(3));
-    for ((node, deformed), arm) in nodes.zip(arms) {
-        deformed[0] = (node[0] - w) - (w_x * arm[0] + w_y * arm[1]);
-        deformed[1] = node[1] - w_x;
-        deformed[2] = node[2] - w_y;
-    }
-}
-
-/// Extends the forces on the deformation to all dofs, as the transpose of [`remove_rigid_motion`]:
-/// the first node balances the others.
-#[inline(always)]
-fn return_rigid_forces(result: &mut [Lanes], arms: &[[Lanes; 2]]) {
-    let (first, others) = result.split_at_mut(3);
-    let mut balance = [Lanes::default(); 3];
-    for (node, arm) in others.chunks_exact(3).zip(arms) {
-        balance[0] = balance[0] - node[0];
-        balance[1] = balance[1] - (node[1] + node[0] * arm[0]);
-        balance[2] = balance[2] - (node[2] + node[0] * arm[1]);
-    }
-    first.copy_from_slice(&balance);
 }
 
 /// Symmetric form given by dense local matrices, such as K or M_r.
@@ -342,10 +219,10 @@ impl CellForm {
         batch: &Batch,
         x: &[f64],
         y: &mut [f64],
-        (local, Room { work, result, .. }): (&mut [Lanes], Room),
+        (local, Room { result, .. }): (&mut [Lanes], Room),
     ) -> Lanes {
         batch.gather(x, local);
-        let form = self.panels[batch.panel].apply(simd, local, work, result);
+        let form = self.panels[batch.panel].apply(simd, local, result);
         batch.scatter(result, y);
         form
     }
@@ -653,7 +530,7 @@ fn add_batch_with_part<S: Simd>(
     forms: &[(f64, &Form)],
     x: &[f64],
     products: &mut PartProducts,
-    (local, Room { work, result, .. }): (&mut [Lanes], Room),
+    (local, Room { result, .. }): (&mut [Lanes], Room),
 ) {
     batch.gather(x, local);
     for &(scale, form) in forms {
@@ -661,7 +538,7 @@ fn add_batch_with_part<S: Simd>(
         let scale = if is_part { 1.0 } else { scale };
         match form {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panels[batch.panel].apply(simd, local, work, result);
+                cells.panels[batch.panel].apply(simd, local, result);
                 if !is_part {
                     result.iter_mut().for_each(|term| *term = scale * *term);
                 }

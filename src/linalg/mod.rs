@@ -31,6 +31,7 @@ mod native;
 pub mod random;
 pub(crate) mod secular;
 mod simd;
+mod strains;
 pub mod vectors;
 pub(crate) mod wide;
 

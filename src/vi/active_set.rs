@@ -10,8 +10,10 @@ use crate::error::Result;
 use crate::hash;
 use crate::linalg::Factor;
 use crate::vi::Answer;
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side as Triangle};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt;
+use faer::linalg::cholesky::llt::factor::{LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
+use faer::{Mat, MatMut, Par, Spec};
 use std::collections::HashSet;
 
 /// Status of a bounded dof.
@@ -234,20 +236,31 @@ impl DenseProblem<'_> {
             return;
         }
         let fixed = |j: &usize| sides[*j] != BoundStatus::Free;
-        let mut rhs = Mat::from_fn(free.len(), 1, |k, _| {
-            let column = matrix.col(free[k]);
-            h[free[k]] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
-        });
-        let block = Mat::from_fn(free.len(), free.len(), |i, j| matrix[(free[i], free[j])]);
-        match block.llt(Triangle::Lower) {
-            Ok(llt) => llt.solve_in_place(&mut rhs),
-            // A matrix that is not positive definite to rounding gives NaN, which the KKT check
-            // reports.
-            Err(_) => rhs.fill(f64::NAN),
+        let rhs = |&i: &usize| {
+            let column = matrix.col(i);
+            h[i] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
+        };
+        let mut values: Vec<f64> = free.iter().map(rhs).collect();
+        let mut block = Mat::from_fn(free.len(), free.len(), |i, j| matrix[(free[i], free[j])]);
+        solve_in_place(&mut block, &mut values);
+        free.iter().zip(values).for_each(|(&i, value)| x[i] = value);
+    }
+}
+
+/// Solves A x = b with a dense matrix A: b becomes x, and A is overwritten. A matrix that is not
+/// positive definite to rounding gives NaN, which the KKT check reports.
+fn solve_in_place(a: &mut Mat<f64>, b: &mut [f64]) {
+    let size = b.len();
+    let scratch = cholesky_in_place_scratch::<f64>(size, Par::Seq, Spec::default());
+    let mut memory = MemBuffer::new(scratch);
+    let stack = MemStack::new(&mut memory);
+    let regularisation = LltRegularization::default();
+    match cholesky_in_place(a.as_mut(), regularisation, Par::Seq, stack, Spec::default()) {
+        Ok(_) => {
+            let b = MatMut::from_column_major_slice_mut(b, size, 1);
+            llt::solve::solve_in_place(a.as_ref(), b, Par::Seq, MemStack::new(&mut []));
         }
-        for (k, &i) in free.iter().enumerate() {
-            x[i] = rhs[(k, 0)];
-        }
+        Err(_) => b.fill(f64::NAN),
     }
 }
 

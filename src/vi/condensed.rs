@@ -281,15 +281,7 @@ impl<E: Engine> Condensed<E> {
                 1 => YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer),
                 systems => solve_each(rigid, systems, sides, &mut answer, of_one),
             };
-            // Rounding may decide which nodes touch, so the first rank decides for all.
-            let answer = values.iter().zip(forces.iter()).zip(sides.iter());
-            let mut answer: Vec<(f64, f64, u8, u32)> =
-                answer.map(|((x, r), side)| (*x, *r, *side as u8, exchanges)).collect();
-            engine.comm().broadcast(&mut answer);
-            for (k, &(x, r, code, _)) in answer.iter().enumerate() {
-                (values[k], forces[k], sides[k]) = (x, r, BoundStatus::from_code(code));
-            }
-            1 + answer[0].3
+            1 + agree(engine.comm(), [values, forces], sides, exchanges)
         };
         for (k, &i) in candidates.iter().enumerate() {
             reaction[i] = forces[first + k];
@@ -389,6 +381,27 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         }
         self.solve(engine, problem, answer).map(Some)
     }
+}
+
+/// Sets an answer to that of the first rank, since rounding may decide which nodes touch. Returns
+/// its number of exchanges. Collective.
+fn agree(
+    comm: &impl Communicator,
+    [values, forces]: [&mut [f64]; 2],
+    sides: &mut [BoundStatus],
+    exchanges: u32,
+) -> u32 {
+    if comm.size() == 1 {
+        return exchanges;
+    }
+    let answer = values.iter().zip(&*forces).zip(&*sides);
+    let mut answer: Vec<(f64, f64, u8, u32)> =
+        answer.map(|((x, r), side)| (*x, *r, *side as u8, exchanges)).collect();
+    comm.broadcast(&mut answer);
+    for (k, &(x, r, code, _)) in answer.iter().enumerate() {
+        (values[k], forces[k], sides[k]) = (x, r, BoundStatus::from_code(code));
+    }
+    answer[0].3
 }
 
 /// Solves the problems of systems side by side, each with the same matrix, given the values without
