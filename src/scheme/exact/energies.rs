@@ -25,7 +25,7 @@ impl<E: Engine> Exact<'_, E> {
         let ReducedModel { stiffness, force, rest, rest_at, compliance, .. } = &self.reduction;
         let coordinates = self.motion.modes.coordinates(&self.state);
         let place = &self.motion.modes.spectrum.vectors * coordinates.get(.., ..1);
-        let reactions = self.reactions();
+        let reactions = self.reactions_of_modes();
         let gaps = compliance * Mat::from_fn(reactions.len(), 1, |i, _| reactions[i]);
         let modes: f64 = (0..place.nrows()).map(|k| stiffness[(k, k)] * place[(k, 0)].powi(2)).sum();
         let load = self.system.work(rest.col_as_slice(0))?;

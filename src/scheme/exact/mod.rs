@@ -280,6 +280,15 @@ impl<'s, E: Engine> Exact<'s, E> {
         self.reduction.candidates.iter().map(|&of| self.record.reaction[of]).collect()
     }
 
+    /// Returns the reactions of the candidates that belong to the state, in N: those of the record
+    /// may be corrected with the shape.
+    fn reactions_of_modes(&self) -> Vec<f64> {
+        let of = |(i, side): (usize, &BoundStatus)| {
+            if *side == BoundStatus::Free { 0.0 } else { self.watched[(i, 0)] }
+        };
+        self.motion.modes.sides.iter().enumerate().map(of).collect()
+    }
+
     /// Returns U and v of the state, computed on first use.
     fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| {
