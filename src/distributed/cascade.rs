@@ -8,11 +8,11 @@
 //! at the nodes that a mesh shares with the finest. A new node touches if all nodes do that its
 //! deflection is interpolated from.
 
-use super::hierarchy::Step;
+use super::hierarchy::{Hierarchy, Step};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::BoundedDofs;
-use crate::petsc::{Comm, Context, Ksp, Matrix, MultigridLevels, Vector};
+use crate::petsc::{Comm, Context, Ksp, Matrix, MultigridLevels, Smoother, Vector};
 use std::rc::Rc;
 
 /// Largest number of exchanges on a mesh. Wherever they end, the next mesh goes on from there.
@@ -53,14 +53,14 @@ struct HeldSystem {
 type Numbers = [Option<usize>];
 
 impl Cascade {
-    /// Prepares the problems, given the matrix of each coarse mesh and the steps from mesh to mesh,
-    /// coarsest first. Collective.
+    /// Prepares the problems, given the matrix of each coarse mesh, coarsest first. Collective.
     ///
     /// # Errors
     /// Returns the errors of PETSc.
-    pub fn new(context: &Rc<Context>, coarse: &[Matrix], steps: &[Step]) -> Result<Cascade> {
-        let interpolations: Vec<&Matrix> = steps.iter().map(|step| &step.interpolation).collect();
-        let mesh = |(number, matrix)| CoarseMesh::new(context, matrix, &interpolations[..number]);
+    pub fn new(context: &Rc<Context>, coarse: &[Matrix], hierarchy: &Hierarchy) -> Result<Cascade> {
+        let interpolations = hierarchy.interpolations();
+        let smoother = hierarchy.smoother();
+        let mesh = |(number, matrix)| CoarseMesh::new(context, matrix, &interpolations[..number], smoother);
         let meshes = coarse.iter().enumerate().map(mesh).collect::<Result<_>>()?;
         Ok(Cascade { context: context.clone(), meshes })
     }
@@ -156,7 +156,12 @@ impl<C: Communicator> LevelContact<'_, C> {
 }
 
 impl CoarseMesh {
-    fn new(context: &Rc<Context>, matrix: &Matrix, interpolations: &[&Matrix]) -> Result<CoarseMesh> {
+    fn new(
+        context: &Rc<Context>,
+        matrix: &Matrix,
+        interpolations: &[&Matrix],
+        smoother: Smoother,
+    ) -> Result<CoarseMesh> {
         let copy = || {
             let mut copy = matrix.duplicate()?;
             copy.copy_from(matrix)?;
@@ -165,7 +170,7 @@ impl CoarseMesh {
         };
         let held = copy()?;
         let mut solver = Ksp::new(context, Comm::World, "")?;
-        let levels = solver.default_to_multigrid(&held, interpolations)?;
+        let levels = solver.default_to_multigrid(&held, interpolations, smoother)?;
         solver.set_operator(&held)?;
         solver.set_from_options()?;
         solver.set_up()?;

@@ -76,7 +76,7 @@ impl DistributedFactor {
         // Multigrid holds dofs in its own matrix, other methods in a copy.
         let of_solver = if linear.method() == LinearMethod::Multigrid { held.clone() } else { Rc::default() };
         let operator = operator(&context, cells.as_ref(), &matrix, &of_solver)?;
-        let (solver, levels) = solver(&context, &matrix, operator, linear.interpolations().as_deref())?;
+        let (solver, levels) = solver(&context, &matrix, operator, linear.hierarchy())?;
         let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
         Ok(DistributedFactor {
             cells,
@@ -178,10 +178,10 @@ impl SystemSolver {
         }
     }
 
-    /// Returns the interpolation to each level from the next coarser one, coarsest first.
-    fn interpolations(&self) -> Option<Vec<&Matrix>> {
+    /// Returns the hierarchy of multigrid.
+    fn hierarchy(&self) -> Option<&Rc<Hierarchy>> {
         match self {
-            SystemSolver::Multigrid(hierarchy) => Some(hierarchy.interpolations()),
+            SystemSolver::Multigrid(hierarchy) => Some(hierarchy),
             _ => None,
         }
     }
@@ -208,16 +208,19 @@ fn operator(
 }
 
 /// Creates a solver of a matrix, or of the operator in its place, and factors the matrix; given
-/// interpolations, multigrid preconditions it.
+/// a hierarchy, multigrid preconditions it.
 fn solver(
     context: &Rc<Context>,
     matrix: &Matrix,
     operator: Option<Operator>,
-    interpolations: Option<&[&Matrix]>,
+    hierarchy: Option<&Rc<Hierarchy>>,
 ) -> Result<(Ksp, Option<MultigridLevels>)> {
     let mut solver = Ksp::new(context, Comm::World, "")?;
-    let levels = match interpolations {
-        Some(interpolations) => Some(solver.default_to_multigrid(matrix, interpolations)?),
+    let levels = match hierarchy {
+        Some(hierarchy) => {
+            let interpolations = hierarchy.interpolations();
+            Some(solver.default_to_multigrid(matrix, &interpolations, hierarchy.smoother())?)
+        }
         None => {
             solver.default_to_cholesky()?;
             None
@@ -335,15 +338,14 @@ impl Factor for DistributedFactor {
         x: &mut [f64],
         sides: &mut [i8],
     ) -> Result<bool> {
-        let SystemSolver::Multigrid(hierarchy) = &self.linear else { return Ok(false) };
-        let hierarchy = hierarchy.clone();
+        let Some(hierarchy) = self.linear.hierarchy().cloned() else { return Ok(false) };
         let cascade = match self.cascade.take() {
             Some(cascade) => cascade,
             None => {
                 let held = self.held.take();
                 self.pin(&[])?;
                 let Some(levels) = &self.levels else { return Ok(false) };
-                let cascade = Cascade::new(&self.context, levels.coarse(), hierarchy.steps())?;
+                let cascade = Cascade::new(&self.context, levels.coarse(), &hierarchy)?;
                 self.pin(&held)?;
                 cascade
             }

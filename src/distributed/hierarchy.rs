@@ -15,11 +15,12 @@
 //! of a coarse mesh are truncated there.
 
 use super::own_mesh::{Names, own_mesh, section, sum_at_nodes};
+use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::{BasisFunction, CellShape, ElementKind};
 use crate::error::Result;
-use crate::mesh::{Mesh, Point};
-use crate::petsc::{Comm, Index, Matrix, Plex, Refinement};
+use crate::mesh::{Cell, Mesh, Point};
+use crate::petsc::{Comm, Index, Matrix, Plex, Refinement, Smoother};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::rc::Rc;
@@ -32,6 +33,7 @@ const SYMMETRIC: f64 = 1e-9;
 pub struct Hierarchy {
     /// Steps to each mesh from the next coarser one, coarsest first.
     steps: Vec<Step>,
+    smoother: Smoother,
 }
 
 /// Step from a mesh to the next finer one.
@@ -69,16 +71,28 @@ impl Hierarchy {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error, and [`crate::Error::Mesh`] for
     /// a cell that cannot carry its element.
-    pub(super) fn new(passed: &[(Plex, Refinement)], finest: &Level) -> Result<Hierarchy> {
+    pub(super) fn new(
+        comm: &impl Communicator,
+        passed: &[(Plex, Refinement)],
+        finest: &Level,
+    ) -> Result<Hierarchy> {
         let mut steps = Vec::new();
         add_levels(passed, finest, &mut steps)?;
         steps.reverse();
-        Ok(Hierarchy { steps })
+        let is_triangle = |cell: &Cell| cell.shape() == CellShape::Triangle;
+        let has_triangles = comm.all_reduce_any(finest.mesh.cells.iter().any(is_triangle));
+        let smoother = if has_triangles { Smoother::OfTriangles } else { Smoother::OfQuadrilaterals };
+        Ok(Hierarchy { steps, smoother })
     }
 
     /// Returns the number of levels.
     pub fn levels(&self) -> usize {
         self.steps.len() + 1
+    }
+
+    /// Returns the smoother that suits the elements of the meshes.
+    pub(super) fn smoother(&self) -> Smoother {
+        self.smoother
     }
 
     /// Returns the step to each mesh from the next coarser one, coarsest first.

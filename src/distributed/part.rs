@@ -153,7 +153,7 @@ impl Part {
                 owns: &owns,
                 extra_cells: &extra_cells,
             };
-            Some(Rc::new(Hierarchy::new(&passed, &finest)?))
+            Some(Rc::new(Hierarchy::new(context.comm(), &passed, &finest)?))
         } else {
             None
         };

@@ -48,7 +48,7 @@ pub use dm::Plex;
 pub use index_set::IndexSet;
 pub use ksp::Ksp;
 pub use mat::Matrix;
-pub use multigrid::MultigridLevels;
+pub use multigrid::{MultigridLevels, Smoother};
 pub use operator::Operator;
 pub use refinement::Refinement;
 pub use section::{Dofs, Section};

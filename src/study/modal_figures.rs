@@ -72,13 +72,7 @@ pub(super) fn figures(
             contact = Some(ContactFigures { fastest, compliance: [least, most], condition: most / least });
         } else if model.system.bounds.hertz.is_none() {
             // Stops that yield need no compliance of the plate.
-            doubt = Some(format!(
-                "time.modes = {}: so many modes leave the {} nodes in contact no compliance of their \
-                 own; expected at most {} modes",
-                modes.count(),
-                touching.len(),
-                at.most_modes()
-            ));
+            doubt = Some(at.refusal().to_string());
         }
     }
     let figures = ModalFigures {

@@ -259,6 +259,7 @@ pub const REFUSALS: &[&str] = &[
     "it holds at no node",
     "not positive definite",
     "contain no vibration",
+    "no compliance of their own",
 ];
 
 fn every_method_holds(scene: &Scene) -> Result<(), TestCaseError> {
@@ -270,6 +271,7 @@ fn every_method_holds(scene: &Scene) -> Result<(), TestCaseError> {
         match &trial.ending {
             Ending::Holds | Ending::Gains(_) | Ending::Guarded(_) => {}
             Ending::Refused(why) => {
+                if why.contains("compliance of their own") {}
                 prop_assert!(REFUSALS.iter().any(|known| why.contains(known)), "{method}: {why}")
             }
             Ending::Drifts(why) | Ending::Fails(why) => prop_assert!(false, "{method}: {why}: {trial:?}"),

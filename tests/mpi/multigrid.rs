@@ -96,9 +96,9 @@ fn iterations(folder: &Path, ranks: usize, settings: &[&str]) -> (f64, u64) {
 #[test]
 fn a_solve_takes_as_many_iterations_on_every_mesh() {
     let folder = folder("counts", FLIGHT);
-    for (element, limit) in [("fvs", 15), ("hct", 26)] {
+    for (element, limit) in [("fvs", 15), ("hct", 22)] {
         for mass in ["singular", "consistent"] {
-            for step in ["1e-3", "1e-4"] {
+            for (step, spread) in [("1e-3", 1.25), ("1e-4", 1.25), ("1e-5", 1.5)] {
                 let count = |cells: &str| {
                     let end = format!("time.end={}", 3.0 * step.parse::<f64>().unwrap());
                     let settings = [
@@ -114,7 +114,7 @@ fn a_solve_takes_as_many_iterations_on_every_mesh() {
                 let means = counts.map(|(mean, _)| mean);
                 let least = means.into_iter().fold(f64::INFINITY, f64::min);
                 let most = means.into_iter().fold(0.0, f64::max);
-                assert!(most < 1.25 * least, "{element} {mass} {step}: {counts:?}");
+                assert!(most < spread * least, "{element} {mass} {step}: {counts:?}");
                 assert!(counts.iter().all(|(_, most)| *most <= limit), "{element} {mass} {step}: {counts:?}");
             }
         }
@@ -212,7 +212,7 @@ fn wide_contact_found_on_coarse_meshes_is_that_of_factors() {
 #[test]
 fn a_new_active_set_takes_no_more_iterations() {
     let folder = folder("sets", THROWN);
-    for (element, limit) in [("fvs", 14_u32), ("hct", 25)] {
+    for (element, limit) in [("fvs", 14_u32), ("hct", 22)] {
         for cells in ["[20, 8]", "[40, 16]", "[80, 32]"] {
             let [element, cells] = [format!("mesh.element={element}"), format!("mesh.cells={cells}")];
             let (mean, most) = iterations(&folder, 1, &[&element, &cells]);

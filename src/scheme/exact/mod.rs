@@ -71,6 +71,7 @@
 //! loads or obstacles are not supported: loads would need their particular solution for each mode.
 
 mod cache;
+pub(super) mod contact_compliance;
 mod energies;
 mod event_detection;
 mod event_resolution;

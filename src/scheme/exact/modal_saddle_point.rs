@@ -17,6 +17,7 @@
 //! the number of rounds is the same for all forces. The difference of the whole compliance and that
 //! of the modes would lose up to half of the digits instead.
 
+use super::contact_compliance::ContactCompliance;
 use super::saddle_point::SaddlePointSolver;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -48,8 +49,6 @@ pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
     pub modes: Rc<MassModes>,
     /// Shift s, in (rad/s)^2.
     pub shift: f64,
-    /// Number of dofs of all ranks.
-    dofs: usize,
     factor: RefCell<E::Factor>,
     /// Number of rounds of the iteration.
     rounds: usize,
@@ -81,7 +80,6 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
             system,
             modes: modes.clone(),
             shift,
-            dofs: engine.comm().all_reduce_sum(engine.dofs()),
             factor: engine.factor(&sum, &[])?.into(),
             rounds: 1,
             kept: KeptColumns::new(modes.key, engine.dofs(), 2 * modes.count()).into(),
@@ -240,11 +238,31 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
         Ok(solutions)
     }
 
-    fn rigid_contact(&self) -> Error {
-        Error::Usage(format!(
-            "time.modes = {}: so many modes leave the nodes in contact no compliance of their own; expected at most {}",
-            self.modes.count(),
-            self.dofs / 3
-        ))
+    fn rigid_contact(&self, compliance: &Mat<f64>, dofs: &[usize]) -> Error {
+        let MassModes { squares, shapes, .. } = &*self.modes;
+        let shapes = Mat::from_fn(dofs.len(), squares.len(), |i, k| shapes[(dofs[i], k)]);
+        ContactCompliance { compliance: compliance.clone(), shapes, squares: squares.clone() }.refusal()
+    }
+}
+
+impl ContactCompliance {
+    /// Computes the compliance at some deflection dofs of a system with the modal mass.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] for another mass, and the errors of the engine.
+    pub fn new<E: Engine>(system: &System<E>, dofs: &[usize]) -> Result<ContactCompliance> {
+        let Form::Modal { consistent, modes } = &system.mass else {
+            return Err(Error::Usage("this compliance needs time.mass = \"modal\"".into()));
+        };
+        let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), modes)?;
+        let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
+        let along = Mat::from_fn(modes.count(), dofs.len(), |k, j| modes.shapes[(dofs[j], k)]);
+        let responses = saddle.rest_of_units(&own, &along)?;
+        let mean = |i: usize, j: usize| 0.5 * (responses[j][dofs[i]] + responses[i][dofs[j]]);
+        Ok(ContactCompliance {
+            compliance: Mat::from_fn(dofs.len(), dofs.len(), mean),
+            shapes: Mat::from_fn(dofs.len(), modes.count(), |i, k| modes.shapes[(dofs[i], k)]),
+            squares: modes.squares.clone(),
+        })
     }
 }

@@ -86,11 +86,10 @@ impl Modes {
         spectrum: Rc<Spectrum>,
         known: Option<Rc<Decoupling>>,
     ) -> Result<Modes> {
-        let ReducedModel { damping, force, bounds, rest_at, lift_at, compliance, .. } = reduction;
+        let ReducedModel { damping, bounds, rest_at, lift_at, compliance, .. } = reduction;
         let Spectrum { values, magnitude, vectors, .. } = &*spectrum;
         let (w, rho, active) = (held.w(), held.rho(), &held.active);
         let bounded = held.sides.len();
-        let h = force + held.lift.transpose() * rho;
         let largest = values.iter().copied().fold(STIFF * magnitude, f64::max);
         let floor = RIGID * f64::EPSILON * largest;
         let rigid = values.iter().take_while(|value| **value <= floor).count();
@@ -114,7 +113,7 @@ impl Modes {
             frequencies,
             rigid,
             damping: damping.clone(),
-            force: (vectors.transpose() * h).col_as_slice(0).to_vec(),
+            force: held.modal_force(reduction, &spectrum).col_as_slice(0).to_vec(),
             offset: offset.col_as_slice(0).to_vec(),
             rows: rows * vectors,
             limits: (0..bounded).map(limit).collect(),

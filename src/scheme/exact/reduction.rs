@@ -142,7 +142,10 @@ impl ReducedModel {
         self.rest_at = at(&self.rest);
         self.lift_at = at(&self.lift);
         self.compliance = symmetric(&at(&self.flexibility), 1.0);
-        if remains(&self.compliance, &self.unbound) { Ok(()) } else { Err(saddle.rigid_contact()) }
+        match remains(&self.compliance, &self.unbound) {
+            true => Ok(()),
+            false => Err(saddle.rigid_contact(&self.compliance, &self.bounds.dofs)),
+        }
     }
 }
 

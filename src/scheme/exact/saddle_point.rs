@@ -47,8 +47,9 @@ pub(in crate::scheme) trait SaddlePointSolver {
     /// K + s M where K is singular.
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>>;
 
-    /// Returns the error of a model in which some deflection has no compliance of its own.
-    fn rigid_contact(&self) -> Error;
+    /// Returns the error of a model in which some deflection has no compliance of its own, given
+    /// the compliance (k x k, in m/N) of the deflections at some dofs.
+    fn rigid_contact(&self, compliance: &Mat<f64>, dofs: &[usize]) -> Error;
 }
 
 /// Solver for velocities of cells, with the factor of K + s M, which is definite where K and M
@@ -148,7 +149,7 @@ impl<E: Engine> SaddlePointSolver for CellSaddlePoint<'_, E> {
         solved(&mut *self.factor.borrow_mut(), forces)
     }
 
-    fn rigid_contact(&self) -> Error {
+    fn rigid_contact(&self, _compliance: &Mat<f64>, _dofs: &[usize]) -> Error {
         Error::Singular(
             "the inf-sup condition fails: the velocities see some deflection that only an obstacle could stop, so \
              that motion and reactions are not unique and time.scheme = \"exact\" has nothing to follow; \

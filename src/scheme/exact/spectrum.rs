@@ -9,6 +9,15 @@
 //!
 //! and the stiffness in z is `$H_A = H + R_A^T W$`.
 //!
+//! The force at rest, `$h = h_F + R_A^T \rho$`, holds the structure at its bounds. Where these lie
+//! far from z = 0, as for a loose plate in its flight, h is the difference of large numbers, and the
+//! rounding of `$H_A$` times the distance is a force of its own. The force is therefore taken from
+//! the rigid displacement `$z_r$` that comes nearest to the bounds, where the reactions are small:
+//!
+//! ```math
+//! V^T h = \Lambda V^T z_r + V^T (h_F - H z_r + R_A^T r_r), \qquad r_r = S_{AA}^{-1} (g - G_A U_F - R_A z_r).
+//! ```
+//!
 //! # Eigenproblem
 //!
 //! A dense eigenvalue solver has errors as large as the rounding error of the largest eigenvalue,
@@ -43,6 +52,7 @@ use crate::scheme::System;
 use crate::vi::BoundStatus;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side as Triangle};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -59,6 +69,10 @@ const SETTLED: f64 = 1e-8;
 /// Largest rotation angle. Modes that would rotate by more have nearly equal eigenvalues, for which
 /// the choice of basis does not matter.
 const LARGEST_ANGLE: f64 = 1e-3;
+
+/// Singular value, relative to the largest one, below which a combination of rigid motions moves no
+/// node in contact.
+const INDEPENDENT: f64 = 1e-6;
 
 /// Largest number of changes in succession, each of which adds rounding errors.
 const MAX_CHANGES: usize = 16;
@@ -83,8 +97,10 @@ pub(super) struct Held {
     pub active: Vec<usize>,
     /// Displacements R of these per unit z, a x N.
     pub lift: Mat<f64>,
-    /// W and rho in the last column, a x (N + 1).
+    /// W, then rho and r_r in the last columns, a x (N + 2).
     reactions: Mat<f64>,
+    /// Rigid displacement z_r, N entries.
+    rigid: Mat<f64>,
 }
 
 impl Held {
@@ -96,11 +112,19 @@ impl Held {
         let ReducedModel { stiffness, bounds, rest_at, lift_at, compliance, .. } = reduction;
         let cells = stiffness.nrows();
         let active: Vec<usize> = (0..sides.len()).filter(|&i| sides[i] != BoundStatus::Free).collect();
-        // Solve at once for all columns S_AA^-1 R_A and S_AA^-1 (g - G_A U_F).
-        let mut reactions = Mat::from_fn(active.len(), cells + 1, |k, j| match active[k] {
-            i if j < cells => lift_at[(i, j)],
-            i if sides[i] == BoundStatus::Lower => bounds.lower[i] - rest_at[(i, 0)],
-            i => bounds.upper[i] - rest_at[(i, 0)],
+        let gap = |i: usize| match sides[i] {
+            BoundStatus::Lower => bounds.lower[i] - rest_at[(i, 0)],
+            _ => bounds.upper[i] - rest_at[(i, 0)],
+        };
+        let lift = Mat::from_fn(active.len(), cells, |k, j| lift_at[(active[k], j)]);
+        let gap = Mat::from_fn(active.len(), 1, |k, _| gap(active[k]));
+        let rigid = nearest_rigid(stiffness, &lift, &gap);
+        let beyond = &gap - &lift * &rigid;
+        // Solve at once for all columns.
+        let mut reactions = Mat::from_fn(active.len(), cells + 2, |k, j| match j.checked_sub(cells) {
+            None => lift[(k, j)],
+            Some(0) => gap[(k, 0)],
+            Some(_) => beyond[(k, 0)],
         });
         if !active.is_empty() {
             let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
@@ -109,8 +133,7 @@ impl Held {
                 .map_err(|_| failed(active.len(), "their compliance is not positive definite"))?;
             llt.solve_in_place(&mut reactions);
         }
-        let lift = Mat::from_fn(active.len(), cells, |k, j| lift_at[(active[k], j)]);
-        Ok(Held { sides: sides.to_vec(), active, lift, reactions })
+        Ok(Held { sides: sides.to_vec(), active, lift, reactions, rigid })
     }
 
     /// Returns the reactions W per unit z, a x N.
@@ -120,8 +143,38 @@ impl Held {
 
     /// Returns the reactions rho at z = 0, a entries.
     pub fn rho(&self) -> faer::MatRef<'_, f64> {
-        self.reactions.get(.., self.lift.ncols()..)
+        self.reactions.get(.., self.lift.ncols()..self.lift.ncols() + 1)
     }
+
+    /// Returns the modal forces V^T h, N entries.
+    pub fn modal_force(&self, reduction: &ReducedModel, spectrum: &Spectrum) -> Mat<f64> {
+        let ReducedModel { force, stiffness, .. } = reduction;
+        let reactions = self.reactions.get(.., self.lift.ncols() + 1..);
+        let mut modal = spectrum.vectors.transpose() * &self.rigid;
+        for (of, value) in modal.col_as_slice_mut(0).iter_mut().zip(&spectrum.values) {
+            *of *= value;
+        }
+        modal
+            + spectrum.vectors.transpose()
+                * (force - stiffness * &self.rigid + self.lift.transpose() * reactions)
+    }
+}
+
+/// Returns the rigid displacement z (N entries) that comes nearest to given deflections (a entries)
+/// of the nodes in contact, whose displacements per unit z are R (a x N). It is zero for a plate
+/// that cannot move without stiffness.
+fn nearest_rigid(stiffness: &Mat<f64>, lift: &Mat<f64>, gap: &Mat<f64>) -> Mat<f64> {
+    let count = (0..stiffness.nrows()).take_while(|&j| stiffness[(j, j)] == 0.0).count();
+    let mut z = Mat::zeros(stiffness.nrows(), 1);
+    if count > 0 && gap.nrows() > 0 {
+        let of_rigid = DMatrix::from_fn(gap.nrows(), count, |k, j| lift[(k, j)]);
+        let gap = DMatrix::from_fn(gap.nrows(), 1, |k, _| gap[(k, 0)]);
+        let svd = of_rigid.svd(true, true);
+        let least = INDEPENDENT * svd.singular_values.max();
+        let nearest = svd.solve(&gap, least).unwrap_or_default();
+        nearest.iter().enumerate().for_each(|(j, of)| z[(j, 0)] = *of);
+    }
+    z
 }
 
 fn failed(touching: usize, what: &str) -> Error {

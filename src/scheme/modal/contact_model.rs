@@ -5,9 +5,9 @@ use super::limits::Limits;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::hertz_depth;
+use crate::scheme::exact::contact_compliance::ContactCompliance;
 use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::exact::reduction::remains;
-use crate::scheme::exact::saddle_point::SaddlePointSolver;
 use crate::vi::{ComplianceProblem, ComplianceSolver};
 use faer::Mat;
 use std::rc::Rc;
@@ -130,7 +130,13 @@ impl ContactModel {
         let rigid = self.rigid(limits);
         let [left, whole] = [&self.compliance, &whole]
             .map(|of| Mat::from_fn(rigid.len(), rigid.len(), |i, j| of[(rigid[i], rigid[j])]));
-        if remains(&left, &whole) { Ok(()) } else { Err(saddle.rigid_contact()) }
+        if remains(&left, &whole) {
+            return Ok(());
+        }
+        let squares = saddle.modes.squares.clone();
+        let at = |i: usize, k: usize| shapes[(k, self.candidates[rigid[i]])];
+        let shapes = Mat::from_fn(rigid.len(), squares.len(), at);
+        Err(ContactCompliance { compliance: left, shapes, squares }.refusal())
     }
 
     /// Returns the candidates with a rigid bound. Bounds that yield have a compliance of their own.

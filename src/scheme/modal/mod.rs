@@ -55,7 +55,6 @@ mod all_bounds;
 mod balance;
 mod candidates;
 mod checkpoint;
-mod compliance;
 mod contact_model;
 mod coordinates;
 mod data;
@@ -77,7 +76,6 @@ mod shown;
 mod state;
 mod stepping;
 
-pub use compliance::ContactCompliance;
 pub use lock_step::{ModeLane, ModeRuns, SharedModes};
 
 use super::exact::modal_saddle_point::ModalSaddlePoint;

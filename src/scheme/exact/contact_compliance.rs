@@ -1,10 +1,7 @@
 //! Compliance of the massless rest in contact.
 
-use super::ModalSaddlePoint;
 use crate::error::{Error, Result};
 use crate::linalg::eigen::symmetric_eigen;
-use crate::linalg::{Engine, Form};
-use crate::scheme::System;
 use faer::{Mat, Side};
 use std::f64::consts::TAU;
 
@@ -33,26 +30,6 @@ pub struct ContactCompliance {
 }
 
 impl ContactCompliance {
-    /// Computes the compliance at some deflection dofs of a system with the modal mass.
-    ///
-    /// # Errors
-    /// Returns [`Error::Usage`] for another mass, and the errors of the engine.
-    pub fn new<E: Engine>(system: &System<E>, dofs: &[usize]) -> Result<ContactCompliance> {
-        let Form::Modal { consistent, modes } = &system.mass else {
-            return Err(Error::Usage("this compliance needs time.mass = \"modal\"".into()));
-        };
-        let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), modes)?;
-        let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
-        let along = Mat::from_fn(modes.count(), dofs.len(), |k, j| modes.shapes[(dofs[j], k)]);
-        let responses = saddle.rest_of_units(&own, &along)?;
-        let mean = |i: usize, j: usize| 0.5 * (responses[j][dofs[i]] + responses[i][dofs[j]]);
-        Ok(ContactCompliance {
-            compliance: Mat::from_fn(dofs.len(), dofs.len(), mean),
-            shapes: Mat::from_fn(dofs.len(), modes.count(), |i, k| modes.shapes[(dofs[i], k)]),
-            squares: modes.squares.clone(),
-        })
-    }
-
     /// Returns the smallest and the largest eigenvalue of R, in m/N.
     ///
     /// # Errors
@@ -72,6 +49,20 @@ impl ContactCompliance {
     pub fn most_modes(&self) -> usize {
         let counts: Vec<usize> = (0..=self.squares.len()).collect();
         counts.partition_point(|&count| self.is_definite_with(count)).saturating_sub(1)
+    }
+
+    /// Returns the error of so many modes that R is not positive definite.
+    pub fn refusal(&self) -> Error {
+        let (modes, nodes) = (self.squares.len(), self.compliance.nrows());
+        let rigid = self.squares.iter().filter(|square| **square == 0.0).count();
+        let most = self.most_modes().min(modes.saturating_sub(1));
+        Error::Usage(format!(
+            "time.modes = {modes}: so many modes leave the {nodes} nodes in contact no compliance of their own; {}",
+            match most > rigid {
+                true => format!("expected at most {most} modes"),
+                false => "fewer contain no vibration; expected a finer mesh or another time.mass".into(),
+            }
+        ))
     }
 
     /// Returns whether R of the first modes alone is positive definite: its pivots are those of the
