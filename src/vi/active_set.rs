@@ -14,7 +14,17 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::linalg::cholesky::llt::factor::{LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
 use faer::{Mat, MatMut, Par, Spec};
+use smallvec::SmallVec;
 use std::collections::HashSet;
+use std::mem::MaybeUninit;
+
+/// Number of candidates up to which a dense problem takes no memory from the heap, and the bytes
+/// that its factorisation then needs.
+const FEW: usize = 32;
+const SCRATCH: usize = 4096;
+
+/// Numbers, one per candidate.
+type Few = SmallVec<[f64; FEW]>;
 
 /// Status of a bounded dof.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
@@ -193,7 +203,7 @@ impl DenseProblem<'_> {
         let Answer { x, reaction } = answer;
         let size = rhs.len();
         let mut rule = Exchange::new(size);
-        let mut magnitude = vec![0.0; size];
+        let mut magnitude = Few::from_elem(0.0, size);
         loop {
             self.solve_fixed(sides, x);
             for i in 0..size {
@@ -224,7 +234,7 @@ impl DenseProblem<'_> {
     /// Puts the active entries on their bounds and solves for the others.
     fn solve_fixed(&self, sides: &[BoundStatus], x: &mut [f64]) {
         let DenseProblem { matrix, rhs: h, lower, upper } = *self;
-        let mut free = Vec::with_capacity(h.len());
+        let mut free = SmallVec::<[usize; FEW]>::new();
         for (i, side) in sides.iter().enumerate() {
             match side {
                 BoundStatus::Free => free.push(i),
@@ -240,20 +250,25 @@ impl DenseProblem<'_> {
             let column = matrix.col(i);
             h[i] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
         };
-        let mut values: Vec<f64> = free.iter().map(rhs).collect();
-        let mut block = Mat::from_fn(free.len(), free.len(), |i, j| matrix[(free[i], free[j])]);
-        solve_in_place(&mut block, &mut values);
+        let mut values: Few = free.iter().map(rhs).collect();
+        let mut block = SmallVec::<[f64; FEW * FEW]>::new();
+        for &column in &free {
+            let column = matrix.col(column);
+            block.extend(free.iter().map(|&row| column[row]));
+        }
+        solve_in_place(MatMut::from_column_major_slice_mut(&mut block, free.len(), free.len()), &mut values);
         free.iter().zip(values).for_each(|(&i, value)| x[i] = value);
     }
 }
 
 /// Solves A x = b with a dense matrix A: b becomes x, and A is overwritten. A matrix that is not
 /// positive definite to rounding gives NaN, which the KKT check reports.
-fn solve_in_place(a: &mut Mat<f64>, b: &mut [f64]) {
+fn solve_in_place(mut a: MatMut<f64>, b: &mut [f64]) {
     let size = b.len();
     let scratch = cholesky_in_place_scratch::<f64>(size, Par::Seq, Spec::default());
-    let mut memory = MemBuffer::new(scratch);
-    let stack = MemStack::new(&mut memory);
+    let mut few = [const { MaybeUninit::uninit() }; SCRATCH];
+    let mut many = (scratch.unaligned_bytes_required() > SCRATCH).then(|| MemBuffer::new(scratch));
+    let stack = MemStack::new(many.as_deref_mut().unwrap_or(&mut few));
     let regularisation = LltRegularization::default();
     match cholesky_in_place(a.as_mut(), regularisation, Par::Seq, stack, Spec::default()) {
         Ok(_) => {

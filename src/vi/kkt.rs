@@ -114,9 +114,17 @@ pub struct KktCheck {
     /// count.
     loose: Option<Vec<(usize, f64)>>,
     /// Dofs with a coupling, which bounds the magnitude of their row from below.
-    couplings: Vec<(u32, RowCoupling)>,
+    couplings: Vec<Coupling>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
+}
+
+/// Magnitude of the coupling of the dof of a row to another one.
+#[derive(Debug)]
+struct Coupling {
+    row: u32,
+    to: u32,
+    magnitude: f64,
 }
 
 impl KktCheck {
@@ -129,7 +137,9 @@ impl KktCheck {
         let inverse_scale = scale.iter().map(|scale| if *scale > 0.0 { 1.0 / scale } else { 0.0 }).collect();
         let zeros = vec![0.0; scale.len()];
         let couplings = (0..).zip(engine.couplings(matrix)?);
-        let couplings = couplings.filter(|(_, coupling)| coupling.magnitude > 0.0).collect();
+        let couplings = couplings.filter(|(_, coupling)| coupling.magnitude > 0.0);
+        let couplings = couplings.map(|(row, RowCoupling { to, magnitude })| Coupling { row, to, magnitude });
+        let couplings = couplings.collect();
         Ok(KktCheck {
             residual: zeros.clone(),
             magnitude: zeros,
@@ -183,7 +193,8 @@ impl KktCheck {
     /// the engine has no such product. Collective.
     ///
     /// The magnitude of a row is replaced by a part of it: its diagonal entry, and for a slope the
-    /// coupling to the deflection of its node.
+    /// coupling to the deflection of its node. The share of the largest possible magnitude is that of
+    /// x alone.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -200,7 +211,9 @@ impl KktCheck {
             return Ok(None);
         }
         let size = self.subtract_with_diagonal(problem.rhs, x);
-        let size = larger(size, self.subtract_terms(more));
+        for term in more {
+            subtract_term(term, &mut self.residual, &mut self.magnitude);
+        }
         let length = self.length(engine, problem, answer);
         let own = self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst();
         Ok(Some(engine.comm().all_reduce_max(own)))
@@ -223,24 +236,23 @@ impl KktCheck {
 
     /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that
     /// of its right-hand side and of its part in [`KktCheck::limit`]. Returns the largest magnitude
-    /// of x times its scale, and of the right-hand side divided by its scale.
+    /// of x times its scale.
     fn subtract_with_diagonal(&mut self, rhs: &[f64], x: &[f64]) -> f64 {
-        let KktCheck { scale, inverse_scale, couplings, residual, magnitude, .. } = self;
+        let KktCheck { scale, couplings, residual, magnitude, .. } = self;
         widest(
             Arch::new(),
             #[inline(always)]
             || {
                 let rows = residual.iter_mut().zip(magnitude.iter_mut()).zip(x.iter().zip(rhs));
-                let scales = scale.iter().zip(&*inverse_scale);
                 let mut size = Largest::default();
-                for (((r, m), (own, b)), (scale, inverse)) in rows.zip(scales) {
+                for (((r, m), (own, b)), scale) in rows.zip(&*scale) {
+                    let scaled = scale * own.abs();
                     *r -= b;
-                    *m = scale * scale * own.abs() + b.abs();
-                    size.note(scale * own);
-                    size.note(inverse * b);
+                    *m = scale * scaled + b.abs();
+                    size.note(scaled);
                 }
-                for (dof, coupling) in &*couplings {
-                    magnitude[*dof as usize] += coupling.magnitude * x[coupling.to as usize].abs();
+                for Coupling { row, to, magnitude: of } in &*couplings {
+                    magnitude[*row as usize] += of * x[*to as usize].abs();
                 }
                 size.value()
             },

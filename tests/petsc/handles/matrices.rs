@@ -2,7 +2,7 @@
 
 use super::{close, share};
 use crate::common::ranks::{Case, case};
-use rebond::petsc::{Comm, Context, Index, IndexSet, Ksp, Matrix};
+use rebond::petsc::{Comm, Context, Index, IndexSet, Ksp, Matrix, Smoother};
 use rebond::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -196,7 +196,7 @@ fn multigrid_holds_dofs(arguments: &[String]) -> Result<()> {
     p.set_values(&values)?;
     let p = p.without_triplets()?;
     let mut solver = Ksp::new(&context, Comm::World, "")?;
-    let mut levels = solver.default_to_multigrid(&a, &[&p])?;
+    let mut levels = solver.default_to_multigrid(&a, &[&p], Smoother::OfQuadrilaterals)?;
     solver.set_operator(&a)?;
     solver.set_from_options()?;
     solver.set_up()?;
