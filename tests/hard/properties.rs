@@ -333,6 +333,23 @@ fn every_method_holds_on_plates_once_drawn() {
          obstacle = [{ side = \"below\", height = 0 }]
          load = { pressure = -3.3848609974243904e-5 }
          time = { scheme = \"newmark\", mass = \"singular\", step = 2.190890230020664e1, end = 1.7527121840165314e3 }",
+        // With exact and the modal mass, half of a loose plate lies on an obstacle far from z = 0.
+        "plate = { length = 1, width = 0.3, thickness = 0.1, youngs_modulus = 1, poissons_ratio = 0, density = 1 }
+         mesh = { element = \"fvs\", cells = [4, 3] }
+         obstacle = [{ side = \"below\", height = -5.690419063933144e-2, where = \"x > 5e-1\" }, \
+           { side = \"above\", height = 5.74608842949277e-2, where = \"x > 5e-1\" }]
+         initial = { static_pressure = -1.0026966727307823e-5 }
+         time = { scheme = \"newmark\", mass = \"singular\", step = 2.190890230020664e1, end = 1.7527121840165314e3 }",
+        // With conserving and the modal mass, a step is left with just too much energy for the next
+        // one, however short that is.
+        "plate = { length = 4.370639664956653e2, width = 7.605822666140169e2, thickness = 1.0454484723563358e1, \
+           youngs_modulus = 1.641609502939874e11, poissons_ratio = -0.5, density = 6.463946670502385e3 }
+         mesh = { element = \"hct\", cells = [1, 3], diagonal = \"right\" }
+         support = [{ edge = \"top\", kind = \"simply_supported\" }]
+         obstacle = [{ side = \"below\", height = -3.157521599449676e0 }]
+         load = { pressure = -8.468068257490544e4 }
+         initial = { static_pressure = -8.474859383531366e4 }
+         time = { scheme = \"newmark\", mass = \"singular\", step = 3.7329197819784346e-3, end = 2.9863358255827477e-1 }",
         // With newmark and e = 0.5, the guard ends the run at the first step.
         "plate = { length = 1.4866149618785405e-2, width = 4.459844885635621e-3, thickness = 1.6802463260126294e-5, \
            youngs_modulus = 1, poissons_ratio = 0, density = 3.3198447281657746 }

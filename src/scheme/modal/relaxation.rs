@@ -20,6 +20,10 @@ use std::rc::Rc;
 const RANGE: Range<f64> = 0.5..2.0;
 /// Relative change of energy above which a step is relaxed, and at which the search ends.
 const MOVED: f64 = 1e-13;
+/// Relative change of energy up to which a step for which the search fails is taken as it is. Most
+/// of such a change is what the steps before have left, which a shorter step could make up for the
+/// less.
+const LEFT: f64 = 1e-12;
 const KEPT: f64 = 4.0 * f64::EPSILON;
 
 /// States along a step, whose deflections without reactions and bounds are linear in gamma.
@@ -135,6 +139,13 @@ impl<E: Engine> ModalScheme<'_, E> {
         let gamma = match moved.abs() <= MOVED * size {
             true => Some(1.0),
             false => root(&mut step, RANGE)?,
+        };
+        let gamma = match gamma {
+            None if moved.abs() <= LEFT * size => {
+                step.move_to(1.0)?;
+                Some(1.0)
+            }
+            gamma => gamma,
         };
         let Some(gamma) = gamma else { return Ok(None) };
         waxpy(gamma, &self.increments.q, &self.before.q, &mut self.now.q);

@@ -16,8 +16,8 @@ use crate::scheme::Approach;
 use crate::vi::{ComplianceSolver, StepReport};
 use std::rc::Rc;
 
-/// Largest number of halvings of a step whose energy has no root in range; afterwards the step is
-/// taken as it is, and later steps make up the difference. With data that change in time no root
+/// Largest number of halvings of a step whose energy has no root in range; afterwards the whole step
+/// is taken as it is, and later steps make up the difference. With data that change in time no root
 /// may exist.
 const ALL_HALVINGS: usize = 40;
 
@@ -130,7 +130,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             self.now.settle_free(&self.rows);
         }
         std::mem::swap(&mut self.now, &mut self.before);
-        let mut halvings = 0;
+        let (whole, mut halvings) = (seconds, 0);
         loop {
             let next = self.data_at(time + seconds)?;
             if let Some(next) = &next {
@@ -145,7 +145,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             let Some((gamma, obstacles)) = taken else {
                 self.relaxation.halved_steps += 1;
                 halvings += 1;
-                seconds *= 0.5;
+                seconds = if halvings == ALL_HALVINGS { whole } else { 0.5 * seconds };
                 continue;
             };
             self.span = gamma * seconds;
