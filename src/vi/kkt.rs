@@ -114,14 +114,14 @@ pub struct KktCheck {
     /// count.
     loose: Option<Vec<(usize, f64)>>,
     /// Dofs with a coupling, which bounds the magnitude of their row from below.
-    couplings: Vec<Coupling>,
+    couplings: Vec<CoupledRow>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
 }
 
 /// Magnitude of the coupling of the dof of a row to another one.
 #[derive(Debug)]
-struct Coupling {
+struct CoupledRow {
     row: u32,
     to: u32,
     magnitude: f64,
@@ -138,7 +138,8 @@ impl KktCheck {
         let zeros = vec![0.0; scale.len()];
         let couplings = (0..).zip(engine.couplings(matrix)?);
         let couplings = couplings.filter(|(_, coupling)| coupling.magnitude > 0.0);
-        let couplings = couplings.map(|(row, RowCoupling { to, magnitude })| Coupling { row, to, magnitude });
+        let couplings =
+            couplings.map(|(row, RowCoupling { to, magnitude })| CoupledRow { row, to, magnitude });
         let couplings = couplings.collect();
         Ok(KktCheck {
             residual: zeros.clone(),
@@ -193,8 +194,8 @@ impl KktCheck {
     /// the engine has no such product. Collective.
     ///
     /// The magnitude of a row is replaced by a part of it: its diagonal entry, and for a slope the
-    /// coupling to the deflection of its node. The share of the largest possible magnitude is that of
-    /// x alone.
+    /// coupling to the deflection of its node. The share of the largest possible magnitude is that
+    /// of x alone.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -251,7 +252,7 @@ impl KktCheck {
                     *m = scale * scaled + b.abs();
                     size.note(scaled);
                 }
-                for Coupling { row, to, magnitude: of } in &*couplings {
+                for CoupledRow { row, to, magnitude: of } in &*couplings {
                     magnitude[*row as usize] += of * x[*to as usize].abs();
                 }
                 size.value()

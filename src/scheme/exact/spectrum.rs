@@ -9,10 +9,10 @@
 //!
 //! and the stiffness in z is `$H_A = H + R_A^T W$`.
 //!
-//! The force at rest, `$h = h_F + R_A^T \rho$`, holds the structure at its bounds. Where these lie
-//! far from z = 0, as for a loose plate in its flight, h is the difference of large numbers, and the
-//! rounding of `$H_A$` times the distance is a force of its own. The force is therefore taken from
-//! the rigid displacement `$z_r$` that comes nearest to the bounds, where the reactions are small:
+//! The force `$h = h_F + R_A^T \rho$` at z = 0 holds the structure at its bounds. Where these are
+//! far from there, as for a loose plate, the rounding of `$H_A$` times the distance is a force of
+//! its own. h is therefore taken from the rigid displacement `$z_r$` that comes nearest to the
+//! bounds, where the reactions are small:
 //!
 //! ```math
 //! V^T h = \Lambda V^T z_r + V^T (h_F - H z_r + R_A^T r_r), \qquad r_r = S_{AA}^{-1} (g - G_A U_F - R_A z_r).

@@ -23,7 +23,7 @@ const MOVED: f64 = 1e-13;
 /// Relative change of energy up to which a step for which the search fails is taken as it is. Most
 /// of such a change is what the steps before have left, which a shorter step could make up for the
 /// less.
-const LEFT: f64 = 1e-12;
+const LEFT: f64 = 4.0 * MOVED;
 const KEPT: f64 = 4.0 * f64::EPSILON;
 
 /// States along a step, whose deflections without reactions and bounds are linear in gamma.

@@ -16,9 +16,9 @@ use crate::scheme::Approach;
 use crate::vi::{ComplianceSolver, StepReport};
 use std::rc::Rc;
 
-/// Largest number of halvings of a step whose energy has no root in range; afterwards the whole step
-/// is taken as it is, and later steps make up the difference. With data that change in time no root
-/// may exist.
+/// Largest number of halvings of a step whose energy has no root in range; afterwards the whole
+/// step is taken as it is, and later steps make up the difference. With data that change in time no
+/// root may exist.
 const ALL_HALVINGS: usize = 40;
 
 impl<E: Engine> ModalScheme<'_, E> {
