@@ -119,7 +119,7 @@ pub struct KktCheck {
     magnitude: Vec<f64>,
 }
 
-/// Magnitude of the coupling of the dof of a row to another one.
+/// Row whose dof is coupled to another dof, and the magnitude of this coupling.
 #[derive(Debug)]
 struct CoupledRow {
     row: u32,
@@ -295,8 +295,8 @@ impl KktCheck {
     }
 
     /// Returns the parts of the residual on this rank, given A x less all terms of the right-hand
-    /// side, the magnitude of each row, and the largest magnitude of x times its scale and of the
-    /// terms divided by their scales. Collective.
+    /// side, the magnitude of each row, and the largest magnitude of x times its scale, or of the
+    /// terms divided by their scales if that is larger and known. Collective.
     fn compare<E: Engine>(
         &mut self,
         engine: &E,

@@ -1,12 +1,10 @@
 //! Compliance of the massless rest in contact.
 
+use super::reduction::remains;
 use crate::error::{Error, Result};
 use crate::linalg::eigen::symmetric_eigen;
 use faer::{Mat, Side};
 use std::f64::consts::TAU;
-
-/// Least part of a pivot of the whole compliance that must remain in R.
-const REMAINING: f64 = 1e-11;
 
 /// Compliance of the massless rest at some deflections, and the fastest motion that follows.
 ///
@@ -68,17 +66,7 @@ impl ContactCompliance {
     /// Returns whether R of the first modes alone is positive definite: its pivots are those of the
     /// compliance of all elastic modes, but for a part.
     fn is_definite_with(&self, count: usize) -> bool {
-        let pivots = |count: usize| -> Option<Vec<f64>> {
-            let root = self.compliance_beyond(count);
-            let root = root.llt(Side::Lower).ok()?;
-            Some((0..self.compliance.nrows()).map(|i| root.L()[(i, i)].powi(2)).collect())
-        };
-        match (pivots(count), pivots(0)) {
-            (Some(left), Some(whole)) => {
-                left.iter().zip(&whole).all(|(left, whole)| *left > REMAINING * whole)
-            }
-            _ => false,
-        }
+        remains(&self.compliance_beyond(count), &self.compliance_beyond(0))
     }
 
     /// Returns the compliance of the rest and of all elastic modes but the first ones.

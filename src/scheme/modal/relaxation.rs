@@ -20,9 +20,9 @@ use std::rc::Rc;
 const RANGE: Range<f64> = 0.5..2.0;
 /// Relative change of energy above which a step is relaxed, and at which the search ends.
 const MOVED: f64 = 1e-13;
-/// Relative change of energy up to which a step for which the search fails is taken as it is. Most
-/// of such a change is what the steps before have left, which a shorter step could make up for the
-/// less.
+/// Relative change of energy up to which a step is taken as it is where the search fails. Most of
+/// such a change is left over from earlier steps, and the shorter a step, the less of it can the
+/// step make up for.
 const LEFT: f64 = 4.0 * MOVED;
 const KEPT: f64 = 4.0 * f64::EPSILON;
 
