@@ -20,6 +20,14 @@ const ROUGH: f64 = 1e-2;
 /// Share of the tolerance at which the correction of an answer ends, whose start was not zero.
 const MARGIN: f64 = 0.1;
 
+/// Largest error of answers up to which columns of A^-1 make a Schur complement, relative and in
+/// the energy norm.
+///
+/// Each column has its own error. Where contact dofs lie close together, the columns differ by
+/// less, and the forces on those dofs would be lost in the error of their difference; corrections
+/// do not find them again.
+const MAX_SCHUR_ERROR: f64 = 1e-6;
+
 /// Tolerances of solves that end at that of the solver.
 const EXACT: [f64; 2] = [0.0; 2];
 
@@ -259,6 +267,10 @@ impl Factor for DistributedFactor {
 
     fn prefers_pinning(&self) -> bool {
         self.linear.method() == LinearMethod::Multigrid
+    }
+
+    fn max_schur_error(&self) -> f64 {
+        MAX_SCHUR_ERROR
     }
 
     fn schur(&self) -> &Mat<f64> {

@@ -460,6 +460,12 @@ pub trait Factor {
         false
     }
 
+    /// Returns the largest error of answers, relative and in the energy norm, up to which the Schur
+    /// complement may be used. It is unlimited where one factor gives all of the complement.
+    fn max_schur_error(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// Solves A X = B in place, one system per column.
     fn solve_columns(&mut self, x: &mut Mat<f64>) -> Result<()> {
         (0..x.ncols()).try_for_each(|j| self.solve(x.col_as_slice_mut(j)))

@@ -163,7 +163,7 @@ impl<E: Engine> Condensed<E> {
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
     fn grow(&mut self, engine: &E, matrix: &LinearCombination, bounds: &Bounds, x: &[f64]) -> Result<()> {
-        if self.factor.prefers_pinning() {
+        if self.factor.prefers_pinning() || self.factor_error > self.factor.max_schur_error() {
             return self.pin(engine, matrix);
         }
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };

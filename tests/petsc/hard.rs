@@ -25,8 +25,14 @@ fn hard(name: &str) -> Result<Scene> {
 }
 
 /// Applies the methods with a promise to a scene and asserts that they keep it; `refused` allows
-/// some to be refused.
-fn keeps_its_promise(context: &Rc<Context>, scene: &Scene, vi: ContactSolver, refused: bool) -> Result<()> {
+/// some to be refused. Returns how many keep it.
+fn keeps_its_promise(
+    context: &Rc<Context>,
+    scene: &Scene,
+    vi: ContactSolver,
+    refused: bool,
+) -> Result<usize> {
+    let mut kept = 0;
     for (own, method) in variants(scene, EngineName::Petsc, vi) {
         if !has_promise(&method) {
             continue;
@@ -39,8 +45,9 @@ fn keeps_its_promise(context: &Rc<Context>, scene: &Scene, vi: ContactSolver, re
             _ => false,
         };
         assert!(as_told, "{}: {trial:?}", scene.title);
+        kept += usize::from(matches!(trial.ending, Ending::Holds));
     }
-    Ok(())
+    Ok(kept)
 }
 
 fn has_promise(method: &Method) -> bool {
@@ -48,14 +55,21 @@ fn has_promise(method: &Method) -> bool {
     name.starts_with("newmark e=0 ") || name.starts_with("conserving")
 }
 
-/// Cells are a hundred times as long as wide, and their assembled matrix has lost digits: contact
-/// solvers correct their answers.
+/// Cells are a hundred or a thousand times as long as wide, and their assembled matrix has lost
+/// digits: contact solvers correct their answers. On the flatter cells, only newmark with
+/// quadrilaterals is not refused.
 fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
-    let mut scene = hard("flat-cells")?;
-    scene.time.end = 150.0 * scene.time.step;
-    for vi in [ContactSolver::Condensed, ContactSolver::Snes] {
-        keeps_its_promise(&context, &scene, vi, false)?;
+    let trials = [
+        ("flat-cells", ContactSolver::Condensed, false),
+        ("flat-cells", ContactSolver::Snes, false),
+        ("flatter-cells", ContactSolver::Condensed, true),
+    ];
+    for (name, vi, refused) in trials {
+        let mut scene = hard(name)?;
+        scene.time.end = 150.0 * scene.time.step;
+        let kept = keeps_its_promise(&context, &scene, vi, refused)?;
+        assert!(kept >= 2, "{name}, {vi:?}: {kept}");
     }
     Ok(())
 }
@@ -72,7 +86,8 @@ fn a_start_without_deflection(arguments: &[String]) -> Result<()> {
         load = { pressure = 1.77e6 }
         time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 2e-3 }
     "#;
-    keeps_its_promise(&context, &Scene::from_str(text, "drawn", &[])?, ContactSolver::Condensed, false)
+    let scene = Scene::from_str(text, "drawn", &[])?;
+    keeps_its_promise(&context, &scene, ContactSolver::Condensed, false).map(drop)
 }
 
 /// All hard scenes keep their promises.

@@ -253,8 +253,8 @@ fn random_mesh(random: &mut Random) -> Mesh {
 }
 
 /// Asserts that random patches act with their force at their place on random meshes.
-fn random_patches(tries: u64) {
-    for seed in 0..tries {
+fn random_patches(seeds: impl IntoIterator<Item = u64>) {
+    for seed in seeds {
         let mut random = Random::new(seed);
         let (formula, force, [x, y], tolerance) = patch(&mut random);
         let mesh = random_mesh(&mut random);
@@ -273,11 +273,18 @@ fn random_patches(tries: u64) {
 
 #[test]
 fn random_patches_on_random_meshes() {
-    random_patches(12);
+    random_patches(0..12);
+}
+
+/// On two triangles across the rim of this paraboloid, the rule agrees with those of its four parts
+/// by chance.
+#[test]
+fn a_rim_where_rules_agree_by_chance() {
+    random_patches([1256]);
 }
 
 #[test]
 #[ignore = "ten thousand tries: make test-long"]
 fn ten_thousand_random_patches_on_random_meshes() {
-    random_patches(10_000);
+    random_patches(0..10_000);
 }
