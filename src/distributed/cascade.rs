@@ -53,7 +53,8 @@ struct HeldSystem {
 type Numbers = [Option<usize>];
 
 impl Cascade {
-    /// Prepares the problems, given the matrix of each coarse mesh, coarsest first. Collective.
+    /// Prepares the problems, given the matrix of each coarse mesh, coarsest first, which stays as
+    /// it is. Collective.
     ///
     /// # Errors
     /// Returns the errors of PETSc.
@@ -162,13 +163,8 @@ impl CoarseMesh {
         interpolations: &[&Matrix],
         smoother: Smoother,
     ) -> Result<CoarseMesh> {
-        let copy = || {
-            let mut copy = matrix.duplicate()?;
-            copy.copy_from(matrix)?;
-            copy.set_positive_definite()?;
-            Ok::<_, crate::Error>(copy)
-        };
-        let held = copy()?;
+        let mut held = matrix.duplicate()?;
+        held.set_positive_definite()?;
         let mut solver = Ksp::new(context, Comm::World, "")?;
         let levels = solver.default_to_multigrid(&held, interpolations, smoother)?;
         solver.set_operator(&held)?;
@@ -176,7 +172,7 @@ impl CoarseMesh {
         solver.set_up()?;
         let vector = || matrix.vector();
         let (residual, increment) = (vector()?, vector()?);
-        let system = HeldSystem { matrix: copy()?, held, solver, levels, residual, increment };
+        let system = HeldSystem { matrix: matrix.share()?, held, solver, levels, residual, increment };
         Ok(CoarseMesh { system, b: vector()?, x: vector()? })
     }
 }

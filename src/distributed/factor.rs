@@ -351,16 +351,10 @@ impl Factor for DistributedFactor {
         sides: &mut [i8],
     ) -> Result<bool> {
         let Some(hierarchy) = self.linear.hierarchy().cloned() else { return Ok(false) };
+        let Some(levels) = &self.levels else { return Ok(false) };
         let cascade = match self.cascade.take() {
             Some(cascade) => cascade,
-            None => {
-                let held = self.held.take();
-                self.pin(&[])?;
-                let Some(levels) = &self.levels else { return Ok(false) };
-                let cascade = Cascade::new(&self.context, levels.coarse(), &hierarchy)?;
-                self.pin(&held)?;
-                cascade
-            }
+            None => Cascade::new(&self.context, levels.free_coarse(), &hierarchy)?,
         };
         let cascade = self.cascade.insert(cascade);
         self.right.set_local(b)?;

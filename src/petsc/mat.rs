@@ -241,6 +241,14 @@ impl Matrix {
         call!(MatDiagonalScale(self.raw, diagonal.raw, diagonal.raw))
     }
 
+    /// Returns a second handle to the same matrix.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn share(&self) -> Result<Self> {
+        Self::sharing(self.raw, &self.context)
+    }
+
     /// Returns P^T A P, which is positive definite where A is. Collective.
     ///
     /// A column of P that is zero leaves an unknown without an equation, which becomes x = 0.
@@ -248,27 +256,84 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where the sizes do not fit.
     pub fn galerkin(&self, interpolation: &Matrix) -> Result<Self> {
-        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
-        call!(MatPtAP(self.raw, interpolation.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
-        let mut product = Self::owning(raw, &self.context);
+        let mut product = self.congruent(interpolation)?;
         product.complete_diagonal()?;
         product.set_positive_definite()?;
         Ok(product)
     }
 
-    /// Replaces the values of a product that [`Matrix::galerkin`] returned, for other values in
-    /// matrices of the same patterns. Collective.
+    /// Returns P^T A P, of any matrix. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where the sizes do not fit.
-    pub fn set_to_galerkin(&mut self, fine: &Matrix, interpolation: &Matrix) -> Result<()> {
-        let fill = f64::from(sys::PETSC_DEFAULT);
-        call!(MatPtAP(fine.raw, interpolation.raw, sys::MatReuse::MAT_REUSE_MATRIX, fill, &mut self.raw))?;
-        self.complete_diagonal()
+    pub(super) fn congruent(&self, p: &Matrix) -> Result<Self> {
+        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
+        call!(MatPtAP(self.raw, p.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
+        Self::owning(raw, &self.context).without_factors()
+    }
+
+    /// Returns the product A B. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the sizes do not fit.
+    pub(super) fn times(&self, b: &Matrix) -> Result<Self> {
+        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
+        call!(MatMatMult(self.raw, b.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
+        Self::owning(raw, &self.context).without_factors()
+    }
+
+    /// Returns the product A^T B. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the sizes do not fit.
+    pub(super) fn transposed_times(&self, b: &Matrix) -> Result<Self> {
+        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
+        call!(MatTransposeMatMult(self.raw, b.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
+        Self::owning(raw, &self.context).without_factors()
+    }
+
+    /// Returns a product that no longer keeps its factors and work space for a second computation.
+    /// Collective.
+    fn without_factors(self) -> Result<Self> {
+        call!(MatProductClear(self.raw))?;
+        Ok(self)
+    }
+
+    /// Returns A^T. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub(super) fn transposed(&self) -> Result<Self> {
+        let mut raw = std::ptr::null_mut();
+        call!(MatTranspose(self.raw, sys::MatReuse::MAT_INITIAL_MATRIX, &mut raw))?;
+        Ok(Self::owning(raw, &self.context))
+    }
+
+    /// Returns a matrix of the same size with only some of the rows, given by their numbers on this
+    /// rank. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub(super) fn only_rows(&self, rows: &[usize]) -> Result<Self> {
+        let first = self.range().start;
+        let (mut of_rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        for &row in rows {
+            let row = first + row as Index;
+            let (in_row, entries) = self.row(row)?;
+            of_rows.extend(std::iter::repeat_n(row, in_row.len()));
+            columns.extend(in_row);
+            values.extend(entries);
+        }
+        let mut matrix = Self::from_pattern(&self.context, Comm::World, self.local_size(), of_rows, columns)?;
+        matrix.set_values(&values)?;
+        Ok(matrix)
     }
 
     /// Replaces zeros on the diagonal by ones. Collective.
-    fn complete_diagonal(&mut self) -> Result<()> {
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where the diagonal is not in the pattern.
+    pub(super) fn complete_diagonal(&mut self) -> Result<()> {
         let mut diagonal = self.vector()?;
         self.diagonal(&mut diagonal)?;
         let first = self.range().start;

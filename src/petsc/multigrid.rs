@@ -85,56 +85,112 @@ const HELD: f64 = 1e20;
 pub struct MultigridLevels {
     /// Interpolation to each level from the next coarser one, coarsest first.
     interpolations: Vec<Matrix>,
-    /// Interpolation to the finest level without held dofs, once the levels have a copy of it in
-    /// which the rows of held dofs are zeroed.
-    whole: Option<Matrix>,
     /// Matrix of each level but the finest, coarsest first.
     coarse: Vec<Matrix>,
+    /// Levels without held dofs, once some have been held.
+    free: Option<FreeLevels>,
     /// Diagonal of the finest matrix while no dof is held.
     diagonal: Vector,
     /// Held dofs that this rank owns.
     held: Vec<usize>,
 }
 
+/// Interpolation and matrices of the levels while no dof is held.
+#[derive(Debug)]
+struct FreeLevels {
+    /// Interpolation to the finest level. The levels have a copy of it in which the rows of held
+    /// dofs are zeroed.
+    finest: Matrix,
+    /// Matrix of each level but the finest, coarsest first.
+    coarse: Vec<Matrix>,
+}
+
 impl MultigridLevels {
     /// Creates the levels of a matrix, given the interpolation to each level from the next coarser
     /// one, coarsest first. Collective.
+    ///
+    /// The coarse matrices are products of the finest one with the interpolations (Galerkin).
     fn new(matrix: &Matrix, interpolations: &[&Matrix]) -> Result<MultigridLevels> {
-        let shared = |of: &&Matrix| Matrix::sharing(of.raw, &of.context);
-        let interpolations = interpolations.iter().map(shared).collect::<Result<_>>()?;
+        let interpolations: Vec<Matrix> =
+            interpolations.iter().map(|of| of.share()).collect::<Result<_>>()?;
         let mut diagonal = matrix.vector()?;
         matrix.diagonal(&mut diagonal)?;
-        let mut levels =
-            MultigridLevels { interpolations, whole: None, coarse: Vec::new(), diagonal, held: Vec::new() };
-        levels.multiply(matrix)?;
-        Ok(levels)
-    }
-
-    /// Creates the coarse matrices: products of the finest one with the interpolations (Galerkin).
-    /// Collective.
-    fn multiply(&mut self, matrix: &Matrix) -> Result<()> {
-        self.coarse.clear();
-        for interpolation in self.interpolations.iter().rev() {
-            self.coarse.push(self.coarse.last().unwrap_or(matrix).galerkin(interpolation)?);
+        let mut coarse: Vec<Matrix> = Vec::new();
+        for interpolation in interpolations.iter().rev() {
+            coarse.push(coarse.last().unwrap_or(matrix).galerkin(interpolation)?);
         }
-        self.coarse.reverse();
-        Ok(())
+        coarse.reverse();
+        Ok(MultigridLevels { interpolations, coarse, free: None, diagonal, held: Vec::new() })
     }
 
-    /// Returns the matrix of each level but the finest, coarsest first, as it is with the dofs that
-    /// are held at present.
-    pub fn coarse(&self) -> &[Matrix] {
-        &self.coarse
+    /// Returns the matrix of each level but the finest, coarsest first, as it is while no dof is
+    /// held.
+    pub fn free_coarse(&self) -> &[Matrix] {
+        self.free.as_ref().map_or(&self.coarse, |free| &free.coarse)
     }
 
-    /// Computes the coarse matrices again, on their patterns. Collective.
-    fn multiply_again(&mut self, matrix: &Matrix) -> Result<()> {
-        let mut fine = matrix;
-        for (coarse, interpolation) in self.coarse.iter_mut().zip(&self.interpolations).rev() {
-            coarse.set_to_galerkin(fine, interpolation)?;
-            fine = coarse;
+    /// Sets entries of the diagonal of the finest matrix, in the rows of some dofs of this rank, to
+    /// multiples of those without held dofs. Collective.
+    fn scale_diagonal(&self, matrix: &mut Matrix, dofs: &[usize], factor: f64) -> Result<()> {
+        let first = matrix.range().start as usize;
+        let entries = self.diagonal.with_local(|diagonal| {
+            let entry = |&dof: &usize| ((first + dof) as Index, factor * diagonal[dof]);
+            dofs.iter().map(entry).collect::<Vec<_>>()
+        })?;
+        matrix.set_diagonal_entries(&entries)
+    }
+
+    /// Truncates the interpolation to the finest level at the held dofs, of which this rank owns
+    /// `dofs`, and changes the coarse matrices with it. Returns whether the levels have new
+    /// matrices in place of new numbers. Collective.
+    ///
+    /// With the diagonal matrix E of the held dofs, the truncated interpolation is `$(I - E) P$`,
+    /// and
+    ///
+    /// ```math
+    /// P^T (I - E) A (I - E) P = P^T A P - T - T^T, \qquad T = P^T E A \bigl(I - \tfrac12 E\bigr) P .
+    /// ```
+    ///
+    /// T has the rows of held dofs only. The change of the next coarser matrix follows from that of
+    /// this one.
+    fn truncate(&mut self, matrix: &Matrix, dofs: &[usize]) -> Result<bool> {
+        let Some(finest) = self.interpolations.last_mut() else { return Ok(false) };
+        let is_first = self.free.is_none();
+        let free = match self.free.take() {
+            Some(free) => free,
+            None => {
+                let mut copies: Vec<Matrix> =
+                    self.coarse.iter().map(Matrix::duplicate).collect::<Result<_>>()?;
+                copies.iter_mut().try_for_each(Matrix::set_positive_definite)?;
+                let coarse = std::mem::replace(&mut self.coarse, copies);
+                let copy = finest.duplicate()?;
+                FreeLevels { finest: std::mem::replace(finest, copy), coarse }
+            }
+        };
+        let weights = |of_held: f64| {
+            let mut weights = matrix.vector()?;
+            weights.with_local_mut(|weights| {
+                weights.fill(1.0);
+                dofs.iter().for_each(|&dof| weights[dof] = of_held);
+            })?;
+            Ok::<_, crate::Error>(weights)
+        };
+        finest.copy_from(&free.finest)?;
+        finest.scale_rows(&weights(0.5)?)?;
+        let mut change = free.finest.transposed_times(&matrix.only_rows(dofs)?.times(finest)?)?;
+        finest.copy_from(&free.finest)?;
+        finest.scale_rows(&weights(0.0)?)?;
+        for (level, (coarse, free)) in self.coarse.iter_mut().zip(&free.coarse).enumerate().rev() {
+            coarse.copy_from(free)?;
+            coarse.add_scaled(-1.0, &change)?;
+            coarse.add_scaled(-1.0, &change.transposed()?)?;
+            coarse.complete_diagonal()?;
+            if level > 0 {
+                change = change.congruent(&self.interpolations[level - 1])?;
+            }
         }
-        Ok(())
+        self.free = Some(free);
+        Ok(is_first)
     }
 }
 
@@ -200,42 +256,14 @@ impl Ksp {
     /// numbers are computed again, and equal dofs give equal numbers whatever was held before.
     ///
     /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    /// Returns [`crate::Error::Petsc`] where the sizes do not fit.
     pub fn hold(&mut self, matrix: &mut Matrix, levels: &mut MultigridLevels, dofs: &[usize]) -> Result<()> {
-        let first = matrix.range().start as usize;
-        let mut weights = matrix.vector()?;
-        weights.with_local_mut(|weights| {
-            weights.fill(1.0);
-            dofs.iter().for_each(|&dof| weights[dof] = 0.0);
-        })?;
-        let mut changed = std::mem::replace(&mut levels.held, dofs.to_vec());
-        changed.extend(dofs);
-        changed.sort_unstable();
-        changed.dedup();
-        let entries = levels.diagonal.with_local(|diagonal| {
-            weights.with_local(|weights| {
-                let entry = |dof: usize| diagonal[dof] * if weights[dof] == 0.0 { HELD } else { 1.0 };
-                changed.into_iter().map(|dof| ((first + dof) as Index, entry(dof))).collect::<Vec<_>>()
-            })
-        })??;
-        matrix.set_diagonal_entries(&entries)?;
-        if let Some(finest) = levels.interpolations.last_mut() {
-            let is_first = levels.whole.is_none();
-            if let Some(whole) = &levels.whole {
-                finest.copy_from(whole)?;
-            } else {
-                let copy = finest.duplicate()?;
-                levels.whole = Some(std::mem::replace(finest, copy));
-            }
-            finest.scale_rows(&weights)?;
-            if is_first {
-                // Products remember the objects that they were made from.
-                levels.multiply(matrix)?;
-                self.set_levels(levels)?;
-            } else {
-                levels.multiply_again(matrix)?;
-            }
+        levels.scale_diagonal(matrix, &levels.held, 1.0)?;
+        if levels.truncate(matrix, dofs)? {
+            self.set_levels(levels)?;
         }
+        levels.scale_diagonal(matrix, dofs, HELD)?;
+        levels.held = dofs.to_vec();
         self.set_up()
     }
 
