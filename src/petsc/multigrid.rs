@@ -151,8 +151,8 @@ impl MultigridLevels {
     /// P^T (I - E) A (I - E) P = P^T A P - T - T^T, \qquad T = P^T E A \bigl(I - \tfrac12 E\bigr) P .
     /// ```
     ///
-    /// T has the rows of held dofs only. The change of the next coarser matrix follows from that of
-    /// this one.
+    /// E A has the rows of held dofs only. From the change of one coarse matrix follows that of the
+    /// next coarser one.
     fn truncate(&mut self, matrix: &Matrix, dofs: &[usize]) -> Result<bool> {
         let Some(finest) = self.interpolations.last_mut() else { return Ok(false) };
         let is_first = self.free.is_none();
