@@ -73,7 +73,7 @@ test-long: setup ## run what make test omits: long tests, tests without default 
 	$(call say,planted faults)
 	@scripts/planted_faults.py
 
-stability: setup ## recompute the tables of docs/stability.md, natively and on PETSc (25 min)
+stability: setup ## recompute the tables of docs/stability.md, natively and on PETSc (12 min)
 	$(call say,native)
 	@$(CARGO_RUN) -- stability > docs/stability/table.txt
 	$(call say,PETSc with each contact solver)

@@ -14,8 +14,8 @@
 //!
 //! A step is first solved with the factor of A that is kept for the run: if that answer lies within
 //! the bounds, it is the solution. Otherwise the method finds the dofs that are at their bounds.
-//! Its answer is corrected by one solve with these dofs held, unless its residual is at the
-//! rounding floor already.
+//! Its answer is corrected by a solve with these dofs held, unless its residual is at the rounding
+//! floor already, and by more of them where rounding spoils the matrix.
 //!
 //! Bounds that yield are no bounds to the methods: their energy joins the function to minimise,
 //! their reaction the residual, and their tangent the diagonal of the matrix. Loaded ones are held
