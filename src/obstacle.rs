@@ -142,9 +142,10 @@ impl Bounds {
     /// Sets the bounds to those of `others`, over the same dofs, mapped by a function of dof and
     /// bound.
     pub fn shift(&mut self, others: &Bounds, map: impl Fn(usize, f64) -> f64) {
-        for (i, &dof) in others.dofs.iter().enumerate() {
-            self.lower[i] = map(dof, others.lower[i]);
-            self.upper[i] = map(dof, others.upper[i]);
+        let own = self.lower.iter_mut().zip(&mut self.upper);
+        let others = others.dofs.iter().zip(others.lower.iter().zip(&others.upper));
+        for ((own_lower, own_upper), (&dof, (lower, upper))) in own.zip(others) {
+            (*own_lower, *own_upper) = (map(dof, *lower), map(dof, *upper));
         }
     }
 

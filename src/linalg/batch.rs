@@ -1,262 +1,14 @@
-//! Batches of eight cells, and the layout of the engine's own vectors that suits them.
-//!
-//! In a vector numbered node by node the dofs of a cell lie far apart, and gathering them one at a
-//! time costs more than all the arithmetic of the cell. A [`Layout`] puts the dofs of one kind side
-//! by side along the lines of the mesh. Eight congruent cells in a row then read each of their
-//! local dofs at once, from eight consecutive positions.
+//! Batches of eight cells, which gather their local dofs from vectors in layout order.
 
 use super::BARE;
-use super::vectors::waxpy;
+use super::lane_values::{LANES, Lanes};
+use super::layout::Layout;
 use pulp::Simd;
 use std::collections::BTreeMap;
-use std::ops::{Add, AddAssign, Div, Mul, Sub};
 use std::rc::Rc;
-
-/// Number of cells per batch.
-pub(super) const LANES: usize = 8;
-
-/// One number for each cell of a batch, or for each of several systems.
-///
-/// The operators take values instead of references: the compiler would have to assume that
-/// references alias and could not vectorise.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[repr(align(64))]
-pub(crate) struct Lanes(pub [f64; LANES]);
-
-impl Lanes {
-    /// Loads eight consecutive numbers of a vector in layout order.
-    #[inline(always)]
-    fn at(x: &[f64], place: u32) -> Lanes {
-        let mut lanes = [0.0; LANES];
-        lanes.copy_from_slice(&x[place as usize..][..LANES]);
-        Lanes(lanes)
-    }
-
-    /// Returns a number in the first lane, and 0 in the others.
-    pub fn first(value: f64) -> Lanes {
-        let mut lanes = Lanes::default();
-        lanes.0[0] = value;
-        lanes
-    }
-
-    /// Returns the magnitudes.
-    #[inline(always)]
-    pub fn abs(mut self) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] = self.0[lane].abs();
-        }
-        self
-    }
-
-    /// Sets the numbers to multiples of the magnitudes of others.
-    ///
-    /// From a loop over many [`Lanes`], the compiler may otherwise make vectors across them, which
-    /// it gathers and scatters; so with [`Lanes::add_scaled`].
-    #[inline(always)]
-    pub fn set_to_scaled_abs<S: Simd>(&mut self, simd: S, scale: f64, of: &Lanes) {
-        let scale = simd.splat_f64s(scale);
-        for (own, of) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&of.0).0) {
-            *own = simd.mul_f64s(scale, simd.abs_f64s(*of));
-        }
-    }
-
-    /// Adds multiples of other numbers.
-    #[inline(always)]
-    pub fn add_scaled<S: Simd>(&mut self, simd: S, scale: f64, other: &Lanes) {
-        let scale = simd.splat_f64s(scale);
-        for (own, other) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&other.0).0) {
-            *own = simd.add_f64s(*own, simd.mul_f64s(scale, *other));
-        }
-    }
-
-    /// Returns the larger number of each pair.
-    #[inline(always)]
-    pub fn max(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] = if self.0[lane] > other.0[lane] { self.0[lane] } else { other.0[lane] };
-        }
-        self
-    }
-
-    /// Returns the smaller number of each pair.
-    #[inline(always)]
-    pub fn min(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] = if self.0[lane] < other.0[lane] { self.0[lane] } else { other.0[lane] };
-        }
-        self
-    }
-
-    /// Returns the sum over the cells.
-    pub fn sum(self) -> f64 {
-        self.0.iter().sum()
-    }
-}
-
-impl Add for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn add(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] += other.0[lane];
-        }
-        self
-    }
-}
-
-impl AddAssign for Lanes {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Lanes) {
-        *self = *self + other;
-    }
-}
-
-impl Sub for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn sub(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] -= other.0[lane];
-        }
-        self
-    }
-}
-
-impl Mul for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn mul(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] *= other.0[lane];
-        }
-        self
-    }
-}
-
-impl Div for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn div(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] /= other.0[lane];
-        }
-        self
-    }
-}
-
-impl Mul<Lanes> for f64 {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn mul(self, lanes: Lanes) -> Lanes {
-        Lanes([self; LANES]) * lanes
-    }
-}
 
 /// Smallest number of cells for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
-
-/// Position of each dof in the engine's own vectors.
-///
-/// A vector in *layout order* has more positions than there are dofs: some belong to dofs that
-/// supports hold, and some at the end to none. An operand is zero there, and what a product writes
-/// there is never read.
-#[derive(Debug, Clone)]
-pub struct Layout {
-    /// Position of each dof.
-    places: Vec<u32>,
-    /// Whether each position belongs to a dof.
-    taken: Vec<bool>,
-    /// Whether the position of each dof is its index.
-    is_identity: bool,
-}
-
-impl Layout {
-    /// Creates a layout with the given position for each dof; no two dofs share one.
-    pub fn new(places: impl IntoIterator<Item = usize>) -> Layout {
-        let places: Vec<u32> = places.into_iter().map(|place| place as u32).collect();
-        let mut taken = vec![false; places.iter().max().map_or(0, |&last| last as usize + 1)];
-        for &place in &places {
-            debug_assert!(!taken[place as usize], "two dofs at place {place}");
-            taken[place as usize] = true;
-        }
-        let is_identity = places.iter().enumerate().all(|(dof, &place)| dof == place as usize);
-        Layout { places, taken, is_identity }
-    }
-
-    /// Returns the number of dofs.
-    pub fn dofs(&self) -> usize {
-        self.places.len()
-    }
-
-    /// Returns a vector of zeros in layout order.
-    pub(super) fn zeros(&self) -> Vec<f64> {
-        vec![0.0; self.taken.len() + LANES]
-    }
-
-    /// Returns the first of the free positions, one per lane, that lanes without a dof use.
-    fn nowhere(&self) -> u32 {
-        self.taken.len() as u32
-    }
-
-    /// Returns whether no dof has the position.
-    fn is_free(&self, place: u32) -> bool {
-        self.taken.get(place as usize).is_none_or(|taken| !taken)
-    }
-
-    /// Returns the position of each dof of a cell in the laid-out vectors; `None` for a constrained
-    /// dof.
-    fn places_of(&self, dofs: &[Option<usize>]) -> impl Iterator<Item = Option<u32>> {
-        dofs.iter().map(|dof| dof.map(|dof| self.places[dof]))
-    }
-
-    /// Copies a vector into layout order; positions without dofs stay unchanged.
-    #[inline(always)]
-    pub(super) fn lay_out(&self, x: &[f64], laid: &mut [f64]) {
-        if self.is_identity {
-            return laid[..x.len()].copy_from_slice(x);
-        }
-        for (value, &place) in x.iter().zip(&self.places) {
-            laid[place as usize] = *value;
-        }
-    }
-
-    /// Copies a vector in layout order back into x.
-    #[inline(always)]
-    pub(super) fn collect(&self, laid: &[f64], x: &mut [f64]) {
-        if self.is_identity {
-            return x.copy_from_slice(&laid[..x.len()]);
-        }
-        for (value, &place) in x.iter_mut().zip(&self.places) {
-            *value = laid[place as usize];
-        }
-    }
-
-    /// Copies a vector `part` in layout order back into z, and sets y to `rest` + weight `part`.
-    #[inline(always)]
-    pub(super) fn collect_with_part(
-        &self,
-        weight: f64,
-        part: &[f64],
-        rest: &[f64],
-        (y, z): (&mut [f64], &mut [f64]),
-    ) {
-        if self.is_identity {
-            z.copy_from_slice(&part[..z.len()]);
-            return waxpy(weight, z, &rest[..z.len()], y);
-        }
-        // Equal lengths spare a check of each index.
-        let rest = &rest[..part.len()];
-        for ((y, z), &place) in y.iter_mut().zip(z).zip(&self.places) {
-            *z = part[place as usize];
-            *y = rest[place as usize] + weight * *z;
-        }
-    }
-}
 
 /// Eight cells with equally many local dofs.
 #[derive(Debug)]
@@ -274,9 +26,39 @@ pub(super) struct Batch {
 #[derive(Debug)]
 enum Places {
     /// Position of each local dof in the first lane; those of the other lanes follow it.
-    Row(Vec<u32>),
+    Row {
+        starts: Vec<u32>,
+        /// Positions and numbers of two local dofs, the second of which lies one position further.
+        /// Both are added at once: a processor waits where it loads positions only some of which
+        /// were just stored.
+        pairs: Vec<(u32, [u32; 2])>,
+        /// Position and number of each other local dof.
+        singles: Vec<(u32, u32)>,
+    },
     /// Position of each local dof, lane by lane.
     Scattered(Vec<[u32; LANES]>),
+}
+
+impl Places {
+    /// Creates the places of a row from the position of each local dof in the first lane.
+    fn row(starts: Vec<u32>) -> Places {
+        let mut order: Vec<u32> = (0..starts.len() as u32).collect();
+        order.sort_by_key(|&dof| starts[dof as usize]);
+        let (mut pairs, mut singles) = (Vec::new(), Vec::new());
+        let mut rest = order.as_slice();
+        while let [dof, others @ ..] = rest {
+            let start = starts[*dof as usize];
+            rest = others;
+            match others {
+                [next, others @ ..] if starts[*next as usize] == start + 1 => {
+                    pairs.push((start, [*dof, *next]));
+                    rest = others;
+                }
+                _ => singles.push((start, *dof)),
+            }
+        }
+        Places::Row { starts, pairs, singles }
+    }
 }
 
 impl Batch {
@@ -284,7 +66,7 @@ impl Batch {
     #[inline(always)]
     pub fn size(&self) -> usize {
         match &self.places {
-            Places::Row(starts) => starts.len(),
+            Places::Row { starts, .. } => starts.len(),
             Places::Scattered(places) => places.len(),
         }
     }
@@ -293,7 +75,7 @@ impl Batch {
     #[inline(always)]
     pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
-            Places::Row(starts) => {
+            Places::Row { starts, .. } => {
                 let starts = &starts[..local.len()];
                 for (value, &start) in local.iter_mut().zip(starts) {
                     *value = Lanes::at(x, start) * self.used;
@@ -309,21 +91,34 @@ impl Batch {
         }
     }
 
-    /// Adds local values to a vector in layout order; `local` is zero in unused lanes.
+    /// Adds some local vectors, which are zero in unused lanes, each to a vector in layout order.
     #[inline(always)]
-    pub fn scatter(&self, local: &[Lanes], y: &mut [f64]) {
+    pub fn scatter<S: Simd, const N: usize>(&self, simd: S, locals: [&[Lanes]; N], sums: [&mut [f64]; N]) {
         match &self.places {
-            Places::Row(starts) => {
-                let starts = &starts[..local.len()];
-                for (value, &start) in local.iter().zip(starts) {
-                    let sum = Lanes::at(y, start) + *value;
-                    y[start as usize..][..LANES].copy_from_slice(&sum.0);
+            Places::Row { pairs, singles, .. } => {
+                let first = simd.mask_between_m64s(0, 1).mask();
+                for &(start, [dof, next]) in pairs {
+                    for k in 0..N {
+                        let [own, next] = [dof, next].map(|dof| &locals[k][dof as usize]);
+                        let positions = &mut sums[k][start as usize..][..LANES + 1];
+                        positions[LANES] += next.0[LANES - 1];
+                        let sum = Lanes::at(positions, 0) + *own + next.moved_up(simd, first);
+                        positions[..LANES].copy_from_slice(&sum.0);
+                    }
+                }
+                for &(start, dof) in singles {
+                    for k in 0..N {
+                        let sum = Lanes::at(sums[k], start) + locals[k][dof as usize];
+                        sums[k][start as usize..][..LANES].copy_from_slice(&sum.0);
+                    }
                 }
             }
             Places::Scattered(places) => {
-                for (value, places) in local.iter().zip(places) {
-                    for lane in 0..LANES {
-                        y[places[lane] as usize] += value.0[lane];
+                for (dof, places) in places.iter().enumerate() {
+                    for k in 0..N {
+                        for lane in 0..LANES {
+                            sums[k][places[lane] as usize] += locals[k][dof].0[lane];
+                        }
                     }
                 }
             }
@@ -411,7 +206,7 @@ impl Batches {
             let panel = batches.panel(&class[..1]);
             for Row { starts, lanes, .. } in rows {
                 let starts = starts.iter().map(|start| start.unwrap_or(layout.nowhere())).collect();
-                batches.push(panel, &lanes, Places::Row(starts));
+                batches.push(panel, &lanes, Places::row(starts));
             }
             for chunk in whole {
                 batches.scatter(layout, panel, chunk);
@@ -443,7 +238,7 @@ impl Batches {
                 cells: std::array::from_fn(|system| (LANES * number + system) as u32),
                 panel,
                 used: Lanes([1.0; LANES]),
-                places: Places::Row(own.iter().map(start).collect()),
+                places: Places::row(own.iter().map(start).collect()),
             });
         }
         batches
@@ -513,5 +308,46 @@ impl Batches {
             (batch.cells[lane], batch.used.0[lane]) = (cell as u32, 1.0);
         }
         self.list.push(batch);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulp::{Arch, WithSimd};
+
+    struct Scatter<'a>(&'a Batch, &'a [Lanes], &'a mut [f64]);
+
+    impl WithSimd for Scatter<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            self.0.scatter(simd, [self.1], [self.2]);
+        }
+    }
+
+    /// Local dofs of a row reach their positions, whether those overlap, follow each other or lie
+    /// apart, with any vector registers.
+    #[test]
+    fn rows_are_added_where_they_belong() {
+        let starts = [9, 8, 30, 7, 31, 50, 30];
+        let places = Places::row(starts.to_vec());
+        assert!(
+            matches!(&places, Places::Row { pairs, singles, .. } if pairs.len() == 2 && singles.len() == 3)
+        );
+        let batch = Batch { cells: [0; LANES], panel: 0, used: Lanes([1.0; LANES]), places };
+        let value = |dof: usize, lane: usize| (1 << dof) as f64 * (1.0 + lane as f64);
+        let local: Vec<Lanes> =
+            (0..starts.len()).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();
+        let mut expected = vec![0.5; 60];
+        for (dof, start) in starts.into_iter().enumerate() {
+            (0..LANES).for_each(|lane| expected[start as usize + lane] += value(dof, lane));
+        }
+        for arch in [Arch::Scalar, Arch::new()] {
+            let mut sum = vec![0.5; 60];
+            arch.dispatch(Scatter(&batch, &local, &mut sum));
+            assert_eq!(sum, expected, "{arch:?}");
+        }
     }
 }

@@ -4,7 +4,8 @@
 //! share one panel, so that a regular mesh reads its stiffness from the cache. All vectors over the
 //! dofs are in layout order, see [`super::batch`].
 
-use super::batch::{Batch, Batches, Cell, LANES, Lanes};
+use super::batch::{Batch, Batches, Cell};
+use super::lane_values::{LANES, Lanes};
 use super::strains::Strains;
 use super::{ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
@@ -223,7 +224,7 @@ impl CellForm {
     ) -> Lanes {
         batch.gather(x, local);
         let form = self.panels[batch.panel].apply(simd, local, result);
-        batch.scatter(result, y);
+        batch.scatter(simd, [result], [y]);
         form
     }
 }
@@ -321,7 +322,13 @@ impl SingularMassCells {
 
     /// Adds M x to y and returns x^T M x.
     #[inline(always)]
-    pub(super) fn add_product(&self, x: &[f64], y: &mut [f64], scratch: &mut Scratch) -> f64 {
+    pub(super) fn add_product<S: Simd>(
+        &self,
+        simd: S,
+        x: &[f64],
+        y: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> f64 {
         let mut form = Lanes::default();
         for batch in &self.batches.list {
             let (local, Room { result, .. }) = scratch.split(batch.size());
@@ -330,7 +337,7 @@ impl SingularMassCells {
             let (momenta, v) = (rows.momenta(local), rows.velocities(local));
             form += momenta * v;
             rows.spread(v, result);
-            batch.scatter(result, y);
+            batch.scatter(simd, [result], [y]);
         }
         form.sum()
     }
@@ -352,7 +359,7 @@ impl SingularMassCells {
 
     /// Adds B^T V to y.
     #[inline(always)]
-    pub(super) fn add_momentum(&self, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
+    pub(super) fn add_momentum<S: Simd>(&self, simd: S, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
             let (_, Room { result, .. }) = scratch.split(batch.size());
             let mut lanes = Lanes::default();
@@ -360,7 +367,7 @@ impl SingularMassCells {
                 *value = v.get(cell as usize).copied().unwrap_or(0.0);
             }
             self.panels[batch.panel].spread(lanes, result);
-            batch.scatter(result, y);
+            batch.scatter(simd, [result], [y]);
         }
     }
 
@@ -486,8 +493,7 @@ fn add_batch_with_magnitude<S: Simd>(
             }
         }
     }
-    batch.scatter(room.y, sums.y);
-    batch.scatter(room.m, sums.m);
+    batch.scatter(simd, [room.y, room.m], [sums.y, sums.m]);
 }
 
 /// Adds `part` x to z, with `part` one form of a sum, and the weighted products of x with all other
@@ -530,25 +536,40 @@ fn add_batch_with_part<S: Simd>(
     forms: &[(f64, &Form)],
     x: &[f64],
     products: &mut PartProducts,
-    (local, Room { result, .. }): (&mut [Lanes], Room),
+    (local, Room { work, result, y, .. }): (&mut [Lanes], Room),
 ) {
     batch.gather(x, local);
+    let (mut has_part, mut has_others) = (false, false);
     for &(scale, form) in forms {
         let is_part = std::ptr::eq(form, products.part);
         let scale = if is_part { 1.0 } else { scale };
+        let term = match (is_part, has_others) {
+            (true, _) => &mut *result,
+            (false, false) => &mut *y,
+            (false, true) => &mut *work,
+        };
         match form {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panels[batch.panel].apply(simd, local, result);
+                cells.panels[batch.panel].apply(simd, local, term);
                 if !is_part {
-                    result.iter_mut().for_each(|term| *term = scale * *term);
+                    term.iter_mut().for_each(|term| *term = scale * *term);
                 }
             }
             Form::SingularMassCells(averages) => {
                 let rows = &averages.panels[batch.panel];
-                rows.spread(scale * rows.velocities(local), result);
+                rows.spread(scale * rows.velocities(local), term);
             }
         }
-        batch.scatter(result, if is_part { &mut *products.z } else { &mut *products.y });
+        if !is_part && has_others {
+            y.iter_mut().zip(&*work).for_each(|(sum, term)| *sum += *term);
+        }
+        has_part |= is_part;
+        has_others |= !is_part;
+    }
+    match (has_part, has_others) {
+        (true, true) => batch.scatter(simd, [result, y], [&mut *products.z, &mut *products.y]),
+        (true, false) => batch.scatter(simd, [result], [&mut *products.z]),
+        (false, _) => batch.scatter(simd, [y], [&mut *products.y]),
     }
 }
 

@@ -10,7 +10,7 @@
 //! No lane depends on the others, so that the motion of a system is the same, to the bit, in
 //! whatever company it is computed.
 
-use super::batch::LANES;
+use super::lane_values::LANES;
 use super::native::{in_double_doubles, in_doubles};
 use super::{Cholesky, Engine, Factor, Form, LinearCombination, MOST_SPOILT, Native, RowCoupling};
 use crate::communicator::SelfComm;

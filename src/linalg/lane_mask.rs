@@ -3,7 +3,7 @@
 //! The compiler turns a choice between two numbers into a jump or into a choice between their
 //! addresses, neither of which works on whole registers. A choice by bits does.
 
-use super::batch::{LANES, Lanes};
+use super::lane_values::{LANES, Lanes};
 use std::ops::{BitAnd, BitOr, Not};
 
 /// Condition on each lane: all bits of a lane are 1 where it holds, and 0 where not.

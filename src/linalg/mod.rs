@@ -25,7 +25,9 @@ mod double_double;
 mod ensemble;
 pub(crate) mod eigen;
 mod lane_mask;
+mod lane_values;
 pub(crate) mod lanes;
+mod layout;
 pub mod modal;
 mod native;
 pub mod random;
@@ -35,13 +37,13 @@ mod strains;
 pub mod vectors;
 pub(crate) mod wide;
 
-pub(crate) use batch::Lanes;
-pub use batch::Layout;
 pub use cells::{CellForm, Form, SingularMassCells};
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
 pub use ensemble::{Ensemble, SharedFactor};
 pub(crate) use lane_mask::LaneMask;
+pub(crate) use lane_values::Lanes;
+pub use layout::Layout;
 pub use modal::MassModes;
 pub use native::Native;
 
@@ -431,6 +433,12 @@ pub struct BoundedDofs<'b> {
 pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
+
+    /// Solves A x = b.
+    fn solve_for(&mut self, b: &[f64], x: &mut [f64]) -> Result<()> {
+        x.copy_from_slice(b);
+        self.solve(x)
+    }
 
     /// Solves A x = b in place to a few digits where that costs less. Returns whether the answer
     /// has all digits, which is so by default.

@@ -1,9 +1,11 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
-use super::batch::{Batches, Cell, LANES, Layout};
+use super::batch::{Batches, Cell};
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
+use super::lane_values::LANES;
+use super::layout::Layout;
 use super::{
     Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, RowCoupling, SingularMassCell, vectors,
 };
@@ -197,7 +199,7 @@ impl WithSimd for Product<'_> {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
                 cells.add_product(simd, self.x, self.y, self.scratch)
             }
-            Form::SingularMassCells(averages) => averages.add_product(self.x, self.y, self.scratch),
+            Form::SingularMassCells(averages) => averages.add_product(simd, self.x, self.y, self.scratch),
         }
     }
 }
@@ -265,8 +267,8 @@ impl WithSimd for Momentum<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        self.averages.add_momentum(self.v, self.y, self.scratch);
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.averages.add_momentum(simd, self.v, self.y, self.scratch);
     }
 }
 

@@ -7,7 +7,7 @@
 //! There are no closures in the loops, as in [`super::simd`].
 
 use super::Bending;
-use super::batch::{LANES, Lanes};
+use super::lane_values::{LANES, Lanes};
 use pulp::Simd;
 
 /// [`Bending`] of eight cells.

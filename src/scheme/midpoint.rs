@@ -122,6 +122,13 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         Ok(self.driver.report)
     }
 
+    /// Sets the bounded configuration `$G U^{n+1/2}$`, in m, one entry per bound.
+    pub fn restrict_midpoint(&self, from: &State, admissible: &mut [f64]) {
+        for (z, &dof) in admissible.iter_mut().zip(&self.driver.system.bounds.dofs) {
+            *z = from.u[dof] + self.driver.x[dof];
+        }
+    }
+
     /// Sets `to` to `$(U^n + 2 \gamma x, V^n + \gamma (V^{n+1} - V^n))$`: (6) for gamma = 1.
     pub fn update(&self, from: &State, gamma: f64, to: &mut State) {
         waxpy(2.0 * gamma, &self.driver.x, &from.u, &mut to.u);

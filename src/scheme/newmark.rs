@@ -84,6 +84,10 @@ pub struct Newmark<'s, E: Engine> {
 struct Levels<'s, E: Engine> {
     system: &'s System<E>,
     parameters: NewmarkParameters,
+    /// Weights `$1 / (1 + e)$` of x and `$\theta = (1 - e) / (1 + e)$` of `$U^n - U^{n-1}$` in
+    /// `$U^{n+1,e}$`, divided once and not at every bound.
+    rate: f64,
+    theta: f64,
     /// `$U^n$`, `$U^n - U^{n-1}$` and `$U^{n+1} - U^n$`, in m, one entry per dof.
     u_n: Vec<f64>,
     d_n: Vec<f64>,
@@ -133,17 +137,16 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
     /// `$\alpha \le U^{n+1,e} \iff (1+e) \bigl((\alpha - U^n) - \frac{1-e}{1+e} (U^n - U^{n-1})\bigr) \le x$`
     fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64 {
         let e = self.parameters.restitution;
-        (1.0 + e) * ((alpha - self.u_n[dof]) - (1.0 - e) / (1.0 + e) * self.d_n[dof])
+        (1.0 + e) * ((alpha - self.u_n[dof]) - self.theta * self.d_n[dof])
     }
 
     /// `$U^{n+1,e} = U^n + \frac{x}{1+e} + \frac{1-e}{1+e} (U^n - U^{n-1})$`
     fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
-        let e = self.parameters.restitution;
-        self.u_n[dof] + (1.0 / (1.0 + e) * x + (1.0 - e) / (1.0 + e) * self.d_n[dof])
+        self.u_n[dof] + (self.rate * x + self.theta * self.d_n[dof])
     }
 
     fn rate_of_configuration(&self) -> f64 {
-        1.0 / (1.0 + self.parameters.restitution)
+        self.rate
     }
 
     /// `$\tfrac12 (U^{n+1} - U^{n-1})$`
@@ -185,8 +188,7 @@ impl<E: Engine> Levels<'_, E> {
 
     /// Returns the energy stored in bounds that yield at instant n, in J.
     fn stored_now(&self) -> f64 {
-        let theta = (1.0 - self.parameters.restitution) / (1.0 + self.parameters.restitution);
-        theta * self.stored[0] + (1.0 - theta) * self.stored[1]
+        self.theta * self.stored[0] + (1.0 - self.theta) * self.stored[1]
     }
 
     /// Adds the work of the time-dependent data up to instant n.

@@ -70,8 +70,6 @@ pub(super) struct StepDriver<'s, E: Engine> {
     pub x: Vec<f64>,
     /// Reactions r, in N, one entry per bound.
     pub reaction: Vec<f64>,
-    /// Bounded configuration, in m, one entry per bound.
-    pub admissible: Vec<f64>,
     pub report: StepReport,
 }
 
@@ -105,7 +103,6 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             damped: None,
             x: vec![0.0; engine.dofs()],
             reaction: vec![0.0; bounds.len()],
-            admissible: vec![0.0; bounds.len()],
             report: StepReport::default(),
         })
     }
@@ -157,9 +154,6 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             }
         }
         self.feedback.iter_mut().for_each(|feedback| feedback.spend(work));
-        for (z, &dof) in self.admissible.iter_mut().zip(&formulas.limits().dofs) {
-            *z = formulas.bounded_configuration(self.x[dof], dof);
-        }
         Ok(())
     }
 
@@ -224,9 +218,11 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Copies the answer to the last step into a record.
-    pub fn report_to(&self, record: &mut StepRecord) {
-        record.admissible.copy_from_slice(&self.admissible);
+    /// Writes the answer to the last step into a record, given the formulas of that step.
+    pub fn report_to(&self, formulas: &impl Formulas<E>, record: &mut StepRecord) {
+        for (z, &dof) in record.admissible.iter_mut().zip(&formulas.limits().dofs) {
+            *z = formulas.bounded_configuration(self.x[dof], dof);
+        }
         record.reaction.copy_from_slice(&self.reaction);
         record.report = self.report;
     }

@@ -252,8 +252,7 @@ impl<E: Engine> Condensed<E> {
         let systems = self.factor.systems();
         let size = systems * self.factor.schur().nrows();
         if size == 0 {
-            x.copy_from_slice(b);
-            self.factor.solve(x)?;
+            self.factor.solve_for(b, x)?;
             return Ok(0);
         }
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.

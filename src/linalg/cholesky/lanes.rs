@@ -2,7 +2,7 @@
 
 use super::Cholesky;
 use super::supernodes::Supernode;
-use crate::linalg::batch::{LANES, Lanes};
+use crate::linalg::lane_values::{LANES, Lanes};
 use pulp::{Simd, WithSimd};
 
 impl Cholesky {

@@ -14,8 +14,8 @@ mod size;
 mod solve;
 mod supernodes;
 
-use super::batch::Lanes;
 use super::double_double::DoubleDouble;
+use super::lane_values::Lanes;
 use crate::error::{Error, Result};
 use double::PanelFactorisation;
 use faer::dyn_stack::{MemBuffer, MemStack};

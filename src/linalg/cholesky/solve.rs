@@ -12,11 +12,14 @@ use pulp::{Simd, WithSimd};
 
 impl Factor for Cholesky {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
-        let dofs = x.len();
         self.permute(x);
-        self.forward(dofs);
-        self.backward(dofs);
-        self.unpermute(x);
+        self.solve_permuted(x);
+        Ok(())
+    }
+
+    fn solve_for(&mut self, b: &[f64], x: &mut [f64]) -> Result<()> {
+        self.permute(b);
+        self.solve_permuted(x);
         Ok(())
     }
 
@@ -79,6 +82,14 @@ impl Factor for Cholesky {
 }
 
 impl Cholesky {
+    /// Solves for the right-hand side that was permuted last.
+    fn solve_permuted(&mut self, x: &mut [f64]) {
+        let dofs = x.len();
+        self.forward(dofs);
+        self.backward(dofs);
+        self.unpermute(x);
+    }
+
     fn permute(&mut self, b: &[f64]) {
         for (x, &dof) in self.x.iter_mut().zip(&self.order) {
             *x = b[dof as usize];

@@ -154,7 +154,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
             }
         }
         record.reaction.copy_from_slice(&rule.driver.reaction);
-        record.admissible.copy_from_slice(&rule.driver.admissible);
+        rule.restrict_midpoint(now, &mut record.admissible);
         record.add_impulses(rule.dt);
         self.midpoints.rotate_right(1);
         self.midpoints[0].copy_from_slice(&record.admissible);

@@ -48,6 +48,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut levels = Levels {
             system,
             parameters,
+            rate: 1.0 / (1.0 + parameters.restitution),
+            theta: (1.0 - parameters.restitution) / (1.0 + parameters.restitution),
             u_n: start.displacement,
             d_n: vec![0.0; dofs],
             d_next: vec![0.0; dofs],
@@ -63,10 +65,10 @@ impl<'s, E: Engine> Newmark<'s, E> {
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
+        driver.report_to(&first, &mut record);
         first.update(&driver);
         driver.restart_modal_damping(&levels)?;
-        driver.report_to(&mut record);
-        levels.store(&driver.admissible)?;
+        levels.store(&record.admissible)?;
         levels.stored[0] = at_start;
         levels.account(0, &driver.reaction)?;
         let velocities = vec![0.0; system.engine.velocities(&system.mass)];
@@ -119,9 +121,9 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.levels.shift((self.record.step + 1) as f64 * self.record.dt)?;
         self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
         self.driver.solve(&mut self.levels)?;
+        self.driver.report_to(&self.levels, &mut self.record);
         self.levels.update(&self.driver);
-        self.driver.report_to(&mut self.record);
-        self.levels.store(&self.driver.admissible)?;
+        self.levels.store(&self.record.admissible)?;
         self.record.add_impulses(half);
         self.levels.account(self.record.step, &self.driver.reaction)
     }

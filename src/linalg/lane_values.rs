@@ -1,0 +1,163 @@
+//! Eight numbers side by side, which vector registers of any width compute with at once.
+
+use pulp::Simd;
+use std::ops::{Add, AddAssign, Div, Mul, Sub};
+
+/// Number of lanes, and of the cells of a batch.
+pub(super) const LANES: usize = 8;
+
+/// One number for each cell of a batch, or for each of several systems.
+///
+/// The operators take values instead of references: the compiler would have to assume that
+/// references alias and could not vectorise.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(align(64))]
+pub(crate) struct Lanes(pub [f64; LANES]);
+
+impl Lanes {
+    /// Loads eight consecutive numbers of a vector in layout order.
+    #[inline(always)]
+    pub(super) fn at(x: &[f64], place: u32) -> Lanes {
+        let mut lanes = [0.0; LANES];
+        lanes.copy_from_slice(&x[place as usize..][..LANES]);
+        Lanes(lanes)
+    }
+
+    /// Returns a number in the first lane, and 0 in the others.
+    pub fn first(value: f64) -> Lanes {
+        let mut lanes = Lanes::default();
+        lanes.0[0] = value;
+        lanes
+    }
+
+    /// Returns the magnitudes.
+    #[inline(always)]
+    pub fn abs(mut self) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] = self.0[lane].abs();
+        }
+        self
+    }
+
+    /// Sets the numbers to multiples of the magnitudes of others.
+    ///
+    /// From a loop over many [`Lanes`], the compiler may otherwise make vectors across them, which
+    /// it gathers and scatters; so with [`Lanes::add_scaled`].
+    #[inline(always)]
+    pub fn set_to_scaled_abs<S: Simd>(&mut self, simd: S, scale: f64, of: &Lanes) {
+        let scale = simd.splat_f64s(scale);
+        for (own, of) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&of.0).0) {
+            *own = simd.mul_f64s(scale, simd.abs_f64s(*of));
+        }
+    }
+
+    /// Adds multiples of other numbers.
+    #[inline(always)]
+    pub fn add_scaled<S: Simd>(&mut self, simd: S, scale: f64, other: &Lanes) {
+        let scale = simd.splat_f64s(scale);
+        for (own, other) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&other.0).0) {
+            *own = simd.add_f64s(*own, simd.mul_f64s(scale, *other));
+        }
+    }
+
+    /// Returns the numbers moved up by one lane, with 0 in the first, given the mask of the first
+    /// lane of a register.
+    #[inline(always)]
+    pub(super) fn moved_up<S: Simd>(&self, simd: S, first: S::m64s) -> Lanes {
+        let mut moved = Lanes::default();
+        let mut below = simd.splat_f64s(0.0);
+        for (own, moved) in S::as_simd_f64s(&self.0).0.iter().zip(S::as_mut_simd_f64s(&mut moved.0).0) {
+            let turned = simd.rotate_right_f64s(*own, 1);
+            *moved = simd.select_f64s(first, below, turned);
+            below = turned;
+        }
+        moved
+    }
+
+    /// Returns the larger number of each pair.
+    #[inline(always)]
+    pub fn max(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] = if self.0[lane] > other.0[lane] { self.0[lane] } else { other.0[lane] };
+        }
+        self
+    }
+
+    /// Returns the smaller number of each pair.
+    #[inline(always)]
+    pub fn min(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] = if self.0[lane] < other.0[lane] { self.0[lane] } else { other.0[lane] };
+        }
+        self
+    }
+
+    /// Returns the sum over the cells.
+    pub fn sum(self) -> f64 {
+        self.0.iter().sum()
+    }
+}
+
+impl Add for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn add(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] += other.0[lane];
+        }
+        self
+    }
+}
+
+impl AddAssign for Lanes {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Lanes) {
+        *self = *self + other;
+    }
+}
+
+impl Sub for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn sub(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] -= other.0[lane];
+        }
+        self
+    }
+}
+
+impl Mul for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn mul(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] *= other.0[lane];
+        }
+        self
+    }
+}
+
+impl Div for Lanes {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn div(mut self, other: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            self.0[lane] /= other.0[lane];
+        }
+        self
+    }
+}
+
+impl Mul<Lanes> for f64 {
+    type Output = Lanes;
+
+    #[inline(always)]
+    fn mul(self, lanes: Lanes) -> Lanes {
+        Lanes([self; LANES]) * lanes
+    }
+}
