@@ -156,6 +156,18 @@ fn the_contact_map_numbers_nodes_as_the_file_does() {
     }
 }
 
+/// A curve whose dashes would hide data is solid in the key, too; others are dashed in both.
+#[test]
+fn the_key_shows_curves_as_they_are_drawn() {
+    let dashed = |turns: f64| {
+        let points = (0..2000).map(|i| f64::from(i) / 2000.0).map(|x| [x, (turns * x).sin()]).collect();
+        let panel = plot::Panel::new(plot::Axis::linear("x", "m"), plot::Axis::linear("w", "m"))
+            .curve(plot::Curve::new("wave", points).style(1));
+        plot::Figure::new("").panel(panel).svg().matches("stroke-dasharray").count()
+    };
+    assert_eq!([dashed(10.0), dashed(1000.0)], [2, 0]);
+}
+
 /// With a Hann window an oscillation in the middle of a bin has its amplitude there, half of it in
 /// the bins beside, and none elsewhere.
 #[test]

@@ -3,7 +3,7 @@
 use super::axis::Fitted;
 use super::panel::{Curve, Frame, Obstacle, Panel, Ramp};
 use super::paper::{Anchor, At, Canvas, Color, Type, png, rgb};
-use super::strokes::{HATCH, LABEL, MARKER, RULE, TICK_LABEL, draw_markers, draw_solid, wrapped};
+use super::strokes::{HATCH, LABEL, MARKER, RULE, Stroke, TICK_LABEL, draw_markers, draw_solid, wrapped};
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
 use std::fs;
@@ -136,7 +136,7 @@ impl Figure {
         if let Some(ramp) = &self.ramp {
             let key = Key::Ramp(ramp);
             let start = 0.5 * (self.width - key.width() + 8.0);
-            key.draw(&mut paper, [start.max(MARGIN), y + 0.5 * KEY.line()]);
+            key.draw(&mut paper, [start.max(MARGIN), y + 0.5 * KEY.line()], &[]);
             y += KEY.line() + 2.0;
         }
 
@@ -173,11 +173,12 @@ impl Figure {
             for (&(i, left, right), head) in frames.iter().zip(&heads) {
                 let panel = &self.panels[i];
                 let frame = Frame { left, top: y, right, bottom: y + panel.height };
-                head.draw(&mut paper, frame);
+                let strokes = fitted[i].as_ref().map_or(Vec::new(), |axes| panel.strokes(frame, axes));
+                head.draw(&mut paper, frame, &strokes);
                 match (&fitted[i], &panel.drawing) {
                     (Some(axes), _) => {
                         let start = MARGIN + (i % self.columns) as f64 * pitch;
-                        panel.draw(&mut paper, frame, axes, start);
+                        panel.draw(&mut paper, frame, axes, &strokes, start);
                     }
                     (None, Some(draw)) => draw(&mut paper, frame),
                     (None, None) => {}
@@ -222,7 +223,7 @@ impl<'p> Head<'p> {
         heading + keys + 2.0
     }
 
-    fn draw(&self, paper: &mut Canvas, frame: Frame) {
+    fn draw(&self, paper: &mut Canvas, frame: Frame, strokes: &[Stroke]) {
         let mut y = frame.top - self.height();
         for line in &self.heading {
             paper.text(line, [frame.left, y + 0.5 * LABEL.line()], LABEL, Anchor::Start);
@@ -231,7 +232,7 @@ impl<'p> Head<'p> {
         for row in &self.rows {
             let mut x = frame.left;
             for key in row {
-                key.draw(paper, [x, y + 0.5 * KEY.line()]);
+                key.draw(paper, [x, y + 0.5 * KEY.line()], strokes);
                 x += key.width();
             }
             y += KEY.line();
@@ -241,7 +242,8 @@ impl<'p> Head<'p> {
 
 /// Entry of a key.
 enum Key<'p> {
-    Curve(&'p Curve),
+    /// Curve and its number in the panel.
+    Curve(&'p Curve, usize),
     Obstacle(&'p str),
     Part,
     Ramp(&'p Ramp),
@@ -249,7 +251,8 @@ enum Key<'p> {
 
 impl Key<'_> {
     fn all(panel: &Panel) -> Vec<Key<'_>> {
-        let curves = panel.curves.iter().filter(|curve| !curve.name.is_empty()).map(Key::Curve);
+        let named = panel.curves.iter().zip(0..).filter(|(curve, _)| !curve.name.is_empty());
+        let curves = named.map(|(curve, number)| Key::Curve(curve, number));
         let (parts, whole): (Vec<_>, Vec<_>) =
             panel.near_obstacles().into_iter().partition(|of| matches!(of, Obstacle::Part(_)));
         let obstacle =
@@ -260,7 +263,7 @@ impl Key<'_> {
 
     fn name(&self) -> &str {
         match self {
-            Key::Curve(curve) => &curve.name,
+            Key::Curve(curve, _) => &curve.name,
             Key::Obstacle(name) => name,
             Key::Part => "partial obstacle",
             Key::Ramp(ramp) => &ramp.label,
@@ -270,7 +273,7 @@ impl Key<'_> {
     fn sample(&self) -> f64 {
         match self {
             Key::Ramp(ramp) => 2.5 * SAMPLE + 6.0 + ramp.ends.iter().map(|end| KEY.width(end)).sum::<f64>(),
-            Key::Curve(curve) if !curve.line => 4.0 * MARKER,
+            Key::Curve(curve, _) if !curve.line => 4.0 * MARKER,
             _ => SAMPLE,
         }
     }
@@ -279,12 +282,13 @@ impl Key<'_> {
         self.sample() + 3.0 + KEY.width(self.name()) + 8.0
     }
 
-    fn draw(&self, paper: &mut Canvas, [x, y]: At) {
+    fn draw(&self, paper: &mut Canvas, [x, y]: At, strokes: &[Stroke]) {
         let end = x + self.sample();
         match self {
-            Key::Curve(curve) => {
+            Key::Curve(curve, number) => {
                 if curve.line {
-                    paper.polyline(&[[x, y], [end, y]], curve.pen);
+                    let pen = strokes.get(*number).map_or(curve.pen, |stroke| stroke.pen);
+                    paper.polyline(&[[x, y], [end, y]], pen);
                 }
                 if let Some(marker) = curve.marker {
                     draw_markers(paper, &[[0.5 * (x + end), y]], marker, curve);

@@ -15,10 +15,16 @@ const TICK: f64 = 2.6;
 pub(super) const HATCH: f64 = 4.0;
 pub(super) const MARKER: f64 = 2.1;
 
-/// Length of a dashed curve, in widths of its panel, above which it is drawn solid.
+/// Length of a dashed line, in widths of its panel, above which its curve is drawn solid.
 ///
 /// The dashes of a longer curve would hide data.
 const MOST_DASHED: f64 = 8.0;
+
+/// Curve as it is drawn: its lines and their pen.
+pub(super) struct Stroke {
+    lines: Vec<Vec<At>>,
+    pub pen: Pen,
+}
 
 impl Panel {
     /// Wraps the label of the y axis into as many lines as its height requires.
@@ -26,8 +32,31 @@ impl Panel {
         wrapped(&axis.label, LABEL, self.height + 6.0)
     }
 
-    /// Draws the panel in its frame; the label of the y axis begins `start` points from the left.
-    pub(super) fn draw(&self, paper: &mut Canvas, frame: Frame, axes: &[Fitted; 2], start: f64) {
+    /// Returns the strokes of all curves in a frame.
+    pub(super) fn strokes(&self, frame: Frame, [x_axis, y_axis]: &[Fitted; 2]) -> Vec<Stroke> {
+        let width = frame.right - frame.left;
+        let detail = (4000 / self.curves.len().max(1)).clamp(50, 700);
+        let stroke = |curve: &Curve| {
+            let at = |[x, y]: [f64; 2]| Some([frame.x(x_axis, x)?, frame.y(y_axis, y)?]);
+            let places = curve.points.iter().map(|&point| at(point));
+            let lines = thinned(places, frame.left, width, detail);
+            let is_long = lines.iter().any(|line| length(line) > MOST_DASHED * width);
+            let dashes = if is_long { &[] } else { curve.pen.dashes };
+            Stroke { lines, pen: Pen { dashes, ..curve.pen } }
+        };
+        self.curves.iter().map(stroke).collect()
+    }
+
+    /// Draws the panel in its frame, with the strokes of its curves; the label of the y axis begins
+    /// `start` points from the left.
+    pub(super) fn draw(
+        &self,
+        paper: &mut Canvas,
+        frame: Frame,
+        axes: &[Fitted; 2],
+        strokes: &[Stroke],
+        start: f64,
+    ) {
         let Frame { left, top, right, bottom } = frame;
         let [x_axis, y_axis] = axes;
         let (at_x, at_y) = (|x: f64| frame.x(x_axis, x), |y: f64| frame.y(y_axis, y));
@@ -81,21 +110,14 @@ impl Panel {
                 );
             }
         });
-        let lines: Vec<Vec<Vec<At>>> = self
-            .curves
-            .iter()
-            .map(|curve| {
-                let detail = (4000 / self.curves.len()).clamp(50, 700);
-                thinned(curve.points.iter().map(|&point| at(point)), left, right - left, detail)
-            })
-            .collect();
-        paper.clipped([left, top - 1.0], [right, bottom + 1.0], |paper| {
-            for (curve, lines) in self.curves.iter().zip(&lines).rev().filter(|(curve, _)| curve.line) {
-                for line in lines {
-                    draw_line(paper, line, curve.pen, right - left);
-                }
-            }
-        });
+        for (_, stroke) in self.curves.iter().zip(strokes).rev().filter(|(curve, _)| curve.line) {
+            // A curve along the frame is drawn in its full width, one that leaves it ends there.
+            let leaves = stroke.lines.iter().flatten().any(|at| !within(top, bottom)(&at[1]));
+            let margin = if leaves { 0.0 } else { 1.0 };
+            paper.clipped([left, top - margin], [right, bottom + margin], |paper| {
+                stroke.lines.iter().for_each(|line| draw_line(paper, line, stroke.pen));
+            });
+        }
         // Markers on the frame are not clipped.
         for curve in self.curves.iter().rev() {
             let Some(marker) = curve.marker else { continue };
@@ -109,7 +131,7 @@ impl Panel {
             let (x, anchor) = if is_late { (x - 3.0, Anchor::End) } else { (x + 3.0, Anchor::Start) };
             paper.text(text, [x, y - 0.5 * REMARK.line()], REMARK, anchor);
         }
-        if self.bars.is_empty() && lines.iter().all(Vec::is_empty) {
+        if self.bars.is_empty() && strokes.iter().all(|stroke| stroke.lines.is_empty()) {
             paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
         }
         self.draw_frame(paper, frame, axes, start);
@@ -177,14 +199,16 @@ pub(super) fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, de
     }
 }
 
-fn draw_line(paper: &mut Canvas, line: &[At], pen: Pen, width: f64) {
-    if let [at] = *line {
-        return paper.circle(at, pen.width, pen.color, None);
+/// Returns the length of a line, in points.
+fn length(line: &[At]) -> f64 {
+    line.windows(2).map(|ends| (ends[1][0] - ends[0][0]).hypot(ends[1][1] - ends[0][1])).sum()
+}
+
+fn draw_line(paper: &mut Canvas, line: &[At], pen: Pen) {
+    match *line {
+        [at] => paper.circle(at, pen.width, pen.color, None),
+        _ => paper.polyline(line, pen),
     }
-    let length: f64 =
-        line.windows(2).map(|ends| (ends[1][0] - ends[0][0]).hypot(ends[1][1] - ends[0][1])).sum();
-    let dashes = if length > MOST_DASHED * width { &[] } else { pen.dashes };
-    paper.polyline(line, Pen { dashes, ..pen });
 }
 
 /// Draws the markers of a curve.
