@@ -99,7 +99,7 @@ impl Batch {
                 let first = simd.mask_between_m64s(0, 1).mask();
                 for &(start, [dof, next]) in pairs {
                     for k in 0..N {
-                        let [own, next] = [dof, next].map(|dof| &locals[k][dof as usize]);
+                        let (own, next) = (&locals[k][dof as usize], &locals[k][next as usize]);
                         let positions = &mut sums[k][start as usize..][..LANES + 1];
                         positions[LANES] += next.0[LANES - 1];
                         let sum = Lanes::at(positions, 0) + *own + next.moved_up(simd, first);

@@ -247,11 +247,19 @@ impl Rows {
     /// Returns the momentum of each cell, B local.
     #[inline(always)]
     fn momenta(&self, local: &[Lanes]) -> Lanes {
-        let mut momenta = Lanes::default();
-        for (b, value) in self.row.iter().zip(local) {
-            momenta += *b * *value;
+        // Three sums do not wait for each other.
+        let mut sums = [Lanes::default(); 3];
+        let (rows, rest) = self.row[..local.len()].as_chunks::<3>();
+        let (nodes, others) = local.as_chunks::<3>();
+        for (b, value) in rows.iter().zip(nodes) {
+            for k in 0..3 {
+                sums[k] += b[k] * value[k];
+            }
         }
-        momenta
+        for (b, value) in rest.iter().zip(others) {
+            sums[0] += *b * *value;
+        }
+        sums[0] + (sums[1] + sums[2])
     }
 
     /// Returns the velocity of each cell, C^-1 B local.
