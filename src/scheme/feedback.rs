@@ -31,7 +31,7 @@
 
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
-use crate::linalg::vectors::{add, subtract, waxpby};
+use crate::linalg::vectors::{add, waxpy};
 
 /// KKT residual above which a step that fed residuals forward is solved again without them,
 /// dimensionless.
@@ -90,8 +90,11 @@ impl Feedback {
             return false;
         }
         let [last, earlier] = &self.residuals;
-        waxpby(2.0, last, -1.0, earlier, &mut self.term);
-        subtract(&self.term, b);
+        // One pass reads each vector of a fine mesh from memory once.
+        for ((term, b), (last, earlier)) in self.term.iter_mut().zip(b).zip(last.iter().zip(earlier)) {
+            *term = 2.0 * last - earlier;
+            *b -= *term;
+        }
         true
     }
 
@@ -122,9 +125,10 @@ impl Feedback {
     pub fn take(&mut self, missing: &[f64]) {
         self.residuals.swap(0, 1);
         let [last, _] = &mut self.residuals;
-        last.copy_from_slice(missing);
-        if !self.is_corrected {
-            add(&self.term, last);
+        if self.is_corrected {
+            last.copy_from_slice(missing);
+        } else {
+            waxpy(1.0, missing, &self.term, last);
         }
     }
 
