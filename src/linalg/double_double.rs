@@ -17,7 +17,7 @@ pub(super) struct DoubleDouble {
 impl DoubleDouble {
     /// Returns the sum of a number and a much smaller one.
     #[inline(always)]
-    fn new(high: f64, low: f64) -> DoubleDouble {
+    pub fn new(high: f64, low: f64) -> DoubleDouble {
         let sum = high + low;
         DoubleDouble { high: sum, low: low - (sum - high) }
     }
@@ -29,10 +29,24 @@ impl DoubleDouble {
         DoubleDouble { high, low: a.mul_add(b, -high) }
     }
 
+    /// Returns a + b exactly.
+    #[inline(always)]
+    pub fn sum(a: f64, b: f64) -> DoubleDouble {
+        let high = a + b;
+        let part = high - a;
+        DoubleDouble { high, low: (a - (high - part)) + (b - part) }
+    }
+
     /// Returns the nearest double.
     #[inline(always)]
     pub fn round(self) -> f64 {
         self.high
+    }
+
+    /// Returns what the nearest double leaves.
+    #[inline(always)]
+    pub fn rest(self) -> f64 {
+        self.low
     }
 
     /// Returns the square root.
@@ -54,10 +68,8 @@ impl Add for DoubleDouble {
 
     #[inline(always)]
     fn add(self, other: DoubleDouble) -> DoubleDouble {
-        let sum = self.high + other.high;
-        let part = sum - self.high;
-        let rest = (self.high - (sum - part)) + (other.high - part);
-        DoubleDouble::new(sum, rest + (self.low + other.low))
+        let DoubleDouble { high, low } = DoubleDouble::sum(self.high, other.high);
+        DoubleDouble::new(high, low + (self.low + other.low))
     }
 }
 

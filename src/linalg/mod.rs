@@ -415,6 +415,16 @@ pub trait Engine: Sized {
         *factor = self.factor(sum, contact_dofs)?;
         Ok(true)
     }
+
+    /// Factors the same sum again with twice the digits and the same contact dofs, none of them
+    /// pinned. Returns whether this was possible, which it is not by default.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Engine::factor`], but for want of memory.
+    fn add_digits(&self, factor: &mut Self::Factor, sum: &LinearCombination) -> Result<bool> {
+        let _ = (factor, sum);
+        Ok(false)
+    }
 }
 
 /// Bounded dofs, ascending, with their lower and their upper bounds.
@@ -479,10 +489,15 @@ pub trait Factor {
         (0..x.ncols()).try_for_each(|j| self.solve(x.col_as_slice_mut(j)))
     }
 
-    /// Returns whether A is factored with twice the digits, since doubles lose too many. Products
-    /// with such a matrix amplify rounding errors too.
+    /// Returns whether A is factored with twice the digits, since doubles lose too many.
     fn has_twice_the_digits(&self) -> bool {
         false
+    }
+
+    /// Returns the number of solves that take as long as [`Engine::add_digits`]; `None` where that
+    /// is not possible, which is the default.
+    fn cost_of_digits(&self) -> Option<u32> {
+        None
     }
 
     /// Returns the Schur complement H of A on the contact dofs, that of one system where vectors

@@ -176,10 +176,19 @@ pub(super) fn in_double_doubles(
     sum: &LinearCombination,
     contact_dofs: &[usize],
 ) -> Result<Cholesky> {
-    let (pattern, values) = lower_triangle(dofs, sum, |scale, form, visit| {
-        form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
-    })?;
+    let (pattern, values) = assembled_twice(dofs, sum)?;
     Cholesky::twice(pattern, values, contact_dofs)
+}
+
+/// Assembles the lower triangle of a sum of forms over a number of dofs in double-double
+/// arithmetic.
+fn assembled_twice(
+    dofs: usize,
+    sum: &LinearCombination,
+) -> Result<(SymbolicSparseColMat<usize>, Vec<DoubleDouble>)> {
+    lower_triangle(dofs, sum, |scale, form, visit| {
+        form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
+    })
 }
 
 /// Product y += A x on vectors in layout order, compiled for the widest vector registers.
@@ -440,6 +449,14 @@ impl Engine for Native {
             return Ok(factor);
         }
         in_double_doubles(self.dofs(), sum, contact_dofs)
+    }
+
+    fn add_digits(&self, factor: &mut Cholesky, sum: &LinearCombination) -> Result<bool> {
+        let (_, values) = match assembled_twice(self.dofs(), sum) {
+            Err(Error::Memory(_)) => return Ok(false),
+            assembled => assembled?,
+        };
+        factor.add_digits(values)
     }
 
     fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Cholesky>> {

@@ -21,7 +21,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Version of the format, increased whenever the data of a checkpoint or their order change.
-const FORMAT: u32 = 9;
+const FORMAT: u32 = 10;
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";

@@ -25,9 +25,10 @@
 //! step leaves the residual of its answer before the correction, so that feeding begins without a
 //! jump.
 //!
-//! Nothing is fed forward where A is factored with twice the digits: there rounding errors of the
-//! products themselves, fed forward, change the energy by 5e-8 in a step (cells of aspect ratio
-//! 1000).
+//! Nothing is fed forward where doubles lose so many digits that A is factored with twice as many
+//! from the start: there rounding errors of the products themselves, fed forward, change the energy
+//! by 5e-8 in a step (cells of aspect ratio 1000). Nor is there anything to feed once corrections
+//! have cost so much that digits were added, see [`crate::vi`].
 
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
@@ -82,8 +83,11 @@ impl Feedback {
     }
 
     /// Prepares a step with this right-hand side, and returns whether it is reduced, in place of
-    /// corrections.
-    pub fn begin_step(&mut self, b: &mut [f64]) -> bool {
+    /// corrections. Where residuals may not be fed forward, feeding begins anew after that.
+    pub fn begin_step(&mut self, may_feed: bool, b: &mut [f64]) -> bool {
+        if !may_feed {
+            self.pause = FIRST_PAUSE + 1;
+        }
         self.is_corrected = self.pause > 0;
         if self.is_corrected {
             self.pause -= 1;
@@ -171,16 +175,16 @@ mod tests {
         let mut feedback = Feedback::new(1, 1.0);
         for _ in 0..FIRST_PAUSE {
             let mut b = [1.0];
-            assert!(!feedback.begin_step(&mut b) && feedback.term().is_none() && b == [1.0]);
+            assert!(!feedback.begin_step(true, &mut b) && feedback.term().is_none() && b == [1.0]);
             feedback.take(&[0.25]);
         }
         let mut b = [1.0];
         // 1 - 2 * 0.25 + 0.25
-        assert!(feedback.begin_step(&mut b) && b == [0.75]);
+        assert!(feedback.begin_step(true, &mut b) && b == [0.75]);
         feedback.withdraw(&[0.125], &mut b);
         assert!(feedback.term().is_none() && b == [1.0]);
-        assert!((0..PAUSE).all(|_| !feedback.begin_step(&mut b)));
+        assert!((0..PAUSE).all(|_| !feedback.begin_step(true, &mut b)));
         // The step that was withdrawn would have left 0.125 + 0.25; no other one has been taken.
-        assert!(feedback.begin_step(&mut b) && b == [1.0 - 2.0 * 0.375 + 0.25]);
+        assert!(feedback.begin_step(true, &mut b) && b == [1.0 - 2.0 * 0.375 + 0.25]);
     }
 }

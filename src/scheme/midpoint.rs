@@ -124,9 +124,8 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
 
     /// Sets the bounded configuration `$G U^{n+1/2}$`, in m, one entry per bound.
     pub fn restrict_midpoint(&self, from: &State, admissible: &mut [f64]) {
-        for (z, &dof) in admissible.iter_mut().zip(&self.driver.system.bounds.dofs) {
-            *z = from.u[dof] + self.driver.x[dof];
-        }
+        let MidpointRule { driver, instants, v, dt, .. } = self;
+        driver.restrict(&Equation6 { from, v, dt: *dt, system: driver.system, instants }, admissible);
     }
 
     /// Sets `to` to `$(U^n + 2 \gamma x, V^n + \gamma (V^{n+1} - V^n))$`: (6) for gamma = 1.

@@ -135,7 +135,9 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     pub fn solve(&mut self, formulas: &mut impl Formulas<E>) -> Result<()> {
         formulas.right_hand_side(&mut self.b)?;
         self.damp_modes(formulas)?;
-        let feeds = self.feedback.as_mut().is_some_and(|feedback| feedback.begin_step(&mut self.b));
+        let may_feed = self.solver.may_feed();
+        let begin = |feedback: &mut Feedback| feedback.begin_step(may_feed, &mut self.b);
+        let feeds = self.feedback.as_mut().is_some_and(begin);
         self.solver.set_feeding(feeds);
         self.solve_for_right_hand_side(formulas)?;
         let mut work = self.missing_work(formulas)?;
@@ -218,11 +220,17 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Writes the answer to the last step into a record, given the formulas of that step.
-    pub fn report_to(&self, formulas: &impl Formulas<E>, record: &mut StepRecord) {
-        for (z, &dof) in record.admissible.iter_mut().zip(&formulas.limits().dofs) {
+    /// Sets the bounded configuration of the last step, in m, one entry per bound, given the
+    /// formulas of that step.
+    pub fn restrict(&self, formulas: &impl Formulas<E>, admissible: &mut [f64]) {
+        for (z, &dof) in admissible.iter_mut().zip(&formulas.limits().dofs) {
             *z = formulas.bounded_configuration(self.x[dof], dof);
         }
+    }
+
+    /// Writes the answer to the last step into a record, given the formulas of that step.
+    pub fn report_to(&self, formulas: &impl Formulas<E>, record: &mut StepRecord) {
+        self.restrict(formulas, &mut record.admissible);
         record.reaction.copy_from_slice(&self.reaction);
         record.report = self.report;
     }

@@ -41,7 +41,9 @@ pub struct Condensed<E: Engine> {
     /// Status of each bound in the last answer.
     sides: Vec<BoundStatus>,
     factorisations: u64,
+    /// Error of the first factor, and that of the present one where digits were added to it.
     factor_error: f64,
+    error_with_digits: Option<f64>,
     work: DenseWork,
 }
 
@@ -135,6 +137,7 @@ impl<E: Engine> Condensed<E> {
         super::require_convergence(error, engine.dofs())?;
         Ok(Condensed {
             factor_error: error,
+            error_with_digits: None,
             factor,
             method: Method::Dense { candidates: Vec::new() },
             sides: vec![BoundStatus::Free; bounded],
@@ -158,7 +161,7 @@ impl<E: Engine> Condensed<E> {
 
     /// Returns how many corrections by the residual an answer needs.
     pub fn corrections(&self) -> u32 {
-        super::corrections(self.factor_error)
+        super::corrections(self.factor_error())
     }
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
@@ -194,19 +197,24 @@ impl<E: Engine> Condensed<E> {
         candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
         candidates.sort_unstable();
         let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
-        match engine.change_contact_dofs(&mut self.factor, matrix, &dofs) {
-            Ok(factored) => self.factorisations += u64::from(factored),
+        match self.change_contact_dofs(engine, matrix, &dofs) {
             // The matrix itself has a factor; only the Schur complement lost its to rounding.
-            Err(Error::Singular(_)) => self.pin(engine, matrix)?,
-            Err(why) => return Err(why),
+            Err(Error::Singular(_)) => self.pin(engine, matrix),
+            changed => changed,
         }
+    }
+
+    /// Changes the contact dofs of the factor, which has the digits of the first one then.
+    fn change_contact_dofs(&mut self, engine: &E, matrix: &LinearCombination, dofs: &[usize]) -> Result<()> {
+        let factored = engine.change_contact_dofs(&mut self.factor, matrix, dofs)?;
+        self.factorisations += u64::from(factored);
+        self.error_with_digits = None;
         Ok(())
     }
 
     /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
     fn pin(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
-        let factored = engine.change_contact_dofs(&mut self.factor, matrix, &[])?;
-        self.factorisations += u64::from(factored);
+        self.change_contact_dofs(engine, matrix, &[])?;
         self.method = Method::Pinned { pinned: vec![BoundStatus::Free; self.sides.len()] };
         Ok(())
     }
@@ -325,10 +333,11 @@ impl<E: Engine> Solver<E> for Condensed<E> {
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
-        archive.value(&mut self.factorisations)?;
         BoundStatus::archive(&mut self.sides, archive)?;
         let mut pins = matches!(self.method, Method::Pinned { .. });
         archive.value(&mut pins)?;
+        let mut has_more_digits = self.error_with_digits.is_some();
+        archive.value(&mut has_more_digits)?;
         // The statuses that are pinned, or any status but free for a candidate.
         let mut marks = vec![BoundStatus::Free; bounds.len()];
         match &self.method {
@@ -347,16 +356,35 @@ impl<E: Engine> Solver<E> for Condensed<E> {
                 engine.change_contact_dofs(&mut self.factor, matrix, &dofs)?;
                 Method::Dense { candidates: marked }
             };
+            if has_more_digits {
+                self.add_digits(engine, matrix)?;
+            }
         }
+        archive.value(&mut self.factorisations)?;
         self.factor.archive(archive)
     }
 
     fn factor_error(&self) -> f64 {
-        self.factor_error
+        self.error_with_digits.unwrap_or(self.factor_error)
     }
 
     fn has_twice_the_digits(&self) -> bool {
         self.factor.has_twice_the_digits()
+    }
+
+    fn cost_of_digits(&self) -> Option<u32> {
+        match self.method {
+            Method::Dense { .. } => self.factor.cost_of_digits(),
+            Method::Pinned { .. } => None,
+        }
+    }
+
+    fn add_digits(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
+        if engine.add_digits(&mut self.factor, matrix)? {
+            self.factorisations += 1;
+            self.error_with_digits = Some(engine.estimate_factor_error(matrix, &mut self.factor)?);
+        }
+        Ok(())
     }
 
     fn tolerance(&self) -> f64 {

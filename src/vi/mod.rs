@@ -11,6 +11,14 @@
 //! [`obstacle`](crate::obstacle): there r is a function of x. [`CheckedSolver::solve`]
 //! gives the problem to a [`Solver`] and measures the answer by [`kkt`], whatever the solver
 //! reports about itself.
+//!
+//! # Digits
+//!
+//! Rounding the entries of A costs as many digits as the condition number of A has, of slow motions
+//! on fine meshes all but a few. Answers that lose too many are corrected by their residual, at one
+//! solve each. Once these corrections have cost as much as a factorisation with twice the digits,
+//! that follows, so that none of both ever costs more than twice the cheaper one. Rounding the
+//! entries of its factor costs only half as many digits, and corrections end.
 
 mod active_set;
 pub mod compliance;
@@ -81,6 +89,21 @@ pub trait Solver<E: Engine> {
     /// Returns whether the matrix is factored with twice the digits.
     fn has_twice_the_digits(&self) -> bool {
         false
+    }
+
+    /// Returns the number of solves that take as long as [`Solver::add_digits`]; `None` where that
+    /// is not possible.
+    fn cost_of_digits(&self) -> Option<u32> {
+        None
+    }
+
+    /// Factors the matrix again with twice the digits, where the memory for that is there.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn add_digits(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
+        let _ = (engine, matrix);
+        Ok(())
     }
 
     /// Saves or restores all that the next answer depends on, so that a resumed run is bitwise
@@ -198,7 +221,11 @@ fn apply<E: Engine>(
 pub struct CheckedSolver<E: Engine> {
     solver: Box<dyn Solver<E>>,
     check: kkt::KktCheck,
-    /// Number of corrections of each answer by its residual.
+    /// Whether products with the matrix lose few digits.
+    has_accurate_products: bool,
+    /// Whether the caller feeds residuals forward, so that no answer needs a correction.
+    feeds: bool,
+    /// Number of corrections since digits were last added to the factor, or since the start.
     corrections: u32,
     correction: Correction,
 }
@@ -239,7 +266,9 @@ impl<E: Engine> CheckedSolver<E> {
     ) -> Result<CheckedSolver<E>> {
         Ok(CheckedSolver {
             check: kkt::KktCheck::new(engine, matrix)?,
-            corrections: corrections(solver.factor_error()),
+            has_accurate_products: !solver.has_twice_the_digits() && solver.factor_error() <= MAX_FED_ERROR,
+            feeds: false,
+            corrections: 0,
             correction: Correction::default(),
             solver,
         })
@@ -248,19 +277,23 @@ impl<E: Engine> CheckedSolver<E> {
     /// Returns whether products with the matrix are so accurate that they may be summed over steps,
     /// and residuals fed forward.
     pub fn has_accurate_products(&self) -> bool {
-        !self.solver.has_twice_the_digits() && self.solver.factor_error() <= MAX_FED_ERROR
+        self.has_accurate_products
     }
 
     /// Returns whether rounding spoils the factored matrix, but so little that residuals fed
     /// forward take the place of corrections.
     pub fn may_feed(&self) -> bool {
-        self.has_accurate_products() && self.solver.factor_error() > MAX_FACTOR_ERROR
+        self.has_accurate_products && self.solver.factor_error() > MAX_FACTOR_ERROR
     }
 
     /// Sets whether the caller feeds residuals forward, so that no answer needs a correction.
     pub fn set_feeding(&mut self, feeds: bool) {
-        let needed = corrections(self.solver.factor_error());
-        self.corrections = if feeds { 0 } else { needed };
+        self.feeds = feeds;
+    }
+
+    /// Returns the number of corrections that an answer needs.
+    fn needed_corrections(&self) -> u32 {
+        if self.feeds { 0 } else { corrections(self.solver.factor_error()) }
     }
 
     /// Returns the residual A x - b - G^T r of the last answer, in N, one entry per dof.
@@ -302,7 +335,7 @@ impl<E: Engine> CheckedSolver<E> {
     ) -> Result<StepReport> {
         self.correction.uncorrected.clear();
         let mut iterations = self.solver.solve(engine, problem, answer)?;
-        for _ in 0..self.corrections {
+        for _ in 0..self.needed_corrections() {
             iterations += self.correct(None, engine, problem, answer)?;
         }
         let kkt = self.measure(engine, problem, more, answer, product.as_deref_mut())?;
@@ -313,7 +346,7 @@ impl<E: Engine> CheckedSolver<E> {
             let Some(iterations) = retried else { break };
             report.retries += 1;
             report.iterations += iterations;
-            for _ in 0..self.corrections {
+            for _ in 0..self.needed_corrections() {
                 report.iterations += self.correct(Some(attempt), engine, problem, answer)?;
             }
             report.kkt = self.measure(engine, problem, more, answer, product.as_deref_mut())?;
@@ -330,6 +363,10 @@ impl<E: Engine> CheckedSolver<E> {
                 answer.reaction.copy_from_slice(&before.1);
                 self.measure(engine, problem, more, answer, product)?;
             }
+        }
+        if self.corrections > 0 && self.solver.cost_of_digits().is_some_and(|cost| self.corrections >= cost) {
+            self.corrections = 0;
+            self.solver.add_digits(engine, problem.matrix)?;
         }
         Ok(report)
     }
@@ -374,6 +411,7 @@ impl<E: Engine> CheckedSolver<E> {
         if !engine.comm().all_reduce_all(is_answer) {
             return Ok(0);
         }
+        self.corrections = self.corrections.saturating_add(1);
         if uncorrected.is_empty() {
             uncorrected.extend(residual.iter().map(|r| -r));
             problem.bounds.dofs.iter().zip(&**reaction).for_each(|(&dof, r)| uncorrected[dof] -= r);
@@ -407,6 +445,7 @@ impl<E: Engine> CheckedSolver<E> {
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
+        archive.value(&mut self.corrections)?;
         self.solver.archive(engine, matrix, bounds, archive)
     }
 }

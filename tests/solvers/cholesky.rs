@@ -1,5 +1,6 @@
 //! The sparse Cholesky factor, compared with dense linear algebra: solution, Schur complement of
-//! the contact dofs, forward elimination to it and back substitution, pinned dofs.
+//! the contact dofs, forward elimination to it and back substitution, pinned dofs; each with
+//! doubles and with twice the digits.
 //!
 //! The matrices are sums of random positive definite blocks on random dofs, from a few coupled dofs
 //! (supernodes of one column) to nearly full ones (one supernode, so that columns are taken four at
@@ -58,14 +59,17 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
     let shapes =
         [(1, 0, 1), (2, 1, 2), (7, 3, 3), (24, 20, 3), (40, 12, 9), (60, 80, 3), (37, 4, 30), (64, 1, 64)];
     for (size, blocks, width) in shapes {
-        for share in [0.0, 0.1, 0.3, 0.6, 1.0] {
+        for number in 0..10 {
+            let (share, twice) = ([0.0, 0.1, 0.3, 0.6, 1.0][number / 2], number % 2 == 1);
             let (engine, form, dense) = sparse(&mut random, size, blocks, width);
             let count = (share * size as f64).round() as usize;
             let mut candidates = distinct(&mut random, size, count);
             candidates.sort_unstable();
             let rest: Vec<usize> = (0..size).filter(|i| !candidates.contains(i)).collect();
             let mut factor = engine.factor(&(&form).into(), &candidates).unwrap();
-            let context = format!("{size} dofs, {blocks} blocks of {width}, {count} candidates");
+            assert!(!twice || engine.add_digits(&mut factor, &(&form).into()).unwrap());
+            let digits = if twice { ", twice the digits" } else { "" };
+            let context = format!("{size} dofs, {blocks} blocks of {width}, {count} candidates{digits}");
 
             // The solution agrees with the dense one.
             let b = random_vector(&mut random, size);

@@ -5,6 +5,7 @@ mod common;
 
 mod cholesky;
 mod compliance;
+mod digits;
 mod fed;
 mod limit;
 mod obstacle_membrane;

@@ -30,6 +30,10 @@ use size::Size;
 pub(super) use size::{require, would_fit};
 use supernodes::Supernode;
 
+/// Time of a multiplication with twice the digits, in the factorisation, as a multiple of that of
+/// one in a solve. It is about 2 where the factor fits into the cache.
+const COST_OF_DIGITS: f64 = 1.0;
+
 /// Sparse Cholesky factor `$P A P^T = L L^T$`.
 #[derive(Debug)]
 pub struct Cholesky {
@@ -48,6 +52,8 @@ pub struct Cholesky {
     tail: Mat<f64>,
     schur: Mat<f64>,
     arch: Arch,
+    /// Number of solves that take as long as a factorisation with twice the digits.
+    cost_of_digits: u32,
     /// Reciprocals of the diagonal of L.
     pivots: Vec<f64>,
     x: Vec<f64>,
@@ -67,7 +73,7 @@ impl Cholesky {
         Cholesky::with_digits(matrix, None, contact_dofs)
     }
 
-    /// Factors the matrix with the given double-double values, at about twenty times the cost.
+    /// Factors the matrix with the given double-double values, at two to three times the cost.
     ///
     /// # Errors
     /// Returns the errors of [`Cholesky::new`].
@@ -108,10 +114,27 @@ impl Cholesky {
             lanes_work: Vec::new(),
             matrix,
             twice,
+            cost_of_digits: 0,
             symbolic,
         };
+        cholesky.cost_of_digits = cholesky.count_cost_of_digits();
         cholesky.factor(None)?;
         Ok(cholesky)
+    }
+
+    /// Factors the matrix again with these double-double values, none of its dofs pinned. Returns
+    /// whether the memory for that is there.
+    ///
+    /// # Errors
+    /// Returns [`Error::Singular`] where the matrix is not positive definite.
+    pub(super) fn add_digits(&mut self, values: Vec<DoubleDouble>) -> Result<bool> {
+        let (dofs, contact_dofs) = (self.order.len(), self.order.len() - self.interior);
+        if require(&Size::of(&self.symbolic, contact_dofs, true), 1, dofs).is_err() {
+            return Ok(false);
+        }
+        self.twice = Some(values);
+        self.factor(None)?;
+        Ok(true)
     }
 
     /// Returns the size of the factor, without contact dofs, of a matrix with the given lower
@@ -124,6 +147,17 @@ impl Cholesky {
         Ok(Size::of(&analyse(matrix, &order)?, 0, false))
     }
 
+    /// Counts the solves that take as long as a factorisation with twice the digits.
+    fn count_cost_of_digits(&self) -> u32 {
+        let heights = self.supernodes.iter().flat_map(|s| s.rows + 1..=s.rows + s.end - s.start);
+        let (mut factor, mut solve) = (0, 1);
+        for height in heights {
+            factor += height * height / 2;
+            solve += 2 * height;
+        }
+        (COST_OF_DIGITS * factor as f64 / solve as f64) as u32
+    }
+
     /// Returns the number of stored entries of L.
     pub fn entries(&self) -> usize {
         self.values.len()
@@ -133,7 +167,7 @@ impl Cholesky {
     fn factor(&mut self, pinned: Option<&[bool]>) -> Result<()> {
         match &self.twice {
             None => self.factor_plainly(pinned)?,
-            Some(twice) => self.values = self.factored_twice(twice, pinned)?,
+            Some(_) => self.factor_twice(pinned)?,
         }
         for s in &self.supernodes {
             let height = s.end - s.start + s.rows;
@@ -168,8 +202,9 @@ impl Cholesky {
         values
     }
 
-    /// Returns the factor's values, computed in double-double arithmetic and rounded at the end.
-    fn factored_twice(&self, values: &[DoubleDouble], pinned: Option<&[bool]>) -> Result<Vec<f64>> {
+    /// Factors the matrix in double-double arithmetic and rounds the factor at the end.
+    fn factor_twice(&mut self, pinned: Option<&[bool]>) -> Result<()> {
+        let values = self.twice.as_deref().unwrap_or_default();
         let dofs = self.order.len();
         let held = pinned.map(|pinned| self.pinned(values, pinned));
         let (mut place, mut owner) = (vec![0; dofs], vec![0; dofs]);
@@ -179,7 +214,8 @@ impl Cholesky {
         for (number, s) in self.supernodes.iter().enumerate() {
             owner[s.start..s.end].fill(number as u32);
         }
-        let mut panels = vec![DoubleDouble::default(); self.values.len()];
+        let mut low = vec![0.0; self.values.len()];
+        self.values.fill(0.0);
         for column in 0..dofs {
             let values = &held.as_deref().unwrap_or(values)[self.matrix.col_range(column)];
             for (row, &value) in self.matrix.row_idx_of_col(column).zip(values) {
@@ -188,13 +224,14 @@ impl Cholesky {
                 let pattern = &self.patterns[s.pattern..][..s.rows];
                 let below = || pattern.iter().position(|&row| row as usize == last).unwrap_or(0);
                 let at = if last < s.end { last - s.start } else { s.end - s.start + below() };
-                panels[s.values + (first - s.start) * (s.end - s.start + s.rows) + at] = value;
+                let at = s.values + (first - s.start) * (s.end - s.start + s.rows) + at;
+                (self.values[at], low[at]) = (value.round(), value.rest());
             }
         }
-        let Cholesky { supernodes, patterns, .. } = self;
-        let factor = PanelFactorisation { supernodes, patterns, owner: &owner, values: &mut panels };
-        let definite = self.arch.dispatch(factor);
-        definite.then(|| panels.iter().map(|value| value.round()).collect()).ok_or_else(|| self.indefinite())
+        let Cholesky { supernodes, patterns, values: high, arch, .. } = &mut *self;
+        let factor = PanelFactorisation { supernodes, patterns, owner: &owner, high, low: &mut low };
+        let definite = arch.dispatch(factor);
+        definite.then_some(()).ok_or_else(|| self.indefinite())
     }
 
     fn factor_plainly(&mut self, pinned: Option<&[bool]>) -> Result<()> {

@@ -35,6 +35,10 @@ impl Factor for Cholesky {
         self.twice.is_some()
     }
 
+    fn cost_of_digits(&self) -> Option<u32> {
+        self.twice.is_none().then_some(self.cost_of_digits)
+    }
+
     fn schur(&self) -> &Mat<f64> {
         &self.schur
     }
