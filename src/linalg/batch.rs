@@ -1,20 +1,22 @@
-//! Batches of eight cells, which gather their local dofs from vectors in layout order.
+//! Batches of eight cells, or pairs of cells, which gather their local dofs from vectors in layout
+//! order.
 
 use super::BARE;
+use super::joined::{Cell, Unit, units};
 use super::lane_values::{LANES, Lanes};
 use super::layout::Layout;
 use pulp::Simd;
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
-/// Smallest number of cells for which a row is worth its unused lanes.
+/// Smallest number of units for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
 
-/// Eight cells with equally many local dofs.
+/// Eight units, cells or pairs of them, with equally many local dofs.
 #[derive(Debug)]
 pub(super) struct Batch {
-    /// Cell number of each lane; the number of cells where the lane is unused.
-    pub cells: [u32; LANES],
+    /// Numbers of the first and the second cell of each lane; the number of all cells where there
+    /// is none.
+    pub cells: [[u32; LANES]; 2],
     /// Index of the batch's entry in [`Batches::panels`]: the panel of each form with the local
     /// values.
     pub panel: usize,
@@ -126,23 +128,23 @@ impl Batch {
     }
 }
 
-/// Cells in a row while it is being built: each dof of the cell in lane k lies k positions after
+/// Units in a row while it is being built: each dof of the unit in lane k lies k positions after
 /// that of the first lane.
 struct Row<'a> {
     layout: &'a Layout,
-    /// Position of each local dof in the first lane; unknown while all cells so far hold it.
+    /// Position of each local dof in the first lane; unknown while all units so far hold it.
     starts: Vec<Option<u32>>,
-    /// Lane and number of each cell, by ascending lane.
+    /// Lane and number of each unit, by ascending lane.
     lanes: Vec<(usize, usize)>,
 }
 
 impl<'a> Row<'a> {
-    fn new(layout: &'a Layout, cell: usize, dofs: &[Option<usize>]) -> Row<'a> {
-        Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, cell)] }
+    fn new(layout: &'a Layout, unit: usize, dofs: &[Option<usize>]) -> Row<'a> {
+        Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, unit)] }
     }
 
-    /// Adds a cell to the batch if one of the remaining lanes fits it, and returns whether one did.
-    fn take(&mut self, cell: usize, dofs: &[Option<usize>]) -> bool {
+    /// Adds a unit to the batch if one of the remaining lanes fits it, and returns whether one did.
+    fn take(&mut self, unit: usize, dofs: &[Option<usize>]) -> bool {
         let places: Vec<_> = self.layout.places_of(dofs).collect();
         let pairs = || self.starts.iter().copied().zip(places.iter().copied());
         let lane = pairs().find_map(|(start, place)| place?.checked_sub(start?));
@@ -161,45 +163,48 @@ impl<'a> Row<'a> {
             for (start, place) in self.starts.iter_mut().zip(&places) {
                 *start = start.or(place.map(|place| place - lane));
             }
-            self.lanes.push((lane as usize, cell));
+            self.lanes.push((lane as usize, unit));
         }
         fits
     }
 }
 
-/// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
-pub(super) type Cell = (Rc<[Option<usize>]>, usize);
-
 /// All cells of a form in batches, shared by forms over the same cells.
 #[derive(Debug)]
 pub(super) struct Batches {
     cells: Vec<Cell>,
-    /// Batches of eight cells.
+    units: Vec<Unit>,
+    /// Batches of eight units.
     pub list: Vec<Batch>,
-    /// Cells whose local values make up each panel, lane by lane.
-    pub panels: Vec<[usize; LANES]>,
+    /// Units whose local values make up each panel, lane by lane.
+    panels: Vec<[usize; LANES]>,
     /// Largest number of local dofs.
     pub width: usize,
 }
 
 impl Batches {
+    fn of(cells: Vec<Cell>, units: Vec<Unit>) -> Batches {
+        let width = units.iter().map(|unit| unit.dofs.len()).max().unwrap_or(0);
+        Batches { cells, units, list: Vec::new(), panels: Vec::new(), width }
+    }
+
     /// Creates the batches of some cells.
     ///
-    /// Cells of one class that lie in a row form a batch, and all batches of one class share one
-    /// panel. The cells left over from all classes are packed together with one panel per batch.
+    /// Units of one class that lie in a row form a batch, and all batches of one class share one
+    /// panel. The units left over from all classes are packed together with one panel per batch.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
-        let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
-        let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-        for (number, (dofs, class)) in cells.iter().enumerate() {
-            classes.entry((dofs.len(), *class)).or_default().push(number);
+        let units = units(&cells, BARE);
+        let mut batches = Batches::of(cells, units);
+        let mut classes: BTreeMap<(usize, [usize; 2]), Vec<usize>> = BTreeMap::new();
+        for (number, unit) in batches.units.iter().enumerate() {
+            classes.entry((unit.dofs.len(), unit.classes)).or_default().push(number);
         }
-        let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
-        let mut left: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
-        for ((size, number), mut class) in classes {
+        let mut left: BTreeMap<(usize, bool, bool), Vec<usize>> = BTreeMap::new();
+        for ((size, [number, second]), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
             let whole = loose.chunks_exact(LANES);
-            left.entry((size, number >= BARE)).or_default().extend(whole.remainder());
+            left.entry((size, number >= BARE, second > 0)).or_default().extend(whole.remainder());
             if rows.is_empty() && whole.len() == 0 {
                 continue;
             }
@@ -218,15 +223,15 @@ impl Batches {
                 batches.scatter(layout, panel, chunk);
             }
         }
-        batches.list.sort_by_key(|batch| batch.cells.iter().min().copied());
+        batches.list.sort_by_key(|batch| batch.cells[0].iter().min().copied());
         batches
     }
 
     /// Creates the batches of equal systems side by side, one batch per cell. Entry 8 i + k of a
     /// vector belongs to dof i of system k, and lane k of every batch to system k.
     pub fn side_by_side(dofs: usize, cells: Vec<Cell>) -> Batches {
-        let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
-        let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
+        let units = cells.iter().enumerate().map(|(number, cell)| Unit::single(number, cell)).collect();
+        let mut batches = Batches::of(cells, units);
         let mut panel_of: BTreeMap<(usize, usize), usize> = BTreeMap::new();
         for number in 0..batches.cells.len() {
             let (own, class) = batches.cells[number].clone();
@@ -235,7 +240,10 @@ impl Batches {
                 .or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
             let start = |dof: &Option<usize>| (LANES * dof.unwrap_or(dofs)) as u32;
             batches.list.push(Batch {
-                cells: std::array::from_fn(|system| (LANES * number + system) as u32),
+                cells: [
+                    std::array::from_fn(|system| (LANES * number + system) as u32),
+                    [(LANES * batches.cells.len()) as u32; LANES],
+                ],
                 panel,
                 used: Lanes([1.0; LANES]),
                 places: Places::row(own.iter().map(start).collect()),
@@ -244,30 +252,40 @@ impl Batches {
         batches
     }
 
+    /// Returns the units of each panel.
+    pub fn panels(&self) -> impl Iterator<Item = [&Unit; LANES]> {
+        self.panels.iter().map(|units| units.map(|unit| &self.units[unit]))
+    }
+
+    /// Returns all cells and pairs of them.
+    pub fn units(&self) -> &[Unit] {
+        &self.units
+    }
+
     /// Returns whether the batches contain exactly these cells.
     pub fn are_of(&self, cells: &[Cell]) -> bool {
         self.cells == cells
     }
 
-    /// Sorts the cells of a class by the offset of their dofs from those of the cell with the
+    /// Sorts the units of a class by the offset of their dofs from those of the unit with the
     /// fewest held dofs.
     fn sort_along_lines(&self, layout: &Layout, class: &mut [usize]) {
-        let held = |&cell: &usize| self.cells[cell].0.iter().filter(|dof| dof.is_none()).count();
+        let held = |&unit: &usize| self.units[unit].dofs.iter().filter(|dof| dof.is_none()).count();
         let Some(model) = class.iter().copied().min_by_key(held) else { return };
-        let model: Vec<_> = layout.places_of(&self.cells[model].0).collect();
-        class.sort_by_cached_key(|&cell| {
-            let mut pairs = layout.places_of(&self.cells[cell].0).zip(&model);
+        let model: Vec<_> = layout.places_of(&self.units[model].dofs).collect();
+        class.sort_by_cached_key(|&unit| {
+            let mut pairs = layout.places_of(&self.units[unit].dofs).zip(&model);
             pairs.find_map(|(place, model)| Some(i64::from(place?) - i64::from((*model)?)))
         });
     }
 
-    /// Returns the rows among the cells of a class, and the cells that lie in no row.
+    /// Returns the rows among the units of a class, and the units that lie in no row.
     fn rows<'l>(&self, layout: &'l Layout, class: &[usize]) -> (Vec<Row<'l>>, Vec<usize>) {
         let (mut rows, mut loose) = (Vec::new(), Vec::new());
         let mut rest = class;
         while let Some((&first, others)) = rest.split_first() {
-            let mut row = Row::new(layout, first, &self.cells[first].0);
-            let more = others.iter().take_while(|&&cell| row.take(cell, &self.cells[cell].0)).count();
+            let mut row = Row::new(layout, first, &self.units[first].dofs);
+            let more = others.iter().take_while(|&&unit| row.take(unit, &self.units[unit].dofs)).count();
             if 1 + more >= LEAST_ROW {
                 rows.push(row);
                 rest = &others[more..];
@@ -279,33 +297,37 @@ impl Batches {
         (rows, loose)
     }
 
-    /// Adds a panel with the values of some cells and returns its index. Unused lanes repeat the
-    /// first cell, whose values do not matter there.
-    fn panel(&mut self, cells: &[usize]) -> usize {
-        let mut lanes = [cells[0]; LANES];
-        lanes[..cells.len()].copy_from_slice(cells);
+    /// Adds a panel with the values of some units and returns its index. Unused lanes repeat the
+    /// first unit, whose values do not matter there.
+    fn panel(&mut self, units: &[usize]) -> usize {
+        let mut lanes = [units[0]; LANES];
+        lanes[..units.len()].copy_from_slice(units);
         self.panels.push(lanes);
         self.panels.len() - 1
     }
 
-    /// Adds a batch of cells whose dofs lie anywhere.
-    fn scatter(&mut self, layout: &Layout, panel: usize, cells: &[usize]) {
-        let mut places = vec![[layout.nowhere(); LANES]; self.cells[cells[0]].0.len()];
-        for (lane, &cell) in cells.iter().enumerate() {
-            for (slot, place) in places.iter_mut().zip(layout.places_of(&self.cells[cell].0)) {
+    /// Adds a batch of units whose dofs lie anywhere.
+    fn scatter(&mut self, layout: &Layout, panel: usize, units: &[usize]) {
+        let mut places = vec![[layout.nowhere(); LANES]; self.units[units[0]].dofs.len()];
+        for (lane, &unit) in units.iter().enumerate() {
+            for (slot, place) in places.iter_mut().zip(layout.places_of(&self.units[unit].dofs)) {
                 slot[lane] = place.unwrap_or(layout.nowhere());
             }
         }
-        let lanes: Vec<_> = cells.iter().copied().enumerate().collect();
+        let lanes: Vec<_> = units.iter().copied().enumerate().collect();
         self.push(panel, &lanes, Places::Scattered(places));
     }
 
-    /// Adds a batch with the given cells in some lanes.
+    /// Adds a batch with the given units in some lanes.
     fn push(&mut self, panel: usize, lanes: &[(usize, usize)], places: Places) {
-        let mut batch =
-            Batch { cells: [self.cells.len() as u32; LANES], panel, used: Lanes::default(), places };
-        for &(lane, cell) in lanes {
-            (batch.cells[lane], batch.used.0[lane]) = (cell as u32, 1.0);
+        let cells = [[self.cells.len() as u32; LANES]; 2];
+        let mut batch = Batch { cells, panel, used: Lanes::default(), places };
+        for &(lane, unit) in lanes {
+            let Unit { cell, second, .. } = self.units[unit];
+            (batch.cells[0][lane], batch.used.0[lane]) = (cell as u32, 1.0);
+            if let Some((second, _)) = second {
+                batch.cells[1][lane] = second as u32;
+            }
         }
         self.list.push(batch);
     }
@@ -336,7 +358,7 @@ mod tests {
         assert!(
             matches!(&places, Places::Row { pairs, singles, .. } if pairs.len() == 2 && singles.len() == 3)
         );
-        let batch = Batch { cells: [0; LANES], panel: 0, used: Lanes([1.0; LANES]), places };
+        let batch = Batch { cells: [[0; LANES]; 2], panel: 0, used: Lanes([1.0; LANES]), places };
         let value = |dof: usize, lane: usize| (1 << dof) as f64 * (1.0 + lane as f64);
         let local: Vec<Lanes> =
             (0..starts.len()).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();

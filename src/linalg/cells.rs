@@ -1,21 +1,24 @@
 //! Symmetric forms that are stored cell by cell and applied to eight cells at once.
 //!
 //! The local matrices of a batch are interleaved, one cell per lane, in a *panel*. Congruent cells
-//! share one panel, so that a regular mesh reads its stiffness from the cache. All vectors over the
-//! dofs are in layout order, see [`super::batch`].
+//! share one panel, so that a regular mesh reads its stiffness from the cache. Two triangles may be
+//! one unit of a batch, see [`super::joined`]. All vectors over the dofs are in layout order, see
+//! [`super::batch`].
 
-use super::batch::{Batch, Batches, Cell};
+use super::batch::{Batch, Batches};
+use super::joined::{Cell, Unit};
 use super::lane_values::{LANES, Lanes};
 use super::strains::Strains;
 use super::{ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
+use std::borrow::Cow;
 use std::rc::Rc;
 
-/// Interleaves `count` values of eight cells, one cell per lane.
-fn interleave<'a>(cells: &[usize; LANES], count: usize, values: impl Fn(usize) -> &'a [f64]) -> Vec<Lanes> {
-    let mut panel = vec![Lanes::default(); count];
-    for (lane, &cell) in cells.iter().enumerate() {
-        for (slot, value) in panel.iter_mut().zip(values(cell)) {
+/// Interleaves the values of eight units, one unit per lane.
+fn interleave(values: &[Cow<[f64]>; LANES]) -> Vec<Lanes> {
+    let mut panel = vec![Lanes::default(); values[0].len()];
+    for (lane, values) in values.iter().enumerate() {
+        for (slot, value) in panel.iter_mut().zip(&**values) {
             slot.0[lane] = *value;
         }
     }
@@ -36,15 +39,17 @@ struct Panel {
 }
 
 impl Panel {
-    fn new(cells: &[usize; LANES], blocks: &[ElementMatrix]) -> Panel {
-        let size = blocks[cells[0]].dofs.len();
-        let bending = cells.map(|cell| blocks[cell].bending.as_deref());
+    fn new(units: [&Unit; LANES], blocks: &[ElementMatrix]) -> Panel {
+        let size = units[0].dofs.len();
+        let matrices = units.map(|unit| unit.matrix(blocks));
+        let bending = units.map(|unit| unit.bending(blocks));
+        let bending = bending.each_ref().map(Option::as_deref);
         Panel {
-            matrix: interleave(cells, size * size, |cell| &blocks[cell].matrix),
-            // Either all cells of a panel have it or none has.
-            strains: bending[0].and_then(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
-            is_difference: cells.iter().all(|&cell| is_difference(&blocks[cell].matrix)),
-            is_diagonal: size > 2 && cells.iter().all(|&cell| is_diagonal(&blocks[cell].matrix, size)),
+            matrix: interleave(&matrices),
+            // Either all units of a panel have it or none has.
+            strains: bending[0].and_then(|first| Strains::new(bending.map(|unit| unit.unwrap_or(first)))),
+            is_difference: matrices.iter().all(|matrix| is_difference(matrix)),
+            is_diagonal: size > 2 && matrices.iter().all(|matrix| is_diagonal(matrix, size)),
         }
     }
 
@@ -182,13 +187,21 @@ impl CellForm {
     /// Collects the cells' local matrices, given the batches of the cells.
     pub(super) fn new(batches: Rc<Batches>, blocks: impl Into<Rc<[ElementMatrix]>>) -> CellForm {
         let blocks = blocks.into();
-        let panels = batches.panels.iter().map(|cells| Panel::new(cells, &blocks)).collect();
+        let panels = batches.panels().map(|units| Panel::new(units, &blocks)).collect();
         CellForm { batches, panels, blocks }
     }
 
     /// Returns the cells' contributions, for assembly.
     pub fn blocks(&self) -> &[ElementMatrix] {
         &self.blocks
+    }
+
+    /// Calls `visit` with the free dofs and the local matrix of each cell, or of each pair of cells
+    /// that is multiplied as one.
+    pub(super) fn for_each_unit(&self, mut visit: impl FnMut(&[Option<usize>], &[f64])) {
+        for unit in self.batches.units() {
+            visit(&unit.dofs, &unit.matrix(&self.blocks));
+        }
     }
 
     /// Adds A x to y and returns x^T A x.
@@ -229,50 +242,64 @@ impl CellForm {
     }
 }
 
-/// Rows of B of eight cells, and the inverses of their entries of C.
+/// Rows of B of eight cells, one entry per dof of their units, and the inverses of their entries of
+/// C.
 #[derive(Debug, Clone)]
-struct Rows {
+struct MassRow {
     row: Vec<Lanes>,
     inverses: Lanes,
 }
 
-impl Rows {
-    fn new(cells: &[usize; LANES], rows: &[SingularMassCell]) -> Rows {
-        Rows {
-            row: interleave(cells, rows[cells[0]].dofs.len(), |cell| &rows[cell].row),
-            inverses: Lanes(cells.map(|cell| 1.0 / rows[cell].mass)),
+impl MassRow {
+    /// Collects the rows of one cell of each unit.
+    fn new(cells: [(&Unit, usize); LANES], rows: &[SingularMassCell]) -> MassRow {
+        MassRow {
+            row: interleave(&cells.map(|(unit, cell)| unit.expanded(cell, &rows[cell].row))),
+            inverses: Lanes(cells.map(|(_, cell)| 1.0 / rows[cell].mass)),
         }
     }
 
     /// Returns the momentum of each cell, B local.
     #[inline(always)]
-    fn momenta(&self, local: &[Lanes]) -> Lanes {
-        // Three sums do not wait for each other.
-        let mut sums = [Lanes::default(); 3];
+    fn momenta<S: Simd>(&self, simd: S, local: &[Lanes]) -> Lanes {
+        let mut momenta = Lanes::default();
         let (rows, rest) = self.row[..local.len()].as_chunks::<3>();
         let (nodes, others) = local.as_chunks::<3>();
-        for (b, value) in rows.iter().zip(nodes) {
-            for k in 0..3 {
-                sums[k] += b[k] * value[k];
+        for part in 0..LANES / S::F64_LANES {
+            // Three sums do not wait for each other.
+            let mut sums = [simd.splat_f64s(0.0); 3];
+            for (b, value) in rows.iter().zip(nodes) {
+                for k in 0..3 {
+                    sums[k] =
+                        simd.mul_add_f64s(b[k].register::<S>(part), value[k].register::<S>(part), sums[k]);
+                }
             }
+            for (b, value) in rest.iter().zip(others) {
+                sums[0] = simd.mul_add_f64s(b.register::<S>(part), value.register::<S>(part), sums[0]);
+            }
+            *momenta.register_mut::<S>(part) = simd.add_f64s(sums[0], simd.add_f64s(sums[1], sums[2]));
         }
-        for (b, value) in rest.iter().zip(others) {
-            sums[0] += *b * *value;
-        }
-        sums[0] + (sums[1] + sums[2])
-    }
-
-    /// Returns the velocity of each cell, C^-1 B local.
-    #[inline(always)]
-    fn velocities(&self, local: &[Lanes]) -> Lanes {
-        self.momenta(local) * self.inverses
+        momenta
     }
 
     /// Computes result = B^T v.
     #[inline(always)]
-    fn spread(&self, v: Lanes, result: &mut [Lanes]) {
+    fn spread<S: Simd>(&self, simd: S, v: Lanes, result: &mut [Lanes]) {
         for (value, b) in result.iter_mut().zip(&self.row) {
-            *value = *b * v;
+            for part in 0..LANES / S::F64_LANES {
+                *value.register_mut::<S>(part) = simd.mul_f64s(b.register::<S>(part), v.register::<S>(part));
+            }
+        }
+    }
+
+    /// Adds B^T v to the result.
+    #[inline(always)]
+    fn add_spread<S: Simd>(&self, simd: S, v: Lanes, result: &mut [Lanes]) {
+        for (value, b) in result.iter_mut().zip(&self.row) {
+            for part in 0..LANES / S::F64_LANES {
+                let value = value.register_mut::<S>(part);
+                *value = simd.mul_add_f64s(b.register::<S>(part), v.register::<S>(part), *value);
+            }
         }
     }
 
@@ -295,6 +322,65 @@ impl Rows {
     }
 }
 
+/// Rows of eight units: those of their cells, or of the first and the second cell of each pair.
+#[derive(Debug, Clone)]
+struct Rows {
+    first: MassRow,
+    second: Option<MassRow>,
+}
+
+impl Rows {
+    fn new(units: [&Unit; LANES], rows: &[SingularMassCell]) -> Rows {
+        let second = |unit: &Unit| unit.second.map_or(unit.cell, |(cell, _)| cell);
+        Rows {
+            first: MassRow::new(units.map(|unit| (unit, unit.cell)), rows),
+            // Either all units of a panel are pairs or none is.
+            second: units[0].second.map(|_| MassRow::new(units.map(|unit| (unit, second(unit))), rows)),
+        }
+    }
+
+    /// Computes result = scale M local and returns local^T M local.
+    #[inline(always)]
+    fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+        let momenta = self.first.momenta(simd, local);
+        let v = momenta * self.first.inverses;
+        let Some(row) = &self.second else {
+            self.first.spread(simd, scale * v, result);
+            return momenta * v;
+        };
+        let others = row.momenta(simd, local);
+        let w = others * row.inverses;
+        self.first.spread(simd, scale * v, result);
+        row.add_spread(simd, scale * w, result);
+        momenta * v + others * w
+    }
+
+    /// Returns the velocities of the first and the second cells, C^-1 B local.
+    #[inline(always)]
+    fn velocities<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; 2] {
+        let second = |row: &MassRow| row.momenta(simd, local) * row.inverses;
+        [second(&self.first), self.second.as_ref().map_or_else(Lanes::default, second)]
+    }
+
+    /// Computes result = B^T v.
+    #[inline(always)]
+    fn spread<S: Simd>(&self, simd: S, [first, second]: [Lanes; 2], result: &mut [Lanes]) {
+        self.first.spread(simd, first, result);
+        if let Some(row) = &self.second {
+            row.add_spread(simd, second, result);
+        }
+    }
+
+    /// Adds scale M local to y and scale |M| |local| to m.
+    #[inline(always)]
+    fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
+        self.first.add_with_magnitude(scale, local, y, m);
+        if let Some(row) = &self.second {
+            row.add_with_magnitude(scale, local, y, m);
+        }
+    }
+}
+
 /// Singular mass `$M = B^T C^{-1} B$`, with one average velocity per cell.
 #[derive(Debug, Clone)]
 pub struct SingularMassCells {
@@ -308,7 +394,7 @@ impl SingularMassCells {
     /// Collects the rows of B and the diagonal of C, given the batches of the cells.
     pub(super) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
         let rows = rows.into();
-        let panels = batches.panels.iter().map(|cells| Rows::new(cells, &rows)).collect();
+        let panels = batches.panels().map(|units| Rows::new(units, &rows)).collect();
         let masses = rows.iter().map(|row| row.mass).collect();
         SingularMassCells { batches, panels, masses, rows }
     }
@@ -342,9 +428,7 @@ impl SingularMassCells {
             let (local, Room { result, .. }) = scratch.split(batch.size());
             let rows = &self.panels[batch.panel];
             batch.gather(x, local);
-            let (momenta, v) = (rows.momenta(local), rows.velocities(local));
-            form += momenta * v;
-            rows.spread(v, result);
+            form += rows.apply(simd, 1.0, local, result);
             batch.scatter(simd, [result], [y]);
         }
         form.sum()
@@ -352,14 +436,16 @@ impl SingularMassCells {
 
     /// Computes V = C^-1 B x.
     #[inline(always)]
-    pub(super) fn project(&self, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
+    pub(super) fn project<S: Simd>(&self, simd: S, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
             let (local, _) = scratch.split(batch.size());
             batch.gather(x, local);
-            let velocities = self.panels[batch.panel].velocities(local);
-            for (velocity, &cell) in velocities.0.iter().zip(&batch.cells) {
-                if let Some(v) = v.get_mut(cell as usize) {
-                    *v = *velocity;
+            let velocities = self.panels[batch.panel].velocities(simd, local);
+            for (velocities, cells) in velocities.iter().zip(&batch.cells) {
+                for (velocity, &cell) in velocities.0.iter().zip(cells) {
+                    if let Some(v) = v.get_mut(cell as usize) {
+                        *v = *velocity;
+                    }
                 }
             }
         }
@@ -370,11 +456,8 @@ impl SingularMassCells {
     pub(super) fn add_momentum<S: Simd>(&self, simd: S, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
         for batch in &self.batches.list {
             let (_, Room { result, .. }) = scratch.split(batch.size());
-            let mut lanes = Lanes::default();
-            for (value, &cell) in lanes.0.iter_mut().zip(&batch.cells) {
-                *value = v.get(cell as usize).copied().unwrap_or(0.0);
-            }
-            self.panels[batch.panel].spread(lanes, result);
+            let of = |cell: u32| v.get(cell as usize).copied().unwrap_or(0.0);
+            self.panels[batch.panel].spread(simd, batch.cells.map(|cells| Lanes(cells.map(of))), result);
             batch.scatter(simd, [result], [y]);
         }
     }
@@ -565,7 +648,7 @@ fn add_batch_with_part<S: Simd>(
             }
             Form::SingularMassCells(averages) => {
                 let rows = &averages.panels[batch.panel];
-                rows.spread(scale * rows.velocities(local), term);
+                rows.apply(simd, scale, local, term);
             }
         }
         if !is_part && has_others {

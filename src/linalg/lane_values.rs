@@ -30,6 +30,18 @@ impl Lanes {
         lanes
     }
 
+    /// Returns the numbers of one vector register.
+    #[inline(always)]
+    pub(super) fn register<S: Simd>(&self, part: usize) -> S::f64s {
+        S::as_simd_f64s(&self.0).0[part]
+    }
+
+    /// Returns the numbers of one vector register.
+    #[inline(always)]
+    pub(super) fn register_mut<S: Simd>(&mut self, part: usize) -> &mut S::f64s {
+        &mut S::as_mut_simd_f64s(&mut self.0).0[part]
+    }
+
     /// Returns the magnitudes.
     #[inline(always)]
     pub fn abs(mut self) -> Lanes {

@@ -24,6 +24,7 @@ pub(crate) mod decoupling;
 mod double_double;
 mod ensemble;
 pub(crate) mod eigen;
+mod joined;
 mod lane_mask;
 mod lane_values;
 pub(crate) mod lanes;

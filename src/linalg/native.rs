@@ -1,9 +1,10 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
-use super::batch::{Batches, Cell};
+use super::batch::Batches;
 use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
 use super::cholesky;
 use super::double_double::DoubleDouble;
+use super::joined::Cell;
 use super::lane_values::LANES;
 use super::layout::Layout;
 use super::{
@@ -260,8 +261,8 @@ impl WithSimd for Velocity<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        self.averages.project(self.x, self.v, self.scratch);
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.averages.project(simd, self.x, self.v, self.scratch);
     }
 }
 
@@ -414,10 +415,11 @@ impl Engine for Native {
         for (scale, form) in sum.terms() {
             match form {
                 Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                    for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
+                    // The magnitudes of a row are those of the matrices that are multiplied.
+                    cells.for_each_unit(|dofs, matrix| {
                         let entry = |i: usize, j: usize| scale * matrix[i * dofs.len() + j];
                         add_couplings(&mut couplings, dofs, entry);
-                    }
+                    });
                 }
                 Form::SingularMassCells(averages) => {
                     for SingularMassCell { dofs, row, mass, .. } in averages.rows() {

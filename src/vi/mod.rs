@@ -16,9 +16,10 @@
 //!
 //! Rounding the entries of A costs as many digits as the condition number of A has, of slow motions
 //! on fine meshes all but a few. Answers that lose too many are corrected by their residual, at one
-//! solve each. Once these corrections have cost as much as a factorisation with twice the digits,
-//! that follows, so that none of both ever costs more than twice the cheaper one. Rounding the
-//! entries of its factor costs only half as many digits, and corrections end.
+//! solve each, or a scheme feeds their residuals forward, at some passes over vectors. Once this
+//! has cost as much as a factorisation with twice the digits, that follows, so that both together
+//! never cost more than twice the cheaper one. Rounding the entries of its factor costs only half
+//! as many digits, and answers need no more care.
 
 mod active_set;
 pub mod compliance;
@@ -175,6 +176,8 @@ const MAX_FACTOR_ERROR: f64 = 3e-11;
 /// next steps in place of corrections, dimensionless: each factor is then good for six digits of
 /// the residuals.
 const MAX_FED_ERROR: f64 = 1e-6;
+/// Number of steps that cost a solve more together where they feed residuals forward.
+const FED_STEPS: u32 = 32;
 /// Upper limit of the KKT residual that is reported in place of the residual, dimensionless.
 const CLEAR_LIMIT: f64 = 1e-12;
 /// Relative energy-norm error of a solve above which corrections do not converge in practice,
@@ -225,8 +228,9 @@ pub struct CheckedSolver<E: Engine> {
     has_accurate_products: bool,
     /// Whether the caller feeds residuals forward, so that no answer needs a correction.
     feeds: bool,
-    /// Number of corrections since digits were last added to the factor, or since the start.
-    corrections: u32,
+    /// Cost of corrections and of feeding residuals forward since digits were last added to the
+    /// factor, or since the start, in solves divided by [`FED_STEPS`].
+    spent: u32,
     correction: Correction,
 }
 
@@ -268,7 +272,7 @@ impl<E: Engine> CheckedSolver<E> {
             check: kkt::KktCheck::new(engine, matrix)?,
             has_accurate_products: !solver.has_twice_the_digits() && solver.factor_error() <= MAX_FED_ERROR,
             feeds: false,
-            corrections: 0,
+            spent: 0,
             correction: Correction::default(),
             solver,
         })
@@ -364,8 +368,9 @@ impl<E: Engine> CheckedSolver<E> {
                 self.measure(engine, problem, more, answer, product)?;
             }
         }
-        if self.corrections > 0 && self.solver.cost_of_digits().is_some_and(|cost| self.corrections >= cost) {
-            self.corrections = 0;
+        self.spent = self.spent.saturating_add(u32::from(self.feeds));
+        if self.spent > 0 && self.solver.cost_of_digits().is_some_and(|cost| self.spent / FED_STEPS >= cost) {
+            self.spent = 0;
             self.solver.add_digits(engine, problem.matrix)?;
         }
         Ok(report)
@@ -411,7 +416,7 @@ impl<E: Engine> CheckedSolver<E> {
         if !engine.comm().all_reduce_all(is_answer) {
             return Ok(0);
         }
-        self.corrections = self.corrections.saturating_add(1);
+        self.spent = self.spent.saturating_add(FED_STEPS);
         if uncorrected.is_empty() {
             uncorrected.extend(residual.iter().map(|r| -r));
             problem.bounds.dofs.iter().zip(&**reaction).for_each(|(&dof, r)| uncorrected[dof] -= r);
@@ -445,7 +450,7 @@ impl<E: Engine> CheckedSolver<E> {
         bounds: &Bounds,
         archive: &mut Archive,
     ) -> Result<()> {
-        archive.value(&mut self.corrections)?;
+        archive.value(&mut self.spent)?;
         self.solver.archive(engine, matrix, bounds, archive)
     }
 }
