@@ -18,9 +18,6 @@ use std::rc::Rc;
 /// Largest number of exchanges on a mesh. Wherever they end, the next mesh goes on from there.
 const MOST_EXCHANGES: usize = 16;
 
-/// Relative tolerance of the solves, which only have to find the active dofs.
-const ROUGH: f64 = 1e-2;
-
 /// Weight of the nodes without contact below which all nodes of an interpolation touch.
 const NO_WEIGHT: f64 = 1e-6;
 
@@ -201,7 +198,7 @@ impl HeldSystem {
             residual.scale(-1.0)?;
             residual.add_scaled(1.0, b)?;
             residual.with_local_mut(|residual| dofs.iter().for_each(|&dof| residual[dof] = 0.0))?;
-            solver.solve_to(ROUGH, 0.0, residual, increment)?;
+            solver.solve_roughly(residual, increment)?;
             x.add_scaled(1.0, increment)?;
             matrix.multiply(x, residual)?;
             residual.add_scaled(-1.0, b)?;

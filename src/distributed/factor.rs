@@ -14,9 +14,6 @@ use faer::Mat;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-/// Relative tolerance of solves that only have to find the active dofs.
-const ROUGH: f64 = 1e-2;
-
 /// Share of the tolerance at which the correction of an answer ends, whose start was not zero.
 const MARGIN: f64 = 0.1;
 
@@ -28,8 +25,16 @@ const MARGIN: f64 = 0.1;
 /// do not find them again.
 const MAX_SCHUR_ERROR: f64 = 1e-6;
 
-/// Tolerances of solves that end at that of the solver.
-const EXACT: [f64; 2] = [0.0; 2];
+/// Criterion at which a solve by iteration ends.
+#[derive(Clone, Copy)]
+enum StoppingCriterion {
+    /// The tolerance of the solver.
+    Exact,
+    /// Enough to find the active dofs.
+    Rough,
+    /// This error in the energy norm, where the method measures that.
+    UpTo(f64),
+}
 
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
@@ -118,9 +123,8 @@ impl DistributedFactor {
         &self.matrix
     }
 
-    /// Solves for the right-hand side in x, with pinned dofs or without, to a relative and an
-    /// absolute tolerance in the energy norm where these are larger than that of the solver.
-    fn solve_with(&mut self, pinned: bool, tolerances: [f64; 2], x: &mut [f64]) -> Result<()> {
+    /// Solves for the right-hand side in x, with pinned dofs or without.
+    fn solve_with(&mut self, pinned: bool, criterion: StoppingCriterion, x: &mut [f64]) -> Result<()> {
         let solver = match &mut self.pinned {
             Some((_, solver)) if pinned && self.holds => solver,
             _ => &mut self.solver,
@@ -134,11 +138,10 @@ impl DistributedFactor {
         };
         let values: Vec<f64> = held.iter().map(|&dof| std::mem::take(&mut x[dof])).collect();
         self.right.set_local(x)?;
-        let [relative, absolute] = tolerances;
-        if tolerances == EXACT {
-            solver.solve(&self.right, &mut self.solution)?;
-        } else {
-            solver.solve_to(relative, absolute, &self.right, &mut self.solution)?;
+        match criterion {
+            StoppingCriterion::Exact => solver.solve(&self.right, &mut self.solution)?,
+            StoppingCriterion::Rough => solver.solve_roughly(&self.right, &mut self.solution)?,
+            StoppingCriterion::UpTo(error) => solver.solve_to(error, &self.right, &mut self.solution)?,
         }
         if self.linear.method() != LinearMethod::Direct {
             let mut solves = self.solves.get();
@@ -245,19 +248,19 @@ fn solver(
 
 impl Factor for DistributedFactor {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
-        self.solve_with(true, EXACT, x)
+        self.solve_with(true, StoppingCriterion::Exact, x)
     }
 
     fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
         let is_exact = !self.prefers_pinning();
-        self.solve_with(true, if is_exact { EXACT } else { [ROUGH, 0.0] }, x)?;
+        self.solve_with(true, if is_exact { StoppingCriterion::Exact } else { StoppingCriterion::Rough }, x)?;
         Ok(is_exact)
     }
 
     fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
         let ends_early = self.prefers_pinning() && self.solver.measures_energy()?;
-        let absolute = if ends_early { MARGIN * norm * self.solver.tolerance()? } else { 0.0 };
-        self.solve_with(true, [0.0, absolute], x)
+        let error = if ends_early { MARGIN * norm * self.solver.tolerance()? } else { 0.0 };
+        self.solve_with(true, StoppingCriterion::UpTo(error), x)
     }
 
     fn known_error(&self) -> Option<f64> {
@@ -280,7 +283,7 @@ impl Factor for DistributedFactor {
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         let mut free = std::mem::take(&mut self.free);
         free.copy_from_slice(b);
-        self.solve_with(false, EXACT, &mut free)?;
+        self.solve_with(false, StoppingCriterion::Exact, &mut free)?;
         self.free = free;
         self.free_contact_dofs = self.flexibility.gather(&self.free);
         self.condensed = self.flexibility.times_schur(&self.free_contact_dofs);
@@ -298,7 +301,7 @@ impl Factor for DistributedFactor {
             subtract(&self.condensed, &mut forces);
             if !self.flexibility.add_displacement(&forces, x) {
                 self.flexibility.put_forces(&forces, x);
-                self.solve_with(false, EXACT, x)?;
+                self.solve_with(false, StoppingCriterion::Exact, x)?;
                 add(&self.free, x);
             }
         }
