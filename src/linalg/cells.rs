@@ -358,8 +358,11 @@ impl Rows {
     /// Returns the velocities of the first and the second cells, C^-1 B local.
     #[inline(always)]
     fn velocities<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; 2] {
-        let second = |row: &MassRow| row.momenta(simd, local) * row.inverses;
-        [second(&self.first), self.second.as_ref().map_or_else(Lanes::default, second)]
+        let first = self.first.momenta(simd, local) * self.first.inverses;
+        match &self.second {
+            None => [first, Lanes::default()],
+            Some(row) => [first, row.momenta(simd, local) * row.inverses],
+        }
     }
 
     /// Computes result = B^T v.

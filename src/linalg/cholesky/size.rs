@@ -1,7 +1,6 @@
 //! Memory of a factor, known before the factorisation.
 
 use crate::error::Result;
-use crate::linalg::double_double::DoubleDouble;
 use crate::memory;
 use faer::Par;
 use faer::sparse::linalg::cholesky::SymbolicCholesky;
@@ -23,11 +22,7 @@ impl Size {
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
         let tail = 2 * contact_dofs * contact_dofs;
         let kept = size_of::<f64>() * (entries + tail + 4 * dofs);
-        let passing = if twice {
-            size_of::<DoubleDouble>() * entries + size_of::<f64>() * entries
-        } else {
-            scratch.unaligned_bytes_required()
-        };
+        let passing = if twice { size_of::<f64>() * entries } else { scratch.unaligned_bytes_required() };
         Size { entries, kept: kept as u64, passing: passing as u64 }
     }
 }
