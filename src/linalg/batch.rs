@@ -190,8 +190,10 @@ impl Batches {
 
     /// Creates the batches of some cells.
     ///
-    /// Units of one class that lie in a row form a batch, and all batches of one class share one
-    /// panel. The units left over from all classes are packed together with one panel per batch.
+    /// A unit is a cell, or a pair of triangles that are multiplied as one. Units with equal
+    /// classes that lie in a row form batches of eight, which share the local values of one panel.
+    /// So do other units with equal classes, eight at a time; what is left of all classes is packed
+    /// into batches that have a panel each.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let units = units(&cells, BARE);
         let mut batches = Batches::of(cells, units);

@@ -14,12 +14,12 @@
 //!
 //! # Digits
 //!
-//! Rounding the entries of A costs as many digits as the condition number of A has, of slow motions
-//! on fine meshes all but a few. Answers that lose too many are corrected by their residual, at one
-//! solve each, or a scheme feeds their residuals forward, at some passes over vectors. Once this
-//! has cost as much as a factorisation with twice the digits, that follows, so that both together
-//! never cost more than twice the cheaper one. Rounding the entries of its factor costs only half
-//! as many digits, and answers need no more care.
+//! Rounding the entries of A costs as many digits as its condition number has, which on fine meshes
+//! are most of those of slow motions. Answers that lose too many are corrected by their residual,
+//! at one solve each, or a scheme feeds their residuals forward, at some passes over vectors. Once
+//! this has taken as long as a factorisation with twice the digits would, the matrix is factored
+//! so. Both together then never take more than twice as long as the quicker one. Rounding the
+//! entries of that factor costs only half as many digits, and its answers are not corrected.
 
 mod active_set;
 pub mod compliance;
@@ -176,7 +176,7 @@ const MAX_FACTOR_ERROR: f64 = 3e-11;
 /// next steps in place of corrections, dimensionless: each factor is then good for six digits of
 /// the residuals.
 const MAX_FED_ERROR: f64 = 1e-6;
-/// Number of steps that cost a solve more together where they feed residuals forward.
+/// Number of steps whose feeding of residuals takes as long as one solve.
 const FED_STEPS: u32 = 32;
 /// Upper limit of the KKT residual that is reported in place of the residual, dimensionless.
 const CLEAR_LIMIT: f64 = 1e-12;
@@ -228,8 +228,9 @@ pub struct CheckedSolver<E: Engine> {
     has_accurate_products: bool,
     /// Whether the caller feeds residuals forward, so that no answer needs a correction.
     feeds: bool,
-    /// Cost of corrections and of feeding residuals forward since digits were last added to the
-    /// factor, or since the start, in solves divided by [`FED_STEPS`].
+    /// Time that corrections and feeding residuals have taken since digits were last added, or
+    /// since the start. The unit is that of feeding the residuals of one step, so that one
+    /// correction takes [`FED_STEPS`].
     spent: u32,
     correction: Correction,
 }

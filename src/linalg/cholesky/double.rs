@@ -43,7 +43,8 @@ impl WithSimd for PanelFactorisation<'_> {
             if !factor_panel(simd, columns, (width, height), &mut products) {
                 return false;
             }
-            // What each row below takes from the panel goes into that row's own column.
+            // The products of each row below the panel with itself and the rows after it are
+            // subtracted from that row's own column.
             let pattern = &patterns[s.pattern..][..s.rows];
             let mut last = None;
             for (k, &column) in pattern.iter().enumerate() {
