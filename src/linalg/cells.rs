@@ -5,29 +5,18 @@
 //! one unit of a batch, see [`super::joined`]. All vectors over the dofs are in layout order, see
 //! [`super::batch`].
 
+use super::ElementMatrix;
 use super::batch::{Batch, Batches};
 use super::joined::{Cell, Unit};
-use super::lane_values::{LANES, Lanes};
+use super::lane_values::{LANES, Lanes, interleave};
+use super::scratch::{Room, Scratch};
 use super::strains::Strains;
-use super::{ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
-use std::borrow::Cow;
 use std::rc::Rc;
-
-/// Interleaves the values of eight units, one unit per lane.
-fn interleave(values: &[Cow<[f64]>; LANES]) -> Vec<Lanes> {
-    let mut panel = vec![Lanes::default(); values[0].len()];
-    for (lane, values) in values.iter().enumerate() {
-        for (slot, value) in panel.iter_mut().zip(&**values) {
-            slot.0[lane] = *value;
-        }
-    }
-    panel
-}
 
 /// Local matrices of eight cells.
 #[derive(Debug, Clone)]
-struct Panel {
+pub(super) struct Panel {
     matrix: Vec<Lanes>,
     /// Factored representation that is applied instead of the matrix, if there is one.
     strains: Option<Strains>,
@@ -55,7 +44,7 @@ impl Panel {
 
     /// Computes result = A local and returns local^T A local.
     #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
             return strains.apply(simd, local, result);
         }
@@ -84,7 +73,7 @@ impl Panel {
 
     /// Adds scale A local to y and scale |A| |local| to m.
     #[inline(always)]
-    fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
+    pub fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
         let Room { work, result, y, m } = room;
         if self.is_diagonal {
             let diagonal = self.matrix.iter().step_by(local.len() + 1);
@@ -191,6 +180,23 @@ impl CellForm {
         CellForm { batches, panels, blocks }
     }
 
+    /// Returns the same form with other batches of its cells.
+    pub(super) fn with_batches(&self, batches: impl FnOnce(Vec<Cell>) -> Rc<Batches>) -> CellForm {
+        let cells = self.blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
+        CellForm::new(batches(cells), self.blocks.clone())
+    }
+
+    /// Returns the batches of the cells.
+    pub(super) fn batches(&self) -> &Rc<Batches> {
+        &self.batches
+    }
+
+    /// Returns the local matrices of a batch.
+    #[inline(always)]
+    pub(super) fn panel(&self, batch: &Batch) -> &Panel {
+        &self.panels[batch.panel]
+    }
+
     /// Returns the cells' contributions, for assembly.
     pub fn blocks(&self) -> &[ElementMatrix] {
         &self.blocks
@@ -236,470 +242,8 @@ impl CellForm {
         (local, Room { result, .. }): (&mut [Lanes], Room),
     ) -> Lanes {
         batch.gather(x, local);
-        let form = self.panels[batch.panel].apply(simd, local, result);
+        let form = self.panel(batch).apply(simd, local, result);
         batch.scatter(simd, [result], [y]);
         form
-    }
-}
-
-/// Rows of B of eight cells, one entry per dof of their units, and the inverses of their entries of
-/// C.
-#[derive(Debug, Clone)]
-struct MassRow {
-    row: Vec<Lanes>,
-    inverses: Lanes,
-}
-
-impl MassRow {
-    /// Collects the rows of one cell of each unit.
-    fn new(cells: [(&Unit, usize); LANES], rows: &[SingularMassCell]) -> MassRow {
-        MassRow {
-            row: interleave(&cells.map(|(unit, cell)| unit.expanded(cell, &rows[cell].row))),
-            inverses: Lanes(cells.map(|(_, cell)| 1.0 / rows[cell].mass)),
-        }
-    }
-
-    /// Returns the momentum of each cell, B local.
-    #[inline(always)]
-    fn momenta<S: Simd>(&self, simd: S, local: &[Lanes]) -> Lanes {
-        let mut momenta = Lanes::default();
-        let (rows, rest) = self.row[..local.len()].as_chunks::<3>();
-        let (nodes, others) = local.as_chunks::<3>();
-        for part in 0..LANES / S::F64_LANES {
-            // Three sums do not wait for each other.
-            let mut sums = [simd.splat_f64s(0.0); 3];
-            for (b, value) in rows.iter().zip(nodes) {
-                for k in 0..3 {
-                    sums[k] =
-                        simd.mul_add_f64s(b[k].register::<S>(part), value[k].register::<S>(part), sums[k]);
-                }
-            }
-            for (b, value) in rest.iter().zip(others) {
-                sums[0] = simd.mul_add_f64s(b.register::<S>(part), value.register::<S>(part), sums[0]);
-            }
-            *momenta.register_mut::<S>(part) = simd.add_f64s(sums[0], simd.add_f64s(sums[1], sums[2]));
-        }
-        momenta
-    }
-
-    /// Computes result = B^T v.
-    #[inline(always)]
-    fn spread<S: Simd>(&self, simd: S, v: Lanes, result: &mut [Lanes]) {
-        for (value, b) in result.iter_mut().zip(&self.row) {
-            for part in 0..LANES / S::F64_LANES {
-                *value.register_mut::<S>(part) = simd.mul_f64s(b.register::<S>(part), v.register::<S>(part));
-            }
-        }
-    }
-
-    /// Adds B^T v to the result.
-    #[inline(always)]
-    fn add_spread<S: Simd>(&self, simd: S, v: Lanes, result: &mut [Lanes]) {
-        for (value, b) in result.iter_mut().zip(&self.row) {
-            for part in 0..LANES / S::F64_LANES {
-                let value = value.register_mut::<S>(part);
-                *value = simd.mul_add_f64s(b.register::<S>(part), v.register::<S>(part), *value);
-            }
-        }
-    }
-
-    /// Adds scale M local to y and scale |M| |local| to m.
-    #[inline(always)]
-    fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
-        let row = &self.row[..local.len()];
-        let (mut v, mut magnitude) = (Lanes::default(), Lanes::default());
-        for (b, value) in row.iter().zip(local) {
-            let term = *b * *value;
-            v += term;
-            magnitude += term.abs();
-        }
-        let factor = scale * self.inverses;
-        let (v, magnitude) = (v * factor, magnitude * factor);
-        for ((y, m), b) in y.iter_mut().zip(m).zip(row) {
-            *y += *b * v;
-            *m += b.abs() * magnitude;
-        }
-    }
-}
-
-/// Rows of eight units: those of their cells, or of the first and the second cell of each pair.
-#[derive(Debug, Clone)]
-struct Rows {
-    first: MassRow,
-    second: Option<MassRow>,
-}
-
-impl Rows {
-    fn new(units: [&Unit; LANES], rows: &[SingularMassCell]) -> Rows {
-        let second = |unit: &Unit| unit.second.map_or(unit.cell, |(cell, _)| cell);
-        Rows {
-            first: MassRow::new(units.map(|unit| (unit, unit.cell)), rows),
-            // Either all units of a panel are pairs or none is.
-            second: units[0].second.map(|_| MassRow::new(units.map(|unit| (unit, second(unit))), rows)),
-        }
-    }
-
-    /// Computes result = scale M local and returns local^T M local.
-    #[inline(always)]
-    fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
-        let momenta = self.first.momenta(simd, local);
-        let v = momenta * self.first.inverses;
-        let Some(row) = &self.second else {
-            self.first.spread(simd, scale * v, result);
-            return momenta * v;
-        };
-        let others = row.momenta(simd, local);
-        let w = others * row.inverses;
-        self.first.spread(simd, scale * v, result);
-        row.add_spread(simd, scale * w, result);
-        momenta * v + others * w
-    }
-
-    /// Returns the velocities of the first and the second cells, C^-1 B local.
-    #[inline(always)]
-    fn velocities<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; 2] {
-        let first = self.first.momenta(simd, local) * self.first.inverses;
-        match &self.second {
-            None => [first, Lanes::default()],
-            Some(row) => [first, row.momenta(simd, local) * row.inverses],
-        }
-    }
-
-    /// Computes result = B^T v.
-    #[inline(always)]
-    fn spread<S: Simd>(&self, simd: S, [first, second]: [Lanes; 2], result: &mut [Lanes]) {
-        self.first.spread(simd, first, result);
-        if let Some(row) = &self.second {
-            row.add_spread(simd, second, result);
-        }
-    }
-
-    /// Adds scale M local to y and scale |M| |local| to m.
-    #[inline(always)]
-    fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
-        self.first.add_with_magnitude(scale, local, y, m);
-        if let Some(row) = &self.second {
-            row.add_with_magnitude(scale, local, y, m);
-        }
-    }
-}
-
-/// Singular mass `$M = B^T C^{-1} B$`, with one average velocity per cell.
-#[derive(Debug, Clone)]
-pub struct SingularMassCells {
-    batches: Rc<Batches>,
-    panels: Rc<[Rows]>,
-    masses: Rc<[f64]>,
-    rows: Rc<[SingularMassCell]>,
-}
-
-impl SingularMassCells {
-    /// Collects the rows of B and the diagonal of C, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
-        let rows = rows.into();
-        let panels = batches.panels().map(|units| Rows::new(units, &rows)).collect();
-        let masses = rows.iter().map(|row| row.mass).collect();
-        SingularMassCells { batches, panels, masses, rows }
-    }
-
-    /// Returns the rows of B and entries of C, for assembly.
-    pub fn rows(&self) -> &[SingularMassCell] {
-        &self.rows
-    }
-
-    /// Returns the number of cells.
-    pub fn cells(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// Returns the diagonal of C, the masses of the cells, in kg.
-    pub fn masses(&self) -> &[f64] {
-        &self.masses
-    }
-
-    /// Adds M x to y and returns x^T M x.
-    #[inline(always)]
-    pub(super) fn add_product<S: Simd>(
-        &self,
-        simd: S,
-        x: &[f64],
-        y: &mut [f64],
-        scratch: &mut Scratch,
-    ) -> f64 {
-        let mut form = Lanes::default();
-        for batch in &self.batches.list {
-            let (local, Room { result, .. }) = scratch.split(batch.size());
-            let rows = &self.panels[batch.panel];
-            batch.gather(x, local);
-            form += rows.apply(simd, 1.0, local, result);
-            batch.scatter(simd, [result], [y]);
-        }
-        form.sum()
-    }
-
-    /// Computes V = C^-1 B x.
-    #[inline(always)]
-    pub(super) fn project<S: Simd>(&self, simd: S, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
-        for batch in &self.batches.list {
-            let (local, _) = scratch.split(batch.size());
-            batch.gather(x, local);
-            let velocities = self.panels[batch.panel].velocities(simd, local);
-            for (velocities, cells) in velocities.iter().zip(&batch.cells) {
-                for (velocity, &cell) in velocities.0.iter().zip(cells) {
-                    if let Some(v) = v.get_mut(cell as usize) {
-                        *v = *velocity;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Adds B^T V to y.
-    #[inline(always)]
-    pub(super) fn add_momentum<S: Simd>(&self, simd: S, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
-        for batch in &self.batches.list {
-            let (_, Room { result, .. }) = scratch.split(batch.size());
-            let of = |cell: u32| v.get(cell as usize).copied().unwrap_or(0.0);
-            self.panels[batch.panel].spread(simd, batch.cells.map(|cells| Lanes(cells.map(of))), result);
-            batch.scatter(simd, [result], [y]);
-        }
-    }
-
-    /// Returns V^T C V, twice the kinetic energy.
-    pub(super) fn mass_norm_squared(&self, v: &[f64]) -> f64 {
-        self.masses.iter().zip(v).map(|(c, v)| c * v * v).sum()
-    }
-}
-
-/// Symmetric form of the native engine. Clones share its cells.
-#[derive(Debug, Clone)]
-pub enum Form {
-    /// Form of dense local matrices, such as K or M_r.
-    Cells(CellForm),
-    /// Singular mass `$B^T C^{-1} B$`, of rank one per cell.
-    SingularMassCells(SingularMassCells),
-    /// Singular mass of the lowest modes, of rank one per mode.
-    Modal {
-        /// Consistent mass of the modes, which takes the place of the singular one wherever entries
-        /// of a sparse matrix are needed.
-        consistent: CellForm,
-        /// Modes that carry the inertia.
-        modes: Rc<MassModes>,
-    },
-}
-
-impl Form {
-    /// Returns the same form with other batches of its cells; `None` for a modal mass.
-    pub(super) fn with_batches(&self, batches: impl FnOnce(Vec<Cell>) -> Rc<Batches>) -> Option<Form> {
-        match self {
-            Form::Cells(form) => {
-                let cells = form.blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
-                Some(Form::Cells(CellForm::new(batches(cells), form.blocks.clone())))
-            }
-            Form::SingularMassCells(form) => {
-                let cells = form.rows.iter().map(|row| (row.dofs.clone(), row.class)).collect();
-                Some(Form::SingularMassCells(SingularMassCells::new(batches(cells), form.rows.clone())))
-            }
-            Form::Modal { .. } => None,
-        }
-    }
-
-    /// Returns whether both forms have the same contributions of cells, bit for bit. Modal masses
-    /// are not compared, and are never equal.
-    pub fn equals(&self, other: &Form) -> bool {
-        match (self, other) {
-            (Form::Cells(own), Form::Cells(other)) => own.blocks == other.blocks,
-            (Form::SingularMassCells(own), Form::SingularMassCells(other)) => own.rows == other.rows,
-            (Form::Modal { consistent: own, modes }, Form::Modal { consistent: other, modes: of_other }) => {
-                own.blocks == other.blocks
-                    && modes.squares == of_other.squares
-                    && modes.shapes == of_other.shapes
-            }
-            _ => false,
-        }
-    }
-
-    fn batches(&self) -> &Rc<Batches> {
-        match self {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => &cells.batches,
-            Form::SingularMassCells(averages) => &averages.batches,
-        }
-    }
-}
-
-/// Adds A x to y and |A| |x| to m for a sum of forms. Successive forms over the same cells are
-/// applied in one pass over their batches.
-#[inline(always)]
-pub(super) fn add_with_magnitude<S: Simd>(
-    simd: S,
-    sum: &[(f64, &Form)],
-    x: &[f64],
-    y: &mut [f64],
-    m: &mut [f64],
-    scratch: &mut Scratch,
-) {
-    let mut sums = ProductSums { y, m };
-    let mut rest = sum;
-    while let [(_, first), ..] = rest {
-        let mut count = 1;
-        while count < rest.len() && Rc::ptr_eq(rest[count].1.batches(), first.batches()) {
-            count += 1;
-        }
-        for batch in &first.batches().list {
-            let forms = &rest[..count];
-            match batch.size() {
-                9 => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(9)),
-                12 => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(12)),
-                size => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(size)),
-            }
-        }
-        rest = &rest[count..];
-    }
-}
-
-/// Vectors to which A x and |A| |x| are added, one entry per dof.
-struct ProductSums<'a> {
-    y: &'a mut [f64],
-    m: &'a mut [f64],
-}
-
-/// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
-/// plate elements have.
-#[inline(always)]
-fn add_batch_with_magnitude<S: Simd>(
-    simd: S,
-    batch: &Batch,
-    forms: &[(f64, &Form)],
-    x: &[f64],
-    sums: &mut ProductSums,
-    (local, mut room): (&mut [Lanes], Room),
-) {
-    batch.gather(x, local);
-    room.y.fill(Lanes::default());
-    room.m.fill(Lanes::default());
-    for &(scale, form) in forms {
-        match form {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panels[batch.panel].add_with_magnitude(simd, scale, local, room.reborrow());
-            }
-            Form::SingularMassCells(averages) => {
-                averages.panels[batch.panel].add_with_magnitude(scale, local, room.y, room.m);
-            }
-        }
-    }
-    batch.scatter(simd, [room.y, room.m], [sums.y, sums.m]);
-}
-
-/// Adds `part` x to z, with `part` one form of a sum, and the weighted products of x with all other
-/// forms to y. Successive forms over the same cells are applied in one pass over their batches.
-#[inline(always)]
-pub(super) fn add_with_part<S: Simd>(
-    simd: S,
-    sum: &[(f64, &Form)],
-    part: &Form,
-    x: &[f64],
-    (y, z): (&mut [f64], &mut [f64]),
-    scratch: &mut Scratch,
-) {
-    let mut products = PartProducts { part, y, z };
-    for forms in sum.chunk_by(|(_, a), (_, b)| Rc::ptr_eq(a.batches(), b.batches())) {
-        for batch in &forms[0].1.batches().list {
-            match batch.size() {
-                9 => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(9)),
-                12 => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(12)),
-                size => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(size)),
-            }
-        }
-    }
-}
-
-/// Vectors to which the product of one form, z, and those of all others, y, are added, one entry
-/// per dof.
-struct PartProducts<'a> {
-    part: &'a Form,
-    y: &'a mut [f64],
-    z: &'a mut [f64],
-}
-
-/// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
-/// plate elements have.
-#[inline(always)]
-fn add_batch_with_part<S: Simd>(
-    simd: S,
-    batch: &Batch,
-    forms: &[(f64, &Form)],
-    x: &[f64],
-    products: &mut PartProducts,
-    (local, Room { work, result, y, .. }): (&mut [Lanes], Room),
-) {
-    batch.gather(x, local);
-    let (mut has_part, mut has_others) = (false, false);
-    for &(scale, form) in forms {
-        let is_part = std::ptr::eq(form, products.part);
-        let scale = if is_part { 1.0 } else { scale };
-        let term = match (is_part, has_others) {
-            (true, _) => &mut *result,
-            (false, false) => &mut *y,
-            (false, true) => &mut *work,
-        };
-        match form {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panels[batch.panel].apply(simd, local, term);
-                if !is_part {
-                    term.iter_mut().for_each(|term| *term = scale * *term);
-                }
-            }
-            Form::SingularMassCells(averages) => {
-                let rows = &averages.panels[batch.panel];
-                rows.apply(simd, scale, local, term);
-            }
-        }
-        if !is_part && has_others {
-            y.iter_mut().zip(&*work).for_each(|(sum, term)| *sum += *term);
-        }
-        has_part |= is_part;
-        has_others |= !is_part;
-    }
-    match (has_part, has_others) {
-        (true, true) => batch.scatter(simd, [result, y], [&mut *products.z, &mut *products.y]),
-        (true, false) => batch.scatter(simd, [result], [&mut *products.z]),
-        (false, _) => batch.scatter(simd, [y], [&mut *products.y]),
-    }
-}
-
-/// Scratch space for the local vectors of one batch.
-#[derive(Debug, Default)]
-pub(super) struct Scratch {
-    lanes: Vec<Lanes>,
-}
-
-/// Scratch vectors beside the cells' own dofs.
-struct Room<'a> {
-    work: &'a mut [Lanes],
-    result: &'a mut [Lanes],
-    y: &'a mut [Lanes],
-    m: &'a mut [Lanes],
-}
-
-impl Room<'_> {
-    #[inline(always)]
-    fn reborrow(&mut self) -> Room<'_> {
-        Room { work: self.work, result: self.result, y: self.y, m: self.m }
-    }
-}
-
-impl Scratch {
-    /// Makes room for cells of up to `size` dofs.
-    pub fn reserve(&mut self, size: usize) {
-        self.lanes.resize((5 * size).max(self.lanes.len()), Lanes::default());
-    }
-
-    #[inline(always)]
-    fn split(&mut self, size: usize) -> (&mut [Lanes], Room<'_>) {
-        let (local, rest) = self.lanes[..5 * size].split_at_mut(size);
-        let (work, rest) = rest.split_at_mut(size);
-        let (result, rest) = rest.split_at_mut(size);
-        let (y, m) = rest.split_at_mut(size);
-        (local, Room { work, result, y, m })
     }
 }

@@ -1,6 +1,7 @@
 //! Eight numbers side by side, which vector registers of any width compute with at once.
 
 use pulp::Simd;
+use std::borrow::Cow;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Number of lanes, and of the cells of a batch.
@@ -108,6 +109,17 @@ impl Lanes {
     pub fn sum(self) -> f64 {
         self.0.iter().sum()
     }
+}
+
+/// Interleaves the values of eight units, one unit per lane.
+pub(super) fn interleave(values: &[Cow<[f64]>; LANES]) -> Vec<Lanes> {
+    let mut panel = vec![Lanes::default(); values[0].len()];
+    for (lane, values) in values.iter().enumerate() {
+        for (slot, value) in panel.iter_mut().zip(&**values) {
+            slot.0[lane] = *value;
+        }
+    }
+    panel
 }
 
 impl Add for Lanes {

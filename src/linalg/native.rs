@@ -1,12 +1,15 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
 use super::batch::Batches;
-use super::cells::{self, CellForm, Form, Scratch, SingularMassCells};
+use super::cells::CellForm;
 use super::cholesky;
 use super::double_double::DoubleDouble;
+use super::form::{self, Form};
 use super::joined::Cell;
 use super::lane_values::LANES;
 use super::layout::Layout;
+use super::scratch::Scratch;
+use super::singular_mass::SingularMassCells;
 use super::{
     Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, RowCoupling, SingularMassCell, vectors,
 };
@@ -17,68 +20,6 @@ use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use pulp::{Arch, Simd, WithSimd};
 use std::cell::RefCell;
 use std::rc::Rc;
-
-impl Form {
-    /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
-    pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
-        match self {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
-                    visit_lower(dofs, |i, j| matrix[i * dofs.len() + j], &mut visit);
-                }
-            }
-            Form::SingularMassCells(averages) => {
-                for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
-                    visit_lower(dofs, |i, j| row[i] * row[j] / mass, &mut visit);
-                }
-            }
-        }
-    }
-
-    /// Calls `visit` as [`Form::for_each_lower`] does, in double-double arithmetic: these are the
-    /// entries of the operator that products apply, which may differ from the rounded local
-    /// matrices.
-    fn for_each_lower_twice(&self, mut visit: impl FnMut(usize, usize, DoubleDouble)) {
-        match self {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                for ElementMatrix { dofs, matrix, bending, .. } in cells.blocks() {
-                    match bending {
-                        None => visit_lower(dofs, |i, j| matrix[i * dofs.len() + j].into(), &mut visit),
-                        Some(bending) => {
-                            let strains = bending.strains();
-                            let dot = |a: &[DoubleDouble], b: &[DoubleDouble]| {
-                                a.iter().zip(b).map(|(a, b)| *a * *b).sum()
-                            };
-                            visit_lower(dofs, |i, j| dot(&strains[i], &strains[j]), &mut visit);
-                        }
-                    }
-                }
-            }
-            Form::SingularMassCells(averages) => {
-                for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
-                    let entry = |i: usize, j: usize| DoubleDouble::product(row[i], row[j]) / (*mass).into();
-                    visit_lower(dofs, entry, &mut visit);
-                }
-            }
-        }
-    }
-}
-
-/// Calls `visit` for the entries of a cell's matrix that lie in the global lower triangle.
-fn visit_lower<V>(
-    dofs: &[Option<usize>],
-    entry: impl Fn(usize, usize) -> V,
-    visit: &mut impl FnMut(usize, usize, V),
-) {
-    for (i, row) in dofs.iter().enumerate() {
-        let Some(row) = *row else { continue };
-        for (j, column) in dofs.iter().enumerate() {
-            if let Some(column) = column.filter(|&column| row >= column) {
-                visit(row, column, entry(i, j));
-            }
-        }
-    }
-}
 
 /// Engine of one process, which owns all dofs.
 #[derive(Debug)]
@@ -227,7 +168,7 @@ impl WithSimd for WithMagnitude<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        cells::add_with_magnitude(simd, self.sum.terms(), self.x, self.y, self.m, self.scratch);
+        form::add_with_magnitude(simd, self.sum.terms(), self.x, self.y, self.m, self.scratch);
     }
 }
 
@@ -246,7 +187,7 @@ impl WithSimd for WithPart<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        cells::add_with_part(simd, self.sum.terms(), self.part, self.x, self.products, self.scratch);
+        form::add_with_part(simd, self.sum.terms(), self.part, self.x, self.products, self.scratch);
     }
 }
 
