@@ -12,8 +12,12 @@
 //! The energy is convex with a continuous second derivative, so that a step remains a convex
 //! problem. Rigid bounds are the limit of infinite k.
 
+mod dofs_in_reach;
+
+pub use dofs_in_reach::DofsInReach;
+
 use crate::error::{Error, Result};
-use crate::linalg::vectors::largest;
+use crate::linalg::vectors::{Largest, largest};
 
 /// Reaction of Hertz's law for a stiffness k (N/m^1.5) and a depth d (m), in N.
 pub fn hertz_force(k: f64, d: f64) -> f64 {
@@ -35,7 +39,7 @@ pub fn hertz_tangent(k: f64, d: f64) -> f64 {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Bounds {
     /// Dofs in reach of an obstacle, ascending: the rows of G.
-    pub dofs: Vec<usize>,
+    pub dofs: DofsInReach,
     /// Lower bounds, in m.
     pub lower: Vec<f64>,
     /// Upper bounds, in m.
@@ -52,7 +56,13 @@ impl Bounds {
     /// Creates the same bounds on each dof.
     pub fn uniform(dofs: Vec<usize>, lower: f64, upper: f64) -> Bounds {
         let count = dofs.len();
-        Bounds { dofs, lower: vec![lower; count], upper: vec![upper; count], size: 0.0, hertz: None }
+        Bounds {
+            dofs: dofs.into_iter().collect(),
+            lower: vec![lower; count],
+            upper: vec![upper; count],
+            size: 0.0,
+            hertz: None,
+        }
     }
 
     /// Returns the number of bounded dofs.
@@ -139,21 +149,53 @@ impl Bounds {
         }
     }
 
-    /// Sets the bounds to those of `others`, over the same dofs, mapped by a function of dof and
-    /// bound.
-    pub fn shift(&mut self, others: &Bounds, map: impl Fn(usize, f64) -> f64) {
-        let own = self.lower.iter_mut().zip(&mut self.upper);
-        let others = others.dofs.iter().zip(others.lower.iter().zip(&others.upper));
-        for ((own_lower, own_upper), (&dof, (lower, upper))) in own.zip(others) {
-            (*own_lower, *own_upper) = (map(dof, *lower), map(dof, *upper));
-        }
+    /// Sets the bounds to those on x for which `u + c x + s d` is within `others`, over the same
+    /// dofs.
+    pub fn pull_back(&mut self, others: &Bounds, [u, d]: [&[f64]; 2], [c, s]: [f64; 2]) {
+        let Bounds { dofs, lower, upper, .. } = others;
+        let factor = 1.0 / c;
+        dofs.map(
+            [u, d],
+            [lower, upper],
+            [&mut self.lower, &mut self.upper],
+            #[inline(always)]
+            |[u, d], bounds| bounds.map(|bound| factor * ((bound - u) - s * d)),
+        );
+    }
+
+    /// Sets the bounds to those of `others`, over the same dofs, relative to x.
+    pub fn shift(&mut self, others: &Bounds, x: &[f64]) {
+        let Bounds { dofs, lower, upper, .. } = others;
+        dofs.map(
+            [x],
+            [lower, upper],
+            [&mut self.lower, &mut self.upper],
+            #[inline(always)]
+            |[x], bounds| bounds.map(|bound| bound - x),
+        );
     }
 
     /// Computes G x.
     pub fn restrict(&self, x: &[f64], values: &mut [f64]) {
-        for (value, &dof) in values.iter_mut().zip(&self.dofs) {
-            *value = x[dof];
-        }
+        self.dofs.map(
+            [x],
+            [],
+            [values],
+            #[inline(always)]
+            |x, []| x,
+        );
+    }
+
+    /// Returns the largest magnitude of G x, and NaN if one is.
+    pub fn largest(&self, x: &[f64]) -> f64 {
+        let mut largest = Largest::default();
+        self.dofs.for_each(
+            x,
+            [],
+            #[inline(always)]
+            |x, []| largest.note(x),
+        );
+        largest.value()
     }
 
     /// Adds G^T r to y.
@@ -174,12 +216,16 @@ impl Bounds {
 
     /// Returns whether x lies beyond any bound, rigid or not.
     pub fn are_crossed(&self, x: &[f64]) -> bool {
-        let limits = self.lower.iter().zip(&self.upper);
-        // Without an early end the loop has no branches.
-        self.dofs
-            .iter()
-            .zip(limits)
-            .fold(false, |crossed, (&dof, (lower, upper))| crossed | (x[dof] < *lower) | (x[dof] > *upper))
+        // Without an early end the loop has no branches, and registers hold a number for each
+        // value.
+        let mut crossings = 0;
+        self.dofs.for_each(
+            x,
+            [&self.lower, &self.upper],
+            #[inline(always)]
+            |x, [lower, upper]| crossings |= u64::from((x < lower) | (x > upper)),
+        );
+        crossings > 0
     }
 
     /// Returns the largest finite magnitude of the bounds, or [`Bounds::size`] if that is larger,

@@ -89,6 +89,26 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
+/// Returns the scalar product of m with a x + b y, in eight sums that do not wait for each other.
+pub(crate) fn dot_of_sum(m: &[f64], [a, b]: [f64; 2], [x, y]: [&[f64]; 2]) -> f64 {
+    assert!(x.len() == m.len() && y.len() == m.len(), "vectors of different lengths");
+    let [(m, m_rest), (x, x_rest), (y, y_rest)] = [m, x, y].map(|of| of.as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (m, (x, y)) in m.iter().zip(x.iter().zip(y)) {
+        for k in 0..8 {
+            sums[k] += m[k] * (a * x[k] + b * y[k]);
+        }
+    }
+    let rest = m_rest.iter().zip(x_rest.iter().zip(y_rest));
+    rest.fold(sums.iter().sum(), |sum, (m, (x, y))| sum + m * (a * x + b * y))
+}
+
+/// Returns whether all entries are 0.
+pub(crate) fn is_zero(x: &[f64]) -> bool {
+    // Without an early end the loop has no branches, and registers hold a number for each value.
+    x.iter().fold(0, |others, value| others | u64::from(*value != 0.0)) == 0
+}
+
 /// Largest magnitude of some numbers, and NaN if one is: magnitudes order like their bits, with NaN
 /// last. Vector registers compare signed integers only.
 #[derive(Debug, Clone, Copy, Default)]
@@ -166,6 +186,17 @@ mod tests {
         assert_eq!(in_place(&hadamard), by_loop(&|x, y| x * y));
         assert_eq!(bits(&sum(&x, &y)), by_loop(&|x, y| x + y));
         assert_eq!(bits(&difference(&x, &y)), by_loop(&|x, y| x - y));
+    }
+
+    #[test]
+    fn a_dot_with_a_sum_counts_each_entry_once() {
+        for size in [0, 7, 8, 21] {
+            let entries = |of: fn(f64) -> f64| (0..size).map(|i| of(f64::from(i))).collect::<Vec<f64>>();
+            let [m, x, y] = [entries(|i| 1.0 + i), entries(|i| 2.0 - i), entries(|i| i * i)];
+            let mut sum = vec![0.0; x.len()];
+            waxpby(3.0, &x, -0.5, &y, &mut sum);
+            assert_eq!(dot_of_sum(&m, [3.0, -0.5], [&x, &y]), dot(&m, &sum));
+        }
     }
 
     #[test]

@@ -231,7 +231,7 @@ where
         let Search { engine, matrix, u, x, b, left, bounds, reaction, .. } = self;
         engine.multiply(self.stiffness, u, b)?;
         aypx(-1.0, self.load, b);
-        left.shift(bounds, |dof, bound| bound - u[dof]);
+        left.shift(bounds, u);
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
         let problem = Problem { matrix, rhs: b, bounds: left, length };
         let step = self.step.solve(engine, &problem, &mut Answer { x, reaction })?;

@@ -83,23 +83,19 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
         modal.of_momentum(engine, &momentum)
     }
 
-    /// `$\alpha \le U^{n+1/2} \iff \alpha - U^n \le x$`
-    fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64 {
-        alpha - self.from.u[dof]
+    /// `$d = U^n$`, which no formula needs besides x.
+    fn known(&self) -> &[f64] {
+        &self.from.u
     }
 
     /// `$U^{n+1/2} = U^n + x$`
-    fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
-        self.from.u[dof] + x
-    }
-
-    fn rate_of_configuration(&self) -> f64 {
-        1.0
+    fn bounded_configuration(&self) -> [f64; 2] {
+        [1.0, 0.0]
     }
 
     /// `$U^{n+1} - U^n = 2 x$`
-    fn displacement_of_forces(&self, x: f64, _: usize) -> f64 {
-        2.0 * x
+    fn displacement_of_forces(&self) -> [f64; 2] {
+        [2.0, 0.0]
     }
 }
 

@@ -55,7 +55,7 @@ use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{axpy, aypx, copy_scaled, largest, scale, waxpy};
+use crate::linalg::vectors::{axpy, aypx, copy_scaled, is_zero, scale, waxpy};
 use crate::linalg::{Engine, Form, LinearCombination, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
@@ -183,8 +183,7 @@ impl<E: Engine> System<E> {
     /// Returns the length scale of the deflections and of bounds with a magnitude, in m.
     /// Collective.
     fn length(&self, bounds: &Bounds, magnitude: f64, u: &[f64]) -> Result<f64> {
-        let deflection = largest(bounds.dofs.iter().map(|&dof| u[dof]));
-        Ok(self.engine.comm().all_reduce_max(magnitude.max(deflection)))
+        Ok(self.engine.comm().all_reduce_max(magnitude.max(bounds.largest(u))))
     }
 
     /// Returns the time-dependent data at `time` (s).
@@ -369,9 +368,7 @@ impl StepRecord {
 
     /// Adds the impulses of the recorded reactions over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
-        // Without an early end the loop has no branches.
-        let is_free = self.reaction.iter().fold(true, |zero, r| zero & (*r == 0.0));
-        if !is_free {
+        if !is_zero(&self.reaction) {
             axpy(seconds, &self.reaction, &mut self.impulses);
         }
     }

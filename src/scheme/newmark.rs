@@ -84,9 +84,7 @@ pub struct Newmark<'s, E: Engine> {
 struct Levels<'s, E: Engine> {
     system: &'s System<E>,
     parameters: NewmarkParameters,
-    /// Weights `$1 / (1 + e)$` of x and `$\theta = (1 - e) / (1 + e)$` of `$U^n - U^{n-1}$` in
-    /// `$U^{n+1,e}$`, divided once and not at every bound.
-    rate: f64,
+    /// Weight `$\theta = (1 - e) / (1 + e)$` of `$U^n - U^{n-1}$` in `$U^{n+1,e}$`.
     theta: f64,
     /// `$U^n$`, `$U^n - U^{n-1}$` and `$U^{n+1} - U^n$`, in m, one entry per dof.
     u_n: Vec<f64>,
@@ -134,24 +132,19 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
         Ok(displacements.into_iter().map(|d| d / self.parameters.step).collect())
     }
 
-    /// `$\alpha \le U^{n+1,e} \iff (1+e) \bigl((\alpha - U^n) - \frac{1-e}{1+e} (U^n - U^{n-1})\bigr) \le x$`
-    fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64 {
-        let e = self.parameters.restitution;
-        (1.0 + e) * ((alpha - self.u_n[dof]) - self.theta * self.d_n[dof])
+    /// `$d = U^n - U^{n-1}$`
+    fn known(&self) -> &[f64] {
+        &self.d_n
     }
 
-    /// `$U^{n+1,e} = U^n + \frac{x}{1+e} + \frac{1-e}{1+e} (U^n - U^{n-1})$`
-    fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
-        self.u_n[dof] + (self.rate * x + self.theta * self.d_n[dof])
+    /// `$U^{n+1,e} = U^n + \frac{1}{1+e}\,x + \frac{1-e}{1+e}\,d$`
+    fn bounded_configuration(&self) -> [f64; 2] {
+        [1.0 / (1.0 + self.parameters.restitution), self.theta]
     }
 
-    fn rate_of_configuration(&self) -> f64 {
-        self.rate
-    }
-
-    /// `$\tfrac12 (U^{n+1} - U^{n-1})$`
-    fn displacement_of_forces(&self, x: f64, dof: usize) -> f64 {
-        self.d_n[dof] + 0.5 * x
+    /// `$\tfrac12 (U^{n+1} - U^{n-1}) = \tfrac12 x + d$`
+    fn displacement_of_forces(&self) -> [f64; 2] {
+        [0.5, 1.0]
     }
 }
 

@@ -364,7 +364,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             self.system.force(&self.u, &mut self.b)?;
             add(&self.x, &mut self.b);
             instant.add_load(&mut self.b);
-            self.bounds.shift(bounds, |dof, bound| bound - self.u[dof]);
+            self.bounds.shift(bounds, &self.u);
             let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
             let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
             report.iterations += self.solver.solve(engine, &problem, &mut answer)?;

@@ -16,6 +16,7 @@ use super::feedback::Feedback;
 use super::{StepRecord, System};
 use crate::archive::Archive;
 use crate::error::Result;
+use crate::linalg::vectors::dot_of_sum;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
@@ -34,18 +35,16 @@ pub(super) trait Formulas<E: Engine> {
     /// Returns the velocity that modal damping acts on, in modal coordinates. Collective.
     fn modal_velocities(&self, modal: &ModalDamping) -> Result<Vec<f64>>;
 
-    /// Returns the bound on x, in m, that a bound `alpha` (m) on the bounded configuration implies
-    /// at a dof.
-    fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64;
+    /// Returns a known vector d of the step, one entry per dof: an increment (m) or a velocity
+    /// (m/s).
+    fn known(&self) -> &[f64];
 
-    /// Returns the bounded configuration, in m, that the unknown x (m) leads to at a dof.
-    fn bounded_configuration(&self, x: f64, dof: usize) -> f64;
+    /// Returns the weights c and s of x and d in the bounded configuration `$U^n + c\,x + s\,d$`.
+    fn bounded_configuration(&self) -> [f64; 2];
 
-    /// Returns the derivative of the bounded configuration with respect to x.
-    fn rate_of_configuration(&self) -> f64;
-
-    /// Returns the displacement at a dof over which the forces of the step do their work, in m.
-    fn displacement_of_forces(&self, x: f64, dof: usize) -> f64;
+    /// Returns the weights of x and d in the displacement over which the forces of the step do
+    /// their work.
+    fn displacement_of_forces(&self) -> [f64; 2];
 }
 
 /// Solver of the steps of one scheme, with the answer to the last step.
@@ -165,17 +164,18 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         if self.feedback.is_none() {
             return Ok(0.0);
         }
-        let forces = self.solver.residual().iter().zip(&self.x).enumerate();
-        let own = forces.map(|(dof, (m, x))| m * formulas.displacement_of_forces(*x, dof)).sum();
-        self.system.total(own)
+        let weights = formulas.displacement_of_forces();
+        self.system.total(dot_of_sum(self.solver.residual(), weights, [&self.x, formulas.known()]))
     }
 
     /// Solves a step for the right-hand side b, from which the term of the feedback is subtracted.
     fn solve_for_right_hand_side(&mut self, formulas: &impl Formulas<E>) -> Result<()> {
         let System { engine, .. } = self.system;
         let limits = formulas.limits();
-        self.bounds.shift(limits, |dof, alpha| formulas.bound_on_unknown(alpha, dof));
-        self.bounds.scale_stiffness(limits, formulas.rate_of_configuration());
+        // alpha <= U + c x + s d where ((alpha - U) - s d) / c <= x.
+        let weights @ [rate, _] = formulas.bounded_configuration();
+        self.bounds.pull_back(limits, [formulas.displacement(), formulas.known()], weights);
+        self.bounds.scale_stiffness(limits, rate);
         let are_still = std::ptr::eq(limits, &self.system.bounds);
         let magnitude = if are_still { self.magnitude } else { limits.magnitude() };
         let problem = Problem {
@@ -223,9 +223,14 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Sets the bounded configuration of the last step, in m, one entry per bound, given the
     /// formulas of that step.
     pub fn restrict(&self, formulas: &impl Formulas<E>, admissible: &mut [f64]) {
-        for (z, &dof) in admissible.iter_mut().zip(&formulas.limits().dofs) {
-            *z = formulas.bounded_configuration(self.x[dof], dof);
-        }
+        let [c, s] = formulas.bounded_configuration();
+        formulas.limits().dofs.map(
+            [formulas.displacement(), &self.x, formulas.known()],
+            [],
+            [admissible],
+            #[inline(always)]
+            |[u, x, d], []| [u + (c * x + s * d)],
+        );
     }
 
     /// Writes the answer to the last step into a record, given the formulas of that step.

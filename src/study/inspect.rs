@@ -190,7 +190,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let bounded = if system.bounds.is_empty() {
         model.sites.iter().map(|site| site.dof).collect()
     } else {
-        system.bounds.dofs.clone()
+        system.bounds.dofs.to_vec()
     };
     let is_modal = scene.time.mass == Mass::Modal;
     let inf_sup = match is_modal {

@@ -61,7 +61,7 @@ pub(super) fn figures(
     let Form::Modal { modes, .. } = &model.system.mass else { return Ok(None) };
     let (touching, mut doubt) = match touching(scene, model) {
         Ok(touching) => (touching, None),
-        Err(why) => (model.system.bounds.dofs.clone(), Some(why.to_string())),
+        Err(why) => (model.system.bounds.dofs.to_vec(), Some(why.to_string())),
     };
     let mut contact = None;
     if (1..=MOST_NODES).contains(&touching.len()) {

@@ -21,7 +21,7 @@
 
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::{Largest, largest};
+use crate::linalg::vectors::{Largest, is_zero, largest};
 use crate::linalg::wide::widest;
 use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{hertz_depth, hertz_force};
@@ -32,6 +32,9 @@ use pulp::Arch;
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
 /// vanish in the answer, rounding of other rows is all that remains in it.
 const NEGLIGIBLE: f64 = 1e-4;
+
+/// Number of rows whose vectors fit into the first cache together.
+const BLOCK: usize = 512;
 
 /// Parts of the KKT residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,17 +68,12 @@ fn ratio(a: f64, b: f64) -> f64 {
 }
 
 /// Subtracts a term of the right-hand side from the residual, and adds its magnitude.
+#[inline(always)]
 fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
-    widest(
-        Arch::new(),
-        #[inline(always)]
-        || {
-            for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(term) {
-                *r -= b;
-                *m += b.abs();
-            }
-        },
-    )
+    for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(term) {
+        *r -= b;
+        *m += b.abs();
+    }
 }
 
 /// Returns the largest magnitude of b divided by its scale.
@@ -87,18 +85,24 @@ fn largest_scaled_term(b: &[f64], inverse_scale: &[f64]) -> f64 {
     )
 }
 
-/// Returns the largest residual relative to its magnitude, which is raised to `floor` times the
-/// scale of its row.
-fn largest_ratio(residual: &[f64], magnitude: &mut [f64], scale: &[f64], floor: f64) -> f64 {
+/// Returns the magnitude against which a row is measured: its own, or `floor` times its scale. A
+/// row without any magnitude has no residual either.
+#[inline(always)]
+fn raised(magnitude: f64, floor: f64, scale: f64) -> f64 {
+    magnitude.max(floor * scale).max(f64::MIN_POSITIVE)
+}
+
+/// Returns the largest residual relative to its raised magnitude.
+fn largest_ratio(residual: &[f64], magnitude: &[f64], scale: &[f64], floor: f64) -> f64 {
     widest(
         Arch::new(),
         #[inline(always)]
         || {
-            let rows = residual.iter().zip(magnitude.iter_mut()).zip(scale);
-            largest(rows.map(|((r, m), scale)| {
-                *m = m.max(floor * scale).max(f64::MIN_POSITIVE);
-                r / *m
-            }))
+            let rows = residual.iter().zip(magnitude).zip(scale);
+            largest(rows.map(
+                #[inline(always)]
+                |((r, m), scale)| r / raised(*m, floor, *scale),
+            ))
         },
     )
 }
@@ -113,7 +117,9 @@ pub struct KktCheck {
     /// Dofs without stiffness, each with the scale of its inertia; `None` where inertia does not
     /// count.
     loose: Option<Vec<(usize, f64)>>,
-    /// Dofs with a coupling, which bounds the magnitude of their row from below.
+    /// Couplings of dofs in lines of nodes, and all others. They bound the magnitudes of their rows
+    /// from below.
+    lines: Vec<CoupledLine>,
     couplings: Vec<CoupledRow>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
@@ -127,6 +133,47 @@ struct CoupledRow {
     magnitude: f64,
 }
 
+/// Couplings of successive nodes with three dofs each to their first dofs.
+#[derive(Debug)]
+struct CoupledLine {
+    /// First dof of the line.
+    dof: usize,
+    /// Magnitude of the coupling of each dof, 0 for the first of a node.
+    magnitudes: Vec<[f64; 3]>,
+}
+
+impl CoupledLine {
+    /// Returns the longest line that begins with a dof, given the couplings of all dofs.
+    fn at(dof: usize, couplings: &[RowCoupling]) -> CoupledLine {
+        let (nodes, _) = couplings[dof..].as_chunks::<3>();
+        let couples = |(node, of): &(usize, &[RowCoupling; 3])| {
+            let first = (dof + 3 * node) as u32;
+            of[0].magnitude == 0.0 && of[1..].iter().all(|of| of.to == first && of.magnitude > 0.0)
+        };
+        let nodes = nodes.iter().enumerate().take_while(couples);
+        CoupledLine { dof, magnitudes: nodes.map(|(_, of)| of.map(|of| of.magnitude)).collect() }
+    }
+}
+
+/// Returns the lines of nodes among the couplings of all dofs, and all other couplings.
+fn in_lines(couplings: &[RowCoupling]) -> (Vec<CoupledLine>, Vec<CoupledRow>) {
+    let (mut lines, mut others) = (Vec::new(), Vec::new());
+    let mut dof = 0;
+    while let Some(&RowCoupling { to, magnitude }) = couplings.get(dof) {
+        let line = CoupledLine::at(dof, couplings);
+        if line.magnitudes.is_empty() {
+            if magnitude > 0.0 {
+                others.push(CoupledRow { row: dof as u32, to, magnitude });
+            }
+            dof += 1;
+        } else {
+            dof += 3 * line.magnitudes.len();
+            lines.push(line);
+        }
+    }
+    (lines, others)
+}
+
 impl KktCheck {
     /// Creates the check of problems with this matrix.
     ///
@@ -136,16 +183,13 @@ impl KktCheck {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         let inverse_scale = scale.iter().map(|scale| if *scale > 0.0 { 1.0 / scale } else { 0.0 }).collect();
         let zeros = vec![0.0; scale.len()];
-        let couplings = (0..).zip(engine.couplings(matrix)?);
-        let couplings = couplings.filter(|(_, coupling)| coupling.magnitude > 0.0);
-        let couplings =
-            couplings.map(|(row, RowCoupling { to, magnitude })| CoupledRow { row, to, magnitude });
-        let couplings = couplings.collect();
+        let (lines, couplings) = in_lines(&engine.couplings(matrix)?);
         Ok(KktCheck {
             residual: zeros.clone(),
             magnitude: zeros,
             scale,
             inverse_scale,
+            lines,
             couplings,
             loose: None,
         })
@@ -211,10 +255,7 @@ impl KktCheck {
         if !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))? {
             return Ok(None);
         }
-        let size = self.subtract_with_diagonal(problem.rhs, x);
-        for term in more {
-            subtract_term(term, &mut self.residual, &mut self.magnitude);
-        }
+        let size = self.subtract_with_diagonal(problem.rhs, more, x);
         let length = self.length(engine, problem, answer);
         let own = self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst();
         Ok(Some(engine.comm().all_reduce_max(own)))
@@ -227,30 +268,47 @@ impl KktCheck {
         if problem.length != 0.0 {
             return problem.length;
         }
-        let bounded = || problem.bounds.dofs.iter();
-        let deflection = engine.comm().all_reduce_max(largest(bounded().map(|&dof| answer.x[dof])));
+        let deflection = engine.comm().all_reduce_max(problem.bounds.largest(answer.x));
         let size = largest(self.scale.iter().zip(&*answer.x).map(|(scale, x)| scale * x));
         let size = engine.comm().all_reduce_max(size);
-        let stiffest = engine.comm().all_reduce_max(largest(bounded().map(|&dof| self.scale[dof])));
+        let stiffest = engine.comm().all_reduce_max(problem.bounds.largest(&self.scale));
         if stiffest > 0.0 { larger(deflection, size / stiffest) } else { deflection }
     }
 
-    /// Subtracts the right-hand side from the residual, and sets the magnitude of each row to that
-    /// of its right-hand side and of its part in [`KktCheck::limit`]. Returns the largest magnitude
-    /// of x times its scale.
-    fn subtract_with_diagonal(&mut self, rhs: &[f64], x: &[f64]) -> f64 {
-        let KktCheck { scale, couplings, residual, magnitude, .. } = self;
+    /// Subtracts the right-hand side and further terms from the residual, and sets the magnitude of
+    /// each row to that of these terms and of its part in [`KktCheck::limit`]. Returns the largest
+    /// magnitude of x times its scale.
+    fn subtract_with_diagonal(&mut self, rhs: &[f64], more: &[&[f64]], x: &[f64]) -> f64 {
+        let KktCheck { scale, lines, couplings, residual, magnitude, .. } = self;
         widest(
             Arch::new(),
             #[inline(always)]
             || {
-                let rows = residual.iter_mut().zip(magnitude.iter_mut()).zip(x.iter().zip(rhs));
                 let mut size = Largest::default();
-                for (((r, m), (own, b)), scale) in rows.zip(&*scale) {
-                    let scaled = scale * own.abs();
-                    *r -= b;
-                    *m = scale * scaled + b.abs();
-                    size.note(scaled);
+                let blocks = residual.chunks_mut(BLOCK).zip(magnitude.chunks_mut(BLOCK));
+                for (start, (residual, magnitude)) in (0..).step_by(BLOCK).zip(blocks) {
+                    let block = start..start + residual.len();
+                    let rows = residual.iter_mut().zip(magnitude.iter_mut());
+                    let known = x[block.clone()].iter().zip(&rhs[block.clone()]).zip(&scale[block.clone()]);
+                    for ((r, m), ((own, b), scale)) in rows.zip(known) {
+                        let scaled = scale * own.abs();
+                        *r -= b;
+                        *m = scale * scaled + b.abs();
+                        size.note(scaled);
+                    }
+                    for term in more.iter().filter(|term| !term.is_empty()) {
+                        subtract_term(&term[block.clone()], residual, magnitude);
+                    }
+                }
+                for CoupledLine { dof, magnitudes } in &*lines {
+                    let (rows, _) = magnitude[*dof..].as_chunks_mut::<3>();
+                    let (nodes, _) = x[*dof..].as_chunks::<3>();
+                    for ((m, of), node) in rows.iter_mut().zip(magnitudes).zip(nodes) {
+                        let first = node[0].abs();
+                        for k in 0..3 {
+                            m[k] += of[k] * first;
+                        }
+                    }
                 }
                 for CoupledRow { row, to, magnitude: of } in &*couplings {
                     magnitude[*row as usize] += of * x[*to as usize].abs();
@@ -264,7 +322,11 @@ impl KktCheck {
     /// their largest magnitude, divided by its scale.
     fn subtract_terms(&mut self, terms: &[&[f64]]) -> f64 {
         terms.iter().fold(0.0, |size, term| {
-            subtract_term(term, &mut self.residual, &mut self.magnitude);
+            widest(
+                Arch::new(),
+                #[inline(always)]
+                || subtract_term(term, &mut self.residual, &mut self.magnitude),
+            );
             larger(size, largest_scaled_term(term, &self.inverse_scale))
         })
     }
@@ -307,7 +369,7 @@ impl KktCheck {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        let are_free = reaction.iter().all(|r| *r == 0.0) && !bounds.are_crossed(x);
+        let are_free = is_zero(reaction) && !bounds.are_crossed(x);
         if !are_free {
             for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
                 residual[dof] -= r;
@@ -322,7 +384,6 @@ impl KktCheck {
                 magnitude[*dof] = magnitude[*dof].max(NEGLIGIBLE * size * scale);
             });
         }
-        // A row without any magnitude has no residual either.
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
@@ -334,7 +395,7 @@ impl KktCheck {
             if r == 0.0 && below >= 0.0 && above >= 0.0 {
                 continue; // Free, within its bounds.
             }
-            let force = magnitude[dof];
+            let force = raised(magnitude[dof], floor, scale[dof]);
             let [lower, upper] = bounds.rigid(i);
             let outside = larger(0.0, larger(lower - x[dof], x[dof] - upper));
             parts.penetration = larger(parts.penetration, ratio(outside, length));

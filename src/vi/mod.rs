@@ -423,7 +423,7 @@ impl<E: Engine> CheckedSolver<E> {
             problem.bounds.dofs.iter().zip(&**reaction).for_each(|(&dof, r)| uncorrected[dof] -= r);
         }
         bounds.clone_from(problem.bounds);
-        bounds.shift(problem.bounds, |dof, bound| bound - x[dof]);
+        bounds.shift(problem.bounds, x);
         let problem = Problem { rhs: residual, bounds, ..*problem };
         let mut correction = Answer { x: increment, reaction };
         let solved = match attempt {

@@ -170,14 +170,10 @@ fn errors(kind: ElementKind, cells: usize, exact: &Exact) -> [f64; 2] {
 
     let engine = Native::new(size);
     let form = engine.form(blocks(&free));
-    let mut bounds = Bounds::default();
-    for (node, p) in mesh.nodes.iter().enumerate() {
-        if let Some(dof) = free[3 * node] {
-            bounds.dofs.push(dof);
-            bounds.lower.push(1.0 - p.coords.norm_squared());
-            bounds.upper.push(f64::INFINITY);
-        }
-    }
+    let nodes = mesh.nodes.iter().zip(free.iter().step_by(3));
+    let (dofs, lower): (Vec<usize>, Vec<f64>) =
+        nodes.filter_map(|(p, dof)| Some(((*dof)?, 1.0 - p.coords.norm_squared()))).unzip();
+    let bounds = Bounds { lower, ..Bounds::uniform(dofs, 0.0, f64::INFINITY) };
     let sum = (&form).into();
     let solver = Condensed::new(&engine, &sum, bounds.len()).unwrap();
     let mut step: CheckedSolver<Native> = CheckedSolver::new(Box::new(solver), &engine, &sum).unwrap();

@@ -141,7 +141,16 @@ fn thrown(scheme: &str, carried: f64) -> (Scene, Model) {
     let mut model = Model::new(&scene).unwrap();
     let at_rest = model.system.bounds.clone();
     model.system.drive.bounds = Some(Box::new(move |time: f64, bounds: &mut Bounds| {
-        bounds.shift(&at_rest, |_, bound| bound + carried * time);
+        bounds
+            .lower
+            .iter_mut()
+            .zip(&at_rest.lower)
+            .for_each(|(own, at_rest)| *own = at_rest + carried * time);
+        bounds
+            .upper
+            .iter_mut()
+            .zip(&at_rest.upper)
+            .for_each(|(own, at_rest)| *own = at_rest + carried * time);
         Ok(())
     }));
     // The plate rotates a little, so that not all nodes land at once.

@@ -15,7 +15,7 @@ use crate::common::{
 };
 use faer::Mat;
 use rebond::linalg::{Form, Native};
-use rebond::obstacle::Bounds;
+use rebond::obstacle::{Bounds, DofsInReach};
 use rebond::vi::kkt::{KktCheck, Residual};
 use rebond::vi::{Answer, BoundStatus, CheckedSolver, Condensed, DenseProblem, Problem, Solver};
 
@@ -311,7 +311,7 @@ fn problem_with_answer() -> (SmallProblem, Vec<f64>, Vec<f64>) {
     let matrix = random_spd(&mut Random::new(5), 6, 1.0);
     let x = vec![0.5, -1.0, 0.75, 2.0, -0.25, 1.5];
     let bounds = Bounds {
-        dofs: vec![0, 1, 2, 4],
+        dofs: DofsInReach::from_iter([0, 1, 2, 4]),
         lower: vec![0.5, -INF, -1.0, -2.0],
         upper: vec![INF, -1.0, 1.0, INF],
         size: 0.0,

@@ -50,7 +50,7 @@ impl AllBounds {
             GlobalNumbers { own: numbers.own.clone(), index, order: engine.comm().all_gather(&numbers.own) }
         });
         let count = partition.as_ref().map_or(bounds.len(), |of| of.order.len());
-        let mut all = AllBounds { count, dofs: bounds.dofs.clone(), hertz: Vec::new(), partition };
+        let mut all = AllBounds { count, dofs: bounds.dofs.to_vec(), hertz: Vec::new(), partition };
         if let Some(hertz) = &bounds.hertz {
             let of_side = |side: usize| hertz.iter().map(|of| of[side]).collect();
             let [lower, upper] = [0, 1].map(|side| all.gather(engine.comm(), of_side(side)));

@@ -48,7 +48,6 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut levels = Levels {
             system,
             parameters,
-            rate: 1.0 / (1.0 + parameters.restitution),
             theta: (1.0 - parameters.restitution) / (1.0 + parameters.restitution),
             u_n: start.displacement,
             d_n: vec![0.0; dofs],

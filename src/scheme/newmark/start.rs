@@ -18,7 +18,7 @@
 //!
 //! The damping matrix D multiplies `$(U^1 - U^0) / \Delta t$`, which is part of the step matrix.
 
-use super::Levels;
+use super::{Levels, NewmarkParameters};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{axpy, copy_scaled, waxpby};
@@ -44,12 +44,6 @@ impl<E: Engine> Levels<'_, E> {
 }
 
 impl<E: Engine> FirstStep<'_, '_, E> {
-    /// Returns `$U^{0,e} - U^0$` for `$U^1 = U^0$`, in m: `$-2 \Delta t\, v_0\, e / (1 + e)$`.
-    fn drift(&self, dof: usize) -> f64 {
-        let e = self.levels.parameters.restitution;
-        -2.0 * self.levels.parameters.step * self.v0[dof] * e / (1.0 + e)
-    }
-
     /// Sets `$U^0 - U^{-1} = 2 \Delta t\, v_0 - x / 2$` and `$U^1 - U^0 = x / 2$`.
     pub fn update(self, driver: &StepDriver<E>) {
         let Levels { d_n, d_next, parameters, force, .. } = self.levels;
@@ -81,21 +75,19 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
         modal.of_rate(&self.levels.system.engine, self.v0)
     }
 
-    /// `$\alpha \le U^{0,e} = U^0 + x / 2 - 2 \Delta t\, v_0\, e / (1 + e)$`
-    fn bound_on_unknown(&self, alpha: f64, dof: usize) -> f64 {
-        2.0 * ((alpha - self.levels.u_n[dof]) - self.drift(dof))
+    /// `$d = v_0$`
+    fn known(&self) -> &[f64] {
+        self.v0
     }
 
-    fn bounded_configuration(&self, x: f64, dof: usize) -> f64 {
-        self.levels.u_n[dof] + (0.5 * x + self.drift(dof))
+    /// `$U^{0,e} = U^0 + \tfrac12\,x - \frac{2 e}{1 + e}\,\Delta t\,d$`
+    fn bounded_configuration(&self) -> [f64; 2] {
+        let NewmarkParameters { restitution: e, step: dt, .. } = self.levels.parameters;
+        [0.5, -2.0 * e / (1.0 + e) * dt]
     }
 
-    fn rate_of_configuration(&self) -> f64 {
-        0.5
-    }
-
-    /// `$\tfrac12 (U^1 - U^{-1}) = \Delta t\, v_0$`
-    fn displacement_of_forces(&self, _: f64, dof: usize) -> f64 {
-        self.levels.parameters.step * self.v0[dof]
+    /// `$\tfrac12 (U^1 - U^{-1}) = \Delta t\,d$`
+    fn displacement_of_forces(&self) -> [f64; 2] {
+        [0.0, self.levels.parameters.step]
     }
 }
