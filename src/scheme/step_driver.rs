@@ -1,8 +1,7 @@
 //! Solution of one step, the same for every scheme that has a step matrix.
 //!
-//! A scheme supplies the matrix A and its [`Formulas`]: the right-hand side b, the bounds on the
-//! unknown x, and the bounded configuration that x leads to. The [`StepDriver`] adds the modal
-//! damping, solves
+//! A scheme supplies the matrix A and its [`Formulas`]: the right-hand side b and the bounded
+//! configuration that the unknown x leads to. The [`StepDriver`] adds the modal damping, solves
 //!
 //! ```math
 //! A x = b + G^T r, \qquad x \text{ within its bounds},
