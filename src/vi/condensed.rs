@@ -465,8 +465,9 @@ fn touching(sides: &[BoundStatus]) -> bool {
 
 /// Returns whether x violates a bound that is not among the candidates (ascending).
 fn outside(bounds: &Bounds, candidates: &[usize], x: &[f64]) -> bool {
-    if candidates.is_empty() {
-        return bounds.are_crossed(x);
+    let are_crossed = bounds.are_crossed(x);
+    if candidates.is_empty() || !are_crossed {
+        return are_crossed;
     }
     let mut candidates = candidates.iter().copied();
     let mut candidate = candidates.next();

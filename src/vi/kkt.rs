@@ -369,8 +369,8 @@ impl KktCheck {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        let are_free = is_zero(reaction) && !bounds.are_crossed(x);
-        if !are_free {
+        let (presses, crosses) = (!is_zero(reaction), bounds.are_crossed(x));
+        if presses {
             for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
                 residual[dof] -= r;
                 magnitude[dof] += r.abs();
@@ -387,10 +387,13 @@ impl KktCheck {
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
-        if are_free {
+        if !presses && !crosses {
             return Ok(parts);
         }
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
+            if r == 0.0 && !crosses {
+                continue;
+            }
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
             if r == 0.0 && below >= 0.0 && above >= 0.0 {
                 continue; // Free, within its bounds.
