@@ -8,7 +8,8 @@
 //! contact steps and of the main loop to free steps; these are timed in turns, so that other
 //! programs slow all alike. A second table has the mean step of the modal mass, over a flight and
 //! an impact.
-//! `cargo bench --bench step -- --report` prints the tables alone.
+//! `cargo bench --bench step -- --report` prints the tables alone; words after `--report` choose
+//! the meshes whose names contain one of them.
 
 use divan::{Bencher, black_box};
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -195,19 +196,22 @@ const COSTS: [(&str, [f64; 3]); 8] = [
 ];
 
 /// Prints the cost of a free step relative to the faster of two solves, of a contact step relative
-/// to a free one, and of the main loop of a run relative to its steps.
-fn costs() {
+/// to a free one, and of the main loop of a run relative to its steps, on the chosen meshes.
+fn costs(is_chosen: impl Fn(&str) -> bool) {
     println!("least of many, in us; step / solve, contact step / free step, step of a run / free step");
     println!(
         "{:<13}{:>7}{:>11}{:>11}{:>11}{:>7}{:>11}{:>7}{:>11}{:>7}",
         "mesh", "dt, s", "solve", "faer", "step", "ratio", "contact", "ratio", "run", "ratio"
     );
-    for (mesh, steps) in COSTS {
+    for (mesh, steps) in COSTS.into_iter().filter(|(mesh, _)| is_chosen(mesh)) {
         for step in steps {
             cost(mesh, step);
         }
     }
 }
+
+/// Least number of turns in which the parts of a step are timed.
+const LEAST_TURNS: u32 = 12;
 
 fn cost(mesh: &str, dt: f64) {
     let parameters = NewmarkParameters { step: dt, ..PARAMETERS };
@@ -226,7 +230,8 @@ fn cost(mesh: &str, dt: f64) {
     let (mut x, mut y) = (b.clone(), b.clone());
     let [mut solve, mut outside, mut step, mut touching] = [f64::INFINITY; 4];
     let clock = Instant::now();
-    while clock.elapsed() < Duration::from_secs(2) {
+    let mut turns = 0..LEAST_TURNS;
+    while turns.next().is_some() || clock.elapsed() < Duration::from_secs(2) {
         solve = solve.min(seconds(|| {
             x.copy_from_slice(b);
             let _ = factor.solve(black_box(&mut x));
@@ -326,13 +331,17 @@ fn average_modal_steps() {
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let reports = arguments.iter().any(|argument| argument == "--report");
-    if !reports {
+    let meshes = arguments.split(|argument| argument == "--report").nth(1);
+    if meshes.is_none() {
         divan::main();
     }
+    let meshes: Vec<&String> =
+        meshes.unwrap_or_default().iter().filter(|argument| *argument != "--bench").collect();
     // The tables are omitted where only a part of the benchmarks is requested.
-    if reports || arguments.iter().all(|argument| argument == "--bench") {
-        costs();
+    if arguments.iter().all(|argument| argument == "--bench" || argument == "--report") {
+        costs(|_| true);
         average_modal_steps();
+    } else if !meshes.is_empty() {
+        costs(|mesh| meshes.iter().any(|word| mesh.contains(*word)));
     }
 }
