@@ -83,7 +83,7 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
         modal.of_momentum(engine, &momentum)
     }
 
-    /// `$d = U^n$`, which no formula needs besides x.
+    /// `$d = U^n$`, whose weight is 0 in both formulas.
     fn known(&self) -> &[f64] {
         &self.from.u
     }

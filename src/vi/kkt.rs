@@ -391,12 +391,13 @@ impl KktCheck {
             return Ok(parts);
         }
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
+            // Free dofs within their bounds add nothing.
             if r == 0.0 && !crosses {
                 continue;
             }
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
             if r == 0.0 && below >= 0.0 && above >= 0.0 {
-                continue; // Free, within its bounds.
+                continue;
             }
             let force = raised(magnitude[dof], floor, scale[dof]);
             let [lower, upper] = bounds.rigid(i);
