@@ -216,16 +216,35 @@ impl Bounds {
 
     /// Returns whether x lies beyond any bound, rigid or not.
     pub fn are_crossed(&self, x: &[f64]) -> bool {
+        self.any(
+            x,
+            #[inline(always)]
+            |x, lower, upper| (x < lower) | (x > upper),
+        )
+    }
+
+    /// Returns whether x lies within all bounds, rigid or not; where a number is NaN, it does not.
+    pub fn contain(&self, x: &[f64]) -> bool {
+        !self.any(
+            x,
+            #[inline(always)]
+            |x, lower, upper| !((x >= lower) & (x <= upper)),
+        )
+    }
+
+    /// Returns whether any value and its bounds satisfy a condition, which must be marked
+    /// `#[inline(always)]`.
+    fn any(&self, x: &[f64], condition: impl Fn(f64, f64, f64) -> bool) -> bool {
         // Without an early end the loop has no branches, and registers hold a number for each
         // value.
-        let mut crossings = 0;
+        let mut found = 0;
         self.dofs.for_each(
             x,
             [&self.lower, &self.upper],
             #[inline(always)]
-            |x, [lower, upper]| crossings |= u64::from((x < lower) | (x > upper)),
+            |x, [lower, upper]| found |= u64::from(condition(x, lower, upper)),
         );
-        crossings > 0
+        found > 0
     }
 
     /// Returns the largest finite magnitude of the bounds, or [`Bounds::size`] if that is larger,

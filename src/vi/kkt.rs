@@ -369,7 +369,7 @@ impl KktCheck {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        let (presses, crosses) = (!is_zero(reaction), bounds.are_crossed(x));
+        let (presses, is_inside) = (!is_zero(reaction), bounds.contain(x));
         if presses {
             for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
                 residual[dof] -= r;
@@ -387,12 +387,12 @@ impl KktCheck {
         let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
-        if !presses && !crosses {
+        if !presses && is_inside {
             return Ok(parts);
         }
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             // Free dofs within their bounds add nothing.
-            if r == 0.0 && !crosses {
+            if r == 0.0 && is_inside {
                 continue;
             }
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
