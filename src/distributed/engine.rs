@@ -161,13 +161,14 @@ impl Distributed {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
-        let mut matrix = self.symmetric_matrix(sum)?;
+        let mut matrix = self.symmetric_matrix(sum, false)?;
         matrix.set_positive_definite()?;
         Ok(matrix)
     }
 
-    /// Assembles the matrix of a linear combination of forms. Collective.
-    fn symmetric_matrix(&self, sum: &LinearCombination) -> Result<Matrix> {
+    /// Assembles the matrix of a linear combination of forms, as a sum of those of the ranks' cells
+    /// where the solver needs them by themselves. Collective.
+    fn symmetric_matrix(&self, sum: &LinearCombination, of_subdomains: bool) -> Result<Matrix> {
         // The cells contribute many times as many entries as the matrix has, and PETSc keeps a
         // record of all that it is given. They are therefore added up, some rows at a time. Values
         // follow once PETSc has taken the places of all, so that both are not in memory at once.
@@ -182,8 +183,12 @@ impl Distributed {
                 columns.extend(entries.into_iter().map(|(column, _)| column));
             }
         }
-        let sizes = [self.own; 2];
-        let mut matrix = Matrix::from_pattern(&self.context, Comm::World, sizes, rows, columns)?;
+        let mut matrix = if of_subdomains {
+            let dofs: Vec<Index> = self.global.iter().copied().filter(|&dof| dof >= 0).collect();
+            Matrix::of_subdomains(&self.context, self.own, &dofs, rows, columns)?
+        } else {
+            Matrix::from_pattern(&self.context, Comm::World, [self.own; 2], rows, columns)?
+        };
         let mut values = Vec::with_capacity(count);
         for range in parts {
             values.extend(self.rows(sum, range).into_iter().flatten().map(|(_, value)| value));
@@ -337,8 +342,9 @@ impl Engine for Distributed {
     }
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
-        let mut matrix = self.matrix(sum)?;
         let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
+        let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
+        matrix.set_positive_definite()?;
         if linear.method() == LinearMethod::Iterative {
             self.prepare_for_algebraic_multigrid(&mut matrix)?;
         }
@@ -363,7 +369,7 @@ impl Engine for Distributed {
             return Ok(None);
         }
         solver.default_to_cholesky()?;
-        solver.set_operator(&self.symmetric_matrix(&(k + m * -sigma))?)?;
+        solver.set_operator(&self.symmetric_matrix(&(k + m * -sigma), false)?)?;
         solver.set_from_options()?;
         solver.set_up()?;
         let [negative, _, _] = solver.inertia()?;

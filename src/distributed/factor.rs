@@ -161,6 +161,8 @@ pub(super) enum SystemSolver {
     Direct,
     /// Conjugate gradients with geometric multigrid.
     Multigrid(Rc<Hierarchy>),
+    /// Iteration whose preconditioner needs the matrix of the cells of each rank by itself.
+    Subdomains,
     /// Any other iteration.
     Iterative,
 }
@@ -176,6 +178,7 @@ impl SystemSolver {
         Ok(match (solver.is_multigrid()?, hierarchy) {
             (None | Some(true), Some(hierarchy)) => SystemSolver::Multigrid(hierarchy.clone()),
             _ if solver.is_direct()? => SystemSolver::Direct,
+            _ if solver.needs_subdomains()? => SystemSolver::Subdomains,
             _ => SystemSolver::Iterative,
         })
     }
@@ -185,7 +188,7 @@ impl SystemSolver {
         match self {
             SystemSolver::Direct => LinearMethod::Direct,
             SystemSolver::Multigrid(_) => LinearMethod::Multigrid,
-            SystemSolver::Iterative => LinearMethod::Iterative,
+            SystemSolver::Subdomains | SystemSolver::Iterative => LinearMethod::Iterative,
         }
     }
 

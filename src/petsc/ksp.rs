@@ -46,6 +46,10 @@ impl Ksp {
         call!(KSPGetPC(self.raw, &mut preconditioner))?;
         call!(PCSetType(preconditioner, c"cholesky".as_ptr()))?;
         if !direct {
+            if self.needs_subdomains()? {
+                // Otherwise rounding makes the preconditioner indefinite where subdomains float.
+                self.context.default_option(&format!("{}pc_bddc_use_change_of_basis", self.prefix), "1")?;
+            }
             return self.default_to_conjugate_gradients(ITERATIVE);
         }
         call!(KSPSetType(self.raw, c"preonly".as_ptr()))?;
@@ -81,6 +85,15 @@ impl Ksp {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn is_multigrid(&self) -> Result<Option<bool>> {
         Ok(self.context.option(&format!("{}pc_type", self.prefix))?.map(|kind| kind == "mg"))
+    }
+
+    /// Returns whether the user asks for a preconditioner that needs the matrix of the cells of
+    /// each rank by itself, [`Matrix::of_subdomains`].
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn needs_subdomains(&self) -> Result<bool> {
+        Ok(self.context.option(&format!("{}pc_type", self.prefix))?.is_some_and(|kind| kind == "bddc"))
     }
 
     /// Reads the options; [`Ksp::set_operator`] may come before or after. Collective.

@@ -50,8 +50,36 @@ impl Matrix {
         context: &Rc<Context>,
         comm: Comm,
         local: [usize; 2],
-        mut rows: Vec<Index>,
-        mut columns: Vec<Index>,
+        rows: Vec<Index>,
+        columns: Vec<Index>,
+    ) -> Result<Self> {
+        Self::with_pattern(context, comm, local, [rows, columns], None)
+    }
+
+    /// Creates a matrix of zeros that remains a sum of matrices, one for each rank. Collective.
+    ///
+    /// That of this rank is over `dofs`, the rows that its contributions may have, some of them
+    /// shared with other ranks; `local` is the number of rows that it owns. Pairs of a row and a
+    /// column, and values, are those of [`Matrix::from_pattern`].
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where an index is too large.
+    pub fn of_subdomains(
+        context: &Rc<Context>,
+        local: usize,
+        dofs: &[Index],
+        rows: Vec<Index>,
+        columns: Vec<Index>,
+    ) -> Result<Self> {
+        Self::with_pattern(context, Comm::World, [local; 2], [rows, columns], Some(dofs))
+    }
+
+    fn with_pattern(
+        context: &Rc<Context>,
+        comm: Comm,
+        local: [usize; 2],
+        [mut rows, mut columns]: [Vec<Index>; 2],
+        dofs: Option<&[Index]>,
     ) -> Result<Self> {
         // PETSc 3.18 does not check every index. All ranks must reject together, or none.
         let ends = local.map(|n| if comm == Comm::World { context.comm().all_reduce_sum(n) } else { n });
@@ -71,7 +99,20 @@ impl Matrix {
         let mut matrix = Self::owning(raw, context);
         let end = sys::PETSC_DETERMINE;
         call!(MatSetSizes(raw, int(local[0])?, int(local[1])?, end, end))?;
-        call!(MatSetType(raw, c"aij".as_ptr()))?;
+        match dofs {
+            None => call!(MatSetType(raw, c"aij".as_ptr()))?,
+            Some(dofs) => {
+                call!(MatSetType(raw, c"is".as_ptr()))?;
+                let (count, copy) = (int(dofs.len())?, sys::PetscCopyMode::PETSC_COPY_VALUES);
+                let mut map = std::ptr::null_mut();
+                let comm = context.raw(comm);
+                call!(ISLocalToGlobalMappingCreate(comm, 1, count, dofs.as_ptr(), copy, &mut map))?;
+                // The matrix keeps a reference of its own.
+                let set = call!(MatSetLocalToGlobalMapping(raw, map, map));
+                call!(ISLocalToGlobalMappingDestroy(&mut map))?;
+                set?;
+            }
+        }
         // PETSc may reorder these arrays.
         call!(MatSetPreallocationCOO(raw, rows.len() as _, rows.as_mut_ptr(), columns.as_mut_ptr()))?;
         matrix.triplets = Some(rows.len());

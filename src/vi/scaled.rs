@@ -152,13 +152,16 @@ impl Family {
     pub fn check_options(&self, context: &Context) -> Result<()> {
         for prefix in ["", SAFE] {
             let option = format!("{prefix}pc_type");
-            if let Some(kind) = context.option(&option)?.filter(|kind| kind == "gamg" || kind == "mg") {
-                return Err(Error::Usage(format!(
-                    "-{option} {kind}: multigrid keeps the sizes of its levels, and {} changes those of its matrices with the contact; \
-                     take jacobi, or the condensed contact solver",
-                    self.name
-                )));
-            }
+            let kind = context.option(&option)?.unwrap_or_default();
+            let (why, does) = match kind.as_str() {
+                "gamg" | "mg" => ("multigrid keeps the sizes of its levels", "changes those of its matrices"),
+                "bddc" => ("it takes the matrices of the ranks' cells", "takes rows out of their sum"),
+                _ => continue,
+            };
+            return Err(Error::Usage(format!(
+                "-{option} {kind}: {why}, and {} {does} with the contact; take jacobi, or the condensed contact solver",
+                self.name
+            )));
         }
         (self.check)(context)
     }

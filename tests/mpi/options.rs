@@ -48,7 +48,7 @@ fn iterative_solvers_go_through_contact() {
     let folder = folder("iterative");
     succeeds(&rebond(&folder, &["run", "fall.toml", "--out", "native", "--quiet"]));
     let native = history(&folder.join("native"));
-    for (ranks, preconditioner) in [(1, "gamg"), (1, "jacobi"), (2, "gamg")] {
+    for (ranks, preconditioner) in [(1, "gamg"), (1, "jacobi"), (1, "bddc"), (2, "gamg"), (3, "bddc")] {
         let out = format!("{preconditioner}-{ranks}");
         let arguments = [&RUN[..], &["--out", &out, "--", "-pc_type", preconditioner]].concat();
         succeeds(&if ranks == 1 { rebond(&folder, &arguments) } else { on(&folder, ranks, &arguments) });
@@ -81,6 +81,35 @@ fn multigrid_needs_few_iterations() {
     assert!(most <= 100, "{most} iterations");
 }
 
+/// Balanced subdomains take few iterations, whether few dofs touch or nearly all, which are held.
+#[test]
+fn subdomains_take_few_iterations() {
+    let folder = folder("subdomains");
+    let triangles = ["--set", "mesh.cells=[20,8]", "--set", "mesh.element=\"hct\""];
+    let wide = [
+        "--set",
+        "mesh.cells=[20,8]",
+        "--set",
+        "initial={ velocity = \"-1\" }",
+        "--set",
+        "obstacle.0.height=-1e-6",
+    ];
+    for (name, changes, touching) in [("triangles", &triangles[..], 1), ("wide", &wide[..], 150)] {
+        let native = format!("{name}-native");
+        succeeds(&rebond(&folder, &[&["run", "fall.toml", "--quiet", "--out", &native], changes].concat()));
+        let arguments = [&RUN[..], &["--out", name], changes, &["--", "-pc_type", "bddc"]].concat();
+        succeeds(&on(&folder, 2, &arguments));
+        let rows = history(&folder.join(name));
+        assert_agree(&rows, &history(&folder.join(&native)), name);
+        let most = rows.iter().map(|row| row[6]).fold(0.0, f64::max);
+        assert!(most >= f64::from(touching), "{name}: {most} nodes in contact");
+        let summary = summary(&folder.join(name));
+        let iterations = summary["linear"]["iterations_max"].as_u64().unwrap();
+        assert!(iterations <= 30, "{name}: {iterations} iterations");
+        assert!(summary["worst_kkt"].as_f64().unwrap() <= 1e-11, "{name}");
+    }
+}
+
 #[test]
 fn solvers_are_told_by_what_they_are() {
     let folder = folder("names");
@@ -89,10 +118,10 @@ fn solvers_are_told_by_what_they_are() {
     assert_fails(&output, 3, &["(-ksp_type cg -pc_type jacobi)", "after 3 iterations: DIVERGED_ITS"]);
     let said = text(&output.stdout);
     assert!(said.contains("KSP Residual norm") && !said.contains("for  solve"), "{said}");
-    let contact = ["-pc_type", "gamg"];
-    for vi in ["snes", "tao"] {
-        let arguments = [&RUN[..], &["--vi", vi, "--"], &contact].concat();
-        assert_fails(&rebond(&folder, &arguments), 2, &["-pc_type gamg", "condensed"]);
+    for (vi, preconditioner) in [("snes", "gamg"), ("tao", "gamg"), ("snes", "bddc"), ("tao", "bddc")] {
+        let arguments = [&RUN[..], &["--vi", vi, "--", "-pc_type", preconditioner]].concat();
+        let named = format!("-pc_type {preconditioner}");
+        assert_fails(&rebond(&folder, &arguments), 2, &[&named, "condensed"]);
     }
 }
 
