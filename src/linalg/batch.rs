@@ -190,10 +190,10 @@ impl Batches {
 
     /// Creates the batches of some cells.
     ///
-    /// A unit is a cell, or a pair of triangles that are multiplied as one. Units with equal
-    /// classes that lie in a row form batches of eight, which share the local values of one panel.
-    /// So do other units with equal classes, eight at a time; what is left of all classes is packed
-    /// into batches that have a panel each.
+    /// A unit is a cell, or two triangles whose products are computed together. Each batch has
+    /// eight units, and all batches of a class share the local values of one panel. Units of a
+    /// class that lie in a row come first, then all others of the class, eight at a time. What is
+    /// left of all classes is packed into batches that have a panel each.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let units = units(&cells, BARE);
         let mut batches = Batches::of(cells, units);

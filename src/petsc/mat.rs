@@ -58,9 +58,9 @@ impl Matrix {
 
     /// Creates a matrix of zeros that remains a sum of matrices, one for each rank. Collective.
     ///
-    /// That of this rank is over `dofs`, the rows that its contributions may have, some of them
-    /// shared with other ranks; `local` is the number of rows that it owns. Pairs of a row and a
-    /// column, and values, are those of [`Matrix::from_pattern`].
+    /// The matrix of this rank has the rows and columns `dofs`, given by their numbers in the sum.
+    /// Other ranks may have some of them as well; `local` of them are owned by this rank. Rows,
+    /// columns and values are given as to [`Matrix::from_pattern`].
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where an index is too large.

@@ -49,8 +49,8 @@ pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
 /// Calls the command on several ranks. Jobs of other tests may run at the same time, since the
 /// ranks of a job mostly wait.
 ///
-/// After the exit of a rank with an error, Open MPI leaves the others a second or two to end by
-/// themselves. They only wait for their end then, so that it comes at once here.
+/// Where one rank exits with an error, Open MPI asks the others to end, and waits a second or two
+/// before it kills them. They have nothing left to do, so that it does not wait here.
 pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
     mpirun(folder, ranks, arguments).env("OMPI_MCA_odls_base_sigkill_timeout", "0").output().unwrap()
 }
