@@ -121,9 +121,9 @@ impl Exchange {
         (self.fewest, self.single_above) = (usize::MAX, None);
     }
 
-    /// Chooses the next exchange for `broken` violated conditions at the active sets of this
-    /// fingerprint. Returns `None` where no condition is violated, or at the limit.
-    pub fn next(&mut self, broken: usize, fingerprint: u64) -> Option<Move> {
+    /// Chooses the next exchange for `broken` violated conditions at the active sets whose
+    /// fingerprint is called for. Returns `None` where no condition is violated, or at the limit.
+    pub fn next(&mut self, broken: usize, fingerprint: impl FnOnce() -> u64) -> Option<Move> {
         if broken == 0 || self.iterations == self.limit {
             return None;
         }
@@ -132,7 +132,7 @@ impl Exchange {
         if self.single_above.is_some_and(|bound| broken < bound) {
             self.single_above = None;
         }
-        if self.single_above.is_none() && !self.tried.insert(fingerprint) {
+        if self.single_above.is_none() && !self.tried.insert(fingerprint()) {
             self.single_above = Some(self.fewest);
         }
         Some(if self.single_above.is_some() { Move::Last } else { Move::All })
@@ -204,20 +204,22 @@ impl DenseProblem<'_> {
         let size = rhs.len();
         let mut rule = Exchange::new(size);
         let mut magnitude = Few::from_elem(0.0, size);
+        let magnitude = &mut magnitude[..];
         loop {
             self.solve_fixed(sides, x);
-            for i in 0..size {
-                (reaction[i], magnitude[i]) = (-rhs[i], rhs[i].abs());
+            for ((r, m), &h) in reaction.iter_mut().zip(&mut *magnitude).zip(rhs) {
+                (*r, *m) = (-h, h.abs());
             }
             for (j, &value) in x.iter().enumerate() {
-                for (i, &entry) in matrix.col(j).iter().enumerate() {
-                    reaction[i] += entry * value;
-                    magnitude[i] += (entry * value).abs();
+                let column = matrix.col_as_slice(j);
+                for ((r, m), &entry) in reaction.iter_mut().zip(&mut *magnitude).zip(column) {
+                    *r += entry * value;
+                    *m += (entry * value).abs();
                 }
             }
-            let values = BoundValues { lower, upper, x, reaction, magnitude: &magnitude };
+            let values = BoundValues { lower, upper, x, reaction, magnitude };
             let broken = broken(sides, values);
-            match rule.next(broken.len(), fingerprint(sides)) {
+            match rule.next(broken.len(), || fingerprint(sides)) {
                 None => break,
                 Some(Move::All) => exchange(sides, &broken),
                 Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),
@@ -245,15 +247,15 @@ impl DenseProblem<'_> {
         if free.is_empty() {
             return;
         }
-        let fixed = |j: &usize| sides[*j] != BoundStatus::Free;
         let rhs = |&i: &usize| {
-            let column = matrix.col(i);
-            h[i] - (0..h.len()).filter(fixed).map(|j| column[j] * x[j]).sum::<f64>()
+            let entries = matrix.col_as_slice(i).iter().zip(&*x).zip(sides);
+            let fixed = entries.filter(|(_, side)| **side != BoundStatus::Free);
+            h[i] - fixed.map(|((entry, x), _)| entry * x).sum::<f64>()
         };
         let mut values: Few = free.iter().map(rhs).collect();
         let mut block = SmallVec::<[f64; FEW * FEW]>::new();
         for &column in &free {
-            let column = matrix.col(column);
+            let column = matrix.col_as_slice(column);
             block.extend(free.iter().map(|&row| column[row]));
         }
         solve_in_place(MatMut::from_column_major_slice_mut(&mut block, free.len(), free.len()), &mut values);

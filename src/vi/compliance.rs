@@ -113,7 +113,7 @@ impl ComplianceSolver {
                 break;
             }
             let rule = rule.get_or_insert_with(|| Exchange::new(free.len()));
-            match rule.next(broken.len(), fingerprint(&self.sides)) {
+            match rule.next(broken.len(), || fingerprint(&self.sides)) {
                 None => break,
                 Some(Move::All) => exchange(&mut self.sides, &broken),
                 Some(Move::Last) => exchange(&mut self.sides, &broken[broken.len() - 1..]),

@@ -117,7 +117,7 @@ impl<E: Engine> Condensed<E> {
             let last = all.iter().rposition(|(count, _)| *count > 0);
             let print = all.iter().fold(0, |print, (_, own)| hash::extend(print, *own));
             let count: usize = all.iter().map(|(count, _)| count).sum();
-            let next = exchange.next(count, print);
+            let next = exchange.next(count, || print);
             if is_rough && next != Some(Move::All) {
                 is_rough = false;
                 exchange.forget();
