@@ -32,7 +32,7 @@
 
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
-use crate::linalg::vectors::{add, waxpy};
+use crate::linalg::vectors::add;
 
 /// KKT residual above which a step that fed residuals forward is solved again without them,
 /// dimensionless.
@@ -48,11 +48,10 @@ const FIRST_PAUSE: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Feedback {
     /// Residuals `$\delta_{n-1}$` and `$\delta_{n-2}$`, each of the right-hand side that was solved
-    /// for, before any correction, in N, one entry per dof.
+    /// for, before any correction, in N, one entry per dof. In a step whose right-hand side is
+    /// reduced, the term `$2 \delta_{n-1} - \delta_{n-2}$` takes the place of the second: each vector
+    /// of a fine mesh has to come from memory.
     residuals: [Vec<f64>; 2],
-    /// Term `$2 \delta_{n-1} - \delta_{n-2}$` by which the right-hand side of a step is reduced, in
-    /// N.
-    term: Vec<f64>,
     /// Whether the step in hand is corrected within the step, and not reduced.
     is_corrected: bool,
     /// Number of steps that are still corrected.
@@ -68,8 +67,7 @@ impl Feedback {
     pub fn new(dofs: usize, energy: f64) -> Feedback {
         let zeros = vec![0.0; dofs];
         Feedback {
-            residuals: [zeros.clone(), zeros.clone()],
-            term: zeros,
+            residuals: [zeros.clone(), zeros],
             is_corrected: false,
             pause: FIRST_PAUSE,
             work: 0.0,
@@ -93,11 +91,11 @@ impl Feedback {
             self.pause -= 1;
             return false;
         }
-        let [last, earlier] = &self.residuals;
-        // One pass reads each vector of a fine mesh from memory once.
-        for ((term, b), (last, earlier)) in self.term.iter_mut().zip(b).zip(last.iter().zip(earlier)) {
-            *term = 2.0 * last - earlier;
-            *b -= *term;
+        let [last, earlier] = &mut self.residuals;
+        for ((earlier, b), last) in earlier.iter_mut().zip(b).zip(last) {
+            let term = 2.0 * *last - *earlier;
+            *earlier = term;
+            *b -= term;
         }
         true
     }
@@ -105,7 +103,7 @@ impl Feedback {
     /// Returns the term that the right-hand side of the step is reduced by, in N, one entry per
     /// dof; `None` for 0.
     pub fn term(&self) -> Option<&[f64]> {
-        (!self.is_corrected).then_some(&self.term)
+        (!self.is_corrected).then_some(&self.residuals[1])
     }
 
     /// Returns whether a step with this KKT residual has to be solved again, where what it misses
@@ -119,7 +117,7 @@ impl Feedback {
     /// Restores the right-hand side of a step, given what the step missed, in N: it and those after
     /// it are corrected.
     pub fn withdraw(&mut self, missing: &[f64], b: &mut [f64]) {
-        add(&self.term, b);
+        add(&self.residuals[1], b);
         self.take(missing);
         self.is_corrected = true;
         self.pause = PAUSE;
@@ -132,7 +130,7 @@ impl Feedback {
         if self.is_corrected {
             last.copy_from_slice(missing);
         } else {
-            waxpy(1.0, missing, &self.term, last);
+            add(missing, last);
         }
     }
 
