@@ -15,8 +15,8 @@ needs=(maturin numpy scipy matplotlib pytest)
 "$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[0]}"
 "$environment/bin/pip" install --quiet --disable-pip-version-check "${needs[@]}" & packages=$!
 
-# The library is compiled once more, without PETSc. Not to optimise it saves more time than the tests
-# then take.
+# The library is compiled once more, without PETSc. It is not optimised, which saves more time than the
+# slower tests cost.
 rm -rf "$folder/wheels"
 PATH="$environment/bin:$PATH" MATURIN_PEP517_ARGS="--config profile.release.package.rebond.opt-level=0" \
     "$environment/bin/pip" wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir "$folder/wheels" ./python

@@ -190,10 +190,10 @@ impl Batches {
 
     /// Creates the batches of some cells.
     ///
-    /// A unit is a cell, or two triangles whose products are computed together. Each batch has
-    /// eight units, and all batches of a class share the local values of one panel. Units of a
-    /// class that lie in a row come first, then all others of the class, eight at a time. What is
-    /// left of all classes is packed into batches that have a panel each.
+    /// A unit is a single cell, or a pair of triangles that is multiplied as one quadrilateral. A
+    /// batch has up to eight units, and all batches of a class share the local values of one panel.
+    /// Units of a class that lie in a row come first, then all others of the class, eight at a
+    /// time. What is left of all classes is packed into batches that have a panel each.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let units = units(&cells, BARE);
         let mut batches = Batches::of(cells, units);

@@ -274,8 +274,8 @@ impl<E: Engine> Condensed<E> {
         [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
         forces.fill(0.0);
         self.factor.forward_to_schur(b, h)?;
-        // What touched in the last step is likely to touch still. Systems side by side need the
-        // values without any bound, since each of them may be admissible alone.
+        // Dofs in contact in the last step mostly stay so, and the dense problem is solved from
+        // there at once. Of systems side by side, some may be admissible without any bound.
         let inside = (systems > 1 || !touching(sides)) && {
             active_set::unconstrained(&self.factor, h, values);
             values.iter().zip(lower.iter().zip(upper.iter())).all(|(x, (l, u))| (l..=u).contains(&x))
@@ -293,7 +293,7 @@ impl<E: Engine> Condensed<E> {
                 systems => solve_each(rigid, systems, sides, &mut answer, of_one),
             };
             let exchanges = agree(engine.comm(), [&mut *values, forces], sides, exchanges);
-            // A plate that has left its obstacle takes no iteration, however this was found.
+            // A step without reactions counts no iteration, even if it began with active bounds.
             if is_zero(forces) { 0 } else { 1 + exchanges }
         };
         for (k, &i) in candidates.iter().enumerate() {

@@ -221,7 +221,7 @@ fn a_signal_finishes_the_step_and_leaves_a_checkpoint() {
 fn unfinished(folder: &Path) -> PathBuf {
     let run = folder.join("run");
     let mut job = start(folder, &["run", "fall.toml", "--out", "run", "--set", "time.end=1000"]);
-    // A run keeps its last two checkpoints, and may write many before this program runs again.
+    // The run keeps only its last two checkpoints, and may write many while this test is delayed.
     let second = run.join("checkpoint-000000001400.bin");
     while checkpoints(&run).first().is_none_or(|newest| *newest < second) {
         assert!(!job.has_ended(), "it has ended");
