@@ -48,9 +48,9 @@ const FIRST_PAUSE: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Feedback {
     /// Residuals `$\delta_{n-1}$` and `$\delta_{n-2}$`, each of the right-hand side that was solved
-    /// for, before any correction, in N, one entry per dof. During a step whose right-hand
-    /// side is reduced, the second vector holds the term `$2 \delta_{n-1} - \delta_{n-2}$` instead: a
-    /// third vector would have to be read from memory too.
+    /// for, before any correction, in N, one entry per dof. During a step whose right-hand side is
+    /// reduced, the second vector holds the term `$2 \delta_{n-1} - \delta_{n-2}$` instead: a third
+    /// vector would have to be read from memory too.
     residuals: [Vec<f64>; 2],
     /// Whether the step in hand is corrected within the step, and not reduced.
     is_corrected: bool,
