@@ -1,12 +1,14 @@
-//! Batches of eight cells, or pairs of cells, which gather their local dofs from vectors in layout
-//! order.
+//! Batches of eight cells, or pairs of cells, which gather their local dofs from a work space with
+//! strips of vectors in layout order.
 
 use super::BARE;
 use super::joined::{Cell, Unit, units};
+use super::lane_mask::LaneMask;
 use super::lane_values::{LANES, Lanes};
 use super::layout::Layout;
+use super::turns::Turns;
 use pulp::Simd;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Smallest number of units for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
@@ -20,29 +22,30 @@ pub(super) struct Batch {
     /// Index of the batch's entry in [`Batches::panels`]: the panel of each form with the local
     /// values.
     pub panel: usize,
-    /// One for a lane in use, zero otherwise.
-    used: Lanes,
+    /// Lanes in use.
+    used: LaneMask,
     places: Places,
 }
 
+/// Places of local dofs in the work space; positions in layout order until they are known.
 #[derive(Debug)]
 enum Places {
-    /// Position of each local dof in the first lane; those of the other lanes follow it.
+    /// Place of each local dof in the first lane; those of the other lanes follow it.
     Row {
         starts: Vec<u32>,
-        /// Positions and numbers of two local dofs, the second of which lies one position further.
-        /// Both are added at once: a processor waits where it loads positions only some of which
-        /// were just stored.
+        /// Places and numbers of two local dofs, the second of which lies one place further. Both
+        /// are added at once: a processor waits where it loads places only some of which were just
+        /// stored.
         pairs: Vec<(u32, [u32; 2])>,
-        /// Position and number of each other local dof.
+        /// Place and number of each other local dof.
         singles: Vec<(u32, u32)>,
     },
-    /// Position of each local dof, lane by lane.
+    /// Place of each local dof, lane by lane.
     Scattered(Vec<[u32; LANES]>),
 }
 
 impl Places {
-    /// Creates the places of a row from the position of each local dof in the first lane.
+    /// Creates the places of a row from that of each local dof in the first lane.
     fn row(starts: Vec<u32>) -> Places {
         let mut order: Vec<u32> = (0..starts.len() as u32).collect();
         order.sort_by_key(|&dof| starts[dof as usize]);
@@ -61,6 +64,24 @@ impl Places {
         }
         Places::Row { starts, pairs, singles }
     }
+
+    /// Calls `visit` with the place of each local dof; in a row, with that in the first lane.
+    fn for_each(&self, visit: impl FnMut(u32)) {
+        match self {
+            Places::Row { starts, .. } => starts.iter().copied().for_each(visit),
+            Places::Scattered(places) => places.iter().flatten().copied().for_each(visit),
+        }
+    }
+
+    /// Returns these local dofs at other places.
+    fn moved(&self, to: impl Fn(u32) -> u32) -> Places {
+        match self {
+            Places::Row { starts, .. } => Places::row(starts.iter().map(|&start| to(start)).collect()),
+            Places::Scattered(places) => {
+                Places::Scattered(places.iter().map(|places| places.map(&to)).collect())
+            }
+        }
+    }
 }
 
 impl Batch {
@@ -73,14 +94,14 @@ impl Batch {
         }
     }
 
-    /// Gathers the local values from a vector in layout order, with zero in unused lanes.
+    /// Gathers the local values of a vector, with zero in unused lanes.
     #[inline(always)]
     pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
             Places::Row { starts, .. } => {
                 let starts = &starts[..local.len()];
                 for (value, &start) in local.iter_mut().zip(starts) {
-                    *value = Lanes::at(x, start) * self.used;
+                    *value = self.used.keep(Lanes::at(x, start));
                 }
             }
             Places::Scattered(places) => {
@@ -93,7 +114,7 @@ impl Batch {
         }
     }
 
-    /// Adds some local vectors, which are zero in unused lanes, each to a vector in layout order.
+    /// Adds some local vectors, which are zero in unused lanes, each to a vector.
     #[inline(always)]
     pub fn scatter<S: Simd, const N: usize>(&self, simd: S, locals: [&[Lanes]; N], sums: [&mut [f64]; N]) {
         match &self.places {
@@ -102,10 +123,10 @@ impl Batch {
                 for &(start, [dof, next]) in pairs {
                     for k in 0..N {
                         let (own, next) = (&locals[k][dof as usize], &locals[k][next as usize]);
-                        let positions = &mut sums[k][start as usize..][..LANES + 1];
-                        positions[LANES] += next.0[LANES - 1];
-                        let sum = Lanes::at(positions, 0) + *own + next.moved_up(simd, first);
-                        positions[..LANES].copy_from_slice(&sum.0);
+                        let places = &mut sums[k][start as usize..][..LANES + 1];
+                        places[LANES] += next.0[LANES - 1];
+                        let sum = Lanes::at(places, 0) + *own + next.moved_up(simd, first);
+                        places[..LANES].copy_from_slice(&sum.0);
                     }
                 }
                 for &(start, dof) in singles {
@@ -150,12 +171,14 @@ impl<'a> Row<'a> {
         let lane = pairs().find_map(|(start, place)| place?.checked_sub(start?));
         let next = self.lanes.last().map_or(0, |(lane, _)| lane + 1);
         let Some(lane) = lane.filter(|&lane| (next..LANES).contains(&(lane as usize))) else { return false };
+        let is_one_strip = |start: u32| self.layout.are_in_one_strip(start, start + lane);
         let fits = pairs().all(|(start, place)| match (start, place) {
-            (Some(start), Some(place)) => place == start + lane,
+            (Some(start), Some(place)) => place == start + lane && is_one_strip(start),
             // A dof that is held reads as zero, so no other dof may have its position.
-            (Some(start), None) => self.layout.is_free(start + lane),
+            (Some(start), None) => self.layout.is_free(start + lane) && is_one_strip(start),
             (None, Some(place)) => place.checked_sub(lane).is_some_and(|start| {
-                self.lanes.iter().all(|&(lane, _)| self.layout.is_free(start + lane as u32))
+                is_one_strip(start)
+                    && self.lanes.iter().all(|&(lane, _)| self.layout.is_free(start + lane as u32))
             }),
             (None, None) => true,
         });
@@ -176,6 +199,8 @@ pub(super) struct Batches {
     units: Vec<Unit>,
     /// Batches of eight units.
     pub list: Vec<Batch>,
+    /// Order in which they are multiplied.
+    pub turns: Turns,
     /// Units whose local values make up each panel, lane by lane.
     panels: Vec<[usize; LANES]>,
     /// Largest number of local dofs.
@@ -185,7 +210,8 @@ pub(super) struct Batches {
 impl Batches {
     fn of(cells: Vec<Cell>, units: Vec<Unit>) -> Batches {
         let width = units.iter().map(|unit| unit.dofs.len()).max().unwrap_or(0);
-        Batches { cells, units, list: Vec::new(), panels: Vec::new(), width }
+        let turns = Turns { list: Vec::new(), size: 0 };
+        Batches { cells, units, list: Vec::new(), turns, panels: Vec::new(), width }
     }
 
     /// Creates the batches of some cells.
@@ -225,13 +251,42 @@ impl Batches {
                 batches.scatter(layout, panel, chunk);
             }
         }
-        batches.list.sort_by_key(|batch| batch.cells[0].iter().min().copied());
+        batches.take_turns(layout);
         batches
     }
 
+    /// Sorts the batches by the first strip of positions that each needs, and gives their local
+    /// dofs places in the work space.
+    fn take_turns(&mut self, layout: &Layout) {
+        let strips_of = |batch: &Batch| {
+            let mut strips = BTreeSet::new();
+            batch.places.for_each(|place| {
+                if place < layout.nowhere() {
+                    strips.insert(layout.strip_of(place));
+                }
+            });
+            strips
+        };
+        let first_cell = |batch: &Batch| batch.cells[0].iter().min().copied();
+        self.list.sort_by_cached_key(|batch| (strips_of(batch).first().copied(), first_cell(batch)));
+        let strips: Vec<_> = layout.strips().collect();
+        let needs: Vec<_> = self.list.iter().map(strips_of).collect();
+        self.turns = Turns::new(&strips, &needs, |batch, starts| {
+            let Batch { places, .. } = &mut self.list[batch];
+            *places = places.moved(|place| {
+                if place >= layout.nowhere() {
+                    return 0;
+                }
+                let strip = layout.strip_of(place);
+                starts[strip] as u32 + place - strips[strip].start
+            });
+        });
+    }
+
     /// Creates the batches of equal systems side by side, one batch per cell. Entry 8 i + k of a
-    /// vector belongs to dof i of system k, and lane k of every batch to system k.
-    pub fn side_by_side(dofs: usize, cells: Vec<Cell>) -> Batches {
+    /// vector belongs to dof i of system k, and lane k of every batch to system k. The layout keeps
+    /// this order.
+    pub fn side_by_side(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let units = cells.iter().enumerate().map(|(number, cell)| Unit::single(number, cell)).collect();
         let mut batches = Batches::of(cells, units);
         let mut panel_of: BTreeMap<(usize, usize), usize> = BTreeMap::new();
@@ -240,17 +295,18 @@ impl Batches {
             let panel = *panel_of
                 .entry((own.len(), class))
                 .or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
-            let start = |dof: &Option<usize>| (LANES * dof.unwrap_or(dofs)) as u32;
+            let start = |dof: &Option<usize>| dof.map_or(layout.nowhere(), |dof| (LANES * dof) as u32);
             batches.list.push(Batch {
                 cells: [
                     std::array::from_fn(|system| (LANES * number + system) as u32),
                     [(LANES * batches.cells.len()) as u32; LANES],
                 ],
                 panel,
-                used: Lanes([1.0; LANES]),
+                used: LaneMask::of([true; LANES]),
                 places: Places::row(own.iter().map(start).collect()),
             });
         }
+        batches.take_turns(layout);
         batches
     }
 
@@ -322,16 +378,15 @@ impl Batches {
 
     /// Adds a batch with the given units in some lanes.
     fn push(&mut self, panel: usize, lanes: &[(usize, usize)], places: Places) {
-        let cells = [[self.cells.len() as u32; LANES]; 2];
-        let mut batch = Batch { cells, panel, used: Lanes::default(), places };
+        let (mut cells, mut used) = ([[self.cells.len() as u32; LANES]; 2], [false; LANES]);
         for &(lane, unit) in lanes {
             let Unit { cell, second, .. } = self.units[unit];
-            (batch.cells[0][lane], batch.used.0[lane]) = (cell as u32, 1.0);
+            (cells[0][lane], used[lane]) = (cell as u32, true);
             if let Some((second, _)) = second {
-                batch.cells[1][lane] = second as u32;
+                cells[1][lane] = second as u32;
             }
         }
-        self.list.push(batch);
+        self.list.push(Batch { cells, panel, used: LaneMask::of(used), places });
     }
 }
 
@@ -360,7 +415,7 @@ mod tests {
         assert!(
             matches!(&places, Places::Row { pairs, singles, .. } if pairs.len() == 2 && singles.len() == 3)
         );
-        let batch = Batch { cells: [[0; LANES]; 2], panel: 0, used: Lanes([1.0; LANES]), places };
+        let batch = Batch { cells: [[0; LANES]; 2], panel: 0, used: LaneMask::of([true; LANES]), places };
         let value = |dof: usize, lane: usize| (1 << dof) as f64 * (1.0 + lane as f64);
         let local: Vec<Lanes> =
             (0..starts.len()).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();

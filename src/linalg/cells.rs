@@ -2,15 +2,17 @@
 //!
 //! The local matrices of a batch are interleaved, one cell per lane, in a *panel*. Congruent cells
 //! share one panel, so that a regular mesh reads its stiffness from the cache. Two triangles may be
-//! one unit of a batch, see [`super::joined`]. All vectors over the dofs are in layout order, see
-//! [`super::batch`].
+//! one unit of a batch, see [`super::joined`].
 
 use super::ElementMatrix;
 use super::batch::{Batch, Batches};
 use super::joined::{Cell, Unit};
 use super::lane_values::{LANES, Lanes, interleave};
-use super::scratch::{Room, Scratch};
+use super::layout::Layout;
+use super::scratch::Room;
 use super::strains::Strains;
+use super::turns::Turn;
+use super::workspace::Strips;
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -210,40 +212,57 @@ impl CellForm {
         }
     }
 
-    /// Adds A x to y and returns x^T A x.
+    /// Sets y, if it is wanted, to A x and returns x^T A x.
     #[inline(always)]
-    pub(super) fn add_product<S: Simd>(
+    pub(super) fn multiply<S: Simd>(
         &self,
         simd: S,
+        layout: &Layout,
         x: &[f64],
-        y: &mut [f64],
-        scratch: &mut Scratch,
+        mut y: Option<&mut [f64]>,
+        mut strips: Strips,
     ) -> f64 {
         let mut form = Lanes::default();
-        for batch in &self.batches.list {
-            form += match batch.size() {
-                9 => self.add_batch(simd, batch, x, y, scratch.split(9)),
-                12 => self.add_batch(simd, batch, x, y, scratch.split(12)),
-                size => self.add_batch(simd, batch, x, y, scratch.split(size)),
-            };
+        let is_wanted = y.is_some();
+        for turn in &self.batches.turns.list {
+            match turn {
+                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Multiply(batches) => {
+                    for batch in &self.batches.list[batches.clone()] {
+                        form += match batch.size() {
+                            9 => self.multiply_batch(simd, batch, &mut strips, is_wanted, 9),
+                            12 => self.multiply_batch(simd, batch, &mut strips, is_wanted, 12),
+                            size => self.multiply_batch(simd, batch, &mut strips, is_wanted, size),
+                        };
+                    }
+                }
+                Turn::Leave(slot) => {
+                    if let Some(y) = &mut y {
+                        layout.take::<false>(slot, strips.y, y);
+                    }
+                }
+            }
         }
         form.sum()
     }
 
-    /// Adds the product of one batch. The compiler unrolls its loops for the numbers of dofs that
-    /// plate elements have.
+    /// Adds the product of one batch, if it is wanted. The compiler unrolls its loops for the
+    /// numbers of dofs that plate elements have.
     #[inline(always)]
-    fn add_batch<S: Simd>(
+    fn multiply_batch<S: Simd>(
         &self,
         simd: S,
         batch: &Batch,
-        x: &[f64],
-        y: &mut [f64],
-        (local, Room { result, .. }): (&mut [Lanes], Room),
+        strips: &mut Strips,
+        is_wanted: bool,
+        size: usize,
     ) -> Lanes {
-        batch.gather(x, local);
+        let (local, Room { result, .. }) = strips.scratch.split(size);
+        batch.gather(strips.x, local);
         let form = self.panel(batch).apply(simd, local, result);
-        batch.scatter(simd, [result], [y]);
+        if is_wanted {
+            batch.scatter(simd, [result], [strips.y]);
+        }
         form
     }
 }

@@ -5,8 +5,11 @@ use super::cells::CellForm;
 use super::double_double::DoubleDouble;
 use super::joined::Cell;
 use super::lane_values::Lanes;
-use super::scratch::{Room, Scratch};
+use super::layout::Layout;
+use super::scratch::Room;
 use super::singular_mass::SingularMassCells;
+use super::turns::Turn;
+use super::workspace::Strips;
 use super::{ElementMatrix, MassModes, SingularMassCell};
 use pulp::Simd;
 use std::rc::Rc;
@@ -123,54 +126,65 @@ fn visit_lower<V>(
     }
 }
 
-/// Adds A x to y and |A| |x| to m for a sum of forms. Successive forms over the same cells are
+/// Returns the successive forms of a sum that have the same cells.
+fn by_cells<'a, 'f>(sum: &'a [(f64, &'f Form)]) -> impl Iterator<Item = &'a [(f64, &'f Form)]> {
+    sum.chunk_by(|(_, a), (_, b)| Rc::ptr_eq(a.batches(), b.batches()))
+}
+
+/// Sets y to A x and m to |A| |x| for a sum of forms. Successive forms over the same cells are
 /// applied in one pass over their batches.
 #[inline(always)]
-pub(super) fn add_with_magnitude<S: Simd>(
+pub(super) fn multiply_with_magnitude<S: Simd>(
     simd: S,
+    layout: &Layout,
     sum: &[(f64, &Form)],
     x: &[f64],
-    y: &mut [f64],
-    m: &mut [f64],
-    scratch: &mut Scratch,
+    (y, m): (&mut [f64], &mut [f64]),
+    mut strips: Strips,
 ) {
-    let mut sums = ProductSums { y, m };
-    let mut rest = sum;
-    while let [(_, first), ..] = rest {
-        let mut count = 1;
-        while count < rest.len() && Rc::ptr_eq(rest[count].1.batches(), first.batches()) {
-            count += 1;
-        }
-        for batch in &first.batches().list {
-            let forms = &rest[..count];
-            match batch.size() {
-                9 => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(9)),
-                12 => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(12)),
-                size => add_batch_with_magnitude(simd, batch, forms, x, &mut sums, scratch.split(size)),
+    if sum.is_empty() {
+        y.fill(0.0);
+        m.fill(0.0);
+    }
+    for (number, forms) in by_cells(sum).enumerate() {
+        let batches = forms[0].1.batches();
+        for turn in &batches.turns.list {
+            match turn {
+                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Multiply(range) => {
+                    for batch in &batches.list[range.clone()] {
+                        match batch.size() {
+                            9 => add_batch_with_magnitude(simd, batch, forms, &mut strips, 9),
+                            12 => add_batch_with_magnitude(simd, batch, forms, &mut strips, 12),
+                            size => add_batch_with_magnitude(simd, batch, forms, &mut strips, size),
+                        }
+                    }
+                }
+                Turn::Leave(slot) if number == 0 => {
+                    layout.take::<false>(slot, strips.y, y);
+                    layout.take::<false>(slot, strips.z, m);
+                }
+                Turn::Leave(slot) => {
+                    layout.take::<true>(slot, strips.y, y);
+                    layout.take::<true>(slot, strips.z, m);
+                }
             }
         }
-        rest = &rest[count..];
     }
 }
 
-/// Vectors to which A x and |A| |x| are added, one entry per dof.
-struct ProductSums<'a> {
-    y: &'a mut [f64],
-    m: &'a mut [f64],
-}
-
-/// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
-/// plate elements have.
+/// Adds the products of one batch to y and their magnitudes to z. The compiler unrolls its loops
+/// for the numbers of dofs that plate elements have.
 #[inline(always)]
 fn add_batch_with_magnitude<S: Simd>(
     simd: S,
     batch: &Batch,
     forms: &[(f64, &Form)],
-    x: &[f64],
-    sums: &mut ProductSums,
-    (local, mut room): (&mut [Lanes], Room),
+    strips: &mut Strips,
+    size: usize,
 ) {
-    batch.gather(x, local);
+    let (local, mut room) = strips.scratch.split(size);
+    batch.gather(strips.x, local);
     room.y.fill(Lanes::default());
     room.m.fill(Lanes::default());
     for &(scale, form) in forms {
@@ -183,55 +197,69 @@ fn add_batch_with_magnitude<S: Simd>(
             }
         }
     }
-    batch.scatter(simd, [room.y, room.m], [sums.y, sums.m]);
+    batch.scatter(simd, [room.y, room.m], [strips.y, strips.z]);
 }
 
-/// Adds `part` x to z, with `part` one form of a sum, and the weighted products of x with all other
-/// forms to y. Successive forms over the same cells are applied in one pass over their batches.
+/// Sets z to `part` x, with `part` one form of a sum, and y to A x with the sum. Successive forms
+/// over the same cells are applied in one pass over their batches.
 #[inline(always)]
-pub(super) fn add_with_part<S: Simd>(
+pub(super) fn multiply_with_part<S: Simd>(
     simd: S,
-    sum: &[(f64, &Form)],
-    part: &Form,
+    layout: &Layout,
+    (sum, part): (&[(f64, &Form)], &Form),
     x: &[f64],
     (y, z): (&mut [f64], &mut [f64]),
-    scratch: &mut Scratch,
+    mut strips: Strips,
 ) {
-    let mut products = PartProducts { part, y, z };
-    for forms in sum.chunk_by(|(_, a), (_, b)| Rc::ptr_eq(a.batches(), b.batches())) {
-        for batch in &forms[0].1.batches().list {
-            match batch.size() {
-                9 => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(9)),
-                12 => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(12)),
-                size => add_batch_with_part(simd, batch, forms, x, &mut products, scratch.split(size)),
+    if sum.is_empty() {
+        y.fill(0.0);
+        z.fill(0.0);
+    }
+    let weights = sum.iter().filter(|(_, form)| std::ptr::eq(*form, part));
+    let weight = weights.map(|(weight, _)| weight).sum();
+    for (number, forms) in by_cells(sum).enumerate() {
+        let batches = forms[0].1.batches();
+        for turn in &batches.turns.list {
+            match turn {
+                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Multiply(range) => {
+                    for batch in &batches.list[range.clone()] {
+                        match batch.size() {
+                            9 => add_batch_with_part(simd, batch, (forms, part), &mut strips, 9),
+                            12 => add_batch_with_part(simd, batch, (forms, part), &mut strips, 12),
+                            size => add_batch_with_part(simd, batch, (forms, part), &mut strips, size),
+                        }
+                    }
+                }
+                Turn::Leave(slot) => {
+                    let products = (&mut *strips.z, &mut *strips.y);
+                    if number == 0 {
+                        layout.take_with_part::<false>(slot, weight, products, (y, z));
+                    } else {
+                        layout.take_with_part::<true>(slot, weight, products, (y, z));
+                    }
+                }
             }
         }
     }
 }
 
-/// Vectors to which the product of one form, z, and those of all others, y, are added, one entry
-/// per dof.
-struct PartProducts<'a> {
-    part: &'a Form,
-    y: &'a mut [f64],
-    z: &'a mut [f64],
-}
-
-/// Adds the products of one batch. The compiler unrolls its loops for the numbers of dofs that
-/// plate elements have.
+/// Adds `part` x of one batch to z, with `part` one of some forms, and the weighted products with
+/// the others to y. The compiler unrolls its loops for the numbers of dofs that plate elements
+/// have.
 #[inline(always)]
 fn add_batch_with_part<S: Simd>(
     simd: S,
     batch: &Batch,
-    forms: &[(f64, &Form)],
-    x: &[f64],
-    products: &mut PartProducts,
-    (local, Room { work, result, y, .. }): (&mut [Lanes], Room),
+    (forms, part): (&[(f64, &Form)], &Form),
+    strips: &mut Strips,
+    size: usize,
 ) {
-    batch.gather(x, local);
+    let (local, Room { work, result, y, .. }) = strips.scratch.split(size);
+    batch.gather(strips.x, local);
     let (mut has_part, mut has_others) = (false, false);
     for &(scale, form) in forms {
-        let is_part = std::ptr::eq(form, products.part);
+        let is_part = std::ptr::eq(form, part);
         let scale = if is_part { 1.0 } else { scale };
         let term = match (is_part, has_others) {
             (true, _) => &mut *result,
@@ -256,8 +284,8 @@ fn add_batch_with_part<S: Simd>(
         has_others |= !is_part;
     }
     match (has_part, has_others) {
-        (true, true) => batch.scatter(simd, [result, y], [&mut *products.z, &mut *products.y]),
-        (true, false) => batch.scatter(simd, [result], [&mut *products.z]),
-        (false, _) => batch.scatter(simd, [y], [&mut *products.y]),
+        (true, true) => batch.scatter(simd, [result, y], [strips.z, strips.y]),
+        (true, false) => batch.scatter(simd, [result], [strips.z]),
+        (false, _) => batch.scatter(simd, [y], [strips.y]),
     }
 }

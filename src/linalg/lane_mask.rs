@@ -12,6 +12,20 @@ use std::ops::{BitAnd, BitOr, Not};
 pub(crate) struct LaneMask([u64; LANES]);
 
 impl LaneMask {
+    /// Creates a condition that holds on the given lanes.
+    pub fn of(lanes: [bool; LANES]) -> LaneMask {
+        LaneMask(lanes.map(|holds| u64::from(holds).wrapping_neg()))
+    }
+
+    /// Returns the numbers where the condition holds, and 0 where not.
+    #[inline(always)]
+    pub fn keep(self, mut lanes: Lanes) -> Lanes {
+        for lane in 0..LANES {
+            lanes.0[lane] = f64::from_bits(lanes.0[lane].to_bits() & self.0[lane]);
+        }
+        lanes
+    }
+
     /// Returns whether the condition holds on a lane.
     pub fn holds(self, lane: usize) -> bool {
         self.0[lane] != 0

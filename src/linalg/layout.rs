@@ -4,30 +4,40 @@
 //! time costs more than all the arithmetic of the cell. A [`Layout`] puts the dofs of one kind side
 //! by side along the lines of the mesh. Eight congruent cells in a row then read each of their
 //! local dofs at once, from eight consecutive positions.
+//!
+//! The positions are divided into *strips*, such as the lines of nodes of a fine mesh. A product
+//! holds only those strips that its next cells need, see [`super::turns`].
 
 use super::lane_values::LANES;
-use super::vectors::waxpy;
-use super::wide::widest;
-use pulp::Arch;
+use super::turns::Slot;
+use std::array::from_mut;
+use std::mem::take;
 use std::ops::Range;
 
 /// Position of each dof in the engine's own vectors.
 ///
 /// A vector in *layout order* has more positions than there are dofs: some belong to dofs that
-/// supports hold, and some at the end to none. An operand is zero there, and what a product writes
-/// there is never read.
+/// supports hold, and some to none. An operand is zero there, and what a product writes there is
+/// never read.
 #[derive(Debug, Clone)]
 pub struct Layout {
     /// Position of each dof.
     places: Vec<u32>,
     /// Whether each position belongs to a dof.
     taken: Vec<bool>,
-    /// Whether the position of each dof is its index.
-    is_identity: bool,
-    /// Lines of nodes, and the dofs outside of them, each with its position.
+    strips: Vec<Strip>,
+}
+
+/// Successive positions, and the dofs that have them.
+#[derive(Debug, Clone, Default)]
+struct Strip {
+    positions: Range<u32>,
     lines: Vec<Line>,
+    runs: Vec<Run>,
+    /// All other dofs, each with its place in the strip.
     others: Vec<(u32, u32)>,
-    arch: Arch,
+    /// Places without a dof.
+    gaps: Vec<u32>,
 }
 
 /// Nodes with three dofs each, numbered one after the other, whose dofs of each kind lie side by
@@ -36,60 +46,135 @@ pub struct Layout {
 struct Line {
     dof: u32,
     nodes: u32,
-    /// Positions of the first node's dofs.
+    /// Places of the first node's dofs in the strip.
     places: [u32; 3],
 }
 
+/// Dofs that have the same order in the strip.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    dof: u32,
+    count: u32,
+    place: u32,
+}
+
 impl Line {
-    /// Returns the longest line that begins with a dof, given the positions of all dofs; `None` if
-    /// it fills no vector register.
-    fn at(dof: usize, places: &[u32]) -> Option<Line> {
+    /// Returns the longest line of a strip that begins with a dof, given the positions of all dofs;
+    /// `None` if it fills no vector register.
+    fn at(dof: usize, places: &[u32], strip: &Range<u32>) -> Option<Line> {
         let (nodes, _) = places[dof..].as_chunks::<3>();
         let first = *nodes.first()?;
-        let follows = |&(k, node): &(u32, &[u32; 3])| *node == first.map(|place| place + k);
+        let follows = |&(k, node): &(u32, &[u32; 3])| {
+            *node == first.map(|place| place + k) && node.iter().all(|place| strip.contains(place))
+        };
         let nodes = (0..).zip(nodes).take_while(follows).count();
-        (nodes >= LANES).then_some(Line { dof: dof as u32, nodes: nodes as u32, places: first })
+        let places = first.map(|place| place.wrapping_sub(strip.start));
+        (nodes >= LANES).then_some(Line { dof: dof as u32, nodes: nodes as u32, places })
     }
 
     /// Returns the dofs of all nodes.
+    #[inline(always)]
     fn dofs(&self) -> Range<usize> {
         self.dof as usize..(self.dof + 3 * self.nodes) as usize
     }
 
-    /// Returns the positions of the dofs of each kind.
-    fn positions(&self) -> [Range<usize>; 3] {
+    /// Returns the places of the dofs of each kind.
+    #[inline(always)]
+    fn places(&self) -> [Range<usize>; 3] {
         self.places.map(|place| place as usize..(place + self.nodes) as usize)
     }
 
-    /// Returns the dofs of each kind of a vector in layout order.
+    /// Returns the values of all nodes of a vector, in whole registers and one by one.
     #[inline(always)]
-    fn of<'a>(&self, laid: &'a [f64]) -> [&'a [f64]; 3] {
-        self.positions().map(|range| &laid[range])
+    fn nodes<'a>(&self, x: &'a [f64]) -> (&'a [[[f64; 3]; LANES]], &'a [[f64; 3]]) {
+        let (nodes, _) = x[self.dofs()].as_chunks::<3>();
+        nodes.as_chunks()
+    }
+
+    /// Returns the values of all nodes of a vector, in whole registers and one by one.
+    #[inline(always)]
+    fn nodes_mut<'a>(&self, x: &'a mut [f64]) -> (&'a mut [[[f64; 3]; LANES]], &'a mut [[f64; 3]]) {
+        let (nodes, _) = x[self.dofs()].as_chunks_mut::<3>();
+        nodes.as_chunks_mut()
+    }
+
+    /// Returns the dofs of each kind of a strip, in whole registers and one by one.
+    #[inline(always)]
+    fn kinds<'a>(&self, strip: &'a mut [f64]) -> [(&'a mut [[f64; LANES]], &'a mut [f64]); 3] {
+        // The places are those of different dofs.
+        let kinds = strip.get_disjoint_mut(self.places()).unwrap_or_default();
+        kinds.map(<[f64]>::as_chunks_mut)
+    }
+}
+
+impl Run {
+    /// Returns the longest run of a strip that begins with a dof, given the positions of all dofs;
+    /// `None` if it fills no vector register.
+    fn at(dof: usize, places: &[u32], strip: &Range<u32>) -> Option<Run> {
+        let first = places[dof];
+        let follows = |&(k, place): &(u32, &u32)| *place == first + k && strip.contains(place);
+        let count = (0..).zip(&places[dof..]).take_while(follows).count();
+        (count >= LANES).then_some(Run { dof: dof as u32, count: count as u32, place: first - strip.start })
+    }
+
+    #[inline(always)]
+    fn dofs(&self) -> Range<usize> {
+        self.dof as usize..(self.dof + self.count) as usize
+    }
+
+    #[inline(always)]
+    fn places(&self) -> Range<usize> {
+        self.place as usize..(self.place + self.count) as usize
     }
 }
 
 impl Layout {
-    /// Creates a layout with the given position for each dof; no two dofs share one.
+    /// Creates a layout of one strip with the given position for each dof; no two dofs share one.
     pub fn new(places: impl IntoIterator<Item = usize>) -> Layout {
+        Layout::in_strips(places, [])
+    }
+
+    /// Creates a layout with the given position for each dof; no two dofs share one. Strips end at
+    /// the given positions, ascending, and what follows them is one more.
+    pub fn in_strips(
+        places: impl IntoIterator<Item = usize>,
+        ends: impl IntoIterator<Item = usize>,
+    ) -> Layout {
         let places: Vec<u32> = places.into_iter().map(|place| place as u32).collect();
-        let mut taken = vec![false; places.iter().max().map_or(0, |&last| last as usize + 1)];
+        let mut ends: Vec<usize> = ends.into_iter().collect();
+        let last = places.iter().max().map_or(0, |&last| last as usize + 1);
+        if ends.last().is_none_or(|&end| end < last) {
+            ends.push(last);
+        }
+        let mut taken = vec![false; ends[ends.len() - 1]];
         for &place in &places {
             debug_assert!(!taken[place as usize], "two dofs at place {place}");
             taken[place as usize] = true;
         }
-        let is_identity = places.iter().enumerate().all(|(dof, &place)| dof == place as usize);
-        let (mut lines, mut others) = (Vec::new(), Vec::new());
+        let mut strips = Vec::new();
+        let mut start = 0;
+        for end in ends.into_iter().map(|end| end as u32) {
+            let gaps = (start..end).filter(|&place| !taken[place as usize]).map(|place| place - start);
+            strips.push(Strip { positions: start..end, gaps: gaps.collect(), ..Strip::default() });
+            start = end;
+        }
+        let mut layout = Layout { places, taken, strips };
         let mut dof = 0;
-        while dof < places.len() {
-            if let Some(line) = Line::at(dof, &places) {
+        while dof < layout.places.len() {
+            let number = layout.strip_of(layout.places[dof]);
+            let (places, strip) = (&layout.places, &mut layout.strips[number]);
+            if let Some(line) = Line::at(dof, places, &strip.positions) {
                 dof = line.dofs().end;
-                lines.push(line);
+                strip.lines.push(line);
+            } else if let Some(run) = Run::at(dof, places, &strip.positions) {
+                dof = run.dofs().end;
+                strip.runs.push(run);
             } else {
-                others.push((dof as u32, places[dof]));
+                strip.others.push((dof as u32, places[dof] - strip.positions.start));
                 dof += 1;
             }
         }
-        Layout { places, taken, is_identity, lines, others, arch: Arch::new() }
+        layout
     }
 
     /// Returns the number of dofs.
@@ -97,9 +182,21 @@ impl Layout {
         self.places.len()
     }
 
-    /// Returns a vector of zeros in layout order.
-    pub(super) fn zeros(&self) -> Vec<f64> {
-        vec![0.0; self.taken.len() + LANES]
+    /// Returns the positions of each strip.
+    pub(super) fn strips(&self) -> impl ExactSizeIterator<Item = Range<u32>> {
+        self.strips.iter().map(|strip| strip.positions.clone())
+    }
+
+    /// Returns whether two positions belong to one strip.
+    pub(super) fn are_in_one_strip(&self, first: u32, second: u32) -> bool {
+        let positions = &self.strips[self.strip_of(first)].positions;
+        positions.contains(&first) && positions.contains(&second)
+    }
+
+    /// Returns the number of the strip that has a position, or of the last one if none has.
+    pub(super) fn strip_of(&self, place: u32) -> usize {
+        let number = self.strips.partition_point(|strip| strip.positions.end <= place);
+        number.min(self.strips.len() - 1)
     }
 
     /// Returns the first of the free positions, one per lane, that lanes without a dof use.
@@ -118,90 +215,151 @@ impl Layout {
         dofs.iter().map(|dof| dof.map(|dof| self.places[dof]))
     }
 
-    /// Copies a vector into layout order; positions without dofs stay unchanged.
-    pub(super) fn lay_out(&self, x: &[f64], laid: &mut [f64]) {
-        if self.is_identity {
-            return laid[..x.len()].copy_from_slice(x);
+    /// Copies the dofs of a strip from x into its slot of a work space, with zero at places without
+    /// a dof.
+    #[inline(always)]
+    pub(super) fn lay_out(&self, slot: &Slot, x: &[f64], laid: &mut [f64]) {
+        let laid = &mut laid[slot.places()];
+        let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
+        for line in lines {
+            let ((nodes, last), [w, w_x, w_y]) = (line.nodes(x), line.kinds(laid));
+            for (((node, w), w_x), w_y) in nodes.iter().zip(w.0).zip(w_x.0).zip(w_y.0) {
+                [*w, *w_x, *w_y] = by_kind(*node);
+            }
+            for (((node, w), w_x), w_y) in last.iter().zip(w.1).zip(w_x.1).zip(w_y.1) {
+                [*w, *w_x, *w_y] = *node;
+            }
         }
-        widest(
-            self.arch,
-            #[inline(always)]
-            || {
-                for line in &self.lines {
-                    // The positions are those of different dofs.
-                    if let Ok([w, w_x, w_y]) = laid.get_disjoint_mut(line.positions()) {
-                        let (nodes, _) = x[line.dofs()].as_chunks::<3>();
-                        for (((value, w), w_x), w_y) in nodes.iter().zip(w).zip(w_x).zip(w_y) {
-                            [*w, *w_x, *w_y] = *value;
-                        }
-                    }
-                }
-            },
-        );
-        for &(dof, place) in &self.others {
+        for run in runs {
+            laid[run.places()].copy_from_slice(&x[run.dofs()]);
+        }
+        for &(dof, place) in others {
             laid[place as usize] = x[dof as usize];
         }
+        self.clear_gaps(slot, laid);
     }
 
-    /// Copies a vector in layout order back into x.
-    pub(super) fn collect(&self, laid: &[f64], x: &mut [f64]) {
-        if self.is_identity {
-            return x.copy_from_slice(&laid[..x.len()]);
-        }
-        widest(
-            self.arch,
-            #[inline(always)]
-            || {
-                for line in &self.lines {
-                    let [w, w_x, w_y] = line.of(laid);
-                    let (nodes, _) = x[line.dofs()].as_chunks_mut::<3>();
-                    for (((value, w), w_x), w_y) in nodes.iter_mut().zip(w).zip(w_x).zip(w_y) {
-                        *value = [*w, *w_x, *w_y];
-                    }
-                }
-            },
-        );
-        for &(dof, place) in &self.others {
-            x[dof as usize] = laid[place as usize];
+    /// Sets the places of a slot to zero that have no dof.
+    #[inline(always)]
+    fn clear_gaps(&self, slot: &Slot, laid: &mut [f64]) {
+        for &place in &self.strips[slot.strip].gaps {
+            laid[place as usize] = 0.0;
         }
     }
 
-    /// Copies a vector `part` in layout order back into z, and sets y to `rest` + weight `part`.
-    pub(super) fn collect_with_part(
+    /// Moves the dofs of a strip from its slot to x, or adds them there, and leaves zeros.
+    #[inline(always)]
+    pub(super) fn take<const ADDS: bool>(&self, slot: &Slot, laid: &mut [f64], x: &mut [f64]) {
+        let laid = &mut laid[slot.places()];
+        let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
+        for line in lines {
+            let ((nodes, last), [w, w_x, w_y]) = (line.nodes_mut(x), line.kinds(laid));
+            for (((node, w), w_x), w_y) in nodes.iter_mut().zip(w.0).zip(w_x.0).zip(w_y.0) {
+                put::<ADDS, 3, LANES>(node, by_node([take(w), take(w_x), take(w_y)]));
+            }
+            for (((node, w), w_x), w_y) in last.iter_mut().zip(w.1).zip(w_x.1).zip(w_y.1) {
+                put::<ADDS, 3, 1>(from_mut(node), [[take(w), take(w_x), take(w_y)]]);
+            }
+        }
+        for run in runs {
+            for (value, laid) in x[run.dofs()].iter_mut().zip(&mut laid[run.places()]) {
+                put::<ADDS, 1, 1>(from_mut(from_mut(value)), [[take(laid)]]);
+            }
+        }
+        for &(dof, place) in others {
+            put::<ADDS, 1, 1>(from_mut(from_mut(&mut x[dof as usize])), [[take(&mut laid[place as usize])]]);
+        }
+        self.clear_gaps(slot, laid);
+    }
+
+    /// Moves the dofs of a strip of the vector `part` to z, and those of `rest` + weight `part` to
+    /// y, or adds them there, and leaves zeros.
+    #[inline(always)]
+    pub(super) fn take_with_part<const ADDS: bool>(
         &self,
+        slot: &Slot,
         weight: f64,
-        part: &[f64],
-        rest: &[f64],
+        (part, rest): (&mut [f64], &mut [f64]),
         (y, z): (&mut [f64], &mut [f64]),
     ) {
-        if self.is_identity {
-            z.copy_from_slice(&part[..z.len()]);
-            return waxpy(weight, z, &rest[..z.len()], y);
-        }
-        widest(
-            self.arch,
-            #[inline(always)]
-            || {
-                for line in &self.lines {
-                    let (y, _) = y[line.dofs()].as_chunks_mut::<3>();
-                    let (z, _) = z[line.dofs()].as_chunks_mut::<3>();
-                    let [w, w_x, w_y] = line.of(part);
-                    let [rest_w, rest_x, rest_y] = line.of(rest);
-                    let parts = w.iter().zip(w_x).zip(w_y);
-                    let rests = rest_w.iter().zip(rest_x).zip(rest_y);
-                    for (((y, z), ((w, w_x), w_y)), ((rest_w, rest_x), rest_y)) in
-                        y.iter_mut().zip(z).zip(parts).zip(rests)
-                    {
-                        *z = [*w, *w_x, *w_y];
-                        *y = [rest_w + weight * w, rest_x + weight * w_x, rest_y + weight * w_y];
+        let (part, rest) = (&mut part[slot.places()], &mut rest[slot.places()]);
+        let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
+        for line in lines {
+            let ((y, last_y), (z, last_z)) = (line.nodes_mut(y), line.nodes_mut(z));
+            let ([w, w_x, w_y], [rest_w, rest_x, rest_y]) = (line.kinds(part), line.kinds(rest));
+            let parts = w.0.iter_mut().zip(w_x.0).zip(w_y.0);
+            let rests = rest_w.0.iter_mut().zip(rest_x.0).zip(rest_y.0);
+            for (((y, z), ((w, w_x), w_y)), ((rest_w, rest_x), rest_y)) in
+                y.iter_mut().zip(z).zip(parts).zip(rests)
+            {
+                let part = [take(w), take(w_x), take(w_y)];
+                let mut sum = [take(rest_w), take(rest_x), take(rest_y)];
+                for (sum, part) in sum.iter_mut().zip(&part) {
+                    for lane in 0..LANES {
+                        sum[lane] += weight * part[lane];
                     }
                 }
-            },
-        );
-        for &(dof, place) in &self.others {
-            let (dof, place) = (dof as usize, place as usize);
-            z[dof] = part[place];
-            y[dof] = rest[place] + weight * part[place];
+                put::<ADDS, 3, LANES>(z, by_node(part));
+                put::<ADDS, 3, LANES>(y, by_node(sum));
+            }
+            let parts = w.1.iter_mut().zip(w_x.1).zip(w_y.1);
+            let rests = rest_w.1.iter_mut().zip(rest_x.1).zip(rest_y.1);
+            for (((y, z), ((w, w_x), w_y)), ((rest_w, rest_x), rest_y)) in
+                last_y.iter_mut().zip(last_z).zip(parts).zip(rests)
+            {
+                let part = [take(w), take(w_x), take(w_y)];
+                let rest = [take(rest_w), take(rest_x), take(rest_y)];
+                put::<ADDS, 3, 1>(from_mut(z), [part]);
+                put::<ADDS, 3, 1>(from_mut(y), [[0, 1, 2].map(|kind| rest[kind] + weight * part[kind])]);
+            }
+        }
+        let in_runs = runs.iter().flat_map(|run| run.dofs().zip(run.places()));
+        let others = others.iter().map(|&(dof, place)| (dof as usize, place as usize));
+        for (dof, place) in in_runs.chain(others) {
+            let (part, rest) = (take(&mut part[place]), take(&mut rest[place]));
+            put::<ADDS, 1, 1>(from_mut(from_mut(&mut z[dof])), [[part]]);
+            put::<ADDS, 1, 1>(from_mut(from_mut(&mut y[dof])), [[rest + weight * part]]);
+        }
+        self.clear_gaps(slot, part);
+        self.clear_gaps(slot, rest);
+    }
+}
+
+/// Returns the values of some nodes kind by kind. The compiler keeps whole arrays in registers and
+/// transposes them there.
+#[inline(always)]
+fn by_kind(nodes: [[f64; 3]; LANES]) -> [[f64; LANES]; 3] {
+    let mut kinds = [[0.0; LANES]; 3];
+    for lane in 0..LANES {
+        for kind in 0..3 {
+            kinds[kind][lane] = nodes[lane][kind];
+        }
+    }
+    kinds
+}
+
+/// Returns the values of some nodes node by node.
+#[inline(always)]
+fn by_node(kinds: [[f64; LANES]; 3]) -> [[f64; 3]; LANES] {
+    let mut nodes = [[0.0; 3]; LANES];
+    for lane in 0..LANES {
+        for kind in 0..3 {
+            nodes[lane][kind] = kinds[kind][lane];
+        }
+    }
+    nodes
+}
+
+/// Sets some values, or adds to them.
+#[inline(always)]
+fn put<const ADDS: bool, const N: usize, const M: usize>(to: &mut [[f64; N]; M], values: [[f64; N]; M]) {
+    if !ADDS {
+        *to = values;
+        return;
+    }
+    for (to, values) in to.iter_mut().zip(values) {
+        for k in 0..N {
+            to[k] += values[k];
         }
     }
 }
@@ -210,25 +368,67 @@ impl Layout {
 mod tests {
     use super::*;
 
-    /// Two lines of ten nodes, before and between which supports hold some dofs, come back as they
-    /// were, from the positions that the layout gives them.
+    /// Dofs in two strips come back as they were, from the positions that the layout gives them:
+    /// lines of nodes, one of them cut in two, a run, and dofs between supports.
     #[test]
     fn vectors_come_back_from_layout_order() {
-        let dofs = |nodes: Range<usize>| nodes.flat_map(|node| [node, 40 + node, 80 + node]);
-        let places: Vec<usize> =
-            [41, 2].into_iter().chain(dofs(5..15)).chain([16]).chain(dofs(20..30)).collect();
-        let layout = Layout::new(places.iter().copied());
-        assert_eq!((layout.lines.len(), layout.others.len()), (2, 3));
+        let dofs = |nodes: Range<usize>, first: usize| {
+            nodes.flat_map(move |node| [first + node, first + 40 + node, first + 80 + node])
+        };
+        let places: Vec<usize> = [41, 2]
+            .into_iter()
+            .chain(dofs(5..15, 0))
+            .chain([16])
+            .chain(dofs(20..30, 0))
+            .chain(dofs(0..18, 130))
+            .chain(300..320)
+            .collect();
+        let layout = Layout::in_strips(places.iter().copied(), [130]);
+        let count = |strip: usize| {
+            let Strip { lines, runs, others, .. } = &layout.strips[strip];
+            [lines.len(), runs.len(), others.len()]
+        };
+        assert_eq!([count(0), count(1)], [[2, 0, 3], [1, 1, 0]]);
         let x: Vec<f64> = (0..places.len()).map(|dof| 1.0 + dof as f64).collect();
-        let mut laid = layout.zeros();
-        layout.lay_out(&x, &mut laid);
-        assert!(places.iter().zip(&x).all(|(place, value)| laid[*place] == *value));
-        let mut back = vec![0.0; x.len()];
-        layout.collect(&laid, &mut back);
-        assert_eq!(back, x);
-        let mut sum = vec![0.0; x.len()];
+        // The second strip comes first in the work space.
+        let slots = [Slot::new(0, 200..330), Slot::new(1, 0..190)];
+        let mut laid = vec![7.0; 330];
+        slots.iter().for_each(|slot| layout.lay_out(slot, &x, &mut laid));
+        let address = |place: usize| if place < 130 { place + 200 } else { place - 130 };
+        assert!(places.iter().zip(&x).all(|(place, value)| laid[address(*place)] == *value));
+        assert!(
+            (0..320).filter(|place| layout.is_free(*place as u32)).all(|place| laid[address(place)] == 0.0)
+        );
         let twice: Vec<f64> = laid.iter().map(|value| 2.0 * value).collect();
-        layout.collect_with_part(-0.5, &laid, &twice, (&mut sum, &mut back));
-        assert!(back == x && sum.iter().zip(&x).all(|(sum, x)| *sum == 1.5 * x));
+        let (mut back, mut part, mut sum) = (vec![0.0; x.len()], vec![0.0; x.len()], vec![0.0; x.len()]);
+        for factor in [1.0, 2.0] {
+            let (mut whole, mut first, mut second) = (laid.clone(), laid.clone(), twice.clone());
+            for slot in &slots {
+                if factor == 1.0 {
+                    layout.take::<false>(slot, &mut whole, &mut back);
+                    layout.take_with_part::<false>(
+                        slot,
+                        -0.5,
+                        (&mut first, &mut second),
+                        (&mut sum, &mut part),
+                    );
+                } else {
+                    layout.take::<true>(slot, &mut whole, &mut back);
+                    layout.take_with_part::<true>(
+                        slot,
+                        -0.5,
+                        (&mut first, &mut second),
+                        (&mut sum, &mut part),
+                    );
+                }
+                assert!(
+                    [&whole, &first, &second]
+                        .iter()
+                        .all(|of| of[slot.places()].iter().all(|left| *left == 0.0))
+                );
+            }
+            assert!([&back, &part].iter().all(|of| of.iter().zip(&x).all(|(of, x)| *of == factor * x)));
+            assert!(sum.iter().zip(&x).all(|(sum, x)| *sum == 1.5 * factor * x));
+        }
     }
 }

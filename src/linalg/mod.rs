@@ -38,8 +38,10 @@ pub(crate) mod secular;
 mod simd;
 mod singular_mass;
 mod strains;
+mod turns;
 pub mod vectors;
 pub(crate) mod wide;
+mod workspace;
 
 pub use cells::CellForm;
 pub use cholesky::Cholesky;

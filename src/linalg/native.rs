@@ -6,10 +6,9 @@ use super::cholesky;
 use super::double_double::DoubleDouble;
 use super::form::{self, Form};
 use super::joined::Cell;
-use super::lane_values::LANES;
 use super::layout::Layout;
-use super::scratch::Scratch;
 use super::singular_mass::SingularMassCells;
+use super::workspace::{Strips, Workspace};
 use super::{
     Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, RowCoupling, SingularMassCell, vectors,
 };
@@ -31,15 +30,6 @@ pub struct Native {
     workspace: RefCell<Workspace>,
 }
 
-/// Vectors in layout order, and scratch space for local vectors of the cells.
-#[derive(Debug)]
-struct Workspace {
-    x: Vec<f64>,
-    y: Vec<f64>,
-    m: Vec<f64>,
-    scratch: Scratch,
-}
-
 impl Native {
     /// Creates an engine for vectors of `dofs` free dofs.
     pub fn new(dofs: usize) -> Native {
@@ -48,9 +38,7 @@ impl Native {
 
     /// Creates an engine with a dof layout made for the cells, which makes products faster.
     pub fn with_layout(layout: Layout) -> Native {
-        let (x, y, m) = (layout.zeros(), layout.zeros(), layout.zeros());
-        let workspace = Workspace { x, y, m, scratch: Scratch::default() };
-        Native { layout, arch: Arch::new(), batches: RefCell::default(), workspace: RefCell::new(workspace) }
+        Native { layout, arch: Arch::new(), batches: RefCell::default(), workspace: RefCell::default() }
     }
 
     /// Creates a form from the cells' dense local matrices.
@@ -65,11 +53,17 @@ impl Native {
         Form::SingularMassCells(SingularMassCells::new(self.batches(cells), rows))
     }
 
-    /// Creates the form of [`LANES`] equal systems side by side from that of one of them; this
-    /// engine has the dofs of all. Returns `None` for a modal mass.
+    /// Creates the form of eight equal systems side by side from that of one of them; this engine
+    /// has the dofs of all. Returns `None` for a modal mass.
     pub(super) fn side_by_side(&self, of_one: &Form) -> Option<Form> {
-        let dofs = self.dofs() / LANES;
-        of_one.with_batches(|cells| self.batches_by(cells, |cells| Batches::side_by_side(dofs, cells)))
+        of_one
+            .with_batches(|cells| self.batches_by(cells, |cells| Batches::side_by_side(&self.layout, cells)))
+    }
+
+    /// Sets y, if it is wanted, to A x and returns x^T A x.
+    fn product(&self, form: &Form, x: &[f64], y: Option<&mut [f64]>) -> f64 {
+        let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
+        self.arch.dispatch(Product { form, layout, x, y, strips: workspace.strips() })
     }
 
     /// Returns the batches of some cells, those of the last form where the cells are the same.
@@ -83,7 +77,7 @@ impl Native {
             Some(batches) if batches.are_of(&cells) => batches.clone(),
             _ => {
                 let batches = Rc::new(make(cells));
-                self.workspace.borrow_mut().scratch.reserve(batches.width);
+                self.workspace.borrow_mut().reserve(&batches);
                 last.insert(batches).clone()
             }
         }
@@ -133,12 +127,13 @@ fn assembled_twice(
     })
 }
 
-/// Product y += A x on vectors in layout order, compiled for the widest vector registers.
+/// Product y = A x, compiled for the widest vector registers.
 struct Product<'a> {
     form: &'a Form,
+    layout: &'a Layout,
     x: &'a [f64],
-    y: &'a mut [f64],
-    scratch: &'a mut Scratch,
+    y: Option<&'a mut [f64]>,
+    strips: Strips<'a>,
 }
 
 impl WithSimd for Product<'_> {
@@ -148,19 +143,22 @@ impl WithSimd for Product<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
         match self.form {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.add_product(simd, self.x, self.y, self.scratch)
+                cells.multiply(simd, self.layout, self.x, self.y, self.strips)
             }
-            Form::SingularMassCells(averages) => averages.add_product(simd, self.x, self.y, self.scratch),
+            Form::SingularMassCells(averages) => {
+                averages.multiply(simd, self.layout, self.x, self.y, self.strips)
+            }
         }
     }
 }
 
+/// Products y = A x and m = |A| |x|.
 struct WithMagnitude<'a> {
     sum: &'a LinearCombination<'a>,
+    layout: &'a Layout,
     x: &'a [f64],
-    y: &'a mut [f64],
-    m: &'a mut [f64],
-    scratch: &'a mut Scratch,
+    products: (&'a mut [f64], &'a mut [f64]),
+    strips: Strips<'a>,
 }
 
 impl WithSimd for WithMagnitude<'_> {
@@ -168,18 +166,19 @@ impl WithSimd for WithMagnitude<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        form::add_with_magnitude(simd, self.sum.terms(), self.x, self.y, self.m, self.scratch);
+        let WithMagnitude { sum, layout, x, products, strips } = self;
+        form::multiply_with_magnitude(simd, layout, sum.terms(), x, products, strips);
     }
 }
 
-/// Products of vectors in layout order: z += `part` x with one form of a sum, and y += A x with the
-/// others.
+/// Products y = A x with a sum, and z = `part` x with one of its forms.
 struct WithPart<'a> {
     sum: &'a LinearCombination<'a>,
     part: &'a Form,
+    layout: &'a Layout,
     x: &'a [f64],
     products: (&'a mut [f64], &'a mut [f64]),
-    scratch: &'a mut Scratch,
+    strips: Strips<'a>,
 }
 
 impl WithSimd for WithPart<'_> {
@@ -187,15 +186,18 @@ impl WithSimd for WithPart<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        form::add_with_part(simd, self.sum.terms(), self.part, self.x, self.products, self.scratch);
+        let WithPart { sum, part, layout, x, products, strips } = self;
+        form::multiply_with_part(simd, layout, (sum.terms(), part), x, products, strips);
     }
 }
 
+/// Velocities V = C^-1 B x.
 struct Velocity<'a> {
     averages: &'a SingularMassCells,
+    layout: &'a Layout,
     x: &'a [f64],
     v: &'a mut [f64],
-    scratch: &'a mut Scratch,
+    strips: Strips<'a>,
 }
 
 impl WithSimd for Velocity<'_> {
@@ -203,15 +205,17 @@ impl WithSimd for Velocity<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.averages.project(simd, self.x, self.v, self.scratch);
+        self.averages.project(simd, self.layout, self.x, self.v, self.strips);
     }
 }
 
+/// Momentum y = B^T V.
 struct Momentum<'a> {
     averages: &'a SingularMassCells,
+    layout: &'a Layout,
     v: &'a [f64],
     y: &'a mut [f64],
-    scratch: &'a mut Scratch,
+    strips: Strips<'a>,
 }
 
 impl WithSimd for Momentum<'_> {
@@ -219,7 +223,7 @@ impl WithSimd for Momentum<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.averages.add_momentum(simd, self.v, self.y, self.scratch);
+        self.averages.project_transpose(simd, self.layout, self.v, self.y, self.strips);
     }
 }
 
@@ -247,21 +251,14 @@ impl Engine for Native {
             modes.project_transpose(&v, y);
             return Ok(vectors::dot(&v, &v));
         }
-        let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
-        self.layout.lay_out(x, laid);
-        product.fill(0.0);
-        let value = self.arch.dispatch(Product { form, x: laid, y: product, scratch });
-        self.layout.collect(product, y);
-        Ok(value)
+        Ok(self.product(form, x, Some(y)))
     }
 
     fn quadratic_form(&self, form: &Form, x: &[f64]) -> Result<f64> {
         if let Form::Modal { .. } = form {
             return self.multiply(form, x, &mut vec![0.0; x.len()]);
         }
-        let Workspace { x: laid, y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
-        self.layout.lay_out(x, laid);
-        Ok(self.arch.dispatch(Product { form, x: laid, y: product, scratch }))
+        Ok(self.product(form, x, None))
     }
 
     fn multiply_with_magnitude(
@@ -271,13 +268,9 @@ impl Engine for Native {
         y: &mut [f64],
         m: &mut [f64],
     ) -> Result<()> {
-        let Workspace { x: laid, y: product, m: magnitude, scratch } = &mut *self.workspace.borrow_mut();
-        self.layout.lay_out(x, laid);
-        product.fill(0.0);
-        magnitude.fill(0.0);
-        self.arch.dispatch(WithMagnitude { sum, x: laid, y: product, m: magnitude, scratch });
-        self.layout.collect(product, y);
-        self.layout.collect(magnitude, m);
+        let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
+        let (products, strips) = ((y, m), workspace.strips());
+        self.arch.dispatch(WithMagnitude { sum, layout, x, products, strips });
         Ok(())
     }
 
@@ -286,19 +279,13 @@ impl Engine for Native {
         sum: &LinearCombination,
         part: &Form,
         x: &[f64],
-        (y, z): (&mut [f64], &mut [f64]),
+        products: (&mut [f64], &mut [f64]),
     ) -> Result<bool> {
         if sum.terms().iter().any(|(_, form)| matches!(form, Form::Modal { .. })) {
             return Ok(false);
         }
-        let Workspace { x: laid, y: product, m: other, scratch } = &mut *self.workspace.borrow_mut();
-        self.layout.lay_out(x, laid);
-        product.fill(0.0);
-        other.fill(0.0);
-        self.arch.dispatch(WithPart { sum, part, x: laid, products: (other, product), scratch });
-        let weights = sum.terms().iter().filter(|(_, form)| std::ptr::eq(*form, part));
-        let weight: f64 = weights.map(|(weight, _)| weight).sum();
-        self.layout.collect_with_part(weight, product, other, (y, z));
+        let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
+        self.arch.dispatch(WithPart { sum, part, layout, x, products, strips: workspace.strips() });
         Ok(true)
     }
 
@@ -306,9 +293,8 @@ impl Engine for Native {
         match mass {
             Form::Cells(_) => v.copy_from_slice(x),
             Form::SingularMassCells(averages) => {
-                let Workspace { x: laid, scratch, .. } = &mut *self.workspace.borrow_mut();
-                self.layout.lay_out(x, laid);
-                self.arch.dispatch(Velocity { averages, x: laid, v, scratch });
+                let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
+                self.arch.dispatch(Velocity { averages, layout, x, v, strips: workspace.strips() });
             }
             Form::Modal { modes, .. } => modes.project(x, v),
         }
@@ -321,10 +307,8 @@ impl Engine for Native {
                 self.multiply(mass, v, y)?;
             }
             Form::SingularMassCells(averages) => {
-                let Workspace { y: product, scratch, .. } = &mut *self.workspace.borrow_mut();
-                product.fill(0.0);
-                self.arch.dispatch(Momentum { averages, v, y: product, scratch });
-                self.layout.collect(product, y);
+                let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
+                self.arch.dispatch(Momentum { averages, layout, v, y, strips: workspace.strips() });
             }
             Form::Modal { modes, .. } => modes.project_transpose(v, y),
         }

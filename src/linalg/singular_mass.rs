@@ -4,148 +4,181 @@ use super::SingularMassCell;
 use super::batch::{Batch, Batches};
 use super::joined::{Cell, Unit};
 use super::lane_values::{LANES, Lanes, interleave};
-use super::scratch::{Room, Scratch};
+use super::layout::Layout;
+use super::scratch::Room;
+use super::turns::Turn;
+use super::workspace::Strips;
 use pulp::Simd;
 use std::rc::Rc;
 
-/// Rows of B of eight cells, one entry per dof of their units, and the inverses of their entries of
-/// C.
+/// Rows of B of one or two cells of each of eight units, with one entry per dof of the unit, and
+/// the inverses of the cells' entries of C.
 #[derive(Debug, Clone)]
-struct MassRow {
-    row: Vec<Lanes>,
-    inverses: Lanes,
+pub(super) struct MassRows<const CELLS: usize> {
+    /// Entries of the cells, dof by dof.
+    entries: Vec<[Lanes; CELLS]>,
+    inverses: [Lanes; CELLS],
 }
 
-impl MassRow {
-    /// Collects the rows of one cell of each unit.
-    fn new(cells: [(&Unit, usize); LANES], rows: &[SingularMassCell]) -> MassRow {
-        MassRow {
-            row: interleave(&cells.map(|(unit, cell)| unit.expanded(cell, &rows[cell].row))),
-            inverses: Lanes(cells.map(|(_, cell)| 1.0 / rows[cell].mass)),
+impl<const CELLS: usize> MassRows<CELLS> {
+    /// Collects the rows of some cells of each unit.
+    fn new(units: [&Unit; LANES], cells: [[usize; LANES]; CELLS], rows: &[SingularMassCell]) -> Self {
+        let entries = cells.map(|cells| {
+            let of_unit = |lane: usize| units[lane].expanded(cells[lane], &rows[cells[lane]].row);
+            interleave(&std::array::from_fn(of_unit))
+        });
+        MassRows {
+            entries: (0..units[0].dofs.len()).map(|dof| entries.each_ref().map(|of| of[dof])).collect(),
+            inverses: cells.map(|cells| Lanes(cells.map(|cell| 1.0 / rows[cell].mass))),
         }
     }
 
     /// Returns the momentum of each cell, B local.
     #[inline(always)]
-    fn momenta<S: Simd>(&self, simd: S, local: &[Lanes]) -> Lanes {
-        let mut momenta = Lanes::default();
-        let (rows, rest) = self.row[..local.len()].as_chunks::<3>();
+    fn momenta<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; CELLS] {
+        let mut momenta = [Lanes::default(); CELLS];
+        let (rows, rest) = self.entries[..local.len()].as_chunks::<3>();
         let (nodes, others) = local.as_chunks::<3>();
         for part in 0..LANES / S::F64_LANES {
             // Three sums do not wait for each other.
-            let mut sums = [simd.splat_f64s(0.0); 3];
+            let mut sums = [[simd.splat_f64s(0.0); 3]; CELLS];
             for (b, value) in rows.iter().zip(nodes) {
                 for k in 0..3 {
-                    sums[k] =
-                        simd.mul_add_f64s(b[k].register::<S>(part), value[k].register::<S>(part), sums[k]);
+                    let value = value[k].register::<S>(part);
+                    for cell in 0..CELLS {
+                        let b = b[k][cell].register::<S>(part);
+                        sums[cell][k] = simd.mul_add_f64s(b, value, sums[cell][k]);
+                    }
                 }
             }
             for (b, value) in rest.iter().zip(others) {
-                sums[0] = simd.mul_add_f64s(b.register::<S>(part), value.register::<S>(part), sums[0]);
+                let value = value.register::<S>(part);
+                for cell in 0..CELLS {
+                    let b = b[cell].register::<S>(part);
+                    sums[cell][0] = simd.mul_add_f64s(b, value, sums[cell][0]);
+                }
             }
-            *momenta.register_mut::<S>(part) = simd.add_f64s(sums[0], simd.add_f64s(sums[1], sums[2]));
+            for cell in 0..CELLS {
+                let [first, second, third] = sums[cell];
+                *momenta[cell].register_mut::<S>(part) = simd.add_f64s(first, simd.add_f64s(second, third));
+            }
         }
         momenta
     }
 
     /// Computes result = B^T v.
     #[inline(always)]
-    fn spread<S: Simd>(&self, simd: S, v: Lanes, result: &mut [Lanes]) {
-        for (value, b) in result.iter_mut().zip(&self.row) {
-            for part in 0..LANES / S::F64_LANES {
-                *value.register_mut::<S>(part) = simd.mul_f64s(b.register::<S>(part), v.register::<S>(part));
+    fn spread<S: Simd>(&self, simd: S, v: [Lanes; CELLS], result: &mut [Lanes]) {
+        for part in 0..LANES / S::F64_LANES {
+            for (value, b) in result.iter_mut().zip(&self.entries) {
+                let mut sum = simd.mul_f64s(b[0].register::<S>(part), v[0].register::<S>(part));
+                for cell in 1..CELLS {
+                    sum = simd.mul_add_f64s(b[cell].register::<S>(part), v[cell].register::<S>(part), sum);
+                }
+                *value.register_mut::<S>(part) = sum;
             }
         }
     }
 
-    /// Adds B^T v to the result.
+    /// Computes result = scale M local and returns local^T M local.
     #[inline(always)]
-    fn add_spread<S: Simd>(&self, simd: S, v: Lanes, result: &mut [Lanes]) {
-        for (value, b) in result.iter_mut().zip(&self.row) {
-            for part in 0..LANES / S::F64_LANES {
-                let value = value.register_mut::<S>(part);
-                *value = simd.mul_add_f64s(b.register::<S>(part), v.register::<S>(part), *value);
-            }
+    fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+        let momenta = self.momenta(simd, local);
+        let (mut velocities, mut form) = (momenta, Lanes::default());
+        for cell in 0..CELLS {
+            velocities[cell] = momenta[cell] * self.inverses[cell];
+            form += momenta[cell] * velocities[cell];
+            velocities[cell] = scale * velocities[cell];
         }
+        self.spread(simd, velocities, result);
+        form
+    }
+
+    /// Returns the velocities of the cells, C^-1 B local.
+    #[inline(always)]
+    fn velocities<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; CELLS] {
+        let mut velocities = self.momenta(simd, local);
+        for cell in 0..CELLS {
+            velocities[cell] = velocities[cell] * self.inverses[cell];
+        }
+        velocities
     }
 
     /// Adds scale M local to y and scale |M| |local| to m.
     #[inline(always)]
     fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
-        let row = &self.row[..local.len()];
-        let (mut v, mut magnitude) = (Lanes::default(), Lanes::default());
-        for (b, value) in row.iter().zip(local) {
-            let term = *b * *value;
-            v += term;
-            magnitude += term.abs();
-        }
-        let factor = scale * self.inverses;
-        let (v, magnitude) = (v * factor, magnitude * factor);
-        for ((y, m), b) in y.iter_mut().zip(m).zip(row) {
-            *y += *b * v;
-            *m += b.abs() * magnitude;
+        let rows = &self.entries[..local.len()];
+        for cell in 0..CELLS {
+            let (mut v, mut magnitude) = (Lanes::default(), Lanes::default());
+            for (b, value) in rows.iter().zip(local) {
+                let term = b[cell] * *value;
+                v += term;
+                magnitude += term.abs();
+            }
+            let factor = scale * self.inverses[cell];
+            let (v, magnitude) = (v * factor, magnitude * factor);
+            for ((y, m), b) in y.iter_mut().zip(&mut *m).zip(rows) {
+                *y += b[cell] * v;
+                *m += b[cell].abs() * magnitude;
+            }
         }
     }
 }
 
 /// Rows of eight units: those of their cells, or of the first and the second cell of each pair.
 #[derive(Debug, Clone)]
-pub(super) struct Rows {
-    first: MassRow,
-    second: Option<MassRow>,
+pub(super) enum Rows {
+    Cells(MassRows<1>),
+    Pairs(MassRows<2>),
 }
 
 impl Rows {
     fn new(units: [&Unit; LANES], rows: &[SingularMassCell]) -> Rows {
-        let second = |unit: &Unit| unit.second.map_or(unit.cell, |(cell, _)| cell);
-        Rows {
-            first: MassRow::new(units.map(|unit| (unit, unit.cell)), rows),
-            // Either all units of a panel are pairs or none is.
-            second: units[0].second.map(|_| MassRow::new(units.map(|unit| (unit, second(unit))), rows)),
+        let first = units.map(|unit| unit.cell);
+        // Either all units of a panel are pairs or none is.
+        if units[0].second.is_none() {
+            return Rows::Cells(MassRows::new(units, [first], rows));
         }
+        let second = units.map(|unit| unit.second.map_or(unit.cell, |(cell, _)| cell));
+        Rows::Pairs(MassRows::new(units, [first, second], rows))
     }
 
     /// Computes result = scale M local and returns local^T M local.
     #[inline(always)]
     pub fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
-        let momenta = self.first.momenta(simd, local);
-        let v = momenta * self.first.inverses;
-        let Some(row) = &self.second else {
-            self.first.spread(simd, scale * v, result);
-            return momenta * v;
-        };
-        let others = row.momenta(simd, local);
-        let w = others * row.inverses;
-        self.first.spread(simd, scale * v, result);
-        row.add_spread(simd, scale * w, result);
-        momenta * v + others * w
+        match self {
+            Rows::Cells(rows) => rows.apply(simd, scale, local, result),
+            Rows::Pairs(rows) => rows.apply(simd, scale, local, result),
+        }
     }
 
     /// Returns the velocities of the first and the second cells, C^-1 B local.
     #[inline(always)]
     fn velocities<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; 2] {
-        let first = self.first.momenta(simd, local) * self.first.inverses;
-        match &self.second {
-            None => [first, Lanes::default()],
-            Some(row) => [first, row.momenta(simd, local) * row.inverses],
+        match self {
+            Rows::Cells(rows) => {
+                let [first] = rows.velocities(simd, local);
+                [first, Lanes::default()]
+            }
+            Rows::Pairs(rows) => rows.velocities(simd, local),
         }
     }
 
     /// Computes result = B^T v.
     #[inline(always)]
     fn spread<S: Simd>(&self, simd: S, [first, second]: [Lanes; 2], result: &mut [Lanes]) {
-        self.first.spread(simd, first, result);
-        if let Some(row) = &self.second {
-            row.add_spread(simd, second, result);
+        match self {
+            Rows::Cells(rows) => rows.spread(simd, [first], result),
+            Rows::Pairs(rows) => rows.spread(simd, [first, second], result),
         }
     }
 
     /// Adds scale M local to y and scale |M| |local| to m.
     #[inline(always)]
     pub fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
-        self.first.add_with_magnitude(scale, local, y, m);
-        if let Some(row) = &self.second {
-            row.add_with_magnitude(scale, local, y, m);
+        match self {
+            Rows::Cells(rows) => rows.add_with_magnitude(scale, local, y, m),
+            Rows::Pairs(rows) => rows.add_with_magnitude(scale, local, y, m),
         }
     }
 }
@@ -200,51 +233,97 @@ impl SingularMassCells {
         &self.masses
     }
 
-    /// Adds M x to y and returns x^T M x.
+    /// Sets y, if it is wanted, to M x and returns x^T M x.
     #[inline(always)]
-    pub(super) fn add_product<S: Simd>(
+    pub(super) fn multiply<S: Simd>(
         &self,
         simd: S,
+        layout: &Layout,
         x: &[f64],
-        y: &mut [f64],
-        scratch: &mut Scratch,
+        mut y: Option<&mut [f64]>,
+        strips: Strips,
     ) -> f64 {
         let mut form = Lanes::default();
-        for batch in &self.batches.list {
-            let (local, Room { result, .. }) = scratch.split(batch.size());
-            let rows = self.panel(batch);
-            batch.gather(x, local);
-            form += rows.apply(simd, 1.0, local, result);
-            batch.scatter(simd, [result], [y]);
+        let is_wanted = y.is_some();
+        for turn in &self.batches.turns.list {
+            match turn {
+                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Multiply(batches) => {
+                    for batch in &self.batches.list[batches.clone()] {
+                        let (local, Room { result, .. }) = strips.scratch.split(batch.size());
+                        batch.gather(strips.x, local);
+                        form += self.panel(batch).apply(simd, 1.0, local, result);
+                        if is_wanted {
+                            batch.scatter(simd, [result], [strips.y]);
+                        }
+                    }
+                }
+                Turn::Leave(slot) => {
+                    if let Some(y) = &mut y {
+                        layout.take::<false>(slot, strips.y, y);
+                    }
+                }
+            }
         }
         form.sum()
     }
 
     /// Computes V = C^-1 B x.
     #[inline(always)]
-    pub(super) fn project<S: Simd>(&self, simd: S, x: &[f64], v: &mut [f64], scratch: &mut Scratch) {
-        for batch in &self.batches.list {
-            let (local, _) = scratch.split(batch.size());
-            batch.gather(x, local);
-            let velocities = self.panel(batch).velocities(simd, local);
-            for (velocities, cells) in velocities.iter().zip(&batch.cells) {
-                for (velocity, &cell) in velocities.0.iter().zip(cells) {
-                    if let Some(v) = v.get_mut(cell as usize) {
-                        *v = *velocity;
+    pub(super) fn project<S: Simd>(
+        &self,
+        simd: S,
+        layout: &Layout,
+        x: &[f64],
+        v: &mut [f64],
+        strips: Strips,
+    ) {
+        for turn in &self.batches.turns.list {
+            match turn {
+                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Multiply(batches) => {
+                    for batch in &self.batches.list[batches.clone()] {
+                        let (local, _) = strips.scratch.split(batch.size());
+                        batch.gather(strips.x, local);
+                        let velocities = self.panel(batch).velocities(simd, local);
+                        for (velocities, cells) in velocities.iter().zip(&batch.cells) {
+                            for (velocity, &cell) in velocities.0.iter().zip(cells) {
+                                if let Some(v) = v.get_mut(cell as usize) {
+                                    *v = *velocity;
+                                }
+                            }
+                        }
                     }
                 }
+                Turn::Leave(_) => {}
             }
         }
     }
 
-    /// Adds B^T V to y.
+    /// Computes y = B^T V.
     #[inline(always)]
-    pub(super) fn add_momentum<S: Simd>(&self, simd: S, v: &[f64], y: &mut [f64], scratch: &mut Scratch) {
-        for batch in &self.batches.list {
-            let (_, Room { result, .. }) = scratch.split(batch.size());
-            let of = |cell: u32| v.get(cell as usize).copied().unwrap_or(0.0);
-            self.panel(batch).spread(simd, batch.cells.map(|cells| Lanes(cells.map(of))), result);
-            batch.scatter(simd, [result], [y]);
+    pub(super) fn project_transpose<S: Simd>(
+        &self,
+        simd: S,
+        layout: &Layout,
+        v: &[f64],
+        y: &mut [f64],
+        strips: Strips,
+    ) {
+        for turn in &self.batches.turns.list {
+            match turn {
+                Turn::Enter(_) => {}
+                Turn::Multiply(batches) => {
+                    for batch in &self.batches.list[batches.clone()] {
+                        let (_, Room { result, .. }) = strips.scratch.split(batch.size());
+                        let of = |cell: u32| v.get(cell as usize).copied().unwrap_or(0.0);
+                        let velocities = batch.cells.map(|cells| Lanes(cells.map(of)));
+                        self.panel(batch).spread(simd, velocities, result);
+                        batch.scatter(simd, [result], [strips.y]);
+                    }
+                }
+                Turn::Leave(slot) => layout.take::<false>(slot, strips.y, y),
+            }
         }
     }
 

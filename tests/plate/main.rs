@@ -16,5 +16,6 @@ mod mixed_cells;
 mod modes;
 mod moments;
 mod obstacle_plate;
+mod products;
 mod ribs;
 mod statics;

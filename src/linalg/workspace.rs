@@ -1,0 +1,47 @@
+//! Work space of the products of one engine.
+
+use super::batch::Batches;
+use super::lane_values::LANES;
+use super::scratch::Scratch;
+
+/// Strips of vectors in layout order, where [`super::turns`] have their slots, and scratch space
+/// for the local vectors of the cells.
+#[derive(Debug, Default)]
+pub(super) struct Workspace {
+    x: Vec<f64>,
+    sums: [Vec<f64>; 2],
+    scratch: Scratch,
+}
+
+/// The operand x of a product and up to two sums y and z. Between products the sums are zero.
+pub(super) struct Strips<'a> {
+    pub x: &'a mut [f64],
+    pub y: &'a mut [f64],
+    pub z: &'a mut [f64],
+    pub scratch: &'a mut Scratch,
+}
+
+impl Workspace {
+    /// Makes room for products with some batches.
+    pub fn reserve(&mut self, batches: &Batches) {
+        self.scratch.reserve(batches.width);
+        let [y, z] = &mut self.sums;
+        for vector in [&mut self.x, y, z] {
+            vector.resize((batches.turns.size + LANES).max(vector.len()), 0.0);
+        }
+    }
+
+    /// Returns all strips.
+    #[inline(always)]
+    pub fn strips(&mut self) -> Strips<'_> {
+        let [y, z] = &mut self.sums;
+        Strips { x: aligned(&mut self.x), y: aligned(y), z: aligned(z), scratch: &mut self.scratch }
+    }
+}
+
+/// Returns a vector from where a line of the cache begins, so that [`LANES`] numbers fill it.
+#[inline(always)]
+fn aligned(vector: &mut [f64]) -> &mut [f64] {
+    let skipped = vector.as_ptr().align_offset(size_of::<f64>() * LANES).min(LANES);
+    vector.get_mut(skipped..).unwrap_or_default()
+}
