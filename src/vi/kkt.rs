@@ -27,14 +27,15 @@ use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
 use pulp::Arch;
+use std::ops::Range;
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
 /// vanish in the answer, rounding of other rows is all that remains in it.
 const NEGLIGIBLE: f64 = 1e-4;
 
-/// Number of rows whose vectors fit into the first cache together.
-const BLOCK: usize = 512;
+/// Largest number of rows in a block, whose vectors fit into the first cache together.
+const BLOCK: usize = 510;
 
 /// Parts of the KKT residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,13 +77,19 @@ fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
     }
 }
 
-/// Returns the largest magnitude of b divided by its scale.
-fn largest_scaled_term(b: &[f64], inverse_scale: &[f64]) -> f64 {
+/// Returns the largest magnitude of the products of the entries of two vectors.
+fn largest_product(x: &[f64], y: &[f64]) -> f64 {
     widest(
         Arch::new(),
         #[inline(always)]
-        || largest(b.iter().zip(inverse_scale).map(|(b, inverse)| inverse * b)),
+        || largest(x.iter().zip(y).map(|(x, y)| x * y)),
     )
+}
+
+/// Returns the share of a row's scale below which its magnitude is not measured, given the largest
+/// magnitude of x times its scale.
+fn lowest_share(size: f64) -> f64 {
+    (NEGLIGIBLE * size).max(f64::MIN_POSITIVE)
 }
 
 /// Returns the magnitude against which a row is measured: its own, or `floor` times its scale. A
@@ -117,12 +124,26 @@ pub struct KktCheck {
     /// Dofs without stiffness, each with the scale of its inertia; `None` where inertia does not
     /// count.
     loose: Option<Vec<(usize, f64)>>,
-    /// Couplings of dofs in lines of nodes, and all others. They bound the magnitudes of their rows
-    /// from below.
-    lines: Vec<CoupledLine>,
-    couplings: Vec<CoupledRow>,
+    /// All rows. Their couplings bound their magnitudes from below.
+    blocks: Vec<RowBlock>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
+}
+
+/// Successive rows, with their couplings to other dofs.
+#[derive(Debug)]
+struct RowBlock {
+    rows: Range<usize>,
+    couplings: Couplings,
+}
+
+#[derive(Debug)]
+enum Couplings {
+    /// Couplings of successive nodes with three dofs each to their first dofs: the magnitude for
+    /// each dof, 0 for the first of a node.
+    OfNodes(Vec<[f64; 3]>),
+    /// Couplings of some rows.
+    OfRows(Vec<CoupledRow>),
 }
 
 /// Row whose dof is coupled to another dof, and the magnitude of this coupling.
@@ -133,45 +154,89 @@ struct CoupledRow {
     magnitude: f64,
 }
 
-/// Couplings of successive nodes with three dofs each to their first dofs.
-#[derive(Debug)]
-struct CoupledLine {
-    /// First dof of the line.
-    dof: usize,
-    /// Magnitude of the coupling of each dof, 0 for the first of a node.
-    magnitudes: Vec<[f64; 3]>,
+/// Returns the number of successive nodes from a dof on whose other dofs are coupled to their first
+/// ones, given the couplings of all dofs.
+fn coupled_nodes(dof: usize, couplings: &[RowCoupling]) -> usize {
+    let (nodes, _) = couplings[dof..].as_chunks::<3>();
+    let couples = |(node, of): &(usize, &[RowCoupling; 3])| {
+        let first = (dof + 3 * node) as u32;
+        of[0].magnitude == 0.0 && of[1..].iter().all(|of| of.to == first && of.magnitude > 0.0)
+    };
+    nodes.iter().enumerate().take_while(couples).count()
 }
 
-impl CoupledLine {
-    /// Returns the longest line that begins with a dof, given the couplings of all dofs.
-    fn at(dof: usize, couplings: &[RowCoupling]) -> CoupledLine {
-        let (nodes, _) = couplings[dof..].as_chunks::<3>();
-        let couples = |(node, of): &(usize, &[RowCoupling; 3])| {
-            let first = (dof + 3 * node) as u32;
-            of[0].magnitude == 0.0 && of[1..].iter().all(|of| of.to == first && of.magnitude > 0.0)
-        };
-        let nodes = nodes.iter().enumerate().take_while(couples);
-        CoupledLine { dof, magnitudes: nodes.map(|(_, of)| of.map(|of| of.magnitude)).collect() }
-    }
-}
-
-/// Returns the lines of nodes among the couplings of all dofs, and all other couplings.
-fn in_lines(couplings: &[RowCoupling]) -> (Vec<CoupledLine>, Vec<CoupledRow>) {
-    let (mut lines, mut others) = (Vec::new(), Vec::new());
+/// Divides all rows into blocks, given their couplings.
+fn row_blocks(couplings: &[RowCoupling]) -> Vec<RowBlock> {
+    let mut blocks = Vec::<RowBlock>::new();
     let mut dof = 0;
-    while let Some(&RowCoupling { to, magnitude }) = couplings.get(dof) {
-        let line = CoupledLine::at(dof, couplings);
-        if line.magnitudes.is_empty() {
-            if magnitude > 0.0 {
-                others.push(CoupledRow { row: dof as u32, to, magnitude });
+    while dof < couplings.len() {
+        let nodes = coupled_nodes(dof, couplings).min(BLOCK / 3);
+        if nodes > 0 {
+            let rows = dof..dof + 3 * nodes;
+            let (of_nodes, _) = couplings[rows.clone()].as_chunks::<3>();
+            let magnitudes = of_nodes.iter().map(|of| of.each_ref().map(|of| of.magnitude)).collect();
+            blocks.push(RowBlock { rows, couplings: Couplings::OfNodes(magnitudes) });
+            dof += 3 * nodes;
+            continue;
+        }
+        let RowCoupling { to, magnitude } = couplings[dof];
+        let coupled = (magnitude > 0.0).then_some(CoupledRow { row: dof as u32, to, magnitude });
+        dof += 1;
+        match blocks.last_mut() {
+            Some(RowBlock { rows, couplings: Couplings::OfRows(list) }) if rows.len() < BLOCK => {
+                rows.end = dof;
+                list.extend(coupled);
             }
-            dof += 1;
-        } else {
-            dof += 3 * line.magnitudes.len();
-            lines.push(line);
+            _ => {
+                let couplings = Couplings::OfRows(coupled.into_iter().collect());
+                blocks.push(RowBlock { rows: dof - 1..dof, couplings });
+            }
         }
     }
-    (lines, others)
+    blocks
+}
+
+impl RowBlock {
+    /// Subtracts the right-hand side and further terms from the residual of the block, and sets the
+    /// magnitude of each of its rows to that of these terms and of its part in
+    /// [`KktCheck::limit`]. All other vectors are those of all rows.
+    #[inline(always)]
+    fn subtract(
+        &self,
+        terms: (&[f64], &[&[f64]]),
+        x: &[f64],
+        scale: &[f64],
+        residual: &mut [f64],
+        magnitude: &mut [f64],
+    ) {
+        let (rhs, more) = terms;
+        let block = || self.rows.clone();
+        let known = x[block()].iter().zip(&rhs[block()]).zip(&scale[block()]);
+        for ((r, m), ((own, b), scale)) in residual.iter_mut().zip(magnitude.iter_mut()).zip(known) {
+            *r -= b;
+            *m = scale * (scale * own.abs()) + b.abs();
+        }
+        for term in more.iter().filter(|term| !term.is_empty()) {
+            subtract_term(&term[block()], residual, magnitude);
+        }
+        match &self.couplings {
+            Couplings::OfNodes(magnitudes) => {
+                let (rows, _) = magnitude.as_chunks_mut::<3>();
+                let (nodes, _) = x[block()].as_chunks::<3>();
+                for ((m, of), node) in rows.iter_mut().zip(magnitudes).zip(nodes) {
+                    let first = node[0].abs();
+                    for k in 0..3 {
+                        m[k] += of[k] * first;
+                    }
+                }
+            }
+            Couplings::OfRows(rows) => {
+                for CoupledRow { row, to, magnitude: of } in rows {
+                    magnitude[*row as usize - self.rows.start] += of * x[*to as usize].abs();
+                }
+            }
+        }
+    }
 }
 
 impl KktCheck {
@@ -183,16 +248,8 @@ impl KktCheck {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         let inverse_scale = scale.iter().map(|scale| if *scale > 0.0 { 1.0 / scale } else { 0.0 }).collect();
         let zeros = vec![0.0; scale.len()];
-        let (lines, couplings) = in_lines(&engine.couplings(matrix)?);
-        Ok(KktCheck {
-            residual: zeros.clone(),
-            magnitude: zeros,
-            scale,
-            inverse_scale,
-            lines,
-            couplings,
-            loose: None,
-        })
+        let blocks = row_blocks(&engine.couplings(matrix)?);
+        Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, inverse_scale, blocks, loose: None })
     }
 
     /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
@@ -255,9 +312,15 @@ impl KktCheck {
         if !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))? {
             return Ok(None);
         }
-        let size = self.subtract_with_diagonal(problem.rhs, more, x);
         let length = self.length(engine, problem, answer);
-        let own = self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst();
+        let size = engine.comm().all_reduce_max(largest_product(&self.scale, x));
+        let is_free = is_zero(answer.reaction) && problem.bounds.contain(x) && self.loose.is_none();
+        let own = if is_free {
+            self.subtract_and_compare((problem.rhs, more), x, size)
+        } else {
+            self.subtract_with_diagonal((problem.rhs, more), x);
+            self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst()
+        };
         Ok(Some(engine.comm().all_reduce_max(own)))
     }
 
@@ -269,51 +332,50 @@ impl KktCheck {
             return problem.length;
         }
         let deflection = engine.comm().all_reduce_max(problem.bounds.largest(answer.x));
-        let size = largest(self.scale.iter().zip(&*answer.x).map(|(scale, x)| scale * x));
+        let size = largest_product(&self.scale, answer.x);
         let size = engine.comm().all_reduce_max(size);
         let stiffest = engine.comm().all_reduce_max(problem.bounds.largest(&self.scale));
         if stiffest > 0.0 { larger(deflection, size / stiffest) } else { deflection }
     }
 
     /// Subtracts the right-hand side and further terms from the residual, and sets the magnitude of
-    /// each row to that of these terms and of its part in [`KktCheck::limit`]. Returns the largest
-    /// magnitude of x times its scale.
-    fn subtract_with_diagonal(&mut self, rhs: &[f64], more: &[&[f64]], x: &[f64]) -> f64 {
-        let KktCheck { scale, lines, couplings, residual, magnitude, .. } = self;
+    /// each row to that of these terms and of its part in [`KktCheck::limit`].
+    fn subtract_with_diagonal(&mut self, terms: (&[f64], &[&[f64]]), x: &[f64]) {
+        let KktCheck { scale, blocks, residual, magnitude, .. } = self;
         widest(
             Arch::new(),
             #[inline(always)]
             || {
-                let mut size = Largest::default();
-                let blocks = residual.chunks_mut(BLOCK).zip(magnitude.chunks_mut(BLOCK));
-                for (start, (residual, magnitude)) in (0..).step_by(BLOCK).zip(blocks) {
-                    let block = start..start + residual.len();
-                    let rows = residual.iter_mut().zip(magnitude.iter_mut());
-                    let known = x[block.clone()].iter().zip(&rhs[block.clone()]).zip(&scale[block.clone()]);
-                    for ((r, m), ((own, b), scale)) in rows.zip(known) {
-                        let scaled = scale * own.abs();
-                        *r -= b;
-                        *m = scale * scaled + b.abs();
-                        size.note(scaled);
-                    }
-                    for term in more.iter().filter(|term| !term.is_empty()) {
-                        subtract_term(&term[block.clone()], residual, magnitude);
+                for block in &*blocks {
+                    let [residual, magnitude] =
+                        [&mut *residual, &mut *magnitude].map(|of| &mut of[block.rows.clone()]);
+                    block.subtract(terms, x, scale, residual, magnitude);
+                }
+            },
+        );
+    }
+
+    /// Subtracts terms as [`KktCheck::subtract_with_diagonal`] does, and returns the stationarity
+    /// of an answer without reactions, given the largest magnitude of x times its scale. The
+    /// magnitudes of a block do not outlast it, so that they stay in the first cache.
+    fn subtract_and_compare(&mut self, terms: (&[f64], &[&[f64]]), x: &[f64], size: f64) -> f64 {
+        let KktCheck { scale, blocks, residual, magnitude, .. } = self;
+        let floor = lowest_share(size);
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                let mut ratio = Largest::default();
+                for block in &*blocks {
+                    let (residual, scale_of_block) =
+                        (&mut residual[block.rows.clone()], &scale[block.rows.clone()]);
+                    let magnitude = &mut magnitude[..block.rows.len()];
+                    block.subtract(terms, x, scale, residual, magnitude);
+                    for ((r, m), scale) in residual.iter().zip(magnitude).zip(scale_of_block) {
+                        ratio.note(r / raised(*m, floor, *scale));
                     }
                 }
-                for CoupledLine { dof, magnitudes } in &*lines {
-                    let (rows, _) = magnitude[*dof..].as_chunks_mut::<3>();
-                    let (nodes, _) = x[*dof..].as_chunks::<3>();
-                    for ((m, of), node) in rows.iter_mut().zip(magnitudes).zip(nodes) {
-                        let first = node[0].abs();
-                        for k in 0..3 {
-                            m[k] += of[k] * first;
-                        }
-                    }
-                }
-                for CoupledRow { row, to, magnitude: of } in &*couplings {
-                    magnitude[*row as usize] += of * x[*to as usize].abs();
-                }
-                size.value()
+                ratio.value()
             },
         )
     }
@@ -327,7 +389,7 @@ impl KktCheck {
                 #[inline(always)]
                 || subtract_term(term, &mut self.residual, &mut self.magnitude),
             );
-            larger(size, largest_scaled_term(term, &self.inverse_scale))
+            larger(size, largest_product(term, &self.inverse_scale))
         })
     }
 
@@ -350,15 +412,16 @@ impl KktCheck {
     ) -> Result<Residual> {
         let x = &*answer.x;
         engine.multiply_with_magnitude(problem.matrix, x, &mut self.residual, &mut self.magnitude)?;
-        let size = largest(self.scale.iter().zip(x).map(|(scale, x)| scale * x));
+        let size = largest_product(&self.scale, x);
         let size = larger(size, self.subtract_terms(&[problem.rhs]));
         let size = larger(size, self.subtract_terms(more));
+        let size = engine.comm().all_reduce_max(size);
         self.compare(engine, problem, size, answer)
     }
 
     /// Returns the parts of the residual on this rank, given A x less all terms of the right-hand
-    /// side, the magnitude of each row, and the largest magnitude of x times its scale, or of the
-    /// terms divided by their scales if that is larger and known. Collective.
+    /// side, the magnitude of each row, and the largest magnitude on all ranks of x times its
+    /// scale, or of the terms divided by their scales if that is larger and known. Collective.
     fn compare<E: Engine>(
         &mut self,
         engine: &E,
@@ -376,7 +439,6 @@ impl KktCheck {
                 magnitude[dof] += r.abs();
             }
         }
-        let size = engine.comm().all_reduce_max(size);
         if let Some(loose) = loose {
             let size =
                 engine.comm().all_reduce_max(largest(loose.iter().map(|(dof, scale)| scale * x[*dof])));
@@ -384,7 +446,7 @@ impl KktCheck {
                 magnitude[*dof] = magnitude[*dof].max(NEGLIGIBLE * size * scale);
             });
         }
-        let floor = (NEGLIGIBLE * size).max(f64::MIN_POSITIVE);
+        let floor = lowest_share(size);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         if !presses && is_inside {
