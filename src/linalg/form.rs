@@ -160,14 +160,7 @@ pub(super) fn multiply_with_magnitude<S: Simd>(
                         }
                     }
                 }
-                Turn::Leave(slot) if number == 0 => {
-                    layout.take::<false>(slot, strips.y, y);
-                    layout.take::<false>(slot, strips.z, m);
-                }
-                Turn::Leave(slot) => {
-                    layout.take::<true>(slot, strips.y, y);
-                    layout.take::<true>(slot, strips.z, m);
-                }
+                Turn::Leave(slot) => strips.take_both(layout, slot, number == 0, (y, m)),
             }
         }
     }
@@ -216,7 +209,7 @@ pub(super) fn multiply_with_part<S: Simd>(
         z.fill(0.0);
     }
     let weights = sum.iter().filter(|(_, form)| std::ptr::eq(*form, part));
-    let weight = weights.map(|(weight, _)| weight).sum();
+    let weight: f64 = weights.map(|(weight, _)| weight).sum();
     for (number, forms) in by_cells(sum).enumerate() {
         let batches = forms[0].1.batches();
         for turn in &batches.turns.list {
@@ -232,12 +225,10 @@ pub(super) fn multiply_with_part<S: Simd>(
                     }
                 }
                 Turn::Leave(slot) => {
-                    let products = (&mut *strips.z, &mut *strips.y);
-                    if number == 0 {
-                        layout.take_with_part::<false>(slot, weight, products, (y, z));
-                    } else {
-                        layout.take_with_part::<true>(slot, weight, products, (y, z));
+                    for (sum, part) in strips.y[slot.places()].iter_mut().zip(&strips.z[slot.places()]) {
+                        *sum += weight * part;
                     }
+                    strips.take_both(layout, slot, number == 0, (y, z));
                 }
             }
         }

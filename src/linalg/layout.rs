@@ -255,73 +255,18 @@ impl Layout {
         for line in lines {
             let ((nodes, last), [w, w_x, w_y]) = (line.nodes_mut(x), line.kinds(laid));
             for (((node, w), w_x), w_y) in nodes.iter_mut().zip(w.0).zip(w_x.0).zip(w_y.0) {
-                put::<ADDS, 3, LANES>(node, by_node([take(w), take(w_x), take(w_y)]));
+                put::<ADDS, 3, LANES>(by_node([take(w), take(w_x), take(w_y)]), node);
             }
             for (((node, w), w_x), w_y) in last.iter_mut().zip(w.1).zip(w_x.1).zip(w_y.1) {
-                put::<ADDS, 3, 1>(from_mut(node), [[take(w), take(w_x), take(w_y)]]);
-            }
-        }
-        for run in runs {
-            for (value, laid) in x[run.dofs()].iter_mut().zip(&mut laid[run.places()]) {
-                put::<ADDS, 1, 1>(from_mut(from_mut(value)), [[take(laid)]]);
-            }
-        }
-        for &(dof, place) in others {
-            put::<ADDS, 1, 1>(from_mut(from_mut(&mut x[dof as usize])), [[take(&mut laid[place as usize])]]);
-        }
-        self.clear_gaps(slot, laid);
-    }
-
-    /// Moves the dofs of a strip of the vector `part` to z, and those of `rest` + weight `part` to
-    /// y, or adds them there, and leaves zeros.
-    #[inline(always)]
-    pub(super) fn take_with_part<const ADDS: bool>(
-        &self,
-        slot: &Slot,
-        weight: f64,
-        (part, rest): (&mut [f64], &mut [f64]),
-        (y, z): (&mut [f64], &mut [f64]),
-    ) {
-        let (part, rest) = (&mut part[slot.places()], &mut rest[slot.places()]);
-        let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
-        for line in lines {
-            let ((y, last_y), (z, last_z)) = (line.nodes_mut(y), line.nodes_mut(z));
-            let ([w, w_x, w_y], [rest_w, rest_x, rest_y]) = (line.kinds(part), line.kinds(rest));
-            let parts = w.0.iter_mut().zip(w_x.0).zip(w_y.0);
-            let rests = rest_w.0.iter_mut().zip(rest_x.0).zip(rest_y.0);
-            for (((y, z), ((w, w_x), w_y)), ((rest_w, rest_x), rest_y)) in
-                y.iter_mut().zip(z).zip(parts).zip(rests)
-            {
-                let part = [take(w), take(w_x), take(w_y)];
-                let mut sum = [take(rest_w), take(rest_x), take(rest_y)];
-                for (sum, part) in sum.iter_mut().zip(&part) {
-                    for lane in 0..LANES {
-                        sum[lane] += weight * part[lane];
-                    }
-                }
-                put::<ADDS, 3, LANES>(z, by_node(part));
-                put::<ADDS, 3, LANES>(y, by_node(sum));
-            }
-            let parts = w.1.iter_mut().zip(w_x.1).zip(w_y.1);
-            let rests = rest_w.1.iter_mut().zip(rest_x.1).zip(rest_y.1);
-            for (((y, z), ((w, w_x), w_y)), ((rest_w, rest_x), rest_y)) in
-                last_y.iter_mut().zip(last_z).zip(parts).zip(rests)
-            {
-                let part = [take(w), take(w_x), take(w_y)];
-                let rest = [take(rest_w), take(rest_x), take(rest_y)];
-                put::<ADDS, 3, 1>(from_mut(z), [part]);
-                put::<ADDS, 3, 1>(from_mut(y), [[0, 1, 2].map(|kind| rest[kind] + weight * part[kind])]);
+                put::<ADDS, 3, 1>([[take(w), take(w_x), take(w_y)]], from_mut(node));
             }
         }
         let in_runs = runs.iter().flat_map(|run| run.dofs().zip(run.places()));
         let others = others.iter().map(|&(dof, place)| (dof as usize, place as usize));
         for (dof, place) in in_runs.chain(others) {
-            let (part, rest) = (take(&mut part[place]), take(&mut rest[place]));
-            put::<ADDS, 1, 1>(from_mut(from_mut(&mut z[dof])), [[part]]);
-            put::<ADDS, 1, 1>(from_mut(from_mut(&mut y[dof])), [[rest + weight * part]]);
+            put::<ADDS, 1, 1>([[take(&mut laid[place])]], from_mut(from_mut(&mut x[dof])));
         }
-        self.clear_gaps(slot, part);
-        self.clear_gaps(slot, rest);
+        self.clear_gaps(slot, laid);
     }
 }
 
@@ -352,7 +297,7 @@ fn by_node(kinds: [[f64; LANES]; 3]) -> [[f64; 3]; LANES] {
 
 /// Sets some values, or adds to them.
 #[inline(always)]
-fn put<const ADDS: bool, const N: usize, const M: usize>(to: &mut [[f64; N]; M], values: [[f64; N]; M]) {
+fn put<const ADDS: bool, const N: usize, const M: usize>(values: [[f64; N]; M], to: &mut [[f64; N]; M]) {
     if !ADDS {
         *to = values;
         return;
@@ -399,36 +344,11 @@ mod tests {
         assert!(
             (0..320).filter(|place| layout.is_free(*place as u32)).all(|place| laid[address(place)] == 0.0)
         );
-        let twice: Vec<f64> = laid.iter().map(|value| 2.0 * value).collect();
-        let (mut back, mut part, mut sum) = (vec![0.0; x.len()], vec![0.0; x.len()], vec![0.0; x.len()]);
-        for factor in [1.0, 2.0] {
-            let (mut whole, mut first, mut second) = (laid.clone(), laid.clone(), twice.clone());
-            for slot in &slots {
-                if factor == 1.0 {
-                    layout.take::<false>(slot, &mut whole, &mut back);
-                    layout.take_with_part::<false>(
-                        slot,
-                        -0.5,
-                        (&mut first, &mut second),
-                        (&mut sum, &mut part),
-                    );
-                } else {
-                    layout.take::<true>(slot, &mut whole, &mut back);
-                    layout.take_with_part::<true>(
-                        slot,
-                        -0.5,
-                        (&mut first, &mut second),
-                        (&mut sum, &mut part),
-                    );
-                }
-                assert!(
-                    [&whole, &first, &second]
-                        .iter()
-                        .all(|of| of[slot.places()].iter().all(|left| *left == 0.0))
-                );
-            }
-            assert!([&back, &part].iter().all(|of| of.iter().zip(&x).all(|(of, x)| *of == factor * x)));
-            assert!(sum.iter().zip(&x).all(|(sum, x)| *sum == 1.5 * factor * x));
-        }
+        let mut back = vec![0.0; x.len()];
+        let mut left = laid.clone();
+        slots.iter().for_each(|slot| layout.take::<false>(slot, &mut left, &mut back));
+        assert!(back == x && slots.iter().all(|slot| left[slot.places()].iter().all(|left| *left == 0.0)));
+        slots.iter().for_each(|slot| layout.take::<true>(slot, &mut laid, &mut back));
+        assert!(back.iter().zip(&x).all(|(back, x)| *back == 2.0 * x));
     }
 }

@@ -2,7 +2,9 @@
 
 use super::batch::Batches;
 use super::lane_values::LANES;
+use super::layout::Layout;
 use super::scratch::Scratch;
+use super::turns::Slot;
 
 /// Strips of vectors in layout order, where [`super::turns`] have their slots, and scratch space
 /// for the local vectors of the cells.
@@ -25,9 +27,13 @@ impl Workspace {
     /// Makes room for products with some batches.
     pub fn reserve(&mut self, batches: &Batches) {
         self.scratch.reserve(batches.width);
+        let size = batches.turns.size + LANES;
         let [y, z] = &mut self.sums;
         for vector in [&mut self.x, y, z] {
-            vector.resize((batches.turns.size + LANES).max(vector.len()), 0.0);
+            if vector.len() < size {
+                // What an old vector has could lie elsewhere in a longer one, see `aligned`.
+                *vector = vec![0.0; size];
+            }
         }
     }
 
@@ -36,6 +42,20 @@ impl Workspace {
     pub fn strips(&mut self) -> Strips<'_> {
         let [y, z] = &mut self.sums;
         Strips { x: aligned(&mut self.x), y: aligned(y), z: aligned(z), scratch: &mut self.scratch }
+    }
+}
+
+impl Strips<'_> {
+    /// Moves the sums y and z of a strip to two vectors, or adds them there, and leaves zeros.
+    #[inline(always)]
+    pub fn take_both(&mut self, layout: &Layout, slot: &Slot, is_first: bool, to: (&mut [f64], &mut [f64])) {
+        if is_first {
+            layout.take::<false>(slot, self.y, to.0);
+            layout.take::<false>(slot, self.z, to.1);
+        } else {
+            layout.take::<true>(slot, self.y, to.0);
+            layout.take::<true>(slot, self.z, to.1);
+        }
     }
 }
 

@@ -24,6 +24,10 @@ impl Forms {
     fn new(engine: Native, plate: &Matrices) -> Forms {
         let masses = assembly::consistent_mass(&plate.cells);
         let some = masses.iter().step_by(3).cloned().collect();
+        // A product with a few cells has a small work space, which grows with those of all.
+        let few = engine.form(masses[..5].to_vec());
+        let ones = vec![1.0; engine.dofs()];
+        engine.multiply(&few, &ones, &mut vec![0.0; engine.dofs()]).unwrap();
         Forms {
             stiffness: engine.form(assembly::stiffness(&plate.cells)),
             consistent: engine.form(masses),
