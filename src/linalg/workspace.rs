@@ -31,7 +31,8 @@ impl Workspace {
         let [y, z] = &mut self.sums;
         for vector in [&mut self.x, y, z] {
             if vector.len() < size {
-                // What an old vector has could lie elsewhere in a longer one, see `aligned`.
+                // Lines of the cache may begin at another entry of a longer vector. Entries copied
+                // into it could then lie at places that must be zero.
                 *vector = vec![0.0; size];
             }
         }
