@@ -36,9 +36,10 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo test --release --locked --tests --no-run
 	$(call say,tests)
 # Programs in examples/ are not linked: a test program contains them.
-# Ranks of parallel jobs wait for each other, and leave time for the compiler. It begins when the
-# test programs run and cargo has unlocked the folder of the build.
-	@(sleep 5; $(MAKE) --no-print-directory lints-native documentation python) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
+# The compiler works in the time that tests leave. Ranks of a parallel job exchange messages all the
+# time, and a compiler of the same priority would hold each of them up for milliseconds. It begins
+# when the test programs run and cargo has unlocked the folder of the build.
+	@(sleep 5; nice -n 19 $(MAKE) --no-print-directory lints-native documentation python) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
 	    cargo test --release --locked --tests && cargo test --release --locked --doc; tests=$$?; \
 	    wait $$meanwhile; lints=$$?; cat target/meanwhile.log; exit $$((tests + lints))
 	$(call say,planted faults)

@@ -24,7 +24,7 @@ use crate::error::Result;
 use crate::linalg::vectors::{Largest, is_zero, largest};
 use crate::linalg::wide::widest;
 use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
-use crate::obstacle::{hertz_depth, hertz_force};
+use crate::obstacle::{Bounds, hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
 use pulp::Arch;
 use std::ops::Range;
@@ -112,6 +112,26 @@ fn largest_ratio(residual: &[f64], magnitude: &[f64], scale: &[f64], floor: f64)
             ))
         },
     )
+}
+
+/// Whether an answer needs more than its stationarity checked.
+#[derive(Clone, Copy)]
+struct ContactState {
+    /// Whether any reaction acts.
+    presses: bool,
+    /// Whether x lies within all bounds.
+    is_inside: bool,
+}
+
+impl ContactState {
+    fn of(bounds: &Bounds, answer: &Answer) -> ContactState {
+        ContactState { presses: !is_zero(answer.reaction), is_inside: bounds.contain(answer.x) }
+    }
+
+    /// Returns whether nothing touches.
+    fn is_free(self) -> bool {
+        !self.presses && self.is_inside
+    }
 }
 
 /// Check of the answers to problems with one matrix, with its work vectors.
@@ -314,12 +334,12 @@ impl KktCheck {
         }
         let length = self.length(engine, problem, answer);
         let size = engine.comm().all_reduce_max(largest_product(&self.scale, x));
-        let is_free = is_zero(answer.reaction) && problem.bounds.contain(x) && self.loose.is_none();
-        let own = if is_free {
+        let contact = ContactState::of(problem.bounds, answer);
+        let own = if contact.is_free() && self.loose.is_none() {
             self.subtract_and_compare((problem.rhs, more), x, size)
         } else {
             self.subtract_with_diagonal((problem.rhs, more), x);
-            self.compare(engine, &Problem { length, ..*problem }, size, answer)?.worst()
+            self.compare(engine, &Problem { length, ..*problem }, size, answer, contact)?.worst()
         };
         Ok(Some(engine.comm().all_reduce_max(own)))
     }
@@ -416,7 +436,7 @@ impl KktCheck {
         let size = larger(size, self.subtract_terms(&[problem.rhs]));
         let size = larger(size, self.subtract_terms(more));
         let size = engine.comm().all_reduce_max(size);
-        self.compare(engine, problem, size, answer)
+        self.compare(engine, problem, size, answer, ContactState::of(problem.bounds, answer))
     }
 
     /// Returns the parts of the residual on this rank, given A x less all terms of the right-hand
@@ -428,12 +448,12 @@ impl KktCheck {
         problem: &Problem,
         size: f64,
         answer: &Answer,
+        contact: ContactState,
     ) -> Result<Residual> {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
         let Problem { bounds, length, .. } = *problem;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
-        let (presses, is_inside) = (!is_zero(reaction), bounds.contain(x));
-        if presses {
+        if contact.presses {
             for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
                 residual[dof] -= r;
                 magnitude[dof] += r.abs();
@@ -449,12 +469,12 @@ impl KktCheck {
         let floor = lowest_share(size);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
-        if !presses && is_inside {
+        if contact.is_free() {
             return Ok(parts);
         }
         for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
             // Free dofs within their bounds add nothing.
-            if r == 0.0 && is_inside {
+            if r == 0.0 && contact.is_inside {
                 continue;
             }
             let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
