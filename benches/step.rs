@@ -210,17 +210,17 @@ fn costs(is_chosen: impl Fn(&str) -> bool) {
     }
 }
 
-/// Number of times that the parts of a step are made anew and timed. Each time their memory falls
-/// otherwise into the caches, which changes a step by up to 3 %.
-const PLACES: u32 = 3;
+/// Number of times that the parts of a step are set up and timed. Each set-up has other addresses in
+/// memory, and the caches serve some of them better: the times differ by up to 3 %.
+const SET_UPS: u32 = 3;
 
-/// Least number of turns in which the parts of a step are timed in one place.
+/// Least number of times that all parts are timed, one after another, in each set-up.
 const LEAST_TURNS: u32 = 12;
 
 fn cost(mesh: &str, dt: f64) {
     let mut scene = scene(mesh);
     scene.time.step = dt;
-    let [solve, outside, step, touching] = (0..PLACES)
+    let [solve, outside, step, touching] = (0..SET_UPS)
         .map(|_| parts(mesh, &scene))
         .fold([f64::INFINITY; 4], |least, times| std::array::from_fn(|k| least[k].min(times[k])));
     let model = Model::new(&scene).expect("a sound model");
@@ -235,8 +235,8 @@ fn cost(mesh: &str, dt: f64) {
     );
 }
 
-/// Returns the shortest times of a solve, the same by faer alone, a free step, and a step in
-/// contact, in s, all made anew.
+/// Sets up a solve, the same by faer alone, a free step and a step in contact, and returns the
+/// shortest time of each, in s.
 fn parts(mesh: &str, scene: &Scene) -> [f64; 4] {
     let parameters = NewmarkParameters { step: scene.time.step, ..PARAMETERS };
     let model = Model::new(scene).expect("a sound model");

@@ -124,6 +124,7 @@ struct ContactState {
 }
 
 impl ContactState {
+    /// Returns the state of an answer on this rank.
     fn of(bounds: &Bounds, answer: &Answer) -> ContactState {
         ContactState { presses: !is_zero(answer.reaction), is_inside: bounds.contain(answer.x) }
     }
