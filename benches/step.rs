@@ -210,8 +210,8 @@ fn costs(is_chosen: impl Fn(&str) -> bool) {
     }
 }
 
-/// Number of times that the parts of a step are set up and timed. Each set-up has other addresses in
-/// memory, and the caches serve some of them better: the times differ by up to 3 %.
+/// Number of times that the parts of a step are set up and timed. Each set-up has other addresses
+/// in memory, and the caches serve some of them better: the times differ by up to 3 %.
 const SET_UPS: u32 = 3;
 
 /// Least number of times that all parts are timed, one after another, in each set-up.
