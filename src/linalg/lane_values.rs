@@ -78,11 +78,12 @@ impl Lanes {
     #[inline(always)]
     pub(super) fn moved_up<S: Simd>(&self, simd: S, first: S::m64s) -> Lanes {
         let mut moved = Lanes::default();
-        let mut below = simd.splat_f64s(0.0);
-        for (own, moved) in S::as_simd_f64s(&self.0).0.iter().zip(S::as_mut_simd_f64s(&mut moved.0).0) {
-            let turned = simd.rotate_right_f64s(*own, 1);
-            *moved = simd.select_f64s(first, below, turned);
-            below = turned;
+        if S::F64_LANES == LANES {
+            let turned = simd.rotate_right_f64s(self.register::<S>(0), 1);
+            *moved.register_mut::<S>(0) = simd.select_f64s(first, simd.splat_f64s(0.0), turned);
+        } else {
+            // A turn of a narrower register takes ten instructions, an unaligned load one.
+            moved.0[1..].copy_from_slice(&self.0[..LANES - 1]);
         }
         moved
     }
