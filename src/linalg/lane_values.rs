@@ -82,7 +82,7 @@ impl Lanes {
             let turned = simd.rotate_right_f64s(self.register::<S>(0), 1);
             *moved.register_mut::<S>(0) = simd.select_f64s(first, simd.splat_f64s(0.0), turned);
         } else {
-            // A turn of a narrower register takes ten instructions, an unaligned load one.
+            // Narrower registers take ten instructions to turn, and one to load from a lane below.
             moved.0[1..].copy_from_slice(&self.0[..LANES - 1]);
         }
         moved
