@@ -226,7 +226,7 @@ impl CellForm {
         let is_wanted = y.is_some();
         for turn in &self.batches.turns.list {
             match turn {
-                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
                 Turn::Multiply(batches) => {
                     for batch in &self.batches.list[batches.clone()] {
                         form += match batch.size() {
@@ -238,7 +238,7 @@ impl CellForm {
                 }
                 Turn::Leave(slot) => {
                     if let Some(y) = &mut y {
-                        layout.take::<false>(slot, strips.y, y);
+                        layout.take::<_, false>(simd, slot, strips.y, y);
                     }
                 }
             }

@@ -150,7 +150,7 @@ pub(super) fn multiply_with_magnitude<S: Simd>(
         let batches = forms[0].1.batches();
         for turn in &batches.turns.list {
             match turn {
-                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
                 Turn::Multiply(range) => {
                     for batch in &batches.list[range.clone()] {
                         match batch.size() {
@@ -160,7 +160,7 @@ pub(super) fn multiply_with_magnitude<S: Simd>(
                         }
                     }
                 }
-                Turn::Leave(slot) => strips.take_both(layout, slot, number == 0, (y, m)),
+                Turn::Leave(slot) => strips.take_both(simd, layout, slot, number == 0, (y, m)),
             }
         }
     }
@@ -214,7 +214,7 @@ pub(super) fn multiply_with_part<S: Simd>(
         let batches = forms[0].1.batches();
         for turn in &batches.turns.list {
             match turn {
-                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
                 Turn::Multiply(range) => {
                     for batch in &batches.list[range.clone()] {
                         match batch.size() {
@@ -228,7 +228,7 @@ pub(super) fn multiply_with_part<S: Simd>(
                     for (sum, part) in strips.y[slot.places()].iter_mut().zip(&strips.z[slot.places()]) {
                         *sum += weight * part;
                     }
-                    strips.take_both(layout, slot, number == 0, (y, z));
+                    strips.take_both(simd, layout, slot, number == 0, (y, z));
                 }
             }
         }

@@ -10,9 +10,14 @@
 
 use super::lane_values::LANES;
 use super::turns::Slot;
+use pulp::Simd;
 use std::array::from_mut;
-use std::mem::take;
+use std::mem::{replace, take};
 use std::ops::Range;
+
+/// Number of nodes that are moved at once with registers of fewer than [`LANES`] numbers: the
+/// compiler transposes eight of them one value at a time.
+const FEW: usize = 4;
 
 /// Position of each dof in the engine's own vectors.
 ///
@@ -84,26 +89,43 @@ impl Line {
         self.places.map(|place| place as usize..(place + self.nodes) as usize)
     }
 
-    /// Returns the values of all nodes of a vector, in whole registers and one by one.
+    /// Returns the dofs of each kind of a strip, some nodes at a time and the rest one by one.
     #[inline(always)]
-    fn nodes<'a>(&self, x: &'a [f64]) -> (&'a [[[f64; 3]; LANES]], &'a [[f64; 3]]) {
-        let (nodes, _) = x[self.dofs()].as_chunks::<3>();
-        nodes.as_chunks()
-    }
-
-    /// Returns the values of all nodes of a vector, in whole registers and one by one.
-    #[inline(always)]
-    fn nodes_mut<'a>(&self, x: &'a mut [f64]) -> (&'a mut [[[f64; 3]; LANES]], &'a mut [[f64; 3]]) {
-        let (nodes, _) = x[self.dofs()].as_chunks_mut::<3>();
-        nodes.as_chunks_mut()
-    }
-
-    /// Returns the dofs of each kind of a strip, in whole registers and one by one.
-    #[inline(always)]
-    fn kinds<'a>(&self, strip: &'a mut [f64]) -> [(&'a mut [[f64; LANES]], &'a mut [f64]); 3] {
+    fn kinds<'a, const NODES: usize>(
+        &self,
+        strip: &'a mut [f64],
+    ) -> [(&'a mut [[f64; NODES]], &'a mut [f64]); 3] {
         // The places are those of different dofs.
         let kinds = strip.get_disjoint_mut(self.places()).unwrap_or_default();
         kinds.map(<[f64]>::as_chunks_mut)
+    }
+
+    /// Copies the dofs from x to their places in a strip, some nodes at a time.
+    #[inline(always)]
+    fn lay_out<const NODES: usize>(&self, x: &[f64], laid: &mut [f64]) {
+        let (nodes, _) = x[self.dofs()].as_chunks::<3>();
+        let ((nodes, last), [w, w_x, w_y]) = (nodes.as_chunks::<NODES>(), self.kinds(laid));
+        for (((node, w), w_x), w_y) in nodes.iter().zip(w.0).zip(w_x.0).zip(w_y.0) {
+            [*w, *w_x, *w_y] = by_kind(*node);
+        }
+        for (((node, w), w_x), w_y) in last.iter().zip(w.1).zip(w_x.1).zip(w_y.1) {
+            [*w, *w_x, *w_y] = *node;
+        }
+    }
+
+    /// Moves the dofs from their places in a strip to x, or adds them there, some nodes at a time,
+    /// and leaves zeros.
+    #[inline(always)]
+    fn take<const ADDS: bool, const NODES: usize>(&self, laid: &mut [f64], x: &mut [f64]) {
+        let (nodes, _) = x[self.dofs()].as_chunks_mut::<3>();
+        let ((nodes, last), [w, w_x, w_y]) = (nodes.as_chunks_mut::<NODES>(), self.kinds(laid));
+        for (((node, w), w_x), w_y) in nodes.iter_mut().zip(w.0).zip(w_x.0).zip(w_y.0) {
+            let kinds = [zeroed(w), zeroed(w_x), zeroed(w_y)];
+            put::<ADDS, 3, NODES>(by_node(kinds), node);
+        }
+        for (((node, w), w_x), w_y) in last.iter_mut().zip(w.1).zip(w_x.1).zip(w_y.1) {
+            put::<ADDS, 3, 1>([[take(w), take(w_x), take(w_y)]], from_mut(node));
+        }
     }
 }
 
@@ -218,16 +240,14 @@ impl Layout {
     /// Copies the dofs of a strip from x into its slot of a work space, with zero at places without
     /// a dof.
     #[inline(always)]
-    pub(super) fn lay_out(&self, slot: &Slot, x: &[f64], laid: &mut [f64]) {
+    pub(super) fn lay_out<S: Simd>(&self, _: S, slot: &Slot, x: &[f64], laid: &mut [f64]) {
         let laid = &mut laid[slot.places()];
         let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
         for line in lines {
-            let ((nodes, last), [w, w_x, w_y]) = (line.nodes(x), line.kinds(laid));
-            for (((node, w), w_x), w_y) in nodes.iter().zip(w.0).zip(w_x.0).zip(w_y.0) {
-                [*w, *w_x, *w_y] = by_kind(*node);
-            }
-            for (((node, w), w_x), w_y) in last.iter().zip(w.1).zip(w_x.1).zip(w_y.1) {
-                [*w, *w_x, *w_y] = *node;
+            if S::F64_LANES == LANES {
+                line.lay_out::<LANES>(x, laid);
+            } else {
+                line.lay_out::<FEW>(x, laid);
             }
         }
         for run in runs {
@@ -249,16 +269,14 @@ impl Layout {
 
     /// Moves the dofs of a strip from its slot to x, or adds them there, and leaves zeros.
     #[inline(always)]
-    pub(super) fn take<const ADDS: bool>(&self, slot: &Slot, laid: &mut [f64], x: &mut [f64]) {
+    pub(super) fn take<S: Simd, const ADDS: bool>(&self, _: S, slot: &Slot, laid: &mut [f64], x: &mut [f64]) {
         let laid = &mut laid[slot.places()];
         let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
         for line in lines {
-            let ((nodes, last), [w, w_x, w_y]) = (line.nodes_mut(x), line.kinds(laid));
-            for (((node, w), w_x), w_y) in nodes.iter_mut().zip(w.0).zip(w_x.0).zip(w_y.0) {
-                put::<ADDS, 3, LANES>(by_node([take(w), take(w_x), take(w_y)]), node);
-            }
-            for (((node, w), w_x), w_y) in last.iter_mut().zip(w.1).zip(w_x.1).zip(w_y.1) {
-                put::<ADDS, 3, 1>([[take(w), take(w_x), take(w_y)]], from_mut(node));
+            if S::F64_LANES == LANES {
+                line.take::<ADDS, LANES>(laid, x);
+            } else {
+                line.take::<ADDS, FEW>(laid, x);
             }
         }
         let in_runs = runs.iter().flat_map(|run| run.dofs().zip(run.places()));
@@ -273,11 +291,11 @@ impl Layout {
 /// Returns the values of some nodes kind by kind. The compiler keeps whole arrays in registers and
 /// transposes them there.
 #[inline(always)]
-fn by_kind(nodes: [[f64; 3]; LANES]) -> [[f64; LANES]; 3] {
-    let mut kinds = [[0.0; LANES]; 3];
-    for lane in 0..LANES {
+fn by_kind<const NODES: usize>(nodes: [[f64; 3]; NODES]) -> [[f64; NODES]; 3] {
+    let mut kinds = [[0.0; NODES]; 3];
+    for node in 0..NODES {
         for kind in 0..3 {
-            kinds[kind][lane] = nodes[lane][kind];
+            kinds[kind][node] = nodes[node][kind];
         }
     }
     kinds
@@ -285,14 +303,20 @@ fn by_kind(nodes: [[f64; 3]; LANES]) -> [[f64; LANES]; 3] {
 
 /// Returns the values of some nodes node by node.
 #[inline(always)]
-fn by_node(kinds: [[f64; LANES]; 3]) -> [[f64; 3]; LANES] {
-    let mut nodes = [[0.0; 3]; LANES];
-    for lane in 0..LANES {
+fn by_node<const NODES: usize>(kinds: [[f64; NODES]; 3]) -> [[f64; 3]; NODES] {
+    let mut nodes = [[0.0; 3]; NODES];
+    for node in 0..NODES {
         for kind in 0..3 {
-            nodes[lane][kind] = kinds[kind][lane];
+            nodes[node][kind] = kinds[kind][node];
         }
     }
     nodes
+}
+
+/// Returns some values and leaves zeros.
+#[inline(always)]
+fn zeroed<const NODES: usize>(values: &mut [f64; NODES]) -> [f64; NODES] {
+    replace(values, [0.0; NODES])
 }
 
 /// Sets some values, or adds to them.
@@ -337,8 +361,9 @@ mod tests {
         let x: Vec<f64> = (0..places.len()).map(|dof| 1.0 + dof as f64).collect();
         // The second strip comes first in the work space.
         let slots = [Slot::new(0, 200..330), Slot::new(1, 0..190)];
+        let simd = pulp::Scalar::new();
         let mut laid = vec![7.0; 330];
-        slots.iter().for_each(|slot| layout.lay_out(slot, &x, &mut laid));
+        slots.iter().for_each(|slot| layout.lay_out(simd, slot, &x, &mut laid));
         let address = |place: usize| if place < 130 { place + 200 } else { place - 130 };
         assert!(places.iter().zip(&x).all(|(place, value)| laid[address(*place)] == *value));
         assert!(
@@ -346,9 +371,9 @@ mod tests {
         );
         let mut back = vec![0.0; x.len()];
         let mut left = laid.clone();
-        slots.iter().for_each(|slot| layout.take::<false>(slot, &mut left, &mut back));
+        slots.iter().for_each(|slot| layout.take::<_, false>(simd, slot, &mut left, &mut back));
         assert!(back == x && slots.iter().all(|slot| left[slot.places()].iter().all(|left| *left == 0.0)));
-        slots.iter().for_each(|slot| layout.take::<true>(slot, &mut laid, &mut back));
+        slots.iter().for_each(|slot| layout.take::<_, true>(simd, slot, &mut laid, &mut back));
         assert!(back.iter().zip(&x).all(|(back, x)| *back == 2.0 * x));
     }
 }

@@ -247,7 +247,7 @@ impl SingularMassCells {
         let is_wanted = y.is_some();
         for turn in &self.batches.turns.list {
             match turn {
-                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
                 Turn::Multiply(batches) => {
                     for batch in &self.batches.list[batches.clone()] {
                         let (local, Room { result, .. }) = strips.scratch.split(batch.size());
@@ -260,7 +260,7 @@ impl SingularMassCells {
                 }
                 Turn::Leave(slot) => {
                     if let Some(y) = &mut y {
-                        layout.take::<false>(slot, strips.y, y);
+                        layout.take::<_, false>(simd, slot, strips.y, y);
                     }
                 }
             }
@@ -280,7 +280,7 @@ impl SingularMassCells {
     ) {
         for turn in &self.batches.turns.list {
             match turn {
-                Turn::Enter(slot) => layout.lay_out(slot, x, strips.x),
+                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
                 Turn::Multiply(batches) => {
                     for batch in &self.batches.list[batches.clone()] {
                         let (local, _) = strips.scratch.split(batch.size());
@@ -322,7 +322,7 @@ impl SingularMassCells {
                         batch.scatter(simd, [result], [strips.y]);
                     }
                 }
-                Turn::Leave(slot) => layout.take::<false>(slot, strips.y, y),
+                Turn::Leave(slot) => layout.take::<_, false>(simd, slot, strips.y, y),
             }
         }
     }

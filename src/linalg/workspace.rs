@@ -5,6 +5,7 @@ use super::lane_values::LANES;
 use super::layout::Layout;
 use super::scratch::Scratch;
 use super::turns::Slot;
+use pulp::Simd;
 
 /// Strips of vectors in layout order, where [`super::turns`] have their slots, and scratch space
 /// for the local vectors of the cells.
@@ -49,13 +50,20 @@ impl Workspace {
 impl Strips<'_> {
     /// Moves the sums y and z of a strip to two vectors, or adds them there, and leaves zeros.
     #[inline(always)]
-    pub fn take_both(&mut self, layout: &Layout, slot: &Slot, is_first: bool, to: (&mut [f64], &mut [f64])) {
+    pub fn take_both<S: Simd>(
+        &mut self,
+        simd: S,
+        layout: &Layout,
+        slot: &Slot,
+        is_first: bool,
+        to: (&mut [f64], &mut [f64]),
+    ) {
         if is_first {
-            layout.take::<false>(slot, self.y, to.0);
-            layout.take::<false>(slot, self.z, to.1);
+            layout.take::<_, false>(simd, slot, self.y, to.0);
+            layout.take::<_, false>(simd, slot, self.z, to.1);
         } else {
-            layout.take::<true>(slot, self.y, to.0);
-            layout.take::<true>(slot, self.z, to.1);
+            layout.take::<_, true>(simd, slot, self.y, to.0);
+            layout.take::<_, true>(simd, slot, self.z, to.1);
         }
     }
 }
