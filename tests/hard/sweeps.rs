@@ -6,6 +6,7 @@ use crate::common::models::{self, literal, unit_plate};
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right};
 use rebond::assembly;
 use rebond::dof_map::DofMap;
+use rebond::linalg::Engine;
 use rebond::mesh::{Cell, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::scene::{ContactSolver, EngineName, Scene, SchemeSpec as Name};
@@ -162,16 +163,39 @@ fn pinched(kind: &str, share: f64) -> Mesh {
     mesh
 }
 
+/// Returns the largest elastic energy that the rounding of a displacement u (dofs, in m) alone may
+/// have, half of eps^2 |u|^T |K| |u|, in J.
+fn rounding_energy(plate: &Matrices, u: &[f64]) -> f64 {
+    let (mut unit, mut column) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+    let mut sum = 0.0;
+    for (j, at) in u.iter().enumerate() {
+        unit[j] = 1.0;
+        plate.engine.multiply(&plate.stiffness, &unit, &mut column).unwrap();
+        unit[j] = 0.0;
+        sum += column.iter().zip(u).map(|(k, of)| (k * of * at).abs()).sum::<f64>();
+    }
+    0.5 * f64::EPSILON.powi(2) * sum
+}
+
+/// No displacement in doubles has an energy that is known better than the energy of its rounding,
+/// which grows as the fifth power of a needle's length. That of needles 15 000 times longer than
+/// wide is 5e-10 of the plate's. Over the two hundred steps, sixty starts that differ by a
+/// thousandth from each other change the energy by 0.3 to 6 times that.
 #[test]
 fn cells_that_are_nearly_flat() {
     for kind in ["needles", "nearly not convex", "slivers"] {
         // A needle here is 1.5 / share times longer than wide.
-        for (share, kept) in [(1e-1, 1e-11), (1e-2, 1e-11), (1e-3, 1e-10), (1e-4, 1e-9)] {
+        for share in [1e-1, 1e-2, 1e-3, 1e-4] {
             let (system, plate) = system(pinched(kind, share), -0.1);
-            let start =
-                Start { displacement: plate.statics(14600.0), velocity: vec![0.0; plate.space.dofs()] };
+            let displacement = plate.statics(14600.0);
+            let elastic = 0.5 * plate.engine.quadratic_form(&plate.stiffness, &displacement).unwrap();
+            let rounding = rounding_energy(&plate, &displacement) / elastic;
+            let start = Start { displacement, velocity: vec![0.0; plate.space.dofs()] };
             let broken = broken(&system, &start, 5e-4, 200);
-            println!("{kind}, {share}: newmark, conserving, exact broken by {broken:?}");
+            println!(
+                "{kind}, {share}: rounding {rounding:.1e}, newmark, conserving, exact broken by {broken:?}"
+            );
+            let kept = 1e-11 + 16.0 * rounding;
             assert!(broken.iter().all(|broken| *broken <= kept), "{kind}, {share}: {broken:?}");
         }
     }

@@ -30,12 +30,16 @@ fn falling_plate(element: &str, cells: [usize; 2], modes: usize, step: f64) -> M
 
 #[test]
 fn the_plate_moves_as_an_independent_program_says() {
-    // Energy just after the release, first impact and impulse, in J, s and N s.
+    // Energy just after the release, first impact and impulse, in J, s and N s, and the tolerance
+    // of the impulse. Rounding of rebond's matrix entries changes all of them by less than 1e-9.
+    // The other program's entries are known to 1e-13; random errors of 1e-14 in the entries move
+    // the impulse of the triangles by up to 2e-8 and that of the quadrilaterals by 1e-9, errors of
+    // 1e-13 by 3e-7 and 1e-8.
     let known = [
-        ("fvs", [289.366217511, 0.054790553582, 102.684066782]),
-        ("hct", [287.649710736, 0.054752345558, 105.824058920]),
+        ("fvs", [289.366217511, 0.054790553582, 102.684066782], 1e-8),
+        ("hct", [287.649710736, 0.054752345558, 105.824058920], 3e-8),
     ];
-    for (element, [released, impact, pushed]) in known {
+    for (element, [released, impact, pushed], of_impulse) in known {
         let model = falling_plate(element, [10, 4], 50, 1e-3);
         let mut scheme = Exact::new(&model.system, 1e-3, model.start.clone()).unwrap();
         let energy = scheme.energies().unwrap().total();
@@ -59,9 +63,10 @@ fn the_plate_moves_as_an_independent_program_says() {
         );
         assert!(error <= 1e-9, "{element}: {error:e}");
         assert!(drift <= 1e-10 && kkt <= 1e-11, "{element}: {drift:e}, {kkt:e}");
-        // Rounding of the matrix entries alone changes these by 1e-10.
-        for (of, expected) in [(energy, released), (events[0].time, impact), (impulse, pushed)] {
-            assert!((of / expected - 1.0).abs() <= 1e-8, "{element}: {of}, not {expected}");
+        for (of, expected, tolerance) in
+            [(energy, released, 1e-8), (events[0].time, impact, 1e-8), (impulse, pushed, of_impulse)]
+        {
+            assert!((of / expected - 1.0).abs() <= tolerance, "{element}: {of}, not {expected}");
         }
     }
 }

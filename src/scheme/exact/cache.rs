@@ -66,7 +66,7 @@ impl Cache {
             false => Spectrum::new(system, reduction, &held)?,
         };
         let lineage = spectrum.lineage.clone();
-        let modes = Rc::new(Modes::new(reduction, held, spectrum.into(), None)?);
+        let modes = Rc::new(Modes::new(system, reduction, held, spectrum.into(), None)?);
         self.computed += 1;
         let bytes = modes.bytes();
         while !self.sets.is_empty() && (self.sets.len() + 1) * bytes > self.limit {
@@ -133,7 +133,7 @@ impl Known {
                 };
                 let coupling = before.as_ref().and_then(|modes| modes.coupling.as_ref());
                 let known = coupling.map(|coupling| coupling.decoupling.clone());
-                Rc::new(Modes::new(reduction, Held::new(reduction, sides)?, spectrum, known)?)
+                Rc::new(Modes::new(system, reduction, Held::new(reduction, sides)?, spectrum, known)?)
             }
         };
         Ok(self.modes.insert(modes).clone())

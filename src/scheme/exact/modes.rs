@@ -20,18 +20,14 @@
 use super::reduction::ReducedModel;
 use super::spectrum::{Held, Spectrum};
 use crate::error::Result;
+use crate::linalg::Engine;
 use crate::linalg::decoupling::Decoupling;
+use crate::scheme::System;
 use crate::vi::BoundStatus;
 use faer::Mat;
 use std::borrow::Cow;
 use std::rc::Rc;
 
-/// Multiple of the rounding error of the largest eigenvalue below which an eigenvalue is that of a
-/// rigid motion.
-const RIGID: f64 = 4.0;
-/// Part of |x|^T |K| |x| that replaces the largest eigenvalue where all motions are rigid and it is
-/// rounding itself.
-const STIFF: f64 = 1e-4;
 /// Entry of V^T D V off the diagonal, relative to the largest decay rate, below which it is
 /// rounding.
 const UNCOUPLED: f64 = 4.0 * f64::EPSILON;
@@ -79,19 +75,19 @@ impl Modes {
     /// known already.
     ///
     /// # Errors
-    /// Returns the errors of [`Decoupling::new`].
-    pub fn new(
+    /// Returns the errors of [`Decoupling::new`] and [`Held::modal_force`].
+    pub fn new<E: Engine>(
+        system: &System<E>,
         reduction: &ReducedModel,
         held: Held,
         spectrum: Rc<Spectrum>,
         known: Option<Rc<Decoupling>>,
     ) -> Result<Modes> {
         let ReducedModel { damping, bounds, rest_at, lift_at, compliance, .. } = reduction;
-        let Spectrum { values, magnitude, vectors, .. } = &*spectrum;
+        let Spectrum { values, vectors, .. } = &*spectrum;
         let (w, rho, active) = (held.w(), held.rho(), &held.active);
         let bounded = held.sides.len();
-        let largest = values.iter().copied().fold(STIFF * magnitude, f64::max);
-        let floor = RIGID * f64::EPSILON * largest;
+        let floor = spectrum.floor();
         let rigid = values.iter().take_while(|value| **value <= floor).count();
         let frequencies =
             values.iter().map(|value| if *value <= floor { 0.0 } else { value.sqrt() }).collect();
@@ -113,7 +109,7 @@ impl Modes {
             frequencies,
             rigid,
             damping: damping.clone(),
-            force: held.modal_force(reduction, &spectrum).col_as_slice(0).to_vec(),
+            force: held.modal_force(system, reduction, &spectrum)?.col_as_slice(0).to_vec(),
             offset: offset.col_as_slice(0).to_vec(),
             rows: rows * vectors,
             limits: (0..bounded).map(limit).collect(),

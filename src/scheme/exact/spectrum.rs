@@ -18,6 +18,19 @@
 //! V^T h = \Lambda V^T z_r + V^T (h_F - H z_r + R_A^T r_r), \qquad r_r = S_{AA}^{-1} (g - G_A U_F - R_A z_r).
 //! ```
 //!
+//! At `$z_r$` only the reactions keep the nodes at their bounds, against cells that stay in place
+//! on average: they may be 10^5 times those of the motion, and their rounding errors a force that
+//! moves the slow modes. About the equilibrium `$z_e = V \Lambda^{-1} V^T h$` of the modes, with
+//! the displacement `$U_e = U_F + R z_e + S_A r_e$` and its reactions `$r_e = \rho - W z_e$`,
+//!
+//! ```math
+//! V^T h = \Lambda V^T z_e + V^T (R - S_A W)^T (F - K U_e) ,
+//! ```
+//!
+//! where K is applied cell by cell. The errors of this formula are the roundings of `$U_e$`, a
+//! force `$\lambda\,\varepsilon\,|z_e|$` on a mode of eigenvalue `$\lambda$`; the slow modes take
+//! it, and the fast ones the formula before.
+//!
 //! # Eigenproblem
 //!
 //! A dense eigenvalue solver has errors as large as the rounding error of the largest eigenvalue,
@@ -70,9 +83,21 @@ const SETTLED: f64 = 1e-8;
 /// the choice of basis does not matter.
 const LARGEST_ANGLE: f64 = 1e-3;
 
+/// Multiple of the rounding error of the largest eigenvalue below which an eigenvalue is that of a
+/// rigid motion.
+const RIGID: f64 = 4.0;
+/// Part of |x|^T |K| |x| that replaces the largest eigenvalue where all motions are rigid and it is
+/// rounding itself.
+const STIFF: f64 = 1e-4;
+
 /// Singular value, relative to the largest one, below which a combination of rigid motions moves no
 /// node in contact.
 const INDEPENDENT: f64 = 1e-6;
+
+/// Elastic force of a mode at its equilibrium, relative to the largest part of the forces at the
+/// rigid displacement, below which its force is found from the equilibrium. Products of norms, as
+/// the parts are, exceed the terms whose rounding counts by two powers of ten.
+const SLOW: f64 = 1e-2;
 
 /// Largest number of changes in succession, each of which adds rounding errors.
 const MAX_CHANGES: usize = 16;
@@ -146,17 +171,65 @@ impl Held {
         self.reactions.get(.., self.lift.ncols()..self.lift.ncols() + 1)
     }
 
-    /// Returns the modal forces V^T h, N entries.
-    pub fn modal_force(&self, reduction: &ReducedModel, spectrum: &Spectrum) -> Mat<f64> {
+    /// Returns the modal forces V^T h, N entries; see the [module page](self).
+    ///
+    /// # Errors
+    /// Returns the errors of the product with the stiffness.
+    pub fn modal_force<E: Engine>(
+        &self,
+        system: &System<E>,
+        reduction: &ReducedModel,
+        spectrum: &Spectrum,
+    ) -> Result<Mat<f64>> {
         let ReducedModel { force, stiffness, .. } = reduction;
         let reactions = self.reactions.get(.., self.lift.ncols() + 1..);
-        let mut modal = spectrum.vectors.transpose() * &self.rigid;
-        for (of, value) in modal.col_as_slice_mut(0).iter_mut().zip(&spectrum.values) {
-            *of *= value;
+        let Spectrum { values, vectors, .. } = spectrum;
+        let mut place = vectors.transpose() * &self.rigid;
+        let mut modal =
+            vectors.transpose() * (force - stiffness * &self.rigid + self.lift.transpose() * reactions);
+        for (k, value) in values.iter().enumerate() {
+            modal[(k, 0)] += value * place[(k, 0)];
         }
-        modal
-            + spectrum.vectors.transpose()
-                * (force - stiffness * &self.rigid + self.lift.transpose() * reactions)
+        if matches!(system.mass, Form::Modal { .. }) {
+            return Ok(modal);
+        }
+        let floor = spectrum.floor();
+        for (k, value) in values.iter().enumerate().filter(|(_, value)| **value > floor) {
+            place[(k, 0)] = modal[(k, 0)] / value;
+        }
+        let largest = force.norm_l2() + self.lift.norm_l2() * reactions.norm_l2();
+        let slow = SLOW * largest / place.norm_l2();
+        let pull = vectors.transpose() * self.pull_at(system, reduction, &(vectors * &place))?;
+        for (k, value) in values.iter().enumerate().take_while(|(_, value)| **value < slow) {
+            modal[(k, 0)] = value * place[(k, 0)] + pull[(k, 0)];
+        }
+        Ok(modal)
+    }
+
+    /// Returns the force h - H_A z, N entries, of the displacement at a place z.
+    fn pull_at<E: Engine>(
+        &self,
+        system: &System<E>,
+        reduction: &ReducedModel,
+        place: &Mat<f64>,
+    ) -> Result<Mat<f64>> {
+        let System { engine, stiffness, load, .. } = system;
+        let ReducedModel { rest, lift, flexibility, .. } = reduction;
+        let reactions = self.rho() - self.w() * place;
+        let mut displacement = rest + lift * place;
+        for (k, &i) in self.active.iter().enumerate() {
+            displacement += flexibility.get(.., i..i + 1) * faer::Scale(reactions[(k, 0)]);
+        }
+        let mut forces = Mat::zeros(displacement.nrows(), 1);
+        engine.multiply(stiffness, displacement.col_as_slice(0), forces.col_as_slice_mut(0))?;
+        for (i, force) in forces.col_as_slice_mut(0).iter_mut().enumerate() {
+            *force = load.as_ref().map_or(0.0, |load| load[i]) - *force;
+        }
+        let at_active = Mat::from_fn(self.active.len(), 1, |k, _| {
+            let column = flexibility.col(self.active[k]);
+            column.transpose() * forces.col(0)
+        });
+        Ok(lift.transpose() * forces - self.w().transpose() * at_active)
     }
 }
 
@@ -223,6 +296,12 @@ pub(super) struct Spectrum {
 }
 
 impl Spectrum {
+    /// Returns the eigenvalue up to which a motion counts as rigid, in (rad/s)^2.
+    pub fn floor(&self) -> f64 {
+        let largest = self.values.iter().copied().fold(STIFF * self.magnitude, f64::max);
+        RIGID * f64::EPSILON * largest
+    }
+
     /// Returns the eigenpairs of an active set by the eigenproblem.
     ///
     /// # Errors
