@@ -109,6 +109,24 @@ pub(crate) fn is_zero(x: &[f64]) -> bool {
     x.iter().fold(0, |others, value| others | u64::from(*value != 0.0)) == 0
 }
 
+/// Returns whether all entries are 0 with a positive sign.
+fn is_clear(x: &[f64]) -> bool {
+    x.iter().fold(0, |others, value| others | value.to_bits()) == 0
+}
+
+/// Sets all entries to 0. Where they are, nothing is written: memory that is only read need not be
+/// written back.
+pub(crate) fn clear(x: &mut [f64]) {
+    if !is_clear(x) {
+        x.fill(0.0);
+    }
+}
+
+/// Computes y = x. Where both are 0, nothing is written, as by [`clear`].
+pub(crate) fn copy_or_clear(x: &[f64], y: &mut [f64]) {
+    if is_clear(x) { clear(y) } else { y.copy_from_slice(x) }
+}
+
 /// Largest magnitude of some numbers, and NaN if one is: magnitudes order like their bits, with NaN
 /// last. Vector registers compare signed integers only.
 #[derive(Debug, Clone, Copy, Default)]

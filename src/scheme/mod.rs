@@ -55,7 +55,7 @@ use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{axpy, aypx, copy_scaled, is_zero, scale, waxpy};
+use crate::linalg::vectors::{axpy, aypx, clear, copy_scaled, is_zero, scale, waxpy};
 use crate::linalg::{Engine, Form, LinearCombination, MassModes};
 use crate::obstacle::Bounds;
 use crate::vi::StepReport;
@@ -363,7 +363,7 @@ impl StepRecord {
 
     fn begin_step(&mut self) {
         self.step += 1;
-        self.impulses.fill(0.0);
+        clear(&mut self.impulses);
     }
 
     /// Adds the impulses of the recorded reactions over a duration, in s.

@@ -52,7 +52,6 @@ use super::drive::ModalDamping;
 use super::step_driver::{Formulas, StepDriver};
 use super::{StepRecord, System};
 use crate::error::Result;
-use crate::linalg::vectors::{add, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
@@ -80,16 +79,15 @@ pub struct Newmark<'s, E: Engine> {
     work: RefCell<[Vec<f64>; 2]>,
 }
 
-/// Displacements at three successive instants.
+/// Displacements at two successive instants; the unknown x of the step leads to the next one.
 struct Levels<'s, E: Engine> {
     system: &'s System<E>,
     parameters: NewmarkParameters,
     /// Weight `$\theta = (1 - e) / (1 + e)$` of `$U^n - U^{n-1}$` in `$U^{n+1,e}$`.
     theta: f64,
-    /// `$U^n$`, `$U^n - U^{n-1}$` and `$U^{n+1} - U^n$`, in m, one entry per dof.
+    /// `$U^n$` and `$U^n - U^{n-1}$`, in m, one entry per dof.
     u_n: Vec<f64>,
     d_n: Vec<f64>,
-    d_next: Vec<f64>,
     /// Force `$K U^n$` and its increments.
     force: StiffnessForce,
     /// Energies stored in bounds that yield, at `$U^{n,e}$` and `$U^{n+1,e}$`, in J.
@@ -155,18 +153,15 @@ impl<E: Engine> Levels<'_, E> {
         self.instants.iter().for_each(|instants| instants.add_forces(self.system, b));
     }
 
-    /// Makes `$U^{n+1}$` the present level; `next` is the time of the new instant n + 1, in s.
-    fn shift(&mut self, next: f64) -> Result<()> {
-        add(&self.d_next, &mut self.u_n);
-        std::mem::swap(&mut self.d_n, &mut self.d_next);
+    /// Makes `$U^{n+1} = 2 U^n - U^{n-1} + x$` the present level; `next` is the time of the new
+    /// instant n + 1, in s.
+    fn shift(&mut self, x: &[f64], next: f64) -> Result<()> {
+        for (u, (d, x)) in self.u_n.iter_mut().zip(self.d_n.iter_mut().zip(x)) {
+            *d += x;
+            *u += *d;
+        }
         self.force.advance(self.system, &self.u_n, &self.d_n)?;
         self.instants.as_mut().map_or(Ok(()), |instants| instants.advance(self.system, next))
-    }
-
-    /// `$U^{n+1} = 2 U^n - U^{n-1} + x$`
-    fn update(&mut self, driver: &StepDriver<E>) {
-        waxpy(1.0, &driver.x, &self.d_n, &mut self.d_next);
-        self.force.add(driver.stiffness_product());
     }
 
     /// Sets the energy that bounds which yield store in the bounded configuration of the step.
@@ -184,10 +179,10 @@ impl<E: Engine> Levels<'_, E> {
         self.theta * self.stored[0] + (1.0 - self.theta) * self.stored[1]
     }
 
-    /// Adds the work of the time-dependent data up to instant n.
-    fn account(&mut self, n: u64, reaction: &[f64]) -> Result<()> {
+    /// Adds the work of the time-dependent data up to instant n, given the unknown of its step.
+    fn account(&mut self, n: u64, x: &[f64], reaction: &[f64]) -> Result<()> {
         let Some(instants) = &mut self.instants else { return Ok(()) };
-        let displacement = self.d_n.iter().zip(&self.d_next).map(|(d, d_next)| d + d_next);
+        let displacement = self.d_n.iter().zip(x).map(|(d, x)| d + (d + x));
         instants.account(n, self.system, displacement, reaction)
     }
 }

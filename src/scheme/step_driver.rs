@@ -15,7 +15,7 @@ use super::feedback::Feedback;
 use super::{StepRecord, System};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::vectors::dot_of_sum;
+use crate::linalg::vectors::{copy_or_clear, dot_of_sum};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
@@ -119,11 +119,11 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         self.feedback.iter_mut().for_each(|feedback| feedback.note_energy(energy));
     }
 
-    /// Returns the product K x of the last step, in N, one entry per dof; `None` where it is not
-    /// accurate enough to be summed over steps, or the engine does not compute it with the check of
-    /// the answer.
-    pub fn stiffness_product(&self) -> Option<&[f64]> {
-        self.has_product.then_some(&self.product)
+    /// Returns the product K x of the last step, in N, one entry per dof, which the next step
+    /// replaces; `None` where it is not accurate enough to be summed over steps, or the engine does
+    /// not compute it with the check of the answer.
+    pub fn stiffness_product(&mut self) -> Option<&mut Vec<f64>> {
+        self.has_product.then_some(&mut self.product)
     }
 
     /// Solves a step.
@@ -235,7 +235,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Writes the answer to the last step into a record, given the formulas of that step.
     pub fn report_to(&self, formulas: &impl Formulas<E>, record: &mut StepRecord) {
         self.restrict(formulas, &mut record.admissible);
-        record.reaction.copy_from_slice(&self.reaction);
+        copy_or_clear(&self.reaction, &mut record.reaction);
         record.report = self.report;
     }
 

@@ -19,7 +19,7 @@ use super::{Answer, DenseProblem, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::is_zero;
+use crate::linalg::vectors::{clear, is_zero};
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 
@@ -257,7 +257,7 @@ impl<E: Engine> Condensed<E> {
         let Method::Dense { candidates } = &self.method else { return Ok(0) };
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
-        reaction.fill(0.0);
+        clear(reaction);
         let systems = self.factor.systems();
         let size = systems * self.factor.schur().nrows();
         if size == 0 {

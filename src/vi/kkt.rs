@@ -160,9 +160,9 @@ struct RowBlock {
 
 #[derive(Debug)]
 enum Couplings {
-    /// Couplings of successive nodes with three dofs each to their first dofs: the magnitude for
-    /// each dof, 0 for the first of a node.
-    OfNodes(Vec<[f64; 3]>),
+    /// Couplings of successive nodes with three dofs each to their first dofs: the magnitudes for
+    /// the second and the third.
+    OfNodes(Vec<[f64; 2]>),
     /// Couplings of some rows.
     OfRows(Vec<CoupledRow>),
 }
@@ -195,7 +195,7 @@ fn row_blocks(couplings: &[RowCoupling]) -> Vec<RowBlock> {
         if nodes > 0 {
             let rows = dof..dof + 3 * nodes;
             let (of_nodes, _) = couplings[rows.clone()].as_chunks::<3>();
-            let magnitudes = of_nodes.iter().map(|of| of.each_ref().map(|of| of.magnitude)).collect();
+            let magnitudes = of_nodes.iter().map(|[_, x, y]| [x.magnitude, y.magnitude]).collect();
             blocks.push(RowBlock { rows, couplings: Couplings::OfNodes(magnitudes) });
             dof += 3 * nodes;
             continue;
@@ -246,9 +246,8 @@ impl RowBlock {
                 let (nodes, _) = x[block()].as_chunks::<3>();
                 for ((m, of), node) in rows.iter_mut().zip(magnitudes).zip(nodes) {
                     let first = node[0].abs();
-                    for k in 0..3 {
-                        m[k] += of[k] * first;
-                    }
+                    m[1] += of[0] * first;
+                    m[2] += of[1] * first;
                 }
             }
             Couplings::OfRows(rows) => {

@@ -8,7 +8,6 @@ use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::sum;
 use crate::obstacle::Bounds;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 use crate::scheme::{Approach, Scheme, Start, StepBalance, StepRecord, System};
@@ -51,7 +50,6 @@ impl<'s, E: Engine> Newmark<'s, E> {
             theta: (1.0 - parameters.restitution) / (1.0 + parameters.restitution),
             u_n: start.displacement,
             d_n: vec![0.0; dofs],
-            d_next: vec![0.0; dofs],
             force: StiffnessForce::new(dofs),
             stored: [0.0; 2],
             v0: system.bounds.dofs.iter().map(|&dof| start.velocity[dof]).collect(),
@@ -65,20 +63,25 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
         driver.report_to(&first, &mut record);
-        first.update(&driver);
+        first.update(&mut driver);
         driver.restart_modal_damping(&levels)?;
         levels.store(&record.admissible)?;
         levels.stored[0] = at_start;
-        levels.account(0, &driver.reaction)?;
+        levels.account(0, &driver.x, &driver.reaction)?;
         let velocities = vec![0.0; system.engine.velocities(&system.mass)];
         let work = RefCell::new([vec![0.0; dofs], velocities]);
         Ok(Newmark { driver, levels, record, work })
     }
 
+    /// Returns the increments `$U^n - U^{n-1}$` and `$U^{n+1} - U^n$`, in m.
+    fn increments(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.levels.d_n.iter().zip(&self.driver.x).map(|(d, x)| [*d, d + x])
+    }
+
     /// Returns the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
     pub(super) fn central_velocity(&self) -> impl Iterator<Item = f64> {
-        let Levels { d_n, d_next, parameters, .. } = &self.levels;
-        d_n.iter().zip(d_next).map(|(d, e)| (d + e) / (2.0 * parameters.step))
+        let twice = 2.0 * self.levels.parameters.step;
+        self.increments().map(move |[d, e]| (d + e) / twice)
     }
 
     /// Returns the discrete invariant of beta = 1/2 between n and n + 1, in J:
@@ -95,10 +98,10 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn invariant(&self) -> Result<f64> {
-        let Levels { system, parameters, u_n, d_next, force, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, instants, .. } = &self.levels;
         let System { engine, stiffness, mass, .. } = system;
-        let rate: Vec<f64> = d_next.iter().map(|d| d / parameters.step).collect();
-        let next = sum(u_n, d_next);
+        let rate: Vec<f64> = self.increments().map(|[_, e]| e / parameters.step).collect();
+        let next: Vec<f64> = u_n.iter().zip(self.increments()).map(|(u, [_, e])| u + e).collect();
         let mut product = vec![0.0; next.len()];
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
         let elastic =
@@ -117,14 +120,14 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let half = 0.5 * self.record.dt;
         self.record.begin_step();
         self.record.add_impulses(half);
-        self.levels.shift((self.record.step + 1) as f64 * self.record.dt)?;
+        self.levels.shift(&self.driver.x, (self.record.step + 1) as f64 * self.record.dt)?;
         self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
         self.driver.solve(&mut self.levels)?;
         self.driver.report_to(&self.levels, &mut self.record);
-        self.levels.update(&self.driver);
+        self.levels.force.add(self.driver.stiffness_product());
         self.levels.store(&self.record.admissible)?;
         self.record.add_impulses(half);
-        self.levels.account(self.record.step, &self.driver.reaction)
+        self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
     }
 
     fn record(&self) -> &StepRecord {
@@ -174,13 +177,13 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant
     /// n.
     fn balance(&mut self) -> Result<StepBalance> {
-        let Levels { system, parameters, u_n, d_n, d_next, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, instants, .. } = &self.levels;
         let NewmarkParameters { beta, step: dt, .. } = *parameters;
         let System { engine, mass, damping, drive, .. } = system;
         let is_start = self.record.step == 0;
         let mut balance = StepBalance::zero(system);
         let mut inertia = vec![0.0; u_n.len()];
-        for (i, (d, e)) in d_n.iter().zip(d_next).enumerate() {
+        for (i, [d, e]) in self.increments().enumerate() {
             // The unknown and the damped rate of the first step are those of `start`.
             let (x, rate) = if is_start { (2.0 * e, e / dt) } else { (e - d, (d + e) / (2.0 * dt)) };
             balance.displacement[i] = u_n[i] + (beta * x + damping.stiffness * rate);
@@ -201,11 +204,11 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        let Levels { system, u_n, d_n, d_next, force, stored, instants, .. } = &mut self.levels;
+        let Levels { system, u_n, d_n, force, stored, instants, .. } = &mut self.levels;
         if system.bounds.hertz.is_some() {
             archive.value(stored)?;
         }
-        for vector in [u_n, d_n, d_next] {
+        for vector in [u_n, d_n, &mut self.driver.x] {
             archive.vector(VectorKind::Dofs, vector)?;
         }
         force.archive(archive)?;

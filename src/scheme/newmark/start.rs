@@ -21,7 +21,7 @@
 use super::{Levels, NewmarkParameters};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::{axpy, copy_scaled, waxpby};
+use crate::linalg::vectors::{axpy, scale, subtract, waxpby};
 use crate::obstacle::Bounds;
 use crate::scheme::drive::ModalDamping;
 use crate::scheme::step_driver::{Formulas, StepDriver};
@@ -44,12 +44,14 @@ impl<E: Engine> Levels<'_, E> {
 }
 
 impl<E: Engine> FirstStep<'_, '_, E> {
-    /// Sets `$U^0 - U^{-1} = 2 \Delta t\, v_0 - x / 2$` and `$U^1 - U^0 = x / 2$`.
-    pub fn update(self, driver: &StepDriver<E>) {
-        let Levels { d_n, d_next, parameters, force, .. } = self.levels;
+    /// Sets `$U^0 - U^{-1} = 2 \Delta t\, v_0 - x / 2$`, and replaces the unknown by that of all
+    /// other steps, `$U^1 - 2 U^0 + U^{-1} = x / 2 - (U^0 - U^{-1})$`.
+    pub fn update(self, driver: &mut StepDriver<E>) {
+        let Levels { d_n, parameters, force, .. } = self.levels;
         waxpby(2.0 * parameters.step, self.v0, -0.5, &driver.x, d_n);
-        copy_scaled(0.5, &driver.x, d_next);
         force.start(driver.stiffness_product());
+        scale(0.5, &mut driver.x);
+        subtract(d_n, &mut driver.x);
     }
 }
 

@@ -42,17 +42,21 @@ impl StiffnessForce {
     }
 
     /// Takes the product of the first step, whose unknown is `$2 (U^1 - U^0)$`.
-    pub fn start(&mut self, product: Option<&[f64]>) {
+    pub fn start(&mut self, product: Option<&mut Vec<f64>>) {
         self.is_summed = product.is_some();
         if let Some(product) = product {
             copy_scaled(0.5, product, &mut self.of_d);
         }
     }
 
-    /// Takes the product K x of a step.
-    pub fn add(&mut self, product: Option<&[f64]>) {
+    /// Takes the product K x of a step, and leaves other values in its place.
+    pub fn add(&mut self, product: Option<&mut Vec<f64>>) {
         match product {
-            Some(product) if self.is_summed => add(product, &mut self.of_d),
+            Some(product) if self.is_summed => {
+                // The product was written just now: a sum elsewhere would be written to memory too.
+                add(&self.of_d, product);
+                std::mem::swap(product, &mut self.of_d);
+            }
             _ => self.is_summed = false,
         }
     }
