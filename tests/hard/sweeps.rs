@@ -180,7 +180,8 @@ fn rounding_energy(plate: &Matrices, u: &[f64]) -> f64 {
 /// No displacement in doubles has an energy that is known better than the energy of its rounding,
 /// which grows as the fifth power of a needle's length. That of needles 15 000 times longer than
 /// wide is 5e-10 of the plate's. Over the two hundred steps, sixty starts that differ by a
-/// thousandth from each other change the energy by 0.3 to 6 times that.
+/// thousandth from each other change the energy by 0.3 to 6 times that with Newmark's scheme, and
+/// by at most 0.3 times that with the others.
 #[test]
 fn cells_that_are_nearly_flat() {
     for kind in ["needles", "nearly not convex", "slivers"] {
@@ -195,8 +196,8 @@ fn cells_that_are_nearly_flat() {
             println!(
                 "{kind}, {share}: rounding {rounding:.1e}, newmark, conserving, exact broken by {broken:?}"
             );
-            let kept = 1e-11 + 16.0 * rounding;
-            assert!(broken.iter().all(|broken| *broken <= kept), "{kind}, {share}: {broken:?}");
+            let kept = [8.0, 1.0, 1.0].map(|roundings| 1e-11 + roundings * rounding);
+            assert!(broken.iter().zip(kept).all(|(of, kept)| *of <= kept), "{kind}, {share}: {broken:?}");
         }
     }
 }
