@@ -123,6 +123,21 @@ pub(super) fn interleave(values: &[Cow<[f64]>; LANES]) -> Vec<Lanes> {
     panel
 }
 
+/// Returns the dofs of a node, for those cells that a register holds.
+#[inline(always)]
+pub(super) fn dofs<S: Simd>(local: &[Lanes], node: usize, k: usize) -> [S::f64s; 3] {
+    let [w, w_x, w_y] = [&local[3 * node], &local[3 * node + 1], &local[3 * node + 2]];
+    [w.register::<S>(k), w_x.register::<S>(k), w_y.register::<S>(k)]
+}
+
+/// Stores the forces on a node, for those cells that a register holds.
+#[inline(always)]
+pub(super) fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: usize, k: usize) {
+    for (dof, force) in force.into_iter().enumerate() {
+        *result[3 * node + dof].register_mut::<S>(k) = force;
+    }
+}
+
 impl Add for Lanes {
     type Output = Lanes;
 

@@ -32,6 +32,7 @@ pub(crate) mod lanes;
 mod layout;
 pub mod modal;
 mod native;
+mod parallelograms;
 pub mod random;
 mod scratch;
 pub(crate) mod secular;

@@ -2,12 +2,14 @@
 //!
 //! The local matrix of a quadrilateral has 144 entries per cell, its root 45. All strains of the
 //! cells are computed first, and then their forces node by node: neither takes more than 16 vector
-//! registers, so that only dofs, root and forces pass through memory.
+//! registers, so that only dofs, root and forces pass through memory. Congruent cells that a half
+//! turn maps onto themselves take fewer entries yet, see [`super::parallelograms`].
 //!
 //! There are no closures in the loops, as in [`super::simd`].
 
 use super::Bending;
-use super::lane_values::{LANES, Lanes};
+use super::lane_values::{LANES, Lanes, dofs, store};
+use super::parallelograms::Parallelograms;
 use pulp::Simd;
 
 /// [`Bending`] of eight cells.
@@ -15,6 +17,7 @@ use pulp::Simd;
 pub(super) enum Strains {
     Triangles(Cells<2>),
     Quadrilaterals(Cells<3>),
+    Parallelograms(Parallelograms),
 }
 
 /// [`Bending`] of eight cells with so many nodes after the first.
@@ -53,7 +56,7 @@ impl Entry for f64 {
 impl Entry for Lanes {
     #[inline(always)]
     fn in_register<S: Simd>(self, _: S, register: usize) -> S::f64s {
-        S::as_simd_f64s(&self.0).0[register]
+        self.register::<S>(register)
     }
 }
 
@@ -61,6 +64,11 @@ impl Strains {
     /// Interleaves the representations of some cells with equally many nodes; `None` if these are
     /// neither three nor four.
     pub fn new(cells: [&Bending; LANES]) -> Option<Strains> {
+        if cells.iter().all(|cell| *cell == cells[0])
+            && let Some(parallelograms) = Parallelograms::new(cells[0])
+        {
+            return Some(Strains::Parallelograms(parallelograms));
+        }
         match cells[0].arms.len() {
             2 => Some(Strains::Triangles(Cells::new(cells))),
             3 => Some(Strains::Quadrilaterals(Cells::new(cells))),
@@ -74,6 +82,7 @@ impl Strains {
         match self {
             Strains::Triangles(cells) => cells.apply(simd, local, result),
             Strains::Quadrilaterals(cells) => cells.apply(simd, local, result),
+            Strains::Parallelograms(cells) => cells.apply(simd, local, result),
         }
     }
 }
@@ -127,7 +136,7 @@ fn square_product<S: Simd, E: Entry, const NODES: usize>(
         let first = dofs::<S>(local, 0, k);
         let mut deformation = [first; NODES];
         for node in 0..NODES {
-            let arm = [register::<S>(&arms[node][0], k), register::<S>(&arms[node][1], k)];
+            let arm = [arms[node][0].register::<S>(k), arms[node][1].register::<S>(k)];
             deformation[node] = without_rigid_motion(simd, dofs::<S>(local, node + 1, k), first, arm);
         }
         let zero = [simd.splat_f64s(0.0); 3];
@@ -149,7 +158,7 @@ fn square_product<S: Simd, E: Entry, const NODES: usize>(
                 let block = &root[place::<NODES>(row, column)];
                 add_transposed_product(simd, k, block, &strains[row], &mut force);
             }
-            let arm = [register::<S>(&arms[column][0], k), register::<S>(&arms[column][1], k)];
+            let arm = [arms[column][0].register::<S>(k), arms[column][1].register::<S>(k)];
             add_reaction(simd, force, arm, &mut balance);
             store::<S>(force, result, column + 1, k);
         }
@@ -163,27 +172,6 @@ fn square_product<S: Simd, E: Entry, const NODES: usize>(
 #[inline(always)]
 fn place<const NODES: usize>(row: usize, column: usize) -> usize {
     row * NODES - row * row.saturating_sub(1) / 2 + column - row
-}
-
-/// Returns a number of those cells that a register holds.
-#[inline(always)]
-fn register<S: Simd>(lanes: &Lanes, k: usize) -> S::f64s {
-    S::as_simd_f64s(&lanes.0).0[k]
-}
-
-/// Returns the dofs of a node, for the cells in a register.
-#[inline(always)]
-fn dofs<S: Simd>(local: &[Lanes], node: usize, k: usize) -> [S::f64s; 3] {
-    let [w, w_x, w_y] = [&local[3 * node], &local[3 * node + 1], &local[3 * node + 2]];
-    [register::<S>(w, k), register::<S>(w_x, k), register::<S>(w_y, k)]
-}
-
-/// Stores the forces on a node, for the cells in a register.
-#[inline(always)]
-fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: usize, k: usize) {
-    for (dof, force) in force.into_iter().enumerate() {
-        S::as_mut_simd_f64s(&mut result[3 * node + dof].0).0[k] = force;
-    }
 }
 
 /// Returns the dofs of a node less the rigid motion of the first node, by differences of nearby
