@@ -201,8 +201,8 @@ mod tests {
         (1.0 + 12.9898 * place as f64).sin()
     }
 
-    /// Returns a cell with the fourth node there, whose form is a sum of two squares up to an energy
-    /// that an even and an odd deformation have in common.
+    /// Returns a cell with the fourth node there, whose form is a sum of two squares up to an
+    /// energy that an even and an odd deformation have in common.
     fn cell(fourth: [f64; 2], common: f64) -> Bending {
         let arms = vec![[1.1, 0.2], [1.3, 1.1], fourth];
         let entry = |row: usize, column: usize| match (row < EVEN, column < EVEN) {

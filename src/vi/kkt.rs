@@ -19,23 +19,22 @@
 //! Where a bound yields, complementarity compares the reaction with its law: it is the smaller of
 //! the relative error of the reaction and that of the depth.
 
+mod row_block;
+
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::{Largest, is_zero, largest};
+use crate::linalg::vectors::{is_zero, largest};
 use crate::linalg::wide::widest;
-use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
+use crate::linalg::{Engine, Form, LinearCombination};
 use crate::obstacle::{Bounds, hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
 use pulp::Arch;
-use std::ops::Range;
+use row_block::{RowBlock, RowComparison, RowTerms, raised, row_blocks, subtract_term};
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
 /// vanish in the answer, rounding of other rows is all that remains in it.
 const NEGLIGIBLE: f64 = 1e-4;
-
-/// Largest number of rows in a block, whose vectors fit into the first cache together.
-const BLOCK: usize = 510;
 
 /// Parts of the KKT residual, each dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,15 +67,6 @@ fn ratio(a: f64, b: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a / b }
 }
 
-/// Subtracts a term of the right-hand side from the residual, and adds its magnitude.
-#[inline(always)]
-fn subtract_term(term: &[f64], residual: &mut [f64], magnitude: &mut [f64]) {
-    for ((r, m), b) in residual.iter_mut().zip(magnitude.iter_mut()).zip(term) {
-        *r -= b;
-        *m += b.abs();
-    }
-}
-
 /// Returns the largest magnitude of the products of the entries of two vectors.
 fn largest_product(x: &[f64], y: &[f64]) -> f64 {
     widest(
@@ -90,13 +80,6 @@ fn largest_product(x: &[f64], y: &[f64]) -> f64 {
 /// magnitude of x times its scale.
 fn lowest_share(size: f64) -> f64 {
     (NEGLIGIBLE * size).max(f64::MIN_POSITIVE)
-}
-
-/// Returns the magnitude against which a row is measured: its own, or `floor` times its scale. A
-/// row without any magnitude has no residual either.
-#[inline(always)]
-fn raised(magnitude: f64, floor: f64, scale: f64) -> f64 {
-    magnitude.max(floor * scale).max(f64::MIN_POSITIVE)
 }
 
 /// Returns the largest residual relative to its raised magnitude.
@@ -149,114 +132,8 @@ pub struct KktCheck {
     blocks: Vec<RowBlock>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
-}
-
-/// Successive rows, with their couplings to other dofs.
-#[derive(Debug)]
-struct RowBlock {
-    rows: Range<usize>,
-    couplings: Couplings,
-}
-
-#[derive(Debug)]
-enum Couplings {
-    /// Couplings of successive nodes with three dofs each to their first dofs: the magnitudes for
-    /// the second and the third.
-    OfNodes(Vec<[f64; 2]>),
-    /// Couplings of some rows.
-    OfRows(Vec<CoupledRow>),
-}
-
-/// Row whose dof is coupled to another dof, and the magnitude of this coupling.
-#[derive(Debug)]
-struct CoupledRow {
-    row: u32,
-    to: u32,
-    magnitude: f64,
-}
-
-/// Returns the number of successive nodes from a dof on whose other dofs are coupled to their first
-/// ones, given the couplings of all dofs.
-fn coupled_nodes(dof: usize, couplings: &[RowCoupling]) -> usize {
-    let (nodes, _) = couplings[dof..].as_chunks::<3>();
-    let couples = |(node, of): &(usize, &[RowCoupling; 3])| {
-        let first = (dof + 3 * node) as u32;
-        of[0].magnitude == 0.0 && of[1..].iter().all(|of| of.to == first && of.magnitude > 0.0)
-    };
-    nodes.iter().enumerate().take_while(couples).count()
-}
-
-/// Divides all rows into blocks, given their couplings.
-fn row_blocks(couplings: &[RowCoupling]) -> Vec<RowBlock> {
-    let mut blocks = Vec::<RowBlock>::new();
-    let mut dof = 0;
-    while dof < couplings.len() {
-        let nodes = coupled_nodes(dof, couplings).min(BLOCK / 3);
-        if nodes > 0 {
-            let rows = dof..dof + 3 * nodes;
-            let (of_nodes, _) = couplings[rows.clone()].as_chunks::<3>();
-            let magnitudes = of_nodes.iter().map(|[_, x, y]| [x.magnitude, y.magnitude]).collect();
-            blocks.push(RowBlock { rows, couplings: Couplings::OfNodes(magnitudes) });
-            dof += 3 * nodes;
-            continue;
-        }
-        let RowCoupling { to, magnitude } = couplings[dof];
-        let coupled = (magnitude > 0.0).then_some(CoupledRow { row: dof as u32, to, magnitude });
-        dof += 1;
-        match blocks.last_mut() {
-            Some(RowBlock { rows, couplings: Couplings::OfRows(list) }) if rows.len() < BLOCK => {
-                rows.end = dof;
-                list.extend(coupled);
-            }
-            _ => {
-                let couplings = Couplings::OfRows(coupled.into_iter().collect());
-                blocks.push(RowBlock { rows: dof - 1..dof, couplings });
-            }
-        }
-    }
-    blocks
-}
-
-impl RowBlock {
-    /// Subtracts the right-hand side and further terms from the residual of the block, and sets the
-    /// magnitude of each of its rows to that of these terms and of its part in
-    /// [`KktCheck::limit`]. All other vectors are those of all rows.
-    #[inline(always)]
-    fn subtract(
-        &self,
-        terms: (&[f64], &[&[f64]]),
-        x: &[f64],
-        scale: &[f64],
-        residual: &mut [f64],
-        magnitude: &mut [f64],
-    ) {
-        let (rhs, more) = terms;
-        let block = || self.rows.clone();
-        let known = x[block()].iter().zip(&rhs[block()]).zip(&scale[block()]);
-        for ((r, m), ((own, b), scale)) in residual.iter_mut().zip(magnitude.iter_mut()).zip(known) {
-            *r -= b;
-            *m = scale * (scale * own.abs()) + b.abs();
-        }
-        for term in more.iter().filter(|term| !term.is_empty()) {
-            subtract_term(&term[block()], residual, magnitude);
-        }
-        match &self.couplings {
-            Couplings::OfNodes(magnitudes) => {
-                let (rows, _) = magnitude.as_chunks_mut::<3>();
-                let (nodes, _) = x[block()].as_chunks::<3>();
-                for ((m, of), node) in rows.iter_mut().zip(magnitudes).zip(nodes) {
-                    let first = node[0].abs();
-                    m[1] += of[0] * first;
-                    m[2] += of[1] * first;
-                }
-            }
-            Couplings::OfRows(rows) => {
-                for CoupledRow { row, to, magnitude: of } in rows {
-                    magnitude[*row as usize - self.rows.start] += of * x[*to as usize].abs();
-                }
-            }
-        }
-    }
+    /// Rows with a reaction, and their entries of A x.
+    pressed: Vec<(usize, f64)>,
 }
 
 impl KktCheck {
@@ -269,7 +146,15 @@ impl KktCheck {
         let inverse_scale = scale.iter().map(|scale| if *scale > 0.0 { 1.0 / scale } else { 0.0 }).collect();
         let zeros = vec![0.0; scale.len()];
         let blocks = row_blocks(&engine.couplings(matrix)?);
-        Ok(KktCheck { residual: zeros.clone(), magnitude: zeros, scale, inverse_scale, blocks, loose: None })
+        Ok(KktCheck {
+            scale,
+            inverse_scale,
+            loose: None,
+            blocks,
+            residual: zeros.clone(),
+            magnitude: zeros,
+            pressed: Vec::new(),
+        })
     }
 
     /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
@@ -312,7 +197,8 @@ impl KktCheck {
 
     /// Returns an upper limit of [`KktCheck::residual`] at the cost of the product A x alone, and
     /// sets `product` to the product of x with `part`, a form of the matrix. Returns `None` where
-    /// the engine has no such product. Collective.
+    /// the engine has no such product, inertia counts or there is more than one further term.
+    /// Collective.
     ///
     /// The magnitude of a row is replaced by a part of it: its diagonal entry, and for a slope the
     /// coupling to the deflection of its node. The share of the largest possible magnitude is that
@@ -329,19 +215,67 @@ impl KktCheck {
         (part, product): (&Form, &mut [f64]),
     ) -> Result<Option<f64>> {
         let x = &*answer.x;
-        if !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))? {
+        let term = match *more {
+            [] => &[],
+            [term] => term,
+            _ => return Ok(None),
+        };
+        if self.loose.is_some()
+            || !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))?
+        {
             return Ok(None);
         }
         let length = self.length(engine, problem, answer);
         let size = engine.comm().all_reduce_max(largest_product(&self.scale, x));
         let contact = ContactState::of(problem.bounds, answer);
-        let own = if contact.is_free() && self.loose.is_none() {
-            self.subtract_and_compare((problem.rhs, more), x, size)
-        } else {
-            self.subtract_with_diagonal((problem.rhs, more), x);
-            self.compare(engine, &Problem { length, ..*problem }, size, answer, contact)?.worst()
-        };
+        let own = self.limit_of_parts(&Problem { length, ..*problem }, term, size, answer, contact).worst();
         Ok(Some(engine.comm().all_reduce_max(own)))
+    }
+
+    /// Returns upper limits of the parts of the residual on this rank, given A x in its place, a
+    /// further term of the right-hand side or an empty vector, and the largest magnitude on all
+    /// ranks of x times its scale.
+    fn limit_of_parts(
+        &mut self,
+        problem: &Problem,
+        term: &[f64],
+        size: f64,
+        answer: &Answer,
+        contact: ContactState,
+    ) -> Residual {
+        let KktCheck { scale, blocks, residual, magnitude, pressed, .. } = self;
+        let (bounds, floor) = (problem.bounds, lowest_share(size));
+        let of_rows = RowTerms { x: &*answer.x, scale, terms: [problem.rhs, term] };
+        let terms = |row: usize| (problem.rhs[row], term.get(row).copied().unwrap_or_default());
+        let reactions = || bounds.dofs.iter().copied().zip(answer.reaction.iter().copied());
+        pressed.clear();
+        if contact.presses {
+            // Rows with a reaction miss nothing in the comparison, and are compared after it.
+            for (row, _) in reactions().filter(|(_, reaction)| *reaction != 0.0) {
+                pressed.push((row, residual[row]));
+                let (b, more) = terms(row);
+                residual[row] = b + more;
+            }
+        }
+        let mut stationarity =
+            Arch::new().dispatch(RowComparison { blocks, of_rows, floor, residual, magnitude });
+        let with_reaction = |row: usize, reaction: f64| {
+            let block = blocks.partition_point(|block| block.rows.end <= row);
+            blocks[block].magnitude(of_rows, row) + reaction.abs()
+        };
+        let pressing = reactions().filter(|(_, reaction)| *reaction != 0.0);
+        for (&(row, product), (_, reaction)) in pressed.iter().zip(pressing) {
+            let (b, more) = terms(row);
+            residual[row] = product - b - more - reaction;
+            let magnitude = raised(with_reaction(row, reaction), floor, scale[row]);
+            stationarity = larger(stationarity, residual[row].abs() / magnitude);
+        }
+        if contact.is_free() {
+            return Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
+        }
+        of_contact(problem, answer, contact, stationarity, |row, reaction| {
+            raised(with_reaction(row, reaction), floor, scale[row])
+        })
     }
 
     /// Returns the length scale of a problem. Where it is 0, the answer gives one: its largest
@@ -356,48 +290,6 @@ impl KktCheck {
         let size = engine.comm().all_reduce_max(size);
         let stiffest = engine.comm().all_reduce_max(problem.bounds.largest(&self.scale));
         if stiffest > 0.0 { larger(deflection, size / stiffest) } else { deflection }
-    }
-
-    /// Subtracts the right-hand side and further terms from the residual, and sets the magnitude of
-    /// each row to that of these terms and of its part in [`KktCheck::limit`].
-    fn subtract_with_diagonal(&mut self, terms: (&[f64], &[&[f64]]), x: &[f64]) {
-        let KktCheck { scale, blocks, residual, magnitude, .. } = self;
-        widest(
-            Arch::new(),
-            #[inline(always)]
-            || {
-                for block in &*blocks {
-                    let [residual, magnitude] =
-                        [&mut *residual, &mut *magnitude].map(|of| &mut of[block.rows.clone()]);
-                    block.subtract(terms, x, scale, residual, magnitude);
-                }
-            },
-        );
-    }
-
-    /// Subtracts terms as [`KktCheck::subtract_with_diagonal`] does, and returns the stationarity
-    /// of an answer without reactions, given the largest magnitude of x times its scale. The
-    /// magnitudes of a block do not outlast it, so that they stay in the first cache.
-    fn subtract_and_compare(&mut self, terms: (&[f64], &[&[f64]]), x: &[f64], size: f64) -> f64 {
-        let KktCheck { scale, blocks, residual, magnitude, .. } = self;
-        let floor = lowest_share(size);
-        widest(
-            Arch::new(),
-            #[inline(always)]
-            || {
-                let mut ratio = Largest::default();
-                for block in &*blocks {
-                    let (residual, scale_of_block) =
-                        (&mut residual[block.rows.clone()], &scale[block.rows.clone()]);
-                    let magnitude = &mut magnitude[..block.rows.len()];
-                    block.subtract(terms, x, scale, residual, magnitude);
-                    for ((r, m), scale) in residual.iter().zip(magnitude).zip(scale_of_block) {
-                        ratio.note(r / raised(*m, floor, *scale));
-                    }
-                }
-                ratio.value()
-            },
-        )
     }
 
     /// Subtracts terms of the right-hand side from the residual, and adds their magnitudes. Returns
@@ -451,7 +343,7 @@ impl KktCheck {
         contact: ContactState,
     ) -> Result<Residual> {
         let KktCheck { scale, residual, magnitude, loose, .. } = self;
-        let Problem { bounds, length, .. } = *problem;
+        let bounds = problem.bounds;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
         if contact.presses {
             for (&dof, &r) in bounds.dofs.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
@@ -468,39 +360,55 @@ impl KktCheck {
         }
         let floor = lowest_share(size);
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
-        let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         if contact.is_free() {
-            return Ok(parts);
+            return Ok(Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 });
         }
-        for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
-            // Free dofs within their bounds add nothing.
-            if r == 0.0 && contact.is_inside {
-                continue;
-            }
-            let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
-            if r == 0.0 && below >= 0.0 && above >= 0.0 {
-                continue;
-            }
-            let force = raised(magnitude[dof], floor, scale[dof]);
-            let [lower, upper] = bounds.rigid(i);
-            let outside = larger(0.0, larger(lower - x[dof], x[dof] - upper));
-            parts.penetration = larger(parts.penetration, ratio(outside, length));
-            let side = usize::from(if r == 0.0 { above < 0.0 } else { r < 0.0 });
-            if let Some(k) = bounds.yields(i, side) {
-                let depth = bounds.depth(i, side, x[dof]);
-                let of_depth = (depth.max(0.0) - hertz_depth(k, r.abs())).abs();
-                let of_force = (r.abs() - hertz_force(k, depth)).abs();
-                let error = ratio(of_depth, length).min(ratio(of_force, force));
-                parts.complementarity = larger(parts.complementarity, error);
-                continue;
-            }
-            // A positive reaction pushes up, off the lower bound.
-            let gap = if r >= 0.0 { below } else { above };
-            let adhesion = if gap.is_infinite() { r.abs() } else { 0.0 };
-            parts.adhesion = larger(parts.adhesion, ratio(adhesion, force));
-            parts.complementarity =
-                larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));
-        }
-        Ok(parts)
+        Ok(of_contact(problem, answer, contact, stationarity, |row, _| {
+            raised(magnitude[row], floor, scale[row])
+        }))
     }
+}
+
+/// Returns all parts of the residual of an answer that touches, given its stationarity and the
+/// raised magnitude of a row with its reaction.
+fn of_contact(
+    problem: &Problem,
+    answer: &Answer,
+    contact: ContactState,
+    stationarity: f64,
+    magnitude: impl Fn(usize, f64) -> f64,
+) -> Residual {
+    let Problem { bounds, length, .. } = *problem;
+    let (x, reaction) = (&*answer.x, &*answer.reaction);
+    let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
+    for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
+        // Free dofs within their bounds add nothing.
+        if r == 0.0 && contact.is_inside {
+            continue;
+        }
+        let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
+        if r == 0.0 && below >= 0.0 && above >= 0.0 {
+            continue;
+        }
+        let force = magnitude(dof, r);
+        let [lower, upper] = bounds.rigid(i);
+        let outside = larger(0.0, larger(lower - x[dof], x[dof] - upper));
+        parts.penetration = larger(parts.penetration, ratio(outside, length));
+        let side = usize::from(if r == 0.0 { above < 0.0 } else { r < 0.0 });
+        if let Some(k) = bounds.yields(i, side) {
+            let depth = bounds.depth(i, side, x[dof]);
+            let of_depth = (depth.max(0.0) - hertz_depth(k, r.abs())).abs();
+            let of_force = (r.abs() - hertz_force(k, depth)).abs();
+            let error = ratio(of_depth, length).min(ratio(of_force, force));
+            parts.complementarity = larger(parts.complementarity, error);
+            continue;
+        }
+        // A positive reaction pushes up, off the lower bound.
+        let gap = if r >= 0.0 { below } else { above };
+        let adhesion = if gap.is_infinite() { r.abs() } else { 0.0 };
+        parts.adhesion = larger(parts.adhesion, ratio(adhesion, force));
+        parts.complementarity =
+            larger(parts.complementarity, ratio(gap.abs(), length).min(ratio(r.abs(), force)));
+    }
+    parts
 }

@@ -20,25 +20,40 @@ fn noise(size: usize) -> Vec<f64> {
 const CLOSE: f64 = 30.0;
 
 /// Compares the limit with the residual for an answer x and forces b close to A x, and the product
-/// with K x.
-fn compare(model: &Model, dt: f64, x: &[f64], share: f64) -> f64 {
+/// with K x. In contact, every fifth bound has a reaction, and a part of b is a further term.
+fn compare(model: &Model, dt: f64, x: &[f64], share: f64, touches: bool) -> f64 {
     let system = &model.system;
-    let (engine, bounds) = (&system.engine, &system.bounds);
+    let engine = &system.engine;
     let matrix = Newmark::matrix(system, NewmarkParameters { beta: 0.5, restitution: 0.0, step: dt });
     let (mut b, mut m) = (vec![0.0; x.len()], vec![0.0; x.len()]);
     engine.multiply_with_magnitude(&matrix, x, &mut b, &mut m).unwrap();
     for ((b, m), error) in b.iter_mut().zip(&m).zip(noise(x.len())) {
         *b += share * error * m;
     }
-    let mut check = KktCheck::new(engine, &matrix).unwrap();
-    let problem = Problem { matrix: &matrix, rhs: &b, bounds, length: 1.0 };
+    let (mut bounds, mut term) = (system.bounds.clone(), Vec::new());
     let (mut x, mut reaction) = (x.to_vec(), vec![0.0; bounds.len()]);
+    if touches {
+        for (i, r) in reaction.iter_mut().enumerate().step_by(5) {
+            let dof = bounds.dofs[i];
+            (*r, bounds.lower[i]) = (0.5 * m[dof], x[dof]);
+            b[dof] -= *r;
+        }
+        term = b.iter().zip(noise(b.len())).map(|(b, share)| 0.25 * share * b).collect();
+        b.iter_mut().zip(&term).for_each(|(b, term)| *b -= term);
+    }
+    let more = [&*term];
+    let mut check = KktCheck::new(engine, &matrix).unwrap();
+    let problem = Problem { matrix: &matrix, rhs: &b, bounds: &bounds, length: 1.0 };
     let answer = Answer { x: &mut x, reaction: &mut reaction };
-    let residual = check.residual(engine, &problem, &[], &answer).unwrap();
+    let residual = check.residual(engine, &problem, &more, &answer).unwrap();
+    let forces = check.forces().to_vec();
     let mut product = vec![0.0; b.len()];
     let part = (&system.stiffness, &mut product[..]);
-    let limit = check.limit(engine, &problem, &[], &answer, part).unwrap().unwrap();
+    let limit = check.limit(engine, &problem, &more, &answer, part).unwrap().unwrap();
     assert!(limit >= residual * (1.0 - 1e-6), "{limit:e} {residual:e}");
+    for ((a, b), m) in check.forces().iter().zip(&forces).zip(&m) {
+        assert!((a - b).abs() <= 1e-14 * m, "{a:e} {b:e} {m:e}");
+    }
     let (mut expected, mut magnitude) = (vec![0.0; b.len()], vec![0.0; b.len()]);
     let stiffness = (&system.stiffness).into();
     engine.multiply_with_magnitude(&stiffness, answer.x, &mut expected, &mut magnitude).unwrap();
@@ -61,10 +76,14 @@ fn the_limit_is_never_below_the_residual_and_close_to_it() {
             );
             let model = Model::new(&Scene::from_str(&text, "limit", &[]).unwrap()).unwrap();
             for dt in [1e-3, 1e-4, 1e-5] {
-                let of_shape = compare(&model, dt, &model.start.displacement, 1e-12);
-                let at_random = compare(&model, dt, &noise(model.start.displacement.len()), 1e-12);
-                println!("{element}, {mass}, dt = {dt}: {of_shape:.1} and {at_random:.1} times the residual");
-                assert!(of_shape <= CLOSE, "{of_shape}");
+                for touches in [false, true] {
+                    let shape = &model.start.displacement;
+                    let of_shape = compare(&model, dt, shape, 1e-12, touches);
+                    let at_random = compare(&model, dt, &noise(shape.len()), 1e-12, touches);
+                    let of = format!("{element}, {mass}, dt = {dt}, {touches}");
+                    println!("{of}: {of_shape:.1} and {at_random:.1} times the residual");
+                    assert!(of_shape <= CLOSE, "{of_shape}");
+                }
             }
         }
     }

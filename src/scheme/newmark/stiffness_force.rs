@@ -22,7 +22,8 @@ const RENEWAL: u32 = 16;
 
 /// Products of the stiffness with the displacement and its increment.
 pub(super) struct StiffnessForce {
-    /// Product `$K U^n$`, in N, one entry per dof.
+    /// Product `$K U^n$`, in N, one entry per dof. Once a step has given its product, it is
+    /// `$K U^{n+1}$` until the next step begins.
     pub of_u: Vec<f64>,
     /// Product with the increment that led to the last instant computed, in N.
     of_d: Vec<f64>,
@@ -46,15 +47,20 @@ impl StiffnessForce {
         self.is_summed = product.is_some();
         if let Some(product) = product {
             copy_scaled(0.5, product, &mut self.of_d);
+            add(&self.of_d, &mut self.of_u);
         }
     }
 
-    /// Takes the product K x of a step, and leaves other values in its place.
+    /// Adds the product K x of a step to both sums, and leaves other values in its place.
     pub fn add(&mut self, product: Option<&mut Vec<f64>>) {
         match product {
             Some(product) if self.is_summed => {
                 // The product was written just now: a sum elsewhere would be written to memory too.
-                add(&self.of_d, product);
+                let sums = self.of_d.iter().zip(&mut self.of_u);
+                for (product, (of_d, of_u)) in product.iter_mut().zip(sums) {
+                    *product += of_d;
+                    *of_u += *product;
+                }
                 std::mem::swap(product, &mut self.of_d);
             }
             _ => self.is_summed = false,
@@ -67,12 +73,10 @@ impl StiffnessForce {
         self.turn = (self.turn + 1) % RENEWAL;
         self.elastic = None;
         if !self.is_summed || self.turn == 0 {
-            return self.renew(system, u_n);
-        }
-        if self.turn == RENEWAL / 2 {
+            self.renew(system, u_n)?;
+        } else if self.turn == RENEWAL / 2 {
             system.engine.multiply(&system.stiffness, d_n, &mut self.of_d)?;
         }
-        add(&self.of_d, &mut self.of_u);
         Ok(())
     }
 
