@@ -25,6 +25,7 @@ mod double_double;
 mod ensemble;
 pub(crate) mod eigen;
 mod form;
+mod half_turn_mass;
 mod joined;
 mod lane_mask;
 mod lane_values;

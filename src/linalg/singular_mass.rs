@@ -2,6 +2,7 @@
 
 use super::SingularMassCell;
 use super::batch::{Batch, Batches};
+use super::half_turn_mass::HalfTurnMass;
 use super::joined::{Cell, Unit};
 use super::lane_values::{LANES, Lanes, interleave};
 use super::layout::Layout;
@@ -125,28 +126,43 @@ impl<const CELLS: usize> MassRows<CELLS> {
     }
 }
 
-/// Rows of eight units: those of their cells, or of the first and the second cell of each pair.
+/// Rows of eight units.
 #[derive(Debug, Clone)]
-pub(super) enum Rows {
+pub(super) struct MassPanel {
+    rows: Rows,
+    /// Parts of the rows that products take instead of them, if a half turn maps all units onto
+    /// themselves.
+    half_turn: Option<HalfTurnMass>,
+}
+
+/// Rows of the cells of eight units, or of the first and the second cell of eight pairs.
+#[derive(Debug, Clone)]
+enum Rows {
     Cells(MassRows<1>),
     Pairs(MassRows<2>),
 }
 
-impl Rows {
-    fn new(units: [&Unit; LANES], rows: &[SingularMassCell]) -> Rows {
+impl MassPanel {
+    fn new(units: [&Unit; LANES], rows: &[SingularMassCell]) -> MassPanel {
+        let half_turn = HalfTurnMass::new(units, rows);
         let first = units.map(|unit| unit.cell);
         // Either all units of a panel are pairs or none is.
-        if units[0].second.is_none() {
-            return Rows::Cells(MassRows::new(units, [first], rows));
-        }
-        let second = units.map(|unit| unit.second.map_or(unit.cell, |(cell, _)| cell));
-        Rows::Pairs(MassRows::new(units, [first, second], rows))
+        let rows = if units[0].second.is_none() {
+            Rows::Cells(MassRows::new(units, [first], rows))
+        } else {
+            let second = units.map(|unit| unit.second.map_or(unit.cell, |(cell, _)| cell));
+            Rows::Pairs(MassRows::new(units, [first, second], rows))
+        };
+        MassPanel { rows, half_turn }
     }
 
     /// Computes result = scale M local and returns local^T M local.
     #[inline(always)]
     pub fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
-        match self {
+        if let Some(half_turn) = &self.half_turn {
+            return half_turn.apply(simd, scale, local, result);
+        }
+        match &self.rows {
             Rows::Cells(rows) => rows.apply(simd, scale, local, result),
             Rows::Pairs(rows) => rows.apply(simd, scale, local, result),
         }
@@ -155,7 +171,7 @@ impl Rows {
     /// Returns the velocities of the first and the second cells, C^-1 B local.
     #[inline(always)]
     fn velocities<S: Simd>(&self, simd: S, local: &[Lanes]) -> [Lanes; 2] {
-        match self {
+        match &self.rows {
             Rows::Cells(rows) => {
                 let [first] = rows.velocities(simd, local);
                 [first, Lanes::default()]
@@ -167,7 +183,7 @@ impl Rows {
     /// Computes result = B^T v.
     #[inline(always)]
     fn spread<S: Simd>(&self, simd: S, [first, second]: [Lanes; 2], result: &mut [Lanes]) {
-        match self {
+        match &self.rows {
             Rows::Cells(rows) => rows.spread(simd, [first], result),
             Rows::Pairs(rows) => rows.spread(simd, [first, second], result),
         }
@@ -176,7 +192,7 @@ impl Rows {
     /// Adds scale M local to y and scale |M| |local| to m.
     #[inline(always)]
     pub fn add_with_magnitude(&self, scale: f64, local: &[Lanes], y: &mut [Lanes], m: &mut [Lanes]) {
-        match self {
+        match &self.rows {
             Rows::Cells(rows) => rows.add_with_magnitude(scale, local, y, m),
             Rows::Pairs(rows) => rows.add_with_magnitude(scale, local, y, m),
         }
@@ -187,7 +203,7 @@ impl Rows {
 #[derive(Debug, Clone)]
 pub struct SingularMassCells {
     batches: Rc<Batches>,
-    panels: Rc<[Rows]>,
+    panels: Rc<[MassPanel]>,
     masses: Rc<[f64]>,
     rows: Rc<[SingularMassCell]>,
 }
@@ -196,7 +212,7 @@ impl SingularMassCells {
     /// Collects the rows of B and the diagonal of C, given the batches of the cells.
     pub(super) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
         let rows = rows.into();
-        let panels = batches.panels().map(|units| Rows::new(units, &rows)).collect();
+        let panels = batches.panels().map(|units| MassPanel::new(units, &rows)).collect();
         let masses = rows.iter().map(|row| row.mass).collect();
         SingularMassCells { batches, panels, masses, rows }
     }
@@ -214,7 +230,7 @@ impl SingularMassCells {
 
     /// Returns the rows of B of a batch.
     #[inline(always)]
-    pub(super) fn panel(&self, batch: &Batch) -> &Rows {
+    pub(super) fn panel(&self, batch: &Batch) -> &MassPanel {
         &self.panels[batch.panel]
     }
 

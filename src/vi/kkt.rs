@@ -132,8 +132,8 @@ pub struct KktCheck {
     blocks: Vec<RowBlock>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
-    /// Rows with a reaction, and their entries of A x.
-    pressed: Vec<(usize, f64)>,
+    /// Bounds with a reaction, each with its row and the entry of A x.
+    pressed: Vec<(usize, usize, f64)>,
 }
 
 impl KktCheck {
@@ -247,35 +247,38 @@ impl KktCheck {
         let (bounds, floor) = (problem.bounds, lowest_share(size));
         let of_rows = RowTerms { x: &*answer.x, scale, terms: [problem.rhs, term] };
         let terms = |row: usize| (problem.rhs[row], term.get(row).copied().unwrap_or_default());
-        let reactions = || bounds.dofs.iter().copied().zip(answer.reaction.iter().copied());
+        let reaction = &*answer.reaction;
         pressed.clear();
         if contact.presses {
             // Rows with a reaction miss nothing in the comparison, and are compared after it.
-            for (row, _) in reactions().filter(|(_, reaction)| *reaction != 0.0) {
-                pressed.push((row, residual[row]));
-                let (b, more) = terms(row);
-                residual[row] = b + more;
+            for (bound, &row) in bounds.dofs.iter().enumerate() {
+                if reaction[bound] != 0.0 {
+                    pressed.push((bound, row, residual[row]));
+                    let (b, more) = terms(row);
+                    residual[row] = b + more;
+                }
             }
         }
         let mut stationarity =
             Arch::new().dispatch(RowComparison { blocks, of_rows, floor, residual, magnitude });
-        let with_reaction = |row: usize, reaction: f64| {
-            let block = blocks.partition_point(|block| block.rows.end <= row);
-            blocks[block].magnitude(of_rows, row) + reaction.abs()
-        };
-        let pressing = reactions().filter(|(_, reaction)| *reaction != 0.0);
-        for (&(row, product), (_, reaction)) in pressed.iter().zip(pressing) {
-            let (b, more) = terms(row);
-            residual[row] = product - b - more - reaction;
-            let magnitude = raised(with_reaction(row, reaction), floor, scale[row]);
-            stationarity = larger(stationarity, residual[row].abs() / magnitude);
-        }
         if contact.is_free() {
             return Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         }
-        of_contact(problem, answer, contact, stationarity, |row, reaction| {
-            raised(with_reaction(row, reaction), floor, scale[row])
-        })
+        let magnitude = |row: usize, reaction: f64| {
+            let block = blocks.partition_point(|block| block.rows.end <= row);
+            raised(blocks[block].magnitude(of_rows, row) + reaction.abs(), floor, scale[row])
+        };
+        for &(bound, row, product) in &*pressed {
+            let (b, more) = terms(row);
+            residual[row] = product - b - more - reaction[bound];
+            stationarity = larger(stationarity, residual[row].abs() / magnitude(row, reaction[bound]));
+        }
+        if contact.is_inside {
+            let touching = pressed.iter().map(|(bound, ..)| *bound);
+            of_contact(problem, answer, touching, stationarity, magnitude)
+        } else {
+            of_contact(problem, answer, 0..bounds.len(), stationarity, magnitude)
+        }
     }
 
     /// Returns the length scale of a problem. Where it is 0, the answer gives one: its largest
@@ -363,30 +366,28 @@ impl KktCheck {
         if contact.is_free() {
             return Ok(Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 });
         }
-        Ok(of_contact(problem, answer, contact, stationarity, |row, _| {
+        Ok(of_contact(problem, answer, 0..bounds.len(), stationarity, |row, _| {
             raised(magnitude[row], floor, scale[row])
         }))
     }
 }
 
-/// Returns all parts of the residual of an answer that touches, given its stationarity and the
-/// raised magnitude of a row with its reaction.
+/// Returns all parts of the residual of an answer that touches, given the bounds that may touch,
+/// the stationarity, and the raised magnitude of a row with its reaction.
 fn of_contact(
     problem: &Problem,
     answer: &Answer,
-    contact: ContactState,
+    touching: impl Iterator<Item = usize>,
     stationarity: f64,
     magnitude: impl Fn(usize, f64) -> f64,
 ) -> Residual {
     let Problem { bounds, length, .. } = *problem;
     let (x, reaction) = (&*answer.x, &*answer.reaction);
     let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
-    for (i, (&dof, &r)) in bounds.dofs.iter().zip(reaction).enumerate() {
-        // Free dofs within their bounds add nothing.
-        if r == 0.0 && contact.is_inside {
-            continue;
-        }
+    for i in touching {
+        let (dof, r) = (bounds.dofs[i], reaction[i]);
         let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
+        // Free dofs within their bounds add nothing.
         if r == 0.0 && below >= 0.0 && above >= 0.0 {
             continue;
         }
