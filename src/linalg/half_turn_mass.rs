@@ -173,7 +173,8 @@ fn spread<S: Simd>(
     forces
 }
 
-/// Returns the forces on a node and on the opposite one, given their even and odd parts.
+/// Returns the forces on a node and on the opposite node, to which a half turn moves it, given the
+/// even and odd parts of the forces on the first.
 #[inline(always)]
 fn sum_and_half_turn<S: Simd>(
     simd: S,

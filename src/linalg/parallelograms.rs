@@ -9,8 +9,8 @@
 //! e = \bigl(w_1 - w_0 + w_3 - w_2,\; s_2 - s_0,\; s_3 - s_1\bigr),
 //! ```
 //! ```math
-//! o = \bigl(w_2 - w_0 - \bar s \cdot (p_2 - p_0),\; w_3 - w_1 - \bar s \cdot (p_3 - p_1),\; s_1 - s_0 + s_3 - s_2\bigr),
-//! \qquad \bar s = \tfrac12 (s_0 + s_2),
+//! o = \bigl(w_2 - w_0 - \bar s \cdot (p_2 - p_0),\; w_3 - w_1 - \bar s \cdot (p_3 - p_1),\;
+//! s_1 - s_0 + s_3 - s_2\bigr), \qquad \bar s = \tfrac12 (s_0 + s_2),
 //! ```
 //!
 //! all of which vanish for rigid motions. The two roots have 25 entries, where R has 45. They are
@@ -201,8 +201,8 @@ mod tests {
         (1.0 + 12.9898 * place as f64).sin()
     }
 
-    /// Returns a cell with the fourth node there, whose form is a sum of two squares up to an
-    /// energy that an even and an odd deformation have in common.
+    /// Returns a cell, given the position of its fourth node. Its form is a sum of two squares, but
+    /// for `common`: the energy that even and odd deformations share.
     fn cell(fourth: [f64; 2], common: f64) -> Bending {
         let arms = vec![[1.1, 0.2], [1.3, 1.1], fourth];
         let entry = |row: usize, column: usize| match (row < EVEN, column < EVEN) {
