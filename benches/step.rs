@@ -224,14 +224,14 @@ fn cost(mesh: &str, dt: f64) {
         .map(|_| parts(mesh, &scene))
         .fold([f64::INFINITY; 4], |least, times| std::array::from_fn(|k| least[k].min(times[k])));
     let model = Model::new(&scene).expect("a sound model");
-    let [alone, run] = run_and_steps(&scene, &model, (0.2 / step) as u64);
-    let [solve, outside, step, touching, run, alone] =
-        [solve, outside, step, touching, run, alone].map(|seconds| 1e6 * seconds);
+    let [run, ratio_of_run] = step_in_run(&scene, &model, step);
+    let [solve, outside, step, touching, run] =
+        [solve, outside, step, touching, run].map(|seconds| 1e6 * seconds);
     println!(
         "{mesh:<13}{dt:>7.0e}{solve:>11.2}{outside:>11.2}{step:>11.2}{:>7.2}{touching:>11.2}{:>7.2}{run:>11.2}{:>7.2}",
         step / solve.min(outside),
         touching / step,
-        run / alone,
+        ratio_of_run,
     );
 }
 
@@ -271,36 +271,55 @@ fn parts(mesh: &str, scene: &Scene) -> [f64; 4] {
     [solve, outside, step, touching]
 }
 
-/// Observer that takes no notice.
-struct Nobody;
+/// Number of times that a run and its steps alone are compared.
+const COMPARISONS: u64 = 11;
 
-impl Observer for Nobody {
-    fn row(&mut self, _: &Row) -> Result<(), rebond::Error> {
+/// Observer that takes the steps of the run once more after each row, with a scheme of its own.
+struct StepsAlone<'m> {
+    scheme: Box<dyn Scheme + 'm>,
+    /// Number of steps between two rows.
+    steps: u64,
+    /// Time at which the run went on.
+    resumed: Instant,
+    /// Times of the steps in the run and alone, in s, for each row.
+    times: Vec<[f64; 2]>,
+}
+
+impl Observer for StepsAlone<'_> {
+    fn row(&mut self, row: &Row) -> Result<(), rebond::Error> {
+        let in_run = self.resumed.elapsed().as_secs_f64();
+        if row.step > 0 {
+            let clock = Instant::now();
+            for _ in 0..self.steps {
+                self.scheme.advance()?;
+            }
+            self.times.push([in_run, clock.elapsed().as_secs_f64()]);
+        }
+        self.resumed = Instant::now();
         Ok(())
     }
 }
 
-/// Returns two times of a step, in s: by the scheme alone, and in the main loop of a run that
-/// writes a row every thousand steps. Each is the mean over the same steps, and the least of five
-/// turns.
-fn run_and_steps(scene: &Scene, model: &Model, steps: u64) -> [f64; 2] {
+/// Returns the mean time of a step in the main loop of a run, in s, and its ratio to that of the
+/// same steps by the scheme alone, for a step of about `step` seconds: the medians of several rows,
+/// each of which counts with its steps. The two follow each other closely, so that other programs
+/// slow both alike.
+fn step_in_run(scene: &Scene, model: &Model, step: f64) -> [f64; 2] {
     let mut scene = scene.clone();
-    let steps = steps.max(20);
-    scene.time.end = steps as f64 * scene.time.step;
-    scene.output.every = 1000;
-    let alone = || {
-        let mut scheme = model.scheme(&scene).expect("a sound start");
-        let clock = Instant::now();
-        (0..steps).for_each(|_| scheme.advance().expect("a sound step"));
-        clock.elapsed().as_secs_f64() / steps as f64
+    let steps = ((0.02 / step) as u64).max(20);
+    scene.time.end = (COMPARISONS * steps) as f64 * scene.time.step;
+    scene.output.every = steps;
+    let scheme = model.scheme(&scene).expect("a sound start");
+    let mut alone = StepsAlone { scheme, steps, resumed: Instant::now(), times: Vec::new() };
+    let (_, end) = model.run(&scene, &mut alone).expect("a sound start");
+    end.expect("a sound run");
+    assert_eq!(alone.times.len() as u64, COMPARISONS, "rows of the run");
+    let median = |of: fn(&[f64; 2]) -> f64| {
+        let mut values: Vec<f64> = alone.times.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
     };
-    let in_run = || {
-        let (outcome, end) = model.run(&scene, &mut Nobody).expect("a sound start");
-        end.expect("a sound run");
-        outcome.seconds.stepping / outcome.steps as f64
-    };
-    (0..5)
-        .fold([f64::INFINITY; 2], |[least, least_in_run], _| [least.min(alone()), least_in_run.min(in_run())])
+    [median(|[in_run, _]| *in_run) / steps as f64, median(|[in_run, alone]| in_run / alone)]
 }
 
 /// Returns the shortest time of several runs, in s, each short enough to be undisturbed. The first

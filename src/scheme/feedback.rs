@@ -41,7 +41,8 @@ const MAX_FED_RESIDUAL: f64 = 1e-11;
 const MAX_FED_WORK: f64 = 5e-12;
 /// Number of steps that are corrected after one that had to be solved again.
 const PAUSE: u32 = 8;
-/// Number of steps that are corrected at the start, the first of which has an equation of its own.
+/// Number of steps that are corrected before feeding begins: the residuals of two are needed, and
+/// the first step of a run has an equation of its own.
 const FIRST_PAUSE: u32 = 3;
 
 /// Residuals of the last two steps, and the work of what the steps so far have missed.
@@ -81,7 +82,8 @@ impl Feedback {
     }
 
     /// Prepares a step with this right-hand side, and returns whether it is reduced, in place of
-    /// corrections. Where residuals may not be fed forward, feeding begins anew after that.
+    /// corrections. Where residuals may not be fed forward, none of the step is taken, and feeding
+    /// begins anew after that.
     pub fn begin_step(&mut self, may_feed: bool, b: &mut [f64]) -> bool {
         if !may_feed {
             self.pause = FIRST_PAUSE + 1;

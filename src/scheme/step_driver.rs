@@ -138,31 +138,32 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let feeds = self.feedback.as_mut().is_some_and(begin);
         self.solver.set_feeding(feeds);
         self.solve_for_right_hand_side(formulas)?;
+        if may_feed && self.feedback.is_some() { self.take_residual(formulas, feeds) } else { Ok(()) }
+    }
+
+    /// Takes what the answer to a step misses, for the steps after it. Where its right-hand side was
+    /// reduced and too much is missing, the step is solved again by itself. Collective.
+    fn take_residual(&mut self, formulas: &impl Formulas<E>, was_reduced: bool) -> Result<()> {
         let mut work = self.missing_work(formulas)?;
-        if let Some(feedback) = &mut self.feedback {
-            if !feeds {
-                feedback.take(self.solver.uncorrected_residual());
-            } else if !feedback.fails(self.report.kkt, work) {
-                feedback.take(self.solver.residual());
-            } else {
-                feedback.withdraw(self.solver.residual(), &mut self.b);
-                self.solver.set_feeding(false);
-                let retries = self.report.retries;
-                self.solve_for_right_hand_side(formulas)?;
-                self.report.retries += retries + 1;
-                work = self.missing_work(formulas)?;
-            }
+        let Some(feedback) = &mut self.feedback else { return Ok(()) };
+        if !was_reduced {
+            feedback.take(self.solver.uncorrected_residual());
+        } else if !feedback.fails(self.report.kkt, work) {
+            feedback.take(self.solver.residual());
+        } else {
+            feedback.withdraw(self.solver.residual(), &mut self.b);
+            self.solver.set_feeding(false);
+            let retries = self.report.retries;
+            self.solve_for_right_hand_side(formulas)?;
+            self.report.retries += retries + 1;
+            work = self.missing_work(formulas)?;
         }
         self.feedback.iter_mut().for_each(|feedback| feedback.spend(work));
         Ok(())
     }
 
-    /// Returns the work of what the equation of the step misses, in J; 0 where nothing is fed
-    /// forward. Collective.
+    /// Returns the work of what the equation of the step misses, in J. Collective.
     fn missing_work(&self, formulas: &impl Formulas<E>) -> Result<f64> {
-        if self.feedback.is_none() {
-            return Ok(0.0);
-        }
         let weights = formulas.displacement_of_forces();
         self.system.total(dot_of_sum(self.solver.residual(), weights, [&self.x, formulas.known()]))
     }
