@@ -141,8 +141,8 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         if may_feed && self.feedback.is_some() { self.take_residual(formulas, feeds) } else { Ok(()) }
     }
 
-    /// Takes what the answer to a step misses, for the steps after it. Where its right-hand side was
-    /// reduced and too much is missing, the step is solved again by itself. Collective.
+    /// Takes what the answer to a step misses, for the steps after it. Where its right-hand side
+    /// was reduced and too much is missing, the step is solved again by itself. Collective.
     fn take_residual(&mut self, formulas: &impl Formulas<E>, was_reduced: bool) -> Result<()> {
         let mut work = self.missing_work(formulas)?;
         let Some(feedback) = &mut self.feedback else { return Ok(()) };
