@@ -210,9 +210,11 @@ fn costs(is_chosen: impl Fn(&str) -> bool) {
     }
 }
 
-/// Number of times that the parts of a step are set up and timed. Each set-up has other addresses
-/// in memory, and the caches serve some of them better: the times differ by up to 3 %.
-const SET_UPS: u32 = 3;
+/// Least number of times that the parts of a step are set up and timed, and the time (s) that more
+/// set-ups fill. Each has other addresses in memory, and the caches serve some of them better: the
+/// times differ by up to 3 %.
+const LEAST_SET_UPS: u32 = 3;
+const SET_UP_TIME: u64 = 15;
 
 /// Least number of times that all parts are timed, one after another, in each set-up.
 const LEAST_TURNS: u32 = 12;
@@ -220,7 +222,9 @@ const LEAST_TURNS: u32 = 12;
 fn cost(mesh: &str, dt: f64) {
     let mut scene = scene(mesh);
     scene.time.step = dt;
-    let [solve, outside, step, touching] = (0..SET_UPS)
+    let clock = Instant::now();
+    let [solve, outside, step, touching] = (0..)
+        .take_while(|turn| *turn < LEAST_SET_UPS || clock.elapsed() < Duration::from_secs(SET_UP_TIME))
         .map(|_| parts(mesh, &scene))
         .fold([f64::INFINITY; 4], |least, times| std::array::from_fn(|k| least[k].min(times[k])));
     let model = Model::new(&scene).expect("a sound model");
@@ -272,7 +276,7 @@ fn parts(mesh: &str, scene: &Scene) -> [f64; 4] {
 }
 
 /// Number of times that a run and its steps alone are compared.
-const COMPARISONS: u64 = 11;
+const COMPARISONS: u64 = 21;
 
 /// Observer that takes the steps of the run once more after each row, with a scheme of its own.
 struct StepsAlone<'m> {
