@@ -195,6 +195,7 @@ fn sum_and_half_turn<S: Simd>(
 mod tests {
     use super::super::joined::{Cell, units};
     use super::*;
+    use crate::linalg::random::number;
     use pulp::{Arch, WithSimd};
 
     struct Product<'a>(&'a HalfTurnMass, &'a [Lanes], &'a mut [Lanes]);
@@ -206,11 +207,6 @@ mod tests {
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
             self.0.apply(simd, 3.0, self.1, self.2)
         }
-    }
-
-    /// Returns a number between -1 and 1 that depends on its place.
-    fn number(place: usize) -> f64 {
-        (1.0 + 12.9898 * place as f64).sin()
     }
 
     /// Returns the row with the entries of these nodes of a half-turned one.

@@ -176,11 +176,7 @@ fn fit(first: &[Option<usize>], second: &[Option<usize>], nodes: Nodes) -> bool 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Returns a number between -1 and 1 that depends on its place.
-    fn number(place: usize) -> f64 {
-        (1.0 + 12.9898 * place as f64).sin()
-    }
+    use crate::linalg::random::number;
 
     /// Returns a triangle with these corners and any root.
     fn triangle(corners: [[f64; 2]; 3], seed: usize) -> Bending {

@@ -183,6 +183,7 @@ fn square_product<S: Simd, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::random::number;
     use pulp::{Arch, WithSimd};
 
     struct Product<'a>(&'a Parallelograms, &'a [Lanes], &'a mut [Lanes]);
@@ -194,11 +195,6 @@ mod tests {
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
             self.0.apply(simd, self.1, self.2)
         }
-    }
-
-    /// Returns a number between -1 and 1 that depends on its place.
-    fn number(place: usize) -> f64 {
-        (1.0 + 12.9898 * place as f64).sin()
     }
 
     /// Returns a cell, given the position of its fourth node. Its form is a sum of two squares, but

@@ -44,3 +44,9 @@ pub(crate) fn random_vector(size: usize, seed: u64) -> Vec<f64> {
 pub(crate) fn golden_vector(size: usize) -> Vec<f64> {
     (1..=size).map(|i| (i as f64 * 0.618_033_988_749_895).fract() - 0.5).collect()
 }
+
+/// Returns a number between -1 and 1 that depends on its place.
+#[cfg(test)]
+pub(crate) fn number(place: usize) -> f64 {
+    (1.0 + 12.9898 * place as f64).sin()
+}

@@ -236,6 +236,7 @@ fn add_transposed_product<S: Simd, E: Entry>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::random::number;
     use pulp::{Arch, WithSimd};
 
     struct Product<'a>(&'a Strains, &'a [Lanes], &'a mut [Lanes]);
@@ -247,11 +248,6 @@ mod tests {
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
             self.0.apply(simd, self.1, self.2)
         }
-    }
-
-    /// Returns a number between -1 and 1 that depends on its place.
-    fn number(place: usize) -> f64 {
-        (1.0 + 12.9898 * place as f64).sin()
     }
 
     fn bending(nodes: usize, seed: usize) -> Bending {

@@ -307,12 +307,8 @@ impl Nodes<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::random::number;
     use pulp::Arch;
-
-    /// Returns a number between -1 and 1 that depends on its place.
-    fn number(place: usize) -> f64 {
-        (1.0 + 12.9898 * place as f64).sin()
-    }
 
     /// Nodes between rows of other kinds are compared as row by row, whatever the registers hold,
     /// and a NaN among the forces on them is found.
