@@ -210,14 +210,14 @@ fn costs(is_chosen: impl Fn(&str) -> bool) {
     }
 }
 
-/// Least number of times that the parts of a step are set up and timed, and the time (s) that more
+/// Least number of times that the parts of a step are set up and timed, and the time that more
 /// set-ups fill. Each has other addresses in memory, and the caches serve some of them better: the
 /// times differ by up to 3 %.
 const LEAST_SET_UPS: u32 = 3;
-const SET_UP_TIME: u64 = 15;
+const SET_UP_TIME: Duration = Duration::from_secs(15);
 
 /// Least number of times that all parts are timed, one after another, in each set-up. On the finest
-/// mesh the first seven or eight are those of steps of 1e-3 s with a second solve.
+/// mesh steps of 1e-3 s take a second solve at first, for seven or eight of these turns.
 const LEAST_TURNS: u32 = 20;
 
 fn cost(mesh: &str, dt: f64) {
@@ -225,7 +225,7 @@ fn cost(mesh: &str, dt: f64) {
     scene.time.step = dt;
     let clock = Instant::now();
     let [solve, outside, step, touching] = (0..)
-        .take_while(|turn| *turn < LEAST_SET_UPS || clock.elapsed() < Duration::from_secs(SET_UP_TIME))
+        .take_while(|turn| *turn < LEAST_SET_UPS || clock.elapsed() < SET_UP_TIME)
         .map(|_| parts(mesh, &scene))
         .fold([f64::INFINITY; 4], |least, times| std::array::from_fn(|k| least[k].min(times[k])));
     let model = Model::new(&scene).expect("a sound model");

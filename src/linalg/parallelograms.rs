@@ -197,8 +197,8 @@ mod tests {
         }
     }
 
-    /// Returns a cell, given the position of its fourth node. Its form is a sum of two squares, but
-    /// for `common`: the energy that even and odd deformations share.
+    /// Returns a cell, given the position of its fourth node and the size of the energy that even
+    /// and odd deformations have in common. Where that is 0, its form is the sum of two squares.
     fn cell(fourth: [f64; 2], common: f64) -> Bending {
         let arms = vec![[1.1, 0.2], [1.3, 1.1], fourth];
         let entry = |row: usize, column: usize| match (row < EVEN, column < EVEN) {
