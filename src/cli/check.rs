@@ -2,7 +2,6 @@
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
 use super::help;
-use super::launch;
 use super::set_up::SetUpTold;
 use crate::error::{Error, Result};
 use crate::output::claim;
@@ -36,7 +35,6 @@ pub struct Inspect {
 
 impl Check {
     pub(super) fn execute(&self) -> Result<()> {
-        launch::one_process("check runs")?;
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
         let _cache = self.scene.open_cache();
@@ -49,7 +47,6 @@ impl Check {
 
 impl Inspect {
     pub(super) fn execute(&self) -> Result<()> {
-        launch::one_process("inspect runs")?;
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
         self.matrices.as_ref().map_or(Ok(()), |folder| self.refuse_matrices(folder, &scene))?;

@@ -1,7 +1,6 @@
 //! Command `rebond figures`.
 
 use super::help;
-use super::launch;
 use super::printing::{command_line, json, print};
 use crate::error::Result;
 use crate::output::claim;
@@ -30,7 +29,6 @@ pub struct Figures {
 
 impl Figures {
     pub(super) fn execute(&self) -> Result<()> {
-        launch::one_process("figures runs")?;
         claim::refuse_foreign(&self.out, "figure", "--out", figures::is_one)?;
         let hidden = self.json || self.quiet;
         let target = if hidden { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };

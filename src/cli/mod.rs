@@ -85,6 +85,27 @@ enum Command {
     Man(shell::ManPages),
 }
 
+impl Command {
+    /// Returns the name of a command that several processes would only repeat.
+    fn of_one_process(&self) -> Option<&'static str> {
+        match self {
+            Self::Run(_) | Self::Resume(_) | Self::Compare(_) | Self::Sweep(_) => None,
+            Self::Check(_) => Some("check"),
+            Self::Inspect(_) => Some("inspect"),
+            Self::Study(_) => Some("study"),
+            Self::Stability(_) => Some("stability"),
+            Self::Figures(_) => Some("figures"),
+            Self::Plot(_) => Some("plot"),
+            Self::Report(_) => Some("report"),
+            Self::Animate(_) => Some("animate"),
+            Self::New(_) => Some("new"),
+            Self::Schema(_) => Some("schema"),
+            Self::Completions(_) => Some("completions"),
+            Self::Man(_) => Some("man"),
+        }
+    }
+}
+
 impl Cli {
     /// Reads the command line, the name of the program first.
     ///
@@ -112,6 +133,9 @@ impl Cli {
 /// Returns the error of the command, whose [code](crate::Error::exit_code) is that of the program.
 pub fn execute(cli: &Cli) -> Result<()> {
     memory::require_some()?;
+    if let Some(name) = cli.command.of_one_process() {
+        launch::one_process(&format!("{name} runs"))?;
+    }
     match &cli.command {
         Command::Run(run) => run.execute(),
         Command::Resume(resume) => resume.execute(),

@@ -3,7 +3,6 @@
 use super::cache::CacheArgs;
 use super::hard_scenes::HardScenes;
 use super::help;
-use super::launch;
 use super::printing::{json, print};
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
@@ -45,7 +44,6 @@ pub struct Stable {
 
 impl Stable {
     pub(super) fn execute(&self) -> Result<()> {
-        launch::one_process("stability runs")?;
         let _cache = self.cache.open(self.json || self.quiet);
         let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
         let own = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };

@@ -2,7 +2,6 @@
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
 use super::help;
-use super::launch;
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
 use crate::output::summary::write_json;
@@ -141,7 +140,6 @@ impl Lists {
 
 impl Study {
     pub(super) fn execute(&self) -> Result<()> {
-        launch::one_process("study runs")?;
         let scene = self.scene.load_with(&self.lists.overrides())?;
         let study = scene.study();
         #[cfg(feature = "petsc")]

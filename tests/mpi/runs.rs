@@ -287,7 +287,9 @@ fn what_all_ranks_find_wrong_is_said_once() {
     assert_fails(&run(2, &["--", "-pc_typ", "lu"]), 2, &["`-pc_typ`", "did you mean `-pc_type`?"]);
     assert_fails(&run(4, &["--", "-pc_type", "nosuch"]), 3, &["PCSetType()", "nosuch"]);
     assert_fails(&run(2, &["--set", "solver.tolerance=1e-18"]), 3, &["KKT", "1.0e-18"]);
-    assert_fails(&on(&folder, 2, &["check", "fall.toml"]), 2, &["check", "one process"]);
+    for repeated in [&["check", "fall.toml"][..], &["schema"]] {
+        assert_fails(&on(&folder, 2, repeated), 2, &[repeated[0], "one process"]);
+    }
     let wrong = on(&folder, 2, &["run"]);
     assert_eq!((wrong.status.code(), text(&wrong.stderr).matches("Usage:").count()), (Some(2), 1));
     for (asked, words) in [("--version", "features:"), ("--help", "Exit codes:")] {
